@@ -1,0 +1,184 @@
+"""The leaderboard: a pure function of the results files, so the same files give the same bytes.
+
+Rows stand in one section only when they are comparable: the same version and seed of the protocol, the
+same task and criterion, simulator, renderer and horizon. Runs that differ in nothing but their training
+seed are one row.
+"""
+
+import json
+import re
+from dataclasses import asdict
+from importlib.resources import files
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+from benchmark.files import write_bytes
+from benchmark.protocol import canonical_json
+from benchmark.records import Result
+from benchmark.result_file import read_result, result_path
+from benchmark.rows import Entry, build_row, group_runs, name_rows, rank
+from benchmark.statistics import compare
+from envs.errors import ResultError
+
+SCHEMA_VERSION = 1
+JSON_NAME, MARKDOWN_NAME, HTML_NAME = "leaderboard.json", "leaderboard.md", "leaderboard.html"
+
+_SHOWN_ERRORS = 10
+
+
+def build(results_dir: Path) -> dict[str, Any]:
+    """Builds the leaderboard of a folder of results.
+
+    Args:
+        results_dir: Folder of ``<protocol>/<task>/<policy>/<run>.json``.
+
+    Returns:
+        Plain JSON values: ``schema_version``, ``reference`` and ``sections``, each with its ``rows``,
+        ``comparisons`` and ``notes``.
+
+    Raises:
+        ResultError: The folder is absent, or a file in it is not a valid result in its place; every
+            such file is named.
+    """
+    groups: dict[str, list[Entry]] = {}
+    for path, result in _load(results_dir):
+        groups.setdefault(canonical_json(_section_key(result)), []).append((path, result))
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "reference": json.loads(files("benchmark").joinpath("reference/paper.json").read_text()),
+        "sections": [_rounded(_section(results_dir, groups[key])) for key in sorted(groups)],
+    }
+
+
+def write(results_dir: Path) -> dict[str, Path]:
+    """Writes ``leaderboard.json``, ``.md``, ``.html`` and the level curves into a folder of results.
+
+    Returns:
+        What was written: ``json``, ``markdown``, ``html``, and ``plot <section>`` for every curve.
+
+    Raises:
+        ResultError: As :func:`build`; nothing is written then.
+    """
+    from benchmark.page import render_html, render_markdown
+    from benchmark.plots import plot_levels
+
+    board = build(results_dir)
+    texts = {
+        JSON_NAME: json.dumps(board, indent=1, allow_nan=False) + "\n",
+        MARKDOWN_NAME: render_markdown(board),
+        HTML_NAME: render_html(board),
+    }
+    for name, text in texts.items():
+        write_bytes(results_dir / name, text.encode())
+    written = dict(zip(("json", "markdown", "html"), (results_dir / name for name in texts), strict=True))
+    for section in board["sections"]:
+        path = results_dir / "plots" / f"{section['id']}.png"
+        plot_levels(section["rows"], path, section["title"])
+        written[f"plot {section['id']}"] = path
+    return written
+
+
+def _load(results_dir: Path) -> list[Entry]:
+    if not results_dir.is_dir():
+        raise ResultError(
+            f"There is no folder of results '{results_dir}'. Evaluate a checkpoint first: roboverse evaluate "
+            "checkpoint=<folder>."
+        )
+    entries, problems = [], []
+    for path in sorted(results_dir.rglob("*.json")):
+        if path.name.startswith(".") or path == results_dir / JSON_NAME:
+            continue
+        try:
+            result = read_result(path)
+            expected = result_path(results_dir, result)
+            if path != expected:
+                raise ResultError(f"Results file '{path}' is in the wrong place; it belongs at '{expected}'.")
+        except ResultError as error:
+            problems.append(str(error))
+            continue
+        entries.append((path.relative_to(results_dir).as_posix(), result))
+    if problems:
+        more = len(problems) - _SHOWN_ERRORS
+        shown = "\n".join(problems[:_SHOWN_ERRORS]) + (f"\n… and {more} more." if more > 0 else "")
+        raise ResultError(f"No leaderboard was written, because of {len(problems)} results file(s):\n{shown}")
+    return entries
+
+
+def _section_key(result: Result) -> dict[str, Any]:
+    """Returns what two results must share for their numbers to be compared."""
+    return {
+        "protocol": result.protocol.version,
+        "protocol_seed": result.protocol.seed,
+        "task": result.task,
+        "task_kwargs": dict(result.task_kwargs),
+        "max_episode_steps": result.max_episode_steps,
+        "control_hz": result.control_hz,
+        "simulator": result.simulator,
+        "renderer": result.renderer,
+    }
+
+
+def _section(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
+    key = _section_key(entries[0][1])
+    groups = group_runs(entries)
+    rows = [build_row(results_dir, group) for group in groups]
+    name_rows(rows)
+    order = sorted(range(len(rows)), key=lambda index: rank(rows[index]))
+    comparisons, notes = [], []
+    for first, second in combinations(order, 2):
+        found, unlike = _compare(groups[first][0], groups[second][0])
+        labels = {"a": rows[first]["label"], "b": rows[second]["label"]}
+        comparisons += [labels | item for item in found]
+        if unlike:
+            notes.append(
+                f"{unlike} test episodes of {labels['a']} and {labels['b']} begin differently, although they "
+                "have the same index; they are left out of the paired comparison."
+            )
+    kwargs = ", ".join(f"{name}={value}" for name, value in sorted(key["task_kwargs"].items()))
+    title = f"{key['task']}" + (f" ({kwargs})" if kwargs else "")
+    name = "-".join([key["protocol"], key["task"], kwargs, key["simulator"], key["renderer"]])
+    unusual = [f"seed{key['protocol_seed']}"] if key["protocol_seed"] else []
+    return {
+        "id": re.sub(r"[^A-Za-z0-9]+", "-", "-".join([name, *unusual])).strip("-").lower(),
+        "title": title,
+        **key,
+        "rows": [rows[index] for index in order],
+        "comparisons": comparisons,
+        "notes": notes,
+    }
+
+
+def _compare(a: Entry, b: Entry) -> tuple[list[dict[str, Any]], int]:
+    """Compares two runs on the episodes they share, cell by cell of the test split.
+
+    Returns:
+        One comparison per cell, and the number of episodes that have the same index and begin
+        differently.
+    """
+    found, unlike = [], 0
+    for cell in a[1].protocol.cells():
+        if cell.split != "test":
+            continue
+        first, second = (
+            {record.episode: record for record in entry[1].records if record.cell == cell} for entry in (a, b)
+        )
+        shared = [episode for episode in first if episode in second]
+        same = [e for e in shared if first[e].initial_state_hash == second[e].initial_state_hash]
+        unlike += len(shared) - len(same)
+        if same:
+            test = compare([first[e].success for e in same], [second[e].success for e in same])
+            runs = {"run_a": a[0], "run_b": b[0], "level": cell.level, "only": cell.only}
+            found.append(runs | asdict(test))
+    return found, unlike
+
+
+def _rounded(values: Any) -> Any:
+    """Rounds to 6 decimals: another release of scipy may differ in the last bit."""
+    if isinstance(values, float):
+        return round(values, 6)
+    if isinstance(values, dict):
+        return {key: _rounded(value) for key, value in values.items()}
+    if isinstance(values, list):
+        return [_rounded(value) for value in values]
+    return values

@@ -1,0 +1,122 @@
+"""Pictures of results: success over the levels, and the losses of a training run."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmark.files import atomic_path
+
+COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f", "#000000")
+"""Okabe & Ito's palette, which stays apart for colour-blind readers."""
+
+
+def plot_levels(rows: Sequence[Mapping[str, Any]], path: Path, title: str = "") -> None:
+    """Draws success over the levels: the test split solid with its 95 % interval, the train split dashed.
+
+    Args:
+        rows: Rows of one section of the leaderboard, each with ``label`` and ``cells``.
+        path: The ``.png`` (or ``.svg``) file.
+        title: Title.
+
+    Raises:
+        ResultError: The file cannot be written.
+    """
+    figure, axes = _figure((6.0, 3.6 + 0.12 * len(rows)))
+    shift = 0.06  # levels are whole numbers: intervals of several policies would hide each other
+    for index, row in enumerate(rows):
+        color = COLORS[index % len(COLORS)]
+        offset = shift * (index - (len(rows) - 1) / 2)
+        for split, style in (("test", "-"), ("train", "--")):
+            cells = [cell for cell in row["cells"] if cell["split"] == split and cell["level"] is not None]
+            if not cells:
+                continue
+            x = [cell["level"] + offset for cell in cells]
+            rates = [100 * cell["success_rate"] for cell in cells]
+            below = [rate - 100 * cell["ci_low"] for rate, cell in zip(rates, cells, strict=True)]
+            above = [100 * cell["ci_high"] - rate for rate, cell in zip(rates, cells, strict=True)]
+            test = split == "test"
+            # Rounding can leave an end of an interval 1e-15 on the wrong side of its rate.
+            bars = [[max(0.0, length) for length in side] for side in (below, above)]
+            axes.errorbar(
+                x,
+                rates,
+                yerr=bars if test else None,
+                linestyle=style,
+                color=color,
+                marker="o" if test else None,
+                markersize=4,
+                linewidth=1.8 if test else 1.1,
+                capsize=3,
+                alpha=1.0 if test else 0.6,
+                label=row["label"] if test else None,
+            )
+    levels = sorted({cell["level"] for row in rows for cell in row["cells"] if cell["level"] is not None})
+    axes.set(xticks=levels, xticklabels=[f"level {level}" for level in levels], ylim=(-3, 103))
+    axes.set_ylabel("success, %")
+    axes.set_title(title or "Success over generalization levels", fontsize=11, loc="left")
+    axes.plot([], [], linestyle="--", color="#7f7f7f", linewidth=1.1, label="same, train split")
+    figure.legend(frameon=False, fontsize=8, loc="outside lower left", ncols=1 if len(rows) > 3 else 2)
+    _save(figure, path)
+
+
+def plot_losses(rows: Sequence[Mapping[str, float]], path: Path, title: str = "Training") -> None:
+    """Draws every loss of a training run over its steps, raw and smoothed.
+
+    Args:
+        rows: One mapping per logged step: ``step`` and the losses, by name; other keys that do not
+            contain ``loss`` are left out. A row may lack a loss.
+        path: The ``.png`` (or ``.svg``) file.
+        title: Title.
+
+    Raises:
+        ResultError: The file cannot be written.
+        ValueError: No row holds a loss.
+    """
+    names = list(dict.fromkeys(name for row in rows for name in row if "loss" in name))
+    if not names:
+        raise ValueError("There is no loss to draw: no row has a key with 'loss' in its name.")
+    figure, axes = _figure((6.0, 3.4))
+    lowest = float("inf")
+    for index, name in enumerate(names):
+        points = [(float(row["step"]), float(row[name])) for row in rows if name in row]
+        steps, values = zip(*points, strict=True)
+        color = COLORS[index % len(COLORS)]
+        axes.plot(steps, values, color=color, alpha=0.25, linewidth=0.8)
+        axes.plot(steps, _smooth(values), color=color, linewidth=1.8, label=name)
+        lowest = min(lowest, *values)
+    if lowest > 0:
+        axes.set_yscale("log")
+    axes.set(xlabel="training step", ylabel="loss")
+    axes.set_title(title, fontsize=11, loc="left")
+    axes.legend(frameon=False, fontsize=8)
+    _save(figure, path)
+
+
+def _smooth(values: Sequence[float]) -> list[float]:
+    """Exponential moving average over about a thirtieth of the run, without the start's bias."""
+    weight = 1.0 - 1.0 / max(1.0, len(values) / 30.0)
+    mean, total, smoothed = 0.0, 0.0, []
+    for value in values:
+        mean = weight * mean + value
+        total = weight * total + 1.0
+        smoothed.append(mean / total)
+    return smoothed
+
+
+def _figure(size: tuple[float, float]) -> tuple[Any, Any]:
+    """Returns a figure that needs no display and leaves matplotlib's global state alone."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(axis="y", alpha=0.3, linewidth=0.6)
+    return figure, axes
+
+
+def _save(figure: Any, path: Path) -> None:
+    with atomic_path(path) as temporary:
+        # Matplotlib writes its version into a PNG: the same rows must give the same bytes everywhere.
+        figure.savefig(temporary, dpi=160, metadata={"Software": None} if path.suffix == ".png" else None)

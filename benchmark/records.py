@@ -1,0 +1,258 @@
+"""What one episode of an evaluation was, what a cell of them amounts to, and what a whole run is."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from benchmark.protocol import Cell, Protocol
+from benchmark.statistics import wilson
+from envs.errors import ResultError
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class EpisodeRecord:
+    """One episode.
+
+    Attributes:
+        task: Task.
+        policy: Policy.
+        level: Level, or None when one channel varied alone.
+        only: The channel that varied alone, or None.
+        channels: Every channel that varied.
+        split: ``"train"`` or ``"test"``.
+        episode: Index in the task's pool of episodes.
+        seed: The protocol's seed, from which the episode follows.
+        initial_state_hash: Hash of the initial state and appearance: equal for the same episode.
+        success: Whether the task's success criterion was met.
+        length: Control steps.
+        episode_return: Sum of the rewards, undiscounted.
+        wall_time_s: The episode's share of the clock; those of a cell add up to the cell's time.
+        simulator: Physics.
+        renderer: Pictures.
+        not_shown: Properties that varied and that the renderer cannot show.
+        versions: Versions of the packages that decide the outcome.
+    """
+
+    task: str
+    policy: str
+    level: int | None = None
+    only: str | None = None
+    channels: tuple[str, ...]
+    split: str
+    episode: int
+    seed: int
+    initial_state_hash: str
+    success: bool
+    length: int
+    episode_return: float
+    wall_time_s: float
+    simulator: str
+    renderer: str
+    not_shown: tuple[str, ...] = ()
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def cell(self) -> Cell:
+        """The cell that the episode belongs to."""
+        return Cell(level=self.level, only=self.only, split=self.split)
+
+    def to_json(self) -> dict[str, Any]:
+        """Returns every field as plain JSON values: one line of a log of records."""
+        return asdict(self) | {"channels": list(self.channels), "not_shown": list(self.not_shown)}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CellSummary:
+    """What the episodes of one cell amount to.
+
+    Attributes:
+        cell: The cell.
+        channels: Channels that varied.
+        not_shown: Properties that varied and that the renderer cannot show.
+        episodes: Number of episodes.
+        successes: How many succeeded.
+        success_rate: Their share.
+        ci_low: Lower end of Wilson's 95 % interval.
+        ci_high: Upper end.
+        mean_length: Mean length, control steps.
+        mean_return: Mean undiscounted return.
+    """
+
+    cell: Cell
+    channels: tuple[str, ...]
+    not_shown: tuple[str, ...]
+    episodes: int
+    successes: int
+    success_rate: float
+    ci_low: float
+    ci_high: float
+    mean_length: float
+    mean_return: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Returns plain JSON values."""
+        values = {name: getattr(self, name) for name in self.__slots__ if name != "cell"}
+        values |= {"channels": list(self.channels), "not_shown": list(self.not_shown)}
+        return {"level": self.cell.level, "only": self.cell.only, "split": self.cell.split} | values
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Checkpoint:
+    """Which checkpoint was evaluated, and by which rule it was chosen.
+
+    Attributes:
+        choice: Always ``"last"``: choosing the best by its results would measure the luck of the choice.
+        step: Training step of the checkpoint, or None when nothing was trained.
+        hash: SHA-256 of the file of weights, or None when there is none.
+    """
+
+    choice: str = "last"
+    step: int | None = None
+    hash: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Git:
+    """The checkout that ran: its commit, and whether files differed from it."""
+
+    sha: str
+    dirty: bool
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Machine:
+    """What it ran on, without names of hosts or folders."""
+
+    device: str
+    cpu_count: int
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Result:
+    """One evaluation of one checkpoint: everything that its results file holds.
+
+    Attributes:
+        run: Name of the run, unique for a policy and task.
+        created: When, ``YYYY-MM-DDThh:mm:ssZ``.
+        protocol: What was evaluated.
+        task: Task.
+        task_kwargs: What was changed of the task, such as its success criterion.
+        max_episode_steps: Where an episode is cut off, control steps.
+        control_hz: Control steps per second.
+        policy: Policy.
+        train_level: Level of the demonstrations, or None.
+        train_only: The channel that varied alone in training, or None.
+        seed: Seed of the training run.
+        simulator: Physics.
+        renderer: Pictures.
+        image_size: Pixels a side, or None for a policy that sees no pictures.
+        checkpoint: Which checkpoint.
+        dataset_hash: Hash of the training data, or None when nothing was trained.
+        demonstrations: Episodes of the training data, or None when nothing was trained.
+        git: The checkout, or None outside one.
+        command: The command line.
+        config: The resolved configuration, plain JSON values.
+        machine: What it ran on.
+        versions: Versions of the packages that decide the outcome.
+        records: Every episode.
+    """
+
+    run: str
+    created: str
+    protocol: Protocol
+    task: str
+    task_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    max_episode_steps: int
+    control_hz: float
+    policy: str
+    train_level: int | None
+    train_only: str | None = None
+    seed: int
+    simulator: str
+    renderer: str
+    image_size: int | None
+    checkpoint: Checkpoint = field(default_factory=Checkpoint)
+    dataset_hash: str | None
+    demonstrations: int | None
+    git: Git | None
+    command: str
+    config: Mapping[str, Any] = field(default_factory=dict)
+    machine: Machine
+    versions: Mapping[str, str] = field(default_factory=dict)
+    records: tuple[EpisodeRecord, ...]
+
+    def cells(self) -> tuple[CellSummary, ...]:
+        """Returns the summary of every cell, in the protocol's order.
+
+        Raises:
+            ResultError: The records are not those that the protocol asks for.
+        """
+        check_complete(self.protocol, self.records)
+        return summarize(self.records)
+
+
+def summarize(records: Iterable[EpisodeRecord]) -> tuple[CellSummary, ...]:
+    """Returns the summary of every cell, in the order in which the cells first appear.
+
+    Raises:
+        ResultError: The records of one cell disagree on what varied, or hold a number that is not finite.
+    """
+    by_cell: dict[Cell, list[EpisodeRecord]] = {}
+    for record in records:
+        by_cell.setdefault(record.cell, []).append(record)
+    return tuple(_summarize_cell(cell, members) for cell, members in by_cell.items())
+
+
+def _summarize_cell(cell: Cell, records: Sequence[EpisodeRecord]) -> CellSummary:
+    if len({(record.channels, record.not_shown) for record in records}) != 1:
+        raise ResultError(f"The episodes of {cell} disagree on which channels varied or could be shown.")
+    for record in records:
+        if not (math.isfinite(record.episode_return) and math.isfinite(record.wall_time_s)):
+            raise ResultError(
+                f"Episode {record.episode} of {cell} has a return of {record.episode_return} and took "
+                f"{record.wall_time_s} s; both must be finite. Check the task's reward."
+            )
+    successes, n = sum(record.success for record in records), len(records)
+    low, high = wilson(successes, n)
+    return CellSummary(
+        cell=cell,
+        channels=records[0].channels,
+        not_shown=records[0].not_shown,
+        episodes=n,
+        successes=successes,
+        success_rate=successes / n,
+        ci_low=low,
+        ci_high=high,
+        mean_length=sum(record.length for record in records) / n,
+        mean_return=math.fsum(record.episode_return for record in records) / n,
+    )
+
+
+def check_complete(protocol: Protocol, records: Sequence[EpisodeRecord]) -> None:
+    """Checks that the records are exactly those that a protocol asks for.
+
+    Raises:
+        ResultError: A cell is missing or extra, has another number of episodes, an episode twice, or
+            other episodes than another cell of its split.
+    """
+    by_cell: dict[Cell, list[int]] = {}
+    for record in records:
+        by_cell.setdefault(record.cell, []).append(record.episode)
+    missing = [str(cell) for cell in protocol.cells() if cell not in by_cell]
+    extra = [str(cell) for cell in by_cell if cell not in protocol.cells()]
+    if missing or extra:
+        raise ResultError(
+            f"The protocol's cells and the records' differ: missing {'; '.join(missing) or 'none'}, "
+            f"not asked for {'; '.join(extra) or 'none'}."
+        )
+    for cell, episodes in by_cell.items():
+        if len(episodes) != protocol.episodes or len(set(episodes)) != len(episodes):
+            raise ResultError(
+                f"{str(cell).capitalize()} has {len(episodes)} records of {len(set(episodes))} episodes; the "
+                f"protocol asks for {protocol.episodes}, each once."
+            )
+    for split in protocol.splits:
+        chosen = {frozenset(episodes) for cell, episodes in by_cell.items() if cell.split == split}
+        if len(chosen) > 1:
+            raise ResultError(f"The cells of the {split} split are not of the same episodes.")

@@ -1,0 +1,181 @@
+"""One row of the leaderboard: the runs of one method, which differ in their training seed alone."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmark.protocol import Cell, canonical_json
+from benchmark.records import EpisodeRecord, Result
+from benchmark.result_file import video_dir
+from benchmark.statistics import iqm, mean_of_rates, rate_of_runs, stratified_bootstrap
+
+Entry = tuple[str, Result]
+"""A results file's path, relative to the folder of results, and what it holds."""
+
+_VIDEO = re.compile(r"(?P<condition>.+)-(?P<split>train|test)-(?P<episode>\d+)-(?P<outcome>success|failure)")
+_LEAST_RUNS_FOR_IQM = 3
+
+_DISTINGUISHING = {
+    "train_level": "trained at level {}",
+    "train_only": "trained on {} alone",
+    "demonstrations": "{} demonstrations",
+    "training_steps": "{} steps",
+    "image_size": "{} px",
+    "episodes_per_cell": "{} episodes a cell",
+}
+"""What tells rows of one policy apart, and how it is said."""
+
+
+def row_key(result: Result) -> dict[str, Any]:
+    """Returns what the runs of one row share: everything but the training seed."""
+    return {
+        "policy": result.policy,
+        "train_level": result.train_level,
+        "train_only": result.train_only,
+        "image_size": result.image_size,
+        "demonstrations": result.demonstrations,
+        "training_steps": result.checkpoint.step,
+        "protocol_hash": result.protocol.hash,
+        "policy_config": result.config.get("policy"),
+    }
+
+
+def group_runs(entries: Iterable[Entry]) -> list[list[Entry]]:
+    """Groups runs that differ in their training seed alone, each group ordered by seed.
+
+    A second run of the same seed is no new sample of the method: it begins a row of its own.
+    """
+    groups: dict[tuple[str, int], list[Entry]] = {}
+    seen: dict[tuple[str, int], int] = {}
+    for path, result in sorted(entries, key=lambda entry: (entry[1].seed, entry[1].created, entry[0])):
+        key = canonical_json(row_key(result))
+        replica = seen.get((key, result.seed), 0)
+        seen[key, result.seed] = replica + 1
+        groups.setdefault((key, replica), []).append((path, result))
+    return list(groups.values())
+
+
+def build_row(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
+    """Returns the row of the runs of one method: its cells, its mean over the levels, its runs and videos.
+
+    Args:
+        results_dir: Folder of results, where videos are looked for.
+        entries: The runs, ordered by seed.
+    """
+    first = entries[0][1]
+    cells = [_cell(cell, [result for _, result in entries]) for cell in first.protocol.cells()]
+    test = [cell for cell in cells if cell["split"] == "test" and cell["level"] is not None]
+    mean = mean_of_rates([_interval(cell) for cell in test]) if test else None
+    key = row_key(first)
+    del key["policy_config"]
+    return {
+        "label": first.policy,
+        **key,
+        "episodes_per_cell": first.protocol.episodes,
+        "seeds": [result.seed for _, result in entries],
+        "cells": cells,
+        "mean_test": dict(zip(("success_rate", "ci_low", "ci_high"), mean, strict=True)) if mean else None,
+        "iqm_test": _iqm_over_runs([result for _, result in entries]),
+        "runs": [_run(path, result) for path, result in entries],
+        "videos": [video for path, _ in entries for video in _videos(results_dir, path)],
+    }
+
+
+def _run(path: str, result: Result) -> dict[str, Any]:
+    return {
+        "path": path,
+        "run": result.run,
+        "seed": result.seed,
+        "created": result.created,
+        "git": asdict(result.git) if result.git else None,
+        "command": result.command,
+        "machine": asdict(result.machine),
+        "versions": dict(result.versions),
+        "dataset_hash": result.dataset_hash,
+        "checkpoint": asdict(result.checkpoint),
+    }
+
+
+def _cell(cell: Cell, results: list[Result]) -> dict[str, Any]:
+    members = [[record for record in result.records if record.cell == cell] for result in results]
+    rate, low, high = rate_of_runs([_successes(records) for records in members])
+    flat = [record for records in members for record in records]
+    return {
+        "level": cell.level,
+        "only": cell.only,
+        "split": cell.split,
+        "channels": list(flat[0].channels),
+        "not_shown": sorted({name for record in flat for name in record.not_shown}),
+        "episodes": len(flat),
+        "successes": sum(record.success for record in flat),
+        "success_rate": rate,
+        "ci_low": low,
+        "ci_high": high,
+        "mean_length": float(np.mean([record.length for record in flat])),
+    }
+
+
+def _successes(records: Iterable[EpisodeRecord]) -> np.ndarray:
+    return np.array([record.success for record in records], dtype=float)
+
+
+def _interval(cell: Mapping[str, Any]) -> tuple[float, float, float]:
+    return cell["success_rate"], cell["ci_low"], cell["ci_high"]
+
+
+def _iqm_over_runs(results: list[Result]) -> dict[str, float] | None:
+    """Returns the interquartile mean over runs and levels of the test split, or None for too few runs."""
+    cells = [cell for cell in results[0].protocol.cells() if cell.split == "test" and cell.level is not None]
+    if len(results) < _LEAST_RUNS_FOR_IQM or not cells:
+        return None
+    scores = [
+        np.array([_successes(r for r in result.records if r.cell == cell).mean() for result in results])
+        for cell in cells
+    ]
+    low, high = stratified_bootstrap(scores, lambda strata: iqm(np.stack(strata)), seed=0)
+    return {"success_rate": iqm(np.stack(scores)), "ci_low": low, "ci_high": high}
+
+
+def _videos(results_dir: Path, path: str) -> list[dict[str, Any]]:
+    found = []
+    for video in sorted(video_dir(results_dir / path).glob("*.mp4")):
+        match = _VIDEO.fullmatch(video.stem)
+        if match is None:
+            continue
+        poster = video.with_suffix(".png")
+        found.append(
+            {
+                **match.groupdict(),
+                "episode": int(match["episode"]),
+                "path": video.relative_to(results_dir).as_posix(),
+                "poster": poster.relative_to(results_dir).as_posix() if poster.exists() else None,
+            }
+        )
+    return found
+
+
+def name_rows(rows: Sequence[dict[str, Any]]) -> None:
+    """Names every row by its policy and by as much more as tells it from the others, in place."""
+    for name, text in _DISTINGUISHING.items():
+        same: dict[str, list[dict[str, Any]]] = {}
+        for row in rows:
+            same.setdefault(row["label"], []).append(row)
+        for group in same.values():
+            if len({row[name] for row in group}) > 1:
+                for row in group:
+                    row["label"] += ", " + text.format(row[name]) if row[name] is not None else ""
+    labels = [row["label"] for row in rows]
+    for row in rows:
+        if labels.count(row["label"]) > 1:
+            row["label"] += f", {row['runs'][0]['run']}"
+
+
+def rank(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Orders rows by how many levels they were tested at, then by the mean over them."""
+    tested = sum(cell["split"] == "test" and cell["level"] is not None for cell in row["cells"])
+    mean = row["mean_test"]["success_rate"] if row["mean_test"] else 0.0
+    return -tested, -mean, row["label"], row["runs"][0]["path"]

@@ -1,0 +1,261 @@
+"""Intervals, aggregates and paired tests of success rates: pure functions of numbers.
+
+Nothing here knows of policies, files or plots. Every random estimate takes a seed.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PairedTest:
+    """Two policies on the same episodes.
+
+    Attributes:
+        num_episodes: Episodes both were run on.
+        both: Episodes where both succeed.
+        only_a: Episodes where only the first succeeds.
+        only_b: Episodes where only the second succeeds.
+        neither: Episodes where both fail.
+        difference: Success rate of the first minus that of the second.
+        ci_low: Lower end of the bootstrap interval of the difference.
+        ci_high: Upper end.
+        p_value: Exact McNemar test, two-sided; valid when the number of episodes was fixed beforehand.
+        p_sequential: Anytime-valid p-value, which may be looked at after every episode.
+        decided_after: Episodes after which ``p_sequential`` first fell to 1 - confidence, or None.
+    """
+
+    num_episodes: int
+    both: int
+    only_a: int
+    only_b: int
+    neither: int
+    difference: float
+    ci_low: float
+    ci_high: float
+    p_value: float
+    p_sequential: float
+    decided_after: int | None
+
+
+def wilson(successes: int, n: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """Returns Wilson's score interval of a success rate (Wilson 1927, doi:10.2307/2276774).
+
+    Args:
+        successes: Episodes that succeeded.
+        n: Episodes in all, at least 1.
+        confidence: Coverage of the interval.
+
+    Raises:
+        ValueError: ``n`` is below 1, or ``successes`` is not between 0 and ``n``.
+    """
+    from scipy.stats import binomtest
+
+    if n < 1 or not 0 <= successes <= n:
+        raise ValueError(f"An interval needs 0 <= successes <= n and n >= 1, given {successes} of {n}.")
+    interval = binomtest(successes, n).proportion_ci(confidence_level=confidence, method="wilson")
+    return float(interval.low), float(interval.high)
+
+
+def iqm(scores: np.ndarray) -> float:
+    """Returns the interquartile mean: the mean of the middle half (rliable, arXiv:2108.13264, eq. 4.1).
+
+    Args:
+        scores: Scores, (runs, cells) or any shape; a quarter is cut off either end of all of them.
+    """
+    from scipy.stats import trim_mean
+
+    return float(trim_mean(np.asarray(scores, dtype=float), proportiontocut=0.25, axis=None))
+
+
+def mean_of_rates(cells: Sequence[tuple[float, float, float]]) -> tuple[float, float, float]:
+    """Returns the mean of several success rates, every cell weighing the same, and its interval.
+
+    The interval adds the squared distances to the ends of each cell's own (Zou & Donner 2008,
+    doi:10.1002/sim.3095). A bootstrap would call 20 successes of 20 certain.
+
+    Args:
+        cells: Rate and both ends of its interval, of every cell.
+
+    Returns:
+        Mean, lower end, upper end.
+
+    Raises:
+        ValueError: There are no cells.
+    """
+    if not cells:
+        raise ValueError("A mean over cells needs at least one cell.")
+    rates, lows, highs = np.array(cells, dtype=float).T
+    mean = float(rates.mean())
+    below = float(np.sqrt(((rates - lows) ** 2).sum())) / len(cells)
+    above = float(np.sqrt(((highs - rates) ** 2).sum())) / len(cells)
+    return mean, max(0.0, mean - below), min(1.0, mean + above)
+
+
+def rate_of_runs(runs: Sequence[np.ndarray], *, seed: int = 0) -> tuple[float, float, float]:
+    """Returns the success rate of a method over its training runs, and its 95 % interval.
+
+    One run: Wilson's interval. Several: whichever end is further out of Wilson's on all episodes (which
+    is not fooled by 20 of 20) and the two-stage bootstrap's (which knows that runs differ).
+
+    Args:
+        runs: Successes of every run's episodes, each (episodes,), of equal length.
+        seed: Seed of the bootstrap.
+
+    Returns:
+        Rate, lower end, upper end.
+    """
+    pooled = np.concatenate(runs)
+    low, high = wilson(int(pooled.sum()), len(pooled))
+    if len(runs) > 1:
+        between = two_stage_bootstrap(runs, seed=seed)
+        low, high = min(low, between[0]), max(high, between[1])
+    return float(pooled.mean()), low, high
+
+
+def mean_of_strata(strata: Sequence[np.ndarray]) -> float:
+    """Returns the mean of the strata's means, so that a larger stratum weighs no more."""
+    return float(np.mean([np.mean(values) for values in strata]))
+
+
+def stratified_bootstrap(
+    strata: Sequence[np.ndarray],
+    statistic: Callable[[Sequence[np.ndarray]], float] = mean_of_strata,
+    *,
+    seed: int,
+    confidence: float = CONFIDENCE,
+    num_resamples: int = 2000,
+) -> tuple[float, float]:
+    """Returns the percentile interval of a statistic, resampling within each stratum (arXiv:2108.13264 §4.1).
+
+    Args:
+        strata: One array per stratum (a level, say). Its first axis is what is resampled: episodes, or
+            training runs when every row holds the episodes of one.
+        statistic: Function of the resampled strata.
+        seed: Seed of the resampling; the same seed gives the same interval.
+        confidence: Coverage of the interval.
+        num_resamples: Bootstrap samples.
+
+    Raises:
+        ValueError: There are no strata, or one is empty.
+    """
+    if not strata or any(len(values) == 0 for values in strata):
+        raise ValueError("A bootstrap needs at least one stratum, and none may be empty.")
+    rng = np.random.default_rng(np.random.SeedSequence(seed))
+    draws = [
+        statistic([values[rng.integers(len(values), size=len(values))] for values in strata])
+        for _ in range(num_resamples)
+    ]
+    tail = (1.0 - confidence) / 2.0
+    low, high = np.quantile(draws, [tail, 1.0 - tail])
+    return float(low), float(high)
+
+
+def two_stage_bootstrap(
+    runs: Sequence[np.ndarray], *, seed: int, confidence: float = CONFIDENCE, num_resamples: int = 2000
+) -> tuple[float, float]:
+    """Returns the interval of the mean over runs, resampling runs and then the episodes of each.
+
+    Episodes of one trained policy are not independent draws of the method: pooling them would call
+    three seeds of 100 episodes as certain as 300 seeds (Davison & Hinkley 1997, §3.8).
+
+    Args:
+        runs: Successes of every run's episodes, each (episodes,).
+        seed: Seed of the resampling.
+        confidence: Coverage of the interval.
+        num_resamples: Bootstrap samples.
+
+    Raises:
+        ValueError: There are no runs, or one is empty.
+    """
+    if not runs or any(len(values) == 0 for values in runs):
+        raise ValueError("A bootstrap needs at least one run, and none may be empty.")
+    rng = np.random.default_rng(np.random.SeedSequence(seed))
+    rates = np.array([np.mean(values) for values in runs])
+    sizes = np.array([len(values) for values in runs])
+    chosen = rng.integers(len(runs), size=(num_resamples, len(runs)))
+    # The sum of resampled 0/1 outcomes is a binomial draw: no need to resample them one by one.
+    draws = rng.binomial(sizes[chosen], rates[chosen]) / sizes[chosen]
+    tail = (1.0 - confidence) / 2.0
+    low, high = np.quantile(draws.mean(axis=1), [tail, 1.0 - tail])
+    return float(low), float(high)
+
+
+def mcnemar(only_a: int, only_b: int) -> float:
+    """Returns the exact two-sided p-value of McNemar's test (1947, doi:10.1007/BF02295996).
+
+    Only episodes where one policy succeeds and the other fails tell them apart; were the policies
+    equal, either would win such an episode with probability one half.
+
+    Args:
+        only_a: Episodes where only the first succeeds.
+        only_b: Episodes where only the second succeeds.
+    """
+    from scipy.stats import binomtest
+
+    discordant = only_a + only_b
+    return 1.0 if discordant == 0 else float(binomtest(only_a, discordant, 0.5).pvalue)
+
+
+def e_process(a_wins: Sequence[bool]) -> np.ndarray:
+    """Returns the evidence against "both policies are equally good" after each discordant episode.
+
+    A gambler who starts with 1, bets on every discordant episode by the rate seen so far (a uniform
+    prior on it: Laplace's rule) and is paid fairly, holds ``2**n * B(a + 1, b + 1)`` after ``n`` of
+    them. If the policies are equal this is a martingale, so it ever reaches ``1 / alpha`` with
+    probability at most ``alpha`` (Ville), however often one looks: arXiv:2210.01948 §3, Robbins 1970.
+
+    Args:
+        a_wins: For every discordant episode, in order, whether the first policy won it. (n,)
+
+    Returns:
+        The capital after each of them, (n,).
+    """
+    from scipy.special import betaln
+
+    wins = np.cumsum(np.asarray(a_wins, dtype=float))
+    n = np.arange(1, len(wins) + 1)
+    return np.exp(n * np.log(2.0) + betaln(wins + 1, n - wins + 1))
+
+
+def compare(
+    a: Sequence[bool], b: Sequence[bool], *, seed: int = 0, confidence: float = CONFIDENCE
+) -> PairedTest:
+    """Compares two policies on the same episodes, given in the same order.
+
+    Args:
+        a: Whether the first policy succeeded, (n,).
+        b: Whether the second did, (n,).
+        seed: Seed of the bootstrap of the difference.
+        confidence: Coverage of the interval, and one minus the level of the sequential test.
+
+    Raises:
+        ValueError: The two differ in length, or are empty.
+    """
+    first, second = np.asarray(a, dtype=bool), np.asarray(b, dtype=bool)
+    if first.shape != second.shape or first.ndim != 1 or len(first) == 0:
+        raise ValueError(f"A paired test needs the same episodes twice, given {len(a)} and {len(b)}.")
+    discordant = np.flatnonzero(first != second)
+    capital = e_process(first[discordant])
+    # 1 / (largest capital so far) is a p-value at every time at once.
+    crossed = np.flatnonzero(capital >= 1.0 / (1.0 - confidence))
+    difference = first.astype(float) - second
+    low, high = stratified_bootstrap([difference], seed=seed, confidence=confidence)
+    only_a, only_b = int((first & ~second).sum()), int((second & ~first).sum())
+    return PairedTest(
+        num_episodes=len(first),
+        both=int((first & second).sum()),
+        only_a=only_a,
+        only_b=only_b,
+        neither=int((~first & ~second).sum()),
+        difference=float(difference.mean()),
+        ci_low=low,
+        ci_high=high,
+        p_value=mcnemar(only_a, only_b),
+        p_sequential=float(min(1.0, 1.0 / capital.max())) if len(capital) else 1.0,
+        decided_after=int(discordant[crossed[0]]) + 1 if len(crossed) else None,
+    )

@@ -1,0 +1,137 @@
+"""Films episodes by running them again: an evaluation itself renders no more than its policy needs."""
+
+import logging
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from benchmark.files import atomic_path
+from benchmark.records import EpisodeRecord
+from benchmark.runner import EvaluatedEnv, Rollout
+from envs.errors import ConfigError
+from policies.base import Policy
+
+logger = logging.getLogger(__name__)
+
+
+def record_episode(
+    policy: Policy, env: EvaluatedEnv, episode: int, *, seed: int, every: int = 2
+) -> tuple[np.ndarray, bool]:
+    """Runs one episode again and films it.
+
+    Args:
+        policy: The policy.
+        env: The env that the episode was evaluated in, with pictures among its observations.
+        episode: Index in the task's pool of episodes.
+        seed: The protocol's seed.
+        every: A frame every so many control steps; the first and the last are always kept.
+
+    Returns:
+        Frames (T, H, W, 3) uint8 of the env's first camera, and whether the episode succeeded.
+
+    Raises:
+        ConfigError: The env's observations hold no picture.
+    """
+    frames: list[np.ndarray] = []
+    steps: list[int] = []
+    successes: list[bool] = []
+
+    def film(env_id: int, length: int) -> None:
+        steps.append(length)
+        if length % every == 0:
+            frames.append(_picture(env, env_id))
+
+    Rollout(policy, env, seed, "a video", film).run([episode], lambda _, success: successes.append(success))
+    if steps[-1] % every:  # the env still stands where the episode ended
+        frames.append(_picture(env, 0))
+    return np.stack(frames), successes[0]
+
+
+def _picture(env: EvaluatedEnv, env_id: int) -> np.ndarray:
+    observation = env.observe(np.array([env_id], dtype=np.int64))
+    for key, value in observation.items():
+        if key.startswith("observation.images."):
+            return np.ascontiguousarray(value[0])
+    raise ConfigError("A video needs an env with pictures: make it with obs='pixels' to film its episodes.")
+
+
+def write_video(path: Path, frames: np.ndarray, fps: float) -> None:
+    """Writes an H.264 video that browsers play, and its last frame beside it as a PNG.
+
+    Args:
+        path: The ``.mp4`` file; the poster has the same name and the suffix ``.png``.
+        frames: Frames (T, H, W, 3) uint8.
+        fps: Frames per second.
+
+    Raises:
+        ResultError: A file cannot be written.
+    """
+    import av
+    from PIL import Image
+
+    height, width = (size - size % 2 for size in frames.shape[1:3])  # yuv420p halves both
+    fast_start = {"movflags": "+faststart"}  # a browser starts before it has all of the file
+    with atomic_path(path) as temporary, av.open(str(temporary), "w", options=fast_start) as container:
+        stream = container.add_stream("libx264", rate=Fraction(fps).limit_denominator(1000))
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        stream.options = {"crf": "20", "preset": "medium"}
+        for frame in frames:
+            cropped = np.ascontiguousarray(frame[:height, :width])
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(cropped, format="rgb24")))
+        container.mux(stream.encode())
+    with atomic_path(path.with_suffix(".png")) as temporary:
+        Image.fromarray(frames[-1]).save(temporary, format="PNG", optimize=True)
+
+
+def choose_episodes(records: Sequence[EpisodeRecord], count: int = 1) -> list[EpisodeRecord]:
+    """Returns the first ``count`` failures and the first ``count`` successes: not the best, the first."""
+    failures = [record for record in records if not record.success]
+    successes = [record for record in records if record.success]
+    return failures[:count] + successes[:count]
+
+
+def film_cell(
+    policy: Policy,
+    env: EvaluatedEnv,
+    records: Sequence[EpisodeRecord],
+    folder: Path,
+    *,
+    control_hz: float,
+    count: int = 1,
+    every: int = 2,
+) -> list[Path]:
+    """Films failures and successes of one cell, in real time.
+
+    Args:
+        policy: The policy.
+        env: The cell's env.
+        records: The cell's records.
+        folder: Where the videos go; ``benchmark.result_file.video_dir`` is beside the result.
+        control_hz: Control steps per second.
+        count: How many failures, and how many successes.
+        every: A frame every so many control steps.
+
+    Returns:
+        The videos, named ``<cell>-<episode>-<success|failure>.mp4``.
+
+    Raises:
+        ResultError: A video cannot be written.
+    """
+    paths = []
+    for record in choose_episodes(records, count):
+        frames, success = record_episode(policy, env, record.episode, seed=record.seed, every=every)
+        if success is not record.success:
+            logger.warning(
+                "Episode %d of %s succeeded=%s when it was evaluated and %s when it was filmed: this policy "
+                "or simulator is not deterministic here.",
+                record.episode,
+                record.cell,
+                record.success,
+                success,
+            )
+        path = folder / f"{record.cell.name}-{record.episode}-{'success' if success else 'failure'}.mp4"
+        write_video(path, frames, control_hz / every)
+        paths.append(path)
+    return paths

@@ -1,0 +1,24 @@
+"""Simulated scenes, their simulators, tasks and randomization, and Gymnasium environments made of them."""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from envs.gym_env import RoboVerseEnv, make_vec, register_envs
+    from envs.vector_env import RoboVerseVectorEnv
+
+_HOMES = {
+    "RoboVerseEnv": "envs.gym_env",
+    "make_vec": "envs.gym_env",
+    "register_envs": "envs.gym_env",
+    "RoboVerseVectorEnv": "envs.vector_env",
+}
+
+__all__ = ["RoboVerseEnv", "RoboVerseVectorEnv", "make_vec", "register_envs"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    import importlib
+
+    return getattr(importlib.import_module(_HOMES[name]), name)

@@ -1,0 +1,65 @@
+"""Every error a user can cause, in one tree.
+
+A message says what was given, what is valid, and what to do. The command line prints the message
+alone and exits with code 2; a traceback is for bugs.
+"""
+
+import difflib
+from collections.abc import Iterable
+
+
+class RoboVerseError(Exception):
+    """Base of every error that a user can cause and mend."""
+
+
+class UnknownNameError(RoboVerseError, KeyError):
+    """A name that is not registered: a task, a policy, a simulator, a robot, a key."""
+
+    def __str__(self) -> str:  # KeyError shows the repr of its argument
+        return str(self.args[0]) if self.args else ""
+
+
+class ConfigError(RoboVerseError, ValueError):
+    """A value of the right name and the wrong kind, range or combination."""
+
+
+class SimulatorError(RoboVerseError, RuntimeError):
+    """A simulator or renderer that cannot do what was asked."""
+
+
+class MissingExtraError(RoboVerseError, ImportError):
+    """An optional package that is not installed."""
+
+
+class DatasetError(RoboVerseError, ValueError):
+    """A dataset that is absent, truncated, or of another shape than asked for."""
+
+
+class CheckpointError(RoboVerseError, ValueError):
+    """A checkpoint that is absent, incomplete, or of another policy."""
+
+
+class ResultError(RoboVerseError, ValueError):
+    """A results file that does not follow the schema."""
+
+
+def suggest(given: str, valid: Iterable[str]) -> str:
+    """Returns ``" Did you mean 'x'?"`` for the nearest valid name, or an empty string."""
+    names = list(valid)
+    lowered = {name.lower(): name for name in names}
+    close = difflib.get_close_matches(given.lower(), lowered, n=1)
+    return f" Did you mean '{lowered[close[0]]}'?" if close else ""
+
+
+def unknown_name(kind: str, given: str, valid: Iterable[str], hint: str = "") -> UnknownNameError:
+    """Builds the error for an unregistered name.
+
+    Args:
+        kind: What the name should have named, such as ``"task"``.
+        given: What was given.
+        valid: Every valid name.
+        hint: One more sentence: what to do.
+    """
+    names = sorted(valid)
+    message = f"Unknown {kind} '{given}'.{suggest(given, names)} Valid: {', '.join(names) or 'none'}."
+    return UnknownNameError(f"{message} {hint}".rstrip())

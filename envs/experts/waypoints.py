@@ -1,0 +1,72 @@
+"""Waypoints of a gripper that points down, and the smooth path through them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Waypoint:
+    """Where the gripper is to be, when.
+
+    Attributes:
+        pos: End effector position in the world, m, (3,).
+        yaw: Turn of the downward gripper about z from its rest posture, rad.
+        gripper: Position of each finger, m.
+        duration_s: Time to come here from the last waypoint.
+        hold_s: Time to wait here.
+    """
+
+    pos: np.ndarray = field(repr=False)
+    yaw: float
+    gripper: float
+    duration_s: float
+    hold_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """Targets at every control step.
+
+    Attributes:
+        pos: End effector positions, (T, 3).
+        yaw: Turns, (T,).
+        gripper: Finger positions, (T,).
+    """
+
+    pos: np.ndarray
+    yaw: np.ndarray
+    gripper: np.ndarray
+
+
+def grasp_yaw(object_yaw: float, symmetry_rad: float = np.pi / 2) -> float:
+    """Returns the smallest turn of the gripper that lines it up with an object of that symmetry."""
+    return float((object_yaw + symmetry_rad / 2) % symmetry_rad - symmetry_rad / 2)
+
+
+def minimum_jerk(count: int) -> np.ndarray:
+    """Returns ``count`` fractions from above 0 to 1 of a movement of least jerk.
+
+    Flash and Hogan, "The coordination of arm movements", J. Neurosci. 5 (1985): 10τ³ − 15τ⁴ + 6τ⁵.
+    """
+    tau = np.arange(1, count + 1) / count
+    return 10 * tau**3 - 15 * tau**4 + 6 * tau**5
+
+
+def interpolate(start: Waypoint, waypoints: Sequence[Waypoint], control_hz: float) -> Path:
+    """Returns the path from ``start`` through the waypoints, one target per control step.
+
+    Positions and turns move with least jerk; fingers move at once, as their motors do.
+    """
+    pos, yaw, gripper = [], [], []
+    last = start
+    for waypoint in waypoints:
+        count = max(1, round(waypoint.duration_s * control_hz))
+        hold = round(waypoint.hold_s * control_hz)
+        share = np.concatenate([minimum_jerk(count), np.ones(hold)])[:, None]
+        pos.append(last.pos + share * (waypoint.pos - last.pos))
+        yaw.append(last.yaw + share[:, 0] * (waypoint.yaw - last.yaw))
+        gripper.append(np.full(count + hold, waypoint.gripper))
+        last = waypoint
+    return Path(np.concatenate(pos), np.concatenate(yaw), np.concatenate(gripper))

@@ -1,0 +1,91 @@
+"""The single-environment view for ``gymnasium.make``, and the functions that make envs."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from envs.tasks import TASKS
+from envs.vector_env import RoboVerseVectorEnv, row_of
+
+
+def make_vec(task: str, num_envs: int = 1, *, split: str = "train", **kwargs: Any) -> RoboVerseVectorEnv:
+    """Makes ``num_envs`` environments of a task; see :class:`~envs.vector_env.RoboVerseVectorEnv`."""
+    return RoboVerseVectorEnv(task, num_envs, split=split, **kwargs)
+
+
+class RoboVerseEnv(gymnasium.Env):
+    """One environment, with the interface of ``gymnasium.Env`` and the keys that LeRobot expects.
+
+    Args:
+        task: Name of a task.
+        split: ``"train"`` or ``"test"``.
+        render_mode: ``"rgb_array"`` or None.
+        **kwargs: Options of :class:`~envs.vector_env.RoboVerseVectorEnv`.
+
+    Attributes:
+        task: The task's name.
+        task_description: The present instruction.
+        batch: The batched env of one environment behind this view.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 (Gymnasium's interface)
+
+    def __init__(
+        self, task: str, *, split: str = "train", render_mode: str | None = "rgb_array", **kwargs: Any
+    ) -> None:
+        self.batch = RoboVerseVectorEnv(task, 1, split=split, autoreset_mode="Disabled", **kwargs)
+        self.task = task
+        self.render_mode = render_mode
+        self.observation_space = self.batch.single_observation_space
+        self.action_space = self.batch.single_action_space
+        self.metadata = {**self.metadata, "render_fps": self.batch.metadata["render_fps"]}
+        self._max_episode_steps = self.batch.task.max_episode_steps
+
+    @property
+    def task_description(self) -> str:
+        """The present instruction."""
+        return self.batch.instruction(0)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Starts an episode; equal seeds give equal episodes. ``options["episode"]`` names one."""
+        super().reset(seed=seed)
+        episode = (options or {}).get("episode")
+        if episode is None:
+            episode = self.np_random.choice(self.batch.split_indices)
+        observation, _ = self.batch.reset(options={"episodes": [int(episode)]})
+        return row_of(observation, 0), self._info(False)
+
+    def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """Steps by one control step; ``action`` (J,) are joint position targets, rad and m."""
+        observation, reward, terminated, truncated, _ = self.batch.step(np.asarray(action)[None])
+        success = bool(terminated[0])
+        return row_of(observation, 0), float(reward[0]), success, bool(truncated[0]), self._info(success)
+
+    def _info(self, success: bool) -> dict[str, Any]:
+        return {"is_success": success, "episode_index": int(self.batch.episodes[0])}
+
+    def render(self) -> np.ndarray | None:
+        """Returns the first camera's picture, (H, W, 3) uint8."""
+        return self.batch.render()[0] if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Frees the simulator."""
+        self.batch.close()
+
+
+def register_envs() -> None:
+    """Registers ``RoboVerse/<task>-v0`` for every task with Gymnasium."""
+    for name in TASKS:
+        env_id = f"RoboVerse/{name}-v0"
+        if env_id not in gymnasium.registry:
+            gymnasium.register(
+                id=env_id,
+                entry_point="envs.gym_env:RoboVerseEnv",
+                vector_entry_point="envs.gym_env:make_vec",
+                kwargs={"task": name},
+                disable_env_checker=True,
+                order_enforce=False,
+            )

@@ -1,0 +1,33 @@
+"""Simulators and renderers, by name; each is imported when it is first used."""
+
+from typing import TYPE_CHECKING
+
+from envs.registry import Registry
+
+if TYPE_CHECKING:
+    from envs.handlers.base import Handler
+    from envs.handlers.mujoco.render import Renderer
+
+HANDLERS: "Registry[type[Handler]]" = Registry("simulator")
+HANDLERS.add(
+    "mujoco",
+    "envs.handlers.mujoco.handler:MujocoHandler",
+    summary="MuJoCo 4 on CPU, environments stepped by native threads (default)",
+)
+
+RENDERERS: "Registry[type[Renderer]]" = Registry("renderer")
+RENDERERS.add(
+    "warp",
+    "envs.handlers.mujoco.render_warp:WarpRenderer",
+    summary="batch ray tracer of mujoco_warp, needs no system package (default)",
+)
+RENDERERS.add(
+    "gl",
+    "envs.handlers.mujoco.render_gl:GlRenderer",
+    summary="MuJoCo's OpenGL rasterizer; needs libegl1 and libgl1, or libosmesa6",
+)
+RENDERERS.add(
+    "filament",
+    "envs.handlers.mujoco.render_filament:FilamentRenderer",
+    summary="physically based rendering by Filament; needs a Vulkan driver",
+)

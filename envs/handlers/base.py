@@ -1,0 +1,98 @@
+"""The interface of a simulator: states in and out, targets, time, pictures. It knows no task."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from torch import Tensor
+
+from envs.scenario import Appearance, ScenarioCfg
+from envs.state import State
+
+EnvIds = Sequence[int] | np.ndarray | None
+"""Sorted, unique environment indices; None means all."""
+
+MODALITIES = ("rgb", "depth", "segmentation")
+
+
+class Handler(ABC):
+    """One simulator with ``num_envs`` copies of one scenario.
+
+    Attributes:
+        scenario: What is simulated.
+        num_envs: Number of environments.
+    """
+
+    def __init__(self, scenario: ScenarioCfg, num_envs: int) -> None:
+        self.scenario = scenario
+        self.num_envs = num_envs
+
+    @abstractmethod
+    def launch(self) -> None:
+        """Builds the scene. Call it once, before anything else."""
+
+    @abstractmethod
+    def get_states(self, env_ids: EnvIds = None) -> State:
+        """Returns the present state of the environments ``env_ids``, in copies."""
+
+    @abstractmethod
+    def set_states(self, states: State, env_ids: EnvIds = None) -> None:
+        """Puts the environments ``env_ids`` into ``states`` (one row each) and forgets their past.
+
+        Entities that ``states`` does not name keep their state.
+        """
+
+    @abstractmethod
+    def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:
+        """Sets the position targets (n, J) of the named robots, clipped to the joints' ranges."""
+
+    @abstractmethod
+    def step(self, num_steps: int, env_ids: EnvIds = None) -> None:
+        """Advances the environments ``env_ids`` by ``num_steps`` physics steps.
+
+        Raises:
+            SimulatorError: if an environment's state is no longer finite; it names the environments.
+        """
+
+    @abstractmethod
+    def set_appearance(self, appearance: Appearance, env_id: int) -> None:
+        """Says how the environment ``env_id`` looks from now on."""
+
+    @abstractmethod
+    def render(
+        self,
+        cameras: Sequence[str] | None = None,
+        modalities: Sequence[str] = ("rgb",),
+        env_ids: EnvIds = None,
+    ) -> dict[str, dict[str, np.ndarray]]:
+        """Draws the environments ``env_ids`` through the named cameras (None: all of them).
+
+        Returns:
+            Camera to modality to picture: ``rgb`` (n, H, W, 3) uint8; ``depth`` (n, H, W) float32, metres
+            along the optical axis, 0 where there is nothing; ``segmentation`` (n, H, W) int32, an index
+            into :attr:`segmentation_names`, or -1.
+        """
+
+    @property
+    @abstractmethod
+    def segmentation_names(self) -> tuple[str, ...]:
+        """Names of what the segmentation tells apart: robots, objects and surfaces."""
+
+    @property
+    @abstractmethod
+    def not_shown(self) -> tuple[str, ...]:
+        """Properties of an appearance that this renderer cannot show."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Frees everything. Calling it twice is harmless."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

@@ -1,0 +1,252 @@
+"""MuJoCo on CPU: N environments of one model, stepped by native threads."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import mujoco
+import numpy as np
+import torch
+from mujoco.batch import Batch, SimulationError
+from torch import Tensor
+
+from envs.errors import SimulatorError, unknown_name
+from envs.handlers import RENDERERS
+from envs.handlers.base import MODALITIES, EnvIds, Handler
+from envs.handlers.mujoco.layout import EntityLayout, as_slice, layout_of
+from envs.handlers.mujoco.model import build_model
+from envs.handlers.mujoco.render import RenderJob, Renderer
+from envs.scenario import Appearance, ScenarioCfg
+from envs.state import EntityState, State
+
+_POSITION_STAGE = int(mujoco.mjtStage.mjSTAGE_POS)
+
+
+class MujocoHandler(Handler):
+    """One ``mujoco.batch.Batch``: the result is the same for any number of environments and threads.
+
+    Args:
+        scenario: The scene.
+        num_envs: Number of environments.
+        renderer: Name of a renderer.
+        num_threads: Threads that step and render; 0 means one per core.
+        textures: Gives the picture (S, S, 3) uint8 of a named material; see
+            :class:`envs.handlers.mujoco.render.Renderer`.
+        simplify_meshes: Draw the robots with simplified meshes.
+    """
+
+    def __init__(
+        self,
+        scenario: ScenarioCfg,
+        num_envs: int,
+        *,
+        renderer: str = "warp",
+        num_threads: int = 0,
+        textures: Callable[[str, int], np.ndarray] | None = None,
+        simplify_meshes: bool = True,
+    ) -> None:
+        super().__init__(scenario, num_envs)
+        self.renderer_name = renderer
+        self._renderer_class: type[Renderer] = RENDERERS.get(renderer)
+        self._num_threads = num_threads
+        self._textures = textures
+        self._simplify_meshes = simplify_meshes
+        self._renderer: Renderer | None = None
+        self._batch: Batch | None = None
+
+    def launch(self) -> None:
+        self.model = build_model(self.scenario, simplify=self._simplify_meshes)
+        # A state that has blown up must be seen, not replaced by the initial one.
+        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        self._batch = Batch(self.model, self.num_envs, self._num_threads)
+        self._layout = layout_of(self.model, self.scenario)
+        self._appearances = [self.scenario.appearance] * self.num_envs
+        self._qpos, self._qvel = self._batch.qpos, self._batch.qvel
+        self._ctrl, self._mocap_pos = self._batch.ctrl, self._batch.mocap_pos
+        self._mocap_quat, self._warmstart = self._batch.mocap_quat, self._batch.qacc_warmstart
+        self._site_xpos, self._site_xmat = self._batch.bind("site_xpos"), self._batch.bind("site_xmat")
+        self._readers = [
+            (entity, as_slice(entity.qpos), as_slice(entity.qvel), as_slice(entity.ctrl))
+            for entity in (*self._layout.robots, *self._layout.objects)
+        ]
+        for robot, cfg in zip(self._layout.robots, self.scenario.robots, strict=True):
+            self._qpos[:, robot.qpos] = cfg.default_qpos
+            self._ctrl[:, robot.ctrl] = cfg.default_qpos
+        self._low, self._high = self.model.actuator_ctrlrange.T.copy()
+        self._batch.forward(stage=_POSITION_STAGE)
+
+    def get_states(self, env_ids: EnvIds = None) -> State:
+        rows = slice(None) if env_ids is None else np.asarray(env_ids)
+        qpos = torch.from_numpy(self._qpos[rows].copy())
+        qvel = torch.from_numpy(self._qvel[rows].copy())
+        robots, objects = {}, {}
+        num_robots = len(self._layout.robots)
+        for index, (entity, joints, speeds, targets) in enumerate(self._readers):
+            if index < num_robots:
+                robots[entity.name] = self._robot_state(entity, qpos, qvel, joints, speeds, targets, rows)
+            else:
+                objects[entity.name] = self._object_state(entity, qpos, qvel, rows)
+        return State(robots, objects)
+
+    def _robot_state(self, robot, qpos, qvel, joints, speeds, targets, rows) -> EntityState:
+        count = qpos.shape[0]
+        zeros = torch.zeros((count, 3), dtype=torch.float64)
+        return EntityState(
+            pos=torch.from_numpy(np.broadcast_to(robot.pos, (count, 3)).copy()),
+            rot=torch.from_numpy(np.broadcast_to(robot.rot, (count, 4)).copy()),
+            lin_vel=zeros,
+            ang_vel=zeros,
+            joint_pos=qpos[:, joints],
+            joint_vel=qvel[:, speeds],
+            joint_target=torch.from_numpy(self._ctrl[rows, targets].copy()),
+            ee_pos=torch.from_numpy(self._site_xpos[rows, robot.ee_site].copy()),
+            ee_rot=torch.from_numpy(_quaternions(self._site_xmat[rows, robot.ee_site])),
+        )
+
+    def _object_state(self, item: EntityLayout, qpos, qvel, rows) -> EntityState:
+        count = qpos.shape[0]
+        if item.root == "free":
+            address, speed = item.root_qpos, item.root_qvel
+            return EntityState(
+                pos=qpos[:, address : address + 3],
+                rot=qpos[:, address + 3 : address + 7],
+                lin_vel=qvel[:, speed : speed + 3],
+                ang_vel=qvel[:, speed + 3 : speed + 6],
+                joint_pos=qpos[:, :0],
+                joint_vel=qvel[:, :0],
+            )
+        if item.root == "mocap":
+            pos, rot = self._mocap_pos[rows, item.mocap], self._mocap_quat[rows, item.mocap]
+        else:
+            pos, rot = np.broadcast_to(item.pos, (count, 3)), np.broadcast_to(item.rot, (count, 4))
+        zeros = torch.zeros((count, 3), dtype=torch.float64)
+        return EntityState(
+            pos=torch.from_numpy(pos.copy()),
+            rot=torch.from_numpy(rot.copy()),
+            lin_vel=zeros,
+            ang_vel=zeros,
+            joint_pos=qpos[:, :0],
+            joint_vel=qvel[:, :0],
+        )
+
+    def set_states(self, states: State, env_ids: EnvIds = None) -> None:
+        rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
+        layouts = {entity.name: entity for entity, *_ in self._readers}
+        for name, entity in states.entities().items():
+            if name not in layouts:
+                raise unknown_name("robot or object", name, layouts)
+            self._write(layouts[name], entity, rows)
+        self._warmstart[rows] = 0.0
+        self._batch.forward(rows, stage=_POSITION_STAGE)
+
+    def _write(self, layout: EntityLayout, entity: EntityState, rows: np.ndarray) -> None:
+        columns = rows[:, None]
+        if layout.root == "free":
+            position = layout.root_qpos + np.arange(7)
+            speed = layout.root_qvel + np.arange(6)
+            self._qpos[columns, position] = torch.cat([entity.pos, entity.rot], -1)
+            self._qvel[columns, speed] = torch.cat([entity.lin_vel, entity.ang_vel], -1)
+        elif layout.root == "mocap":
+            self._mocap_pos[rows, layout.mocap] = entity.pos
+            self._mocap_quat[rows, layout.mocap] = entity.rot
+        if len(layout.qpos):
+            self._qpos[columns, layout.qpos] = entity.joint_pos
+            self._qvel[columns, layout.qvel] = entity.joint_vel
+        if len(layout.ctrl):
+            target = entity.joint_pos if entity.joint_target is None else entity.joint_target
+            self._ctrl[columns, layout.ctrl] = target
+
+    def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:
+        rows = slice(None) if env_ids is None else np.asarray(env_ids)
+        for robot, *_, columns in self._readers:
+            target = targets.get(robot.name)
+            if target is None:
+                continue
+            clipped = np.clip(np.asarray(target), self._low[columns], self._high[columns])
+            if isinstance(columns, slice):
+                self._ctrl[rows, columns] = clipped
+            else:
+                self._ctrl[rows][:, columns] = clipped
+
+    def step(self, num_steps: int, env_ids: EnvIds = None) -> None:
+        try:
+            self._batch.step(env_ids, nstep=num_steps, stage=_POSITION_STAGE)
+        except SimulationError as error:
+            raise SimulatorError(f"MuJoCo stopped in environments {error.ids.tolist()}: {error}") from error
+        rows = slice(None) if env_ids is None else np.asarray(env_ids)
+        # The sum is finite exactly when every entry is (no overflow at physical magnitudes).
+        if not np.isfinite(self._qpos[rows].sum()):
+            bad = np.flatnonzero(~np.isfinite(self._qpos).all(axis=1))
+            raise SimulatorError(
+                f"The state of environments {bad.tolist()} is no longer finite. "
+                "Check the actions, or give physics.timestep_s a smaller value."
+            )
+
+    def set_appearance(self, appearance: Appearance, env_id: int) -> None:
+        self._appearances[env_id] = appearance
+
+    def snapshot(self, env_ids: EnvIds = None) -> list[RenderJob]:
+        """Returns what is needed to draw the environments as they are now, later."""
+        rows = range(self.num_envs) if env_ids is None else env_ids
+        return [
+            RenderJob(
+                qpos=self._qpos[row].copy(),
+                mocap_pos=self._mocap_pos[row].copy(),
+                mocap_quat=self._mocap_quat[row].copy(),
+                appearance=self._appearances[row],
+            )
+            for row in rows
+        ]
+
+    def render(
+        self,
+        cameras: Sequence[str] | None = None,
+        modalities: Sequence[str] = ("rgb",),
+        env_ids: EnvIds = None,
+    ) -> dict[str, dict[str, np.ndarray]]:
+        return self.render_jobs(self.snapshot(env_ids), cameras, modalities)
+
+    def render_jobs(
+        self,
+        jobs: Sequence[RenderJob],
+        cameras: Sequence[str] | None = None,
+        modalities: Sequence[str] = ("rgb",),
+    ) -> dict[str, dict[str, np.ndarray]]:
+        """Draws snapshots; see :meth:`render`."""
+        valid = [camera.name for camera in self.scenario.cameras]
+        names = valid if cameras is None else list(cameras)
+        for name in names:
+            if name not in valid:
+                raise unknown_name("camera", name, valid)
+        for modality in modalities:
+            if modality not in MODALITIES:
+                raise unknown_name("modality", modality, MODALITIES)
+        return self.renderer.render(jobs, tuple(names), tuple(modalities))
+
+    @property
+    def renderer(self) -> Renderer:
+        """The renderer, made at the first picture."""
+        if self._renderer is None:
+            self._renderer = self._renderer_class(
+                self.model, self.scenario, textures=self._textures, num_threads=self._num_threads
+            )
+        return self._renderer
+
+    @property
+    def segmentation_names(self) -> tuple[str, ...]:
+        return self.renderer.segmentation_names
+
+    @property
+    def not_shown(self) -> tuple[str, ...]:
+        return self._renderer_class.not_shown
+
+    def close(self) -> None:
+        if self._renderer is not None:
+            self._renderer.close()
+        self._renderer = self._batch = None
+
+
+def _quaternions(matrices: np.ndarray) -> np.ndarray:
+    """Returns wxyz quaternions (n, 4) of rotation matrices (n, 9)."""
+    out = np.empty((len(matrices), 4))
+    for quat, matrix in zip(out, matrices, strict=True):
+        mujoco.mju_mat2Quat(quat, matrix)
+    return out

@@ -1,0 +1,98 @@
+"""Where each robot and object lives in MuJoCo's arrays."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import mujoco
+import numpy as np
+
+from envs.scenario import ScenarioCfg
+
+
+@dataclass(frozen=True, slots=True)
+class EntityLayout:
+    """Addresses of one robot or object.
+
+    Attributes:
+        name: Its name.
+        root: How its root moves: with a free joint, never, or wherever it is put.
+        root_qpos: Address of the free joint in qpos (7 numbers), or -1.
+        root_qvel: Address of the free joint in qvel (6 numbers), or -1.
+        mocap: Index in mocap_pos and mocap_quat, or -1.
+        pos: Root position at rest.
+        rot: Root orientation at rest, wxyz.
+        qpos: Addresses of its joints in qpos, (J,).
+        qvel: Addresses of its joints in qvel, (J,).
+        ctrl: Addresses of its actuators in ctrl, (J,), or empty.
+        ee_site: Id of the end effector's site, or -1.
+    """
+
+    name: str
+    root: Literal["free", "fixed", "mocap"]
+    root_qpos: int
+    root_qvel: int
+    mocap: int
+    pos: np.ndarray
+    rot: np.ndarray
+    qpos: np.ndarray
+    qvel: np.ndarray
+    ctrl: np.ndarray
+    ee_site: int
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Addresses of every robot and object."""
+
+    robots: tuple[EntityLayout, ...]
+    objects: tuple[EntityLayout, ...]
+
+
+def layout_of(model: mujoco.MjModel, scenario: ScenarioCfg) -> Layout:
+    """Finds every robot and object of the scenario in its compiled model."""
+    none = np.zeros(0, np.intp)
+    robots = []
+    for robot in scenario.robots:
+        joints = [model.joint(f"{robot.name}/{name}") for name in robot.joint_names]
+        robots.append(
+            EntityLayout(
+                name=robot.name,
+                root="fixed",
+                root_qpos=-1,
+                root_qvel=-1,
+                mocap=-1,
+                pos=np.array(robot.pos, np.float64),
+                rot=np.array(robot.rot, np.float64),
+                qpos=np.array([joint.qposadr[0] for joint in joints], np.intp),
+                qvel=np.array([joint.dofadr[0] for joint in joints], np.intp),
+                ctrl=np.array([model.actuator(f"{robot.name}/{n}").id for n in robot.joint_names], np.intp),
+                ee_site=model.site(f"{robot.name}/{robot.ee_site}").id,
+            )
+        )
+    objects = []
+    for item in scenario.objects:
+        free = item.kind == "free"
+        body = model.body(item.name)
+        objects.append(
+            EntityLayout(
+                name=item.name,
+                root={"free": "free", "fixed": "fixed", "marker": "mocap"}[item.kind],
+                root_qpos=int(model.joint(item.name).qposadr[0]) if free else -1,
+                root_qvel=int(model.joint(item.name).dofadr[0]) if free else -1,
+                mocap=int(body.mocapid[0]),
+                pos=np.array(item.pos, np.float64),
+                rot=np.array(item.rot, np.float64),
+                qpos=none,
+                qvel=none,
+                ctrl=none,
+                ee_site=-1,
+            )
+        )
+    return Layout(tuple(robots), tuple(objects))
+
+
+def as_slice(addresses: np.ndarray) -> slice | np.ndarray:
+    """Returns consecutive addresses as a slice, which indexes without a copy."""
+    if len(addresses) and (np.diff(addresses) == 1).all():
+        return slice(int(addresses[0]), int(addresses[-1]) + 1)
+    return addresses

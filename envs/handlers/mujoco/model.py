@@ -1,0 +1,240 @@
+"""From a :class:`~envs.scenario.ScenarioCfg` to a compiled ``mujoco.MjModel``.
+
+What the model offers to a draw of a level, so that one compiled model serves all of them:
+one material and one texture slot per surface, ``MAX_LIGHTS`` lights, and a table top that can be turned.
+"""
+
+import mujoco
+import numpy as np
+
+from envs.assets import resolve
+from envs.errors import ConfigError
+from envs.handlers.mujoco.meshes import VISUAL_GROUP, simplify_visuals
+from envs.rotations import look_at_matrix
+from envs.scenario import SURFACES, CameraCfg, ObjectCfg, PhysicsCfg, RobotCfg, ScenarioCfg
+
+SCENE_GROUP = 2
+"""Geom group of everything that is drawn and is not a robot."""
+
+MAX_LIGHTS = 8
+"""One distant light and an array of up to seven lamps."""
+
+TEXTURE_SIZE = 256
+"""Side of a surface's texture, pixels."""
+
+TABLE_BODY = "table_top"
+
+OBJECT_MATERIAL = "objects"
+
+GRIPPER_PREFIX = "gripper/"
+"""What the names of a gripper's joints and sites begin with."""
+
+MAX_FACES_PER_BODY = 2000
+"""Visual triangles of one robot link. At 256 pixels the difference to 20,000 is below one grey level."""
+
+_SHAPES = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
+}
+
+
+def build_model(scenario: ScenarioCfg, *, simplify: bool = True) -> mujoco.MjModel:
+    """Compiles the scenario.
+
+    Args:
+        scenario: The scene.
+        simplify: Draw the robots with merged and simplified visual meshes.
+
+    Returns:
+        The model; robots' names are prefixed by ``<robot>/``.
+    """
+    spec = mujoco.MjSpec()
+    _set_physics(spec, scenario.physics)
+    _add_surfaces(spec, scenario)
+    for index in range(MAX_LIGHTS):
+        spec.worldbody.add_light(name=f"light{index}", active=False, castshadow=index == 0)
+    for camera in scenario.cameras:
+        _add_camera(spec, camera)
+    for robot in scenario.robots:
+        _add_robot(spec, robot, simplify)
+    for item in scenario.objects:
+        _add_object(spec, item)
+    spec.add_material(name=OBJECT_MATERIAL)
+    model = spec.compile()
+    # Robots and objects keep their colours and share one material, which says how they reflect.
+    drawn = np.isin(model.geom_group, (VISUAL_GROUP, SCENE_GROUP))
+    model.geom_matid[drawn & (model.geom_matid < 0)] = model.material(OBJECT_MATERIAL).id
+    return model
+
+
+def _set_physics(spec: mujoco.MjSpec, physics: PhysicsCfg) -> None:
+    option = spec.option
+    option.timestep = physics.timestep_s
+    option.gravity = physics.gravity
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    # Elliptic cones with impratio 10 keep a grasped object from creeping out of the fingers
+    # (MuJoCo documentation, "Modeling: slip").
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = 10.0
+    spec.stat.extent = 2.0
+    spec.stat.center = (0.0, 0.0, 0.0)
+    spec.visual.map.znear = 0.005
+    spec.visual.map.zfar = 20.0
+    spec.visual.headlight.active = 0
+    spec.visual.quality.offsamples = 0
+    spec.visual.quality.shadowsize = 1024
+    spec.visual.global_.offwidth = spec.visual.global_.offheight = 1024
+
+
+def _add_surfaces(spec: mujoco.MjSpec, scenario: ScenarioCfg) -> None:
+    for surface in SURFACES:
+        spec.add_texture(
+            name=surface,
+            type=mujoco.mjtTexture.mjTEXTURE_2D,
+            builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+            rgb1=(1, 1, 1),
+            rgb2=(1, 1, 1),
+            width=TEXTURE_SIZE,
+            height=TEXTURE_SIZE,
+        )
+        material = spec.add_material(name=surface)
+        material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = surface
+    world, table, room = spec.worldbody, scenario.table, scenario.room
+    ground_z = 0.0 if table is None else table.pos[2] - table.height_m
+    half = 5.0 if room is None else room.half_size_m
+    world.add_geom(
+        name="ground",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=(half, half, 0.1),
+        pos=(0, 0, ground_z),
+        material="ground",
+        group=SCENE_GROUP,
+    )
+    if room is not None:
+        _add_walls(spec, half, room.height_m, ground_z)
+    if table is not None:
+        size = (*table.half_size, table.thickness_m / 2)
+        centre = (table.pos[0], table.pos[1], table.pos[2] - table.thickness_m / 2)
+        world.add_geom(name="table_collision", type=_SHAPES["box"], size=size, pos=centre, group=0)
+        top = world.add_body(name=TABLE_BODY, pos=centre, mocap=True)
+        seen = {"contype": 0, "conaffinity": 0, "group": SCENE_GROUP, "material": "table"}
+        top.add_geom(name="table", type=_SHAPES["box"], size=size, **seen)
+        reach_x, reach_y = table.half_size[0] - 0.08, table.half_size[1] - 0.08
+        leg = (table.height_m - table.thickness_m) / 2
+        for sign_x in (-1, 1):
+            for sign_y in (-1, 1):
+                top.add_geom(
+                    type=_SHAPES["box"],
+                    size=(0.04, 0.04, leg),
+                    pos=(sign_x * reach_x, sign_y * reach_y, -leg - table.thickness_m / 2),
+                    **seen,
+                )
+
+
+def _add_walls(spec: mujoco.MjSpec, half: float, height: float, ground_z: float) -> None:
+    thickness = 0.05
+    for name, x, y in (("x+", 1, 0), ("x-", -1, 0), ("y+", 0, 1), ("y-", 0, -1)):
+        spec.worldbody.add_geom(
+            name=f"wall_{name}",
+            type=_SHAPES["box"],
+            size=(thickness if x else half, thickness if y else half, height / 2),
+            pos=(x * half, y * half, ground_z + height / 2),
+            material="wall",
+            contype=0,
+            conaffinity=0,
+            group=SCENE_GROUP,
+        )
+
+
+def _add_camera(spec: mujoco.MjSpec, camera: CameraCfg) -> None:
+    quat = np.zeros(4)
+    mujoco.mju_mat2Quat(quat, look_at_matrix(np.array(camera.pos), np.array(camera.look_at)).ravel())
+    spec.worldbody.add_camera(
+        name=camera.name,
+        pos=camera.pos,
+        quat=quat,
+        fovy=camera.fovy_deg,
+        resolution=(camera.width, camera.height),
+    )
+
+
+def _add_object(spec: mujoco.MjSpec, item: ObjectCfg) -> None:
+    size = (*item.size, 0.0, 0.0)[:3]
+    if item.kind == "marker":
+        body = spec.worldbody.add_body(name=item.name, pos=item.pos, quat=item.rot, mocap=True)
+        body.add_geom(
+            name=item.name,
+            type=_SHAPES[item.shape],
+            size=size,
+            rgba=item.rgba,
+            contype=0,
+            conaffinity=0,
+            group=SCENE_GROUP,
+        )
+        return
+    body = spec.worldbody.add_body(name=item.name, pos=item.pos, quat=item.rot)
+    if item.kind == "free":
+        body.add_freejoint(name=item.name)
+    body.add_geom(
+        name=item.name,
+        type=_SHAPES[item.shape],
+        size=size,
+        rgba=item.rgba,
+        mass=item.mass_kg,
+        friction=item.friction,
+        condim=4,
+        group=SCENE_GROUP,
+    )
+
+
+def _add_robot(spec: mujoco.MjSpec, robot: RobotCfg, simplify: bool) -> None:
+    arm = _load(robot.mjcf, simplify)
+    if robot.gripper_mjcf is not None:
+        gripper = _load(robot.gripper_mjcf, simplify)
+        mount = arm.body(robot.gripper_mount)
+        if mount is None:
+            raise ConfigError(f"Robot '{robot.name}': '{robot.mjcf}' has no body '{robot.gripper_mount}'.")
+        mount.add_frame().attach_body(gripper.body(robot.gripper_root), GRIPPER_PREFIX, "")
+    for body in arm.bodies:
+        if robot.gravity_compensated and body.name != "world":
+            body.gravcomp = 1.0
+    _set_joints(arm, robot)
+    frame = spec.worldbody.add_frame(pos=robot.pos, quat=robot.rot)
+    frame.attach_body(arm.body(robot.root), f"{robot.name}/", "")
+
+
+def _load(reference: str, simplify: bool) -> mujoco.MjSpec:
+    """Reads a robot's file and leaves out its cameras, lights, sensors and actuators."""
+    path = resolve(reference)
+    spec = mujoco.MjSpec.from_file(str(path))
+    for item in (*spec.cameras, *spec.lights, *spec.sensors, *spec.actuators):
+        spec.delete(item)
+    if simplify:
+        simplify_visuals(spec, path.parent / (spec.meshdir or ""), MAX_FACES_PER_BODY)
+    return spec
+
+
+def _set_joints(spec: mujoco.MjSpec, robot: RobotCfg) -> None:
+    """Gives each controlled joint its range, damping and position actuator, in the robot's order."""
+    for cfg in robot.joints:
+        joint = spec.joint(cfg.name)
+        if joint is None:
+            valid = ", ".join(item.name for item in spec.joints)
+            raise ConfigError(f"Robot '{robot.name}' has no joint '{cfg.name}'. Its joints: {valid}.")
+        if cfg.flip:
+            joint.axis = -np.asarray(joint.axis)
+        joint.range = cfg.range
+        for field in ("damping", "armature", "frictionloss"):
+            value = getattr(cfg, field)
+            if value is not None:
+                setattr(joint, field, value if field != "damping" else [value, 0.0, 0.0])
+        actuator = spec.add_actuator(name=cfg.name, target=cfg.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+        actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+        actuator.gainprm[0] = cfg.kp
+        actuator.biasprm[1], actuator.biasprm[2] = -cfg.kp, -cfg.kd
+        actuator.ctrllimited = actuator.forcelimited = 1
+        actuator.ctrlrange = cfg.range
+        actuator.forcerange = (-cfg.force_limit, cfg.force_limit)

@@ -1,0 +1,157 @@
+"""Pictures by mujoco_warp's ray tracer, on the CPU: no GPU, no display, no system package."""
+
+import contextlib
+import io
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from queue import SimpleQueue
+
+import mujoco
+import numpy as np
+
+from envs.handlers.mujoco.meshes import VISUAL_GROUP
+from envs.handlers.mujoco.model import SCENE_GROUP, TEXTURE_SIZE
+from envs.handlers.mujoco.render import Renderer, RenderJob, Stage, texture_of
+from envs.scenario import SURFACES
+
+_LIGHT_FIELDS = (
+    "light_type",
+    "light_active",
+    "light_castshadow",
+    "light_diffuse",
+    "light_specular",
+    "light_ambient",
+    "light_cutoff",
+    "light_exponent",
+)
+_MATERIAL_FIELDS = ("mat_rgba", "mat_specular", "mat_shininess", "mat_texrepeat", "mat_texid")
+_POSE_FIELDS = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
+
+
+class WarpRenderer(Renderer):
+    """One tracer per thread, each with its own stage; a picture depends on its job alone."""
+
+    not_shown = ("metallic", "lamp_shape")
+
+    def __init__(self, model, scenario, *, textures=None, num_threads: int = 0) -> None:
+        super().__init__(model, scenario, textures=textures, num_threads=num_threads)
+        self._size = num_threads or os.cpu_count() or 1
+        self._pool = ThreadPoolExecutor(self._size, thread_name_prefix="render")
+        self._idle: dict[tuple, SimpleQueue[_Tracer]] = {}
+
+    def render(
+        self, jobs: Sequence[RenderJob], cameras: tuple[str, ...], modalities: tuple[str, ...]
+    ) -> dict[str, dict[str, np.ndarray]]:
+        out = self.empty(len(jobs), cameras, modalities)
+        tracers = self._tracers(cameras, modalities, len(jobs))
+
+        def draw(index: int) -> None:
+            tracer = tracers.get()
+            try:
+                tracer.draw(jobs[index], out, index)
+            finally:
+                tracers.put(tracer)
+
+        if len(jobs) == 1:
+            draw(0)
+        else:
+            list(self._pool.map(draw, range(len(jobs))))
+        return out
+
+    def _tracers(self, cameras, modalities, num_jobs: int) -> "SimpleQueue[_Tracer]":
+        key = (cameras, modalities)
+        queue = self._idle.setdefault(key, SimpleQueue())
+        while queue.qsize() < min(self._size, max(num_jobs, 1)):
+            queue.put(_Tracer(self, cameras, modalities))
+        return queue
+
+    def close(self) -> None:
+        self._pool.shutdown()
+        self._idle.clear()
+
+
+class _Tracer:
+    """A stage and the device arrays that mirror it."""
+
+    def __init__(self, renderer: WarpRenderer, cameras: tuple[str, ...], modalities: tuple[str, ...]) -> None:
+        import warp as wp
+
+        wp.config.quiet = True
+        import mujoco_warp as mjw
+
+        self._mjw, self._wp = mjw, wp
+        self._renderer, self._cameras, self._modalities = renderer, cameras, modalities
+        self._stage = Stage(renderer.model, renderer.scenario)
+        model = self._stage.model
+        # Nothing is stepped here, and mujoco_warp refuses flags that it has no code for.
+        model.opt.disableflags = 0
+        # The context keeps what it finds: lights must be typed as widely as they may become.
+        model.light_type[1:] = int(mujoco.mjtLightType.mjLIGHT_SPOT)
+        with wp.ScopedDevice("cpu"), contextlib.redirect_stdout(io.StringIO()):
+            self._model = mjw.put_model(model)
+            self._data = mjw.put_data(model, self._stage.data, nworld=1)
+            sizes = [tuple(int(v) for v in model.cam_resolution[model.camera(name).id]) for name in cameras]
+            self._context = mjw.create_render_context(
+                model,
+                nworld=1,
+                cam_res=sizes,
+                render_rgb="rgb" in modalities,
+                render_depth="depth" in modalities,
+                render_seg="segmentation" in modalities,
+                use_shadows=True,
+                enabled_geom_groups=[VISUAL_GROUP, SCENE_GROUP],
+                cam_active=list(cameras),
+                shadow_light_fraction=0.0,
+                background_color=(0.6, 0.65, 0.7, 1.0),
+            )
+        self._sizes = sizes
+        self._texture_names: dict[str, str | None] = dict.fromkeys(SURFACES)
+        # Kernels are compiled at the first launch, which must not happen in two threads at once.
+        with wp.ScopedDevice("cpu"), contextlib.redirect_stdout(io.StringIO()):
+            mjw.refit_bvh(self._model, self._data, self._context)
+            mjw.render(self._model, self._data, self._context)
+
+    def draw(self, job: RenderJob, out: dict, index: int) -> None:
+        """Draws one job into row ``index`` of ``out``."""
+        with self._wp.ScopedDevice("cpu"):
+            if self._stage.pose(job):
+                self._copy(self._stage.model, self._model, (*_LIGHT_FIELDS, *_MATERIAL_FIELDS))
+                self._upload_textures()
+            self._copy(self._stage.data, self._data, _POSE_FIELDS)
+            self._mjw.refit_bvh(self._model, self._data, self._context)
+            self._mjw.render(self._model, self._data, self._context)
+        self._fetch(out, index)
+
+    def _copy(self, source, target, names: Sequence[str]) -> None:
+        for name in names:
+            array = getattr(target, name)
+            array.numpy()[...] = np.asarray(getattr(source, name)).reshape(array.numpy().shape)
+
+    def _upload_textures(self) -> None:
+        wp, registry = self._wp, self._context.textures_registry
+        changed = [s for s in SURFACES if self._stage.surface_textures[s] != self._texture_names[s]]
+        for surface in changed:
+            name = self._stage.surface_textures[surface]
+            pixels = np.ones((TEXTURE_SIZE, TEXTURE_SIZE, 4), np.float32)
+            pixels[..., :3] = texture_of(name, self._renderer.textures) / np.float32(255)
+            slot = self._stage.model.texture(surface).id
+            registry[slot] = wp.Texture2D(wp.array(pixels), filter_mode=wp.TextureFilterMode.LINEAR)
+            self._texture_names[surface] = name
+        if changed:
+            self._context.textures = wp.array(registry, dtype=wp.Texture2D)
+
+    def _fetch(self, out: dict, index: int) -> None:
+        start = 0
+        context = self._context
+        for name, (width, height) in zip(self._cameras, self._sizes, strict=True):
+            span, shape = slice(start, start + width * height), (height, width)
+            if "rgb" in self._modalities:
+                packed = context.rgb_data.numpy()[0, span].view(np.uint8).reshape(*shape, 4)
+                out[name]["rgb"][index] = packed[..., 2::-1]
+            if "depth" in self._modalities:
+                out[name]["depth"][index] = context.depth_data.numpy()[0, span].reshape(shape)
+            if "segmentation" in self._modalities:
+                ids = context.seg_data.numpy()[0, span].reshape(*shape, 2)[..., 0]
+                out[name]["segmentation"][index] = self._renderer.segment(ids)
+            start += width * height

@@ -1,0 +1,61 @@
+"""The four channels of randomization, the levels made of them, and their frozen splits.
+
+Names are imported at first use: importing this package costs NumPy and nothing else.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from envs.randomization.cameras import CAMERA_POSES, CameraPose, place_camera
+    from envs.randomization.levels import CHANNELS, LEVELS, channels_of, parse_level
+    from envs.randomization.lights import LightingCfg, temperature_to_rgb
+    from envs.randomization.materials import MaterialLibrary
+    from envs.randomization.procedural import texture
+    from envs.randomization.randomizer import Randomizer
+    from envs.randomization.seeding import channel_rng
+    from envs.randomization.splits import SPLITS, Split, load_split
+
+_HOMES = {
+    "CAMERA_POSES": "cameras",
+    "CameraPose": "cameras",
+    "place_camera": "cameras",
+    "CHANNELS": "levels",
+    "LEVELS": "levels",
+    "channels_of": "levels",
+    "parse_level": "levels",
+    "LightingCfg": "lights",
+    "temperature_to_rgb": "lights",
+    "MaterialLibrary": "materials",
+    "texture": "procedural",
+    "Randomizer": "randomizer",
+    "channel_rng": "seeding",
+    "SPLITS": "splits",
+    "Split": "splits",
+    "load_split": "splits",
+}
+
+__all__ = [
+    "CAMERA_POSES",
+    "CHANNELS",
+    "LEVELS",
+    "SPLITS",
+    "CameraPose",
+    "LightingCfg",
+    "MaterialLibrary",
+    "Randomizer",
+    "Split",
+    "channel_rng",
+    "channels_of",
+    "load_split",
+    "parse_level",
+    "place_camera",
+    "temperature_to_rgb",
+    "texture",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -1,0 +1,162 @@
+"""Pictures of what randomization does, for people to look at.
+
+``python -m envs.randomization.gallery --out docs/levels.png`` draws every level through the environment;
+``--materials materials.png`` draws a contact sheet of the library, without any simulator.
+"""
+
+import argparse
+import logging
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from envs.errors import ConfigError, RoboVerseError
+from envs.randomization.levels import CHANNELS, LEVELS
+from envs.randomization.materials import MaterialLibrary
+from envs.randomization.splits import SPLITS
+from envs.scenario import SURFACES
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+logger = logging.getLogger(__name__)
+
+_GAP = 4
+_CAPTION = 18
+
+
+def draw_levels(task: str, *, split: str, num_draws: int, image_size: int, renderer: str) -> "Image.Image":
+    """Draws the first episodes of a split at every level, one level in a row.
+
+    Args:
+        task: Name of the task.
+        split: ``"train"`` or ``"test"``.
+        num_draws: Pictures in a row; the same episodes in every row.
+        image_size: Pixels along a picture's side.
+        renderer: Name of the renderer.
+    """
+    import envs
+
+    rows = {}
+    for level in LEVELS:
+        env = envs.make_vec(
+            task, 1, level=level, split=split, renderer=renderer, image_size=image_size, obs="pixels"
+        )
+        try:
+            rows[f"Level {level}: {' + '.join(CHANNELS[: level + 1])}"] = [
+                _first_picture(env, int(episode)) for episode in env.split_indices[:num_draws]
+            ]
+        finally:
+            env.close()
+    return contact_sheet(rows)
+
+
+def _first_picture(env, episode: int) -> np.ndarray:
+    only = np.array([0])
+    env.reset_envs(only, np.array([episode]))
+    pictures = [v for key, v in env.observe(only).items() if key.startswith("observation.images.")]
+    return np.concatenate([picture[0] for picture in pictures], axis=1)
+
+
+def draw_materials(library: MaterialLibrary, *, per_row: int = 20, image_size: int = 64) -> "Image.Image":
+    """Draws every material of a library, surface by surface.
+
+    Args:
+        library: The library.
+        per_row: Materials in a row.
+        image_size: Pixels along a material's side.
+    """
+    rows = {}
+    for surface in SURFACES:
+        names = library.names[surface]
+        for start in range(0, len(names), per_row):
+            caption = f"{surface}: {len(names)} materials" if start == 0 else ""
+            rows[f"{caption}\0{surface}{start}"] = [
+                library.texture(name, image_size) for name in names[start : start + per_row]
+            ]
+    return contact_sheet(rows)
+
+
+def contact_sheet(rows: dict[str, list[np.ndarray]]) -> "Image.Image":
+    """Lays pictures out in rows, each under its caption.
+
+    Args:
+        rows: Caption (up to a NUL, where two captions are alike) to (height, width, 3) uint8 pictures.
+    """
+    from PIL import Image, ImageDraw
+
+    height, width = next(iter(rows.values()))[0].shape[:2]
+    columns = max(len(pictures) for pictures in rows.values())
+    captions = [caption.partition("\0")[0] for caption in rows]
+    bands = [height + _GAP + (_CAPTION if caption else 0) for caption in captions]
+    sheet = Image.new("RGB", (columns * (width + _GAP) + _GAP, sum(bands) + _GAP), "white")
+    pen = ImageDraw.Draw(sheet)
+    top = _GAP
+    for caption, band, pictures in zip(captions, bands, rows.values(), strict=True):
+        if caption:
+            pen.text((_GAP, top), caption, fill="black", font_size=13)
+        for column, picture in enumerate(pictures):
+            place = (_GAP + column * (width + _GAP), top + band - height - _GAP)
+            sheet.paste(Image.fromarray(picture), place)
+        top += band
+    return sheet
+
+
+def save(image: "Image.Image", path: Path) -> None:
+    """Writes a picture under a temporary name and renames it.
+
+    Raises:
+        ConfigError: if the path's suffix is not that of a picture format.
+    """
+    if path.suffix.lower() not in (".jpg", ".png", ".webp"):
+        raise ConfigError(f"A picture's name ends in .png, .jpg or .webp, given '{path}'.")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    with temporary.open("wb") as file:
+        image.save(file, format={".jpg": "JPEG", ".png": "PNG", ".webp": "WEBP"}[path.suffix.lower()])
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(temporary, path)
+    logger.info("%s: %d x %d pixels", path, *image.size)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Draws the levels, the library of materials, or both; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m envs.randomization.gallery", description=main.__doc__)
+    parser.add_argument("--out", type=Path, help="picture of all levels")
+    parser.add_argument("--materials", type=Path, help="contact sheet of the library")
+    parser.add_argument("--folder", type=Path, help="folder of materials instead of the built-in ones")
+    parser.add_argument("--task", default="PickCube")
+    parser.add_argument("--split", default="train", choices=SPLITS)
+    parser.add_argument("--renderer", default="warp")
+    parser.add_argument("--draws", type=int, default=8, help="pictures of each level")
+    parser.add_argument("--image-size", type=int, default=256)
+    args = parser.parse_args(argv)
+    if args.out is None and args.materials is None:
+        parser.error("give --out, --materials, or both")
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    try:
+        if args.materials is not None:
+            library = MaterialLibrary.from_folder(args.folder) if args.folder else MaterialLibrary.built_in()
+            save(draw_materials(library), args.materials)
+        if args.out is not None:
+            image = draw_levels(
+                args.task,
+                split=args.split,
+                num_draws=args.draws,
+                image_size=args.image_size,
+                renderer=args.renderer,
+            )
+            save(image, args.out)
+    except RoboVerseError as error:
+        logger.error("%s", error)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,57 @@
+"""Franka Emika Panda with the Franka hand, from robosuite's MJCF.
+
+Kinematics, masses and meshes are robosuite's (``models/assets/robots/panda/robot.xml``). Its torque
+motors are replaced by joint-position actuators.
+
+- Joint limits: robosuite's file, which are the maker's (Franka Control Interface documentation,
+  "Robot limits"); force limits 87 N·m and 12 N·m from the same page.
+- Rest posture: ManiSkill's PickCube, ``[0, π/8, 0, -5π/8, 0, 3π/4, π/4, 0.04, 0.04]``.
+- Gains: position gains as in MuJoCo Menagerie's ``franka_emika_panda/panda.xml`` (4500, 4500, 3500,
+  3500, 2000, 2000, 2000); its damping gains (a tenth of them) suit the real links' inertias, and are
+  kept, for they leave robosuite's heavier links well damped.
+"""
+
+from math import pi
+
+from envs.scenario import JointCfg, RobotCfg
+
+_ARM = (
+    # kp, kd, force limit, range, rest
+    (4500.0, 450.0, 87.0, (-2.8973, 2.8973), 0.0),
+    (4500.0, 450.0, 87.0, (-1.7628, 1.7628), pi / 8),
+    (3500.0, 350.0, 87.0, (-2.8973, 2.8973), 0.0),
+    (3500.0, 350.0, 87.0, (-3.0718, -0.0698), -5 * pi / 8),
+    (2000.0, 200.0, 12.0, (-2.8973, 2.8973), 0.0),
+    (2000.0, 200.0, 12.0, (-0.0175, 3.7525), 3 * pi / 4),
+    (2000.0, 200.0, 12.0, (-2.8973, 2.8973), pi / 4),
+)
+
+_FINGER = {
+    "kp": 1000.0,
+    "kd": 60.0,
+    "force_limit": 40.0,
+    "range": (0.0, 0.04),
+    "default": 0.04,
+    "damping": 10.0,
+    "armature": 0.1,
+    "frictionloss": 0.0,
+}
+
+FRANKA = RobotCfg(
+    name="franka",
+    mjcf="robosuite:models/assets/robots/panda/robot.xml",
+    root="base",
+    gripper_mjcf="robosuite:models/assets/grippers/panda_gripper.xml",
+    gripper_root="right_gripper",
+    gripper_mount="right_hand",
+    joints=(
+        *(
+            JointCfg(name=f"joint{i + 1}", kp=kp, kd=kd, force_limit=force, range=limits, default=rest)
+            for i, (kp, kd, force, limits, rest) in enumerate(_ARM)
+        ),
+        JointCfg(name="gripper/finger_joint1", **_FINGER),
+        JointCfg(name="gripper/finger_joint2", flip=True, **_FINGER),
+    ),
+    ee_site="gripper/grip_site",
+    gripper_joints=("gripper/finger_joint1", "gripper/finger_joint2"),
+)

@@ -1,0 +1,97 @@
+"""Rotations of batched quaternions (w, x, y, z), for numpy arrays and torch tensors alike.
+
+Every function works on the last axis and broadcasts the others.
+"""
+
+from typing import Any
+
+import numpy as np
+
+Array = Any  # numpy.ndarray or torch.Tensor
+
+
+def _stack(parts: list[Array]) -> Array:
+    if isinstance(parts[0], np.ndarray | np.generic):  # a single quaternion has scalar parts
+        return np.stack(parts, axis=-1)
+    import torch
+
+    return torch.stack(parts, dim=-1)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return _stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
+def conjugate(q: Array) -> Array:
+    """Returns the inverse of unit quaternions ``q`` (..., 4)."""
+    return _stack([q[..., 0], -q[..., 1], -q[..., 2], -q[..., 3]])
+
+
+def multiply(p: Array, q: Array) -> Array:
+    """Returns the Hamilton product ``p q`` (..., 4): first ``q``, then ``p``."""
+    pw, px, py, pz = p[..., 0], p[..., 1], p[..., 2], p[..., 3]
+    qw, qx, qy, qz = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    return _stack(
+        [
+            pw * qw - px * qx - py * qy - pz * qz,
+            pw * qx + px * qw + py * qz - pz * qy,
+            pw * qy - px * qz + py * qw + pz * qx,
+            pw * qz + px * qy - py * qx + pz * qw,
+        ]
+    )
+
+
+def rotate(q: Array, v: Array) -> Array:
+    """Returns vectors ``v`` (..., 3) turned by unit quaternions ``q`` (..., 4)."""
+    imaginary = q[..., 1:]
+    twice = 2.0 * _cross(imaginary, v)
+    return v + q[..., :1] * twice + _cross(imaginary, twice)
+
+
+def from_yaw(yaw: Array) -> Array:
+    """Returns the quaternion (..., 4) of a turn by ``yaw`` radians about z."""
+    half = 0.5 * np.asarray(yaw, dtype=np.float64)
+    zero = np.zeros_like(half)
+    return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1)
+
+
+def yaw_of(q: Array) -> Array:
+    """Returns the heading (...,) in radians: the angle of the turned x axis about z."""
+    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    sine, cosine = 2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)
+    if isinstance(q, np.ndarray | np.generic):
+        return np.arctan2(sine, cosine)
+    import torch
+
+    return torch.atan2(sine, cosine)
+
+
+def to_matrix(q: Array) -> Array:
+    """Returns rotation matrices (..., 3, 3) of unit quaternions ``q`` (..., 4)."""
+    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    rows = [
+        _stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)]),
+        _stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]),
+        _stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]),
+    ]
+    if isinstance(q, np.ndarray | np.generic):
+        return np.stack(rows, axis=-2)
+    import torch
+
+    return torch.stack(rows, dim=-2)
+
+
+def look_at_matrix(pos: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Returns the (3, 3) orientation of a camera at ``pos`` that looks at ``target``.
+
+    Columns are the camera's axes in the world: x right, y up, and z backwards, as in MuJoCo and
+    OpenGL. World z points up in the picture; a camera that looks straight down has world x up.
+    """
+    backward = np.asarray(pos, np.float64) - np.asarray(target, np.float64)
+    backward /= np.linalg.norm(backward)
+    up = np.array([0.0, 0.0, 1.0]) if abs(backward[2]) < 0.9999 else np.array([1.0, 0.0, 0.0])
+    right = np.cross(up, backward)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(backward, right), backward], axis=-1)

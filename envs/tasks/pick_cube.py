@@ -1,0 +1,191 @@
+"""PickCube, after ManiSkill 3 (``mani_skill/envs/tasks/tabletop/pick_cube.py``, Apache-2.0).
+
+Sizes, ranges and success are ManiSkill's, but for the horizon: its 50 steps are made for
+end-effector deltas; 100 steps of joint positions are the same 5 s at 20 Hz.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from envs.errors import unknown_name
+from envs.experts.waypoints import Waypoint, grasp_yaw
+from envs.robots.franka import FRANKA
+from envs.rotations import from_yaw, yaw_of
+from envs.scenario import (
+    Appearance,
+    CameraCfg,
+    LightCfg,
+    ObjectCfg,
+    PhysicsCfg,
+    ScenarioCfg,
+    SurfaceMaterial,
+    TableCfg,
+)
+from envs.state import EntityState, State
+from envs.tasks.base import Task
+
+CUBE_HALF_SIZE_M = 0.02
+SPAWN_HALF_SIZE_M = 0.1
+GOAL_HEIGHT_M = 0.3
+GOAL_TOLERANCE_M = 0.025
+STATIC_SPEED_RAD_S = 0.2
+LIFT_HEIGHT_M = 0.1
+"""The variant of the paper's code (snapshot of June 2025): the cube is 0.1 m above its start."""
+
+QPOS_NOISE_RAD = 0.02
+GRASP_OPEN_M, GRASP_CLOSED_M = 0.04, 0.0
+
+_ROBOT = dataclasses.replace(FRANKA, pos=(-0.615, 0.0, 0.0))
+
+TABLETOP_LOOKS = Appearance(
+    materials={
+        "table": SurfaceMaterial(rgb=(0.55, 0.45, 0.36), roughness=0.8, specular=0.1),
+        "wall": SurfaceMaterial(rgb=(0.75, 0.75, 0.72), roughness=0.9, specular=0.0),
+        "ground": SurfaceMaterial(rgb=(0.45, 0.46, 0.48), roughness=0.9, specular=0.05),
+    },
+    lights=(LightCfg(kind="distant", direction=(-0.25, 0.15, -1.0), intensity=0.75, cast_shadow=True),),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PickCube(Task):
+    """Grasp a cube and hold it at the marker, or (``variant="lift"``) lift it by 10 cm.
+
+    Attributes:
+        variant: ``goal`` is ManiSkill's task; ``lift`` is that of the paper's code.
+    """
+
+    name: ClassVar[str] = "PickCube"
+    instructions: ClassVar[tuple[str, ...]] = (
+        "pick up the red cube and hold it at the green marker",
+        "move the red cube to the green ball",
+        "grasp the cube and bring it to the green marker",
+    )
+    max_episode_steps: ClassVar[int] = 100
+
+    variant: Literal["goal", "lift"] = "goal"
+
+    def __post_init__(self) -> None:
+        if self.variant not in ("goal", "lift"):
+            raise unknown_name("variant of PickCube", str(self.variant), ("goal", "lift"))
+
+    @property
+    def scenario(self) -> ScenarioCfg:
+        cube = ObjectCfg(
+            name="cube",
+            shape="box",
+            size=(CUBE_HALF_SIZE_M,) * 3,
+            mass_kg=0.064,  # 4 cm cube at ManiSkill's default density, 1000 kg/m³
+            rgba=(0.85, 0.08, 0.08, 1.0),
+            pos=(0.0, 0.0, CUBE_HALF_SIZE_M),
+        )
+        goal = ObjectCfg(
+            name="goal",
+            shape="sphere",
+            size=(GOAL_TOLERANCE_M,),
+            rgba=(0.1, 0.8, 0.15, 1.0),
+            pos=(0.0, 0.0, 0.2),
+            kind="marker",
+        )
+        return ScenarioCfg(
+            robots=(_ROBOT,),
+            objects=(cube, goal) if self.variant == "goal" else (cube,),
+            cameras=(CameraCfg(name="front", pos=(1.25, 0.0, 0.85), look_at=(0.0, 0.0, 0.12), fovy_deg=28.0),),
+            appearance=TABLETOP_LOOKS,
+            table=TableCfg(pos=(-0.12, 0.0, 0.0), half_size=(0.8, 0.8)),
+            physics=PhysicsCfg(timestep_s=0.002, decimation=25),
+        )
+
+    def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
+        count = len(rngs)
+        qpos = np.tile(np.array(_ROBOT.default_qpos), (count, 1))
+        cube, cube_yaw, goal = np.empty((count, 3)), np.empty(count), np.empty((count, 3))
+        for row, rng in enumerate(rngs):
+            cube[row, :2] = rng.uniform(-SPAWN_HALF_SIZE_M, SPAWN_HALF_SIZE_M, 2)
+            cube_yaw[row] = rng.uniform(-np.pi, np.pi)
+            goal[row, :2] = rng.uniform(-SPAWN_HALF_SIZE_M, SPAWN_HALF_SIZE_M, 2)
+            goal[row, 2] = rng.uniform(0.0, GOAL_HEIGHT_M) + CUBE_HALF_SIZE_M
+            qpos[row, :7] += rng.normal(0.0, QPOS_NOISE_RAD, 7)
+        cube[:, 2] = CUBE_HALF_SIZE_M
+        objects = {"cube": _at_rest(cube, from_yaw(cube_yaw))}
+        if self.variant == "goal":
+            objects["goal"] = _at_rest(goal, from_yaw(np.zeros(count)))
+        base = _at_rest(np.tile(_ROBOT.pos, (count, 1)), np.tile(_ROBOT.rot, (count, 1)))
+        base.joint_pos = torch.from_numpy(qpos)
+        base.joint_vel = torch.zeros_like(base.joint_pos)
+        return State({_ROBOT.name: base}, objects)
+
+    def success(self, state: State) -> Tensor:
+        cube = state.objects["cube"].pos
+        if self.variant == "lift":
+            return cube[:, 2] >= CUBE_HALF_SIZE_M + LIFT_HEIGHT_M
+        speed = state.robots[_ROBOT.name].joint_vel[:, :7].abs().amax(-1)
+        return (self._to_goal(state) <= GOAL_TOLERANCE_M) & (speed <= STATIC_SPEED_RAD_S)
+
+    def reward(self, state: State) -> Tensor:
+        """Returns ManiSkill's normalized dense reward: reach, grasp, place, be still; 1 at success."""
+        robot, cube = state.robots[_ROBOT.name], state.objects["cube"].pos
+        reach = torch.linalg.vector_norm(robot.ee_pos - cube, dim=-1)
+        grasped = _grasped(robot, reach)
+        left = self._to_goal(state) if self.variant == "goal" else (0.12 - cube[:, 2]).clamp(min=0.0)
+        speed = torch.linalg.vector_norm(robot.joint_vel[:, :7], dim=-1)
+        reached_place, still = 1.0 - torch.tanh(5.0 * torch.stack((reach, left))), 1.0 - torch.tanh(5.0 * speed)
+        placed = left <= GOAL_TOLERANCE_M
+        shaped = reached_place[0] + grasped * (1.0 + reached_place[1]) + placed * still
+        return torch.where(self.success(state), 1.0, 0.2 * shaped)
+
+    def observe(self, state: State) -> Tensor:
+        """Returns cube pose, goal, end effector, and the way between them, (N, 19) or (N, 13)."""
+        robot, cube = state.robots[_ROBOT.name], state.objects["cube"]
+        parts = [cube.pos, cube.rot, robot.ee_pos, cube.pos - robot.ee_pos]
+        if self.variant == "goal":
+            goal = state.objects["goal"].pos
+            parts += [goal, goal - cube.pos]
+        return torch.cat(parts, dim=-1)
+
+    def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
+        cube = state.objects["cube"]
+        position = cube.pos[0].numpy()
+        yaw = grasp_yaw(float(yaw_of(cube.rot[0].numpy())))
+        if self.variant == "goal":
+            target = state.objects["goal"].pos[0].numpy()
+        else:
+            target = position + (0.0, 0.0, LIFT_HEIGHT_M + 0.05)
+        above = position + (*rng.normal(0.0, 0.012, 2), rng.uniform(0.07, 0.11))
+        pace = rng.uniform(0.9, 1.15)
+        carry = pace * (0.35 + 1.6 * float(np.linalg.norm(target - position)))
+        return [
+            Waypoint(pos=above, yaw=yaw, gripper=GRASP_OPEN_M, duration_s=0.8 * pace),
+            Waypoint(pos=position, yaw=yaw, gripper=GRASP_OPEN_M, duration_s=0.4 * pace, hold_s=0.1),
+            Waypoint(pos=position, yaw=yaw, gripper=GRASP_CLOSED_M, duration_s=0.25),
+            Waypoint(pos=target, yaw=yaw, gripper=GRASP_CLOSED_M, duration_s=carry, hold_s=1.0),
+        ]
+
+    def _to_goal(self, state: State) -> Tensor:
+        return torch.linalg.vector_norm(state.objects["cube"].pos - state.objects["goal"].pos, dim=-1)
+
+
+def _grasped(robot: EntityState, reach: Tensor) -> Tensor:
+    """Returns whether the cube is between closed fingers, (N,): near, and keeping them apart."""
+    gap = robot.joint_pos[:, 7:].sum(-1)
+    closing = robot.joint_target[:, 7:].sum(-1) < gap - 0.005
+    return (reach < CUBE_HALF_SIZE_M) & closing & (gap > 1.5 * CUBE_HALF_SIZE_M)
+
+
+def _at_rest(pos: np.ndarray, rot: np.ndarray) -> EntityState:
+    count = len(pos)
+    none = torch.zeros((count, 0), dtype=torch.float64)
+    return EntityState(
+        pos=torch.from_numpy(np.asarray(pos, np.float64)),
+        rot=torch.from_numpy(np.asarray(rot, np.float64)),
+        lin_vel=torch.zeros((count, 3), dtype=torch.float64),
+        ang_vel=torch.zeros((count, 3), dtype=torch.float64),
+        joint_pos=none,
+        joint_vel=none,
+    )

@@ -1,0 +1,342 @@
+"""N environments of one task, stepped together: a handler, a task and a randomizer."""
+
+import dataclasses
+import hashlib
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, NamedTuple
+
+import gymnasium
+import numpy as np
+import torch
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+
+from envs.errors import ConfigError, unknown_name
+from envs.handlers import HANDLERS
+from envs.observations import LazyPixels
+from envs.randomization import MaterialLibrary, Randomizer, channel_rng, channels_of, load_split
+from envs.state import State
+from envs.tasks import TASKS
+
+OBSERVATIONS = ("pixels", "state")
+
+
+class StepResult(NamedTuple):
+    """What a control step did to n environments; each array is (n,)."""
+
+    reward: np.ndarray
+    terminated: np.ndarray
+    truncated: np.ndarray
+    success: np.ndarray
+
+
+class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
+    """A Gymnasium vector env, and what collection and evaluation need beside it.
+
+    An episode is an index into the task's pool: object poses, looks and instruction follow from it and
+    from ``protocol_seed``, whatever ``num_envs`` is. Success ends an episode (``terminated``), the
+    task's horizon cuts it off (``truncated``).
+
+    Args:
+        task: Name of a task.
+        num_envs: Number of environments.
+        split: ``"train"`` or ``"test"``: which episodes.
+        level: Level of randomization, 0 to 3.
+        only: One channel to vary instead of a level.
+        simulator: Name of a simulator.
+        renderer: Name of a renderer.
+        observation: ``"pixels"`` (cameras and joint positions) or ``"state"`` (joints and objects).
+        image_size: Height and width of every camera, or None for the scenario's.
+        protocol_seed: Seeds every draw.
+        materials: Folder of pictures that replace the built-in materials, or None.
+        num_threads: Threads of the simulator; 0 means one per core.
+        autoreset_mode: Gymnasium's: what ``step`` does with an environment whose episode is over.
+        task_kwargs: Options of the task.
+    """
+
+    def __init__(
+        self,
+        task: str,
+        num_envs: int = 1,
+        *,
+        split: Literal["train", "test"],
+        level: int | str = 0,
+        only: str | None = None,
+        simulator: str = "mujoco",
+        renderer: str = "warp",
+        observation: Literal["pixels", "state"] = "pixels",
+        image_size: int | None = None,
+        protocol_seed: int = 0,
+        materials: str | None = None,
+        num_threads: int = 0,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        task_kwargs: Mapping[str, Any] | None = None,
+    ) -> None:
+        if num_envs < 1:
+            raise ConfigError(f"num_envs must be at least 1, given {num_envs}.")
+        if observation not in OBSERVATIONS:
+            raise unknown_name("observation", str(observation), OBSERVATIONS)
+        self.task = TASKS.get(task)(**(task_kwargs or {}))
+        self.num_envs, self.observation = num_envs, observation
+        self.simulator, self.renderer = simulator, renderer
+        self.channels, self.protocol_seed = channels_of(level, only), protocol_seed
+        scenario = self.task.scenario
+        if image_size is not None:
+            cameras = (dataclasses.replace(c, width=image_size, height=image_size) for c in scenario.cameras)
+            scenario = dataclasses.replace(scenario, cameras=tuple(cameras))
+        library = MaterialLibrary.built_in() if materials is None else MaterialLibrary.from_folder(materials)
+        self.split = load_split(split, library)
+        self.randomizer = Randomizer(
+            scenario.appearance,
+            scenario.cameras,
+            channels=self.channels,
+            split=self.split,
+            seed=protocol_seed,
+            library=library,
+        )
+        self.handler = HANDLERS.get(simulator)(
+            scenario, num_envs, renderer=renderer, num_threads=num_threads, textures=library.texture
+        )
+        self.handler.launch()
+        self.scenario = scenario
+        self._robot = scenario.robots[0]
+        self._substeps = scenario.physics.decimation
+        self._every = np.arange(num_envs)
+        self.episodes = np.full(num_envs, -1)
+        self.elapsed_steps = np.zeros(num_envs, np.int64)
+        self._instructions = [self.task.description] * num_envs
+        self._hashes = [""] * num_envs
+        self._over = np.zeros(num_envs, bool)
+        self._rngs = [np.random.default_rng(i) for i in range(num_envs)]
+        self._make_spaces(AutoresetMode(autoreset_mode))
+
+    def _make_spaces(self, autoreset_mode: AutoresetMode) -> None:
+        box = gymnasium.spaces.Box
+        low, high = np.array([joint.range for joint in self._robot.joints], np.float32).T
+        self.single_action_space = box(low, high, dtype=np.float32)
+        spaces: dict[str, gymnasium.Space] = {"agent_pos": box(-np.inf, np.inf, low.shape, np.float32)}
+        if self.observation == "pixels":
+            spaces["pixels"] = gymnasium.spaces.Dict(
+                {c.name: box(0, 255, (c.height, c.width, 3), np.uint8) for c in self.scenario.cameras}
+            )
+        else:
+            self.reset_envs(self._every[:1], self.split_indices[:1])
+            size = self.task.observe(self.handler.get_states([0])).shape[-1]
+            spaces["environment_state"] = box(-np.inf, np.inf, (size,), np.float32)
+        self.single_observation_space = gymnasium.spaces.Dict(spaces)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.metadata = {
+            "render_modes": ["rgb_array"],
+            "render_fps": round(self.control_hz),
+            "autoreset_mode": autoreset_mode,
+        }
+        self.render_mode = "rgb_array"
+        self._autoreset = autoreset_mode
+
+    # -- what every caller may ask ------------------------------------------------------------------
+
+    @property
+    def control_hz(self) -> float:
+        """Control steps per second."""
+        return self.scenario.physics.control_hz
+
+    @property
+    def split_indices(self) -> np.ndarray:
+        """Episodes of this env's split, in their frozen order."""
+        return self.split.episodes
+
+    @property
+    def not_shown(self) -> tuple[str, ...]:
+        """Properties of the looks that the renderer cannot show."""
+        return self.handler.not_shown
+
+    @property
+    def camera_names(self) -> tuple[str, ...]:
+        """Names of the cameras."""
+        return tuple(camera.name for camera in self.scenario.cameras)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the robot's joints: of the entries of an action, and of ``observation.state``."""
+        return self._robot.joint_names
+
+    def initial_state_hash(self, env_id: int) -> str:
+        """Returns the first 16 hex digits of the SHA-256 of how the present episode began and looks."""
+        return self._hashes[env_id]
+
+    def instruction(self, env_id: int) -> str:
+        """Returns the instruction of the present episode."""
+        return self._instructions[env_id]
+
+    def draws(self, env_id: int) -> dict[str, Any]:
+        """Returns what the channels drew for the present episode, as JSON values."""
+        return self.randomizer.draws(int(self.episodes[env_id]))
+
+    # -- episodes by index --------------------------------------------------------------------------
+
+    def reset_envs(self, env_ids: Sequence[int] | np.ndarray, episodes: Sequence[int] | np.ndarray) -> None:
+        """Starts these episodes, one per environment.
+
+        Raises:
+            ConfigError: if an episode is not of this env's split.
+        """
+        env_ids, episodes = np.asarray(env_ids), np.asarray(episodes)
+        looks = [self.randomizer.appearance(int(episode)) for episode in episodes]
+        rngs = [channel_rng(self.protocol_seed, "task", int(episode)) for episode in episodes]
+        states = self.task.initial_state(rngs)
+        order = np.argsort(env_ids)
+        self.handler.set_states(states.select(order), env_ids[order])
+        for row, (env_id, episode) in enumerate(zip(env_ids.tolist(), episodes.tolist(), strict=True)):
+            self.handler.set_appearance(looks[row], env_id)
+            words = channel_rng(self.protocol_seed, "instruction", episode)
+            self._instructions[env_id] = self.task.instruction(words)
+            self._hashes[env_id] = _digest(states.select([row]), looks[row])
+        self.episodes[env_ids] = episodes
+        self.elapsed_steps[env_ids] = 0
+        self._over[env_ids] = False
+
+    def step_envs(self, env_ids: Sequence[int] | np.ndarray, actions: np.ndarray) -> StepResult:
+        """Steps these environments by one control step; ``actions`` (n, J) are joint targets."""
+        order = np.argsort(env_ids)
+        result = self._advance(np.asarray(env_ids)[order], np.asarray(actions)[order])
+        back = np.argsort(order)
+        return StepResult(*(values[back] for values in result))
+
+    def observe(self, env_ids: Sequence[int] | np.ndarray | None = None) -> dict[str, np.ndarray]:
+        """Returns LeRobot's observation of these environments now; pictures are drawn here.
+
+        Returns:
+            ``observation.state`` (n, J) float32, and ``observation.images.<camera>`` (n, H, W, 3) uint8
+            or ``observation.environment_state`` (n, D) float32.
+        """
+        ids = self._every if env_ids is None else np.asarray(env_ids)
+        order = np.argsort(ids)
+        back, ids = np.argsort(order), ids[order]
+        states = self.handler.get_states(ids)
+        out = {"observation.state": self._agent_pos(states)[back]}
+        if self.observation == "pixels":
+            for camera, pictures in self.handler.render(None, ("rgb",), ids).items():
+                out[f"observation.images.{camera}"] = pictures["rgb"][back]
+        else:
+            out["observation.environment_state"] = self.task.observe(states).numpy().astype(np.float32)[back]
+        return out
+
+    def get_states(self, env_ids: Sequence[int] | np.ndarray | None = None) -> State:
+        """Returns the state of these environments."""
+        return self.handler.get_states(env_ids)
+
+    def _advance(self, env_ids: np.ndarray | None, actions: np.ndarray) -> StepResult:
+        self.handler.set_joint_targets({self._robot.name: actions}, env_ids)
+        self.handler.step(self._substeps, env_ids)
+        self._states = states = self.handler.get_states(env_ids)
+        rows = slice(None) if env_ids is None else env_ids
+        self.elapsed_steps[rows] += 1
+        success = self.task.success(states).numpy()
+        reward = self.task.reward(states).numpy()
+        truncated = (self.elapsed_steps[rows] >= self.task.max_episode_steps) & ~success
+        return StepResult(reward, success, truncated, success)
+
+    # -- Gymnasium ----------------------------------------------------------------------------------
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Starts new episodes.
+
+        Args:
+            seed: Environment i gets seed + i (or the i-th of a list); equal seeds give equal episodes.
+            options: ``episodes``: the episode of each environment to reset; ``reset_mask`` (N,) bool:
+                which environments to reset (all of them by default).
+        """
+        options = options or {}
+        ids = np.flatnonzero(options.get("reset_mask", np.ones(self.num_envs, bool)))
+        if seed is not None:
+            seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else list(seed)
+            for env_id, value in enumerate(seeds):
+                if value is not None:
+                    self._rngs[env_id] = np.random.default_rng(value)
+        episodes = options.get("episodes")
+        if episodes is None:
+            episodes = [self._rngs[env_id].choice(self.split_indices) for env_id in ids]
+        self.reset_envs(ids, np.asarray(episodes))
+        success = np.zeros(self.num_envs, bool)
+        return self._gym_observation(self.handler.get_states()), self._info(success)
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[dict[str, Any], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Steps every environment; ``actions`` (N, J) are joint position targets, rad and m."""
+        begin = self._over.nonzero()[0] if self._autoreset == AutoresetMode.NEXT_STEP else ()
+        result = self._advance(None, actions)
+        info = self._info(result.success)
+        if len(begin):
+            self._restart(begin)
+            result = StepResult(*(np.where(np.isin(self._every, begin), 0, v).astype(v.dtype) for v in result))
+            info = self._info(result.success)
+            self._states = self.handler.get_states()
+        self._over = result.terminated | result.truncated
+        observation = self._gym_observation(self._states)
+        if self._autoreset == AutoresetMode.SAME_STEP and self._over.any():
+            info |= {"final_obs": self._rows_of(observation), "final_info": dict(info)}
+            info |= {"_final_obs": self._over.copy(), "_final_info": self._over.copy()}
+            self._restart(self._over.nonzero()[0])
+            observation = self._gym_observation(self.handler.get_states())
+        return observation, result.reward, result.terminated, result.truncated, info
+
+    def _restart(self, env_ids: np.ndarray) -> None:
+        self.reset_envs(env_ids, [self._rngs[env_id].choice(self.split_indices) for env_id in env_ids])
+
+    def _rows_of(self, observation: dict[str, Any]) -> np.ndarray:
+        rows = np.full(self.num_envs, None, dtype=object)
+        for env_id in self._over.nonzero()[0]:
+            rows[env_id] = row_of(observation, int(env_id))
+        return rows
+
+    def _gym_observation(self, states: State) -> dict[str, Any]:
+        observation: dict[str, Any] = {"agent_pos": self._agent_pos(states)}
+        if self.observation == "state":
+            observation["environment_state"] = self.task.observe(states).numpy().astype(np.float32)
+            return observation
+        jobs = self.handler.snapshot()
+
+        def draw() -> dict[str, np.ndarray]:
+            return {name: kinds["rgb"] for name, kinds in self.handler.render_jobs(jobs).items()}
+
+        observation["pixels"] = LazyPixels(self.camera_names, draw)
+        return observation
+
+    def _agent_pos(self, states: State) -> np.ndarray:
+        return states.robots[self._robot.name].joint_pos.numpy().astype(np.float32)
+
+    def _info(self, success: np.ndarray) -> dict[str, Any]:
+        present = np.ones(self.num_envs, bool)
+        return {"is_success": success.copy(), "_is_success": present}
+
+    def render(self) -> tuple[np.ndarray, ...]:
+        """Returns the first camera's picture of every environment, each (H, W, 3) uint8."""
+        return tuple(self.handler.render(self.camera_names[:1])[self.camera_names[0]]["rgb"])
+
+    def close_extras(self, **_: Any) -> None:
+        """Frees the simulator."""
+        self.handler.close()
+
+
+def row_of(observation: Mapping[str, Any], env_id: int) -> dict[str, Any]:
+    """Returns one environment's part of a batched observation; pictures stay undrawn."""
+    out: dict[str, Any] = {}
+    for key, value in observation.items():
+        if isinstance(value, LazyPixels):
+            out[key] = LazyPixels(value, lambda pixels=value: {c: p[env_id] for c, p in pixels.items()})
+        else:
+            out[key] = value[env_id]
+    return out
+
+
+def _digest(state: State, appearance: Any) -> str:
+    sha = hashlib.sha256()
+    for key, value in sorted(state.flatten().items()):
+        sha.update(key.encode())
+        sha.update(np.ascontiguousarray(torch.as_tensor(value).numpy()).tobytes())
+    sha.update(repr(appearance).encode())
+    return sha.hexdigest()[:16]

@@ -1,0 +1,142 @@
+"""Policies: LeRobot's ACT and Diffusion Policy behind one interface, and scripted baselines.
+
+Nothing heavy is imported before a policy is made or loaded.
+"""
+
+import difflib
+import importlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from policies.base import Policy, PolicyError
+
+if TYPE_CHECKING:
+    from policies.lerobot_policy import LeRobotPolicy
+
+__all__ = ["Policy", "PolicyError", "config_class", "create", "load", "names", "scripted_names", "summary"]
+
+
+@dataclass(frozen=True, slots=True)
+class _Entry:
+    """Where a learned policy is, as ``"module:Class"``, and one line about it."""
+
+    config: str
+    policy: str
+    summary: str
+
+
+_LEARNED = {
+    "act": _Entry(
+        "policies.act.config:ActConfig",
+        "policies.act.policy:ActPolicy",
+        "Action Chunking Transformer (arXiv:2304.13705)",
+    ),
+    "diffusion": _Entry(
+        "policies.diffusion.config:DiffusionConfig",
+        "policies.diffusion.policy:DiffusionPolicy",
+        "Diffusion Policy with a ResNet18 and a 1D U-Net (arXiv:2303.04137)",
+    ),
+}
+_SCRIPTED = {
+    "zero": "every action is zero",
+    "random": "uniform actions within the limits of the robot",
+    "hold": "the joint positions of the observation, so that the robot stays",
+}
+
+
+def names() -> list[str]:
+    """Returns the policies that can be trained."""
+    return sorted(_LEARNED)
+
+
+def scripted_names() -> list[str]:
+    """Returns the policies that need no training; see :mod:`policies.scripted`."""
+    return sorted(_SCRIPTED)
+
+
+def summary(name: str) -> str:
+    """Returns one line about a learned or scripted policy."""
+    return _SCRIPTED[name] if name in _SCRIPTED else _entry(name).summary
+
+
+def config_class(name: str) -> type:
+    """Returns the frozen dataclass of the settings of policy ``name``, without importing torch.
+
+    Raises:
+        PolicyError: if there is no such policy.
+    """
+    return _resolve(_entry(name).config)
+
+
+def policy_class(name: str) -> "type[LeRobotPolicy]":
+    """Returns the class of policy ``name``.
+
+    Raises:
+        PolicyError: if there is no such policy.
+    """
+    return _resolve(_entry(name).policy)
+
+
+def create(
+    name: str,
+    features: Mapping[str, Any],
+    stats: Mapping[str, Mapping[str, Any]],
+    config: Any = None,
+    device: str = "cpu",
+    seed: int = 0,
+) -> "LeRobotPolicy":
+    """Makes an untrained policy for a dataset.
+
+    Args:
+        name: Registered name.
+        features: Features of a LeRobotDataset: per key ``dtype``, ``shape`` and ``names``.
+        stats: Statistics of a LeRobotDataset: per key ``mean``, ``std``, ``min`` and ``max``.
+        config: Instance of :func:`config_class`; None takes its defaults.
+        device: Torch device.
+        seed: Seed of the first weights.
+
+    Raises:
+        PolicyError: if there is no such policy, or the configuration does not fit the features.
+    """
+    config = config_class(name)() if config is None else config
+    if not isinstance(config, config_class(name)):
+        raise PolicyError(
+            f"Policy '{name}' takes a {config_class(name).__name__}, given a {type(config).__name__}."
+        )
+    import torch
+
+    cls = policy_class(name)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        return cls.create(features, stats, config, device)
+
+
+def load(directory: str | Path, device: str = "cpu") -> Policy:
+    """Loads the policy of a checkpoint, whichever it is.
+
+    Args:
+        directory: A LeRobot pretrained folder, or a run or checkpoint folder that holds one.
+        device: Torch device.
+
+    Raises:
+        PolicyError: if the checkpoint is incomplete, damaged, or of a policy that is not registered.
+    """
+    from policies.checkpoint import policy_type, resolve
+
+    directory = resolve(directory)
+    return policy_class(policy_type(directory)).load(directory, device)
+
+
+def _entry(name: str) -> _Entry:
+    if name not in _LEARNED:
+        close = difflib.get_close_matches(str(name).lower(), _LEARNED, n=1)
+        hint = f" Did you mean '{close[0]}'?" if close else ""
+        raise PolicyError(f"Unknown policy '{name}'.{hint} Valid: {', '.join(names())}.")
+    return _LEARNED[name]
+
+
+def _resolve(target: str) -> Any:
+    module, _, attribute = target.partition(":")
+    return getattr(importlib.import_module(module), attribute)

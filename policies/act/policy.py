@@ -1,0 +1,108 @@
+"""The Action Chunking Transformer of LeRobot."""
+
+from typing import Any
+
+import torch
+from lerobot.configs import PreTrainedConfig
+from lerobot.policies.act.configuration_act import ACTConfig
+from lerobot.policies.act.modeling_act import ACTPolicy
+from lerobot.policies.act.processor_act import make_act_pre_post_processors
+from torch import Tensor, nn
+from torchvision.ops.misc import FrozenBatchNorm2d
+
+from policies.act.config import ActConfig
+from policies.lerobot_policy import Features, LeRobotPolicy, Processors
+
+# Running statistics average over about 50 batches, so that the frozen ones are not those of a few images.
+_NORM_MOMENTUM = 0.02
+
+
+class ActPolicy(LeRobotPolicy):
+    """Action Chunking Transformer, arXiv:2304.13705.
+
+    LeRobot's backbone has frozen batch normalization, as the original, which starts from ImageNet
+    weights. From random weights that is no normalization at all, and the backbone learns slowly. So it
+    is trained with batch normalization, whose tensors have the same names and the same meaning: what
+    is saved is a plain LeRobot checkpoint that acts as the trained network does.
+    """
+
+    name = "act"
+    model_class = ACTPolicy
+    _train_batch_norm = False
+
+    @classmethod
+    def lerobot_config(
+        cls, config: ActConfig, inputs: Features, outputs: Features, device: str
+    ) -> PreTrainedConfig:
+        """Returns LeRobot's configuration."""
+        return ACTConfig(
+            device=device,
+            input_features=inputs,
+            output_features=outputs,
+            push_to_hub=False,
+            chunk_size=config.chunk_size,
+            n_action_steps=config.n_action_steps,
+            dim_model=config.dim_model,
+            n_heads=config.n_heads,
+            dim_feedforward=config.dim_feedforward,
+            n_encoder_layers=config.n_encoder_layers,
+            n_decoder_layers=config.n_decoder_layers,
+            use_vae=config.use_vae,
+            n_vae_encoder_layers=config.n_vae_encoder_layers,
+            latent_dim=config.latent_dim,
+            kl_weight=config.kl_weight,
+            dropout=config.dropout,
+            vision_backbone=config.vision_backbone,
+            pretrained_backbone_weights=config.pretrained_backbone_weights,
+        )
+
+    @classmethod
+    def lerobot_processors(cls, config: PreTrainedConfig, stats: dict[str, dict[str, Tensor]]) -> Processors:
+        """Returns LeRobot's processors."""
+        return make_act_pre_post_processors(config, dataset_stats=stats)
+
+    @classmethod
+    def create(cls, features: Any, stats: Any, config: ActConfig, device: str) -> "ActPolicy":
+        """Makes an untrained policy; see :func:`policies.create`."""
+        policy = super().create(features, stats, config, device)
+        norm = config.backbone_norm
+        policy._train_batch_norm = norm == "batch" or (
+            norm == "auto" and config.pretrained_backbone_weights is None
+        )
+        return policy
+
+    def begin_training(self) -> None:
+        """Readies the model for gradient steps."""
+        if self._train_batch_norm:
+            _replace(self.model, FrozenBatchNorm2d, _batch_norm)
+        super().begin_training()
+
+    def end_training(self) -> None:
+        """Freezes the normalization of the backbone, as LeRobot has it."""
+        _replace(self.model, nn.BatchNorm2d, _frozen_batch_norm)
+        super().end_training()
+
+    def compile(self) -> None:
+        """Compiles the network; the loss around it synchronizes with the host and stays as it is."""
+        self.model.model.compile()
+
+
+def _replace(module: nn.Module, old: type[nn.Module], make: Any) -> None:
+    """Replaces every ``old`` module below ``module`` by ``make`` of it."""
+    for name, child in module.named_children():
+        if isinstance(child, old):
+            setattr(module, name, make(child))
+        else:
+            _replace(child, old, make)
+
+
+def _batch_norm(frozen: FrozenBatchNorm2d) -> nn.BatchNorm2d:
+    norm = nn.BatchNorm2d(frozen.weight.numel(), eps=frozen.eps, momentum=_NORM_MOMENTUM)
+    norm.load_state_dict(frozen.state_dict(), strict=False)
+    return norm.to(frozen.weight.device)
+
+
+def _frozen_batch_norm(norm: nn.BatchNorm2d) -> FrozenBatchNorm2d:
+    frozen = FrozenBatchNorm2d(norm.num_features, eps=norm.eps)
+    frozen.load_state_dict({key: torch.clone(value) for key, value in norm.state_dict().items()})
+    return frozen.to(norm.weight.device)

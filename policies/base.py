@@ -1,0 +1,66 @@
+"""What every policy is, to whoever runs or saves it."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+if TYPE_CHECKING:
+    import numpy as np
+    import torch
+
+type Observation = Mapping[str, "np.ndarray"]
+
+
+class PolicyError(ValueError):
+    """A policy that was configured, loaded or called wrongly; the message says how to mend it."""
+
+
+@runtime_checkable
+class Policy(Protocol):
+    """A function from observations to a chunk of actions.
+
+    A policy keeps nothing between calls: whoever runs it holds the last ``n_obs_steps`` observations
+    and executes the ``n_action_steps`` actions of a chunk before asking again.
+
+    Attributes:
+        n_obs_steps: Observations, the newest last, that one call looks at.
+        n_action_steps: Actions that one call returns.
+        batch_invariant: Whether the actions of a sample are the same to the bit, whatever other samples
+            it is called with.
+    """
+
+    n_obs_steps: int
+    n_action_steps: int
+    batch_invariant: bool
+
+    def act(
+        self, observation: Observation, generators: "Sequence[torch.Generator] | None" = None
+    ) -> "np.ndarray":
+        """Chooses the next actions of ``n`` environments.
+
+        Args:
+            observation: ``observation.state`` (n, state_dim) float32 and ``observation.images.<camera>``
+                (n, H, W, 3) uint8; with ``n_obs_steps`` above 1 each has a time axis after the first.
+            generators: One CPU generator per environment, the source of all noise of that environment's
+                sample. A policy that draws nothing ignores them.
+
+        Returns:
+            Actions (n, n_action_steps, action_dim), float32.
+
+        Raises:
+            PolicyError: if a key is absent or an array has another shape than the policy was made for.
+        """
+        ...
+
+    def save(self, directory: str | Path) -> None:
+        """Writes a checkpoint folder: all of it, or nothing."""
+        ...
+
+    @classmethod
+    def load(cls, directory: str | Path, device: str = "cpu") -> "Policy":
+        """Reads a checkpoint folder.
+
+        Raises:
+            PolicyError: if a file is absent, damaged, or of another kind of policy.
+        """
+        ...

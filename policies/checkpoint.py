@@ -1,0 +1,112 @@
+"""Reading a LeRobot pretrained folder: only JSON and safetensors, checked before anything is built."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from policies.base import PolicyError
+
+CONFIG = "config.json"
+WEIGHTS = "model.safetensors"
+PREPROCESSOR = "policy_preprocessor.json"
+POSTPROCESSOR = "policy_postprocessor.json"
+
+# A pipeline file may name any importable class; these steps are all that ACT and Diffusion Policy use.
+ALLOWED_STEPS = frozenset(
+    {
+        "device_processor",
+        "normalizer_processor",
+        "rename_observations_processor",
+        "to_batch_processor",
+        "unnormalizer_processor",
+    }
+)
+_ADVICE = (
+    "A checkpoint is a folder with config.json, model.safetensors, policy_preprocessor.json and "
+    "policy_postprocessor.json, such as <run>/checkpoints/last/pretrained_model. "
+    "Name another checkpoint, or train again."
+)
+
+
+def resolve(directory: str | Path) -> Path:
+    """Returns the pretrained folder that ``directory`` is or holds.
+
+    Args:
+        directory: A pretrained folder, a checkpoint of a run, or a run, whose last checkpoint counts.
+
+    Raises:
+        PolicyError: if there is no such folder, or no checkpoint in it.
+    """
+    directory = Path(directory)
+    if not directory.is_dir():
+        what = "is a file" if directory.exists() else "does not exist"
+        raise PolicyError(f"Checkpoint '{directory}' {what}. {_ADVICE}")
+    for inner in ("", "pretrained_model", "checkpoints/last/pretrained_model"):
+        if (directory / inner / CONFIG).is_file():
+            return directory / inner
+    raise PolicyError(f"Checkpoint '{directory}' has no {CONFIG}. {_ADVICE}")
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Reads a JSON object of a checkpoint.
+
+    Raises:
+        PolicyError: if the file is absent or holds something else.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise PolicyError(f"Checkpoint '{path.parent}' has no {path.name}. {_ADVICE}") from None
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise PolicyError(f"'{path}' is not valid JSON ({error}). {_ADVICE}") from None
+    if not isinstance(content, dict):
+        raise PolicyError(f"'{path}' must hold a JSON object, not a {type(content).__name__}. {_ADVICE}")
+    return content
+
+
+def policy_type(directory: Path) -> str:
+    """Returns the registered name of the policy in a pretrained folder."""
+    name = read_json(directory / CONFIG).get("type")
+    if not isinstance(name, str):
+        raise PolicyError(f"'{directory / CONFIG}' does not say which policy it is (key 'type'). {_ADVICE}")
+    return name
+
+
+def read_weights(path: Path) -> dict[str, Any]:
+    """Reads the tensors of a safetensors file to the CPU.
+
+    Raises:
+        PolicyError: if the file is absent, truncated or of another format.
+    """
+    from safetensors import SafetensorError
+    from safetensors.torch import load_file
+
+    if not path.is_file():
+        raise PolicyError(f"Checkpoint '{path.parent}' has no {path.name}. {_ADVICE}")
+    try:
+        return load_file(path)
+    except (SafetensorError, ValueError) as error:
+        size = path.stat().st_size
+        raise PolicyError(
+            f"'{path}' ({size} bytes) is truncated or not a safetensors file ({error}). {_ADVICE}"
+        ) from None
+
+
+def check_pipeline(path: Path) -> None:
+    """Checks that a pipeline file has only steps that are allowed, and that their tensors can be read.
+
+    Raises:
+        PolicyError: if not.
+    """
+    steps = read_json(path).get("steps")
+    if not isinstance(steps, list) or not all(isinstance(step, dict) for step in steps):
+        raise PolicyError(f"'{path}' must hold a list 'steps'. {_ADVICE}")
+    for step in steps:
+        name = step.get("registry_name", step.get("class"))
+        if name not in ALLOWED_STEPS or "class" in step:
+            raise PolicyError(
+                f"'{path}' has the step '{name}', which is not loaded. "
+                f"Valid: {', '.join(sorted(ALLOWED_STEPS))}. {_ADVICE}"
+            )
+        if "state_file" in step:
+            read_weights(path.parent / str(step["state_file"]))

@@ -1,0 +1,77 @@
+"""Settings of Diffusion Policy."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from policies.base import PolicyError
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DiffusionConfig:
+    """Diffusion Policy, arXiv:2303.04137, with the convolutional network.
+
+    The defaults are those of RoboVerse (arXiv:2504.18904 and its code): a ResNet18 and a U-Net of
+    (256, 512, 1024) channels, three observations, eight predicted and four executed actions.
+
+    Attributes:
+        n_obs_steps: Observations, the newest last, that the network is given.
+        horizon: Actions that are denoised together, beginning with that of the oldest observation; a
+            multiple of ``2 ** len(down_dims)``.
+        n_action_steps: Actions that are executed before the next denoising.
+        down_dims: Channels of the stages of the U-Net.
+        kernel_size: Kernel of its convolutions.
+        diffusion_step_embed_dim: Size of the embedding of the diffusion step.
+        spatial_softmax_num_keypoints: Image points that the encoder returns.
+        vision_backbone: A ResNet of torchvision, with group normalization if it starts at random.
+        pretrained_backbone_weights: Name of torchvision weights, such as
+            ``ResNet18_Weights.IMAGENET1K_V1``, which are downloaded; None starts at random.
+        crop_ratio: Side of the random crop (the central one when acting), relative to the image; 1
+            crops nothing.
+        noise_scheduler_type: ``DDPM``, or ``DDIM``, which can act with few steps.
+        num_train_timesteps: Diffusion steps of training.
+        num_inference_steps: Denoising steps when acting; None takes ``num_train_timesteps``.
+        prediction_type: What the network predicts, the noise (``epsilon``) or the actions (``sample``).
+        image_stats: See :class:`policies.act.config.ActConfig`.
+    """
+
+    n_obs_steps: int = 3
+    horizon: int = 8
+    n_action_steps: int = 4
+    down_dims: tuple[int, ...] = (256, 512, 1024)
+    kernel_size: int = 5
+    diffusion_step_embed_dim: int = 128
+    spatial_softmax_num_keypoints: int = 32
+    vision_backbone: Literal["resnet18", "resnet34", "resnet50"] = "resnet18"
+    pretrained_backbone_weights: str | None = None
+    crop_ratio: float = 1.0
+    noise_scheduler_type: Literal["DDPM", "DDIM"] = "DDPM"
+    num_train_timesteps: int = 100
+    num_inference_steps: int | None = None
+    prediction_type: Literal["epsilon", "sample"] = "epsilon"
+    image_stats: Literal["auto", "dataset", "imagenet", "half"] = "auto"
+
+    def __post_init__(self) -> None:
+        factor = 2 ** len(self.down_dims)
+        if self.horizon <= 0 or self.horizon % factor:
+            near = max(1, round(self.horizon / factor)) * factor
+            raise PolicyError(
+                f"policy.horizon={self.horizon} must be a multiple of {factor}, because the U-Net of "
+                f"policy.down_dims={tuple(self.down_dims)} halves it {len(self.down_dims)} times; take {near}."
+            )
+        longest = self.horizon - self.n_obs_steps + 1
+        if not 1 <= self.n_action_steps <= longest:
+            raise PolicyError(
+                f"policy.n_action_steps={self.n_action_steps} must be from 1 to {longest}: of the "
+                f"{self.horizon} predicted actions, policy.n_obs_steps - 1 = {self.n_obs_steps - 1} are past."
+            )
+        if self.n_obs_steps < 1:
+            raise PolicyError(f"policy.n_obs_steps must be at least 1, given {self.n_obs_steps}.")
+        if any(dim % 8 or dim <= 0 for dim in self.down_dims):
+            raise PolicyError(f"policy.down_dims must be multiples of 8, given {tuple(self.down_dims)}.")
+        if not 1 <= (self.num_inference_steps or self.num_train_timesteps) <= self.num_train_timesteps:
+            raise PolicyError(
+                f"policy.num_inference_steps={self.num_inference_steps} must be from 1 to "
+                f"policy.num_train_timesteps={self.num_train_timesteps}."
+            )
+        if not 0.0 < self.crop_ratio <= 1.0:
+            raise PolicyError(f"policy.crop_ratio must be above 0 and at most 1, given {self.crop_ratio}.")

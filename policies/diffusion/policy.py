@@ -1,0 +1,87 @@
+"""The Diffusion Policy of LeRobot."""
+
+from collections.abc import Sequence
+
+import torch
+from lerobot.configs import PreTrainedConfig
+from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig as LeRobotDiffusionConfig
+from lerobot.policies.diffusion.modeling_diffusion import DiffusionPolicy as LeRobotDiffusionPolicy
+from lerobot.policies.diffusion.processor_diffusion import make_diffusion_pre_post_processors
+from lerobot.utils.constants import OBS_IMAGES
+from torch import Tensor
+
+from policies.diffusion.config import DiffusionConfig
+from policies.lerobot_policy import Features, LeRobotPolicy, Processors
+
+
+class DiffusionPolicy(LeRobotPolicy):
+    """Diffusion Policy, arXiv:2303.04137."""
+
+    name = "diffusion"
+    model_class = LeRobotDiffusionPolicy
+    default_ema = True
+
+    @classmethod
+    def lerobot_config(
+        cls, config: DiffusionConfig, inputs: Features, outputs: Features, device: str
+    ) -> PreTrainedConfig:
+        """Returns LeRobot's configuration."""
+        image = next((feature.shape for feature in inputs.values() if len(feature.shape) == 3), None)
+        crops = image is not None and config.crop_ratio < 1.0
+        return LeRobotDiffusionConfig(
+            device=device,
+            input_features=inputs,
+            output_features=outputs,
+            push_to_hub=False,
+            n_obs_steps=config.n_obs_steps,
+            horizon=config.horizon,
+            n_action_steps=config.n_action_steps,
+            drop_n_last_frames=max(0, config.horizon - config.n_action_steps - config.n_obs_steps + 1),
+            down_dims=tuple(config.down_dims),
+            kernel_size=config.kernel_size,
+            diffusion_step_embed_dim=config.diffusion_step_embed_dim,
+            spatial_softmax_num_keypoints=config.spatial_softmax_num_keypoints,
+            vision_backbone=config.vision_backbone,
+            pretrained_backbone_weights=config.pretrained_backbone_weights,
+            use_group_norm=config.pretrained_backbone_weights is None,
+            crop_shape=tuple(int(side * config.crop_ratio) for side in image[1:]) if crops else None,
+            noise_scheduler_type=config.noise_scheduler_type,
+            num_train_timesteps=config.num_train_timesteps,
+            num_inference_steps=config.num_inference_steps,
+            prediction_type=config.prediction_type,
+        )
+
+    @classmethod
+    def lerobot_processors(cls, config: PreTrainedConfig, stats: dict[str, dict[str, Tensor]]) -> Processors:
+        """Returns LeRobot's processors."""
+        return make_diffusion_pre_post_processors(config, dataset_stats=stats)
+
+    def predict(self, batch: dict[str, Tensor], generators: Sequence[torch.Generator] | None) -> Tensor:
+        """Denoises the actions; all noise, the first and that of every DDPM step, is the generators'."""
+        model, config = self.model.diffusion, self.model.config
+        if config.n_obs_steps == 1:  # callers give no time axis, the network wants one
+            batch = {key: batch[key].unsqueeze(1) for key in config.input_features}
+        if generators is None:
+            return self.model.predict_action_chunk(batch)
+        if config.image_features:
+            images = torch.stack([batch[key] for key in config.image_features], dim=-4)
+            batch = batch | {OBS_IMAGES: images}
+        shape = (1, config.horizon, config.action_feature.shape[0])
+        noise = torch.cat([torch.randn(shape, generator=generator) for generator in generators])
+        # generate_actions() has no generator argument, so its two steps are taken here.
+        sample = model.conditional_sample(
+            len(noise),
+            global_cond=model._prepare_global_conditioning(batch),
+            generator=list(generators),
+            noise=noise.to(self.device),
+        )
+        start = config.n_obs_steps - 1
+        return sample[:, start : start + config.n_action_steps]
+
+    def compile(self) -> None:
+        """Compiles the U-Net and the image encoders."""
+        self.model.diffusion.unet.compile()
+        encoder = getattr(self.model.diffusion, "rgb_encoder", None)
+        for module in encoder if isinstance(encoder, torch.nn.ModuleList) else (encoder,):
+            if module is not None:
+                module.compile()

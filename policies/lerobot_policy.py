@@ -1,0 +1,315 @@
+"""Any LeRobot policy, with its processors, behind the interface of :class:`policies.base.Policy`.
+
+Shapes: n environments or samples, T observations or actions in time, C, H, W an image.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import torch
+from lerobot.configs import FeatureType, PolicyFeature, PreTrainedConfig
+from lerobot.policies.pretrained import PreTrainedPolicy
+from lerobot.processor import PolicyProcessorPipeline
+from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
+from torch import Tensor
+
+from policies import checkpoint
+from policies.atomic import atomic_directory
+from policies.base import Observation, PolicyError
+from policies.normalization import policy_stats
+
+type Features = dict[str, PolicyFeature]
+type Processors = tuple[PolicyProcessorPipeline, PolicyProcessorPipeline]
+
+
+class LeRobotPolicy:
+    """A LeRobot model and the two pipelines that normalize its inputs and outputs.
+
+    Subclasses name the model and say how it is built; see ``policies/act`` and ``policies/diffusion``.
+
+    Attributes:
+        model: LeRobot's policy.
+        preprocessor: From observations (and actions) to the numbers that the model sees.
+        postprocessor: From the actions of the model to those of the robot.
+        default_ema: Whether training averages the weights unless told otherwise.
+        batch_invariant: Run the samples one by one. True on a CPU, where it costs little.
+    """
+
+    name: ClassVar[str]
+    model_class: ClassVar[type[PreTrainedPolicy]]
+    default_ema: ClassVar[bool] = False
+
+    def __init__(self, model: PreTrainedPolicy, processors: Processors) -> None:
+        self.model = model
+        self.preprocessor, self.postprocessor = processors
+        self.batch_invariant = self.device.type == "cpu"
+
+    @classmethod
+    def lerobot_config(cls, config: Any, inputs: Features, outputs: Features, device: str) -> PreTrainedConfig:
+        """Returns LeRobot's configuration of this policy."""
+        raise NotImplementedError
+
+    @classmethod
+    def lerobot_processors(cls, config: PreTrainedConfig, stats: dict[str, dict[str, Tensor]]) -> Processors:
+        """Returns LeRobot's processors of this policy."""
+        raise NotImplementedError
+
+    @classmethod
+    def create(
+        cls, features: Mapping[str, Any], stats: Mapping[str, Mapping[str, Any]], config: Any, device: str
+    ) -> Self:
+        """Makes an untrained policy; see :func:`policies.create`."""
+        inputs, outputs = policy_features(features)
+        try:
+            model = cls.model_class(cls.lerobot_config(config, inputs, outputs, device)).to(device)
+        except (ValueError, NotImplementedError) as error:
+            raise PolicyError(f"Policy '{cls.name}' cannot be made for this dataset: {error}") from error
+        keys = {key: feature.type is FeatureType.VISUAL for key, feature in (inputs | outputs).items()}
+        image_stats = config.image_stats
+        if image_stats == "auto":
+            image_stats = "imagenet" if config.pretrained_backbone_weights else "dataset"
+        own_stats = policy_stats(keys, stats, image_stats)
+        return cls(model.eval(), cls.lerobot_processors(model.config, own_stats))
+
+    # --- acting ---------------------------------------------------------------------------------
+
+    @property
+    def device(self) -> torch.device:
+        """Where the model is."""
+        return torch.device(self.model.config.device)
+
+    @property
+    def n_obs_steps(self) -> int:
+        """Observations that one call looks at."""
+        return self.model.config.n_obs_steps
+
+    @property
+    def n_action_steps(self) -> int:
+        """Actions that one call returns."""
+        return self.model.config.n_action_steps
+
+    @property
+    def n_params(self) -> int:
+        """Parameters of the model."""
+        return sum(parameter.numel() for parameter in self.model.parameters())
+
+    def act(
+        self, observation: Observation, generators: Sequence[torch.Generator] | None = None
+    ) -> np.ndarray:
+        """Chooses the next actions; see :meth:`policies.base.Policy.act`."""
+        batch = self._to_tensors(observation)
+        n = len(batch[OBS_STATE])
+        if generators is not None and len(generators) != n:
+            raise PolicyError(f"act() needs one generator per environment: {n}, given {len(generators)}.")
+        was_training = self.model.training
+        self.model.eval()
+        with torch.inference_mode():
+            if self.batch_invariant:
+                chunk = torch.cat(
+                    [
+                        self._chunk({key: value[i : i + 1] for key, value in batch.items()},
+                                    None if generators is None else generators[i : i + 1])
+                        for i in range(n)
+                    ]
+                )  # fmt: skip
+            else:
+                chunk = self._chunk(batch, generators)
+        self.model.train(was_training)
+        return chunk.numpy()
+
+    def predict(self, batch: dict[str, Tensor], generators: Sequence[torch.Generator] | None) -> Tensor:
+        """Returns normalized actions (n, at least n_action_steps, action_dim) of normalized inputs."""
+        return self.model.predict_action_chunk(batch)
+
+    def _chunk(self, batch: dict[str, Tensor], generators: Sequence[torch.Generator] | None) -> Tensor:
+        actions = self.predict(self.preprocess(batch), generators)[:, : self.n_action_steps]
+        return self.postprocessor(actions).float().cpu()
+
+    def _to_tensors(self, observation: Observation) -> dict[str, Tensor]:
+        """Checks the observation; images become (n, [T,] C, H, W) uint8."""
+        batch = {}
+        for key, feature in self.model.config.input_features.items():
+            is_image = feature.type is FeatureType.VISUAL
+            shape = (*feature.shape[1:], feature.shape[0]) if is_image else tuple(feature.shape)
+            shape = (self.n_obs_steps, *shape) if self.n_obs_steps > 1 else shape
+            if key not in observation:
+                raise PolicyError(
+                    f"The observation has no '{key}', which policy '{self.name}' needs. "
+                    f"Given: {', '.join(sorted(observation)) or 'nothing'}."
+                )
+            array = np.asarray(observation[key])
+            if array.shape[1:] != shape:
+                raise PolicyError(
+                    f"'{key}' has shape {array.shape}, but policy '{self.name}' was made for (n, "
+                    f"{', '.join(map(str, shape))}). Use the image size and observation it was trained with."
+                )
+            tensor = torch.tensor(array)
+            batch[key] = tensor.movedim(-1, -3).contiguous() if is_image else tensor.float()
+        return batch
+
+    # --- learning -------------------------------------------------------------------------------
+
+    @property
+    def delta_indices(self) -> dict[str, list[int]]:
+        """Frames that a training sample has of each key, relative to its own.
+
+        A key that is absent is taken at the sample's own frame, without a time axis.
+        """
+        config = self.model.config
+        deltas = {ACTION: list(config.action_delta_indices)}
+        if config.observation_delta_indices is not None:
+            deltas |= {key: list(config.observation_delta_indices) for key in config.input_features}
+        return deltas
+
+    @property
+    def drop_last_frames(self) -> int:
+        """Frames at the end of an episode that are no training samples of their own."""
+        return getattr(self.model.config, "drop_n_last_frames", 0)
+
+    def preprocess(self, batch: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        """Moves a batch to the device and normalizes it.
+
+        Args:
+            batch: Keys of the policy; images (n, [T,] C, H, W), uint8 or float32 from 0 to 1.
+
+        Returns:
+            The batch that the model and its loss take.
+        """
+        floats = {}
+        for key, value in batch.items():
+            value = value.to(self.device, non_blocking=True)
+            is_bytes = value.dtype is torch.uint8 and key in self.model.config.image_features
+            floats[key] = value.float().div_(255.0) if is_bytes else value
+        return {key: value for key, value in self.preprocessor(floats).items() if isinstance(value, Tensor)}
+
+    def begin_training(self) -> None:
+        """Readies the model for gradient steps."""
+        # Convolutions are faster with channels last, on a GPU and in bf16 on a CPU.
+        self.model.to(memory_format=torch.channels_last).train()
+
+    def end_training(self) -> None:
+        """Readies the model for acting."""
+        self.model.to(memory_format=torch.contiguous_format).eval()
+
+    def compile(self) -> None:
+        """Compiles the parts of the model that a gradient step spends its time in, in place."""
+        raise NotImplementedError
+
+    # --- checkpoints ----------------------------------------------------------------------------
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Returns the tensors of the model, under the names that LeRobot gives them."""
+        state = self.model.state_dict()
+        return {key: value for key, value in state.items() if not key.endswith("num_batches_tracked")}
+
+    def save(self, directory: str | Path, weights: Mapping[str, Tensor] | None = None) -> None:
+        """Writes a LeRobot pretrained folder: all of it, or nothing.
+
+        Args:
+            directory: The folder; one of that name is replaced.
+            weights: Tensors to save in place of the model's own, as an average of them.
+        """
+        from safetensors.torch import save_file
+
+        weights = self.state_dict() if weights is None else weights
+        tensors = {key: value.detach().cpu().contiguous() for key, value in weights.items()}
+        with atomic_directory(directory) as staging:
+            self.model.config._save_pretrained(staging)
+            save_file(tensors, staging / checkpoint.WEIGHTS, metadata={"format": "pt"})
+            self.preprocessor.save_pretrained(staging)
+            self.postprocessor.save_pretrained(staging)
+
+    @classmethod
+    def load(cls, directory: str | Path, device: str = "cpu") -> Self:
+        """Reads a LeRobot pretrained folder; see :meth:`policies.base.Policy.load`."""
+        directory = checkpoint.resolve(directory)
+        config = _load_config(directory, cls.name, cls.model_class.config_class, device)
+        weights = checkpoint.read_weights(directory / checkpoint.WEIGHTS)
+        processors = _load_processors(directory, device)
+        model = cls.model_class(config)
+        load_weights(model, weights, directory / checkpoint.WEIGHTS)
+        return cls(model.to(device).eval(), processors)
+
+
+def policy_features(features: Mapping[str, Any]) -> tuple[Features, Features]:
+    """Splits the features of a dataset into the inputs and outputs of a policy.
+
+    Raises:
+        PolicyError: if there is no action, no state, or neither image nor environment state.
+    """
+    from lerobot.utils.feature_utils import dataset_to_policy_features
+
+    known = dataset_to_policy_features({key: dict(value) for key, value in features.items()})
+    inputs = {
+        key: feature
+        for key, feature in known.items()
+        if feature.type is FeatureType.VISUAL or key in (OBS_STATE, OBS_ENV_STATE)
+    }
+    for key in (OBS_STATE, ACTION):
+        if key not in known:
+            raise PolicyError(f"The dataset has no '{key}'. It has: {', '.join(sorted(features))}.")
+    if len(inputs) == 1:
+        raise PolicyError(
+            "The dataset has neither an image (observation.images.<camera>) nor "
+            f"{OBS_ENV_STATE}. It has: {', '.join(sorted(features))}."
+        )
+    return inputs, {ACTION: known[ACTION]}
+
+
+def load_weights(model: torch.nn.Module, weights: Mapping[str, Tensor], path: Path) -> None:
+    """Copies tensors into a model that must have exactly these.
+
+    Raises:
+        PolicyError: if names or shapes differ.
+    """
+    own = {key: value for key, value in model.state_dict().items() if not key.endswith("num_batches_tracked")}
+    wrong = sorted(
+        key for key in own.keys() | weights.keys()
+        if key not in own or key not in weights or own[key].shape != weights[key].shape
+    )  # fmt: skip
+    if wrong:
+        raise PolicyError(
+            f"'{path}' does not fit the configuration beside it: {len(wrong)} of {len(own)} tensors are absent, "
+            f"unknown or of another shape, the first '{wrong[0]}'. Name another checkpoint, or train again."
+        )
+    model.load_state_dict(dict(weights), strict=False)
+
+
+def _load_config(
+    directory: Path, name: str, config_class: type[PreTrainedConfig], device: str
+) -> PreTrainedConfig:
+    import draccus
+
+    path = directory / checkpoint.CONFIG
+    content = checkpoint.read_json(path)
+    given = content.pop("type", None)
+    if given != name:
+        raise PolicyError(f"'{path}' is of policy '{given}', not of '{name}'. Load it with policies.load().")
+    # The weights are in the checkpoint; naming torchvision's would download them first.
+    content |= {"device": str(device), "pretrained_backbone_weights": None}
+    try:
+        return draccus.decode(config_class, content)
+    except Exception as error:  # draccus raises several unrelated types
+        raise PolicyError(f"'{path}' is not a configuration of policy '{name}': {error}") from error
+
+
+def _load_processors(directory: Path, device: str) -> Processors:
+    from lerobot.processor.converters import policy_action_to_transition, transition_to_policy_action
+
+    for name in (checkpoint.PREPROCESSOR, checkpoint.POSTPROCESSOR):
+        checkpoint.check_pipeline(directory / name)
+    try:
+        preprocessor = PolicyProcessorPipeline.from_pretrained(
+            directory, checkpoint.PREPROCESSOR, overrides={"device_processor": {"device": str(device)}}
+        )
+        postprocessor = PolicyProcessorPipeline.from_pretrained(
+            directory,
+            checkpoint.POSTPROCESSOR,
+            to_transition=policy_action_to_transition,
+            to_output=transition_to_policy_action,
+        )
+    except (ValueError, KeyError, TypeError, ImportError) as error:
+        raise PolicyError(f"The processors of checkpoint '{directory}' cannot be read: {error}") from error
+    return preprocessor, postprocessor

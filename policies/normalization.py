@@ -1,0 +1,72 @@
+"""Statistics that LeRobot's processors normalize with, made from those of a dataset."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from policies.base import PolicyError
+
+IMAGENET = ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))
+HALF = ((0.5, 0.5, 0.5), (0.5, 0.5, 0.5))
+
+# The original ACT clips standard deviations at 1e-2 and the original Diffusion Policy maps a constant
+# dimension to 0: a joint that never moves in the demonstrations must not be amplified without bound.
+_MIN_STD = 1e-2
+_MIN_RANGE = 1e-4
+
+
+def policy_stats(
+    keys: Mapping[str, bool], stats: Mapping[str, Mapping[str, Any]], image_stats: str
+) -> dict[str, dict[str, Any]]:
+    """Chooses and guards the statistics of the keys of a policy.
+
+    Args:
+        keys: Keys of the policy, and whether each is an image.
+        stats: Statistics of the dataset: per key ``mean``, ``std``, ``min`` and ``max``.
+        image_stats: ``dataset``, ``imagenet`` or ``half``.
+
+    Returns:
+        Per key ``mean``, ``std``, ``min``, ``max`` as float32 tensors; (3, 1, 1) for images.
+
+    Raises:
+        PolicyError: if the dataset has no statistics of a key.
+    """
+    return {
+        key: _image(key, stats, image_stats) if is_image else _vector(key, stats)
+        for key, is_image in keys.items()
+    }
+
+
+def _of(key: str, stats: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    import torch
+
+    names = ("mean", "std", "min", "max")
+    missing = [name for name in names if name not in stats.get(key, {})]
+    if missing:
+        raise PolicyError(f"The dataset has no {', '.join(missing)} of '{key}' in its statistics; "
+                          "write the dataset again.")  # fmt: skip
+    return {name: torch.as_tensor(stats[key][name], dtype=torch.float32).clone() for name in names}
+
+
+def _vector(key: str, stats: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    import torch
+
+    own = _of(key, stats)
+    own["std"] = own["std"].clamp_min(_MIN_STD)
+    constant = own["max"] - own["min"] < _MIN_RANGE
+    own["min"] = torch.where(constant, own["min"] - 1.0, own["min"])
+    own["max"] = torch.where(constant, own["max"] + 1.0, own["max"])
+    return own
+
+
+def _image(key: str, stats: Mapping[str, Mapping[str, Any]], image_stats: str) -> dict[str, Any]:
+    import torch
+
+    if image_stats == "dataset":
+        own = {name: value.reshape(-1, 1, 1) for name, value in _of(key, stats).items()}
+        own["std"] = own["std"].clamp_min(_MIN_STD)
+        return own
+    mean, std = (torch.tensor(value).reshape(3, 1, 1) for value in _FIXED[image_stats])
+    return {"mean": mean, "std": std, "min": torch.zeros(3, 1, 1), "max": torch.ones(3, 1, 1)}
+
+
+_FIXED = {"imagenet": IMAGENET, "half": HALF}

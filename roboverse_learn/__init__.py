@@ -1,0 +1,1 @@
+"""Commands, configuration, data and training: everything that a user starts."""

@@ -1,0 +1,134 @@
+"""The command line: ``roboverse <command> key=value ...``.
+
+It reads words, calls a command, prints what comes back, and turns errors into one message and an exit
+code: 0 done, 1 a bug (with its traceback), 2 a mistake that the user can mend, 130 interrupted.
+"""
+
+import errno
+import logging
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from envs.errors import RoboVerseError, unknown_name
+from policies import PolicyError
+from roboverse_learn import help as texts
+from roboverse_learn.compose import compose
+
+HELP = ("-h", "--help", "help")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs one command.
+
+    Args:
+        argv: The words after the program's name; those of this process when None.
+
+    Returns:
+        The exit code.
+    """
+    words = list(sys.argv[1:] if argv is None else argv)
+    try:
+        return _dispatch(words)
+    except (RoboVerseError, PolicyError) as error:
+        return _fail(str(error))
+    except KeyboardInterrupt:
+        print("\nInterrupted. Nothing is lost: the same command continues.", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # the reader of our output went away, as in `roboverse list | head -1`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EROFS):
+            raise
+        return _fail(
+            f"{error.strerror}: {error.filename or 'a file could not be written'}. "
+            "Free some space or choose another folder, and run the same command again: it continues."
+        )
+
+
+def script(command: str) -> None:
+    """Runs ``command`` with the words of this process and ends the process: the body of our scripts."""
+    sys.exit(main([command, *sys.argv[1:]]))
+
+
+def _dispatch(words: list[str]) -> int:
+    if not words or words[0] in HELP:
+        print(texts.overview())
+        return 0
+    command, rest = words[0], words[1:]
+    if command not in texts.SUMMARIES:
+        raise unknown_name("command", command, texts.SUMMARIES, "Start with: roboverse --help")
+    if command == "list":
+        print(texts.listing())
+        return 0
+    if command == "benchmark":
+        return _benchmark(rest)
+    if any(word in HELP for word in rest):
+        chosen = [word.removeprefix("policy=") for word in rest if word.startswith("policy=")]
+        print(texts.command_help(command, (chosen or ["act"])[-1]))
+        return 0
+    config = compose(command, rest)
+    _start_logging()
+    _run(command, config)
+    return 0
+
+
+def _run(command: str, config: Any) -> None:
+    """Calls the command's module; heavy imports begin here."""
+    if command == "train":
+        from roboverse_learn.train import train
+
+        _show(train(config))
+    elif command == "collect":
+        from roboverse_learn.collect import collect
+
+        _show(collect(config))
+    elif command == "evaluate":
+        from roboverse_learn.evaluate import evaluate
+
+        _show(evaluate(config))
+    else:
+        from roboverse_learn.leaderboard import leaderboard
+
+        _show(leaderboard(config))
+
+
+def _benchmark(words: list[str]) -> int:
+    from roboverse_learn.benchmarks import BENCHMARKS, run
+
+    if any(word in HELP for word in words):
+        rows = "\n".join(f"  {name:<12} {BENCHMARKS.entry(name).summary}" for name in BENCHMARKS)
+        print(f"Usage: roboverse benchmark [name ...]\n\n{rows}")
+        return 0
+    names = words or BENCHMARKS.names()
+    for name in names:
+        BENCHMARKS.entry(name)  # every name is checked before the first one runs
+    for name in names:
+        _show(run(name))
+    return 0
+
+
+def _show(report: Any) -> None:
+    """Prints what a command returned."""
+    from rich.console import Console
+
+    console = Console() if sys.stdout.isatty() else Console(width=120)
+    console.print(report)
+
+
+def _start_logging() -> None:
+    """Shows what our own packages log; other libraries speak from a warning on."""
+    logging.basicConfig(format="%(message)s", level=logging.WARNING, stream=sys.stderr)
+    for package in ("envs", "policies", "benchmark", "roboverse_learn"):
+        logging.getLogger(package).setLevel(logging.INFO)
+
+
+def _fail(message: str) -> int:
+    print(f"error: {message}", file=sys.stderr)
+    return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,208 @@
+"""What every command can be told: frozen dataclasses, whose field names are the keys of the command line.
+
+Values come from here, then from the YAML deltas in ``configs/``, then from the command line. This
+module is data only; :mod:`roboverse_learn.compose` reads words and files.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from benchmark.protocol import LEVELS, SPLITS
+from envs.errors import ConfigError
+from roboverse_learn.training.config import TrainConfig
+
+Channel = Literal["environment", "camera", "lighting"]
+Split = Literal["train", "test"]
+
+
+def _positive(**values: float) -> None:
+    """Checks that every value is above zero."""
+    for key, value in values.items():
+        if value <= 0:
+            raise ConfigError(f"{key} must be above 0, given {value}.")
+
+
+def _not_negative(**values: float) -> None:
+    """Checks that every value is 0 or more."""
+    for key, value in values.items():
+        if value < 0:
+            raise ConfigError(f"{key} must be 0 or more, given {value}.")
+
+
+def _levels(*levels: int) -> None:
+    """Checks that every level exists."""
+    for level in levels:
+        if level not in LEVELS:
+            raise ConfigError(f"Unknown level {level}. Valid: {', '.join(map(str, LEVELS))}.")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DemonstrationConfig:
+    """How demonstrations are collected.
+
+    Attributes:
+        num_demos: Successful episodes in the dataset.
+        num_workers: Processes that collect side by side; 0 takes one per CPU core.
+        num_envs: Environments that each process steps at once.
+    """
+
+    num_demos: int = 1000
+    num_workers: int = 0
+    num_envs: int = 8
+
+    def __post_init__(self) -> None:
+        _positive(num_demos=self.num_demos, num_envs=self.num_envs)
+        _not_negative(num_workers=self.num_workers)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class EvaluationConfig:
+    """What a checkpoint is evaluated on.
+
+    Attributes:
+        levels: Levels to evaluate.
+        alone: Channels that are also varied alone, which tells which of them costs what.
+        splits: Splits to evaluate; the test split is the headline.
+        episodes: Episodes of each cell, that is of each level and split.
+        protocol_seed: Root of the episodes' randomness.
+        num_envs: Environments that step at once; on a CPU no result depends on it.
+        videos: Videos of successes, and as many of failures, kept of each level.
+    """
+
+    levels: tuple[int, ...] = LEVELS
+    alone: tuple[Channel, ...] = ()
+    splits: tuple[Split, ...] = SPLITS
+    episodes: int = 100
+    protocol_seed: int = 0
+    num_envs: int = 10
+    videos: int = 1
+
+    def __post_init__(self) -> None:
+        _levels(*self.levels)
+        _positive(episodes=self.episodes, num_envs=self.num_envs)
+        if not self.splits or not (self.levels or self.alone):
+            raise ConfigError("evaluate needs a split and a level, as in splits=[test] levels=[0,1,2,3].")
+        _not_negative(videos=self.videos, protocol_seed=self.protocol_seed)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SceneKeys:
+    """The keys that every command with a simulator has.
+
+    Attributes:
+        task: Registered task.
+        task_kwargs: Options of the task, such as task_kwargs.variant=lift of PickCube.
+        preset: Named set of values from ``configs/preset``.
+        simulator: Registered simulator.
+        renderer: Registered renderer.
+        image_size: Height and width of every picture, pixels.
+        level: Level of the demonstrations, hence of training.
+        only: One channel to vary alone in the demonstrations, in place of the level.
+        datasets_dir: Folder of datasets.
+    """
+
+    task: str = "PickCube"
+    task_kwargs: dict[str, Any] = field(default_factory=dict)
+    preset: str = "full"
+    simulator: str = "mujoco"
+    renderer: str = "warp"
+    image_size: int = 256
+    level: int = 0
+    only: Channel | None = None
+    datasets_dir: str = "datasets"
+
+    def __post_init__(self) -> None:
+        _levels(self.level)
+        if not 16 <= self.image_size <= 2048:
+            raise ConfigError(f"image_size must be 16 to 2048 pixels, given {self.image_size}.")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CollectConfig(SceneKeys):
+    """``roboverse collect``: demonstrations of the expert into a LeRobot dataset.
+
+    Attributes:
+        dataset: Folder of the dataset; empty for one named after the configuration.
+        collect: How demonstrations are collected.
+    """
+
+    dataset: str = ""
+    collect: DemonstrationConfig = field(default_factory=DemonstrationConfig)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TrainRunConfig(CollectConfig):
+    """``roboverse train``: collect what is missing, train, evaluate, write the leaderboard.
+
+    Attributes:
+        policy: Configuration of the policy chosen by ``policy=<name>``.
+        policy_name: Registered name of that policy.
+        seed: Root of all randomness of training.
+        device: ``auto``, ``cpu``, ``cuda``.
+        run: Folder of a run to continue, or of a new one; empty for one named after the configuration.
+        resume: Continue the run of the same configuration; false starts a new one beside it.
+        slow_ok: Start even when the run would take very long on this machine.
+        runs_dir: Folder of runs.
+        results_dir: Folder of results and of the leaderboard.
+        train: Optimization.
+        evaluate: What the checkpoint is evaluated on afterwards.
+    """
+
+    policy: Any = None
+    policy_name: str = "act"
+    seed: int = 0
+    device: str = "auto"
+    run: str = ""
+    resume: bool = True
+    slow_ok: bool = False
+    runs_dir: str = "runs"
+    results_dir: str = "results"
+    train: TrainConfig = field(default_factory=TrainConfig)
+    evaluate: EvaluationConfig = field(default_factory=EvaluationConfig)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class EvaluateConfig:
+    """``roboverse evaluate``: one checkpoint over levels and splits.
+
+    Attributes:
+        checkpoint: Checkpoint folder, or the folder of a run.
+        task: Registered task; empty for the one that the checkpoint was trained on.
+        task_kwargs: Options of the task; empty for those that the checkpoint was trained on.
+        preset: Named set of values from ``configs/preset``.
+        simulator: Registered simulator.
+        renderer: Registered renderer.
+        image_size: Height and width of every picture, pixels; 0 for what the checkpoint was trained on.
+        device: ``auto``, ``cpu``, ``cuda``.
+        results_dir: Folder of results and of the leaderboard.
+        evaluate: What the checkpoint is evaluated on.
+    """
+
+    checkpoint: str = ""
+    task: str = ""
+    task_kwargs: dict[str, Any] = field(default_factory=dict)
+    preset: str = "full"
+    simulator: str = "mujoco"
+    renderer: str = "warp"
+    image_size: int = 0
+    device: str = "auto"
+    results_dir: str = "results"
+    evaluate: EvaluationConfig = field(default_factory=EvaluationConfig)
+
+    def __post_init__(self) -> None:
+        if not self.checkpoint:
+            raise ConfigError(
+                "evaluate needs checkpoint=<folder>: the folder of a run, or a LeRobot checkpoint inside it, "
+                "as in checkpoint=runs/PickCube/act/<run>."
+            )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LeaderboardConfig:
+    """``roboverse leaderboard``: tables, plots and page from the result files alone.
+
+    Attributes:
+        results_dir: Folder of results and of the leaderboard.
+    """
+
+    results_dir: str = "results"

@@ -1,0 +1,96 @@
+"""Demonstrations of a task's expert, as the collection wants them."""
+
+import itertools
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from benchmark.provenance import package_versions
+from roboverse_learn.data.schema import EpisodeData
+
+
+class ExpertSource:
+    """Runs the expert in a batch of environments of the train split.
+
+    Args:
+        task: Registered task.
+        task_kwargs: Options of the task.
+        num_envs: Environments that step at once.
+        level: Level, or None when one channel varies alone.
+        only: The channel that varies alone, or None.
+        simulator: Registered simulator.
+        renderer: Registered renderer.
+        image_size: Pixels a side.
+    """
+
+    def __init__(
+        self,
+        *,
+        task: str,
+        task_kwargs: dict[str, Any],
+        num_envs: int,
+        level: int,
+        only: str | None,
+        simulator: str,
+        renderer: str,
+        image_size: int,
+    ) -> None:
+        import envs
+
+        self._env = envs.make_vec(
+            task,
+            num_envs,
+            level=level,
+            only=only,
+            split="train",
+            simulator=simulator,
+            renderer=renderer,
+            image_size=image_size,
+            obs="pixels",
+            **task_kwargs,
+        )
+        self._metadata = {
+            "task": task,
+            "task_kwargs": task_kwargs,
+            "level": None if only else level,
+            "only": only,
+            "channels": list(self._env.channels),
+            "not_shown": list(self._env.not_shown),
+            "split": "train",
+            "simulator": simulator,
+            "renderer": renderer,
+            "versions": package_versions(),
+        }
+
+    def attempts(self, indices: Iterator[int]) -> Iterator[tuple[int, EpisodeData | None]]:
+        """Runs the expert on the pool episodes that ``indices`` names, a batch at a time."""
+        from envs.experts import rollout
+
+        while batch := list(itertools.islice(indices, self._env.num_envs)):
+            for outcome in rollout(self._env, np.array(batch, dtype=np.int64)):
+                yield int(outcome.episode), self._episode(outcome) if outcome.success else None
+
+    def close(self) -> None:
+        """Releases the simulator."""
+        self._env.close()
+
+    def _episode(self, outcome: Any) -> EpisodeData:
+        return EpisodeData(
+            states=outcome.observation_state,
+            actions=outcome.actions,
+            images=outcome.images,
+            task=self._env.task.description,
+            raw=outcome.raw,
+            metadata=self._metadata
+            | {
+                "episode": int(outcome.episode),
+                "success": True,
+                "initial_state_hash": outcome.initial_state_hash,
+            },
+        )
+
+
+def make_expert_source(**kwargs: Any) -> ExpertSource:
+    """Builds an :class:`ExpertSource`: what collecting processes call by name."""
+    return ExpertSource(**kwargs)

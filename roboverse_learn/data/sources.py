@@ -1,0 +1,81 @@
+"""Where demonstrations come from: an environment and its expert, named by a reference and JSON."""
+
+import importlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+from envs.errors import DatasetError
+from roboverse_learn.data.schema import EpisodeData, Feature, check_episode
+from roboverse_learn.data.staging import stage_episode, staged_directory
+from roboverse_learn.data.video import EncoderConfig
+
+
+class EpisodeSource(Protocol):
+    """Runs episodes of a pool."""
+
+    def attempts(self, indices: Iterator[int]) -> Iterator[tuple[int, EpisodeData | None]]:
+        """Runs the episodes that ``indices`` names, in any order, several at once if it likes.
+
+        An iterator that ends means "no more for now": finish what is running and return. The method may
+        be called again.
+
+        Args:
+            indices: Pool indices; taking one promises to yield it.
+
+        Yields:
+            Each pool index with its episode, or with None where the expert failed. The episode's
+            ``metadata["episode"]`` is the pool index.
+        """
+        ...
+
+    def close(self) -> None:
+        """Releases the simulator."""
+        ...
+
+
+def make_source(reference: str, kwargs: Mapping[str, Any]) -> EpisodeSource:
+    """Calls the function that a ``"package.module:function"`` reference names.
+
+    Args:
+        reference: Importable in a fresh process.
+        kwargs: JSON-able arguments of the function.
+
+    Raises:
+        DatasetError: There is no such function.
+    """
+    module, _, name = reference.partition(":")
+    try:
+        factory = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        message = f"No episode source '{reference}': {error}. Give 'package.module:function'."
+        raise DatasetError(message) from error
+    return factory(**kwargs)
+
+
+def stage_attempt(
+    root: Path,
+    index: int,
+    episode: EpisodeData | None,
+    *,
+    features: Mapping[str, Feature],
+    fps: int,
+    encoder: EncoderConfig,
+) -> Path | None:
+    """Checks and stages one attempt of a source.
+
+    Returns:
+        The staged folder, or None for a failed attempt.
+
+    Raises:
+        DatasetError: The episode does not fit the dataset, or the disk is full.
+    """
+    if episode is None:
+        return None
+    if episode.metadata.get("episode") != index:
+        raise DatasetError(
+            f"The source yielded pool episode {index} with metadata['episode'] = "
+            f"{episode.metadata.get('episode')!r}. They must be the same."
+        )
+    check_episode(episode, features)
+    return stage_episode(staged_directory(root, index), episode, fps, encoder).directory

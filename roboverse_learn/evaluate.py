@@ -1,0 +1,201 @@
+"""``python roboverse_learn/evaluate.py checkpoint=…``: a checkpoint over levels and splits."""
+
+import sys
+from pathlib import Path
+
+if __name__ == "__main__":  # as a script: this folder's `data` or `run` must not hide other packages
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
+import logging
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from benchmark.protocol import Cell, Protocol
+from roboverse_learn.config import EvaluateConfig, EvaluationConfig
+from roboverse_learn.subject import Subject, protocol_of, step_of, subject_of
+
+if TYPE_CHECKING:
+    from benchmark.records import EpisodeRecord, Result
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Evaluation:
+    """What an evaluation left behind.
+
+    Attributes:
+        path: The results file.
+        result: What it holds.
+        videos: Videos of the test split.
+        reused: The file of an earlier evaluation of the same checkpoint stood for this one.
+    """
+
+    path: Path
+    result: "Result"
+    videos: tuple[Path, ...]
+    reused: bool = False
+
+
+def evaluate(config: EvaluateConfig) -> Any:
+    """Evaluates a checkpoint, writes its results file and the leaderboard; returns a printable report.
+
+    Raises:
+        ConfigError: The task or the image size is needed and was not given.
+        PolicyError: The checkpoint is broken.
+    """
+    from roboverse_learn.leaderboard import write_leaderboard
+    from roboverse_learn.report import evaluation_report
+
+    evaluation = evaluate_subject(subject_of(config), config.evaluate, Path(config.results_dir), "evaluate")
+    return evaluation_report(evaluation, write_leaderboard(Path(config.results_dir)))
+
+
+def evaluate_subject(
+    subject: Subject, config: EvaluationConfig, results_dir: Path, command: str
+) -> Evaluation:
+    """Evaluates a checkpoint on every cell, films it, and writes its results file.
+
+    An evaluation of the same checkpoint under the same protocol is not run a second time.
+
+    Args:
+        subject: The checkpoint and where it comes from.
+        config: What to evaluate it on.
+        results_dir: Folder of results.
+        command: The command of ours that runs, as it is recorded.
+    """
+    import policies
+    from benchmark.provenance import file_hash
+    from benchmark.records import Checkpoint
+    from benchmark.result_file import result_path, video_dir, write_result
+    from policies.checkpoint import WEIGHTS, policy_type
+
+    protocol = protocol_of(config)
+    name = policy_type(subject.checkpoint)
+    weights = file_hash(subject.checkpoint / WEIGHTS)
+    path = results_dir / protocol.version / subject.task / name / f"{subject.run}.json"
+    earlier = _earlier(path, weights, protocol, subject)
+    if earlier is not None:
+        log.info("Evaluated before: %s", path)
+        return Evaluation(path=path, result=earlier, videos=_videos(path), reused=True)
+
+    policy = policies.load(subject.checkpoint, subject.device)
+    checkpoint = Checkpoint(step=step_of(subject.checkpoint), hash=weights)
+    for old in _videos(path):
+        old.unlink()
+    result = _run_cells(policy, name, subject, config, protocol, checkpoint, command, video_dir(path))
+    assert path == result_path(results_dir, result)
+    write_result(path, result)
+    return Evaluation(path=path, result=result, videos=_videos(path))
+
+
+def _run_cells(
+    policy: Any, name: str, subject: Subject, config: EvaluationConfig, protocol: Protocol, checkpoint: Any,
+    command: str, video_folder: Path,
+) -> "Result":  # fmt: skip
+    """Evaluates every cell and puts the result together."""
+    import envs
+    from benchmark import provenance, runner, videos
+    from benchmark.records import Result
+
+    facts: dict[str, Any] = {}
+
+    def make_env(cell: Cell) -> Any:
+        env = envs.make_vec(
+            subject.task,
+            min(config.num_envs, protocol.episodes),
+            level=0 if cell.level is None else cell.level,
+            only=cell.only,
+            split=cell.split,
+            simulator=subject.simulator,
+            renderer=subject.renderer,
+            image_size=subject.image_size,
+            obs="pixels",
+            **subject.task_kwargs,
+        )
+        facts.update(max_episode_steps=env.task.max_episode_steps, control_hz=float(env.control_hz))
+        return env
+
+    def film(cell: Cell, env: Any, records: list["EpisodeRecord"]) -> None:
+        bar.console.print(f"{cell}: {sum(record.success for record in records)} of {len(records)} succeeded")
+        if cell.split == "test" and config.videos:
+            videos.film_cell(
+                policy, env, records, video_folder, control_hz=facts["control_hz"], count=config.videos
+            )
+
+    with _progress_bar() as bar:
+        task = bar.add_task("evaluating", total=len(protocol.cells()) * protocol.episodes)
+        records = runner.evaluate(
+            policy, make_env, protocol, policy_name=name, on_episode=lambda _: bar.advance(task), on_cell=film
+        )
+    return Result(
+        run=subject.run,
+        created=provenance.now(),
+        protocol=protocol,
+        task=subject.task,
+        task_kwargs=subject.task_kwargs,
+        max_episode_steps=facts["max_episode_steps"],
+        control_hz=facts["control_hz"],
+        policy=name,
+        train_level=subject.train_level,
+        train_only=subject.train_only,
+        seed=subject.seed,
+        simulator=subject.simulator,
+        renderer=subject.renderer,
+        image_size=subject.image_size,
+        checkpoint=checkpoint,
+        dataset_hash=subject.dataset_hash,
+        demonstrations=subject.demonstrations,
+        git=provenance.git_state(),
+        command=provenance.command_line([f"roboverse_learn/{command}.py", *command_words()]),
+        config=provenance.portable(subject.config),
+        machine=provenance.machine(subject.device),
+        versions=provenance.package_versions(),
+        records=tuple(records),
+    )
+
+
+def command_words() -> list[str]:
+    """Returns the ``key=value`` words that this process was started with."""
+    return [word for word in sys.argv[1:] if "=" in word]
+
+
+def _progress_bar() -> Any:
+    from rich import progress
+
+    return progress.Progress(
+        progress.TextColumn("{task.description}"),
+        progress.BarColumn(),
+        progress.MofNCompleteColumn(),
+        progress.TimeElapsedColumn(),
+        progress.TimeRemainingColumn(),
+    )
+
+
+def _earlier(path: Path, weights: str, protocol: Protocol, subject: Subject) -> "Result | None":
+    """Returns the result that stands at ``path``, if it is of the same weights, protocol and scene."""
+    from benchmark.provenance import package_versions
+    from benchmark.result_file import read_result
+
+    if not path.exists():
+        return None
+    result = read_result(path)
+    now = (weights, protocol.hash, package_versions())
+    then = (result.checkpoint.hash, result.protocol.hash, dict(result.versions))
+    scene = all(
+        getattr(result, key) == getattr(subject, key)
+        for key in ("task_kwargs", "simulator", "renderer", "image_size")
+    )
+    return result if scene and now == then else None
+
+
+def _videos(path: Path) -> tuple[Path, ...]:
+    from benchmark.result_file import video_dir
+
+    return tuple(sorted(video_dir(path).glob("*.mp4")))
+
+
+if __name__ == "__main__":
+    from roboverse_learn.cli import script
+
+    script("evaluate")

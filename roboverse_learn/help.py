@@ -1,0 +1,134 @@
+"""What ``--help`` and ``roboverse list`` say, from names, dataclasses and docstrings alone."""
+
+import importlib
+import inspect
+import re
+from collections.abc import Iterator
+from dataclasses import is_dataclass
+from typing import Any
+
+import policies
+from roboverse_learn.compose import COMMANDS, default_values, flat_keys, policy_config, preset_names
+
+SUMMARIES = {
+    "train": "collect what is missing, train, evaluate over the levels, write the leaderboard",
+    "collect": "collect demonstrations of the expert into a LeRobot dataset",
+    "evaluate": "evaluate a checkpoint over levels and splits",
+    "leaderboard": "write tables, plots and the page from the result files",
+    "benchmark": "measure the speed of the parts, each against its reference",
+    "list": "list tasks, policies, simulators, renderers, robots and presets",
+}
+
+EXAMPLES = {
+    "train": (
+        "roboverse train policy=act task=PickCube preset=quick",
+        "roboverse train policy=diffusion task=PickCube train.steps=50000 num_demos=500",
+        "roboverse train run=runs/PickCube/act/<run>   (continues a run)",
+    ),
+    "collect": ("roboverse collect task=PickCube num_demos=200 level=0",),
+    "evaluate": (
+        "roboverse evaluate checkpoint=runs/PickCube/act/<run> levels=[0,1,2,3] episodes=100",
+        "roboverse evaluate checkpoint=… levels=[] alone=[camera,lighting] splits=[test]",
+    ),
+    "leaderboard": ("roboverse leaderboard results_dir=results",),
+}
+
+
+def overview() -> str:
+    """Returns the text of ``roboverse --help``."""
+    commands = "\n".join(f"  {name:<12} {summary}" for name, summary in SUMMARIES.items())
+    return (
+        "RoboVerse Learn: demonstrations, policies, and a benchmark of four generalization levels.\n\n"
+        "Usage: roboverse <command> [key=value ...]\n\n"
+        f"Commands:\n{commands}\n\n"
+        f"{listing()}\n\n"
+        "Main keys of train, with their defaults:\n"
+        f"{_rows(_key_rows('train', ('policy.', 'train.')))}\n\n"
+        "A key may be shortened to its last part where that is unambiguous. Every key of a command and of\n"
+        "its policy: roboverse <command> --help [policy=<name>]\n\n"
+        "Start with: roboverse train policy=act task=PickCube preset=quick"
+    )
+
+
+def command_help(command: str, policy: str = "act") -> str:
+    """Returns the text of ``roboverse <command> --help``.
+
+    Args:
+        command: A command that takes keys.
+        policy: The policy whose keys are listed.
+    """
+    examples = "\n".join(f"  {line}" for line in EXAMPLES[command])
+    parts = [
+        f"roboverse {command}: {SUMMARIES[command]}.",
+        f"Usage: roboverse {command} [key=value ...]\n{examples}",
+    ]
+    if command != "leaderboard":
+        parts.append(listing())
+    parts.append(f"Keys, with their defaults:\n{_rows(_key_rows(command, policy=policy))}")
+    return "\n\n".join(parts)
+
+
+def listing() -> str:
+    """Returns the text of ``roboverse list``."""
+    handlers = importlib.import_module("envs.handlers")
+    kinds = {
+        "Tasks": importlib.import_module("envs.tasks").TASKS,
+        "Simulators": handlers.HANDLERS,
+        "Renderers": handlers.RENDERERS,
+        "Robots": importlib.import_module("envs.robots").ROBOTS,
+    }
+    sections = {
+        kind: [(name, registry.entry(name).summary) for name in registry] for kind, registry in kinds.items()
+    }
+    sections["Policies"] = [(name, policies.summary(name)) for name in policies.names()]
+    sections["Presets"] = [(name, PRESETS.get(name, "")) for name in preset_names()]
+    order = ("Tasks", "Policies", "Simulators", "Renderers", "Robots", "Presets")
+    return "\n".join(f"{kind}:\n{_rows(sections[kind])}" for kind in order)
+
+
+PRESETS = {
+    "full": "the full size, for a GPU (default)",
+    "quick": "the whole loop on two CPU cores in about a quarter of an hour",
+}
+
+
+def _key_rows(command: str, skip: tuple[str, ...] = (), policy: str = "act") -> list[tuple[str, str]]:
+    """Rows ``key=default`` and what the docstring of its dataclass says of it."""
+    values = default_values(command, policy)
+    about = dict(_attributes(COMMANDS[command], values, policy))
+    rows = []
+    for key in flat_keys(values):
+        if key == "policy_name":
+            rows.append((f"policy={values[key]}", "Policy: " + ", ".join(policies.names()) + "."))
+        elif not key.startswith(skip or ("\0",)):
+            value = values
+            for part in key.split("."):
+                value = value[part]
+            rows.append((f"{key}={_shown(value)}", about.get(key, "")))
+    return rows
+
+
+def _attributes(cls: type, values: Any, policy: str, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yields each dotted key with its line of the ``Attributes`` section."""
+    for base in reversed(cls.__mro__):
+        docstring = inspect.cleandoc(base.__doc__ or "")
+        for name, text in re.findall(r"^    (\w+): (.+(?:\n {8,}.+)*)", docstring, re.MULTILINE):
+            yield prefix + name, " ".join(text.replace("``", "").split())
+    for name, field in getattr(cls, "__dataclass_fields__", {}).items():
+        nested = policy_config(policy) if name == "policy" else field.type
+        if is_dataclass(nested) and isinstance(nested, type):
+            yield from _attributes(nested, values, policy, f"{prefix}{name}.")
+
+
+def _shown(value: Any) -> str:
+    """A value as one would type it."""
+    if isinstance(value, list):
+        return "[" + ",".join(_shown(item) for item in value) + "]"
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    return str(value)
+
+
+def _rows(rows: list[tuple[str, str]]) -> str:
+    width = min(44, max((len(left) for left, _ in rows), default=0))
+    return "\n".join(f"  {left:<{width}}  {right}".rstrip() for left, right in rows)

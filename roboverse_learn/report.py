@@ -1,0 +1,134 @@
+"""What the commands print at their end: tables and the paths of what was written, as rich renderables."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from benchmark.records import CellSummary
+    from roboverse_learn.data.collection import CollectionSummary
+    from roboverse_learn.evaluate import Evaluation
+    from roboverse_learn.training.reporter import TrainResult
+
+_SHOWN_VIDEOS = 8
+
+
+def train_report(
+    dataset: "CollectionSummary",
+    trained: "TrainResult",
+    evaluation: "Evaluation",
+    board: Mapping[str, Path],
+    *,
+    folder: Path,
+    stages: Mapping[str, Any],
+    seconds: float,
+) -> Group:
+    """The whole loop: what each stage did, the table of success, and where everything is."""
+    loss = "" if trained.loss is None else f", loss {trained.loss:.4f}"
+    times = ", ".join(
+        f"{name} {clock(facts['seconds'])}" for name, facts in stages.items() if "seconds" in facts
+    )
+    return Group(
+        _collected(dataset),
+        Text(f"Trained {trained.steps:,} steps (stopped by {trained.stopped_by.replace('_', ' ')}){loss}."),
+        success_table(evaluation),
+        _paths(
+            {"run": folder, "checkpoint": trained.checkpoint, "loss curves": trained.plot}
+            | _evaluation_paths(evaluation, board)
+        ),
+        Text(f"Done in {clock(seconds)}: {times}."),
+    )
+
+
+def collection_report(dataset: "CollectionSummary") -> Group:
+    """What a collection gave, and where it is."""
+    return Group(
+        _collected(dataset),
+        Text(
+            f"{dataset.num_frames:,} frames, {clock(dataset.wall_time_s)}, hash {dataset.dataset_hash[:16]}."
+        ),
+        _paths({"dataset": dataset.root}),
+    )
+
+
+def evaluation_report(evaluation: "Evaluation", board: Mapping[str, Path]) -> Group:
+    """The table of success, and where the results are."""
+    return Group(success_table(evaluation), _paths(_evaluation_paths(evaluation, board)))
+
+
+def leaderboard_report(board: Mapping[str, Path]) -> Group:
+    """Where the leaderboard is."""
+    return Group(_paths(_board_paths(board)))
+
+
+def success_table(evaluation: "Evaluation") -> Table:
+    """Success by level and split, with Wilson's 95 % interval; the test split is the headline."""
+    result = evaluation.result
+    trained = f"{result.train_only} alone" if result.train_only else f"level {result.train_level}"
+    episodes = f"{result.protocol.episodes} episodes"
+    title = f"{result.task}, {result.policy}, trained on {trained}: success in {episodes}"
+    table = Table(
+        title=title,
+        title_justify="left",
+    )
+    splits = sorted(result.protocol.splits, key=("test", "train").index)
+    for title in ("evaluated on", *(f"{split} split" for split in splits), "varied", "not shown"):
+        table.add_column(title, justify="right" if title.endswith("split") else "left")
+    by_condition: dict[str, list[CellSummary]] = {}
+    for cell in result.cells():
+        by_condition.setdefault(cell.cell.condition, []).append(cell)
+    for condition, cells in by_condition.items():
+        by_split = {cell.cell.split: cell for cell in cells}
+        rates = [_rate(by_split[split]) for split in splits]
+        table.add_row(
+            condition, *rates, ", ".join(cells[0].channels), ", ".join(cells[0].not_shown) or "nothing"
+        )
+    return table
+
+
+def clock(seconds: float) -> str:
+    """``75`` as ``1:15``, ``3700`` as ``1:01:40``."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+
+
+def _rate(cell: "CellSummary") -> str:
+    return f"{100 * cell.success_rate:.0f} % [{100 * cell.ci_low:.0f}, {100 * cell.ci_high:.0f}]"
+
+
+def _collected(dataset: "CollectionSummary") -> Text:
+    return Text(
+        f"Collected {dataset.num_episodes} demonstrations; the expert succeeded in "
+        f"{100 * dataset.success_rate:.1f} % of {dataset.num_attempts} episodes."
+    )
+
+
+def _evaluation_paths(evaluation: "Evaluation", board: Mapping[str, Path]) -> dict[str, Any]:
+    return {"result": evaluation.path, "videos": evaluation.videos} | _board_paths(board)
+
+
+def _board_paths(board: Mapping[str, Path]) -> dict[str, Any]:
+    plots = [path for name, path in board.items() if name.startswith("plot")]
+    names = {"html": "page", "markdown": "table", "json": "leaderboard"}
+    return {title: board[name] for name, title in names.items() if name in board} | {"plots": plots}
+
+
+def _paths(paths: Mapping[str, Any]) -> Table:
+    """A table of names and paths, without borders, so that a path can be copied."""
+    table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
+    table.add_column()
+    table.add_column(overflow="fold")
+    for name, value in paths.items():
+        several: Sequence[Any] = value if isinstance(value, list | tuple) else [value]
+        shown = [str(path) for path in several if path is not None]
+        more = len(shown) - _SHOWN_VIDEOS
+        if more > 0:
+            shown = [*shown[:_SHOWN_VIDEOS], f"… and {more} more beside them"]
+        if shown:
+            table.add_row(name, "\n".join(shown))
+    return table

@@ -1,0 +1,178 @@
+"""What is evaluated: a checkpoint, and what is known of how it came about."""
+
+import re
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from benchmark.protocol import Protocol
+from envs.errors import ConfigError
+from roboverse_learn.config import EvaluateConfig, EvaluationConfig, TrainRunConfig
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Subject:
+    """What is evaluated, and where it comes from.
+
+    Attributes:
+        checkpoint: The LeRobot pretrained folder.
+        run: Name of its run.
+        task: Task.
+        task_kwargs: Options of the task.
+        simulator: Physics.
+        renderer: Pictures.
+        image_size: Pixels a side.
+        device: Torch device.
+        train_level: Level of the demonstrations; None where unknown or where one channel varied alone.
+        train_only: The channel that varied alone in the demonstrations.
+        seed: Seed of the training run.
+        dataset_hash: Hash of the training data.
+        demonstrations: Episodes of the training data.
+        config: Resolved configuration, plain values.
+    """
+
+    checkpoint: Path
+    run: str
+    task: str
+    simulator: str
+    renderer: str
+    image_size: int
+    device: str
+    train_level: int | None = None
+    train_only: str | None = None
+    seed: int = 0
+    task_kwargs: dict[str, Any] = field(default_factory=dict)
+    dataset_hash: str | None = None
+    demonstrations: int | None = None
+    config: dict[str, Any] = field(default_factory=dict)
+
+
+def protocol_of(config: EvaluationConfig) -> Protocol:
+    """Returns the protocol that an evaluation follows."""
+    return Protocol(
+        levels=config.levels,
+        only=config.alone,
+        splits=config.splits,
+        episodes=config.episodes,
+        seed=config.protocol_seed,
+    )
+
+
+def subject_of(config: EvaluateConfig) -> Subject:
+    """Finds out what a checkpoint was trained on, from the run that it lies in.
+
+    Raises:
+        ConfigError: It lies in no run, and the task or the image size was not given.
+        PolicyError: There is no checkpoint.
+    """
+    from policies.checkpoint import resolve
+    from roboverse_learn.compose import to_values
+    from roboverse_learn.run import CONFIG_FILE, read_config
+    from roboverse_learn.training.device import resolve_device
+
+    checkpoint = resolve(config.checkpoint)
+    folder = next((path for path in checkpoint.absolute().parents if (path / CONFIG_FILE).is_file()), None)
+    if folder is None:
+        return _foreign_subject(checkpoint, config)
+    trained = read_config(folder)
+    subject = subject_of_run(folder, trained, checkpoint)
+    differs = {
+        "task": config.task or trained.task,
+        "task_kwargs": config.task_kwargs or trained.task_kwargs,
+        "simulator": config.simulator,
+        "renderer": config.renderer,
+        "image_size": config.image_size or trained.image_size,
+    }
+    changed = [_in_name(value) for key, value in differs.items() if value != getattr(trained, key)]
+    protocol = protocol_of(config.evaluate)
+    if protocol.hash != protocol_of(trained.evaluate).hash:
+        changed.append(protocol.hash[:6])
+    if step_of(checkpoint) != step_of(resolve(folder)):
+        changed.append(f"step{step_of(checkpoint)}")
+    values = {"command": to_values(config), "run": to_values(trained), "policy": to_values(trained)["policy"]}
+    return replace(
+        subject,
+        **differs,
+        device=resolve_device(config.device),
+        run="-".join([subject.run, *changed]),
+        config=values,
+    )
+
+
+def subject_of_run(folder: Path, config: TrainRunConfig, checkpoint: Path) -> Subject:
+    """Returns the subject of a run of ours.
+
+    Args:
+        folder: The run's folder.
+        config: Its configuration.
+        checkpoint: The pretrained folder inside it.
+    """
+    from roboverse_learn.compose import to_values
+    from roboverse_learn.run import read_facts
+    from roboverse_learn.training.device import resolve_device
+
+    facts = read_facts(folder, "collect")
+    return Subject(
+        checkpoint=checkpoint,
+        run=folder.name,
+        task=config.task,
+        task_kwargs=config.task_kwargs,
+        simulator=config.simulator,
+        renderer=config.renderer,
+        image_size=config.image_size,
+        device=resolve_device(config.device),
+        train_level=None if config.only else config.level,
+        train_only=config.only,
+        seed=config.seed,
+        dataset_hash=facts.get("dataset_hash"),
+        demonstrations=facts.get("num_episodes"),
+        config=to_values(config),
+    )
+
+
+def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
+    """The subject of a checkpoint that lies in no run of ours, such as one of ``lerobot-train``."""
+    from benchmark.provenance import file_hash
+    from policies.checkpoint import CONFIG, WEIGHTS, read_json
+    from roboverse_learn.compose import to_values
+    from roboverse_learn.training.device import resolve_device
+
+    if not config.task:
+        raise ConfigError(
+            f"Checkpoint '{checkpoint}' lies in no run of ours, which would say what it was trained on: add "
+            "task=<name>."
+        )
+    values = read_json(checkpoint / CONFIG)
+    sizes = {
+        feature["shape"][-1]
+        for key, feature in values.get("input_features", {}).items()
+        if key.startswith("observation.images.")
+    }
+    if not config.image_size and len(sizes) != 1:
+        raise ConfigError(
+            f"Checkpoint '{checkpoint}' has images of sizes {sorted(sizes)}: add image_size=<pixels>."
+        )
+    base = re.sub(r"[^A-Za-z0-9._+=-]+", "-", checkpoint.absolute().parent.name).strip("-.") or "checkpoint"
+    return Subject(
+        checkpoint=checkpoint,
+        run=f"{base}-{file_hash(checkpoint / WEIGHTS)[:8]}-{protocol_of(config.evaluate).hash[:6]}",
+        task=config.task,
+        task_kwargs=config.task_kwargs,
+        simulator=config.simulator,
+        renderer=config.renderer,
+        image_size=config.image_size or sizes.pop(),
+        device=resolve_device(config.device),
+        config={"command": to_values(config), "policy": values},
+    )
+
+
+def step_of(checkpoint: Path) -> int | None:
+    """The training step of a checkpoint, which the name of its folder tells."""
+    name = checkpoint.resolve().parent.name
+    return int(name) if name.isdecimal() else None
+
+
+def _in_name(value: Any) -> str:
+    """A value as a part of the name of a file."""
+    text = "-".join(f"{key}={item}" for key, item in value.items()) if isinstance(value, dict) else str(value)
+    return re.sub(r"[^A-Za-z0-9._+=-]+", "-", text)

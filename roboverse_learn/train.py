@@ -1,0 +1,169 @@
+"""``python roboverse_learn/train.py policy=act task=PickCube``: from nothing to the leaderboard.
+
+Collect what is missing, train, evaluate over levels and splits, write results, leaderboard, plots and
+videos. Every stage continues where a killed one stopped, so the same command finishes the run.
+"""
+
+import sys
+from pathlib import Path
+
+if __name__ == "__main__":  # as a script: this folder's `data` or `run` must not hide other packages
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
+import logging
+import os
+import time
+from typing import TYPE_CHECKING, Any
+
+from envs.errors import ConfigError
+from roboverse_learn.config import TrainRunConfig
+
+if TYPE_CHECKING:
+    from roboverse_learn.data.collection import CollectionSummary
+    from roboverse_learn.training.reporter import TrainResult
+
+log = logging.getLogger(__name__)
+
+LONG_RUN_S = 3600.0
+"""A run whose training alone takes longer on this machine asks first."""
+
+_POLL_S = 1.0
+
+
+def train(config: TrainRunConfig) -> Any:
+    """Runs the whole loop; returns a printable report.
+
+    Under ``accelerate launch`` the first process collects and evaluates, and all of them train.
+
+    Raises:
+        ConfigError: The run would take very long on this machine, is open in another process, or was
+            started with another configuration.
+    """
+    from roboverse_learn.evaluate import command_words, evaluate_subject
+    from roboverse_learn.leaderboard import write_leaderboard
+    from roboverse_learn.report import train_report
+    from roboverse_learn.run import Run
+    from roboverse_learn.subject import subject_of_run
+    from roboverse_learn.training.device import resolve_device
+
+    device = resolve_device(config.device)
+    if int(os.environ.get("RANK", "0")) > 0:
+        return _train_along(config, device)
+    refuse_long_run(config, device)
+    started = time.monotonic()
+    with Run.open(config, ["roboverse", "train", *command_words()]) as run:
+        log.info("Run: %s", run.folder)
+        with run.stage("collect") as facts:
+            dataset = _collect(config)
+            facts.update(dataset_hash=dataset.dataset_hash, num_episodes=dataset.num_episodes)
+            facts.update(folder=dataset.root, success_rate=dataset.success_rate)
+        with run.stage("train") as facts:
+            trained = _train(config, run.folder, dataset.root, device)
+            facts.update(steps=trained.steps, loss=trained.loss, stopped_by=trained.stopped_by)
+        results = Path(config.results_dir)
+        with run.stage("evaluate") as facts:
+            subject = subject_of_run(run.folder, config, trained.checkpoint)
+            evaluation = evaluate_subject(subject, config.evaluate, results, "train")
+            facts.update(result=str(evaluation.path))
+        with run.stage("leaderboard"):
+            board = write_leaderboard(results)
+        stages = dict(run.stages)
+    return train_report(
+        dataset,
+        trained,
+        evaluation,
+        board,
+        folder=run.folder,
+        stages=stages,
+        seconds=time.monotonic() - started,
+    )
+
+
+def refuse_long_run(config: TrainRunConfig, device: str) -> None:
+    """Stops a full-size run on a machine without a GPU before it has begun.
+
+    Raises:
+        ConfigError: Training would take longer than :data:`LONG_RUN_S`, and ``slow_ok`` is false.
+    """
+    limit = config.train.time_limit_s
+    if device != "cpu" or config.slow_ok or (limit is not None and limit <= LONG_RUN_S):
+        return
+    seconds = _estimate_s(config, device)
+    if seconds > LONG_RUN_S:
+        raise ConfigError(
+            f"Training alone will take about {_duration(seconds)} on this machine, which has no GPU that "
+            "torch can use. Take preset=quick for the whole loop in about a quarter of an hour, or add "
+            "slow_ok=true to start all the same."
+        )
+    log.info("Training will take about %s.", _duration(seconds))
+
+
+def _estimate_s(config: TrainRunConfig, device: str) -> float:
+    """Times a gradient step of this policy on this machine, without a dataset."""
+    import numpy as np
+
+    import policies
+    from roboverse_learn.collect import dataset_layout
+    from roboverse_learn.training.estimate import estimate_training_s
+
+    features, _, _ = dataset_layout(config)
+    stats = {}
+    for key, feature in features.items():
+        shape = (3, 1, 1) if feature["dtype"] == "video" else tuple(feature["shape"])
+        low, high = np.zeros(shape, np.float32), np.ones(shape, np.float32)
+        stats[key] = {"mean": low, "std": high, "min": low, "max": high}
+    policy = policies.create(config.policy_name, features, stats, config.policy, device)
+    return estimate_training_s(policy, config.train)
+
+
+def _collect(config: TrainRunConfig) -> "CollectionSummary":
+    from roboverse_learn.collect import collect_dataset
+
+    return collect_dataset(config)
+
+
+def _train(config: TrainRunConfig, folder: Path, dataset_root: str, device: str) -> "TrainResult":
+    """Trains on a dataset, in this process."""
+    import torch
+
+    import policies
+    from roboverse_learn.data.reader import ResidentDataset
+    from roboverse_learn.run import seed_of
+    from roboverse_learn.training.imitation import train as train_policy
+    from roboverse_learn.training.reporter import Reporter, RichReporter
+
+    dataset = ResidentDataset.open(dataset_root)
+    seed = seed_of(config, "training")
+    torch.manual_seed(seed)
+    policy = policies.create(config.policy_name, dataset.features, dataset.stats, config.policy, device)
+    first = int(os.environ.get("RANK", "0")) == 0
+    reporter = RichReporter() if first else Reporter()
+    try:
+        return train_policy(policy, dataset, config.train, folder, seed=seed, reporter=reporter)
+    finally:
+        if isinstance(reporter, RichReporter):
+            reporter.close()
+
+
+def _train_along(config: TrainRunConfig, device: str) -> str:
+    """Trains beside the first process of ``accelerate launch``, which has collected the dataset."""
+    from roboverse_learn.run import default_folder, read_facts
+
+    folder = default_folder(config)
+    while not (facts := read_facts(folder, "collect")) or facts.get("status") != "done":
+        time.sleep(_POLL_S)
+    _train(config, folder, facts["folder"], device)
+    return ""
+
+
+def _duration(seconds: float) -> str:
+    """A duration for people."""
+    if seconds < 5400:
+        return f"{max(1, round(seconds / 60))} minutes"
+    return f"{seconds / 3600:.0f} hours" if seconds < 172_800 else f"{seconds / 86_400:.1f} days"
+
+
+if __name__ == "__main__":
+    from roboverse_learn.cli import script
+
+    script("train")

@@ -1,0 +1,112 @@
+"""What training can be told; data only, imported by every command."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from envs.errors import ConfigError
+
+Precision = Literal["auto", "fp32", "bf16"]
+Schedule = Literal["cosine", "constant"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class AugmentConfig:
+    """Random changes of the training images, drawn anew for every sample.
+
+    Attributes:
+        shift_px: Largest shift of the picture in x and in y, pixels; the border is repeated (DrQ-v2,
+            arXiv:2107.09645, section 3.1). 0 switches it off.
+        brightness: Largest relative change of brightness, as ``0.2`` for 80 to 120 %.
+        contrast: Largest relative change of contrast about the mean of the picture.
+        saturation: Largest relative change of saturation about the grey picture.
+    """
+
+    shift_px: int = 0
+    brightness: float = 0.0
+    contrast: float = 0.0
+    saturation: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.shift_px < 0:
+            raise ConfigError(f"augment.shift_px must be 0 (off) or more pixels, given {self.shift_px}.")
+        for name in ("brightness", "contrast", "saturation"):
+            value = getattr(self, name)
+            if not 0.0 <= value < 1.0:
+                raise ConfigError(f"augment.{name} must be from 0 (off) to below 1, given {value}.")
+
+    @property
+    def enabled(self) -> bool:
+        """Whether anything is changed at all."""
+        return any((self.shift_px, self.brightness, self.contrast, self.saturation))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TrainConfig:
+    """How a policy is optimized.
+
+    Attributes:
+        steps: Gradient steps.
+        batch_size: Samples per gradient step, over all processes together.
+        lr: Peak learning rate of AdamW.
+        lr_backbone: Peak learning rate of the image backbone; None takes ``lr``.
+        weight_decay: Decoupled weight decay of AdamW.
+        betas: Moment decays of AdamW.
+        warmup_steps: Steps over which the learning rate rises linearly from 0.
+        schedule: ``cosine`` falls to 0 at the end of training, ``constant`` stays.
+        grad_clip: Largest L2 norm of the gradient; 0 does not clip.
+        ema: Keep an exponential moving average of the weights, and save that as the policy; None leaves
+            the choice to the policy (on for diffusion, off for ACT).
+        ema_power: Exponent of the average's warm-up, see :mod:`roboverse_learn.training.ema`.
+        ema_max_decay: Largest decay of the average.
+        precision: ``bf16`` computes under autocast; ``auto`` takes it where the processor has
+            instructions for it. Weights, optimizer and evaluation stay float32.
+        compile: Compile the network with ``torch.compile``; None compiles on a GPU only.
+        num_threads: Threads of a CPU run; 0 takes one per core.
+        save_every: Steps between checkpoints; the last step is always saved.
+        log_every: Steps between logged metrics.
+        time_limit_s: Stop after so many seconds of training, if not done before, and let the schedule
+            end there; None trains all steps. A run that hits its limit is not repeatable to the bit.
+        wandb: Log to Weights & Biases too.
+        augment: Random changes of the training images.
+    """
+
+    steps: int = 100_000
+    batch_size: int = 32
+    lr: float = 1e-4
+    lr_backbone: float | None = None
+    weight_decay: float = 1e-4
+    betas: tuple[float, float] = (0.9, 0.999)
+    warmup_steps: int = 500
+    schedule: Schedule = "cosine"
+    grad_clip: float = 10.0
+    ema: bool | None = None
+    ema_power: float = 0.75
+    ema_max_decay: float = 0.9999
+    precision: Precision = "auto"
+    compile: bool | None = None
+    num_threads: int = 0
+    save_every: int = 5_000
+    log_every: int = 50
+    time_limit_s: float | None = None
+    wandb: bool = False
+    augment: AugmentConfig = AugmentConfig()
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "batch_size", "lr", "save_every", "log_every", "ema_power"):
+            if getattr(self, name) <= 0:
+                raise ConfigError(f"train.{name} must be above 0, given {getattr(self, name)}.")
+        for name in ("weight_decay", "warmup_steps", "grad_clip", "num_threads", "lr_backbone"):
+            if (getattr(self, name) or 0) < 0:
+                raise ConfigError(f"train.{name} must be 0 or more, given {getattr(self, name)}.")
+        if self.time_limit_s is not None and self.time_limit_s <= 0:
+            raise ConfigError(f"train.time_limit_s must be above 0 seconds, or null for no limit, "
+                              f"given {self.time_limit_s}.")  # fmt: skip
+        for name, valid in (("precision", ("auto", "fp32", "bf16")), ("schedule", ("cosine", "constant"))):
+            if getattr(self, name) not in valid:
+                raise ConfigError(
+                    f"train.{name} must be one of {', '.join(valid)}, given '{getattr(self, name)}'."
+                )
+        if len(self.betas) != 2 or not all(0.0 <= beta < 1.0 for beta in self.betas):
+            raise ConfigError(f"train.betas must be two numbers from 0 to below 1, given {self.betas}.")
+        if not 0.0 <= self.ema_max_decay < 1.0:
+            raise ConfigError(f"train.ema_max_decay must be from 0 to below 1, given {self.ema_max_decay}.")

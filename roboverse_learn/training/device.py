@@ -1,0 +1,59 @@
+"""Where training computes, and in which precision."""
+
+import contextlib
+import os
+from collections.abc import Iterator
+
+import torch
+
+from envs.errors import ConfigError
+from roboverse_learn.training.config import Precision
+
+
+def resolve_device(device: str = "auto") -> str:
+    """Returns a torch device; under ``accelerate launch`` each process takes the GPU of its own.
+
+    Args:
+        device: ``auto`` (a GPU if there is one), ``cpu``, ``cuda`` or ``cuda:<index>``.
+
+    Raises:
+        ConfigError: if there is no such device on this machine.
+    """
+    has_gpu = torch.cuda.is_available()
+    if device == "auto":
+        device = "cuda" if has_gpu else "cpu"
+    kind, _, index = device.partition(":")
+    if kind not in ("cpu", "cuda") or (index and not index.isdigit()):
+        raise ConfigError(f"Unknown device '{device}'. Valid: auto, cpu, cuda, cuda:<index>.")
+    if kind == "cuda":
+        count = torch.cuda.device_count() if has_gpu else 0
+        number = int(index or os.environ.get("LOCAL_RANK", 0))
+        if number >= count:
+            raise ConfigError(f"device='{device}' needs {number + 1} GPU(s), found {count}. Take device=cpu.")
+        # Checkpoints say 'cuda', whichever GPU they come from.
+        torch.cuda.set_device(number)
+    return kind
+
+
+def resolve_precision(precision: Precision, device: torch.device) -> str:
+    """Returns ``bf16`` or ``fp32``; ``auto`` is ``bf16`` where the processor multiplies it natively.
+
+    On a CPU without such instructions bf16 is emulated, and slower than fp32.
+    """
+    if precision != "auto":
+        return precision
+    if device.type == "cuda":
+        return "bf16" if torch.cuda.is_bf16_supported(including_emulation=False) else "fp32"
+    capabilities = torch.cpu.get_capabilities()
+    return "bf16" if capabilities.get("avx512_bf16") or capabilities.get("amx_bf16") else "fp32"
+
+
+@contextlib.contextmanager
+def cpu_threads(num_threads: int) -> Iterator[None]:
+    """Lets torch use so many threads inside the block; 0 takes one per core of this process."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(num_threads or len(os.sched_getaffinity(0)))
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

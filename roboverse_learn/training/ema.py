@@ -1,0 +1,45 @@
+"""Exponential moving average of weights."""
+
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor
+
+
+class Ema:
+    """Average of the weights with a decay that warms up, as Diffusion Policy has it.
+
+    After ``t`` updates the decay is ``1 - (1 + t) ** -power``, at most ``max_decay`` (diffusers'
+    ``EMAModel`` with ``inv_gamma=1``; arXiv:2303.04137, appendix), and ``average = decay * average +
+    (1 - decay) * weights``. The first update takes the weights themselves.
+
+    Args:
+        weights: Named tensors; those that are not floating point are copied, not averaged.
+        power: Exponent of the warm-up.
+        max_decay: Largest decay.
+        num_updates: Updates that ``weights`` is the average of already.
+    """
+
+    def __init__(
+        self, weights: Mapping[str, Tensor], power: float, max_decay: float, num_updates: int = 0
+    ) -> None:
+        self.power = power
+        self.max_decay = max_decay
+        self.num_updates = num_updates
+        self.average = {key: value.detach().clone() for key, value in weights.items()}
+
+    def decay(self) -> float:
+        """Returns the decay of the next update."""
+        return min(self.max_decay, 1.0 - (1.0 + self.num_updates) ** -self.power)
+
+    @torch.no_grad()
+    def update(self, weights: Mapping[str, Tensor]) -> None:
+        """Takes the weights after one more gradient step into the average."""
+        decay = self.decay()
+        self.num_updates += 1
+        floating = [key for key, value in self.average.items() if value.is_floating_point()]
+        torch._foreach_lerp_(
+            [self.average[key] for key in floating], [weights[key] for key in floating], 1.0 - decay
+        )
+        for key in self.average.keys() - set(floating):
+            self.average[key].copy_(weights[key])

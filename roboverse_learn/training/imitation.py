@@ -1,0 +1,351 @@
+"""Imitation: a policy learns the actions of a dataset.
+
+The loop knows no loss and no network: a policy normalizes its batch and computes its loss.
+"""
+
+import logging
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from envs.errors import RoboVerseError
+from policies.lerobot_policy import LeRobotPolicy
+from roboverse_learn.data.info import DatasetInfo
+from roboverse_learn.data.sampler import EpisodeAwareSampler
+from roboverse_learn.training import checkpoint
+from roboverse_learn.training.augment import augment
+from roboverse_learn.training.config import TrainConfig
+from roboverse_learn.training.device import cpu_threads, resolve_precision
+from roboverse_learn.training.ema import Ema
+from roboverse_learn.training.metrics import (
+    JsonlWriter,
+    MetricsWriter,
+    TensorBoardWriter,
+    WandbWriter,
+    read_metrics,
+)
+from roboverse_learn.training.reporter import Progress, Reporter, TrainResult
+from roboverse_learn.training.schedule import learning_rate_factor, progress
+
+logger = logging.getLogger(__name__)
+
+
+class FrameDataset(Protocol):
+    """What training needs of a dataset; see :class:`roboverse_learn.data.reader.ResidentDataset`."""
+
+    info: DatasetInfo
+
+    def sample(
+        self, indices: np.ndarray, delta_indices: Mapping[str, Sequence[int]], *, keys: Sequence[str]
+    ) -> dict[str, Tensor]:
+        """Returns frames: images uint8 (B, [T,] C, H, W), vectors float32 (B, [T,] D), ``<key>_is_pad``."""
+        ...
+
+
+class TrainingDivergedError(RoboVerseError, ArithmeticError):
+    """The loss is not a finite number any more."""
+
+
+def train(
+    policy: LeRobotPolicy,
+    dataset: FrameDataset,
+    config: TrainConfig,
+    run_dir: str | Path,
+    *,
+    seed: int = 0,
+    reporter: Reporter | None = None,
+    resume: bool = True,
+) -> TrainResult:
+    """Trains a policy, in one process or in each of those of ``accelerate launch``.
+
+    A run that is killed goes on from its last checkpoint, to the same losses on a CPU (unless a time
+    limit ends its schedule).
+
+    Args:
+        policy: An untrained policy, on the device to train on; trained in place.
+        dataset: The demonstrations.
+        config: How to train.
+        run_dir: Where checkpoints, metrics and plots go.
+        seed: Root of all randomness.
+        reporter: Hears of the progress.
+        resume: Go on from the last checkpoint of ``run_dir``, if there is one.
+
+    Raises:
+        CheckpointError: if the checkpoint to go on from is damaged or of another configuration, or if a
+            new one cannot be written.
+        ConfigError: if the batch cannot be divided among the processes.
+        TrainingDivergedError: if the loss becomes infinite or NaN.
+    """
+    devices = [torch.cuda.current_device()] if policy.device.type == "cuda" else []
+    with cpu_threads(config.num_threads), torch.random.fork_rng(devices=devices):
+        trainer = _Trainer(policy, dataset, config, Path(run_dir), seed, reporter or Reporter())
+        return trainer.run(resume)
+
+
+def make_optimizer(policy: LeRobotPolicy, config: TrainConfig) -> torch.optim.AdamW:
+    """Returns AdamW over the parameters of a policy, those of its backbone in a group of their own."""
+    named = [(name, p) for name, p in policy.model.named_parameters() if p.requires_grad]
+    lr_backbone = config.lr if config.lr_backbone is None else config.lr_backbone
+    groups = [
+        {"params": [p for name, p in named if "backbone" not in name], "peak_lr": config.lr},
+        {"params": [p for name, p in named if "backbone" in name], "peak_lr": lr_backbone},
+    ]
+    return torch.optim.AdamW(
+        [group for group in groups if group["params"]],
+        lr=config.lr,
+        betas=tuple(config.betas),
+        weight_decay=config.weight_decay,
+        fused=True,
+    )
+
+
+def step_seed(seed: int, step: int, rank: int) -> int:
+    """Returns the seed of dropout, noise and augmentation of one gradient step in one process."""
+    source = np.random.SeedSequence(seed, spawn_key=(step, rank))
+    return int(source.generate_state(1, np.uint64)[0] >> 1)
+
+
+class _Trainer:
+    """One run of :func:`train`."""
+
+    def __init__(
+        self,
+        policy: LeRobotPolicy,
+        dataset: FrameDataset,
+        config: TrainConfig,
+        run_dir: Path,
+        seed: int,
+        reporter: Reporter,
+    ) -> None:
+        from accelerate import Accelerator
+
+        self.policy, self.dataset, self.config = policy, dataset, config
+        self.run_dir, self.seed, self.reporter = run_dir, seed, reporter
+        self.accelerator = Accelerator(cpu=policy.device.type == "cpu")
+        self.rank, self.world = self.accelerator.process_index, self.accelerator.num_processes
+        self.is_main = self.accelerator.is_main_process
+        self.precision = resolve_precision(config.precision, policy.device)
+        self.sampler = EpisodeAwareSampler(
+            dataset.info,
+            batch_size=config.batch_size,
+            seed=seed,
+            drop_last_frames=policy.drop_last_frames,
+            rank=self.rank,
+            world_size=self.world,
+        )
+        features = policy.model.config.input_features | policy.model.config.output_features
+        self.keys = list(features)
+        policy.begin_training()
+        if config.compile or (config.compile is None and policy.device.type == "cuda"):
+            policy.compile()
+        # Every process starts from the weights of the first: DDP broadcasts them.
+        self.model, self.optimizer = self.accelerator.prepare(policy.model, make_optimizer(policy, config))
+        self.ema = self._make_ema()
+        self.step, self.first_step, self.elapsed_before = 0, 0, 0.0
+        self.losses: list[dict[str, Tensor | float]] = []
+        self.loss: float | None = None
+        self.grad_norm = 0.0
+        self.start = time.perf_counter()
+
+    def run(self, resume: bool) -> TrainResult:
+        """Trains to the end."""
+        directory = checkpoint.last_checkpoint(self.run_dir) if resume else None
+        if directory is not None:
+            self._load(directory)
+        self.run_dir.mkdir(parents=True, exist_ok=True)
+        writers = self._make_writers() if self.is_main else []
+        self.start = time.perf_counter()
+        saved_at = self.step if directory is not None else None
+        try:
+            self._report("on_start", self._progress(), self.policy)
+            while self.step < self.config.steps and not self._time_is_over():
+                self._gradient_step()
+                if self.step % self.config.log_every == 0 or self.step == self.config.steps:
+                    self._log(writers)
+                self._report("on_step", self._progress())
+                if self.step % self.config.save_every == 0:
+                    self._save()
+                    saved_at = self.step
+            if saved_at != self.step:
+                self._log(writers)
+                self._save()
+        finally:
+            for writer in writers:
+                writer.close()
+        self.accelerator.wait_for_everyone()
+        return self._finish()
+
+    def _gradient_step(self) -> None:
+        config, optimizer = self.config, self.optimizer
+        torch.manual_seed(step_seed(self.seed, self.step, self.rank))
+        factor = learning_rate_factor(config, self.step, self._elapsed())
+        for group in optimizer.param_groups:
+            group["lr"] = group["peak_lr"] * factor
+        loss, terms = self.forward(self._batch())
+        self.accelerator.backward(loss)
+        if config.grad_clip:
+            self.grad_norm = self.accelerator.clip_grad_norm_(self.policy.model.parameters(), config.grad_clip)
+        optimizer.step()
+        optimizer.zero_grad()
+        self.losses.append({"loss": loss.detach(), **(terms or {})})
+        self.step += 1
+        if self.ema is not None:
+            self.ema.update(self.policy.state_dict())
+
+    def forward(self, batch: Mapping[str, Tensor]) -> tuple[Tensor, Mapping[str, float] | None]:
+        """Returns the loss of a normalized batch, and its terms."""
+        enabled = self.precision == "bf16"
+        with torch.autocast(self.policy.device.type, torch.bfloat16, enabled=enabled):
+            return self.model(dict(batch))
+
+    def _batch(self) -> dict[str, Tensor]:
+        """Returns this process's share of the step's batch, augmented and normalized."""
+        batch = self.dataset.sample(self.sampler.next_batch(), self.policy.delta_indices, keys=self.keys)
+        images = self.policy.model.config.image_features
+        if self.config.augment.enabled:
+            batch |= {key: augment(batch[key].to(self.policy.device), self.config.augment) for key in images}
+        return self.policy.preprocess(batch)
+
+    def _make_ema(self) -> Ema | None:
+        wanted = self.policy.default_ema if self.config.ema is None else self.config.ema
+        if not wanted:
+            return None
+        return Ema(self.policy.state_dict(), self.config.ema_power, self.config.ema_max_decay)
+
+    def _make_writers(self) -> list[MetricsWriter]:
+        writers: list[MetricsWriter] = [
+            JsonlWriter(self.run_dir, self.step),
+            TensorBoardWriter(self.run_dir, self.step),
+        ]
+        if self.config.wandb:
+            writers.append(WandbWriter(self.run_dir, asdict(self.config) | {"policy": self.policy.name}))
+        return writers
+
+    def _log(self, writers: list[MetricsWriter]) -> None:
+        """Logs the means since the last logged step."""
+        if not self.losses:
+            return
+        names = self.losses[0].keys()
+        means = torch.tensor([[float(row[name]) for name in names] for row in self.losses]).mean(dim=0)
+        means = self.accelerator.reduce(means.to(self.policy.device), "mean").tolist()
+        row = dict(zip(names, means, strict=True))
+        self.losses.clear()
+        self.loss = row["loss"]
+        if not math.isfinite(self.loss):
+            raise TrainingDivergedError(
+                f"The loss is {self.loss} at step {self.step}. The last checkpoint in "
+                f"'{self.run_dir / 'checkpoints'}' is sound. Take a smaller train.lr, or train.precision=fp32."
+            )
+        row |= {
+            "lr": self.optimizer.param_groups[0]["lr"],
+            "grad_norm": float(self.grad_norm),
+            "samples_per_s": self._samples_per_s() or 0.0,
+            "elapsed_s": self._elapsed(),
+        }
+        for writer in writers:
+            writer.write(self.step, row)
+
+    def _settings(self) -> dict[str, Any]:
+        """What a resumed run must share with the one before."""
+        return {
+            "policy": self.policy.name,
+            "batch_size": self.config.batch_size,
+            "seed": self.seed,
+            "num_frames": self.sampler.num_frames,
+        }
+
+    def _load(self, directory: Path) -> None:
+        optimizer = getattr(self.optimizer, "optimizer", self.optimizer)
+        state = checkpoint.load_checkpoint(directory, self.policy, optimizer, self.ema, self._settings())
+        self.step = self.first_step = state.step
+        self.elapsed_before = state.elapsed_s
+        self.sampler.load_state_dict(state.sampler)
+        logger.info("Going on from step %d of '%s'.", self.step, directory)
+
+    def _save(self) -> None:
+        self.accelerator.wait_for_everyone()
+        if not self.is_main:
+            return
+        state = checkpoint.TrainState(
+            step=self.step,
+            elapsed_s=self._elapsed(),
+            sampler=self.sampler.state_dict(),
+            settings=self._settings(),
+        )
+        optimizer = getattr(self.optimizer, "optimizer", self.optimizer)
+        directory = checkpoint.save_checkpoint(self.run_dir, self.policy, optimizer, self.ema, state)
+        self._report("on_checkpoint", self.step, directory)
+
+    def _finish(self) -> TrainResult:
+        """Leaves the policy as it was saved, and draws the losses."""
+        if self.ema is not None:
+            self.policy.model.load_state_dict(self.ema.average, strict=False)
+        self.policy.end_training()
+        done = self.step >= self.config.steps
+        result = TrainResult(
+            checkpoint=self.run_dir / "checkpoints" / "last" / checkpoint.PRETRAINED,
+            steps=self.step,
+            loss=self.loss,
+            elapsed_s=self._elapsed(),
+            samples_per_s=self._samples_per_s(),
+            stopped_by="steps" if done else "time_limit",
+            precision=self.precision,
+            plot=self._plot() if self.is_main else None,
+        )
+        self._report("on_end", result)
+        return result
+
+    def _plot(self) -> Path | None:
+        from benchmark.plots import plot_losses
+
+        rows = read_metrics(self.run_dir)
+        if not rows:
+            return None
+        path = self.run_dir / "losses.png"
+        plot_losses(rows, path, title=f"Training of {self.policy.name}")
+        return path
+
+    def _elapsed(self) -> float:
+        return self.elapsed_before + time.perf_counter() - self.start
+
+    def _time_is_over(self) -> bool:
+        limit = self.config.time_limit_s
+        if limit is None:
+            return False
+        over = torch.tensor(float(self._elapsed() >= limit), device=self.policy.device)
+        # Clocks differ; processes that stop at different steps would wait for each other forever.
+        return bool(self.accelerator.reduce(over, "sum") > 0)
+
+    def _samples_per_s(self) -> float | None:
+        taken = self.step - self.first_step
+        seconds = time.perf_counter() - self.start
+        return taken * self.config.batch_size / seconds if taken else None
+
+    def _progress(self) -> Progress:
+        taken = self.step - self.first_step
+        eta = None
+        if taken:
+            seconds = time.perf_counter() - self.start
+            eta = seconds / taken * (self.config.steps - self.step)
+            if self.config.time_limit_s is not None:
+                eta = max(0.0, min(eta, self.config.time_limit_s - self._elapsed()))
+        return Progress(
+            step=self.step,
+            steps=self.config.steps,
+            fraction=progress(self.config, self.step, self._elapsed()),
+            loss=self.loss,
+            samples_per_s=self._samples_per_s(),
+            elapsed_s=self._elapsed(),
+            eta_s=eta,
+        )
+
+    def _report(self, event: str, *arguments: Any) -> None:
+        if self.is_main:
+            getattr(self.reporter, event)(*arguments)

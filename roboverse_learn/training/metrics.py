@@ -1,0 +1,132 @@
+"""Where the numbers of a run go: always a JSON-lines file and TensorBoard, W&B on request."""
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+from envs.errors import MissingExtraError
+
+METRICS_FILE = "metrics.jsonl"
+
+type Row = Mapping[str, float]
+
+
+class MetricsWriter(Protocol):
+    """Takes one row of numbers per logged step."""
+
+    def write(self, step: int, row: Row) -> None:
+        """Takes the numbers of a step."""
+        ...
+
+    def close(self) -> None:
+        """Writes what is still held back."""
+        ...
+
+
+class JsonlWriter:
+    """``metrics.jsonl``: one JSON object per logged step.
+
+    A line is one write of an append-only file, so that a killed run leaves at most one incomplete
+    line, which reading leaves out.
+
+    Args:
+        run_dir: Folder of the run.
+        first_step: Rows from this step on are dropped: a resumed run computes them again.
+    """
+
+    def __init__(self, run_dir: Path, first_step: int = 0) -> None:
+        path = run_dir / METRICS_FILE
+        rows = [row for row in read_metrics(run_dir) if row["step"] <= first_step]
+        temporary = path.with_name(f".{path.name}.partial")
+        with temporary.open("w", encoding="utf-8") as stream:
+            stream.writelines(json.dumps(row) + "\n" for row in rows)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(temporary, path)
+        self._descriptor = os.open(path, os.O_WRONLY | os.O_APPEND)
+
+    def write(self, step: int, row: Row) -> None:
+        """Appends one line."""
+        os.write(self._descriptor, (json.dumps({"step": step, **row}) + "\n").encode())
+
+    def close(self) -> None:
+        """Flushes the file to the disk."""
+        os.fsync(self._descriptor)
+        os.close(self._descriptor)
+
+
+class TensorBoardWriter:
+    """Event files in ``tensorboard/``.
+
+    Args:
+        run_dir: Folder of the run.
+        first_step: Earlier events from this step on are hidden: a resumed run computes them again.
+    """
+
+    def __init__(self, run_dir: Path, first_step: int = 0) -> None:
+        from torch.utils.tensorboard import SummaryWriter
+
+        purge = first_step + 1 if first_step else None
+        self._writer = SummaryWriter(str(run_dir / "tensorboard"), purge_step=purge)
+
+    def write(self, step: int, row: Row) -> None:
+        """Adds one point to every curve."""
+        for name, value in row.items():
+            self._writer.add_scalar(f"train/{name}", value, step)
+
+    def close(self) -> None:
+        """Flushes the event file."""
+        self._writer.close()
+
+
+class WandbWriter:
+    """A Weights & Biases run, continued when the training is.
+
+    Args:
+        run_dir: Folder of the run; its name is the run's name.
+        settings: Configuration to record.
+
+    Raises:
+        MissingExtraError: if the package is not installed.
+    """
+
+    def __init__(self, run_dir: Path, settings: Mapping[str, Any]) -> None:
+        try:
+            import wandb
+        except ImportError as error:
+            raise MissingExtraError(
+                "train.wandb=true needs the package 'wandb', which is not installed. "
+                "Install it with: pip install wandb. Or leave train.wandb=false: TensorBoard is always written."
+            ) from error
+        self._run = wandb.init(
+            project="roboverse-learn",
+            name=run_dir.name,
+            id=run_dir.name,
+            resume="allow",
+            dir=str(run_dir),
+            config=dict(settings),
+        )
+
+    def write(self, step: int, row: Row) -> None:
+        """Logs one row."""
+        self._run.log({f"train/{name}": value for name, value in row.items()}, step=step)
+
+    def close(self) -> None:
+        """Finishes the run."""
+        self._run.finish()
+
+
+def read_metrics(run_dir: Path) -> list[dict[str, float]]:
+    """Returns the rows of ``metrics.jsonl``, oldest first; an incomplete last line is left out."""
+    path = run_dir / METRICS_FILE
+    if not path.is_file():
+        return []
+    rows = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        try:
+            rows.append(json.loads(line))
+        except json.JSONDecodeError:
+            break
+    return rows

@@ -1,0 +1,126 @@
+"""How a training run tells whoever started it how far it is."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Progress:
+    """Where a run is.
+
+    Attributes:
+        step: Gradient steps taken.
+        steps: Gradient steps in all; a time limit may end the run before.
+        fraction: Share of the run that is done, by steps or by time, from 0 to 1.
+        loss: Mean loss since the last logged step; None before the first.
+        samples_per_s: Samples per second, since this process began; None before the first step.
+        elapsed_s: Seconds of training, over all resumptions.
+        eta_s: Seconds that are left; None before the first step.
+    """
+
+    step: int
+    steps: int
+    fraction: float
+    loss: float | None
+    samples_per_s: float | None
+    elapsed_s: float
+    eta_s: float | None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TrainResult:
+    """What a run came to.
+
+    Attributes:
+        checkpoint: The LeRobot pretrained folder.
+        steps: Gradient steps taken, over all resumptions.
+        loss: Last logged loss; None if the run was complete before.
+        elapsed_s: Seconds of training, over all resumptions.
+        samples_per_s: Samples per second of this process; None if it took no step.
+        stopped_by: ``steps`` or ``time_limit``.
+        precision: ``fp32`` or ``bf16``.
+        plot: The loss curves; None if nothing was logged.
+    """
+
+    checkpoint: Path
+    steps: int
+    loss: float | None
+    elapsed_s: float
+    samples_per_s: float | None
+    stopped_by: str
+    precision: str
+    plot: Path | None
+
+
+class Reporter:
+    """Hears of a run; does nothing. Called in the main process only."""
+
+    def on_start(self, progress: Progress, policy: Any) -> None:
+        """The run begins, or goes on at ``progress.step``."""
+
+    def on_step(self, progress: Progress) -> None:
+        """One more gradient step."""
+
+    def on_checkpoint(self, step: int, directory: Path) -> None:
+        """A checkpoint is complete."""
+
+    def on_end(self, result: TrainResult) -> None:
+        """The run is complete."""
+
+
+class RichReporter(Reporter):
+    """A progress bar with the loss, the speed and the time left.
+
+    Args:
+        console: Where to draw; None takes the standard output.
+    """
+
+    def __init__(self, console: "Console | None" = None) -> None:
+        from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+        from rich.progress import Progress as Bar
+
+        self._bar = Bar(
+            TextColumn("training"),
+            BarColumn(),
+            TextColumn("{task.percentage:>3.0f} %  {task.description}"),
+            TimeElapsedColumn(),
+            console=console,
+        )
+        self._task = self._bar.add_task("", total=1.0)
+
+    def on_start(self, progress: Progress, policy: Any) -> None:
+        """Shows the bar."""
+        self._bar.start()
+        again = f", going on at step {progress.step:,}" if progress.step else ""
+        self._bar.console.print(
+            f"Training {policy.name} with {policy.n_params / 1e6:.1f} M parameters on {policy.device.type}{again}"
+        )
+
+    def on_step(self, progress: Progress) -> None:
+        """Moves the bar."""
+        parts = [f"step {progress.step:,}/{progress.steps:,}"]
+        if progress.loss is not None:
+            parts.append(f"loss {progress.loss:.4f}")
+        if progress.samples_per_s is not None:
+            parts.append(f"{progress.samples_per_s:.0f} samples/s")
+        if progress.eta_s is not None:
+            parts.append(f"{_duration(progress.eta_s)} left")
+        self._bar.update(self._task, completed=progress.fraction, description="  ".join(parts))
+
+    def on_end(self, result: TrainResult) -> None:
+        """Takes the bar away."""
+        self.close()
+
+    def close(self) -> None:
+        """Gives the terminal back; also to be called when the run fails."""
+        self._bar.stop()
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

@@ -1,0 +1,72 @@
+import pytest
+
+from benchmark.protocol import Cell, Protocol, canonical_json
+from envs.errors import ConfigError, RoboVerseError
+
+
+def test_default_protocol_is_four_levels_on_both_splits():
+    cells = Protocol().cells()
+    assert len(cells) == 8
+    assert cells[0] == Cell(level=0, split="train")
+    assert cells[-1] == Cell(level=3, split="test")
+
+
+def test_channels_alone_follow_the_levels():
+    cells = Protocol(levels=(0,), only=("camera",), splits=("test",)).cells()
+    assert [str(cell) for cell in cells] == ["level 0, test split", "camera alone, test split"]
+    assert [cell.name for cell in cells] == ["level0-test", "camera-test"]
+
+
+def test_hash_is_frozen():
+    """A published result names this hash: it must never change without a new version."""
+    assert Protocol().hash == "2b0c9efbc9289d34"
+
+
+def test_hash_follows_every_field():
+    changes = ({"levels": (0,)}, {"only": ("camera",)}, {"splits": ("test",)}, {"episodes": 20}, {"seed": 1})
+    hashes = {Protocol().hash} | {Protocol(**change).hash for change in changes}
+    assert len(hashes) == 1 + len(changes)
+
+
+def test_json_round_trip():
+    protocol = Protocol(levels=(0, 3), only=("lighting",), episodes=7, seed=5)
+    assert Protocol.from_json(protocol.to_json()) == protocol
+
+
+def test_canonical_json_has_one_form():
+    assert canonical_json({"b": 1, "a": [1.5, None]}) == '{"a":[1.5,null],"b":1}'
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        canonical_json({"a": float("nan")})
+
+
+def test_episodes_are_the_first_of_the_split():
+    assert Protocol(episodes=3).episodes_of([9, 4, 7, 1]) == [9, 4, 7]
+    with pytest.raises(ConfigError, match=r"100 episodes .* the split has 4\. Set episodes to at most 4"):
+        Protocol().episodes_of([9, 4, 7, 1])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"levels": (4,)}, "Unknown level 4. Valid: 0, 1, 2, 3."),
+        ({"levels": (0, 0)}, "levels must differ from each other"),
+        ({"levels": ()}, "has no cells"),
+        ({"splits": ("tests",)}, "Unknown split 'tests'. Did you mean 'test'?"),
+        ({"only": ("cameras",)}, "Unknown channel 'cameras'. Did you mean 'camera'?"),
+        ({"episodes": 0}, "episodes must be a whole number of at least 1, given 0"),
+        ({"episodes": True}, "episodes must be a whole number"),
+        ({"seed": -1}, "seed must be a whole number of at least 0"),
+        ({"version": "v2"}, "Unknown protocol version 'v2'. This release evaluates 'v1'"),
+    ],
+)
+def test_bad_values_are_named(change, message):
+    with pytest.raises(RoboVerseError) as caught:
+        Protocol(**change)
+    assert message in str(caught.value)
+
+
+def test_a_cell_is_a_level_or_a_channel():
+    with pytest.raises(ConfigError, match="a level or one channel alone"):
+        Cell(level=1, only="camera", split="test")
+    with pytest.raises(ConfigError, match="a level or one channel alone"):
+        Cell(split="test")

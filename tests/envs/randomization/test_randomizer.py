@@ -1,0 +1,223 @@
+"""One episode, one look: deterministic, channel by channel, and never a test look in training."""
+
+import itertools
+import json
+import math
+
+import pytest
+
+from envs.errors import ConfigError, UnknownNameError
+from envs.randomization import (
+    CHANNELS,
+    LEVELS,
+    LightingCfg,
+    MaterialLibrary,
+    Randomizer,
+    channel_rng,
+    channels_of,
+)
+from envs.randomization.splits import load_split
+from envs.scenario import SURFACES, Appearance, CameraCfg, LightCfg, SurfaceMaterial
+
+BASE = Appearance(
+    materials={"table": SurfaceMaterial(rgb=(0.5, 0.4, 0.3)), "ground": SurfaceMaterial(roughness=0.9)},
+    lights=(LightCfg(intensity=0.7),),
+)
+CAMERAS = (CameraCfg(name="front", pos=(1.5, 0.0, 1.5), look_at=(0.0, 0.0, 0.0), fovy_deg=47.0),)
+
+
+def make(channels, split="train", seed=0, **kwargs):
+    return Randomizer(BASE, CAMERAS, channels=channels, split=split, seed=seed, **kwargs)
+
+
+@pytest.fixture(scope="module")
+def pool():
+    """All draws of all channels for the whole pool, by split."""
+    draws = {}
+    for split in ("train", "test"):
+        randomizer = make(CHANNELS, split)
+        draws[split] = [randomizer.draws(int(episode)) for episode in randomizer.split.episodes]
+    return draws
+
+
+def values(draws, channel, *keys):
+    """The set of what a channel drew at a path of keys."""
+    found = set()
+    for draw in draws:
+        value = draw[channel]
+        for key in keys:
+            value = value[key]
+        found.add(json.dumps(value, sort_keys=True))
+    return found
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        *[("environment", "textures", surface) for surface in SURFACES],
+        *[("environment", "size_m", surface) for surface in SURFACES],
+        ("environment", "table_yaw_rad"),
+        ("camera", "front"),
+        *[("lighting", "lights", key) for key in ("azimuth_rad", "polar_rad", "distant_intensity")],
+        *[
+            ("lighting", "lights", key)
+            for key in ("array_intensity", "radius_m", "length_m", "temperature_k")
+        ],
+        *[("lighting", "reflection", surface) for surface in (*SURFACES, "objects")],
+    ],
+    ids="-".join,
+)
+def test_no_test_draw_equals_a_train_draw(pool, path):
+    train, test = (values(pool[split], *path) for split in ("train", "test"))
+    assert not train & test
+
+
+def test_no_initial_state_is_drawn_in_both_splits():
+    """The task channel's numbers too are keyed by the index, and the indices are disjoint."""
+    first = {
+        split: {tuple(channel_rng(0, "task", int(i)).uniform(size=3)) for i in load_split(split).episodes}
+        for split in ("train", "test")
+    }
+    assert len(first["train"]) == 9000 and len(first["test"]) == 1000
+    assert not first["train"] & first["test"]
+
+
+def test_every_material_and_camera_of_a_split_is_used(pool):
+    for split, draws in pool.items():
+        allowed = load_split(split)
+        assert {json.loads(v) for v in values(draws, "camera", "front")} == set(allowed.cameras)
+        for surface in SURFACES:
+            used = {json.loads(v) for v in values(draws, "environment", "textures", surface)}
+            assert used == set(allowed.materials[surface])
+
+
+def test_level_0_is_exactly_the_base():
+    randomizer = make(channels_of(0))
+    episode = int(randomizer.split.episodes[3])
+    assert randomizer.appearance(episode) is BASE
+    assert randomizer.draws(episode) == {}
+
+
+def test_each_level_adds_its_channel_and_keeps_the_draws_of_the_one_below():
+    episode = int(load_split("train").episodes[17])
+    looks = [make(channels_of(level)).appearance(episode) for level in LEVELS]
+    draws = [make(channels_of(level)).draws(episode) for level in LEVELS]
+    for below, above in itertools.pairwise(draws):
+        assert below.items() <= above.items()
+        assert len(above) == len(below) + 1
+    textures = [{s: look.materials[s].texture for s in SURFACES} for look in looks[1:]]
+    assert textures[0] == textures[1] == textures[2]
+    assert looks[1].lights == looks[2].lights == BASE.lights
+    assert looks[2].cameras == looks[3].cameras
+    assert looks[3].object_reflection is not None and looks[2].object_reflection is None
+
+
+@pytest.mark.parametrize("only", CHANNELS[1:])
+def test_a_channel_alone_draws_what_it_draws_among_others(only):
+    alone, together = make(channels_of(only=only), "test"), make(CHANNELS, "test")
+    for episode in alone.split.episodes[:20]:
+        assert alone.draws(int(episode)) == {only: together.draws(int(episode))[only]}
+
+
+def test_the_environment_channel_leaves_reflection_lights_and_cameras_alone():
+    randomizer = make(channels_of(only="environment"))
+    look = randomizer.appearance(int(randomizer.split.episodes[0]))
+    assert look.materials["ground"].roughness == 0.9
+    assert look.materials["table"].rgb == (1.0, 1.0, 1.0)
+    assert (look.lights, look.cameras, look.object_reflection) == (BASE.lights, {}, None)
+    assert 0 <= look.table_yaw_rad < 2 * math.pi
+
+
+def test_the_lighting_channel_leaves_colours_alone():
+    randomizer = make(channels_of(only="lighting"))
+    look = randomizer.appearance(int(randomizer.split.episodes[0]))
+    assert look.materials["table"].rgb == (0.5, 0.4, 0.3)
+    assert look.materials["table"].texture is None
+    assert len(look.lights) == 7
+    assert len({look.materials[s].roughness for s in SURFACES}) == 3
+
+
+def test_the_camera_channel_moves_every_camera_and_nothing_else():
+    second = CameraCfg(name="side", pos=(0.0, 1.0, 1.0), look_at=(0.0, 0.0, 0.1))
+    randomizer = Randomizer(BASE, (*CAMERAS, second), channels=("camera",), split="train", seed=0)
+    look = randomizer.appearance(int(randomizer.split.episodes[0]))
+    assert look.cameras["front"].pos != CAMERAS[0].pos and look.cameras["side"].pos != second.pos
+    assert look.cameras["front"].fovy_deg == 47.0 and look.cameras["side"].look_at == (0.0, 0.0, 0.1)
+    assert look.materials == BASE.materials
+
+
+def test_a_second_camera_does_not_shift_the_first():
+    second = CameraCfg(name="side", pos=(0.0, 1.0, 1.0), look_at=(0.0, 0.0, 0.1))
+    both = Randomizer(BASE, (*CAMERAS, second), channels=("camera",), split="train", seed=0)
+    for episode in map(int, both.split.episodes[:20]):
+        assert both.draws(episode)["camera"]["front"] == make(("camera",)).draws(episode)["camera"]["front"]
+
+
+def test_an_episode_is_the_same_in_any_order_and_differs_with_the_seed():
+    episodes = [int(episode) for episode in load_split("train").episodes[:5]]
+    forwards, backwards = make(CHANNELS), make(CHANNELS)
+    looks = {episode: forwards.appearance(episode) for episode in episodes}
+    assert {episode: backwards.appearance(episode) for episode in reversed(episodes)} == looks
+    assert make(CHANNELS, seed=1).appearance(episodes[0]) != looks[episodes[0]]
+
+
+def test_channels_have_streams_of_their_own():
+    first = {
+        channel: channel_rng(3, channel, 7).uniform() for channel in (*CHANNELS, "a channel of the future")
+    }
+    assert len(set(first.values())) == 5
+    assert channel_rng(3, "task", 7).uniform() == first["task"]
+    assert channel_rng(3, "task", 8).uniform() != first["task"]
+
+
+def test_draws_are_plain_json(pool):
+    draw = pool["test"][0]
+    assert json.loads(json.dumps(draw)) == draw
+    assert set(draw) == {"environment", "camera", "lighting"}
+
+
+@pytest.mark.parametrize("episode", [-1, 10_000, "first of the other"])
+def test_an_episode_of_the_other_split_is_refused(episode):
+    randomizer = make(CHANNELS)
+    episode = int(load_split("test").episodes[0]) if isinstance(episode, str) else episode
+    for call in (randomizer.appearance, randomizer.draws):
+        with pytest.raises(
+            ConfigError, match=rf"Episode {episode} is not in the split 'train' \(v1\), which has 9"
+        ):
+            call(episode)
+
+
+def test_an_unknown_channel_is_an_error():
+    with pytest.raises(UnknownNameError, match=r"Unknown channel 'light'. Did you mean 'lighting'\?"):
+        make(("task", "light"))
+
+
+def test_every_drawn_material_can_be_drawn(pool):
+    library = MaterialLibrary.built_in()
+    for name in pool["test"][0]["environment"]["textures"].values():
+        assert library.texture(name, 32).shape == (32, 32, 3)
+
+
+def test_the_ranges_of_the_lights_can_be_set():
+    randomizer = make(CHANNELS, lighting=LightingCfg(array_shape=(1, 2), temperature_k=(5000, 5000)))
+    draw = randomizer.draws(int(randomizer.split.episodes[0]))
+    assert draw["lighting"]["lights"]["temperature_k"] == 5000
+    assert len(randomizer.appearance(int(randomizer.split.episodes[0])).lights) == 3
+
+
+def test_a_folder_of_pictures_reaches_the_appearance(tmp_path):
+    from PIL import Image
+
+    for i in range(20):
+        Image.new("RGB", (8, 8), (i, i, i)).save(tmp_path / f"{i}.png")
+    library = MaterialLibrary.from_folder(tmp_path)
+    sides = {
+        split: {
+            randomizer.appearance(int(episode)).materials["table"].texture
+            for randomizer in [make(("environment",), split, library=library)]
+            for episode in randomizer.split.episodes[:200]
+        }
+        for split in ("train", "test")
+    }
+    assert not sides["train"] & sides["test"]
+    assert sides["train"] | sides["test"] == {f"{i}.png" for i in range(20)}

@@ -1,0 +1,54 @@
+"""Tiny policies and the features they are made for."""
+
+import numpy as np
+import torch
+
+import policies
+from policies.act.config import ActConfig
+from policies.diffusion.config import DiffusionConfig
+
+SIZE = 32
+IMAGE = "observation.images.front"
+FEATURES = {
+    IMAGE: {"dtype": "video", "shape": (SIZE, SIZE, 3), "names": ["height", "width", "channels"]},
+    "observation.state": {"dtype": "float32", "shape": (9,), "names": None},
+    "action": {"dtype": "float32", "shape": (9,), "names": None},
+    "timestamp": {"dtype": "float32", "shape": (1,), "names": None},
+}
+CONFIGS = {
+    "act": ActConfig(
+        chunk_size=6, n_action_steps=4, dim_model=32, n_heads=2, dim_feedforward=64, n_encoder_layers=1,
+        n_vae_encoder_layers=1, latent_dim=4, dropout=0.0,
+    ),
+    "diffusion": DiffusionConfig(
+        n_obs_steps=2, horizon=8, n_action_steps=4, down_dims=(32, 64), num_train_timesteps=8,
+    ),
+}  # fmt: skip
+
+
+def stats() -> dict:
+    rng = np.random.default_rng(3)
+    low = rng.uniform(-1.0, 0.0, 9).astype(np.float32)
+    vector = {"mean": low + 0.5, "std": np.full(9, 0.3, np.float32), "min": low, "max": low + 1.0}
+    image = {"mean": np.full((3, 1, 1), 0.4), "std": np.full((3, 1, 1), 0.2), "min": np.zeros((3, 1, 1)),
+             "max": np.ones((3, 1, 1))}  # fmt: skip
+    return {IMAGE: image, "observation.state": vector, "action": vector}
+
+
+def make(name: str, **changes):
+    from dataclasses import replace
+
+    return policies.create(name, FEATURES, stats(), replace(CONFIGS[name], **changes))
+
+
+def observation(policy, n: int, seed: int = 0) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    time = (policy.n_obs_steps,) if policy.n_obs_steps > 1 else ()
+    return {
+        IMAGE: rng.integers(0, 256, (n, *time, SIZE, SIZE, 3), np.uint8),
+        "observation.state": rng.normal(size=(n, *time, 9)).astype(np.float32),
+    }
+
+
+def generators(n: int, seed: int = 0) -> list[torch.Generator]:
+    return [torch.Generator().manual_seed(1000 * seed + i) for i in range(n)]

@@ -1,0 +1,130 @@
+"""Broken checkpoints: what was given, what is wrong, what to do."""
+
+import json
+
+import pytest
+
+import policies
+from policies import PolicyError
+from policies.atomic import atomic_directory
+from tests.policies.examples import make
+
+ADVICE = "Name another checkpoint, or train again."
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("saved") / "checkpoint"
+    make("act").save(folder)
+    return folder
+
+
+@pytest.fixture
+def broken(saved, tmp_path):
+    """A copy that a test may damage."""
+    import shutil
+
+    return shutil.copytree(saved, tmp_path / "checkpoint")
+
+
+def message(folder) -> str:
+    with pytest.raises(PolicyError) as caught:
+        policies.load(folder)
+    assert ADVICE in str(caught.value)
+    return str(caught.value)
+
+
+def test_a_folder_that_is_not_there(tmp_path):
+    assert f"Checkpoint '{tmp_path / 'nothing'}' does not exist" in message(tmp_path / "nothing")
+
+
+def test_a_file_in_place_of_a_folder(tmp_path):
+    (tmp_path / "model.pt").write_bytes(b"pickle")
+    assert "is a file" in message(tmp_path / "model.pt")
+
+
+@pytest.mark.parametrize(
+    "name", ["config.json", "model.safetensors", "policy_preprocessor.json", "policy_postprocessor.json"]
+)
+def test_a_file_that_is_absent(broken, name):
+    (broken / name).unlink()
+    assert f"has no {name}" in message(broken)
+
+
+def test_statistics_that_are_absent(broken):
+    (file,) = broken.glob("policy_preprocessor*.safetensors")
+    file.unlink()
+    assert f"has no {file.name}" in message(broken)
+
+
+@pytest.mark.parametrize("pattern", ["model.safetensors", "policy_postprocessor*.safetensors"])
+@pytest.mark.parametrize("kept", [0, 5, 100])
+def test_a_truncated_safetensors_file(broken, pattern, kept):
+    (file,) = broken.glob(pattern)
+    file.write_bytes(file.read_bytes()[:kept])
+    assert f"{file.name}' ({kept} bytes) is truncated or not a safetensors file" in message(broken)
+
+
+@pytest.mark.parametrize("name", ["config.json", "policy_preprocessor.json"])
+def test_json_that_is_cut_off(broken, name):
+    (broken / name).write_text('{"type": "act", ')
+    assert f"{name}' is not valid JSON" in message(broken)
+
+
+def test_json_of_another_kind(broken):
+    (broken / "config.json").write_text("[]")
+    assert "must hold a JSON object, not a list" in message(broken)
+
+
+def test_a_config_without_a_type(broken):
+    (broken / "config.json").write_text("{}")
+    assert "does not say which policy it is" in message(broken)
+
+
+def test_a_policy_that_is_not_registered(broken):
+    edit(broken / "config.json", type="smolvla")
+    with pytest.raises(PolicyError, match=r"Unknown policy 'smolvla'.* Valid: act, diffusion"):
+        policies.load(broken)
+
+
+def test_a_checkpoint_of_another_policy(broken):
+    with pytest.raises(PolicyError, match=r"of policy 'act', not of 'diffusion'. Load it with policies.load"):
+        policies.policy_class("diffusion").load(broken)
+
+
+def test_a_config_key_that_is_unknown(broken):
+    edit(broken / "config.json", colour="red")
+    with pytest.raises(PolicyError, match=r"config.json' is not a configuration of policy 'act'.*colour"):
+        policies.load(broken)
+
+
+def test_weights_of_another_size(broken):
+    edit(broken / "config.json", dim_feedforward=128)
+    with pytest.raises(PolicyError, match=r"does not fit the configuration beside it.*linear1"):
+        policies.load(broken)
+
+
+def test_a_pipeline_cannot_import_a_class_of_its_choice(broken):
+    content = json.loads((broken / "policy_preprocessor.json").read_text())
+    content["steps"].append({"class": "subprocess.Popen", "config": {"args": ["true"]}})
+    (broken / "policy_preprocessor.json").write_text(json.dumps(content))
+    assert "has the step 'subprocess.Popen', which is not loaded. Valid: device_processor" in message(broken)
+
+
+def test_a_pipeline_without_steps(broken):
+    (broken / "policy_postprocessor.json").write_text('{"name": "x"}')
+    assert "must hold a list 'steps'" in message(broken)
+
+
+def test_a_failed_save_leaves_what_was_there(tmp_path):
+    with atomic_directory(tmp_path / "folder") as staging:
+        (staging / "a").write_text("old")
+    with pytest.raises(OSError, match="disk"), atomic_directory(tmp_path / "folder") as staging:
+        (staging / "a").write_text("half")
+        raise OSError("disk full")
+    assert (tmp_path / "folder" / "a").read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["folder"]
+
+
+def edit(path, **changes):
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))

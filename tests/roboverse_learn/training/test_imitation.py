@@ -1,0 +1,229 @@
+"""The training loop: it learns, it is repeatable, and it goes on after it was killed."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+import policies
+from envs.errors import CheckpointError
+from roboverse_learn.training import checkpoint
+from roboverse_learn.training.config import AugmentConfig, TrainConfig
+from roboverse_learn.training.estimate import estimate_training_s
+from roboverse_learn.training.imitation import TrainingDivergedError, train
+from roboverse_learn.training.metrics import read_metrics
+from roboverse_learn.training.reporter import Reporter
+from tests.policies.examples import CONFIGS, IMAGE
+from tests.roboverse_learn.training.frames import SquareFrames
+
+DATA = SquareFrames()
+CONFIG = TrainConfig(
+    steps=10, batch_size=8, lr=1e-3, warmup_steps=2, precision="fp32", num_threads=1, save_every=5, log_every=1,
+    augment=AugmentConfig(shift_px=2, brightness=0.2),
+)  # fmt: skip
+
+
+def make(name, **changes):
+    return policies.create(name, DATA.features, DATA.stats, replace(CONFIGS[name], **changes))
+
+
+def losses(run_dir):
+    return {row["step"]: row["loss"] for row in read_metrics(run_dir)}
+
+
+class KilledAt(Reporter):
+    """Stands for SIGKILL: nothing that training does afterwards may matter."""
+
+    def __init__(self, step):
+        self.step = step
+
+    def on_step(self, progress):
+        if progress.step == self.step:
+            raise KeyboardInterrupt
+
+
+class Heard(Reporter):
+    def __init__(self):
+        self.events = []
+
+    def on_start(self, progress, policy):
+        self.events.append(("start", progress.step))
+
+    def on_step(self, progress):
+        self.events.append(("step", progress))
+
+    def on_checkpoint(self, step, directory):
+        assert (directory / "model.safetensors").is_file()
+        self.events.append(("checkpoint", step))
+
+    def on_end(self, result):
+        self.events.append(("end", result.steps))
+
+
+@pytest.mark.parametrize("name", policies.names())
+@pytest.mark.parametrize("ema", [False, True])
+def test_a_killed_run_goes_on_to_the_same_losses_and_weights(name, ema, tmp_path):
+    config = replace(CONFIG, ema=ema)
+    settings = {"act": {"dropout": 0.1}, "diffusion": {}}[name]  # dropout draws from the global generator
+    train(make(name, **settings), DATA, config, tmp_path / "straight")
+    with pytest.raises(KeyboardInterrupt):
+        train(make(name, **settings), DATA, config, tmp_path / "killed", reporter=KilledAt(7))
+    assert checkpoint.last_checkpoint(tmp_path / "killed").name == "000005"
+    heard = Heard()
+    result = train(make(name, **settings), DATA, config, tmp_path / "killed", reporter=heard)
+    assert heard.events[0] == ("start", 5)
+    assert losses(tmp_path / "killed") == losses(tmp_path / "straight")
+    assert list(losses(tmp_path / "killed")) == list(range(1, 11))
+    straight = (tmp_path / "straight" / "checkpoints" / "last" / "pretrained_model").resolve()
+    for name in ("model.safetensors", "config.json"):
+        assert (result.checkpoint / name).read_bytes() == (straight / name).read_bytes()
+
+
+@pytest.mark.parametrize("name", policies.names())
+def test_overfits_one_batch(name, tmp_path):
+    data = SquareFrames(num_episodes=1)
+    steps = {"act": 150, "diffusion": 250}[name]
+    config = replace(CONFIG, steps=steps, save_every=steps, augment=AugmentConfig(), schedule="constant", ema=False)
+    settings = {"act": {"kl_weight": 0.1}, "diffusion": {}}[name]
+    train(make(name, **settings), data, config, tmp_path)
+    curve = list(losses(tmp_path).values())
+    assert np.mean(curve[-10:]) < 0.3 * np.mean(curve[:5])
+
+
+def test_what_was_learned_is_what_acts(tmp_path):
+    data = SquareFrames(num_episodes=1)
+    config = replace(CONFIG, steps=150, save_every=150, augment=AugmentConfig(), log_every=10)
+    result = train(make("act", use_vae=False), data, config, tmp_path)
+    policy = policies.load(result.checkpoint)
+    seen = {
+        IMAGE: data.frames[IMAGE][:5].movedim(1, -1).numpy(),
+        "observation.state": data.frames["observation.state"][:5].numpy(),
+    }
+    error = np.abs(policy.act(seen)[:, 0] - data.frames["action"][:5].numpy()).mean()
+    spread = data.frames["action"].std(0).mean().item()
+    assert error < 0.6 * spread
+
+
+def test_checkpoint_folder_holds_json_and_safetensors_only(tmp_path):
+    train(make("diffusion"), DATA, replace(CONFIG, steps=6), tmp_path)
+    files = [path for path in (tmp_path / "checkpoints").rglob("*") if path.is_file()]
+    assert {path.suffix for path in files} == {".json", ".safetensors"}
+    assert (tmp_path / "checkpoints" / "last").readlink().name == "000006"
+    # Earlier checkpoints keep their policy, not what resuming takes.
+    assert {path.parent.name for path in tmp_path.glob("checkpoints/0*/training_state")} == {"000006"}
+    assert {path.parent.name for path in tmp_path.glob("checkpoints/0*/pretrained_model")} == {"000005", "000006"}
+    assert not list(tmp_path.rglob("*.partial"))
+
+
+def test_what_a_run_leaves_and_reports(tmp_path):
+    heard = Heard()
+    before = torch.get_rng_state()
+    result = train(make("act"), DATA, replace(CONFIG, steps=6), tmp_path, reporter=heard)
+    assert torch.get_rng_state().equal(before)
+    assert [event for event, _ in heard.events].count("step") == 6
+    assert [value for event, value in heard.events if event == "checkpoint"] == [5, 6]
+    assert heard.events[-1] == ("end", 6)
+    last = heard.events[-3][1]
+    assert last.fraction == 1.0 and last.eta_s == 0.0 and last.loss == result.loss
+    assert result.stopped_by == "steps" and result.samples_per_s > 0 and result.precision == "fp32"
+    assert result.plot.read_bytes().startswith(b"\x89PNG")
+    assert list((tmp_path / "tensorboard").glob("events*"))
+    row = read_metrics(tmp_path)[-1]
+    assert {"step", "loss", "l1_loss", "kld_loss", "lr", "grad_norm", "samples_per_s", "elapsed_s"} == row.keys()
+
+
+def test_a_complete_run_is_not_trained_again(tmp_path):
+    first = train(make("act"), DATA, CONFIG, tmp_path)
+    again = train(make("act"), DATA, CONFIG, tmp_path)
+    assert again.steps == 10 and again.samples_per_s is None and again.checkpoint == first.checkpoint
+
+
+def test_the_returned_policy_is_the_saved_one(tmp_path):
+    policy = make("diffusion")
+    result = train(policy, DATA, CONFIG, tmp_path)
+    saved = policies.load(result.checkpoint).state_dict()
+    assert all(value.equal(saved[key]) for key, value in policy.state_dict().items())
+
+
+def test_a_time_limit_stops_cleanly(tmp_path):
+    config = replace(CONFIG, steps=100_000, time_limit_s=1.0)
+    result = train(make("act"), DATA, config, tmp_path)
+    assert result.stopped_by == "time_limit"
+    assert 1.0 <= result.elapsed_s < 30.0
+    assert read_metrics(tmp_path)[-1]["step"] == result.steps
+    assert read_metrics(tmp_path)[-1]["lr"] < 0.5 * config.lr
+
+
+def test_bf16_stays_close_to_fp32(tmp_path):
+    train(make("act"), DATA, CONFIG, tmp_path / "fp32")
+    result = train(make("act"), DATA, replace(CONFIG, precision="bf16"), tmp_path / "bf16")
+    assert result.precision == "bf16"
+    fp32, bf16 = (np.array(list(losses(tmp_path / name).values())) for name in ("fp32", "bf16"))
+    assert not np.array_equal(fp32, bf16)
+    np.testing.assert_allclose(bf16[:3], fp32[:3], rtol=0.1)
+
+
+def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_checkpoint(tmp_path):
+    train(make("act"), DATA, replace(CONFIG, steps=5), tmp_path)
+    with pytest.raises(TrainingDivergedError, match=r"The loss is (nan|inf) at step \d+.*smaller train.lr"):
+        train(make("act"), DATA, replace(CONFIG, lr=1e30, grad_clip=0.0, schedule="constant"), tmp_path)
+    assert policies.load(tmp_path / "checkpoints" / "000005")
+
+
+def test_resuming_with_other_settings_is_an_error(tmp_path):
+    train(make("act"), DATA, replace(CONFIG, steps=5), tmp_path)
+    with pytest.raises(CheckpointError, match=r"batch_size was 8 and is 4; seed was 0 and is 1.*resume=false"):
+        train(make("act"), DATA, replace(CONFIG, batch_size=4), tmp_path, seed=1)
+    with pytest.raises(CheckpointError, match="ema was False and is True"):
+        train(make("act"), DATA, replace(CONFIG, ema=True), tmp_path)
+
+
+def test_resume_false_begins_anew(tmp_path):
+    train(make("act"), DATA, replace(CONFIG, steps=5), tmp_path)
+    result = train(make("act"), DATA, replace(CONFIG, steps=3, save_every=3), tmp_path, resume=False)
+    assert result.steps == 3
+    assert list(losses(tmp_path)) == [1, 2, 3]
+
+
+@pytest.mark.parametrize("name", ["optimizer.safetensors", "state.json"])
+def test_a_damaged_training_state_is_an_error(name, tmp_path):
+    train(make("act"), DATA, replace(CONFIG, steps=5), tmp_path)
+    path = tmp_path / "checkpoints" / "last" / "training_state" / name
+    path.write_bytes(path.read_bytes()[:20])
+    with pytest.raises(CheckpointError, match=rf"{name}' (is absent, truncated|cannot be read)"):
+        train(make("act"), DATA, CONFIG, tmp_path)
+
+
+def test_a_full_disk_keeps_the_checkpoint_before(tmp_path, monkeypatch):
+    train(make("act"), DATA, replace(CONFIG, steps=5), tmp_path)
+
+    def full(*_args, **_kwargs):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(checkpoint, "save_file", full)
+    with pytest.raises(CheckpointError, match=r"the disk is full. The checkpoints before it are unchanged"):
+        train(make("act"), DATA, CONFIG, tmp_path)
+    assert checkpoint.last_checkpoint(tmp_path).name == "000005"
+    assert not list(tmp_path.rglob("*.partial"))
+
+
+def test_a_run_killed_before_the_link_moved_goes_on_from_the_newest(tmp_path):
+    train(make("act"), DATA, replace(CONFIG, steps=5), tmp_path)
+    (tmp_path / "checkpoints" / "last").unlink()
+    assert checkpoint.last_checkpoint(tmp_path).name == "000005"
+
+
+def test_state_file_names_its_format(tmp_path):
+    train(make("act"), DATA, replace(CONFIG, steps=5), tmp_path)
+    path = tmp_path / "checkpoints" / "last" / "training_state" / "state.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"format": 9}))
+    with pytest.raises(CheckpointError, match="has format 9, valid is 1"):
+        train(make("act"), DATA, CONFIG, tmp_path)
+
+
+def test_estimate_is_of_the_right_size():
+    seconds = estimate_training_s(make("act"), replace(CONFIG, steps=1000))
+    assert 1.0 < seconds < 3000.0
+    assert estimate_training_s(make("diffusion"), replace(CONFIG, steps=10**6, time_limit_s=60.0)) == 60.0

@@ -1,0 +1,199 @@
+"""The rules of the code base that a reviewer cannot be expected to check: direction, sizes, no pickle."""
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("envs", "policies", "benchmark", "roboverse_learn")
+MAY_IMPORT = {
+    "envs": {"envs"},
+    "policies": {"policies"},
+    "benchmark": {"benchmark", "envs", "policies"},
+    "roboverse_learn": set(PACKAGES),
+}
+MAX_FILE_LINES, MAX_HANDLER_LINES, MAX_FUNCTION_LINES = 400, 500, 70
+MIN_TEST_SHARE = 0.35
+PICKLES = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"}
+PICKLE_CALLS = {
+    ("torch", "save"),
+    ("torch", "load"),
+    ("np", "load"),
+    ("numpy", "load"),
+    ("pd", "read_pickle"),
+}
+PRINTS_MAY_BE_IN = {"roboverse_learn/cli.py"}
+
+
+def sources(folder: str) -> list[Path]:
+    return sorted(path for path in (ROOT / folder).rglob("*.py") if "__pycache__" not in path.parts)
+
+
+SOURCES = [path for package in PACKAGES for path in sources(package)]
+ALL = [*SOURCES, *sources("tests")]
+
+
+def name(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def imports(path: Path) -> set[str]:
+    """Every module that a file imports, inside functions too, and by name through ``import_module``."""
+    found = set()
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{name(path)}:{node.lineno}: write absolute imports."
+            found.add(node.module or "")
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            reference = re.fullmatch(r"([a-z_]+(?:\.[a-z_0-9]+)+)(?::\w+)?", node.value)
+            if reference and reference[1].partition(".")[0] in PACKAGES and _is_module(reference[1]):
+                found.add(reference[1])
+    return found
+
+
+def _is_module(dotted: str) -> bool:
+    path = ROOT.joinpath(*dotted.split("."))
+    return path.with_suffix(".py").is_file() or (path / "__init__.py").is_file()
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=name)
+def test_imports_point_one_way(path: Path) -> None:
+    package = path.relative_to(ROOT).parts[0]
+    ours = {module.partition(".")[0] for module in imports(path)} & set(PACKAGES)
+    allowed = MAY_IMPORT[package]
+    if name(path) == "roboverse_learn/training/config.py":
+        allowed = allowed - {"policies"}  # read by --help, before anything is chosen
+    assert ours <= allowed, f"{name(path)} imports {sorted(ours - allowed)}; {package} may not."
+
+
+def test_nothing_imports_the_tests() -> None:
+    assert not [name(path) for path in SOURCES if any(m.split(".")[0] == "tests" for m in imports(path))]
+
+
+@pytest.mark.parametrize("path", ALL, ids=name)
+def test_files_and_functions_are_short(path: Path) -> None:
+    limit = MAX_HANDLER_LINES if "handlers" in path.parts else MAX_FILE_LINES
+    lines = len(path.read_text(encoding="utf-8").splitlines())
+    assert lines <= limit, f"{name(path)} has {lines} lines; the cap is {limit}. Divide it."
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            length = (node.end_lineno or node.lineno) - node.lineno + 1
+            assert length <= MAX_FUNCTION_LINES, (
+                f"{name(path)}:{node.lineno}: {node.name} has {length} lines; the cap is {MAX_FUNCTION_LINES}."
+            )
+
+
+def test_a_third_of_the_code_is_tests() -> None:
+    def lines(paths: list[Path]) -> int:
+        return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in paths)
+
+    share = lines(sources("tests")) / lines(ALL)
+    assert share >= MIN_TEST_SHARE, f"Tests are {100 * share:.0f} % of the lines of Python."
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=name)
+def test_nothing_pickles(path: Path) -> None:
+    assert not {module.partition(".")[0] for module in imports(path)} & PICKLES
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.keyword) and node.arg == "allow_pickle":
+            assert isinstance(node.value, ast.Constant) and node.value.value is False
+        if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)):
+            continue
+        owner = node.func.value.id if isinstance(node.func.value, ast.Name) else ""
+        refused = (owner, node.func.attr) in PICKLE_CALLS - {("np", "load"), ("numpy", "load")}
+        assert not refused, f"{name(path)}:{node.lineno}: {owner}.{node.func.attr} reads or writes pickles."
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=name)
+def test_prints_are_in_the_command_line_alone(path: Path) -> None:
+    calls = [
+        node.lineno
+        for node in ast.walk(tree(path))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print"
+    ]
+    assert not calls or name(path) in PRINTS_MAY_BE_IN, f"{name(path)}:{calls}: log, or return what to print."
+
+
+@pytest.mark.parametrize("path", ALL, ids=name)
+def test_no_bare_except_no_blanket_ignore_no_loose_end(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    for node in ast.walk(tree(path)):
+        assert not (isinstance(node, ast.ExceptHandler) and node.type is None), f"{name(path)}: bare except"
+    assert not re.search(r"filterwarnings\(\s*[\"']ignore[\"']\s*\)", text), f"{name(path)}: blanket ignore"
+    marks = "|".join(("TO" + "DO", "FIX" + "ME", "X" * 3))
+    assert not re.search(rf"\b({marks})\b", text), f"{name(path)} has a loose end."
+
+
+@pytest.mark.parametrize("path", ALL, ids=name)
+def test_names_say_something(path: Path) -> None:
+    assert path.stem not in {"utils", "util", "helpers", "helper", "misc", "common"}
+    assert not re.search(r"_v\d+$", path.stem)
+
+
+def test_every_package_is_in_the_wheel() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    wheel = project["tool"]["hatch"]["build"]["targets"]["wheel"]
+    assert sorted(wheel["packages"]) == sorted(PACKAGES)
+    assert wheel["force-include"]["configs"] == "roboverse_learn/configs"
+
+
+def readme_commands() -> list[str]:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    return [line for line in text.splitlines() if line.startswith("python3.12 -m venv ")]
+
+
+def test_the_readme_has_its_two_commands() -> None:
+    main, tests = readme_commands()
+    assert main.endswith("roboverse_learn/train.py policy=act task=PickCube preset=quick")
+    assert re.search(r"-m pytest\S*( |$)", tests)
+    for command in (main, tests):
+        assert "-c constraints.txt --override overrides.txt" in command
+        assert (ROOT / "constraints.txt").is_file() and (ROOT / "overrides.txt").is_file()
+
+
+def test_what_the_readme_shows_exists() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#]+)\)", text):
+        if not target.startswith(("http://", "https://")):
+            assert (ROOT / target).exists(), f"README.md links to {target}, which does not exist."
+    for script in re.findall(r"roboverse_learn/\w+\.py", text):
+        assert (ROOT / script).is_file()
+
+
+def test_constraints_pin_every_requirement_and_name_no_host() -> None:
+    text = (ROOT / "constraints.txt").read_text()
+    assert "://" not in text and "#" not in text
+    pins = {line.partition("==")[0].lower().replace("_", "-") for line in text.split()}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    needed = [*project["dependencies"], *project["optional-dependencies"]["dev"]]
+    names = {re.split(r"[\[<>=!~ ;]", item)[0].lower().replace("_", "-") for item in needed}
+    assert names <= pins, f"not pinned: {sorted(names - pins)}"
+
+
+@pytest.mark.parametrize("script", ["train", "collect", "evaluate", "leaderboard"])
+def test_a_script_hides_no_other_package(script: str) -> None:
+    # Python puts the script's folder first on sys.path, where `data`, `run` and `config` would be found.
+    code = (
+        f"import runpy, sys; sys.path[0] = r'{ROOT / 'roboverse_learn'}'; sys.argv = ['{script}.py', '--help']\n"
+        f"try: runpy.run_path(r'{ROOT / 'roboverse_learn' / script}.py', run_name='__main__')\n"
+        f"except SystemExit as end: assert end.code == 0, end.code\n"
+        f"assert r'{ROOT / 'roboverse_learn'}' not in sys.path, sys.path"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    assert f"roboverse {script}" in done.stdout
