@@ -64,14 +64,15 @@ def write(results_dir: Path) -> dict[str, Path]:
     from benchmark.plots import plot_levels
 
     board = build(results_dir)
-    texts = {
-        JSON_NAME: json.dumps(board, indent=1, allow_nan=False) + "\n",
-        MARKDOWN_NAME: render_markdown(board),
-        HTML_NAME: render_html(board),
+    contents = {
+        "json": (JSON_NAME, json.dumps(board, indent=1, allow_nan=False) + "\n"),
+        "markdown": (MARKDOWN_NAME, render_markdown(board)),
+        "html": (HTML_NAME, render_html(board)),
     }
-    for name, text in texts.items():
-        write_bytes(results_dir / name, text.encode())
-    written = dict(zip(("json", "markdown", "html"), (results_dir / name for name in texts), strict=True))
+    written: dict[str, Path] = {}
+    for kind, (name, text) in contents.items():
+        written[kind] = results_dir / name
+        write_bytes(written[kind], text.encode())
     for section in board["sections"]:
         path = results_dir / "plots" / f"{section['id']}.png"
         plot_levels(section["rows"], path, section["title"])

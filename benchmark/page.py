@@ -98,11 +98,12 @@ def _chart(rows: Sequence[Mapping[str, Any]], levels: Sequence[int]) -> dict[str
     """Returns the coordinates of the level curves, or None when there is nothing to join."""
     if len(levels) < 2:
         return None
-    spread = 10.0 * (len(rows) - 1)
+    step = min(10.0, 80.0 / max(1, len(rows) - 1))  # else the intervals of several policies hide each other
+    spread = step * (len(rows) - 1)
 
     def x(level: int, index: int) -> float:
         inner = _WIDTH - _LEFT - _RIGHT - spread - 60
-        shift = 10.0 * index - spread / 2  # else the intervals of several policies hide each other
+        shift = step * index - spread / 2
         return round(_LEFT + 30 + spread / 2 + inner * levels.index(level) / (len(levels) - 1) + shift, 1)
 
     def y(rate: float) -> float:
@@ -118,7 +119,6 @@ def _chart(rows: Sequence[Mapping[str, Any]], levels: Sequence[int]) -> dict[str
                     {"x": x(cell["level"], index), "y": y(cell["success_rate"])} | ends
                 )
         curves.append({"label": row["label"], "color": COLORS[index % len(COLORS)], **points})
-    middle = (len(rows) - 1) / 2
     return {
         "width": _WIDTH,
         "height": _HEIGHT,
@@ -126,6 +126,6 @@ def _chart(rows: Sequence[Mapping[str, Any]], levels: Sequence[int]) -> dict[str
         "right": _WIDTH - _RIGHT,
         "bottom": _HEIGHT - _BOTTOM,
         "ticks": [{"y": y(rate / 100), "text": f"{rate} %"} for rate in (0, 25, 50, 75, 100)],
-        "levels": [{"level": level, "x": round(x(level, 0) + 10.0 * middle, 1)} for level in levels],
+        "levels": [{"level": level, "x": round(x(level, 0) + spread / 2, 1)} for level in levels],
         "curves": curves,
     }

@@ -22,7 +22,9 @@ def plot_levels(rows: Sequence[Mapping[str, Any]], path: Path, title: str = "") 
         ResultError: The file cannot be written.
     """
     figure, axes = _figure((6.0, 3.6 + 0.12 * len(rows)))
-    shift = 0.06  # levels are whole numbers: intervals of several policies would hide each other
+    shift = min(
+        0.06, 0.4 / max(1, len(rows))
+    )  # levels are whole numbers: intervals of several policies would hide each other
     for index, row in enumerate(rows):
         color = COLORS[index % len(COLORS)]
         offset = shift * (index - (len(rows) - 1) / 2)

@@ -7,18 +7,20 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from envs.errors import ConfigError, unknown_name
+from envs.randomization.levels import CHANNELS, LEVELS
+from envs.randomization.splits import SPLITS
+
+if TYPE_CHECKING:
+    import numpy as np
 
 VERSION = "v1"
 """The version that this code evaluates: changed whenever an episode of it would change."""
 
-LEVELS = (0, 1, 2, 3)
-CHANNELS = ("environment", "camera", "lighting")
+CHANNELS_ALONE = tuple(name for name in CHANNELS if name != "task")
 """Channels that can vary alone; the task space varies always."""
-
-SPLITS = ("train", "test")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -42,8 +44,8 @@ class Cell:
             )
         if self.level is not None and self.level not in LEVELS:
             raise ConfigError(f"Unknown level {self.level}. Valid: {', '.join(map(str, LEVELS))}.")
-        if self.only is not None and self.only not in CHANNELS:
-            raise unknown_name("channel", self.only, CHANNELS)
+        if self.only is not None and self.only not in CHANNELS_ALONE:
+            raise unknown_name("channel", self.only, CHANNELS_ALONE)
         if self.split not in SPLITS:
             raise unknown_name("split", self.split, SPLITS)
 
@@ -108,7 +110,7 @@ class Protocol:
             Cell(level=level, only=only, split=split) for level, only in conditions for split in self.splits
         )
 
-    def episodes_of(self, split_indices: Sequence[int]) -> list[int]:
+    def episodes_of(self, split_indices: "Sequence[int] | np.ndarray") -> list[int]:
         """Returns the episodes of one cell, the first of its split.
 
         Args:
@@ -131,9 +133,10 @@ class Protocol:
         Raises:
             ConfigError: A value is not valid.
         """
-        return cls(
-            **{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
-        )
+        arguments: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value for name, value in values.items()
+        }
+        return cls(**arguments)
 
     @property
     def hash(self) -> str:
@@ -141,7 +144,7 @@ class Protocol:
         return hashlib.sha256(canonical_json(self.to_json()).encode()).hexdigest()[:16]
 
 
-def episodes(split_indices: Sequence[int], num_episodes: int) -> list[int]:
+def episodes(split_indices: "Sequence[int] | np.ndarray", num_episodes: int) -> list[int]:
     """Returns the first ``num_episodes`` of a split.
 
     Raises:

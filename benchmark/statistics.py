@@ -69,7 +69,7 @@ def iqm(scores: np.ndarray) -> float:
     """
     from scipy.stats import trim_mean
 
-    return float(trim_mean(np.asarray(scores, dtype=float), proportiontocut=0.25, axis=None))
+    return float(trim_mean(np.asarray(scores, dtype=float).ravel(), proportiontocut=0.25))
 
 
 def mean_of_rates(cells: Sequence[tuple[float, float, float]]) -> tuple[float, float, float]:
@@ -201,7 +201,7 @@ def mcnemar(only_a: int, only_b: int) -> float:
     return 1.0 if discordant == 0 else float(binomtest(only_a, discordant, 0.5).pvalue)
 
 
-def e_process(a_wins: Sequence[bool]) -> np.ndarray:
+def e_process(a_wins: Sequence[bool] | np.ndarray) -> np.ndarray:
     """Returns the evidence against "both policies are equally good" after each discordant episode.
 
     A gambler who starts with 1, bets on every discordant episode by the rate seen so far (a uniform

@@ -2,7 +2,8 @@
 
 Units: metres, radians, seconds. Positions and linear velocities are in the world frame. Quaternions
 are (w, x, y, z). Angular velocities are in the body's own frame, where a free joint keeps them, so
-that setting a state and getting it back changes no bit.
+that setting a state and getting it back changes no bit. Treat the tensors as read-only: what never
+changes, such as the base of a robot that is bolted down, is shared between states.
 """
 
 from collections.abc import Mapping

@@ -15,10 +15,14 @@ from envs.errors import ConfigError, unknown_name
 from envs.handlers import HANDLERS
 from envs.observations import LazyPixels
 from envs.randomization import MaterialLibrary, Randomizer, channel_rng, channels_of, load_split
+from envs.scenario import Appearance
 from envs.state import State
 from envs.tasks import TASKS
 
 OBSERVATIONS = ("pixels", "state")
+
+STATE_LIMIT = 100.0
+"""Bound of every entry of ``environment_state``: farther, m, than anything falls in an episode."""
 
 
 class StepResult(NamedTuple):
@@ -114,7 +118,8 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         box = gymnasium.spaces.Box
         low, high = np.array([joint.range for joint in self._robot.joints], np.float32).T
         self.single_action_space = box(low, high, dtype=np.float32)
-        spaces: dict[str, gymnasium.Space] = {"agent_pos": box(-np.inf, np.inf, low.shape, np.float32)}
+        # Joint limits are soft: a collision can push a joint beyond its range by a little.
+        spaces: dict[str, gymnasium.Space] = {"agent_pos": box(low - 1.0, high + 1.0, dtype=np.float32)}
         if self.observation == "pixels":
             spaces["pixels"] = gymnasium.spaces.Dict(
                 {c.name: box(0, 255, (c.height, c.width, 3), np.uint8) for c in self.scenario.cameras}
@@ -122,7 +127,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         else:
             self.reset_envs(self._every[:1], self.split_indices[:1])
             size = self.task.observe(self.handler.get_states([0])).shape[-1]
-            spaces["environment_state"] = box(-np.inf, np.inf, (size,), np.float32)
+            spaces["environment_state"] = box(-STATE_LIMIT, STATE_LIMIT, (size,), np.float32)
         self.single_observation_space = gymnasium.spaces.Dict(spaces)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -233,7 +238,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         rows = slice(None) if env_ids is None else env_ids
         self.elapsed_steps[rows] += 1
         success = self.task.success(states).numpy()
-        reward = self.task.reward(states).numpy()
+        reward = np.where(success, 1.0, self.task.reward(states).numpy())
         truncated = (self.elapsed_steps[rows] >= self.task.max_episode_steps) & ~success
         return StepResult(reward, success, truncated, success)
 
@@ -333,10 +338,12 @@ def row_of(observation: Mapping[str, Any], env_id: int) -> dict[str, Any]:
     return out
 
 
-def _digest(state: State, appearance: Any) -> str:
+def _digest(state: State, appearance: Appearance) -> str:
     sha = hashlib.sha256()
     for key, value in sorted(state.flatten().items()):
         sha.update(key.encode())
         sha.update(np.ascontiguousarray(torch.as_tensor(value).numpy()).tobytes())
-    sha.update(repr(appearance).encode())
+    # The size of a picture is no part of an episode.
+    cameras = {n: dataclasses.replace(c, width=1, height=1) for n, c in appearance.cameras.items()}
+    sha.update(repr(dataclasses.replace(appearance, cameras=cameras)).encode())
     return sha.hexdigest()[:16]

@@ -47,7 +47,9 @@ class LeRobotPolicy:
         self.batch_invariant = self.device.type == "cpu"
 
     @classmethod
-    def lerobot_config(cls, config: Any, inputs: Features, outputs: Features, device: str) -> PreTrainedConfig:
+    def lerobot_config(
+        cls, config: Any, inputs: Features, outputs: Features, device: str
+    ) -> PreTrainedConfig:
         """Returns LeRobot's configuration of this policy."""
         raise NotImplementedError
 

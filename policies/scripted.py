@@ -50,7 +50,9 @@ class ScriptedPolicy:
         """Chooses the next actions; see :meth:`policies.base.Policy.act`."""
         if _STATE not in observation:
             given = ", ".join(sorted(observation)) or "nothing"
-            raise PolicyError(f"The observation has no '{_STATE}', which policy '{self.name}' needs. Given: {given}.")
+            raise PolicyError(
+                f"The observation has no '{_STATE}', which policy '{self.name}' needs. Given: {given}."
+            )
         state = np.asarray(observation[_STATE], np.float32)
         return self._actions(state, generators)
 
@@ -101,7 +103,9 @@ class RandomPolicy(ScriptedPolicy):
     def _actions(self, state: np.ndarray, generators: Sequence[torch.Generator] | None) -> np.ndarray:
         if generators is None or len(generators) != len(state):
             given = "none" if generators is None else len(generators)
-            raise PolicyError(f"Policy 'random' needs one generator per environment: {len(state)}, given {given}.")
+            raise PolicyError(
+                f"Policy 'random' needs one generator per environment: {len(state)}, given {given}."
+            )
         shape = self._shape(1)[1:]
         share = np.stack([torch.rand(shape, generator=generator).numpy() for generator in generators])
         return self.low + share * (self.high - self.low)

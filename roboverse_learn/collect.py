@@ -36,8 +36,9 @@ def dataset_folder(config: CollectConfig) -> Path:
     name = (
         f"{varied}-{config.simulator}-{config.renderer}-{config.image_size}px-{config.collect.num_demos}demos"
     )
-    options = "".join(f"-{key}={value}" for key, value in sorted(config.task_kwargs.items()))
-    return Path(config.datasets_dir) / config.task / (name + options)
+    options = [f"{key}={value}" for key, value in sorted(config.task_kwargs.items())]
+    options += [Path(config.materials).name] if config.materials else []
+    return Path(config.datasets_dir) / config.task / "-".join([name, *options])
 
 
 def collect_dataset(config: CollectConfig) -> "CollectionSummary":
@@ -49,7 +50,7 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
     from roboverse_learn.data.collection import collect as collect_episodes
 
     keys = ("task", "task_kwargs", "level", "only", "simulator", "renderer", "image_size")
-    scene = {key: getattr(config, key) for key in keys}
+    scene = {key: getattr(config, key) for key in keys} | {"materials": config.materials or None}
     features, fps, robot = dataset_layout(config)
     collection = CollectionConfig(
         root=dataset_folder(config),

@@ -88,6 +88,11 @@ def compose(command: str, words: Sequence[str]) -> Any:
     for key, value in texts.items():
         _set(composed, key, value)
     values = {name: composed[name] for name in defaults}
+    if command == "evaluate":  # its scene follows the checkpoint, whatever a preset says of training
+        values = {
+            name: value if isinstance(value, dict) or name in given or name == "preset" else defaults[name]
+            for name, value in values.items()
+        }
     if saved and saved["policy_name"] == values["policy_name"]:
         values = _overlay(saved, values, set(full))
     return from_values(command, values)

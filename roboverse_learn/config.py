@@ -98,6 +98,7 @@ class SceneKeys:
         image_size: Height and width of every picture, pixels.
         level: Level of the demonstrations, hence of training.
         only: One channel to vary alone in the demonstrations, in place of the level.
+        materials: Folder of pictures that replace the built-in materials in the demonstrations.
         datasets_dir: Folder of datasets.
     """
 
@@ -109,6 +110,7 @@ class SceneKeys:
     image_size: int = 256
     level: int = 0
     only: Channel | None = None
+    materials: str = ""
     datasets_dir: str = "datasets"
 
     def __post_init__(self) -> None:
@@ -170,9 +172,9 @@ class EvaluateConfig:
         task: Registered task; empty for the one that the checkpoint was trained on.
         task_kwargs: Options of the task; empty for those that the checkpoint was trained on.
         preset: Named set of values from ``configs/preset``.
-        simulator: Registered simulator.
-        renderer: Registered renderer.
-        image_size: Height and width of every picture, pixels; 0 for what the checkpoint was trained on.
+        simulator: Registered simulator; empty for that of the demonstrations.
+        renderer: Registered renderer; empty for that of the demonstrations.
+        image_size: Height and width of every picture, pixels; 0 for that of the demonstrations.
         device: ``auto``, ``cpu``, ``cuda``.
         results_dir: Folder of results and of the leaderboard.
         evaluate: What the checkpoint is evaluated on.
@@ -182,8 +184,8 @@ class EvaluateConfig:
     task: str = ""
     task_kwargs: dict[str, Any] = field(default_factory=dict)
     preset: str = "full"
-    simulator: str = "mujoco"
-    renderer: str = "warp"
+    simulator: str = ""
+    renderer: str = ""
     image_size: int = 0
     device: str = "auto"
     results_dir: str = "results"

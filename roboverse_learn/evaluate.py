@@ -110,8 +110,8 @@ def _run_cells(
             simulator=subject.simulator,
             renderer=subject.renderer,
             image_size=subject.image_size,
-            obs="pixels",
-            **subject.task_kwargs,
+            protocol_seed=protocol.seed,
+            task_kwargs=subject.task_kwargs,
         )
         facts.update(max_episode_steps=env.task.max_episode_steps, control_hz=float(env.control_hz))
         return env
@@ -182,10 +182,8 @@ def _earlier(path: Path, weights: str, protocol: Protocol, subject: Subject) -> 
     result = read_result(path)
     now = (weights, protocol.hash, package_versions())
     then = (result.checkpoint.hash, result.protocol.hash, dict(result.versions))
-    scene = all(
-        getattr(result, key) == getattr(subject, key)
-        for key in ("task_kwargs", "simulator", "renderer", "image_size")
-    )
+    keys = ("task_kwargs", "simulator", "renderer", "image_size")
+    scene = all(getattr(result, key) == getattr(subject, key) for key in keys)
     return result if scene and now == then else None
 
 

@@ -146,7 +146,8 @@ class Run:
         Yields:
             A dictionary for facts about the stage; it is saved when the stage ends.
         """
-        facts: dict[str, Any] = {"status": "running"}
+        facts: dict[str, Any] = self._manifest["stages"].get(name, {}) | {"status": "running"}
+        facts.pop("error", None)
         self._manifest["stages"][name] = facts
         self._save("running")
         started = time.monotonic()

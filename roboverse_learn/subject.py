@@ -79,8 +79,8 @@ def subject_of(config: EvaluateConfig) -> Subject:
     differs = {
         "task": config.task or trained.task,
         "task_kwargs": config.task_kwargs or trained.task_kwargs,
-        "simulator": config.simulator,
-        "renderer": config.renderer,
+        "simulator": config.simulator or trained.simulator,
+        "renderer": config.renderer or trained.renderer,
         "image_size": config.image_size or trained.image_size,
     }
     changed = [_in_name(value) for key, value in differs.items() if value != getattr(trained, key)]
@@ -158,8 +158,8 @@ def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
         run=f"{base}-{file_hash(checkpoint / WEIGHTS)[:8]}-{protocol_of(config.evaluate).hash[:6]}",
         task=config.task,
         task_kwargs=config.task_kwargs,
-        simulator=config.simulator,
-        renderer=config.renderer,
+        simulator=config.simulator or "mujoco",
+        renderer=config.renderer or "warp",
         image_size=config.image_size or sizes.pop(),
         device=resolve_device(config.device),
         config={"command": to_values(config), "policy": values},

@@ -59,7 +59,9 @@ def train(config: TrainRunConfig) -> Any:
             facts.update(folder=dataset.root, success_rate=dataset.success_rate)
         with run.stage("train") as facts:
             trained = _train(config, run.folder, dataset.root, device)
-            facts.update(steps=trained.steps, loss=trained.loss, stopped_by=trained.stopped_by)
+            facts.update(steps=trained.steps, stopped_by=trained.stopped_by)
+            if trained.loss is not None:  # a run that was complete before has no new one
+                facts.update(loss=trained.loss)
         results = Path(config.results_dir)
         with run.stage("evaluate") as facts:
             subject = subject_of_run(run.folder, config, trained.checkpoint)
@@ -132,10 +134,12 @@ def _train(config: TrainRunConfig, folder: Path, dataset_root: str, device: str)
     from roboverse_learn.training.imitation import train as train_policy
     from roboverse_learn.training.reporter import Reporter, RichReporter
 
-    dataset = ResidentDataset.open(dataset_root)
+    dataset = ResidentDataset(dataset_root, device=device)
     seed = seed_of(config, "training")
     torch.manual_seed(seed)
-    policy = policies.create(config.policy_name, dataset.features, dataset.stats, config.policy, device)
+    policy = policies.create(
+        config.policy_name, dataset.info.features, dataset.info.stats, config.policy, device
+    )
     first = int(os.environ.get("RANK", "0")) == 0
     reporter = RichReporter() if first else Reporter()
     try:

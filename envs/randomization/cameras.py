@@ -40,12 +40,12 @@ class CameraPose:
 
     @property
     def pos(self) -> Vec3:
-        """Position in the world, m."""
+        """Position in the world, m; rounded, so that every machine's libm gives the same number."""
         theta, phi = math.radians(self.azimuth_deg), math.radians(self.polar_deg)
         return (
-            RADIUS_M * math.sin(phi) * math.cos(theta),
-            RADIUS_M * math.sin(phi) * math.sin(theta),
-            RADIUS_M * math.cos(phi),
+            round(RADIUS_M * math.sin(phi) * math.cos(theta), 9),
+            round(RADIUS_M * math.sin(phi) * math.sin(theta), 9),
+            round(RADIUS_M * math.cos(phi), 9),
         )
 
 

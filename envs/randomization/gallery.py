@@ -43,9 +43,7 @@ def draw_levels(task: str, *, split: str, num_draws: int, image_size: int, rende
 
     rows = {}
     for level in LEVELS:
-        env = envs.make_vec(
-            task, 1, level=level, split=split, renderer=renderer, image_size=image_size, obs="pixels"
-        )
+        env = envs.make_vec(task, 1, level=level, split=split, renderer=renderer, image_size=image_size)
         try:
             rows[f"Level {level}: {' + '.join(CHANNELS[: level + 1])}"] = [
                 _first_picture(env, int(episode)) for episode in env.split_indices[:num_draws]

@@ -116,9 +116,10 @@ def draw_lights(rng: np.random.Generator, cfg: LightingCfg) -> LightsDraw:
 def build_lights(draw: LightsDraw, cfg: LightingCfg) -> tuple[LightCfg, ...]:
     """Returns the distant light and, after it, the lamps: all alike, and all of its colour."""
     color = temperature_to_rgb(draw.temperature_k)
-    x = math.sin(draw.polar_rad) * math.cos(draw.azimuth_rad)
-    y = math.sin(draw.polar_rad) * math.sin(draw.azimuth_rad)
-    z = math.cos(draw.polar_rad)
+    # Rounded, so that every machine's libm gives the same numbers.
+    x = round(math.sin(draw.polar_rad) * math.cos(draw.azimuth_rad), 9)
+    y = round(math.sin(draw.polar_rad) * math.sin(draw.azimuth_rad), 9)
+    z = round(math.cos(draw.polar_rad), 9)
     distant = LightCfg(
         kind="distant",
         pos=(4.0 * x, 4.0 * y, 4.0 * z),

@@ -49,7 +49,7 @@ class Task(ABC):
 
     @abstractmethod
     def reward(self, state: State) -> Tensor:
-        """Returns the dense reward in [0, 1], (N,)."""
+        """Returns the dense reward of states that are no success, in [0, 1), (N,); success pays 1."""
 
     @abstractmethod
     def observe(self, state: State) -> Tensor:

@@ -129,16 +129,14 @@ class PickCube(Task):
         return (self._to_goal(state) <= GOAL_TOLERANCE_M) & (speed <= STATIC_SPEED_RAD_S)
 
     def reward(self, state: State) -> Tensor:
-        """Returns ManiSkill's normalized dense reward: reach, grasp, place, be still; 1 at success."""
+        """Returns ManiSkill's normalized dense reward: reach, grasp, place, be still."""
         robot, cube = state.robots[_ROBOT.name], state.objects["cube"].pos
         reach = torch.linalg.vector_norm(robot.ee_pos - cube, dim=-1)
-        grasped = _grasped(robot, reach)
         left = self._to_goal(state) if self.variant == "goal" else (0.12 - cube[:, 2]).clamp(min=0.0)
         speed = torch.linalg.vector_norm(robot.joint_vel[:, :7], dim=-1)
-        reached_place, still = 1.0 - torch.tanh(5.0 * torch.stack((reach, left))), 1.0 - torch.tanh(5.0 * speed)
+        reached, near, still = 1.0 - torch.tanh(5.0 * torch.stack((reach, left, speed)))
         placed = left <= GOAL_TOLERANCE_M
-        shaped = reached_place[0] + grasped * (1.0 + reached_place[1]) + placed * still
-        return torch.where(self.success(state), 1.0, 0.2 * shaped)
+        return 0.2 * (reached + _grasped(robot, reach) * (1.0 + near) + placed * still)
 
     def observe(self, state: State) -> Tensor:
         """Returns cube pose, goal, end effector, and the way between them, (N, 19) or (N, 13)."""

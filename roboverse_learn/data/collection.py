@@ -19,7 +19,7 @@ from envs.errors import DatasetError
 from roboverse_learn.data.collection_pool import CollectionConfig, Worker
 from roboverse_learn.data.raw import dataset_hash
 from roboverse_learn.data.schedule import Schedule
-from roboverse_learn.data.sources import make_source, stage_attempt
+from roboverse_learn.data.sources import make_source, run_attempts, stage_attempt
 from roboverse_learn.data.writer import DatasetWriter
 
 
@@ -154,7 +154,7 @@ def _run_here(config: CollectionConfig, schedule: Schedule, report: Callable[[],
     source = make_source(config.source, config.source_kwargs)
     with contextlib.closing(source):
         while not schedule.finished:
-            for index, episode in source.attempts(iter(schedule.next_index, None)):
+            for index, episode in run_attempts(source, iter(schedule.next_index, None)):
                 staged = stage_attempt(
                     Path(config.root),
                     index,

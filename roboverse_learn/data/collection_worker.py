@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from envs.errors import RoboVerseError
-from roboverse_learn.data.sources import make_source, stage_attempt
+from roboverse_learn.data.sources import make_source, run_attempts, stage_attempt
 from roboverse_learn.data.video import EncoderConfig
 
 
@@ -71,7 +71,7 @@ def _run(channel: _Channel, work: dict[str, Any]) -> None:
     source = make_source(work["source"], work["source_kwargs"])
     try:
         while (first := channel.ask(wait=True)) is not None:
-            for index, episode in source.attempts(channel.indices(first)):
+            for index, episode in run_attempts(source, channel.indices(first)):
                 staged = stage_attempt(
                     root, index, episode, features=work["features"], fps=work["fps"], encoder=encoder
                 )

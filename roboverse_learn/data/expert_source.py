@@ -22,6 +22,7 @@ class ExpertSource:
         simulator: Registered simulator.
         renderer: Registered renderer.
         image_size: Pixels a side.
+        materials: Folder of pictures that replace the built-in materials, or None.
     """
 
     def __init__(
@@ -35,6 +36,7 @@ class ExpertSource:
         simulator: str,
         renderer: str,
         image_size: int,
+        materials: str | None = None,
     ) -> None:
         import envs
 
@@ -47,8 +49,9 @@ class ExpertSource:
             simulator=simulator,
             renderer=renderer,
             image_size=image_size,
-            obs="pixels",
-            **task_kwargs,
+            task_kwargs=task_kwargs,
+            materials=materials,
+            num_threads=1,  # the processes of a collection share the cores
         )
         self._metadata = {
             "task": task,
@@ -60,12 +63,13 @@ class ExpertSource:
             "split": "train",
             "simulator": simulator,
             "renderer": renderer,
+            "protocol_seed": self._env.protocol_seed,
             "versions": package_versions(),
         }
 
     def attempts(self, indices: Iterator[int]) -> Iterator[tuple[int, EpisodeData | None]]:
         """Runs the expert on the pool episodes that ``indices`` names, a batch at a time."""
-        from envs.experts import rollout
+        from envs.experts.rollout import rollout
 
         while batch := list(itertools.islice(indices, self._env.num_envs)):
             for outcome in rollout(self._env, np.array(batch, dtype=np.int64)):
@@ -80,7 +84,7 @@ class ExpertSource:
             states=outcome.observation_state,
             actions=outcome.actions,
             images=outcome.images,
-            task=self._env.task.description,
+            task=outcome.instruction,
             raw=outcome.raw,
             metadata=self._metadata
             | {

@@ -53,6 +53,30 @@ def make_source(reference: str, kwargs: Mapping[str, Any]) -> EpisodeSource:
     return factory(**kwargs)
 
 
+def run_attempts(
+    source: EpisodeSource, indices: Iterator[int]
+) -> Iterator[tuple[int, EpisodeData | None]]:
+    """Yields what a source makes of the indices, and holds it to its promise.
+
+    Raises:
+        DatasetError: The source yields an index that it did not take, or keeps one that it took.
+    """
+    taken: set[int] = set()
+
+    def taking() -> Iterator[int]:
+        for index in indices:
+            taken.add(index)
+            yield index
+
+    for index, episode in source.attempts(taking()):
+        if index not in taken:
+            raise DatasetError(f"The source yielded pool episode {index}, which it was not asked for.")
+        taken.discard(index)
+        yield index, episode
+    if taken:
+        raise DatasetError(f"The source took the pool episodes {sorted(taken)} and never yielded them.")
+
+
 def stage_attempt(
     root: Path,
     index: int,

@@ -16,10 +16,10 @@ STATISTICS = ("min", "max", "mean", "std", "count", *QUANTILES)
 FeatureStats = dict[str, np.ndarray]
 Stats = dict[str, FeatureStats]
 
-# Images are sampled: every 4th frame, every 4th row and column. `count` says how many frames were
-# looked at, so an episode's weight stays proportional to its length.
+# Images are sampled: every 4th frame, and about 64 rows and columns of it. `count` says how many frames
+# were looked at, so an episode's weight stays proportional to its length.
 IMAGE_FRAME_STRIDE = 4
-IMAGE_PIXEL_STRIDE = 4
+IMAGE_GRID = 64
 
 
 def column_stats(values: np.ndarray) -> FeatureStats:
@@ -52,7 +52,8 @@ def image_stats(images: np.ndarray) -> FeatureStats:
     Returns:
         Arrays of shape (3, 1, 1); ``count`` is the number of frames in the sample.
     """
-    sample = images[::IMAGE_FRAME_STRIDE, ::IMAGE_PIXEL_STRIDE, ::IMAGE_PIXEL_STRIDE]
+    rows, columns = (max(size // IMAGE_GRID, 1) for size in images.shape[1:3])
+    sample = images[::IMAGE_FRAME_STRIDE, ::rows, ::columns]
     histograms = np.stack([np.bincount(sample[..., channel].ravel(), minlength=256) for channel in range(3)])
     levels = np.arange(256) / 255.0
     total = histograms.sum(axis=1)

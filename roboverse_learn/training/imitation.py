@@ -191,7 +191,9 @@ class _Trainer:
         loss, terms = self.forward(self._batch())
         self.accelerator.backward(loss)
         if config.grad_clip:
-            self.grad_norm = self.accelerator.clip_grad_norm_(self.policy.model.parameters(), config.grad_clip)
+            self.grad_norm = self.accelerator.clip_grad_norm_(
+                self.policy.model.parameters(), config.grad_clip
+            )
         optimizer.step()
         optimizer.zero_grad()
         self.losses.append({"loss": loss.detach(), **(terms or {})})

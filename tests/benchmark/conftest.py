@@ -60,7 +60,7 @@ class PointEnv:
         self.observe_batches.append([int(env_id) for env_id in env_ids])
         self.observed.update(int(episode) for episode in self._episode[env_ids])
         state = np.concatenate([self._x[env_ids, :8], self._goal[env_ids, :1]], axis=1).astype(np.float32)
-        observation = {"observation.state": state}
+        observation: dict[str, np.ndarray] = {"observation.state": state}
         if self._pictures:
             pictures = np.zeros((len(env_ids), 16, 16, 3), np.uint8)
             pictures[..., 0] = self._t[env_ids][:, None, None] * 10
@@ -93,7 +93,7 @@ class NoisyPolicy:
         self.n_action_steps, self.n_obs_steps, self._noise = n_action_steps, n_obs_steps, noise
         self.batches = []
 
-    def act(self, observation, generators=None):
+    def act(self, observation, generators=()):
         import torch
 
         state = observation["observation.state"]

@@ -1,3 +1,5 @@
+from typing import Any
+
 import pytest
 
 from benchmark.protocol import Cell, Protocol, canonical_json
@@ -23,7 +25,13 @@ def test_hash_is_frozen():
 
 
 def test_hash_follows_every_field():
-    changes = ({"levels": (0,)}, {"only": ("camera",)}, {"splits": ("test",)}, {"episodes": 20}, {"seed": 1})
+    changes: tuple[dict[str, Any], ...] = (
+        {"levels": (0,)},
+        {"only": ("camera",)},
+        {"splits": ("test",)},
+        {"episodes": 20},
+        {"seed": 1},
+    )
     hashes = {Protocol().hash} | {Protocol(**change).hash for change in changes}
     assert len(hashes) == 1 + len(changes)
 

@@ -112,7 +112,9 @@ def test_a_joint_that_never_moved_is_not_amplified():
     still = {"mean": np.ones(9), "std": np.zeros(9), "min": np.ones(9), "max": np.ones(9)}
     for name in policies.names():
         policy = policies.create(name, FEATURES, own | {"action": still}, CONFIGS[name])
-        batch = policy.preprocess({"action": torch.full((1, 2, 9), 1.001), "observation.state": torch.ones(1, 9)})
+        batch = policy.preprocess(
+            {"action": torch.full((1, 2, 9), 1.001), "observation.state": torch.ones(1, 9)}
+        )
         assert batch["action"].abs().max() < 0.11
         assert policy.postprocessor(batch["action"]).numpy() == pytest.approx(1.001)
 

@@ -103,4 +103,3 @@ def test_full_size_parameters(name, millions):
         policy = cls.model_class(cls.lerobot_config(policies.config_class(name)(), inputs, outputs, "cpu"))
     count = sum(parameter.numel() for parameter in policy.parameters()) / 1e6
     assert count == pytest.approx(millions, abs=0.1)
-

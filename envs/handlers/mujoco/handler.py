@@ -1,6 +1,7 @@
 """MuJoCo on CPU: N environments of one model, stepped by native threads."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -70,6 +71,7 @@ class MujocoHandler(Handler):
         for robot, cfg in zip(self._layout.robots, self.scenario.robots, strict=True):
             self._qpos[:, robot.qpos] = cfg.default_qpos
             self._ctrl[:, robot.ctrl] = cfg.default_qpos
+        self._rests: dict[int, _Rest] = {}
         self._low, self._high = self.model.actuator_ctrlrange.T.copy()
         self._batch.forward(stage=_POSITION_STAGE)
 
@@ -87,13 +89,12 @@ class MujocoHandler(Handler):
         return State(robots, objects)
 
     def _robot_state(self, robot, qpos, qvel, joints, speeds, targets, rows) -> EntityState:
-        count = qpos.shape[0]
-        zeros = torch.zeros((count, 3), dtype=torch.float64)
+        rest = self._rest(len(qpos))
         return EntityState(
-            pos=torch.from_numpy(np.broadcast_to(robot.pos, (count, 3)).copy()),
-            rot=torch.from_numpy(np.broadcast_to(robot.rot, (count, 4)).copy()),
-            lin_vel=zeros,
-            ang_vel=zeros,
+            pos=rest.pos[robot.name],
+            rot=rest.rot[robot.name],
+            lin_vel=rest.still,
+            ang_vel=rest.still,
             joint_pos=qpos[:, joints],
             joint_vel=qvel[:, speeds],
             joint_target=torch.from_numpy(self._ctrl[rows, targets].copy()),
@@ -102,7 +103,8 @@ class MujocoHandler(Handler):
         )
 
     def _object_state(self, item: EntityLayout, qpos, qvel, rows) -> EntityState:
-        count = qpos.shape[0]
+        rest = self._rest(len(qpos))
+        none = rest.none
         if item.root == "free":
             address, speed = item.root_qpos, item.root_qvel
             return EntityState(
@@ -110,22 +112,26 @@ class MujocoHandler(Handler):
                 rot=qpos[:, address + 3 : address + 7],
                 lin_vel=qvel[:, speed : speed + 3],
                 ang_vel=qvel[:, speed + 3 : speed + 6],
-                joint_pos=qpos[:, :0],
-                joint_vel=qvel[:, :0],
+                joint_pos=none,
+                joint_vel=none,
             )
+        pos, rot = rest.pos[item.name], rest.rot[item.name]
         if item.root == "mocap":
-            pos, rot = self._mocap_pos[rows, item.mocap], self._mocap_quat[rows, item.mocap]
-        else:
-            pos, rot = np.broadcast_to(item.pos, (count, 3)), np.broadcast_to(item.rot, (count, 4))
-        zeros = torch.zeros((count, 3), dtype=torch.float64)
-        return EntityState(
-            pos=torch.from_numpy(pos.copy()),
-            rot=torch.from_numpy(rot.copy()),
-            lin_vel=zeros,
-            ang_vel=zeros,
-            joint_pos=qpos[:, :0],
-            joint_vel=qvel[:, :0],
-        )
+            pos = torch.from_numpy(self._mocap_pos[rows, item.mocap].copy())
+            rot = torch.from_numpy(self._mocap_quat[rows, item.mocap].copy())
+        return EntityState(pos, rot, rest.still, rest.still, none, none)
+
+    def _rest(self, count: int) -> "_Rest":
+        """Returns what never changes, for ``count`` environments."""
+        if count not in self._rests:
+            entities = [entity for entity, *_ in self._readers]
+            self._rests[count] = _Rest(
+                pos={e.name: torch.from_numpy(np.tile(e.pos, (count, 1))) for e in entities},
+                rot={e.name: torch.from_numpy(np.tile(e.rot, (count, 1))) for e in entities},
+                still=torch.zeros((count, 3), dtype=torch.float64),
+                none=torch.zeros((count, 0), dtype=torch.float64),
+            )
+        return self._rests[count]
 
     def set_states(self, states: State, env_ids: EnvIds = None) -> None:
         rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
@@ -242,6 +248,14 @@ class MujocoHandler(Handler):
         if self._renderer is not None:
             self._renderer.close()
         self._renderer = self._batch = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Rest:
+    pos: dict[str, Tensor]
+    rot: dict[str, Tensor]
+    still: Tensor
+    none: Tensor
 
 
 def _quaternions(matrices: np.ndarray) -> np.ndarray:

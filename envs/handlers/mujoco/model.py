@@ -84,7 +84,7 @@ def _set_physics(spec: mujoco.MjSpec, physics: PhysicsCfg) -> None:
     spec.visual.map.zfar = 20.0
     spec.visual.headlight.active = 0
     spec.visual.quality.offsamples = 0
-    spec.visual.quality.shadowsize = 1024
+    spec.visual.quality.shadowsize = 2048
     spec.visual.global_.offwidth = spec.visual.global_.offheight = 1024
 
 
@@ -190,9 +190,10 @@ def _add_object(spec: mujoco.MjSpec, item: ObjectCfg) -> None:
 
 
 def _add_robot(spec: mujoco.MjSpec, robot: RobotCfg, simplify: bool) -> None:
-    arm = _load(robot.mjcf, simplify)
+    sites = {robot.ee_site, robot.ee_site.removeprefix(GRIPPER_PREFIX)}
+    arm = _load(robot.mjcf, sites, simplify)
     if robot.gripper_mjcf is not None:
-        gripper = _load(robot.gripper_mjcf, simplify)
+        gripper = _load(robot.gripper_mjcf, sites, simplify)
         mount = arm.body(robot.gripper_mount)
         if mount is None:
             raise ConfigError(f"Robot '{robot.name}': '{robot.mjcf}' has no body '{robot.gripper_mount}'.")
@@ -205,11 +206,12 @@ def _add_robot(spec: mujoco.MjSpec, robot: RobotCfg, simplify: bool) -> None:
     frame.attach_body(arm.body(robot.root), f"{robot.name}/", "")
 
 
-def _load(reference: str, simplify: bool) -> mujoco.MjSpec:
-    """Reads a robot's file and leaves out its cameras, lights, sensors and actuators."""
+def _load(reference: str, sites: set[str], simplify: bool) -> mujoco.MjSpec:
+    """Reads a robot's file without its cameras, lights, sensors, actuators, and sites but the named ones."""
     path = resolve(reference)
     spec = mujoco.MjSpec.from_file(str(path))
-    for item in (*spec.cameras, *spec.lights, *spec.sensors, *spec.actuators):
+    others = [site for site in spec.sites if site.name not in sites]
+    for item in (*spec.cameras, *spec.lights, *spec.sensors, *spec.actuators, *others):
         spec.delete(item)
     if simplify:
         simplify_visuals(spec, path.parent / (spec.meshdir or ""), MAX_FACES_PER_BODY)

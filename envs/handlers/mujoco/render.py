@@ -158,7 +158,7 @@ class Stage:
 
     def _set_reflection(self, index: int, roughness: float, specular: float, metallic: float) -> None:
         model = self.model
-        model.mat_specular[index] = specular
+        model.mat_specular[index] = specular_strength(roughness, specular)
         model.mat_shininess[index] = shininess(roughness)
         model.mat_roughness[index] = roughness
         model.mat_metallic[index] = metallic
@@ -204,6 +204,22 @@ def shininess(roughness: float) -> float:
     """
     alpha = max(roughness, 0.05) ** 2
     return float(np.clip((2.0 / alpha**2 - 2.0) / 128.0, 0.0, 1.0))
+
+
+def specular_strength(roughness: float, specular: float) -> float:
+    """Returns MuJoCo's specular in [0, 1]: a rough surface spreads its highlight, and so dims it.
+
+    The peak of the GGX lobe is F0 / (4 α²), with F0 = 0.08 · specular for a dielectric (Burley,
+    "Physically Based Shading at Disney", 2012) and α = roughness².
+    """
+    alpha = max(roughness, 0.05) ** 2
+    return float(min(1.0, 0.08 * specular / (4.0 * alpha**2)))
+
+
+def metres_of_reversed_depth(depth: np.ndarray, near: float, far: float) -> np.ndarray:
+    """Turns a reversed depth buffer, 1 at the near plane and 0 at the far one, into metres; 0 is nothing."""
+    metres = near * far / (near + depth.astype(np.float64) * (far - near))
+    return np.where(depth > 0, metres, 0.0).astype(np.float32)
 
 
 def _surface_extents(scenario: ScenarioCfg) -> dict[str, tuple[float, float]]:

@@ -49,19 +49,22 @@ def marble(stream: Stream, size: int) -> np.ndarray:
 
 def granite(stream: Stream, size: int) -> np.ndarray:
     """Granite: crystals of three sizes and a few colours."""
-    colors = [tinted(stream, code, 8) for code in palettes.GRANITES[stream.pick(tuple(palettes.GRANITES))]]
-    rgb = None
+    colors = np.stack(
+        [tinted(stream, code, 8) for code in palettes.GRANITES[stream.pick(tuple(palettes.GRANITES))]]
+    )
+    shares_of_colors = np.array([0.0, 0.45, 0.75, 0.92])
     coarse = stream.integer(18, 34)
-    weights = np.array([0.0, 0.45, 0.75, 0.92])
+    table: list[np.ndarray] = []  # colours of all crystals, and for each pixel which of them is on top
+    top = np.zeros((size, size), dtype=np.int32)
     for scale, share in ((coarse, 1.0), (2 * coarse + 3, 0.45), (96, 0.25)):
+        count = scale * scale
         _, _, crystal = cells(stream, size, scale, scale)
-        rank = stream.array(0.0, 1.0, scale * scale)
-        which = np.searchsorted(weights, rank, side="right") - 1
-        brightness = stream.array(0.85, 1.15, scale * scale)[:, None]
-        layer = np.take(np.stack(colors)[which] * brightness, crystal, axis=0)
-        shown = np.take((stream.array(0.0, 1.0, scale * scale) < share).astype(np.float32), crystal)
-        rgb = layer if rgb is None else mix(rgb, layer, shown)
+        which = np.searchsorted(shares_of_colors, stream.array(0.0, 1.0, count), side="right") - 1
+        shown = np.take(stream.array(0.0, 1.0, count) < share, crystal)
+        np.copyto(top, crystal + sum(map(len, table)), where=shown)
+        table.append(colors[which] * stream.array(0.85, 1.15, count)[:, None])
     cloud = 1 + 0.08 * fractal(stream, size, rows=3, cols=3, octaves=3)
+    rgb = np.take(np.concatenate(table), top, axis=0)
     return shade(rgb, cloud + 0.06 * grain(stream, size))
 
 

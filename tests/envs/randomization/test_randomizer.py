@@ -5,6 +5,8 @@ import json
 import math
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from envs.errors import ConfigError, UnknownNameError
 from envs.randomization import (
@@ -221,3 +223,29 @@ def test_a_folder_of_pictures_reaches_the_appearance(tmp_path):
     }
     assert not sides["train"] & sides["test"]
     assert sides["train"] | sides["test"] == {f"{i}.png" for i in range(20)}
+
+
+@given(seed=st.integers(0, 2**63), position=st.integers(0, 999))
+@settings(max_examples=60, deadline=None)
+def test_every_draw_of_every_seed_is_within_its_range(seed, position):
+    randomizer = make(CHANNELS, "test", seed=seed)
+    episode = int(randomizer.split.episodes[position])
+    draws, look = randomizer.draws(episode), randomizer.appearance(episode)
+    cfg, lights = randomizer.lighting, draws["lighting"]["lights"]
+    for name in ("distant_intensity", "array_intensity", "radius_m", "length_m", "temperature_k"):
+        low, high = getattr(cfg, name)
+        assert low <= lights[name] <= high
+    for surface in SURFACES:
+        material = look.materials[surface]
+        low, high = randomizer.library.size_range_m(draws["environment"]["textures"][surface], surface)
+        assert low <= material.size_m <= high
+        assert all(0 <= value < 1 for value in (material.roughness, material.specular, material.metallic))
+    assert all(0 <= component <= 1 for light in look.lights for component in light.color)
+    assert math.dist(look.cameras["front"].pos, (0, 0, 0)) == pytest.approx(1.5)
+
+
+@given(index=st.integers(-5, 10_005))
+@settings(max_examples=100, deadline=None)
+def test_an_episode_is_of_one_split_or_of_none(index):
+    sides = [index in load_split(split) for split in ("train", "test")]
+    assert sum(sides) == (0 <= index < 10_000)

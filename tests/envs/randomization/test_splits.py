@@ -6,6 +6,8 @@ import sys
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from envs.errors import ConfigError, UnknownNameError
 from envs.randomization import splits
@@ -152,3 +154,11 @@ def test_importing_the_package_is_light():
     code += "sys.exit(', '.join(heavy & set(sys.modules)) or None)"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
+
+
+@given(st.lists(st.from_regex(r"[a-z]{1,8}\.png", fullmatch=True), min_size=2, max_size=40, unique=True))
+def test_any_pictures_are_divided_without_loss_and_whatever_their_order(names):
+    divided = splits.split_by_hash(names)
+    assert sorted(divided["train"] + divided["test"]) == sorted(names)
+    assert divided["train"] and divided["test"]
+    assert set(splits.split_by_hash(names[::-1])["test"]) == set(divided["test"])

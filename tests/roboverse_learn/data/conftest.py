@@ -21,9 +21,8 @@ def _private_table_cache(tmp_path_factory):
 @pytest.fixture(scope="session")
 def written(tmp_path_factory) -> Path:
     """A closed dataset of six episodes; tests only read it."""
-    from tests.roboverse_learn.data.synthetic_episodes import FEATURES, FPS, make_episode
-
     from roboverse_learn.data import DatasetWriter
+    from tests.roboverse_learn.data.synthetic_episodes import FEATURES, FPS, make_episode
 
     root = tmp_path_factory.mktemp("written") / "dataset"
     with DatasetWriter(root, fps=FPS, features=FEATURES, robot_type="franka") as writer:

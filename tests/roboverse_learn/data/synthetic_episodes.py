@@ -1,5 +1,6 @@
 """Small deterministic episodes, and a source of them that worker processes import by name."""
 
+import itertools
 import os
 import signal
 import time
@@ -42,14 +43,16 @@ def make_episode(index: int, length: int | None = None, task: str = "lift the cu
 class SyntheticSource:
     """Fails every ``fail_every``-th pool episode, and looks ahead like a batched environment."""
 
-    def __init__(self, fail_every: int = 4, lookahead: int = 2, delay_s: float = 0.0, die_at: int = -1) -> None:
+    def __init__(
+        self, fail_every: int = 4, lookahead: int = 2, delay_s: float = 0.0, die_at: int = -1
+    ) -> None:
         self._fail_every, self._lookahead, self._delay_s = fail_every, lookahead, delay_s
         self._die_at = die_at
         self.closed = False
 
     def attempts(self, indices: Iterator[int]) -> Iterator[tuple[int, EpisodeData | None]]:
         """Yields batches of episodes in reverse order."""
-        while batch := [index for index, _ in zip(indices, range(self._lookahead), strict=False)]:
+        while batch := list(itertools.islice(indices, self._lookahead)):
             for index in reversed(batch):
                 if index == self._die_at:
                     os.kill(os.getpid(), signal.SIGKILL)
@@ -64,6 +67,19 @@ class SyntheticSource:
 def make_source(**kwargs: float) -> SyntheticSource:
     """Returns a source, as a collection's configuration names it."""
     return SyntheticSource(**kwargs)
+
+
+class ForgetfulSource(SyntheticSource):
+    """Takes an index and drops it."""
+
+    def attempts(self, indices: Iterator[int]) -> Iterator[tuple[int, EpisodeData | None]]:
+        """Yields every second episode that it takes."""
+        return ((index, make_episode(index)) for index in itertools.islice(indices, 1, None, 2))
+
+
+def make_forgetful_source() -> SyntheticSource:
+    """Returns a source that breaks its promise."""
+    return ForgetfulSource()
 
 
 def make_broken_source() -> SyntheticSource:

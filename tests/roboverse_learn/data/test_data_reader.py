@@ -5,11 +5,11 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.roboverse_learn.data.synthetic_episodes import FPS, SIZE
 
 from envs.errors import ConfigError, DatasetError
 from roboverse_learn.data import DatasetInfo, EpisodeAwareSampler, ResidentDataset, consolidate
 from roboverse_learn.data.reader import clamp_window
+from tests.roboverse_learn.data.synthetic_episodes import FPS, SIZE
 
 DELTAS = {"action": [0, 1, 2, 3, 4, 5], "observation.state": [-1, 0], "observation.images.front": [-2, 0]}
 CAMERA = "observation.images.front"
@@ -137,7 +137,7 @@ def test_truncated_files_are_named(written, tmp_path, file, message):
         ResidentDataset(root)
     (root / file).unlink()
     if file != "meta/stats.json":
-        with pytest.raises(DatasetError, match="missing|no dataset|of 6 episodes are listed"):
+        with pytest.raises(DatasetError, match=r"missing|no dataset|of 6 episodes are listed"):
             ResidentDataset(root)
 
 
@@ -161,9 +161,7 @@ def test_windows_stay_inside_the_episode(lengths, window, data):
     episode = data.draw(st.integers(0, len(lengths) - 1))
     start, end = int(ends[episode] - lengths[episode]), int(ends[episode])
     frame = data.draw(st.integers(start, end - 1))
-    rows, is_pad = clamp_window(
-        torch.tensor([frame]), window, torch.tensor([start]), torch.tensor([end])
-    )
+    rows, is_pad = clamp_window(torch.tensor([frame]), window, torch.tensor([start]), torch.tensor([end]))
     # LeRobot's DatasetReader._get_query_indices, in its own words.
     assert rows[0].tolist() == [max(start, min(end - 1, frame + delta)) for delta in window]
     assert is_pad[0].tolist() == [(frame + delta < start) | (frame + delta >= end) for delta in window]

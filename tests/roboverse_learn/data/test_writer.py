@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.roboverse_learn.data.synthetic_episodes import FEATURES, FPS, TWO_CAMERAS, make_episode
 
 from envs.errors import DatasetError
 from roboverse_learn.data import DatasetInfo, DatasetWriter, EpisodeData, dataset_hash, read_raw, recover
-from roboverse_learn.data.stats import column_stats
+from roboverse_learn.data.stats import QUANTILES, column_stats, image_stats
+from tests.roboverse_learn.data.synthetic_episodes import FEATURES, FPS, TWO_CAMERAS, make_episode
 
 
 def psnr_db(first, second):
@@ -53,10 +53,23 @@ def test_statistics_of_numbers_are_exact(written):
 
 def test_statistics_of_images_have_lerobots_form(written):
     stats = DatasetInfo.open(written).stats["observation.images.front"]
-    images = np.concatenate([make_episode(i).images["front"] for i in range(6)]) / 255
-    assert stats["mean"].shape == (3, 1, 1)
-    np.testing.assert_allclose(stats["mean"].ravel(), images.mean((0, 1, 2)), atol=0.03)
-    np.testing.assert_allclose(stats["std"].ravel(), images.std((0, 1, 2)), atol=0.03)
+    sampled = np.concatenate([make_episode(i).images["front"][::4] for i in range(6)])
+    assert {name: value.shape for name, value in stats.items() if name != "count"} == dict.fromkeys(
+        ("min", "max", "mean", "std", "q01", "q10", "q50", "q90", "q99"), (3, 1, 1)
+    )
+    assert stats["count"] == [len(sampled)]
+    pixels = sampled.reshape(-1, 3) / 255
+    np.testing.assert_allclose(stats["mean"].ravel(), pixels.mean(0), rtol=1e-9)
+    np.testing.assert_allclose(stats["std"].ravel(), pixels.std(0), rtol=1e-9)
+    np.testing.assert_allclose(stats["max"].ravel(), pixels.max(0))
+
+
+def test_quantiles_of_one_episodes_images():
+    images = make_episode(3, length=9).images["front"]
+    stats, pixels = image_stats(images), images[::4].reshape(-1, 3) / 255
+    for name, quantile in QUANTILES.items():
+        expected = np.quantile(pixels, quantile, axis=0, method="inverted_cdf")
+        np.testing.assert_allclose(stats[name].ravel(), expected)
 
 
 def test_raw_states_come_back_exactly(written):
@@ -66,7 +79,7 @@ def test_raw_states_come_back_exactly(written):
     np.testing.assert_array_equal(arrays["qpos"], episode.raw["qpos"])
     assert arrays["qpos"].dtype == np.float64
     assert metadata == episode.metadata
-    with pytest.raises(DatasetError, match="no raw states of episode 6.*It has 6 episodes, 0 to 5"):
+    with pytest.raises(DatasetError, match=r"no raw states of episode 6.*It has 6 episodes, 0 to 5"):
         read_raw(written, 6)
 
 
@@ -109,7 +122,10 @@ def test_other_features_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"states": np.zeros((4, 2), np.float32)}, r"'observation.state' has the shape \(4, 2\).*needs \(4, 3\)"),
+        (
+            {"states": np.zeros((4, 2), np.float32)},
+            r"'observation.state' has the shape \(4, 2\).*needs \(4, 3\)",
+        ),
         ({"states": np.full((4, 3), np.nan, np.float32)}, "not finite at frame 0"),
         ({"images": {}}, r"missing \['observation.images.front'\]"),
         ({"images": {"front": np.zeros((4, 32, 32, 3), np.float32)}}, "images are uint8"),
@@ -143,7 +159,7 @@ def test_a_full_disk_leaves_the_dataset_whole(tmp_path, monkeypatch, open_with_l
 
     writer = DatasetWriter(root, fps=FPS, features=FEATURES)
     monkeypatch.setattr(os, "fsync", fsync)
-    with pytest.raises(DatasetError, match="The disk is full: .*Free some space and run the same command"):
+    with pytest.raises(DatasetError, match=r"The disk is full: .*Free some space and run the same command"):
         writer.add_episode(make_episode(2))
     monkeypatch.undo()
     # The row is the commit: a disk that fills up after it leaves the episode in.

@@ -15,7 +15,7 @@ from roboverse_learn.training.estimate import estimate_training_s
 from roboverse_learn.training.imitation import TrainingDivergedError, train
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
-from tests.policies.examples import CONFIGS, IMAGE
+from tests.policies.examples import CONFIGS, IMAGE, generators
 from tests.roboverse_learn.training.frames import SquareFrames
 
 DATA = SquareFrames()
@@ -62,8 +62,7 @@ class Heard(Reporter):
         self.events.append(("end", result.steps))
 
 
-@pytest.mark.parametrize("name", policies.names())
-@pytest.mark.parametrize("ema", [False, True])
+@pytest.mark.parametrize(("name", "ema"), [("act", False), ("act", True), ("diffusion", True)])
 def test_a_killed_run_goes_on_to_the_same_losses_and_weights(name, ema, tmp_path):
     config = replace(CONFIG, ema=ema)
     settings = {"act": {"dropout": 0.1}, "diffusion": {}}[name]  # dropout draws from the global generator
@@ -81,29 +80,29 @@ def test_a_killed_run_goes_on_to_the_same_losses_and_weights(name, ema, tmp_path
         assert (result.checkpoint / name).read_bytes() == (straight / name).read_bytes()
 
 
+LEARNABLE = {
+    "act": (120, {"kl_weight": 0.1}),
+    "diffusion": (60, {"prediction_type": "sample"}),  # its loss has no floor of unforeseeable noise
+}
+
+
 @pytest.mark.parametrize("name", policies.names())
-def test_overfits_one_batch(name, tmp_path):
+def test_overfits_one_batch_and_acts_as_it_learned(name, tmp_path):
     data = SquareFrames(num_episodes=1)
-    steps = {"act": 150, "diffusion": 250}[name]
-    config = replace(CONFIG, steps=steps, save_every=steps, augment=AugmentConfig(), schedule="constant", ema=False)
-    settings = {"act": {"kl_weight": 0.1}, "diffusion": {}}[name]
-    train(make(name, **settings), data, config, tmp_path)
+    steps, settings = LEARNABLE[name]
+    config = replace(
+        CONFIG, steps=steps, save_every=steps, augment=AugmentConfig(), schedule="constant", ema=False
+    )
+    result = train(make(name, **settings), data, config, tmp_path)
     curve = list(losses(tmp_path).values())
-    assert np.mean(curve[-10:]) < 0.3 * np.mean(curve[:5])
+    assert np.mean(curve[-10:]) < 0.5 * np.mean(curve[:5])
 
-
-def test_what_was_learned_is_what_acts(tmp_path):
-    data = SquareFrames(num_episodes=1)
-    config = replace(CONFIG, steps=150, save_every=150, augment=AugmentConfig(), log_every=10)
-    result = train(make("act", use_vae=False), data, config, tmp_path)
     policy = policies.load(result.checkpoint)
-    seen = {
-        IMAGE: data.frames[IMAGE][:5].movedim(1, -1).numpy(),
-        "observation.state": data.frames["observation.state"][:5].numpy(),
-    }
-    error = np.abs(policy.act(seen)[:, 0] - data.frames["action"][:5].numpy()).mean()
-    spread = data.frames["action"].std(0).mean().item()
-    assert error < 0.6 * spread
+    seen = data.sample(np.arange(5), policy.delta_indices, keys=[IMAGE, "observation.state"])
+    seen[IMAGE] = seen[IMAGE].movedim(-3, -1)
+    actions = policy.act({key: seen[key].numpy() for key in (IMAGE, "observation.state")}, generators(5))
+    error = np.abs(actions[:, 0] - data.frames["action"][:5].numpy()).mean()
+    assert error < 0.7 * data.frames["action"].std(0).mean().item()
 
 
 def test_checkpoint_folder_holds_json_and_safetensors_only(tmp_path):
@@ -113,7 +112,10 @@ def test_checkpoint_folder_holds_json_and_safetensors_only(tmp_path):
     assert (tmp_path / "checkpoints" / "last").readlink().name == "000006"
     # Earlier checkpoints keep their policy, not what resuming takes.
     assert {path.parent.name for path in tmp_path.glob("checkpoints/0*/training_state")} == {"000006"}
-    assert {path.parent.name for path in tmp_path.glob("checkpoints/0*/pretrained_model")} == {"000005", "000006"}
+    assert {path.parent.name for path in tmp_path.glob("checkpoints/0*/pretrained_model")} == {
+        "000005",
+        "000006",
+    }
     assert not list(tmp_path.rglob("*.partial"))
 
 
@@ -131,7 +133,16 @@ def test_what_a_run_leaves_and_reports(tmp_path):
     assert result.plot.read_bytes().startswith(b"\x89PNG")
     assert list((tmp_path / "tensorboard").glob("events*"))
     row = read_metrics(tmp_path)[-1]
-    assert {"step", "loss", "l1_loss", "kld_loss", "lr", "grad_norm", "samples_per_s", "elapsed_s"} == row.keys()
+    assert {
+        "step",
+        "loss",
+        "l1_loss",
+        "kld_loss",
+        "lr",
+        "grad_norm",
+        "samples_per_s",
+        "elapsed_s",
+    } == row.keys()
 
 
 def test_a_complete_run_is_not_trained_again(tmp_path):
@@ -167,14 +178,18 @@ def test_bf16_stays_close_to_fp32(tmp_path):
 
 def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_checkpoint(tmp_path):
     train(make("act"), DATA, replace(CONFIG, steps=5), tmp_path)
-    with pytest.raises(TrainingDivergedError, match=r"The loss is (nan|inf) at step \d+.*smaller train.lr"):
-        train(make("act"), DATA, replace(CONFIG, lr=1e30, grad_clip=0.0, schedule="constant"), tmp_path)
+    bad = SquareFrames()
+    bad.frames["action"][:] = float("nan")
+    with pytest.raises(TrainingDivergedError, match=r"The loss is nan at step 6.*smaller train.lr"):
+        train(make("act"), bad, CONFIG, tmp_path)
     assert policies.load(tmp_path / "checkpoints" / "000005")
 
 
 def test_resuming_with_other_settings_is_an_error(tmp_path):
     train(make("act"), DATA, replace(CONFIG, steps=5), tmp_path)
-    with pytest.raises(CheckpointError, match=r"batch_size was 8 and is 4; seed was 0 and is 1.*resume=false"):
+    with pytest.raises(
+        CheckpointError, match=r"batch_size was 8 and is 4; seed was 0 and is 1.*resume=false"
+    ):
         train(make("act"), DATA, replace(CONFIG, batch_size=4), tmp_path, seed=1)
     with pytest.raises(CheckpointError, match="ema was False and is True"):
         train(make("act"), DATA, replace(CONFIG, ema=True), tmp_path)

@@ -1,0 +1,134 @@
+"""Pictures by Filament, physically based: the only renderer here that shows metals and rough surfaces."""
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from envs.errors import SimulatorError
+from envs.handlers.mujoco.model import MAX_LIGHTS
+from envs.handlers.mujoco.render import Renderer, RenderJob, Stage, metres_of_reversed_depth, texture_of
+from envs.scenario import SURFACES
+
+LUX_PER_INTENSITY = 60_000.0
+"""Illuminance of a distant light of intensity 1: with Filament's default exposure, a white surface is white."""
+
+CANDELA_PER_INTENSITY = 600_000.0
+"""Luminous intensity of a lamp of intensity 1, seen from about 3 m."""
+
+
+class FilamentRenderer(Renderer):
+    """One Vulkan context; materials follow an appearance, textures by a new scene."""
+
+    not_shown = ("lamp_shape",)
+
+    def __init__(self, model, scenario, *, textures=None, num_threads: int = 0) -> None:
+        super().__init__(model, scenario, textures=textures, num_threads=num_threads)
+        _require_vulkan()
+        # The studio module brings Filament's compiled materials; without it a context aborts the process.
+        import mujoco.studio  # noqa: F401
+        from mujoco import mjrf
+        from mujoco.rendering.filament import renderer as filament
+
+        self._mjrf, self._filament = mjrf, filament
+        config = mjrf.ContextConfig()
+        config.graphics_api = mjrf.GraphicsApi.GRAPHICS_API_VULKAN
+        self._context = mjrf.Context(config)
+        self._renderer = filament.Renderer(self._context)
+        self._stage = Stage(model, scenario)
+        hidden = self._stage.model.geom_group == 0
+        self._stage.model.geom_rgba[hidden, 3] = 0.0
+        self._stage.model.site_rgba[:, 3] = 0.0
+        self._camera = mujoco.MjvCamera()
+        self._camera.type = int(mujoco.mjtCamera.mjCAMERA_FIXED)
+        self._uploaded: dict[str, str | None] | None = None
+        self._scene_count = 0
+        self._buffers: dict[tuple[str, str], np.ndarray] = {}
+
+    def render(
+        self, jobs: Sequence[RenderJob], cameras: tuple[str, ...], modalities: tuple[str, ...]
+    ) -> dict[str, dict[str, np.ndarray]]:
+        out = self.empty(len(jobs), cameras, modalities)
+        for index, job in enumerate(jobs):
+            if self._stage.pose(job):
+                self._dress()
+            self._scene.update(self._stage.data)
+            for camera in cameras:
+                for modality in modalities:
+                    out[camera][modality][index] = self._draw(camera, modality)
+        return out
+
+    def _dress(self) -> None:
+        model = self._stage.model
+        for slot in range(MAX_LIGHTS):
+            distant = model.light_type[slot] == int(mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
+            brightest = float(model.light_diffuse[slot].max())
+            unit = LUX_PER_INTENSITY if distant else CANDELA_PER_INTENSITY
+            model.light_intensity[slot] = brightest * unit if model.light_active[slot] else 0.0
+            if brightest > 0:
+                model.light_diffuse[slot] /= brightest
+        if self._uploaded == self._stage.surface_textures:
+            return
+        for surface in SURFACES:
+            texture = model.texture(surface)
+            size = int(texture.height[0] * texture.width[0] * texture.nchannel[0])
+            first = int(model.tex_adr[texture.id])
+            pixels = texture_of(self._stage.surface_textures[surface], self.textures)
+            model.tex_data[first : first + size] = pixels.ravel()
+        self._uploaded = dict(self._stage.surface_textures)
+        self._build_scene()
+
+    def _build_scene(self) -> None:
+        from mujoco.rendering.filament import model_scene
+
+        self._scene_count += 1
+        self._scene_name = f"scene{self._scene_count}"
+        handle = self._renderer.scene(self._scene_name)
+        self._scene = model_scene.ModelScene(self._context, self._stage.model, handle)
+
+    def _draw(self, camera: str, modality: str) -> np.ndarray:
+        modes, formats = self._mjrf.DrawMode, self._mjrf.PixelFormat
+        model = self._stage.model
+        self._camera.fixedcamid = model.camera(camera).id
+        view_camera = mujoco.mjv_camera2GLCamera(model, self._stage.data, self._camera)
+        width, height = (int(v) for v in model.cam_resolution[self._camera.fixedcamid])
+        mode, pixel_format, shape, dtype = {
+            "rgb": (modes.DRAW_MODE_DEFAULT, formats.PIXEL_FORMAT_RGB8, (3,), np.uint8),
+            "depth": (modes.DRAW_MODE_DEPTH, formats.PIXEL_FORMAT_R32F, (), np.float32),
+            "segmentation": (modes.DRAW_MODE_SEGMENTATION_BY_ID, formats.PIXEL_FORMAT_RGBA8, (4,), np.uint8),
+        }[modality]
+        target = f"{camera}/{modality}"
+        if (camera, modality) not in self._buffers:
+            self._buffers[camera, modality] = np.empty((height, width, *shape), dtype)
+            self._renderer.target(target, self._buffers[camera, modality], pixel_format)
+        buffer = self._buffers[camera, modality]
+        plain = modality != "rgb"
+        view = self._filament.View(
+            scene=self._scene_name,
+            target=target,
+            camera=view_camera,
+            draw_mode=mode,
+            post_processing=not plain,
+            shadows=not plain,
+        )
+        self._renderer.render([view])
+        if modality == "depth":
+            return metres_of_reversed_depth(buffer, view_camera.frustum_near, view_camera.frustum_far)
+        if modality == "segmentation":
+            ids = buffer[..., :3].astype(np.int32) @ np.array([1, 1 << 8, 1 << 16], np.int32) - 1
+            return self.segment(np.where(ids < self.model.ngeom, ids, -1))
+        return buffer
+
+    def close(self) -> None:
+        self._buffers.clear()
+
+
+def _require_vulkan() -> None:
+    """Filament ends the process where it finds no Vulkan driver; say so before it does."""
+    import ctypes.util
+
+    if ctypes.util.find_library("vulkan") is None:
+        raise SimulatorError(
+            "renderer=filament needs a Vulkan driver, and there is no libvulkan. Install libvulkan1 and "
+            "mesa-vulkan-drivers, or take renderer=warp, which needs no system package."
+        )

@@ -1,0 +1,138 @@
+"""What every registered task promises, on its default simulator."""
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.utils.env_checker import check_env
+
+import envs
+from envs.experts.rollout import ExpertRunner
+from envs.randomization import channel_rng
+from envs.tasks import TASKS
+
+NUM_ENVS = 3
+
+
+@pytest.fixture(scope="module", params=TASKS.names())
+def env(request):
+    env = envs.make_vec(request.param, NUM_ENVS, split="test", observation="state")
+    yield env
+    env.close()
+
+
+@pytest.fixture(scope="module")
+def rollouts(env):
+    return list(ExpertRunner(env).rollout(env.split_indices[: 2 * NUM_ENVS].tolist()))
+
+
+def test_it_says_what_it_is(env):
+    task = env.task
+    assert task.name in TASKS
+    assert task.instructions
+    assert all(text == text.strip() and text for text in task.instructions)
+    assert task.max_episode_steps > 1
+    assert TASKS.entry(task.name).summary
+
+
+@pytest.mark.filterwarnings("ignore:.*symmetric and normalized space:UserWarning")
+def test_gymnasium_accepts_the_single_env(env):
+    envs.register_envs()
+    single = gymnasium.make(f"RoboVerse/{env.task.name}-v0", observation="state")
+    check_env(single.unwrapped, skip_render_check=True)
+    single.close()
+
+
+def test_equal_seeds_give_equal_episodes_to_the_bit(env):
+    def run():
+        observations = [env.reset(seed=[5, 6, 7])[0]]
+        rng = np.random.default_rng(0)
+        low, high = env.single_action_space.low, env.single_action_space.high
+        for _ in range(5):
+            actions = rng.uniform(low, high, (NUM_ENVS, len(low))).astype(np.float32)
+            observations.append(env.step(actions)[0])
+        return observations
+
+    for first, second in zip(run(), run(), strict=True):
+        for key in first:
+            np.testing.assert_array_equal(first[key], second[key])
+
+
+def test_resets_differ_and_nothing_observed_is_constant(env):
+    rows = []
+    for first in range(0, 30, NUM_ENVS):
+        env.reset_envs(range(NUM_ENVS), env.split_indices[first : first + NUM_ENVS])
+        rows.append(env.observe()["observation.environment_state"])
+    values = np.concatenate(rows)
+    moving = values.std(axis=0) > 1e-6
+    # Heights and orientations may start out equal; positions may not.
+    assert moving.mean() > 0.5
+    assert len(np.unique(values, axis=0)) == len(values)
+
+
+def test_observations_are_finite_and_their_own(env):
+    first = env.observe()
+    copies = {key: value.copy() for key, value in first.items()}
+    env.step(np.stack([env.single_action_space.sample() for _ in range(NUM_ENVS)]))
+    for key, value in first.items():
+        assert np.isfinite(value).all()
+        np.testing.assert_array_equal(value, copies[key])
+
+
+def test_initial_states_depend_on_their_generator_alone(env):
+    together = env.task.initial_state([channel_rng(0, "task", i) for i in range(4)])
+    alone = env.task.initial_state([channel_rng(0, "task", 2)])
+    for key, value in alone.flatten().items():
+        assert torch.equal(value[0], together.flatten()[key][2]), key
+
+
+def test_the_expert_succeeds(rollouts):
+    assert all(rollout.success for rollout in rollouts)
+
+
+def test_the_expert_is_smooth(env, rollouts):
+    """Targets of the arm's joints never jump: below 0.35 rad in one control step, 7 rad/s."""
+    arm = len(env.joint_names) - 2
+    for rollout in rollouts:
+        assert np.abs(np.diff(rollout.actions[:, :arm], axis=0)).max() < 0.35
+
+
+def test_the_expert_varies(env, rollouts):
+    assert len({len(rollout.actions) for rollout in rollouts}) > 1
+
+
+def test_reward_rises_towards_success(rollouts):
+    for rollout in rollouts:
+        assert rollout.rewards[-1] == 1.0
+        assert (rollout.rewards[:-1] < 1.0).all()
+        assert (rollout.rewards >= 0.0).all()
+        assert rollout.rewards[0] < rollout.rewards[-2]
+
+
+def test_random_actions_do_not_succeed(env):
+    rng = np.random.default_rng(1)
+    env.reset_envs(range(NUM_ENVS), env.split_indices[:NUM_ENVS])
+    low, high = env.single_action_space.low, env.single_action_space.high
+    for _ in range(env.task.max_episode_steps // 4):
+        result = env.step_envs(range(NUM_ENVS), rng.uniform(low, high, (NUM_ENVS, len(low))))
+        assert not result.success.any()
+
+
+def test_states_that_are_not_finite_are_no_success(env, rollouts):
+    state = env.get_states()
+    for entity in state.objects.values():
+        entity.pos[:] = torch.nan
+    assert not env.task.success(state).any()
+
+
+def test_nothing_moves_by_itself(env):
+    """Objects keep still for 10 s while the robot holds its posture: no sliding, sinking or flying."""
+    env.reset_envs(range(NUM_ENVS), env.split_indices[:NUM_ENVS])
+    before = env.get_states()
+    hold = before.robots[env.scenario.robots[0].name].joint_pos.numpy()
+    for _ in range(round(10 * env.control_hz)):
+        env.step_envs(range(NUM_ENVS), hold)
+    after = env.get_states()
+    for name, entity in before.objects.items():
+        moved = torch.linalg.vector_norm(after.objects[name].pos - entity.pos, dim=-1)
+        assert moved.max() < 2e-3, name

@@ -1,0 +1,52 @@
+"""Quaternions against hand-computed values and the group's axioms."""
+
+import numpy as np
+import pytest
+import torch
+
+from envs import rotations as r
+
+HALF = np.sqrt(0.5)
+
+
+def random_quaternions(count=50):
+    q = np.random.default_rng(0).normal(size=(count, 4))
+    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+
+
+def test_a_quarter_turn_about_z_takes_x_to_y():
+    q = np.array([HALF, 0, 0, HALF])
+    np.testing.assert_allclose(r.rotate(q, np.array([1.0, 0, 0])), [0, 1, 0], atol=1e-15)
+    assert r.yaw_of(q) == pytest.approx(np.pi / 2)
+    np.testing.assert_allclose(r.from_yaw(np.pi / 2), q)
+    np.testing.assert_allclose(r.to_matrix(q), [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
+
+
+def test_products_compose_and_conjugates_invert():
+    p, q = random_quaternions(), random_quaternions()[::-1].copy()
+    v = np.random.default_rng(1).normal(size=(50, 3))
+    np.testing.assert_allclose(r.rotate(r.multiply(p, q), v), r.rotate(p, r.rotate(q, v)), atol=1e-12)
+    np.testing.assert_allclose(r.rotate(r.conjugate(p), r.rotate(p, v)), v, atol=1e-12)
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", r.to_matrix(p), v), r.rotate(p, v), atol=1e-12)
+
+
+def test_torch_and_numpy_agree():
+    p, v = random_quaternions(), np.random.default_rng(2).normal(size=(50, 3))
+    tp, tv = torch.from_numpy(p), torch.from_numpy(v)
+    np.testing.assert_allclose(r.rotate(tp, tv).numpy(), r.rotate(p, v), atol=1e-14)
+    np.testing.assert_allclose(r.multiply(tp, tp).numpy(), r.multiply(p, p), atol=1e-14)
+    np.testing.assert_allclose(r.yaw_of(tp).numpy(), r.yaw_of(p), atol=1e-14)
+    np.testing.assert_allclose(r.to_matrix(tp).numpy(), r.to_matrix(p), atol=1e-14)
+
+
+def test_a_camera_looks_along_minus_z_with_the_world_upright():
+    matrix = r.look_at_matrix(np.array([2.0, 0, 1.0]), np.array([0.0, 0, 1.0]))
+    np.testing.assert_allclose(matrix[:, 2], [1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(matrix[:, 1], [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(matrix[:, 0], [0, 1, 0], atol=1e-12)
+
+
+def test_looking_straight_down_has_an_up_too():
+    matrix = r.look_at_matrix(np.array([0.0, 0, 2.0]), np.zeros(3))
+    np.testing.assert_allclose(matrix.T @ matrix, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(matrix[:, 1], [1, 0, 0], atol=1e-12)

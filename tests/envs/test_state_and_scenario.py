@@ -1,0 +1,89 @@
+"""States, scenarios, registries, assets."""
+
+import pytest
+import torch
+
+from envs.assets import resolve
+from envs.errors import ConfigError, MissingExtraError, UnknownNameError, suggest
+from envs.registry import Registry
+from envs.scenario import ObjectCfg, PhysicsCfg, ScenarioCfg
+from envs.state import State
+
+
+def nested():
+    return {
+        "robots": {"arm": {"pos": torch.zeros(2, 3), "rot": torch.ones(2, 4), "joint_pos": torch.ones(2, 5)}},
+        "objects": {"cube": {"pos": torch.arange(6.0).reshape(2, 3), "rot": torch.ones(2, 4)}},
+    }
+
+
+def test_the_nested_form_fills_in_what_is_absent():
+    state = State.from_dict(nested())
+    assert state.num_envs == 2
+    assert state.robots["arm"].joint_vel.shape == (2, 5)
+    assert state.objects["cube"].joint_pos.shape == (2, 0)
+    assert (state.objects["cube"].lin_vel == 0).all()
+    again = State.from_dict(state.to_dict())
+    assert torch.equal(again.objects["cube"].pos, state.objects["cube"].pos)
+
+
+def test_flattening_is_undone():
+    state = State.from_dict(nested())
+    again = State.unflatten(state.flatten())
+    assert again.flatten().keys() == state.flatten().keys()
+    assert "robots/arm/joint_pos" in state.flatten()
+
+
+def test_selection_copies():
+    state = State.from_dict(nested())
+    part = state.select([1])
+    part.objects["cube"].pos[:] = -1.0
+    assert state.objects["cube"].pos[1].tolist() == [3.0, 4.0, 5.0]
+
+
+def test_states_say_what_is_wrong():
+    bad = nested()
+    bad["objects"]["cube"]["posn"] = bad["objects"]["cube"].pop("pos")
+    with pytest.raises(UnknownNameError, match="Unknown field of 'cube' in a state 'posn'. Did you mean 'pos'"):
+        State.from_dict(bad)
+    del bad["objects"]["cube"]["posn"]
+    with pytest.raises(ConfigError, match="The state of 'cube' lacks pos"):
+        State.from_dict(bad)
+
+
+def test_scenarios_refuse_double_names_and_wrong_sizes():
+    cube = ObjectCfg(name="cube", shape="box", size=(0.1, 0.1, 0.1))
+    with pytest.raises(ConfigError, match="names must be unique; used twice: cube"):
+        ScenarioCfg(objects=(cube, cube))
+    with pytest.raises(ConfigError, match="Object 'ball': a sphere has 1 positive sizes, given"):
+        ObjectCfg(name="ball", shape="sphere", size=(0.1, 0.1))
+
+
+def test_control_frequency():
+    assert PhysicsCfg(timestep_s=0.002, decimation=25).control_hz == pytest.approx(20.0)
+
+
+def test_a_registry_imports_late_and_explains():
+    registry: Registry[type] = Registry("thing")
+    registry.add("ordered", "collections:OrderedDict", tags={"dict"})
+    registry.add("absent", "no_such_package:Thing", extra="things")
+    assert registry.names("dict") == ["ordered"]
+    assert registry.get("ordered").__name__ == "OrderedDict"
+    with pytest.raises(UnknownNameError, match=r"Unknown thing 'orderd'\. Did you mean 'ordered'\? Valid: absent, ordered"):
+        registry.get("orderd")
+    with pytest.raises(MissingExtraError, match=r"needs the package 'no_such_package'.*roboverse-learn\[things\]"):
+        registry.get("absent")
+    with pytest.raises(ValueError, match="'ordered' is registered already"):
+        registry.add("ordered", int)
+
+
+def test_suggestions_ignore_case():
+    assert suggest("pickcube", ["PickCube", "StackCube"]) == " Did you mean 'PickCube'?"
+    assert suggest("zzz", ["PickCube"]) == ""
+
+
+def test_assets_say_what_is_missing():
+    with pytest.raises(MissingExtraError, match="part of the package 'nowhere', which is not installed"):
+        resolve("nowhere:a.xml")
+    with pytest.raises(ConfigError, match="does not exist: there is no file"):
+        resolve("robosuite:models/none.xml")

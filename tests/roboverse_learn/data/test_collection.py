@@ -1,0 +1,283 @@
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from envs.errors import ConfigError, DatasetError, RoboVerseError
+from roboverse_learn.data import CollectionConfig, DatasetInfo, DatasetWriter, collect, dataset_hash, merge
+from roboverse_learn.data.schedule import Schedule
+from tests.roboverse_learn.data.synthetic_episodes import FEATURES, FPS, make_episode
+
+HERE = Path(__file__).parent
+SOURCE = "synthetic_episodes:make_source"
+
+
+@pytest.fixture(autouse=True)
+def _importable_source(monkeypatch):
+    monkeypatch.syspath_prepend(HERE)
+
+
+def config(root, num_episodes=9, num_workers=1, candidates=range(100, 140), settings=None, **source_kwargs):
+    return CollectionConfig(
+        root=root,
+        num_episodes=num_episodes,
+        candidates=list(candidates),
+        source=source_kwargs.pop("source", SOURCE),
+        source_kwargs=source_kwargs,
+        fps=FPS,
+        features=FEATURES,
+        robot_type="franka",
+        num_workers=num_workers,
+        settings={"task": "PickCube"} if settings is None else settings,
+    )
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """What one process collects in one run."""
+    root = tmp_path_factory.mktemp("undisturbed") / "d"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(HERE)
+        return collect(config(root))
+
+
+def test_successes_are_kept_in_the_order_of_the_candidates(undisturbed):
+    info = DatasetInfo.open(undisturbed.root)
+    # 100, 104, 108 are failures of the synthetic expert.
+    expected = [101, 102, 103, 105, 106, 107, 109, 110, 111]
+    assert [metadata["episode"] for metadata in info.episode_metadata] == expected
+    assert (undisturbed.num_episodes, undisturbed.num_attempts) == (9, 12)
+    assert undisturbed.success_rate == 9 / 12
+    assert undisturbed.dataset_hash == dataset_hash(undisturbed.root)
+
+
+@pytest.mark.parametrize(("num_workers", "lookahead"), [(2, 1), (3, 3)])
+def test_the_dataset_does_not_depend_on_the_workers(undisturbed, tmp_path, num_workers, lookahead):
+    summary = collect(config(tmp_path / "d", num_workers=num_workers, lookahead=lookahead))
+    assert summary.dataset_hash == undisturbed.dataset_hash
+    assert (summary.num_attempts, summary.num_episodes) == (12, 9)
+    assert sorted(path.name for path in (tmp_path / "d").iterdir()) == [
+        ".lock",
+        "data",
+        "meta",
+        "raw",
+        "videos",
+    ]
+
+
+def test_progress_is_reported(tmp_path):
+    seen = []
+    collect(config(tmp_path / "d", num_episodes=3), seen.append)
+    assert [progress.num_attempts for progress in seen] == list(range(len(seen)))
+    assert seen[-1].num_episodes == seen[-1].target == 3
+    assert seen[-1].num_frames == DatasetInfo.open(tmp_path / "d").num_frames
+    assert seen[-1].success_rate == 3 / seen[-1].num_attempts
+    assert seen[-1].frames_per_s > 0
+
+
+def test_a_finished_dataset_grows(undisturbed, tmp_path):
+    collect(config(tmp_path / "d", num_episodes=4))
+    summary = collect(config(tmp_path / "d", num_episodes=9, num_workers=2))
+    assert summary.dataset_hash == undisturbed.dataset_hash
+    assert collect(config(tmp_path / "d")).dataset_hash == undisturbed.dataset_hash
+
+
+def test_other_settings_are_refused(tmp_path):
+    collect(config(tmp_path / "d", num_episodes=1))
+    with pytest.raises(DatasetError, match="was begun with task='PickCube'; now given: task='StackCube'"):
+        collect(config(tmp_path / "d", settings={"task": "StackCube"}))
+
+
+def test_too_few_candidates(tmp_path):
+    with pytest.raises(DatasetError, match="The 4 candidate episodes gave 3 successes; 9 were asked for"):
+        collect(config(tmp_path / "d", candidates=range(100, 104)))
+    assert DatasetInfo.open(tmp_path / "d").num_episodes == 3
+
+
+@pytest.mark.parametrize("num_workers", [1, 2])
+def test_errors_of_a_source_reach_the_user(tmp_path, num_workers):
+    with pytest.raises(RoboVerseError, match="Did you mean 'PickCube'"):
+        collect(
+            config(tmp_path / "d", num_workers=num_workers, source="synthetic_episodes:make_broken_source")
+        )
+
+
+@pytest.mark.parametrize("num_workers", [1, 2])
+def test_a_source_must_yield_what_it_takes(tmp_path, num_workers):
+    source = "synthetic_episodes:make_forgetful_source"
+    with pytest.raises(DatasetError, match=r"took the pool episodes \[100.*\] and never yielded them"):
+        collect(config(tmp_path / "d", num_workers=num_workers, source=source))
+
+
+def test_a_source_that_does_not_exist(tmp_path):
+    with pytest.raises(DatasetError, match=r"No episode source 'nowhere:make'.*package.module:function"):
+        collect(config(tmp_path / "d", source="nowhere:make"))
+
+
+def test_a_dead_worker_is_named_and_the_rest_is_kept(undisturbed, tmp_path):
+    root = tmp_path / "d"
+    with pytest.raises(DatasetError, match=r"worker \d died \(exit code -9; out of memory\?\)"):
+        collect(config(root, num_workers=2, lookahead=1, die_at=106))
+    kept = DatasetInfo.open(root).episode_metadata
+    assert [metadata["episode"] for metadata in kept] == [101, 102, 103, 105]
+    assert collect(config(root)).dataset_hash == undisturbed.dataset_hash
+
+
+def test_impossible_numbers():
+    with pytest.raises(ConfigError, match="at least 1, given 0 and 1"):
+        config("d", num_episodes=0)
+    with pytest.raises(ConfigError, match="name a pool episode twice"):
+        config("d", candidates=[1, 1])
+
+
+COLLECT = """
+import json, sys
+from roboverse_learn.data import CollectionConfig, collect
+from synthetic_episodes import FEATURES, FPS
+given = json.loads(sys.argv[1])
+collect(CollectionConfig(fps=FPS, features=FEATURES, robot_type="franka", **given))
+"""
+
+
+@pytest.mark.parametrize("num_workers", [1, 2])
+def test_killed_at_any_moment_and_resumed(tmp_path, undisturbed, open_with_lerobot, num_workers):
+    root, rng = tmp_path / "d", random.Random(num_workers)
+    given = {
+        "root": str(root),
+        "num_episodes": 9,
+        "candidates": list(range(100, 140)),
+        "source": SOURCE,
+        "source_kwargs": {"delay_s": 0.03},
+        "num_workers": num_workers,
+        "settings": {"task": "PickCube"},
+    }
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), *sys.path])}
+    episodes = 0
+    for _ in range(4):
+        process = subprocess.Popen([sys.executable, "-c", COLLECT, json.dumps(given)], env=environment)
+        wait_for_more(root, episodes, process)
+        time.sleep(rng.uniform(0, 0.15))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        if not (root / "meta/info.json").exists():
+            continue
+        listed = json.loads((root / "meta/info.json").read_text())["total_episodes"]
+        assert listed >= episodes
+        episodes = listed
+        if episodes:
+            dataset = open_with_lerobot(root)
+            assert dataset.num_episodes == episodes
+            assert dataset[len(dataset) - 1]["observation.images.front"].shape == (3, 32, 32)
+    assert episodes > 0
+    assert collect(config(root)).dataset_hash == undisturbed.dataset_hash
+
+
+def wait_for_more(root, episodes, process, timeout_s=30):
+    """Waits until a collection has committed one more episode, or has ended."""
+    deadline = time.monotonic() + timeout_s
+    info = root / "meta/info.json"
+    while time.monotonic() < deadline and process.poll() is None:
+        if info.exists() and json.loads(info.read_text())["total_episodes"] > episodes:
+            return
+        time.sleep(0.02)
+
+
+class TestSchedule:
+    @pytest.mark.parametrize("seed", range(5))
+    def test_order_and_attempts_do_not_depend_on_who_is_faster(self, tmp_path, seed, monkeypatch):
+        """Any interleaving of workers tries the same candidates and commits the same episodes."""
+        monkeypatch.setattr("roboverse_learn.data.schedule.load_staged", lambda directory: directory)
+        rng = np.random.default_rng(seed)
+        fails = set(rng.choice(40, size=12, replace=False).tolist())
+        order = rng.permutation(40).tolist()
+        writer = _Writer(tmp_path)
+        schedule, flying, tried = Schedule(writer, order, 10, {}), [], []
+        while not schedule.finished:
+            if rng.random() < 0.5 and (index := schedule.next_index()) is not None:
+                flying.append(index)
+                tried.append(index)
+            elif flying:
+                index = flying.pop(int(rng.integers(len(flying))))
+                schedule.resolve(index, None if index in fails else tmp_path / str(index))
+        good = [index for index in order if index not in fails][:10]
+        assert [int(path.name) for path in writer.committed] == good
+        assert tried == order[: order.index(good[-1]) + 1]
+        assert not flying
+
+    def test_answers_nobody_asked_for(self, tmp_path):
+        schedule = Schedule(_Writer(tmp_path), [1, 2], 1, {})
+        with pytest.raises(DatasetError, match="yielded pool episode 7, which it was not asked for"):
+            schedule.resolve(7, None)
+
+
+class _Writer:
+    """Remembers what is committed."""
+
+    def __init__(self, root):
+        self.root, self.committed, self.episode_keys = root, [], frozenset()
+
+    def commit(self, staged):
+        self.committed.append(staged)
+
+
+class TestMerge:
+    def write(self, root, indices):
+        with DatasetWriter(root, fps=FPS, features=FEATURES, robot_type="franka") as writer:
+            for index in indices:
+                writer.add_episode(make_episode(index, task=f"task {index % 2}"))
+        return root
+
+    def test_the_result_does_not_depend_on_the_parts(self, tmp_path, open_with_lerobot):
+        whole = self.write(tmp_path / "whole", range(6))
+        odd, even = self.write(tmp_path / "odd", [5, 1, 3]), self.write(tmp_path / "even", [4, 0, 2])
+        merged = merge([odd, even], tmp_path / "merged")
+        assert dataset_hash(merged.root) == dataset_hash(whole)
+        assert (merged.root / "meta/stats.json").read_text() == (whole / "meta/stats.json").read_text()
+        dataset = open_with_lerobot(merged.root)
+        assert [int(dataset[i]["index"]) for i in range(len(dataset))] == list(range(merged.num_frames))
+
+    def test_a_killed_merge_is_completed(self, tmp_path, monkeypatch):
+        parts = [self.write(tmp_path / "odd", [1, 3]), self.write(tmp_path / "even", [0, 2])]
+        commit, calls = DatasetWriter.commit, iter(range(9))
+
+        def killed(self, staged):
+            if next(calls) == 2:
+                raise KeyboardInterrupt
+            return commit(self, staged)
+
+        monkeypatch.setattr(DatasetWriter, "commit", killed)
+        with pytest.raises(KeyboardInterrupt):
+            merge(parts, tmp_path / "merged")
+        assert DatasetInfo.open(tmp_path / "merged").num_episodes == 2
+        merge(parts, tmp_path / "merged")
+        merge(parts, tmp_path / "merged")
+        whole = self.write(tmp_path / "whole", range(4))
+        assert dataset_hash(tmp_path / "merged") == dataset_hash(whole)
+
+    def test_lerobot_aggregates_ours(self, tmp_path, open_with_lerobot):
+        from lerobot.datasets import aggregate_datasets
+
+        parts = [self.write(tmp_path / "a", [0, 1]), self.write(tmp_path / "b", [2, 3])]
+        aggregate_datasets(["l/a", "l/b"], "l/c", roots=parts, aggr_root=tmp_path / "c")
+        dataset = open_with_lerobot(tmp_path / "c")
+        assert dataset.num_episodes == 4
+        np.testing.assert_array_equal(
+            dataset[len(dataset) - 1]["observation.state"], make_episode(3).states[-1]
+        )
+
+    def test_sources_of_another_kind(self, tmp_path):
+        episode = make_episode(0)
+        del episode.metadata["episode"]
+        with DatasetWriter(tmp_path / "a", fps=FPS, features=FEATURES) as writer:
+            writer.add_episode(episode)
+        with pytest.raises(DatasetError, match=r"without a pool index.*aggregate_datasets"):
+            merge([tmp_path / "a"], tmp_path / "b")
+        with pytest.raises(DatasetError, match="Nothing to merge"):
+            merge([], tmp_path / "b")

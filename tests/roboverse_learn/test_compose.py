@@ -1,0 +1,214 @@
+"""Configurations: precedence, shorthand, round trips, and what no word may do."""
+
+import dataclasses
+import json
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+import policies
+from envs.errors import ConfigError, RoboVerseError, UnknownNameError
+from roboverse_learn import cli
+from roboverse_learn.compose import (
+    COMMANDS,
+    compose,
+    configs_folder,
+    default_values,
+    flat_keys,
+    from_values,
+    preset_names,
+    to_values,
+)
+
+REQUIRED = {"evaluate": ["checkpoint=runs/x"]}
+QUICK = settings(max_examples=40, deadline=None)
+
+
+def at(values: Any, key: str) -> Any:
+    for part in key.split("."):
+        values = values[part]
+    return values
+
+
+def typed(value: Any) -> str:
+    """A value as one would type it."""
+    return json.dumps(value) if not isinstance(value, str) else value
+
+
+def another(key: str, value: Any) -> Any:
+    """A valid value of the same kind that differs from the default."""
+    chosen = {
+        "task": "PickCube",
+        "preset": "quick",
+        "simulator": "mujoco",
+        "renderer": "gl",
+        "policy_name": "diffusion",
+        "only": "camera",
+        "level": 2,
+        "image_size": 96,
+        "train.precision": "fp32",
+        "train.schedule": "constant",
+        "train.lr_backbone": 1e-6,
+        "train.ema": True,
+        "train.compile": False,
+        "train.time_limit_s": 12.5,
+        "evaluate.levels": [3],
+        "evaluate.alone": ["lighting"],
+        "evaluate.splits": ["test"],
+        "train.betas": [0.5, 0.75],
+        "policy.down_dims": [64, 128, 256],
+        "policy.horizon": 16,
+        "policy.n_obs_steps": 2,
+        "policy.n_action_steps": 2,
+        "policy.dim_model": 256,
+        "policy.n_heads": 4,
+        "policy.chunk_size": 120,
+        "policy.vision_backbone": "resnet34",
+        "policy.pretrained_backbone_weights": "ResNet18_Weights.IMAGENET1K_V1",
+        "policy.backbone_norm": "batch",
+        "policy.image_stats": "half",
+        "policy.noise_scheduler_type": "DDIM",
+        "policy.num_train_timesteps": 50,
+        "policy.num_inference_steps": 5,
+        "policy.prediction_type": "sample",
+    }
+    if key in chosen:
+        return chosen[key]
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int):
+        return value + 2
+    if isinstance(value, float):
+        return value / 2 or 0.25
+    assert isinstance(value, str), f"Say in this test how {key} is changed."
+    return "somewhere/with = , [ ${x} in it"
+
+
+ALL_KEYS = [
+    (command, policy, key)
+    for command in COMMANDS
+    for policy in (policies.names() if command == "train" else ["act"])
+    for key in flat_keys(default_values(command, policy))
+    if key not in ("policy_name", "task_kwargs", "preset", "run")
+]
+
+
+@pytest.mark.parametrize(("command", "policy", "key"), ALL_KEYS, ids=lambda value: str(value))
+def test_every_key_can_be_set_and_survives_the_saved_configuration(
+    command: str, policy: str, key: str
+) -> None:
+    value = another(key, at(default_values(command, policy), key))
+    words = [*REQUIRED.get(command, []), *([f"policy={policy}"] if command == "train" else [])]
+    config = compose(command, [*words, f"{key}={typed(value)}"])
+    assert at(to_values(config), key) == value
+    saved = yaml.safe_load(yaml.safe_dump(to_values(config)))
+    assert from_values(command, saved) == config
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        setattr(config, dataclasses.fields(config)[0].name, "elsewhere")
+
+
+@QUICK
+@given(
+    key=st.from_regex(r"[a-z_]{1,12}(\.[a-z_]{1,12}){0,2}", fullmatch=True),
+    command=st.sampled_from(list(COMMANDS)),
+)
+def test_any_unknown_key_is_one_line_and_exit_code_2(key: str, command: str) -> None:
+    import contextlib
+    import io
+
+    known = flat_keys(default_values(command))
+    assume(key != "policy" and not key.startswith("task_kwargs."))
+    assume(not any(full == key or full.endswith(f".{key}") for full in known))
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said):
+        assert cli.main([command, *REQUIRED.get(command, []), f"{key}=1"]) == 2
+    assert said.getvalue().startswith(f"error: Unknown key '{key}' of {command}.")
+    assert said.getvalue().count("\n") == 1
+
+
+@QUICK
+@given(
+    key=st.sampled_from(
+        [key for _, _, key in ALL_KEYS if key.startswith(("train.", "collect.", "evaluate."))]
+    ),
+    value=st.text(st.characters(blacklist_categories=("Cs", "Cc")), max_size=12),
+)
+def test_any_value_is_taken_or_refused_as_a_mistake(key: str, value: str) -> None:
+    try:
+        config = compose("train", [f"{key}={value}"])
+    except RoboVerseError as error:
+        assert "\n" not in str(error)
+    else:
+        assert from_values("train", to_values(config)) == config
+
+
+@QUICK
+@given(seed=st.integers(0, 2**31), lr=st.floats(1e-9, 1.0), levels=st.sets(st.integers(0, 3), min_size=1))
+def test_numbers_arrive_as_they_were_typed(seed: int, lr: float, levels: set[int]) -> None:
+    config = compose(
+        "train", [f"seed={seed}", f"train.lr={lr!r}", f"levels={sorted(levels)}".replace(" ", "")]
+    )
+    assert (config.seed, config.train.lr, config.evaluate.levels) == (seed, lr, tuple(sorted(levels)))
+
+
+def test_the_command_line_wins_over_yaml_and_yaml_over_the_dataclass() -> None:
+    default = default_values("train")["collect"]["num_demos"]
+    quick = yaml.safe_load((configs_folder() / "preset" / "quick.yaml").read_text())["collect"]["num_demos"]
+    assert default != quick
+    assert compose("train", []).collect.num_demos == default
+    assert compose("train", ["preset=quick"]).collect.num_demos == quick
+    assert compose("train", ["preset=quick", "num_demos=7"]).collect.num_demos == 7
+    assert compose("train", ["num_demos=7", "preset=quick", "num_demos=8"]).collect.num_demos == 8
+
+
+def test_a_preset_of_a_policy_wins_over_the_policy() -> None:
+    full, quick = compose("train", ["policy=act"]), compose("train", ["policy=act", "preset=quick"])
+    assert quick.policy.dim_model < full.policy.dim_model
+    assert quick.train.batch_size < full.train.batch_size
+    assert type(quick.policy) is type(full.policy) is policies.config_class("act")
+
+
+@pytest.mark.parametrize("preset", preset_names())
+@pytest.mark.parametrize("policy", policies.names())
+@pytest.mark.parametrize("command", list(COMMANDS))
+def test_every_yaml_composes(command: str, policy: str, preset: str) -> None:
+    words = {"train": [f"policy={policy}", f"preset={preset}"], "leaderboard": []}
+    compose(command, [*REQUIRED.get(command, []), *words.get(command, [f"preset={preset}"])])
+
+
+def test_every_yaml_is_reachable() -> None:
+    known = {f"preset/{name}" for name in preset_names()} | {f"policy/{name}" for name in policies.names()}
+    known |= {f"policy_preset/{preset}_{policy}" for preset in preset_names() for policy in policies.names()}
+    found = {
+        path.relative_to(configs_folder()).with_suffix("").as_posix()
+        for path in configs_folder().rglob("*.y*ml")
+    }
+    assert found - {"run"} <= known
+
+
+def test_a_preset_does_not_change_the_scene_that_a_checkpoint_is_evaluated_in() -> None:
+    config = compose("evaluate", ["checkpoint=runs/x", "preset=quick"])
+    assert (config.task, config.simulator, config.renderer, config.image_size) == ("", "", "", 0)
+    assert config.evaluate.episodes == compose("train", ["preset=quick"]).evaluate.episodes
+    assert compose("evaluate", ["checkpoint=runs/x", "preset=quick", "image_size=64"]).image_size == 64
+
+
+def test_options_of_a_task_pass_through() -> None:
+    assert compose("collect", ["task_kwargs.variant=lift"]).task_kwargs == {"variant": "lift"}
+
+
+def test_a_saved_configuration_with_an_unknown_key_is_refused() -> None:
+    values = to_values(compose("train", []))
+    values["train"]["momentum"] = 0.9
+    with pytest.raises(UnknownNameError, match=r"Unknown key 'train\.momentum' of train"):
+        from_values("train", values)
+
+
+def test_a_saved_configuration_of_a_wrong_type_is_refused() -> None:
+    values = to_values(compose("train", []))
+    values["train"]["steps"] = "many"
+    with pytest.raises(ConfigError, match=r"train\.steps: input should be a valid integer.*given 'many'"):
+        from_values("train", values)

@@ -1,0 +1,55 @@
+"""Two processes of ``accelerate launch`` compute what one computes."""
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import policies
+from envs.errors import ConfigError
+from roboverse_learn.training.config import TrainConfig
+from roboverse_learn.training.imitation import train
+from roboverse_learn.training.metrics import read_metrics
+from tests.policies.examples import CONFIGS
+from tests.roboverse_learn.training.frames import SquareFrames
+
+# Nothing that depends on which process a sample is in: no dropout, no batch statistics, no padding.
+POLICY = replace(CONFIGS["act"], chunk_size=1, n_action_steps=1, use_vae=False, backbone_norm="frozen")
+CONFIG = TrainConfig(
+    steps=4, batch_size=8, warmup_steps=0, precision="fp32", num_threads=1, save_every=4, log_every=1
+)
+
+
+def run(folder: Path) -> None:
+    data = SquareFrames()
+    train(policies.create("act", data.features, data.stats, POLICY), data, CONFIG, folder)
+
+
+@pytest.mark.slow
+def test_two_processes_take_the_steps_of_one(tmp_path):
+    run(tmp_path / "one")
+    script = Path(__file__).with_name("two_processes.py")
+    done = subprocess.run(
+        [sys.executable, str(script), str(tmp_path / "two")],
+        env=os.environ | {"OMP_NUM_THREADS": "1", "HF_HUB_OFFLINE": "1"},
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    one, two = (read_metrics(tmp_path / name) for name in ("one", "two"))
+    assert [row["step"] for row in two] == [1, 2, 3, 4]
+    assert [row["loss"] for row in two] == pytest.approx([row["loss"] for row in one], rel=1e-3)
+    assert policies.load(tmp_path / "two").name == "act"
+
+
+def test_a_batch_that_cannot_be_divided_is_an_error(monkeypatch, tmp_path):
+    import accelerate
+
+    monkeypatch.setattr(accelerate.Accelerator, "num_processes", 3)
+    with pytest.raises(ConfigError, match="batch_size 8 must be a positive multiple of 3 processes"):
+        run(tmp_path)
