@@ -273,8 +273,8 @@ def load_weights(model: torch.nn.Module, weights: Mapping[str, Tensor], path: Pa
     )  # fmt: skip
     if wrong:
         raise PolicyError(
-            f"'{path}' does not fit the configuration beside it: {len(wrong)} of {len(own)} tensors are absent, "
-            f"unknown or of another shape, the first '{wrong[0]}'. Name another checkpoint, or train again."
+            f"'{path}' does not fit the configuration beside it: {len(wrong)} of {len(own)} tensors are "
+            f"absent, unknown or of another shape, the first '{wrong[0]}'. Name another checkpoint, or train again."
         )
     model.load_state_dict(dict(weights), strict=False)
 

@@ -55,8 +55,8 @@ class DiffusionConfig:
         if self.horizon <= 0 or self.horizon % factor:
             near = max(1, round(self.horizon / factor)) * factor
             raise PolicyError(
-                f"policy.horizon={self.horizon} must be a multiple of {factor}, because the U-Net of "
-                f"policy.down_dims={tuple(self.down_dims)} halves it {len(self.down_dims)} times; take {near}."
+                f"policy.horizon={self.horizon} must be a multiple of {factor}, because the U-Net of policy."
+                f"down_dims={tuple(self.down_dims)} halves it {len(self.down_dims)} times; take {near}."
             )
         longest = self.horizon - self.n_obs_steps + 1
         if not 1 <= self.n_action_steps <= longest:

@@ -45,7 +45,7 @@ def disk_errors(path: Path) -> Iterator[None]:
         ) from error
 
 
-def write_file(path: Path, content: bytes | memoryview) -> None:
+def write_file(path: Path, content: bytes) -> None:
     """Writes a file atomically: temporary name, fsync, rename.
 
     Args:

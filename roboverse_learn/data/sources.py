@@ -53,9 +53,7 @@ def make_source(reference: str, kwargs: Mapping[str, Any]) -> EpisodeSource:
     return factory(**kwargs)
 
 
-def run_attempts(
-    source: EpisodeSource, indices: Iterator[int]
-) -> Iterator[tuple[int, EpisodeData | None]]:
+def run_attempts(source: EpisodeSource, indices: Iterator[int]) -> Iterator[tuple[int, EpisodeData | None]]:
     """Yields what a source makes of the indices, and holds it to its promise.
 
     Raises:

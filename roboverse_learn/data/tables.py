@@ -67,7 +67,7 @@ class GrowingTable:
         self._count = 1 if full else self._count + 1
 
 
-def parquet_bytes(groups: list["pa.Table"]) -> memoryview:
+def parquet_bytes(groups: list["pa.Table"]) -> bytes:
     """Returns a parquet file with one row group per table."""
     import pyarrow.parquet as pq
 
@@ -75,7 +75,7 @@ def parquet_bytes(groups: list["pa.Table"]) -> memoryview:
     with pq.ParquetWriter(buffer, groups[0].schema, compression="snappy", use_dictionary=False) as writer:
         for group in groups:
             writer.write_table(group)
-    return buffer.getbuffer()
+    return buffer.getvalue()
 
 
 def _row_groups(path: Path) -> list["pa.Table"]:

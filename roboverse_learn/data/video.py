@@ -22,9 +22,9 @@ _PRESETS = ("ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "s
 class EncoderConfig:
     """How frames become an H.264 video.
 
-    The defaults favour speed: 8 times the frames per second of LeRobot's default (SVT-AV1) at higher
-    fidelity and about 5 times the size. A key frame every second frame keeps random access, which
-    LeRobot's own loader needs, cheap.
+    The defaults favour speed and fidelity over size: at 256x256, 2500 frames per CPU second with a PSNR
+    of 34.5 dB, where LeRobot's default (SVT-AV1) has 310 and 33.0 dB in a fifth of the bytes. A key frame
+    every second frame keeps random access, which LeRobot's own loader needs, cheap.
 
     Attributes:
         preset: x264 preset; slower ones make smaller files.
@@ -64,7 +64,7 @@ class EncoderConfig:
         }
 
 
-def encode_video(images: np.ndarray, fps: int, config: EncoderConfig) -> memoryview:
+def encode_video(images: np.ndarray, fps: int, config: EncoderConfig) -> bytes:
     """Encodes an episode of one camera and checks that no frame was lost.
 
     One thread per video: several cameras and several workers fill the cores, and the bytes do not depend
@@ -97,7 +97,7 @@ def encode_video(images: np.ndarray, fps: int, config: EncoderConfig) -> memoryv
     stored = len(_packet_times(buffer))
     if stored != len(images):
         raise DatasetError(f"The video encoder kept {stored} of {len(images)} frames. Try another preset.")
-    return buffer.getbuffer()
+    return buffer.getvalue()
 
 
 def _packet_times(source: Path | io.BytesIO) -> np.ndarray:

@@ -16,7 +16,7 @@ _LARGEST_TIMED_BATCH = 4
 def estimate_training_s(policy: LeRobotPolicy, config: TrainConfig, num_timed_steps: int = 1) -> float:
     """Times gradient steps on random data and returns the seconds of the whole run.
 
-    On a CPU a few samples stand for the batch, so that asking takes seconds, not minutes. The policy is
+    Nothing is compiled for it, so that a compiled run on a GPU takes less. On a CPU a few samples stand for the batch, so that asking takes seconds, not minutes. The policy is
     changed by the steps: give it one that is not needed any more.
 
     Args:

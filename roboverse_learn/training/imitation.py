@@ -243,7 +243,7 @@ class _Trainer:
         if not math.isfinite(self.loss):
             raise TrainingDivergedError(
                 f"The loss is {self.loss} at step {self.step}. The last checkpoint in "
-                f"'{self.run_dir / 'checkpoints'}' is sound. Take a smaller train.lr, or train.precision=fp32."
+                f"'{self.run_dir / 'checkpoints'}' is sound. Take a smaller train.lr or train.precision=fp32."
             )
         row |= {
             "lr": self.optimizer.param_groups[0]["lr"],

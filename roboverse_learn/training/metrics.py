@@ -98,7 +98,7 @@ class WandbWriter:
         except ImportError as error:
             raise MissingExtraError(
                 "train.wandb=true needs the package 'wandb', which is not installed. "
-                "Install it with: pip install wandb. Or leave train.wandb=false: TensorBoard is always written."
+                "Install it with: pip install wandb. TensorBoard is written without it."
             ) from error
         self._run = wandb.init(
             project="roboverse-learn",

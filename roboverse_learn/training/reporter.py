@@ -96,9 +96,8 @@ class RichReporter(Reporter):
         """Shows the bar."""
         self._bar.start()
         again = f", going on at step {progress.step:,}" if progress.step else ""
-        self._bar.console.print(
-            f"Training {policy.name} with {policy.n_params / 1e6:.1f} M parameters on {policy.device.type}{again}"
-        )
+        size, device = f"{policy.n_params / 1e6:.1f} M parameters", policy.device.type
+        self._bar.console.print(f"Training {policy.name} with {size} on {device}{again}")
 
     def on_step(self, progress: Progress) -> None:
         """Moves the bar."""

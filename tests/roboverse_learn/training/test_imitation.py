@@ -20,7 +20,8 @@ from tests.roboverse_learn.training.frames import SquareFrames
 
 DATA = SquareFrames()
 CONFIG = TrainConfig(
-    steps=10, batch_size=8, lr=1e-3, warmup_steps=2, precision="fp32", num_threads=1, save_every=5, log_every=1,
+    steps=10, batch_size=8, lr=1e-3, warmup_steps=2, precision="fp32", num_threads=1, save_every=5,
+    log_every=1,
     augment=AugmentConfig(shift_px=2, brightness=0.2),
 )  # fmt: skip
 

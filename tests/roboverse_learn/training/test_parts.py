@@ -128,7 +128,7 @@ def test_devices(monkeypatch):
     assert resolve_device("auto") == "cpu"
     with pytest.raises(ConfigError, match="device='cuda' needs 1 GPU"):
         resolve_device("cuda")
-    with pytest.raises(ConfigError, match="Unknown device 'tpu'. Valid: auto, cpu, cuda"):
+    with pytest.raises(ConfigError, match=r"Unknown device 'tpu'. Valid: auto, cpu, cuda"):
         resolve_device("tpu")
 
 
@@ -166,8 +166,8 @@ def test_metrics_of_a_resumed_run_have_no_step_twice(tmp_path):
 def test_rich_reporter_shows_loss_speed_and_time_left():
     console = Console(file=StringIO(), force_terminal=True, width=120)
     reporter = RichReporter(console)
-    reporter.on_step(Progress(step=50, steps=1000, fraction=0.05, loss=0.1234, samples_per_s=61.2, elapsed_s=9.0,
-                              eta_s=3671.0))  # fmt: skip
+    progress = dict(loss=0.1234, samples_per_s=61.2, elapsed_s=9.0, eta_s=3671.0)
+    reporter.on_step(Progress(step=50, steps=1000, fraction=0.05, **progress))
     console.print(reporter._bar)
     shown = console.file.getvalue()
     for text in ("step 50/1,000", "loss 0.1234", "61 samples/s", "1:01:11 left"):

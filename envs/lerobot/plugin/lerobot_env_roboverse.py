@@ -1,0 +1,3 @@
+"""Registers ``--env.type=roboverse`` with LeRobot, which imports this module by its name."""
+
+import envs.lerobot  # noqa: F401
