@@ -113,7 +113,7 @@ def create(
         return cls.create(features, stats, config, device)
 
 
-def load(directory: str | Path, device: str = "cpu") -> Policy:
+def load(directory: str | Path, device: str = "cpu") -> "LeRobotPolicy":
     """Loads the policy of a checkpoint, whichever it is.
 
     Args:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,15 +23,25 @@ class Policy(Protocol):
     and executes the ``n_action_steps`` actions of a chunk before asking again.
 
     Attributes:
+        name: Registered name.
         n_obs_steps: Observations, the newest last, that one call looks at.
         n_action_steps: Actions that one call returns.
         batch_invariant: Whether the actions of a sample are the same to the bit, whatever other samples
             it is called with.
     """
 
-    n_obs_steps: int
-    n_action_steps: int
+    name: ClassVar[str]
     batch_invariant: bool
+
+    @property
+    def n_obs_steps(self) -> int:
+        """See above."""
+        ...
+
+    @property
+    def n_action_steps(self) -> int:
+        """See above."""
+        ...
 
     def act(
         self, observation: Observation, generators: "Sequence[torch.Generator] | None" = None

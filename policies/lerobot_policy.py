@@ -37,8 +37,9 @@ class LeRobotPolicy:
         batch_invariant: Run the samples one by one. True on a CPU, where it costs little.
     """
 
+    model: Any  # LeRobot's base class does not declare what every policy has
     name: ClassVar[str]
-    model_class: ClassVar[type[PreTrainedPolicy]]
+    model_class: ClassVar[Any]  # a subclass of LeRobot's PreTrainedPolicy
     default_ema: ClassVar[bool] = False
 
     def __init__(self, model: PreTrainedPolicy, processors: Processors) -> None:
@@ -54,7 +55,7 @@ class LeRobotPolicy:
         raise NotImplementedError
 
     @classmethod
-    def lerobot_processors(cls, config: PreTrainedConfig, stats: dict[str, dict[str, Tensor]]) -> Processors:
+    def lerobot_processors(cls, config: Any, stats: dict[str, dict[str, Tensor]]) -> Processors:
         """Returns LeRobot's processors of this policy."""
         raise NotImplementedError
 
@@ -91,6 +92,11 @@ class LeRobotPolicy:
     def n_action_steps(self) -> int:
         """Actions that one call returns."""
         return self.model.config.n_action_steps
+
+    @property
+    def features(self) -> Features:
+        """Inputs and outputs."""
+        return self.model.config.input_features | self.model.config.output_features
 
     @property
     def n_params(self) -> int:
@@ -274,7 +280,8 @@ def load_weights(model: torch.nn.Module, weights: Mapping[str, Tensor], path: Pa
     if wrong:
         raise PolicyError(
             f"'{path}' does not fit the configuration beside it: {len(wrong)} of {len(own)} tensors are "
-            f"absent, unknown or of another shape, the first '{wrong[0]}'. Name another checkpoint, or train again."
+            f"absent, unknown or of another shape, the first '{wrong[0]}'. Name another checkpoint, "
+            "or train again."
         )
     model.load_state_dict(dict(weights), strict=False)
 

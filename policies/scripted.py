@@ -7,6 +7,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 
 from policies.atomic import atomic_directory
 from policies.base import Observation, PolicyError
@@ -32,7 +33,7 @@ class ScriptedPolicy:
     n_obs_steps = 1
     batch_invariant = True
 
-    def __init__(self, low: Sequence[float], high: Sequence[float], n_action_steps: int = 1) -> None:
+    def __init__(self, low: ArrayLike, high: ArrayLike, n_action_steps: int = 1) -> None:
         self.low = np.asarray(low, np.float32)
         self.high = np.asarray(high, np.float32)
         self.n_action_steps = n_action_steps

@@ -13,6 +13,7 @@ if __name__ == "__main__":  # as a script: this folder's `data` or `run` must no
 import logging
 import os
 import time
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from envs.errors import ConfigError
@@ -102,20 +103,25 @@ def refuse_long_run(config: TrainRunConfig, device: str) -> None:
 
 def _estimate_s(config: TrainRunConfig, device: str) -> float:
     """Times a gradient step of this policy on this machine, without a dataset."""
-    import numpy as np
-
     import policies
     from roboverse_learn.collect import dataset_layout
     from roboverse_learn.training.estimate import estimate_training_s
 
     features, _, _ = dataset_layout(config)
+    policy = policies.create(config.policy_name, features, plain_stats(features), config.policy, device)
+    return estimate_training_s(policy, config.train)
+
+
+def plain_stats(features: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Returns statistics that normalize nothing, for a policy that no dataset is at hand for."""
+    import numpy as np
+
     stats = {}
     for key, feature in features.items():
         shape = (3, 1, 1) if feature["dtype"] == "video" else tuple(feature["shape"])
         low, high = np.zeros(shape, np.float32), np.ones(shape, np.float32)
         stats[key] = {"mean": low, "std": high, "min": low, "max": high}
-    policy = policies.create(config.policy_name, features, stats, config.policy, device)
-    return estimate_training_s(policy, config.train)
+    return stats
 
 
 def _collect(config: TrainRunConfig) -> "CollectionSummary":
@@ -153,7 +159,7 @@ def _train_along(config: TrainRunConfig, device: str) -> str:
     """Trains beside the first process of ``accelerate launch``, which has collected the dataset."""
     from roboverse_learn.run import default_folder, read_facts
 
-    folder = default_folder(config)
+    folder = Path(config.run) if config.run else default_folder(config)
     while not (facts := read_facts(folder, "collect")) or facts.get("status") != "done":
         time.sleep(_POLL_S)
     _train(config, folder, facts["folder"], device)

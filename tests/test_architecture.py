@@ -92,7 +92,7 @@ def test_files_and_functions_are_short(path: Path) -> None:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             length = (node.end_lineno or node.lineno) - node.lineno + 1
             assert length <= MAX_FUNCTION_LINES, (
-                f"{name(path)}:{node.lineno}: {node.name} has {length} lines; the cap is {MAX_FUNCTION_LINES}."
+                f"{name(path)}:{node.lineno}: {node.name} has {length} lines, {MAX_FUNCTION_LINES} at most."
             )
 
 
@@ -187,7 +187,8 @@ def test_constraints_pin_every_requirement_and_name_no_host() -> None:
 def test_a_script_hides_no_other_package(script: str) -> None:
     # Python puts the script's folder first on sys.path, where `data`, `run` and `config` would be found.
     code = (
-        f"import runpy, sys; sys.path[0] = r'{ROOT / 'roboverse_learn'}'; sys.argv = ['{script}.py', '--help']\n"
+        f"import runpy, sys; sys.path[0] = r'{ROOT / 'roboverse_learn'}'\n"
+        f"sys.argv = ['{script}.py', '--help']\n"
         f"try: runpy.run_path(r'{ROOT / 'roboverse_learn' / script}.py', run_name='__main__')\n"
         f"except SystemExit as end: assert end.code == 0, end.code\n"
         f"assert r'{ROOT / 'roboverse_learn'}' not in sys.path, sys.path"

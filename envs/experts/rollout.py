@@ -16,7 +16,7 @@ class Rollout:
 
     Attributes:
         episode: Index in the pool of episodes.
-        success: Whether the task was solved.
+        success: Whether the task was solved; recording goes on for a few steps after that.
         instruction: What the expert was told.
         initial_state_hash: See :meth:`envs.vector_env.RoboVerseVectorEnv.initial_state_hash`.
         observation_state: Joint positions before each step, (T, J) float32.
@@ -38,13 +38,24 @@ class Rollout:
     raw: dict[str, np.ndarray]
 
 
+TAIL_STEPS = 5
+"""Steps that are recorded after success, so that a policy learns to stay where it is."""
+
+
 class _Recording:
     def __init__(self, plan: np.ndarray) -> None:
         self.plan = plan
+        self.steps_left = len(plan)
         self.observations: list[dict[str, np.ndarray]] = []
         self.states: list[dict[str, np.ndarray]] = []
         self.rewards: list[float] = []
         self.success = False
+
+    def note(self, success: bool, step: int) -> None:
+        """Notes the outcome of a step; the first success leaves a few steps more."""
+        if success and not self.success:
+            self.success = True
+            self.steps_left = min(self.steps_left, step + 1 + TAIL_STEPS)
 
 
 class ExpertRunner:
@@ -79,7 +90,7 @@ class ExpertRunner:
         active = everyone
         self._note_states(recordings, active)
         for step in range(env.task.max_episode_steps):
-            active = np.array([i for i in active if step < len(recordings[i].plan)], dtype=np.int64)
+            active = np.array([i for i in active if step < recordings[i].steps_left], dtype=np.int64)
             if not len(active):
                 break
             observation = env.observe(active)
@@ -89,8 +100,7 @@ class ExpertRunner:
             self._note_states(recordings, active)
             for row, env_id in enumerate(active):
                 recordings[env_id].rewards.append(float(result.reward[row]))
-                recordings[env_id].success = bool(result.success[row])
-            active = active[~(result.terminated | result.truncated)]
+                recordings[env_id].note(bool(result.success[row]), step)
         return [self._finish(env_id, recordings[env_id]) for env_id in everyone]
 
     def _note_states(self, recordings: list[_Recording], env_ids: np.ndarray) -> None:

@@ -40,6 +40,8 @@ LIFT_HEIGHT_M = 0.1
 
 QPOS_NOISE_RAD = 0.02
 GRASP_OPEN_M, GRASP_CLOSED_M = 0.04, 0.0
+APPROACH_NOISE_M = 0.015
+"""Spread of where the expert comes to before it corrects itself, above the cube and before the goal."""
 
 _ROBOT = dataclasses.replace(FRANKA, pos=(-0.615, 0.0, 0.0))
 
@@ -96,7 +98,7 @@ class PickCube(Task):
         return ScenarioCfg(
             robots=(_ROBOT,),
             objects=(cube, goal) if self.variant == "goal" else (cube,),
-            cameras=(CameraCfg(name="front", pos=(1.25, 0.0, 0.85), look_at=(0.0, 0.0, 0.12), fovy_deg=28.0),),
+            cameras=(CameraCfg(name="front", pos=(1.299, 0.0, 0.75), look_at=(0.0, 0.0, 0.13), fovy_deg=23.0),),
             appearance=TABLETOP_LOOKS,
             table=TableCfg(pos=(-0.12, 0.0, 0.0), half_size=(0.8, 0.8)),
             physics=PhysicsCfg(timestep_s=0.002, decimation=25),
@@ -155,14 +157,18 @@ class PickCube(Task):
             target = state.objects["goal"].pos[0].numpy()
         else:
             target = position + (0.0, 0.0, LIFT_HEIGHT_M + 0.05)
-        above = position + (*rng.normal(0.0, 0.012, 2), rng.uniform(0.07, 0.11))
-        pace = rng.uniform(0.9, 1.15)
-        carry = pace * (0.35 + 1.6 * float(np.linalg.norm(target - position)))
+        # Both ends of the way are first missed by a little: what comes next shows how to correct.
+        above = position + (*rng.normal(0.0, APPROACH_NOISE_M, 2), rng.uniform(0.06, 0.09))
+        near = target + rng.normal(0.0, APPROACH_NOISE_M, 3)
+        near[2] = max(near[2], CUBE_HALF_SIZE_M)
+        carry = 0.3 + 1.6 * float(np.linalg.norm(near - position))
+        hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
         return [
-            Waypoint(pos=above, yaw=yaw, gripper=GRASP_OPEN_M, duration_s=0.8 * pace),
-            Waypoint(pos=position, yaw=yaw, gripper=GRASP_OPEN_M, duration_s=0.4 * pace, hold_s=0.1),
-            Waypoint(pos=position, yaw=yaw, gripper=GRASP_CLOSED_M, duration_s=0.25),
-            Waypoint(pos=target, yaw=yaw, gripper=GRASP_CLOSED_M, duration_s=carry, hold_s=1.0),
+            Waypoint(pos=above, yaw=yaw, gripper=hold, duration_s=0.75),
+            Waypoint(pos=position, yaw=yaw, gripper=hold, duration_s=0.35, hold_s=0.1),
+            Waypoint(pos=position, yaw=yaw, gripper=grip, duration_s=0.25),
+            Waypoint(pos=near, yaw=yaw, gripper=grip, duration_s=carry),
+            Waypoint(pos=target, yaw=yaw, gripper=grip, duration_s=0.3, hold_s=1.0),
         ]
 
     def _to_goal(self, state: State) -> Tensor:

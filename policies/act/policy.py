@@ -57,7 +57,7 @@ class ActPolicy(LeRobotPolicy):
         )
 
     @classmethod
-    def lerobot_processors(cls, config: PreTrainedConfig, stats: dict[str, dict[str, Tensor]]) -> Processors:
+    def lerobot_processors(cls, config: Any, stats: dict[str, dict[str, Tensor]]) -> Processors:
         """Returns LeRobot's processors."""
         return make_act_pre_post_processors(config, dataset_stats=stats)
 
@@ -97,9 +97,11 @@ def _replace(module: nn.Module, old: type[nn.Module], make: Any) -> None:
 
 
 def _batch_norm(frozen: FrozenBatchNorm2d) -> nn.BatchNorm2d:
-    norm = nn.BatchNorm2d(frozen.weight.numel(), eps=frozen.eps, momentum=_NORM_MOMENTUM)
-    norm.load_state_dict(frozen.state_dict(), strict=False)
-    return norm.to(frozen.weight.device)
+    state = frozen.state_dict()
+    weight = state["weight"]
+    norm = nn.BatchNorm2d(len(weight), eps=frozen.eps, momentum=_NORM_MOMENTUM, device=weight.device)
+    norm.load_state_dict(state, strict=False)
+    return norm
 
 
 def _frozen_batch_norm(norm: nn.BatchNorm2d) -> FrozenBatchNorm2d:

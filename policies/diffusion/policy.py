@@ -1,6 +1,7 @@
 """The Diffusion Policy of LeRobot."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from lerobot.configs import PreTrainedConfig
@@ -27,7 +28,9 @@ class DiffusionPolicy(LeRobotPolicy):
     ) -> PreTrainedConfig:
         """Returns LeRobot's configuration."""
         image = next((feature.shape for feature in inputs.values() if len(feature.shape) == 3), None)
-        crops = image is not None and config.crop_ratio < 1.0
+        crop = None
+        if image is not None and config.crop_ratio < 1.0:
+            crop = (int(image[1] * config.crop_ratio), int(image[2] * config.crop_ratio))
         return LeRobotDiffusionConfig(
             device=device,
             input_features=inputs,
@@ -44,7 +47,7 @@ class DiffusionPolicy(LeRobotPolicy):
             vision_backbone=config.vision_backbone,
             pretrained_backbone_weights=config.pretrained_backbone_weights,
             use_group_norm=config.pretrained_backbone_weights is None,
-            crop_shape=tuple(int(side * config.crop_ratio) for side in image[1:]) if crops else None,
+            crop_shape=crop,
             noise_scheduler_type=config.noise_scheduler_type,
             num_train_timesteps=config.num_train_timesteps,
             num_inference_steps=config.num_inference_steps,
@@ -52,7 +55,7 @@ class DiffusionPolicy(LeRobotPolicy):
         )
 
     @classmethod
-    def lerobot_processors(cls, config: PreTrainedConfig, stats: dict[str, dict[str, Tensor]]) -> Processors:
+    def lerobot_processors(cls, config: Any, stats: dict[str, dict[str, Tensor]]) -> Processors:
         """Returns LeRobot's processors."""
         return make_diffusion_pre_post_processors(config, dataset_stats=stats)
 

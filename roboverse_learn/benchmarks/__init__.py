@@ -3,55 +3,44 @@
 import subprocess
 import sys
 
-from envs.errors import SimulatorError
 from envs.registry import Registry
 
-BENCHMARKS: Registry = Registry("benchmark")
+BENCHMARKS: Registry[str] = Registry("benchmark")
+"""Names to modules, each of which is a program: threads and GL are set before a simulator is imported."""
+
 BENCHMARKS.add(
-    "step", "benchmark.throughput:measure_step", summary="env.step / bare mj_step loop (goal ≤ 1.10)"
+    "throughput",
+    "benchmark.throughput",
+    summary="env.step against a bare mj_step loop; a picture against MuJoCo's GL (needs libosmesa6)",
 )
 BENCHMARKS.add(
-    "render",
-    "benchmark.throughput:measure_render",
-    summary="RGB 128×128 on one core, MuJoCo's GL (OSMesa) / ours (goal ≥ 10; needs libosmesa6)",
+    "dataset",
+    "roboverse_learn.data.benchmark",
+    summary="writing demonstrations and reading batches, against LeRobot's own",
 )
 BENCHMARKS.add(
-    "write",
-    "roboverse_learn.benchmarks.dataset:measure_write",
-    summary="writing demonstrations, LeRobot's writer / ours (goal ≥ 3)",
-)
-BENCHMARKS.add(
-    "read",
-    "roboverse_learn.benchmarks.dataset:measure_read",
-    summary="training batches, LeRobot's loader / ours (goal ≥ 10)",
+    "evaluation",
+    "roboverse_learn.benchmarks.evaluation",
+    summary="evaluating one ACT checkpoint on the same episodes, against LeRobot's evaluation",
 )
 BENCHMARKS.add(
     "startup",
-    "roboverse_learn.benchmarks.startup:measure_startup",
-    summary="roboverse list / an empty Python program (goal: below 1 s)",
+    "roboverse_learn.benchmarks.startup",
+    summary="roboverse list, against an empty Python program",
 )
 
 
-def run(name: str) -> str:
-    """Takes one measurement in a process of its own, which is bound to one core from its start.
+def run(name: str) -> int:
+    """Runs one benchmark in a process of its own, which prints what it measured.
 
     Args:
         name: Registered benchmark.
 
     Returns:
-        The line to print.
+        Its exit code: 1 where a goal was missed or something could not be measured.
 
     Raises:
-        SimulatorError: The measurement could not be taken; the message says why.
+        UnknownNameError: if there is no such benchmark.
     """
-    done = subprocess.run(
-        [sys.executable, "-m", "roboverse_learn.benchmarks", name],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    lines = done.stdout.strip().splitlines()
-    if done.returncode:
-        reason = (done.stderr.strip().splitlines() or lines or ["no reason given"])[-1]
-        raise SimulatorError(f"The benchmark '{name}' could not be run. {reason}")
-    return lines[-1]
+    module = str(BENCHMARKS.entry(name).target)
+    return subprocess.run([sys.executable, "-m", module], check=False).returncode

@@ -4,8 +4,6 @@ import itertools
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
-
 from benchmark.provenance import package_versions
 from roboverse_learn.data.schema import EpisodeData
 
@@ -72,7 +70,7 @@ class ExpertSource:
         from envs.experts.rollout import rollout
 
         while batch := list(itertools.islice(indices, self._env.num_envs)):
-            for outcome in rollout(self._env, np.array(batch, dtype=np.int64)):
+            for outcome in rollout(self._env, batch):
                 yield int(outcome.episode), self._episode(outcome) if outcome.success else None
 
     def close(self) -> None:

@@ -75,7 +75,7 @@ def parquet_bytes(groups: list["pa.Table"]) -> bytes:
     with pq.ParquetWriter(buffer, groups[0].schema, compression="snappy", use_dictionary=False) as writer:
         for group in groups:
             writer.write_table(group)
-    return buffer.getvalue()
+    return buffer.getvalue()  # not getbuffer(), see video.encode_video
 
 
 def _row_groups(path: Path) -> list["pa.Table"]:

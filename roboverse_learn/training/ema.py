@@ -37,9 +37,8 @@ class Ema:
         """Takes the weights after one more gradient step into the average."""
         decay = self.decay()
         self.num_updates += 1
-        floating = [key for key, value in self.average.items() if value.is_floating_point()]
-        torch._foreach_lerp_(
-            [self.average[key] for key in floating], [weights[key] for key in floating], 1.0 - decay
-        )
-        for key in self.average.keys() - set(floating):
-            self.average[key].copy_(weights[key])
+        for key, average in self.average.items():
+            if average.is_floating_point():
+                average.lerp_(weights[key], 1.0 - decay)
+            else:
+                average.copy_(weights[key])

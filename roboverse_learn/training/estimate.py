@@ -16,8 +16,9 @@ _LARGEST_TIMED_BATCH = 4
 def estimate_training_s(policy: LeRobotPolicy, config: TrainConfig, num_timed_steps: int = 1) -> float:
     """Times gradient steps on random data and returns the seconds of the whole run.
 
-    Nothing is compiled for it, so that a compiled run on a GPU takes less. On a CPU a few samples stand for the batch, so that asking takes seconds, not minutes. The policy is
-    changed by the steps: give it one that is not needed any more.
+    On a CPU a few samples stand for the batch, so that asking takes seconds, not minutes. On a GPU nothing
+    is compiled for it, so that the run will take less. The policy is changed by the steps: give it one
+    that is not needed any more.
 
     Args:
         policy: A policy of the kind to train.
@@ -51,9 +52,8 @@ def estimate_training_s(policy: LeRobotPolicy, config: TrainConfig, num_timed_st
 
 def _random_batch(policy: LeRobotPolicy, batch_size: int) -> dict[str, Tensor]:
     """Returns a batch with the shapes that a dataset would give."""
-    config, deltas = policy.model.config, policy.delta_indices
-    batch = {}
-    for key, feature in (config.input_features | config.output_features).items():
+    deltas, batch = policy.delta_indices, {}
+    for key, feature in policy.features.items():
         time_axis = (len(deltas[key]),) if key in deltas else ()
         batch[key] = torch.rand(batch_size, *time_axis, *feature.shape)
         batch[f"{key}_is_pad"] = torch.zeros(batch_size, *(time_axis or (1,)), dtype=torch.bool)

@@ -100,7 +100,7 @@ def make_optimizer(policy: LeRobotPolicy, config: TrainConfig) -> torch.optim.Ad
     return torch.optim.AdamW(
         [group for group in groups if group["params"]],
         lr=config.lr,
-        betas=tuple(config.betas),
+        betas=(config.betas[0], config.betas[1]),
         weight_decay=config.weight_decay,
         fused=True,
     )
@@ -128,7 +128,7 @@ class _Trainer:
 
         self.policy, self.dataset, self.config = policy, dataset, config
         self.run_dir, self.seed, self.reporter = run_dir, seed, reporter
-        self.accelerator = Accelerator(cpu=policy.device.type == "cpu")
+        self.accelerator: Any = Accelerator(cpu=policy.device.type == "cpu")
         self.rank, self.world = self.accelerator.process_index, self.accelerator.num_processes
         self.is_main = self.accelerator.is_main_process
         self.precision = resolve_precision(config.precision, policy.device)
@@ -140,8 +140,7 @@ class _Trainer:
             rank=self.rank,
             world_size=self.world,
         )
-        features = policy.model.config.input_features | policy.model.config.output_features
-        self.keys = list(features)
+        self.keys = list(policy.features)
         policy.begin_training()
         if config.compile or (config.compile is None and policy.device.type == "cuda"):
             policy.compile()
@@ -151,7 +150,7 @@ class _Trainer:
         self.step, self.first_step, self.elapsed_before = 0, 0, 0.0
         self.losses: list[dict[str, Tensor | float]] = []
         self.loss: float | None = None
-        self.grad_norm = 0.0
+        self.grad_norm: Tensor | float = 0.0
         self.start = time.perf_counter()
 
     def run(self, resume: bool) -> TrainResult:
@@ -240,7 +239,7 @@ class _Trainer:
         row = dict(zip(names, means, strict=True))
         self.losses.clear()
         self.loss = row["loss"]
-        if not math.isfinite(self.loss):
+        if not math.isfinite(row["loss"]):
             raise TrainingDivergedError(
                 f"The loss is {self.loss} at step {self.step}. The last checkpoint in "
                 f"'{self.run_dir / 'checkpoints'}' is sound. Take a smaller train.lr or train.precision=fp32."
@@ -268,7 +267,7 @@ class _Trainer:
         state = checkpoint.load_checkpoint(directory, self.policy, optimizer, self.ema, self._settings())
         self.step = self.first_step = state.step
         self.elapsed_before = state.elapsed_s
-        self.sampler.load_state_dict(state.sampler)
+        self.sampler.load_state_dict(dict(state.sampler))
         logger.info("Going on from step %d of '%s'.", self.step, directory)
 
     def _save(self) -> None:

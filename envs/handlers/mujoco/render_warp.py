@@ -43,6 +43,8 @@ class WarpRenderer(Renderer):
     def render(
         self, jobs: Sequence[RenderJob], cameras: tuple[str, ...], modalities: tuple[str, ...]
     ) -> dict[str, dict[str, np.ndarray]]:
+        import warp as wp
+
         out = self.empty(len(jobs), cameras, modalities)
         tracers = self._tracers(cameras, modalities, len(jobs))
 
@@ -53,10 +55,12 @@ class WarpRenderer(Renderer):
             finally:
                 tracers.put(tracer)
 
-        if len(jobs) == 1:
-            draw(0)
-        else:
-            list(self._pool.map(draw, range(len(jobs))))
+        # Warp's default device belongs to the process, so it is set here and not in the threads.
+        with wp.ScopedDevice("cpu"):
+            if len(jobs) == 1:
+                draw(0)
+            else:
+                list(self._pool.map(draw, range(len(jobs))))
         return out
 
     def _tracers(self, cameras, modalities, num_jobs: int) -> "SimpleQueue[_Tracer]":
@@ -114,13 +118,12 @@ class _Tracer:
 
     def draw(self, job: RenderJob, out: dict, index: int) -> None:
         """Draws one job into row ``index`` of ``out``."""
-        with self._wp.ScopedDevice("cpu"):
-            if self._stage.pose(job):
-                self._copy(self._stage.model, self._model, (*_LIGHT_FIELDS, *_MATERIAL_FIELDS))
-                self._upload_textures()
-            self._copy(self._stage.data, self._data, _POSE_FIELDS)
-            self._mjw.refit_bvh(self._model, self._data, self._context)
-            self._mjw.render(self._model, self._data, self._context)
+        if self._stage.pose(job):
+            self._copy(self._stage.model, self._model, (*_LIGHT_FIELDS, *_MATERIAL_FIELDS))
+            self._upload_textures()
+        self._copy(self._stage.data, self._data, _POSE_FIELDS)
+        self._mjw.refit_bvh(self._model, self._data, self._context)
+        self._mjw.render(self._model, self._data, self._context)
         self._fetch(out, index)
 
     def _copy(self, source, target, names: Sequence[str]) -> None:
