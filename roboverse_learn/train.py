@@ -132,8 +132,6 @@ def _collect(config: TrainRunConfig) -> "CollectionSummary":
 
 def _train(config: TrainRunConfig, folder: Path, dataset_root: str, device: str) -> "TrainResult":
     """Trains on a dataset, in this process."""
-    import torch
-
     import policies
     from roboverse_learn.data.reader import ResidentDataset
     from roboverse_learn.run import seed_of
@@ -142,9 +140,8 @@ def _train(config: TrainRunConfig, folder: Path, dataset_root: str, device: str)
 
     dataset = ResidentDataset(dataset_root, device=device)
     seed = seed_of(config, "training")
-    torch.manual_seed(seed)
     policy = policies.create(
-        config.policy_name, dataset.info.features, dataset.info.stats, config.policy, device
+        config.policy_name, dataset.info.features, dataset.info.stats, config.policy, device, seed=seed
     )
     first = int(os.environ.get("RANK", "0")) == 0
     reporter = RichReporter() if first else Reporter()

@@ -7,6 +7,7 @@ never sees half of one. A full disk becomes a :class:`DatasetError` and leaves n
 import contextlib
 import errno
 import json
+import logging
 import os
 import shutil
 from collections.abc import Iterator
@@ -18,6 +19,8 @@ from envs.errors import DatasetError
 TEMPORARY_SUFFIX = ".partial"
 
 _DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
+
+log = logging.getLogger(__name__)
 
 
 @contextlib.contextmanager
@@ -126,11 +129,12 @@ def remove_partial_files(root: Path) -> None:
             path.unlink(missing_ok=True)
 
 
-def lock_directory(root: Path) -> int:
+def lock_directory(root: Path, *, wait: bool = False) -> int:
     """Takes the one writer's place of a dataset; the system gives it back when the process dies.
 
     Args:
         root: The dataset's folder, which must exist.
+        wait: Wait for the other process instead of raising.
 
     Returns:
         The lock's file descriptor; ``os.close`` releases it.
@@ -145,6 +149,10 @@ def lock_directory(root: Path) -> int:
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
+        if wait:
+            log.info("Another process is writing the dataset '%s'; waiting until it has finished.", root)
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+            return descriptor
         os.close(descriptor)
         raise DatasetError(
             f"Another process is writing the dataset '{root}'. Wait until it has finished, or choose "

@@ -78,7 +78,7 @@ def collect(
     """Collects until the dataset holds ``num_episodes`` successful episodes.
 
     Killed at any moment, the same call continues; episodes that are in the dataset, and pool episodes
-    that failed, are not tried again.
+    that failed, are not tried again. Runs that want the same dataset at once wait for the first of them.
 
     Args:
         config: What to collect.
@@ -96,6 +96,7 @@ def collect(
         features=config.features,
         robot_type=config.robot_type,
         encoder=config.encoder,
+        wait=True,
     ) as writer:
         schedule = Schedule(writer, config.candidates, config.num_episodes, settings)
         report = _Reporter(writer, schedule, config.num_episodes, on_progress)

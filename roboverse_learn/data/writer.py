@@ -72,6 +72,7 @@ class DatasetWriter:
         features: From :func:`~roboverse_learn.data.schema.make_features`.
         robot_type: Name of the robot, recorded for LeRobot.
         encoder: Video settings.
+        wait: Wait while another process writes this dataset.
 
     Raises:
         DatasetError: Another process writes this dataset, or it exists with other features or fps.
@@ -85,6 +86,7 @@ class DatasetWriter:
         features: Mapping[str, Feature],
         robot_type: str | None = None,
         encoder: EncoderConfig | None = None,
+        wait: bool = False,
     ) -> None:
         self.root = Path(root)
         self.fps = fps
@@ -97,7 +99,7 @@ class DatasetWriter:
         self._all_features = with_bookkeeping(self.features)
         with contextlib.suppress(FileExistsError):
             self.root.mkdir(parents=True)
-        self._lock: int | None = lock_directory(self.root)
+        self._lock: int | None = lock_directory(self.root, wait=wait)
         try:
             self._open()
         except BaseException:
