@@ -32,7 +32,12 @@ class RoboVerseEnv(gymnasium.Env):
     metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 (Gymnasium's interface)
 
     def __init__(
-        self, task: str, *, split: str = "train", render_mode: str | None = "rgb_array", **kwargs: Any
+        self,
+        task: str,
+        *,
+        split: str = "train",
+        render_mode: str | None = "rgb_array",
+        **kwargs: Any,
     ) -> None:
         self.batch = RoboVerseVectorEnv(task, 1, split=split, autoreset_mode="Disabled", **kwargs)
         self.task = task

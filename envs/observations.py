@@ -37,7 +37,9 @@ class LazyPixels(dict):
 
     def get(self, camera: str, default=None):
         """Returns the picture of ``camera``, or ``default``."""
-        return self[camera] if camera in self else default
+        if camera in self:
+            self._materialize()
+        return super().get(camera, default)
 
     def values(self):
         """Returns the pictures."""

@@ -8,6 +8,7 @@ changes, such as the base of a robot that is bolted down, is shared between stat
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -43,8 +44,9 @@ class EntityState:
 
     def select(self, env_ids: Tensor) -> "EntityState":
         """Returns the rows ``env_ids`` as new tensors."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        return EntityState(**{k: None if v is None else v[env_ids] for k, v in values.items()})
+        values: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        rows: dict[str, Any] = {k: None if v is None else v[env_ids] for k, v in values.items()}
+        return EntityState(**rows)
 
 
 @dataclass(slots=True)
@@ -81,7 +83,9 @@ class State:
         return {
             kind: {
                 name: {
-                    f.name: getattr(entity, f.name) for f in fields(entity) if getattr(entity, f.name) is not None
+                    f.name: getattr(entity, f.name)
+                    for f in fields(entity)
+                    if getattr(entity, f.name) is not None
                 }
                 for name, entity in getattr(self, kind).items()
             }

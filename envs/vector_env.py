@@ -63,7 +63,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         task: str,
         num_envs: int = 1,
         *,
-        split: Literal["train", "test"],
+        split: str,
         level: int | str = 0,
         only: str | None = None,
         simulator: str = "mujoco",
@@ -237,8 +237,9 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         self._states = states = self.handler.get_states(env_ids)
         rows = slice(None) if env_ids is None else env_ids
         self.elapsed_steps[rows] += 1
-        success = self.task.success(states).numpy()
-        reward = np.where(success, 1.0, self.task.reward(states).numpy())
+        with torch.inference_mode():  # a third less time per operation, which counts with few environments
+            success = self.task.success(states).numpy()
+            reward = np.where(success, 1.0, self.task.reward(states).numpy())
         truncated = (self.elapsed_steps[rows] >= self.task.max_episode_steps) & ~success
         return StepResult(reward, success, truncated, success)
 
@@ -272,12 +273,14 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         self, actions: np.ndarray
     ) -> tuple[dict[str, Any], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Steps every environment; ``actions`` (N, J) are joint position targets, rad and m."""
-        begin = self._over.nonzero()[0] if self._autoreset == AutoresetMode.NEXT_STEP else ()
+        begin = self._over.nonzero()[0] if self._autoreset == AutoresetMode.NEXT_STEP else self._every[:0]
         result = self._advance(None, actions)
         info = self._info(result.success)
         if len(begin):
             self._restart(begin)
-            result = StepResult(*(np.where(np.isin(self._every, begin), 0, v).astype(v.dtype) for v in result))
+            result = StepResult(
+                *(np.where(np.isin(self._every, begin), 0, v).astype(v.dtype) for v in result)
+            )
             info = self._info(result.success)
             self._states = self.handler.get_states()
         self._over = result.terminated | result.truncated

@@ -301,7 +301,8 @@ def _load_config(
     try:
         return draccus.decode(config_class, content)
     except Exception as error:  # draccus raises several unrelated types
-        raise PolicyError(f"'{path}' is not a configuration of policy '{name}': {error}") from error
+        reason = error.__cause__ or error  # draccus hides what the dataclass said
+        raise PolicyError(f"'{path}' is not a configuration of policy '{name}': {reason}") from error
 
 
 def _load_processors(directory: Path, device: str) -> Processors:

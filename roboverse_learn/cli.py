@@ -18,6 +18,9 @@ from roboverse_learn.compose import compose
 
 HELP = ("-h", "--help", "help")
 
+# A full disk, a spent quota, a limit on the size of files, a folder that may not be written.
+_MENDABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EROFS)
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command.
@@ -40,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EROFS):
+        if error.errno not in _MENDABLE:
             raise
         return _fail(
             f"{error.strerror}: {error.filename or 'a file could not be written'}. "

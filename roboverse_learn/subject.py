@@ -71,6 +71,7 @@ def subject_of(config: EvaluateConfig) -> Subject:
     from roboverse_learn.training.device import resolve_device
 
     checkpoint = resolve(config.checkpoint)
+    _check_whole(checkpoint)
     folder = next((path for path in checkpoint.absolute().parents if (path / CONFIG_FILE).is_file()), None)
     if folder is None:
         return _foreign_subject(checkpoint, config)
@@ -143,11 +144,7 @@ def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
             "task=<name>."
         )
     values = read_json(checkpoint / CONFIG)
-    sizes = {
-        feature["shape"][-1]
-        for key, feature in values.get("input_features", {}).items()
-        if key.startswith("observation.images.")
-    }
+    sizes = _image_sizes(checkpoint / CONFIG, values)
     if not config.image_size and len(sizes) != 1:
         raise ConfigError(
             f"Checkpoint '{checkpoint}' has images of sizes {sorted(sizes)}: add image_size=<pixels>."
@@ -164,6 +161,34 @@ def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
         device=resolve_device(config.device),
         config={"command": to_values(config), "policy": values},
     )
+
+
+def _check_whole(checkpoint: Path) -> None:
+    """Refuses a checkpoint without weights, or of a policy that nobody here can load, by its name."""
+    from policies import PolicyError, config_class
+    from policies.checkpoint import WEIGHTS, policy_type
+
+    if not (checkpoint / WEIGHTS).is_file():
+        raise PolicyError(f"Checkpoint '{checkpoint}' has no {WEIGHTS}. Name another one, or train again.")
+    name = policy_type(checkpoint)
+    try:
+        config_class(name)
+    except PolicyError as error:
+        raise PolicyError(f"Checkpoint '{checkpoint}' cannot be evaluated: {error}") from error
+
+
+def _image_sizes(path: Path, values: dict[str, Any]) -> set[int]:
+    """The widths of the pictures that a policy's configuration names, pixels."""
+    from policies import PolicyError
+
+    try:
+        return {
+            int(feature["shape"][-1])
+            for key, feature in values["input_features"].items()
+            if key.startswith("observation.images.")
+        }
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+        raise PolicyError(f"'{path}' does not say which pictures its policy takes: {error!r}.") from error
 
 
 def step_of(checkpoint: Path) -> int | None:

@@ -35,14 +35,18 @@ class PathFollower:
         self._fingers = [robot.joint_names.index(name) for name in robot.gripper_joints]
         self._configuration = mink.Configuration(self._model)
         self._task = mink.FrameTask(
-            frame_name=self._site, frame_type="site", position_cost=1.0, orientation_cost=0.3, lm_damping=DAMPING
+            frame_name=self._site,
+            frame_type="site",
+            position_cost=1.0,
+            orientation_cost=0.3,
+            lm_damping=DAMPING,
         )
         self._posture = mink.PostureTask(self._model, cost=5e-3)
         self._limits = [mink.ConfigurationLimit(self._model)]
         self._down = self._site_pose(np.array(robot.default_qpos)).rotation().wxyz
 
     def joint_targets(self, qpos: np.ndarray, waypoints: Sequence[Waypoint]) -> np.ndarray:
-        """Returns joint targets (T, J) that lead the end effector from ``qpos`` (J,) through the waypoints."""
+        """Returns joint targets (T, J) that lead the end effector from ``qpos`` (J,) along the waypoints."""
         start = self._site_pose(qpos)
         start_yaw = _yaw_between(self._down, start.rotation().wxyz)
         first = Waypoint(pos=start.translation(), yaw=start_yaw, gripper=0.0, duration_s=0.0)
@@ -62,7 +66,12 @@ class PathFollower:
         dt = 1.0 / self._control_hz
         for _ in range(ITERATIONS_PER_STEP):
             velocity = mink.solve_ik(
-                self._configuration, [self._task, self._posture], dt, "daqp", damping=DAMPING, limits=self._limits
+                self._configuration,
+                [self._task, self._posture],
+                dt,
+                "daqp",
+                damping=DAMPING,
+                limits=self._limits,
             )
             self._configuration.integrate_inplace(velocity, dt)
 

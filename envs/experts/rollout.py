@@ -86,7 +86,7 @@ class ExpertRunner:
         env = self._env
         everyone = np.arange(len(episodes))
         env.reset_envs(everyone, episodes)
-        recordings = [_Recording(self.plan(env_id)) for env_id in everyone]
+        recordings = [_Recording(self.plan(env_id)) for env_id in everyone.tolist()]
         active = everyone
         self._note_states(recordings, active)
         for step in range(env.task.max_episode_steps):
@@ -95,13 +95,15 @@ class ExpertRunner:
                 break
             observation = env.observe(active)
             for row, env_id in enumerate(active):
-                recordings[env_id].observations.append({key: value[row] for key, value in observation.items()})
+                recordings[env_id].observations.append(
+                    {key: value[row] for key, value in observation.items()}
+                )
             result = env.step_envs(active, np.stack([recordings[i].plan[step] for i in active]))
             self._note_states(recordings, active)
             for row, env_id in enumerate(active):
                 recordings[env_id].rewards.append(float(result.reward[row]))
                 recordings[env_id].note(bool(result.success[row]), step)
-        return [self._finish(env_id, recordings[env_id]) for env_id in everyone]
+        return [self._finish(env_id, recordings[env_id]) for env_id in everyone.tolist()]
 
     def _note_states(self, recordings: list[_Recording], env_ids: np.ndarray) -> None:
         flat = {key: value.numpy() for key, value in self._env.get_states(env_ids).flatten().items()}
@@ -111,7 +113,9 @@ class ExpertRunner:
     def _finish(self, env_id: int, recording: _Recording) -> Rollout:
         steps = len(recording.observations)
         prefix = "observation.images."
-        stacked = {key: np.stack([o[key] for o in recording.observations]) for key in recording.observations[0]}
+        stacked = {
+            key: np.stack([o[key] for o in recording.observations]) for key in recording.observations[0]
+        }
         return Rollout(
             episode=int(self._env.episodes[env_id]),
             success=recording.success,

@@ -1,9 +1,9 @@
 """The interface of a simulator: states in and out, targets, time, pictures. It knows no task."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from torch import Tensor
@@ -14,6 +14,9 @@ from envs.state import State
 EnvIds = Sequence[int] | np.ndarray | None
 """Sorted, unique environment indices; None means all."""
 
+TextureSource = Callable[[str, int], np.ndarray]
+"""``textures(name, size)`` gives the picture (size, size, 3) uint8 of a material."""
+
 MODALITIES = ("rgb", "depth", "segmentation")
 
 
@@ -23,11 +26,25 @@ class Handler(ABC):
     Attributes:
         scenario: What is simulated.
         num_envs: Number of environments.
+        renderer_name: Name of the renderer that draws it.
+        num_threads: Threads that step and draw; 0 means one per core.
+        textures: Pictures of the named materials, or None for plain colours.
     """
 
-    def __init__(self, scenario: ScenarioCfg, num_envs: int) -> None:
+    def __init__(
+        self,
+        scenario: ScenarioCfg,
+        num_envs: int,
+        *,
+        renderer: str = "warp",
+        num_threads: int = 0,
+        textures: TextureSource | None = None,
+    ) -> None:
         self.scenario = scenario
         self.num_envs = num_envs
+        self.renderer_name = renderer
+        self.num_threads = num_threads
+        self.textures = textures
 
     @abstractmethod
     def launch(self) -> None:
@@ -74,6 +91,19 @@ class Handler(ABC):
             along the optical axis, 0 where there is nothing; ``segmentation`` (n, H, W) int32, an index
             into :attr:`segmentation_names`, or -1.
         """
+
+    @abstractmethod
+    def snapshot(self, env_ids: EnvIds = None) -> Sequence[Any]:
+        """Returns what :meth:`render_jobs` needs to draw the environments as they are now, later."""
+
+    @abstractmethod
+    def render_jobs(
+        self,
+        jobs: Sequence[Any],
+        cameras: Sequence[str] | None = None,
+        modalities: Sequence[str] = ("rgb",),
+    ) -> dict[str, dict[str, np.ndarray]]:
+        """Draws snapshots; see :meth:`render`."""
 
     @property
     @abstractmethod

@@ -32,6 +32,10 @@ class LeRobotVectorEnv(RoboVerseVectorEnv):
             return (value,) * self.num_envs
         raise AttributeError(f"RoboVerse's vector env has no '{name}' to call.")
 
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Returns what each environment has under ``name``, by which LeRobot asks what there is."""
+        return self.call(name)
+
 
 @EnvConfig.register_subclass("roboverse")
 @dataclass

@@ -7,7 +7,7 @@ end-effector deltas; 100 steps of joint positions are the same 5 s at 20 Hz.
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, override
 
 import numpy as np
 import torch
@@ -78,6 +78,7 @@ class PickCube(Task):
             raise unknown_name("variant of PickCube", str(self.variant), ("goal", "lift"))
 
     @property
+    @override
     def scenario(self) -> ScenarioCfg:
         cube = ObjectCfg(
             name="cube",
@@ -98,12 +99,15 @@ class PickCube(Task):
         return ScenarioCfg(
             robots=(_ROBOT,),
             objects=(cube, goal) if self.variant == "goal" else (cube,),
-            cameras=(CameraCfg(name="front", pos=(1.299, 0.0, 0.75), look_at=(0.0, 0.0, 0.13), fovy_deg=23.0),),
+            cameras=(
+                CameraCfg(name="front", pos=(1.299, 0.0, 0.75), look_at=(0.0, 0.0, 0.13), fovy_deg=23.0),
+            ),
             appearance=TABLETOP_LOOKS,
             table=TableCfg(pos=(-0.12, 0.0, 0.0), half_size=(0.8, 0.8)),
             physics=PhysicsCfg(timestep_s=0.002, decimation=25),
         )
 
+    @override
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
         count = len(rngs)
         qpos = np.tile(np.array(_ROBOT.default_qpos), (count, 1))
@@ -123,6 +127,7 @@ class PickCube(Task):
         base.joint_vel = torch.zeros_like(base.joint_pos)
         return State({_ROBOT.name: base}, objects)
 
+    @override
     def success(self, state: State) -> Tensor:
         cube = state.objects["cube"].pos
         if self.variant == "lift":
@@ -133,7 +138,7 @@ class PickCube(Task):
     def reward(self, state: State) -> Tensor:
         """Returns ManiSkill's normalized dense reward: reach, grasp, place, be still."""
         robot, cube = state.robots[_ROBOT.name], state.objects["cube"].pos
-        reach = torch.linalg.vector_norm(robot.ee_pos - cube, dim=-1)
+        reach = torch.linalg.vector_norm(_end_effector(robot) - cube, dim=-1)
         left = self._to_goal(state) if self.variant == "goal" else (0.12 - cube[:, 2]).clamp(min=0.0)
         speed = torch.linalg.vector_norm(robot.joint_vel[:, :7], dim=-1)
         reached, near, still = 1.0 - torch.tanh(5.0 * torch.stack((reach, left, speed)))
@@ -143,12 +148,14 @@ class PickCube(Task):
     def observe(self, state: State) -> Tensor:
         """Returns cube pose, goal, end effector, and the way between them, (N, 19) or (N, 13)."""
         robot, cube = state.robots[_ROBOT.name], state.objects["cube"]
-        parts = [cube.pos, cube.rot, robot.ee_pos, cube.pos - robot.ee_pos]
+        hand = _end_effector(robot)
+        parts = [cube.pos, cube.rot, hand, cube.pos - hand]
         if self.variant == "goal":
             goal = state.objects["goal"].pos
             parts += [goal, goal - cube.pos]
         return torch.cat(parts, dim=-1)
 
+    @override
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
         cube = state.objects["cube"]
         position = cube.pos[0].numpy()
@@ -156,28 +163,34 @@ class PickCube(Task):
         if self.variant == "goal":
             target = state.objects["goal"].pos[0].numpy()
         else:
-            target = position + (0.0, 0.0, LIFT_HEIGHT_M + 0.05)
+            target = position + np.array([0.0, 0.0, LIFT_HEIGHT_M + 0.05])
         # Both ends of the way are first missed by a little: what comes next shows how to correct.
-        above = position + (*rng.normal(0.0, APPROACH_NOISE_M, 2), rng.uniform(0.06, 0.09))
+        above = position + np.array([*rng.normal(0.0, APPROACH_NOISE_M, 2), rng.uniform(0.06, 0.09)])
         near = target + rng.normal(0.0, APPROACH_NOISE_M, 3)
         near[2] = max(near[2], CUBE_HALF_SIZE_M)
-        carry = 0.3 + 1.6 * float(np.linalg.norm(near - position))
+        carry = 0.25 + 1.3 * float(np.linalg.norm(near - position))
         hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
         return [
-            Waypoint(pos=above, yaw=yaw, gripper=hold, duration_s=0.75),
-            Waypoint(pos=position, yaw=yaw, gripper=hold, duration_s=0.35, hold_s=0.1),
-            Waypoint(pos=position, yaw=yaw, gripper=grip, duration_s=0.25),
+            Waypoint(pos=above, yaw=yaw, gripper=hold, duration_s=0.6),
+            Waypoint(pos=position, yaw=yaw, gripper=hold, duration_s=0.3, hold_s=0.1),
+            Waypoint(pos=position, yaw=yaw, gripper=grip, duration_s=0.2),
             Waypoint(pos=near, yaw=yaw, gripper=grip, duration_s=carry),
-            Waypoint(pos=target, yaw=yaw, gripper=grip, duration_s=0.3, hold_s=1.0),
+            Waypoint(pos=target, yaw=yaw, gripper=grip, duration_s=0.25, hold_s=1.0),
         ]
 
     def _to_goal(self, state: State) -> Tensor:
         return torch.linalg.vector_norm(state.objects["cube"].pos - state.objects["goal"].pos, dim=-1)
 
 
+def _end_effector(robot: EntityState) -> Tensor:
+    assert robot.ee_pos is not None, "a simulator gives every robot's end effector"
+    return robot.ee_pos
+
+
 def _grasped(robot: EntityState, reach: Tensor) -> Tensor:
     """Returns whether the cube is between closed fingers, (N,): near, and keeping them apart."""
     gap = robot.joint_pos[:, 7:].sum(-1)
+    assert robot.joint_target is not None, "a simulator gives every robot's targets"
     closing = robot.joint_target[:, 7:].sum(-1) < gap - 0.005
     return (reach < CUBE_HALF_SIZE_M) & closing & (gap > 1.5 * CUBE_HALF_SIZE_M)
 

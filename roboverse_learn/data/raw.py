@@ -56,8 +56,14 @@ def dataset_hash(root: str | Path) -> str:
     for key, values in sorted(info.read_columns().items()):
         _update(digest, key, values)
     digest.update(json.dumps([list(info.tasks), info.fps]).encode())
+    has_raw = [info.raw_file(index).exists() for index in range(info.num_episodes)]
+    if any(has_raw) and not all(has_raw):  # a dataset of somebody else's may have none at all
+        missing = info.raw_file(has_raw.index(False))
+        raise DatasetError(
+            f"'{missing}' is missing, and other episodes have theirs. Restore it, or collect again."
+        )
     for index in range(info.num_episodes):
-        if info.raw_file(index).exists():
+        if has_raw[index]:
             arrays, metadata = read_raw(root, index)
             kept = {name: value for name, value in metadata.items() if name not in VOLATILE_METADATA}
             digest.update(json.dumps(kept, sort_keys=True).encode())

@@ -97,6 +97,15 @@ def save_checkpoint(
     return directory / PRETRAINED
 
 
+def remove_leftovers(run_dir: Path) -> None:
+    """Deletes what a killed run was writing; only the one process that has the run open may."""
+    for path in (run_dir / "checkpoints").glob(".*.partial"):
+        if path.is_symlink():
+            path.unlink(missing_ok=True)
+        else:
+            shutil.rmtree(path, ignore_errors=True)
+
+
 def last_checkpoint(run_dir: Path) -> Path | None:
     """Returns the newest checkpoint of a run that training can go on from, or None."""
     last = run_dir / "checkpoints" / "last"
@@ -199,8 +208,10 @@ def _read_state(path: Path) -> dict[str, Any]:
         absent = {"step", "elapsed_s", "sampler", "ema_updates", "settings", "param_groups"} - content.keys()
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise CheckpointError(f"'{path}' cannot be read ({error}). {_ADVICE}") from error
-    if version != _FORMAT or absent:
+    if version != _FORMAT:
         raise CheckpointError(f"'{path}' has format {version}, valid is {_FORMAT}. {_ADVICE}")
+    if absent:
+        raise CheckpointError(f"'{path}' lacks {', '.join(sorted(absent))}. {_ADVICE}")
     return content
 
 

@@ -155,6 +155,8 @@ class _Trainer:
 
     def run(self, resume: bool) -> TrainResult:
         """Trains to the end."""
+        if self.is_main:
+            checkpoint.remove_leftovers(self.run_dir)
         directory = checkpoint.last_checkpoint(self.run_dir) if resume else None
         if directory is not None:
             self._load(directory)

@@ -141,11 +141,11 @@ def test_a_falling_body_obeys_gravity(handler):
 def test_unknown_names_are_refused(handler):
     states = random_states(9)
     states.objects["kube"] = states.objects.pop("cube")
-    with pytest.raises(UnknownNameError, match="Unknown robot or object 'kube'.*Did you mean 'cube'"):
+    with pytest.raises(UnknownNameError, match=r"Unknown robot or object 'kube'.*Did you mean 'cube'"):
         handler.set_states(states)
-    with pytest.raises(UnknownNameError, match="Unknown camera 'frnt'.*Did you mean 'front'"):
+    with pytest.raises(UnknownNameError, match=r"Unknown camera 'frnt'.*Did you mean 'front'"):
         handler.render(["frnt"])
-    with pytest.raises(UnknownNameError, match="Unknown modality 'colour'.*Valid: depth, rgb, segmentation"):
+    with pytest.raises(UnknownNameError, match=r"Unknown modality 'colour'.*Valid: depth, rgb, segmentation"):
         handler.render(["front"], ["colour"])
 
 

@@ -44,7 +44,9 @@ def test_selection_copies():
 def test_states_say_what_is_wrong():
     bad = nested()
     bad["objects"]["cube"]["posn"] = bad["objects"]["cube"].pop("pos")
-    with pytest.raises(UnknownNameError, match="Unknown field of 'cube' in a state 'posn'. Did you mean 'pos'"):
+    with pytest.raises(
+        UnknownNameError, match=r"Unknown field of 'cube' in a state 'posn'. Did you mean 'pos'"
+    ):
         State.from_dict(bad)
     del bad["objects"]["cube"]["posn"]
     with pytest.raises(ConfigError, match="The state of 'cube' lacks pos"):
@@ -69,9 +71,13 @@ def test_a_registry_imports_late_and_explains():
     registry.add("absent", "no_such_package:Thing", extra="things")
     assert registry.names("dict") == ["ordered"]
     assert registry.get("ordered").__name__ == "OrderedDict"
-    with pytest.raises(UnknownNameError, match=r"Unknown thing 'orderd'\. Did you mean 'ordered'\? Valid: absent, ordered"):
+    with pytest.raises(
+        UnknownNameError, match=r"Unknown thing 'orderd'\. Did you mean 'ordered'\? Valid: absent, ordered"
+    ):
         registry.get("orderd")
-    with pytest.raises(MissingExtraError, match=r"needs the package 'no_such_package'.*roboverse-learn\[things\]"):
+    with pytest.raises(
+        MissingExtraError, match=r"needs the package 'no_such_package'.*roboverse-learn\[things\]"
+    ):
         registry.get("absent")
     with pytest.raises(ValueError, match="'ordered' is registered already"):
         registry.add("ordered", int)

@@ -82,7 +82,11 @@ def test_an_episode_is_the_same_for_any_number_of_environments(level):
                 env.step_envs(ids, np.tile(env.single_action_space.low * 0.1 * step, (len(ids), 1)))
             observation = env.observe(ids)
             seen += [
-                (h, observation["observation.state"][i].tobytes(), observation["observation.images.front"][i].tobytes())
+                (
+                    h,
+                    observation["observation.state"][i].tobytes(),
+                    observation["observation.images.front"][i].tobytes(),
+                )
                 for i, h in enumerate(hashes)
             ]
         results.append(seen)
@@ -197,9 +201,9 @@ def test_gymnasium_makes_both_kinds():
 
 
 def test_mistakes_are_told_in_words():
-    with pytest.raises(UnknownNameError, match="Unknown task 'PickKube'. Did you mean 'PickCube'"):
+    with pytest.raises(UnknownNameError, match=r"Unknown task 'PickKube'. Did you mean 'PickCube'"):
         envs.make_vec("PickKube", 1, split="train")
-    with pytest.raises(UnknownNameError, match="Unknown simulator 'mujocco'. Did you mean 'mujoco'"):
+    with pytest.raises(UnknownNameError, match=r"Unknown simulator 'mujocco'. Did you mean 'mujoco'"):
         envs.make_vec("PickCube", 1, split="train", simulator="mujocco")
     with pytest.raises(UnknownNameError, match="Unknown renderer 'wrap'"):
         envs.make_vec("PickCube", 1, split="train", renderer="wrap")
@@ -207,5 +211,5 @@ def test_mistakes_are_told_in_words():
         envs.make_vec("PickCube", 1, split="tset")
     with pytest.raises(ConfigError, match="num_envs must be at least 1, given 0"):
         envs.make_vec("PickCube", 0, split="train")
-    with pytest.raises(UnknownNameError, match="Unknown variant of PickCube 'lft'.*Did you mean 'lift'"):
+    with pytest.raises(UnknownNameError, match=r"Unknown variant of PickCube 'lft'.*Did you mean 'lift'"):
         envs.make_vec("PickCube", 1, split="train", task_kwargs={"variant": "lft"})

@@ -128,3 +128,32 @@ def test_a_failed_save_leaves_what_was_there(tmp_path):
 
 def edit(path, **changes):
     path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+
+@pytest.mark.parametrize("key", ["class", "registry_name"])
+def test_a_foreign_step_is_refused_before_anything_of_it_is_imported(broken, tmp_path, monkeypatch, key):
+    """The module would leave a file behind if it were imported."""
+    (tmp_path / "foreign_steps.py").write_text(
+        f"import pathlib\npathlib.Path({str(tmp_path / 'imported')!r}).touch()\nclass Step: ...\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    path = broken / "policy_postprocessor.json"
+    content = json.loads(path.read_text())
+    content["steps"].insert(0, {key: "foreign_steps.Step", "config": {}})
+    path.write_text(json.dumps(content))
+    text = message(broken)
+    assert f"'{path}' has the step 'foreign_steps.Step', which is not loaded. Valid: device_processor" in text
+    assert not (tmp_path / "imported").exists()
+
+
+def test_a_known_name_does_not_cover_a_foreign_class(broken):
+    path = broken / "policy_preprocessor.json"
+    content = json.loads(path.read_text())
+    content["steps"][0]["class"] = "os.system"
+    path.write_text(json.dumps(content))
+    assert "which is not loaded" in message(broken)
+
+
+def test_a_step_that_is_no_object(broken):
+    (broken / "policy_preprocessor.json").write_text('{"steps": ["normalizer_processor"]}')
+    assert "must hold a list 'steps'" in message(broken)

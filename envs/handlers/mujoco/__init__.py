@@ -1,0 +1,1 @@
+"""MuJoCo: the physics, and the three renderers of its models."""

@@ -1,7 +1,8 @@
 """MuJoCo on CPU: N environments of one model, stepped by native threads."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import override
 
 import mujoco
 import numpy as np
@@ -11,10 +12,10 @@ from torch import Tensor
 
 from envs.errors import SimulatorError, unknown_name
 from envs.handlers import RENDERERS
-from envs.handlers.base import MODALITIES, EnvIds, Handler
+from envs.handlers.base import MODALITIES, EnvIds, Handler, TextureSource
 from envs.handlers.mujoco.layout import EntityLayout, as_slice, layout_of
 from envs.handlers.mujoco.model import build_model
-from envs.handlers.mujoco.render import RenderJob, Renderer
+from envs.handlers.mujoco.render import Renderer, RenderJob
 from envs.scenario import Appearance, ScenarioCfg
 from envs.state import EntityState, State
 
@@ -41,23 +42,21 @@ class MujocoHandler(Handler):
         *,
         renderer: str = "warp",
         num_threads: int = 0,
-        textures: Callable[[str, int], np.ndarray] | None = None,
+        textures: TextureSource | None = None,
         simplify_meshes: bool = True,
     ) -> None:
-        super().__init__(scenario, num_envs)
-        self.renderer_name = renderer
+        super().__init__(scenario, num_envs, renderer=renderer, num_threads=num_threads, textures=textures)
         self._renderer_class: type[Renderer] = RENDERERS.get(renderer)
-        self._num_threads = num_threads
-        self._textures = textures
         self._simplify_meshes = simplify_meshes
         self._renderer: Renderer | None = None
         self._batch: Batch | None = None
 
+    @override
     def launch(self) -> None:
         self.model = build_model(self.scenario, simplify=self._simplify_meshes)
         # A state that has blown up must be seen, not replaced by the initial one.
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-        self._batch = Batch(self.model, self.num_envs, self._num_threads)
+        self._batch = Batch(self.model, self.num_envs, self.num_threads)
         self._layout = layout_of(self.model, self.scenario)
         self._appearances = [self.scenario.appearance] * self.num_envs
         self._qpos, self._qvel = self._batch.qpos, self._batch.qvel
@@ -75,6 +74,7 @@ class MujocoHandler(Handler):
         self._low, self._high = self.model.actuator_ctrlrange.T.copy()
         self._batch.forward(stage=_POSITION_STAGE)
 
+    @override
     def get_states(self, env_ids: EnvIds = None) -> State:
         rows = slice(None) if env_ids is None else np.asarray(env_ids)
         qpos = torch.from_numpy(self._qpos[rows].copy())
@@ -133,6 +133,7 @@ class MujocoHandler(Handler):
             )
         return self._rests[count]
 
+    @override
     def set_states(self, states: State, env_ids: EnvIds = None) -> None:
         rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
         layouts = {entity.name: entity for entity, *_ in self._readers}
@@ -141,7 +142,7 @@ class MujocoHandler(Handler):
                 raise unknown_name("robot or object", name, layouts)
             self._write(layouts[name], entity, rows)
         self._warmstart[rows] = 0.0
-        self._batch.forward(rows, stage=_POSITION_STAGE)
+        self._running.forward(rows, stage=_POSITION_STAGE)
 
     def _write(self, layout: EntityLayout, entity: EntityState, rows: np.ndarray) -> None:
         columns = rows[:, None]
@@ -160,6 +161,7 @@ class MujocoHandler(Handler):
             target = entity.joint_pos if entity.joint_target is None else entity.joint_target
             self._ctrl[columns, layout.ctrl] = target
 
+    @override
     def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:
         rows = slice(None) if env_ids is None else np.asarray(env_ids)
         for robot, *_, columns in self._readers:
@@ -172,9 +174,10 @@ class MujocoHandler(Handler):
             else:
                 self._ctrl[rows][:, columns] = clipped
 
+    @override
     def step(self, num_steps: int, env_ids: EnvIds = None) -> None:
         try:
-            self._batch.step(env_ids, nstep=num_steps, stage=_POSITION_STAGE)
+            self._running.step(env_ids, nstep=num_steps, stage=_POSITION_STAGE)
         except SimulationError as error:
             raise SimulatorError(f"MuJoCo stopped in environments {error.ids.tolist()}: {error}") from error
         rows = slice(None) if env_ids is None else np.asarray(env_ids)
@@ -186,8 +189,17 @@ class MujocoHandler(Handler):
                 "Check the actions, or give physics.timestep_s a smaller value."
             )
 
+    @override
     def set_appearance(self, appearance: Appearance, env_id: int) -> None:
         self._appearances[env_id] = appearance
+
+    @property
+    def _running(self) -> Batch:
+        if self._batch is None:
+            raise SimulatorError(
+                "The simulator does not run: call launch() first, and nothing after close()."
+            )
+        return self._batch
 
     def snapshot(self, env_ids: EnvIds = None) -> list[RenderJob]:
         """Returns what is needed to draw the environments as they are now, later."""
@@ -202,6 +214,7 @@ class MujocoHandler(Handler):
             for row in rows
         ]
 
+    @override
     def render(
         self,
         cameras: Sequence[str] | None = None,
@@ -232,18 +245,21 @@ class MujocoHandler(Handler):
         """The renderer, made at the first picture."""
         if self._renderer is None:
             self._renderer = self._renderer_class(
-                self.model, self.scenario, textures=self._textures, num_threads=self._num_threads
+                self.model, self.scenario, textures=self.textures, num_threads=self.num_threads
             )
         return self._renderer
 
     @property
+    @override
     def segmentation_names(self) -> tuple[str, ...]:
         return self.renderer.segmentation_names
 
     @property
+    @override
     def not_shown(self) -> tuple[str, ...]:
         return self._renderer_class.not_shown
 
+    @override
     def close(self) -> None:
         if self._renderer is not None:
             self._renderer.close()

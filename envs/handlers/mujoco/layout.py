@@ -8,6 +8,10 @@ import numpy as np
 
 from envs.scenario import ScenarioCfg
 
+Root = Literal["free", "fixed", "mocap"]
+
+_ROOTS: dict[str, Root] = {"free": "free", "fixed": "fixed", "marker": "mocap"}
+
 
 @dataclass(frozen=True, slots=True)
 class EntityLayout:
@@ -28,7 +32,7 @@ class EntityLayout:
     """
 
     name: str
-    root: Literal["free", "fixed", "mocap"]
+    root: Root
     root_qpos: int
     root_qvel: int
     mocap: int
@@ -76,7 +80,7 @@ def layout_of(model: mujoco.MjModel, scenario: ScenarioCfg) -> Layout:
         objects.append(
             EntityLayout(
                 name=item.name,
-                root={"free": "free", "fixed": "fixed", "marker": "mocap"}[item.kind],
+                root=_ROOTS[item.kind],
                 root_qpos=int(model.joint(item.name).qposadr[0]) if free else -1,
                 root_qvel=int(model.joint(item.name).dofadr[0]) if free else -1,
                 mocap=int(body.mocapid[0]),

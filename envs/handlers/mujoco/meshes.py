@@ -6,8 +6,10 @@ Panda is drawn with 149,000 triangles in 60 geoms; a picture of 256 pixels shows
 
 import hashlib
 import json
+import logging
 import os
 import tempfile
+import zipfile
 from pathlib import Path
 
 import mujoco
@@ -15,6 +17,8 @@ import numpy as np
 
 from envs.assets import cache_dir
 from envs.rotations import rotate
+
+logger = logging.getLogger(__name__)
 
 VISUAL_GROUP = 1
 """Geom group of the robots' visual meshes. Group 0 holds collision geometry, which is never drawn."""
@@ -28,7 +32,7 @@ def simplify_visuals(spec: mujoco.MjSpec, folder: Path, max_faces_per_body: int)
     Args:
         spec: A robot's model, before it is attached to a scene.
         folder: The folder that mesh files are relative to.
-        max_faces_per_body: Triangles that all colours of a body share.
+        max_faces_per_body: Triangles that the colours of a body share, by how many they have.
     """
     meshes = {mesh.name: mesh for mesh in spec.meshes}
     materials = {material.name: material for material in spec.materials}
@@ -38,10 +42,14 @@ def simplify_visuals(spec: mujoco.MjSpec, folder: Path, max_faces_per_body: int)
         for geom in body.geoms:
             if _is_plain_visual(geom, materials):
                 groups.setdefault(_rgba(geom, materials), []).append(geom)
-        total = sum(len(geoms) for geoms in groups.values())
+        # A file's size goes with its triangles, and is known without reading it.
+        sizes = {
+            rgba: sum((folder / meshes[geom.meshname].file).stat().st_size for geom in geoms)
+            for rgba, geoms in groups.items()
+        }
         for index, (rgba, geoms) in enumerate(sorted(groups.items())):
             parts = [(folder / meshes[g.meshname].file, g) for g in geoms]
-            budget = max(64, max_faces_per_body * len(geoms) // max(total, 1))
+            budget = max(64, max_faces_per_body * sizes[rgba] // sum(sizes.values()))
             vertices, faces = _merged(parts, meshes, budget)
             name = f"{body.name}_visual_{index}"
             spec.add_mesh(name=name, uservert=vertices.ravel(), userface=faces.ravel())
@@ -81,14 +89,28 @@ def _merged(parts, meshes, budget: int) -> tuple[np.ndarray, np.ndarray]:
         digest.update(path.read_bytes())
         digest.update(np.concatenate([geom.pos, geom.quat, meshes[geom.meshname].scale]).tobytes())
     cached = cache_dir("meshes") / f"{digest.hexdigest()[:32]}.npz"
-    if cached.is_file():
-        with np.load(cached, allow_pickle=False) as stored:
-            return stored["vertices"], stored["faces"]
+    stored = _stored(cached)
+    if stored is not None:
+        return stored
     vertices, faces = _simplified(*_concatenated(parts, meshes), budget)
     with tempfile.NamedTemporaryFile(dir=cached.parent, suffix=".tmp", delete=False) as file:
         np.savez(file, vertices=vertices, faces=faces)
+        file.flush()
+        os.fsync(file.fileno())
     os.replace(file.name, cached)
     return vertices, faces
+
+
+def _stored(path: Path) -> tuple[np.ndarray, np.ndarray] | None:
+    """Returns a cached mesh, or None where there is none that can be read: it can be made again."""
+    if not path.is_file():
+        return None
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            return stored["vertices"], stored["faces"]
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        logger.warning("The cached mesh %s cannot be read (%s); it is made again.", path, error)
+        return None
 
 
 def _concatenated(parts, meshes) -> tuple[np.ndarray, np.ndarray]:
@@ -96,7 +118,7 @@ def _concatenated(parts, meshes) -> tuple[np.ndarray, np.ndarray]:
 
     vertices, faces, offset = [], [], 0
     for path, geom in parts:
-        mesh = trimesh.load(path, force="mesh")
+        mesh = trimesh.load_mesh(path)
         # Files repeat a vertex for every normal; left apart, its faces would drift from each other.
         mesh.merge_vertices(merge_norm=True, merge_tex=True)
         points = np.asarray(mesh.vertices) * meshes[geom.meshname].scale
@@ -111,6 +133,6 @@ def _simplified(vertices, faces, budget: int) -> tuple[np.ndarray, np.ndarray]:
 
     vertices, faces = vertices.astype(np.float32), faces.astype(np.int32)
     if len(faces) > budget:
-        vertices, faces = fast_simplification.simplify(vertices, faces, target_count=budget)
+        vertices, faces = fast_simplification.simplify(vertices, faces, target_count=budget)[:2]
     keep = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 0] != faces[:, 2])
     return vertices.astype(np.float32), faces[keep].astype(np.int32)

@@ -2,18 +2,17 @@
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 import numpy as np
 
+from envs.handlers.base import TextureSource
 from envs.handlers.mujoco.model import MAX_LIGHTS, OBJECT_MATERIAL, TABLE_BODY, TEXTURE_SIZE
 from envs.rotations import from_yaw, look_at_matrix
 from envs.scenario import SURFACES, Appearance, CameraCfg, LightCfg, ScenarioCfg, SurfaceMaterial
-
-TextureSource = Callable[[str, int], np.ndarray]
 
 AMBIENT_FRACTION = 0.3
 """Share of each light that reaches every surface, for the light that walls throw back."""

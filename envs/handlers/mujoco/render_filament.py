@@ -1,20 +1,26 @@
 """Pictures by Filament, physically based: the only renderer here that shows metals and rough surfaces."""
 
+import ctypes
+import ctypes.util
 from collections.abc import Sequence
+from typing import Any, override
 
 import mujoco
 import numpy as np
 
 from envs.errors import SimulatorError
-from envs.handlers.mujoco.model import MAX_LIGHTS
+from envs.handlers.mujoco.meshes import VISUAL_GROUP
+from envs.handlers.mujoco.model import MAX_LIGHTS, SCENE_GROUP
 from envs.handlers.mujoco.render import Renderer, RenderJob, Stage, metres_of_reversed_depth, texture_of
 from envs.scenario import SURFACES
 
 LUX_PER_INTENSITY = 60_000.0
-"""Illuminance of a distant light of intensity 1: with Filament's default exposure, a white surface is white."""
+"""Illuminance of a distant light of intensity 1: Filament's default exposure shows white as white."""
 
 CANDELA_PER_INTENSITY = 600_000.0
 """Luminous intensity of a lamp of intensity 1, seen from about 3 m."""
+
+_SCENE = "scene"
 
 
 class FilamentRenderer(Renderer):
@@ -26,7 +32,7 @@ class FilamentRenderer(Renderer):
         super().__init__(model, scenario, textures=textures, num_threads=num_threads)
         _require_vulkan()
         # The studio module brings Filament's compiled materials; without it a context aborts the process.
-        import mujoco.studio  # noqa: F401
+        import mujoco.studio
         from mujoco import mjrf
         from mujoco.rendering.filament import renderer as filament
 
@@ -34,17 +40,18 @@ class FilamentRenderer(Renderer):
         config = mjrf.ContextConfig()
         config.graphics_api = mjrf.GraphicsApi.GRAPHICS_API_VULKAN
         self._context = mjrf.Context(config)
-        self._renderer = filament.Renderer(self._context)
         self._stage = Stage(model, scenario)
-        hidden = self._stage.model.geom_group == 0
-        self._stage.model.geom_rgba[hidden, 3] = 0.0
-        self._stage.model.site_rgba[:, 3] = 0.0
+        self._option = mujoco.MjvOption()
+        self._option.geomgroup[:] = 0
+        self._option.geomgroup[[VISUAL_GROUP, SCENE_GROUP]] = 1
+        self._option.sitegroup[:] = 0
         self._camera = mujoco.MjvCamera()
         self._camera.type = int(mujoco.mjtCamera.mjCAMERA_FIXED)
         self._uploaded: dict[str, str | None] | None = None
-        self._scene_count = 0
+        self._drawn: Any = None
         self._buffers: dict[tuple[str, str], np.ndarray] = {}
 
+    @override
     def render(
         self, jobs: Sequence[RenderJob], cameras: tuple[str, ...], modalities: tuple[str, ...]
     ) -> dict[str, dict[str, np.ndarray]]:
@@ -52,7 +59,9 @@ class FilamentRenderer(Renderer):
         for index, job in enumerate(jobs):
             if self._stage.pose(job):
                 self._dress()
-            self._scene.update(self._stage.data)
+            _, _, lights, geometry = self._drawn
+            lights.update(self._stage.data)
+            geometry.update(self._stage.data)
             for camera in cameras:
                 for modality in modalities:
                     out[camera][modality][index] = self._draw(camera, modality)
@@ -79,12 +88,17 @@ class FilamentRenderer(Renderer):
         self._build_scene()
 
     def _build_scene(self) -> None:
-        from mujoco.rendering.filament import model_scene
-
-        self._scene_count += 1
-        self._scene_name = f"scene{self._scene_count}"
-        handle = self._renderer.scene(self._scene_name)
-        self._scene = model_scene.ModelScene(self._context, self._stage.model, handle)
+        # A context with two scenes of one model draws neither, and a renderer keeps the scenes it made.
+        self._drawn = None
+        self._buffers.clear()
+        self._renderer = self._filament.Renderer(self._context)
+        scene, model = self._renderer.scene(_SCENE), self._stage.model
+        scene.configure_from_model(model)
+        resources = self._mjrf.ModelResources(self._context, model)
+        lights = self._mjrf.ModelLights(scene, resources)
+        geometry = self._mjrf.ModelRenderables(scene, resources)
+        geometry.set_options(self._option)
+        self._drawn = (resources, scene, lights, geometry)
 
     def _draw(self, camera: str, modality: str) -> np.ndarray:
         modes, formats = self._mjrf.DrawMode, self._mjrf.PixelFormat
@@ -104,7 +118,7 @@ class FilamentRenderer(Renderer):
         buffer = self._buffers[camera, modality]
         plain = modality != "rgb"
         view = self._filament.View(
-            scene=self._scene_name,
+            scene=_SCENE,
             target=target,
             camera=view_camera,
             draw_mode=mode,
@@ -119,16 +133,46 @@ class FilamentRenderer(Renderer):
             return self.segment(np.where(ids < self.model.ngeom, ids, -1))
         return buffer
 
+    @override
     def close(self) -> None:
         self._buffers.clear()
 
 
 def _require_vulkan() -> None:
-    """Filament ends the process where it finds no Vulkan driver; say so before it does."""
-    import ctypes.util
+    """Filament ends the process where it finds no Vulkan device; say so before it does."""
+    reason = "there is no libvulkan"
+    library = ctypes.util.find_library("vulkan")
+    if library is not None:
+        if _count_devices(ctypes.CDLL(library)):
+            return
+        reason = "libvulkan finds no device"
+    raise SimulatorError(
+        f"renderer=filament needs a Vulkan driver, and {reason}. Install libvulkan1 and "
+        "mesa-vulkan-drivers, or take renderer=warp, which needs no system package."
+    )
 
-    if ctypes.util.find_library("vulkan") is None:
-        raise SimulatorError(
-            "renderer=filament needs a Vulkan driver, and there is no libvulkan. Install libvulkan1 and "
-            "mesa-vulkan-drivers, or take renderer=warp, which needs no system package."
-        )
+
+class _InstanceCreateInfo(ctypes.Structure):
+    """VkInstanceCreateInfo: no layers, no extensions."""
+
+    _fields_ = (
+        ("type", ctypes.c_int),
+        ("next", ctypes.c_void_p),
+        ("flags", ctypes.c_uint32),
+        ("application", ctypes.c_void_p),
+        ("num_layers", ctypes.c_uint32),
+        ("layers", ctypes.c_void_p),
+        ("num_extensions", ctypes.c_uint32),
+        ("extensions", ctypes.c_void_p),
+    )
+
+
+def _count_devices(vulkan: ctypes.CDLL) -> int:
+    """Returns how many physical devices Vulkan lists; 0 where it cannot be asked."""
+    instance, count = ctypes.c_void_p(), ctypes.c_uint32()
+    created = vulkan.vkCreateInstance(ctypes.byref(_InstanceCreateInfo(type=1)), None, ctypes.byref(instance))
+    if created != 0:
+        return 0
+    listed = vulkan.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), None)
+    vulkan.vkDestroyInstance(instance, None)
+    return count.value if listed == 0 else 0

@@ -3,6 +3,7 @@
 import importlib
 import os
 from collections.abc import Sequence
+from typing import override
 
 import mujoco
 import numpy as np
@@ -41,6 +42,7 @@ class GlRenderer(Renderer):
         self._camera.type = int(mujoco.mjtCamera.mjCAMERA_FIXED)
         self._uploaded: dict[str, str | None] = dict.fromkeys(SURFACES)
 
+    @override
     def render(
         self, jobs: Sequence[RenderJob], cameras: tuple[str, ...], modalities: tuple[str, ...]
     ) -> dict[str, dict[str, np.ndarray]]:
@@ -102,6 +104,7 @@ class GlRenderer(Renderer):
                     geom_of_segment[geom.segid + 1] = geom.objid
             out["segmentation"][index] = self.segment(geom_of_segment[segments])
 
+    @override
     def close(self) -> None:
         self._context.free()
         self._gl.free()

@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from queue import SimpleQueue
+from typing import override
 
 import mujoco
 import numpy as np
@@ -40,6 +41,7 @@ class WarpRenderer(Renderer):
         self._pool = ThreadPoolExecutor(self._size, thread_name_prefix="render")
         self._idle: dict[tuple, SimpleQueue[_Tracer]] = {}
 
+    @override
     def render(
         self, jobs: Sequence[RenderJob], cameras: tuple[str, ...], modalities: tuple[str, ...]
     ) -> dict[str, dict[str, np.ndarray]]:
@@ -70,6 +72,7 @@ class WarpRenderer(Renderer):
             queue.put(_Tracer(self, cameras, modalities))
         return queue
 
+    @override
     def close(self) -> None:
         self._pool.shutdown()
         self._idle.clear()
@@ -81,7 +84,7 @@ class _Tracer:
     def __init__(self, renderer: WarpRenderer, cameras: tuple[str, ...], modalities: tuple[str, ...]) -> None:
         import warp as wp
 
-        wp.config.quiet = True
+        wp.config.log_level = wp.LOG_WARNING
         import mujoco_warp as mjw
 
         self._mjw, self._wp = mjw, wp
@@ -95,7 +98,7 @@ class _Tracer:
         with wp.ScopedDevice("cpu"), contextlib.redirect_stdout(io.StringIO()):
             self._model = mjw.put_model(model)
             self._data = mjw.put_data(model, self._stage.data, nworld=1)
-            sizes = [tuple(int(v) for v in model.cam_resolution[model.camera(name).id]) for name in cameras]
+            sizes = [_size_of(model, name) for name in cameras]
             self._context = mjw.create_render_context(
                 model,
                 nworld=1,
@@ -158,3 +161,9 @@ class _Tracer:
                 ids = context.seg_data.numpy()[0, span].reshape(*shape, 2)[..., 0]
                 out[name]["segmentation"][index] = self._renderer.segment(ids)
             start += width * height
+
+
+def _size_of(model: mujoco.MjModel, camera: str) -> tuple[int, int]:
+    """Returns width and height of a camera's picture."""
+    width, height = model.cam_resolution[model.camera(camera).id]
+    return int(width), int(height)

@@ -28,7 +28,9 @@ def test_holds_wait_and_fingers_move_at_once():
     assert (path.gripper == 0.0).all()
 
 
-@pytest.mark.parametrize(("angle", "expected"), [(0.0, 0.0), (1.0, 1.0 - np.pi / 2), (-2.0, -2.0 + np.pi / 2)])
+@pytest.mark.parametrize(
+    ("angle", "expected"), [(0.0, 0.0), (1.0, 1.0 - np.pi / 2), (-2.0, -2.0 + np.pi / 2)]
+)
 def test_a_cube_is_grasped_by_the_smallest_turn(angle, expected):
     assert grasp_yaw(angle) == pytest.approx(expected)
 

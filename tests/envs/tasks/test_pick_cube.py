@@ -23,11 +23,15 @@ def test_initial_states_fill_maniskills_ranges():
         assert low <= values.min() < low + 0.01 * (high - low)
         assert high >= values.max() > high - 0.01 * (high - low)
     assert (cube[:, 2] == 0.02).all()
-    arm = state.robots["franka"].joint_pos[:, :7] - torch.tensor(PickCube().scenario.robots[0].default_qpos[:7])
+    arm = state.robots["franka"].joint_pos[:, :7] - torch.tensor(
+        PickCube().scenario.robots[0].default_qpos[:7]
+    )
     assert arm.std() == pytest.approx(0.02, rel=0.05)
 
 
-@pytest.mark.parametrize(("distance", "speed", "solved"), [(0.0249, 0.19, True), (0.0251, 0.0, False), (0.0, 0.21, False)])
+@pytest.mark.parametrize(
+    ("distance", "speed", "solved"), [(0.0249, 0.19, True), (0.0251, 0.0, False), (0.0, 0.21, False)]
+)
 def test_success_is_near_and_still(distance, speed, solved):
     state = states()
     state.objects["cube"].pos[:] = state.objects["goal"].pos + torch.tensor([0.0, distance, 0.0])

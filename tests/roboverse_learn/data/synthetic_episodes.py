@@ -69,17 +69,27 @@ def make_source(**kwargs: float) -> SyntheticSource:
     return SyntheticSource(**kwargs)
 
 
-class ForgetfulSource(SyntheticSource):
-    """Takes an index and drops it."""
+class ForgetfulSource:
+    """Takes indices and drops every second one; sleeps where ``slow_at`` is taken."""
+
+    def __init__(self, slow_at: int = -1) -> None:
+        self._slow_at = slow_at
 
     def attempts(self, indices: Iterator[int]) -> Iterator[tuple[int, EpisodeData | None]]:
         """Yields every second episode that it takes."""
-        return ((index, make_episode(index)) for index in itertools.islice(indices, 1, None, 2))
+        for position, index in enumerate(indices):
+            if index == self._slow_at:
+                time.sleep(60)  # until the collection has heard another worker and stops this one
+            if position % 2:
+                yield index, make_episode(index)
+
+    def close(self) -> None:
+        """Nothing to release."""
 
 
-def make_forgetful_source() -> SyntheticSource:
+def make_forgetful_source(slow_at: int = -1) -> ForgetfulSource:
     """Returns a source that breaks its promise."""
-    return ForgetfulSource()
+    return ForgetfulSource(slow_at)
 
 
 def make_broken_source() -> SyntheticSource:

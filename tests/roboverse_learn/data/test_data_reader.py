@@ -6,7 +6,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from envs.errors import ConfigError, DatasetError
+from envs.errors import DatasetError
 from roboverse_learn.data import DatasetInfo, EpisodeAwareSampler, ResidentDataset, consolidate
 from roboverse_learn.data.reader import clamp_window
 from tests.roboverse_learn.data.synthetic_episodes import FPS, SIZE
@@ -168,38 +168,9 @@ def test_windows_stay_inside_the_episode(lengths, window, data):
 
 
 class TestSampler:
-    def test_an_epoch_is_a_permutation(self, written):
-        info = DatasetInfo.open(written)
-        sampler = EpisodeAwareSampler(info, batch_size=1, seed=3)
-        epoch = [int(sampler.next_batch()[0]) for _ in range(info.num_frames)]
-        assert sorted(epoch) == list(range(info.num_frames))
-        assert epoch != sorted(epoch)
-        assert [int(sampler.next_batch()[0]) for _ in range(info.num_frames)] != epoch
-
-    def test_resuming_continues_the_order(self, written):
-        info = DatasetInfo.open(written)
-        sampler = EpisodeAwareSampler(info, batch_size=7, seed=0)
-        for _ in range(9):
-            sampler.next_batch()
-        state, expected = sampler.state_dict(), [sampler.next_batch() for _ in range(9)]
-        resumed = EpisodeAwareSampler(info, batch_size=7, seed=0)
-        resumed.load_state_dict(state)
-        np.testing.assert_array_equal([resumed.next_batch() for _ in range(9)], expected)
-
-    def test_processes_share_a_batch(self, written):
-        info = DatasetInfo.open(written)
-        whole = EpisodeAwareSampler(info, batch_size=6, seed=1).next_batch()
-        parts = [EpisodeAwareSampler(info, batch_size=6, seed=1, rank=r, world_size=2) for r in (0, 1)]
-        batches = [part.next_batch() for part in parts]
-        np.testing.assert_array_equal(np.sort(np.concatenate(batches)), np.sort(whole))
-
     def test_chosen_episodes_without_their_last_frames(self, written):
         info = DatasetInfo.open(written)
         sampler = EpisodeAwareSampler(info, batch_size=1, seed=0, episodes=[1, 4], drop_last_frames=2)
         frames = {int(sampler.next_batch()[0]) for _ in range(sampler.num_frames)}
         starts, ends = info.episode_starts, info.episode_ends
         assert frames == {*range(starts[1], ends[1] - 2), *range(starts[4], ends[4] - 2)}
-
-    def test_nothing_left_is_an_error(self, written):
-        with pytest.raises(ConfigError, match="No frame of 6 episodes is left after dropping 100"):
-            EpisodeAwareSampler(DatasetInfo.open(written), batch_size=1, seed=0, drop_last_frames=100)

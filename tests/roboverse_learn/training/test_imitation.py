@@ -1,6 +1,8 @@
 """The training loop: it learns, it is repeatable, and it goes on after it was killed."""
 
 import json
+import os
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -63,19 +65,36 @@ class Heard(Reporter):
         self.events.append(("end", result.steps))
 
 
-@pytest.mark.parametrize(("name", "ema"), [("act", False), ("act", True), ("diffusion", True)])
+@pytest.fixture(scope="module")
+def _five_steps(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("five_steps")
+    train(make("act"), DATA, replace(CONFIG, steps=5), folder)
+    return folder
+
+
+@pytest.fixture
+def five_steps(_five_steps, tmp_path):
+    """A run of five steps that a test may go on with or damage."""
+
+    def copy(source, target):  # the large files, which nothing writes to in place, get a second name
+        (os.link if source.endswith(".safetensors") else shutil.copy2)(source, target)
+
+    return shutil.copytree(_five_steps, tmp_path / "run", symlinks=True, copy_function=copy)
+
+
+@pytest.mark.parametrize(("name", "ema"), [("act", False), ("diffusion", True)])
 def test_a_killed_run_goes_on_to_the_same_losses_and_weights(name, ema, tmp_path):
-    config = replace(CONFIG, ema=ema)
+    config = replace(CONFIG, ema=ema, steps=6, save_every=3)
     settings = {"act": {"dropout": 0.1}, "diffusion": {}}[name]  # dropout draws from the global generator
     train(make(name, **settings), DATA, config, tmp_path / "straight")
     with pytest.raises(KeyboardInterrupt):
-        train(make(name, **settings), DATA, config, tmp_path / "killed", reporter=KilledAt(7))
-    assert checkpoint.last_checkpoint(tmp_path / "killed").name == "000005"
+        train(make(name, **settings), DATA, config, tmp_path / "killed", reporter=KilledAt(5))
+    assert checkpoint.last_checkpoint(tmp_path / "killed").name == "000003"
     heard = Heard()
     result = train(make(name, **settings), DATA, config, tmp_path / "killed", reporter=heard)
-    assert heard.events[0] == ("start", 5)
+    assert heard.events[0] == ("start", 3)
     assert losses(tmp_path / "killed") == losses(tmp_path / "straight")
-    assert list(losses(tmp_path / "killed")) == list(range(1, 11))
+    assert list(losses(tmp_path / "killed")) == list(range(1, 7))
     straight = (tmp_path / "straight" / "checkpoints" / "last" / "pretrained_model").resolve()
     for name in ("model.safetensors", "config.json"):
         assert (result.checkpoint / name).read_bytes() == (straight / name).read_bytes()
@@ -146,15 +165,16 @@ def test_what_a_run_leaves_and_reports(tmp_path):
     } == row.keys()
 
 
-def test_a_complete_run_is_not_trained_again(tmp_path):
-    first = train(make("act"), DATA, CONFIG, tmp_path)
-    again = train(make("act"), DATA, CONFIG, tmp_path)
-    assert again.steps == 10 and again.samples_per_s is None and again.checkpoint == first.checkpoint
+def test_a_complete_run_is_not_trained_again(five_steps):
+    config = replace(CONFIG, steps=5)
+    again = train(make("act"), DATA, config, five_steps)
+    first = five_steps / "checkpoints" / "last" / "pretrained_model"
+    assert again.steps == 5 and again.samples_per_s is None and again.checkpoint == first
 
 
 def test_the_returned_policy_is_the_saved_one(tmp_path):
     policy = make("diffusion")
-    result = train(policy, DATA, CONFIG, tmp_path)
+    result = train(policy, DATA, replace(CONFIG, steps=3), tmp_path)
     saved = policies.load(result.checkpoint).state_dict()
     assert all(value.equal(saved[key]) for key, value in policy.state_dict().items())
 
@@ -169,74 +189,70 @@ def test_a_time_limit_stops_cleanly(tmp_path):
 
 
 def test_bf16_stays_close_to_fp32(tmp_path):
-    train(make("act"), DATA, CONFIG, tmp_path / "fp32")
-    result = train(make("act"), DATA, replace(CONFIG, precision="bf16"), tmp_path / "bf16")
+    config = replace(CONFIG, steps=4)
+    train(make("act"), DATA, config, tmp_path / "fp32")
+    result = train(make("act"), DATA, replace(config, precision="bf16"), tmp_path / "bf16")
     assert result.precision == "bf16"
     fp32, bf16 = (np.array(list(losses(tmp_path / name).values())) for name in ("fp32", "bf16"))
     assert not np.array_equal(fp32, bf16)
     np.testing.assert_allclose(bf16[:3], fp32[:3], rtol=0.1)
 
 
-def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_checkpoint(tmp_path):
-    train(make("act"), DATA, replace(CONFIG, steps=5), tmp_path)
+def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_checkpoint(five_steps):
     bad = SquareFrames()
     bad.frames["action"][:] = float("nan")
     with pytest.raises(TrainingDivergedError, match=r"The loss is nan at step 6.*smaller train.lr"):
-        train(make("act"), bad, CONFIG, tmp_path)
-    assert policies.load(tmp_path / "checkpoints" / "000005")
+        train(make("act"), bad, CONFIG, five_steps)
+    assert policies.load(five_steps / "checkpoints" / "000005")
 
 
-def test_resuming_with_other_settings_is_an_error(tmp_path):
-    train(make("act"), DATA, replace(CONFIG, steps=5), tmp_path)
+def test_resuming_with_other_settings_is_an_error(five_steps):
     with pytest.raises(
         CheckpointError, match=r"batch_size was 8 and is 4; seed was 0 and is 1.*resume=false"
     ):
-        train(make("act"), DATA, replace(CONFIG, batch_size=4), tmp_path, seed=1)
+        train(make("act"), DATA, replace(CONFIG, batch_size=4), five_steps, seed=1)
     with pytest.raises(CheckpointError, match="ema was False and is True"):
-        train(make("act"), DATA, replace(CONFIG, ema=True), tmp_path)
+        train(make("act"), DATA, replace(CONFIG, ema=True), five_steps)
 
 
-def test_resume_false_begins_anew(tmp_path):
-    train(make("act"), DATA, replace(CONFIG, steps=5), tmp_path)
-    result = train(make("act"), DATA, replace(CONFIG, steps=3, save_every=3), tmp_path, resume=False)
+def test_resume_false_begins_anew(five_steps):
+    result = train(make("act"), DATA, replace(CONFIG, steps=3, save_every=3), five_steps, resume=False)
     assert result.steps == 3
-    assert list(losses(tmp_path)) == [1, 2, 3]
+    assert list(losses(five_steps)) == [1, 2, 3]
 
 
 @pytest.mark.parametrize("name", ["optimizer.safetensors", "state.json"])
-def test_a_damaged_training_state_is_an_error(name, tmp_path):
-    train(make("act"), DATA, replace(CONFIG, steps=5), tmp_path)
-    path = tmp_path / "checkpoints" / "last" / "training_state" / name
-    path.write_bytes(path.read_bytes()[:20])
+def test_a_damaged_training_state_is_an_error(name, five_steps):
+    path = five_steps / "checkpoints" / "last" / "training_state" / name
+    content = path.read_bytes()[:20]
+    path.unlink()
+    path.write_bytes(content)
     with pytest.raises(CheckpointError, match=rf"{name}' (is absent, truncated|cannot be read)"):
-        train(make("act"), DATA, CONFIG, tmp_path)
+        train(make("act"), DATA, CONFIG, five_steps)
 
 
-def test_a_full_disk_keeps_the_checkpoint_before(tmp_path, monkeypatch):
-    train(make("act"), DATA, replace(CONFIG, steps=5), tmp_path)
+def test_a_full_disk_keeps_the_checkpoint_before(five_steps, monkeypatch):
 
     def full(*_args, **_kwargs):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(checkpoint, "save_file", full)
     with pytest.raises(CheckpointError, match=r"the disk is full. The checkpoints before it are unchanged"):
-        train(make("act"), DATA, CONFIG, tmp_path)
-    assert checkpoint.last_checkpoint(tmp_path).name == "000005"
-    assert not list(tmp_path.rglob("*.partial"))
+        train(make("act"), DATA, CONFIG, five_steps)
+    assert checkpoint.last_checkpoint(five_steps).name == "000005"
+    assert not list(five_steps.rglob("*.partial"))
 
 
-def test_a_run_killed_before_the_link_moved_goes_on_from_the_newest(tmp_path):
-    train(make("act"), DATA, replace(CONFIG, steps=5), tmp_path)
-    (tmp_path / "checkpoints" / "last").unlink()
-    assert checkpoint.last_checkpoint(tmp_path).name == "000005"
+def test_a_run_killed_before_the_link_moved_goes_on_from_the_newest(five_steps):
+    (five_steps / "checkpoints" / "last").unlink()
+    assert checkpoint.last_checkpoint(five_steps).name == "000005"
 
 
-def test_state_file_names_its_format(tmp_path):
-    train(make("act"), DATA, replace(CONFIG, steps=5), tmp_path)
-    path = tmp_path / "checkpoints" / "last" / "training_state" / "state.json"
+def test_state_file_names_its_format(five_steps):
+    path = five_steps / "checkpoints" / "last" / "training_state" / "state.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {"format": 9}))
     with pytest.raises(CheckpointError, match="has format 9, valid is 1"):
-        train(make("act"), DATA, CONFIG, tmp_path)
+        train(make("act"), DATA, CONFIG, five_steps)
 
 
 def test_estimate_is_of_the_right_size():

@@ -1,6 +1,5 @@
 """The parts of the training loop, against closed forms."""
 
-import math
 from io import StringIO
 
 import pytest
@@ -15,7 +14,6 @@ from roboverse_learn.training.ema import Ema
 from roboverse_learn.training.imitation import step_seed
 from roboverse_learn.training.metrics import JsonlWriter, read_metrics
 from roboverse_learn.training.reporter import Progress, RichReporter
-from roboverse_learn.training.schedule import learning_rate_factor, progress
 
 
 def test_ema_with_a_constant_decay_is_a_geometric_mean():
@@ -42,27 +40,6 @@ def test_ema_copies_what_is_not_floating_and_shares_no_memory():
     assert ema.average["w"].item() == 1.0
     ema.update(weights | {"count": torch.tensor(7)})
     assert ema.average == {"w": torch.tensor([2.0]), "count": torch.tensor(7)}
-
-
-def test_cosine_schedule():
-    config = TrainConfig(steps=100, warmup_steps=10)
-    assert learning_rate_factor(config, 0, 0.0) == pytest.approx(0.1, rel=1e-3)
-    assert learning_rate_factor(config, 50, 0.0) == pytest.approx(0.5)
-    assert learning_rate_factor(config, 25, 0.0) == pytest.approx(0.5 + math.sqrt(2) / 4)
-    assert learning_rate_factor(config, 100, 0.0) == pytest.approx(0.0)
-
-
-def test_constant_schedule_warms_up_and_stays():
-    config = TrainConfig(steps=100, warmup_steps=4, schedule="constant")
-    assert [learning_rate_factor(config, step, 0.0) for step in (0, 1, 3, 99)] == [0.25, 0.5, 1.0, 1.0]
-    assert learning_rate_factor(TrainConfig(warmup_steps=0), 0, 0.0) == 1.0
-
-
-def test_the_schedule_ends_at_whichever_comes_first_steps_or_time():
-    config = TrainConfig(steps=100, warmup_steps=0, time_limit_s=10.0)
-    assert progress(config, 10, 5.0) == 0.5
-    assert progress(config, 80, 5.0) == 0.8
-    assert learning_rate_factor(config, 10, 10.0) == pytest.approx(0.0)
 
 
 def test_seeds_differ_between_steps_and_processes():

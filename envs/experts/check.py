@@ -1,0 +1,127 @@
+"""How often the expert succeeds, and how smoothly.
+
+``python -m envs.experts.check --task PickCube --episodes 1000`` rolls the expert out in the first episodes
+of each split, without pictures, and prints one line per split.
+"""
+
+import argparse
+import logging
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from envs.errors import ConfigError, RoboVerseError
+from envs.experts.rollout import Rollout, rollout
+from envs.randomization.splits import SPLITS
+from envs.vector_env import RoboVerseVectorEnv
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class ExpertReport:
+    """What the expert did in some episodes.
+
+    Attributes:
+        num_episodes: How many episodes.
+        failures: Indices of those that were not solved, in the order they were played.
+        mean_steps: Mean number of control steps, those after success included.
+        largest_step_rad: Largest change of an arm joint's target from one control step to the next.
+    """
+
+    num_episodes: int
+    failures: tuple[int, ...]
+    mean_steps: float
+    largest_step_rad: float
+
+    @property
+    def success_rate(self) -> float:
+        """Share of episodes that were solved, in [0, 1]."""
+        return 1.0 - len(self.failures) / self.num_episodes
+
+
+def summarize(rollouts: Iterable[Rollout], arm: Sequence[int]) -> ExpertReport:
+    """Reduces rollouts to a report.
+
+    Args:
+        rollouts: At least one.
+        arm: Columns of an action that are the arm's joints; fingers may jump.
+
+    Raises:
+        ConfigError: if there is no rollout.
+    """
+    failures, steps, largest = [], [], 0.0
+    for episode in rollouts:
+        steps.append(len(episode.actions))
+        if not episode.success:
+            failures.append(episode.episode)
+        jumps = np.abs(np.diff(episode.actions[:, list(arm)], axis=0))
+        largest = max(largest, float(jumps.max(initial=0.0)))
+    if not steps:
+        raise ConfigError("The expert's check needs at least one episode, given none.")
+    return ExpertReport(len(steps), tuple(failures), float(np.mean(steps)), largest)
+
+
+def check_expert(
+    task: str, split: str, num_episodes: int, *, num_envs: int = 64, num_threads: int = 0
+) -> ExpertReport:
+    """Rolls the expert out in the first episodes of a split.
+
+    Args:
+        task: Name of a task.
+        split: ``"train"`` or ``"test"``.
+        num_episodes: How many episodes; a split that has fewer is played whole.
+        num_envs: Environments stepped at once; the result does not depend on it.
+        num_threads: Threads of the simulator; 0 means one per core.
+
+    Raises:
+        ConfigError: if ``num_episodes`` is below 1.
+    """
+    if num_episodes < 1:
+        raise ConfigError(f"The expert's check needs at least one episode, given {num_episodes}.")
+    env = RoboVerseVectorEnv(
+        task, min(num_envs, num_episodes), split=split, observation="state", num_threads=num_threads
+    )
+    try:
+        fingers = env.scenario.robots[0].gripper_joints
+        arm = [column for column, name in enumerate(env.joint_names) if name not in fingers]
+        return summarize(rollout(env, env.split_indices[:num_episodes].tolist()), arm)
+    finally:
+        env.close()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Checks the expert on both splits, or on one; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m envs.experts.check", description=main.__doc__)
+    parser.add_argument("--task", default="PickCube")
+    parser.add_argument("--episodes", type=int, default=1000, help="episodes of each split")
+    parser.add_argument("--split", choices=SPLITS, help="one split alone")
+    parser.add_argument("--num-envs", type=int, default=64, help="environments stepped at once")
+    args = parser.parse_args(argv)
+    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
+    try:
+        for split in SPLITS if args.split is None else (args.split,):
+            report = check_expert(args.task, split, args.episodes, num_envs=args.num_envs)
+            solved = report.num_episodes - len(report.failures)
+            logger.info(
+                "%s %s: %.2f %% success (%d of %d episodes), %.1f steps on average, "
+                "largest joint step %.3f rad; failed: %s",
+                args.task,
+                split,
+                100.0 * report.success_rate,
+                solved,
+                report.num_episodes,
+                report.mean_steps,
+                report.largest_step_rad,
+                ", ".join(map(str, report.failures)) or "none",
+            )
+    except RoboVerseError as error:
+        logger.error("%s", error)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,78 @@
+"""The command that says how often the expert succeeds."""
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+
+from envs.errors import ConfigError
+from envs.experts.check import ExpertReport, check_expert, main, summarize
+from envs.experts.rollout import Rollout
+
+
+def recorded(episode, actions, *, success=True):
+    actions = np.asarray(actions, np.float32)
+    nothing = np.zeros(0, np.float32)
+    return Rollout(episode, success, "", "", actions, actions, nothing, {}, {})
+
+
+def test_a_report_of_episodes_made_by_hand():
+    """Three episodes of 3, 1 and 2 steps; fingers (column 2) may jump."""
+    rollouts = [
+        recorded(4, [[0.0, 0.0, 0.04], [0.1, 0.0, 0.0], [0.1, -0.25, 0.0]]),
+        recorded(9, [[0.0, 0.0, 0.0]], success=False),
+        recorded(2, [[1.0, 1.0, 0.0], [1.0, 1.0, 9.0]]),
+    ]
+    report = summarize(rollouts, arm=(0, 1))
+    assert report.num_episodes == 3
+    assert report.failures == (9,)
+    assert report.success_rate == pytest.approx(2 / 3)
+    assert report.mean_steps == pytest.approx(2.0)
+    assert report.largest_step_rad == pytest.approx(0.25)
+
+
+def test_no_episode_is_no_report():
+    with pytest.raises(ConfigError, match="needs at least one episode, given none"):
+        summarize([], arm=(0,))
+    with pytest.raises(ConfigError, match="needs at least one episode, given 0"):
+        check_expert("PickCube", "train", 0)
+
+
+def test_the_report_does_not_depend_on_how_many_run_at_once():
+    reports = [check_expert("PickCube", "test", 6, num_envs=count, num_threads=1) for count in (2, 6)]
+    assert reports[0] == reports[1]
+    assert reports[0].success_rate == 1.0
+    assert 20 < reports[0].mean_steps < 100
+    assert 0.0 < reports[0].largest_step_rad < 0.35
+
+
+def test_the_command_prints_a_line_for_each_split(monkeypatch):
+    asked = []
+
+    def pretend(task, split, episodes, *, num_envs):
+        asked.append((task, split, episodes, num_envs))
+        return ExpertReport(episodes, (17,), 42.5, 0.125)
+
+    monkeypatch.setattr("envs.experts.check.check_expert", pretend)
+    monkeypatch.setattr("logging.basicConfig", lambda **_: None)
+    said = []
+    monkeypatch.setattr("envs.experts.check.logger.info", lambda text, *values: said.append(text % values))
+    assert main(["--episodes", "50", "--num-envs", "8"]) == 0
+    assert asked == [("PickCube", "train", 50, 8), ("PickCube", "test", 50, 8)]
+    assert said[0] == (
+        "PickCube train: 98.00 % success (49 of 50 episodes), 42.5 steps on average, "
+        "largest joint step 0.125 rad; failed: 17"
+    )
+    assert main(["--split", "test"]) == 0
+    assert len(asked) == 3
+
+
+def test_a_mistake_ends_with_code_two(caplog):
+    assert main(["--task", "PickKube", "--episodes", "1"]) == 2
+    assert re.search(r"Unknown task 'PickKube'\. Did you mean 'PickCube'\?", caplog.text)
+
+
+def test_a_report_is_frozen():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        ExpertReport(1, (), 1.0, 0.0).num_episodes = 2

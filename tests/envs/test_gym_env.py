@@ -1,0 +1,101 @@
+"""One environment as ``gymnasium.Env``: what LeRobot and other people's scripts are handed."""
+
+import numpy as np
+import pytest
+
+import envs
+from envs.errors import ConfigError
+from envs.gym_env import register_envs
+
+
+@pytest.fixture(scope="module")
+def env():
+    env = envs.RoboVerseEnv("PickCube", split="test", image_size=32)
+    yield env
+    env.close()
+
+
+def hold(env):
+    return env.batch.get_states().robots["franka"].joint_pos[0].numpy().astype(np.float32)
+
+
+def test_an_episode_can_be_named(env):
+    episode = int(env.batch.split_indices[5])
+    observation, info = env.reset(options={"episode": episode})
+    assert info == {"is_success": False, "episode_index": episode}
+    assert observation["agent_pos"].shape == (9,)
+    assert observation["agent_pos"].dtype == np.float32
+    assert env.task_description in env.batch.task.instructions
+
+
+def test_equal_seeds_give_equal_episodes_and_later_ones_differ(env):
+    def four_episodes():
+        return [env.reset(seed=seed)[1]["episode_index"] for seed in (11, None, None, None)]
+
+    episodes = four_episodes()
+    assert four_episodes() == episodes
+    assert len(set(episodes)) == 4
+    assert set(episodes) <= set(env.batch.split_indices.tolist())
+
+
+def test_an_episode_of_the_other_split_is_refused(env):
+    with pytest.raises(ConfigError, match="is not in the split 'test'"):
+        train = envs.make_vec("PickCube", 1, split="train", observation="state")
+        episode = int(train.split_indices[0])
+        train.close()
+        env.reset(options={"episode": episode})
+
+
+def test_a_step_gives_plain_numbers(env):
+    env.reset(seed=0)
+    observation, reward, terminated, truncated, info = env.step(hold(env))
+    assert type(reward) is float
+    assert 0.0 <= reward < 1.0
+    assert (type(terminated), type(truncated)) == (bool, bool)
+    assert info["is_success"] is False
+    assert env.observation_space.contains(observation)
+
+
+def test_pictures_of_one_row_stay_undrawn_until_they_are_read(env):
+    observation, _ = env.reset(seed=1)
+    pixels = observation["pixels"]
+    assert not pixels.drawn
+    seen = pixels["front"]
+    for _ in range(5):
+        env.step(env.action_space.low)
+    np.testing.assert_array_equal(pixels["front"], seen)
+    assert not np.array_equal(env.render(), seen)
+
+
+def test_time_is_up_at_the_horizon_and_not_before(env):
+    env.reset(seed=2)
+    target = hold(env)
+    ends = [env.step(target)[3] for _ in range(env._max_episode_steps)]
+    assert ends == [False] * (env._max_episode_steps - 1) + [True]
+
+
+def test_rendering_follows_the_mode():
+    silent = envs.RoboVerseEnv("PickCube", render_mode=None, observation="state")
+    silent.reset(seed=0)
+    assert silent.render() is None
+    assert silent.metadata["render_fps"] == 20
+    silent.close()
+
+
+def test_state_observations_need_no_camera():
+    env = envs.RoboVerseEnv("PickCube", observation="state")
+    observation, _ = env.reset(seed=3)
+    assert set(observation) == {"agent_pos", "environment_state"}
+    state = env.batch.get_states()
+    np.testing.assert_allclose(observation["environment_state"][:3], state.objects["cube"].pos[0], atol=1e-6)
+    env.close()
+
+
+def test_registering_twice_is_harmless():
+    register_envs()
+    register_envs()
+
+
+def test_the_package_names_what_it_does_not_have():
+    with pytest.raises(AttributeError, match="has no attribute 'RoboVersEnv'"):
+        envs.RoboVersEnv  # noqa: B018 (the look-up is the test)

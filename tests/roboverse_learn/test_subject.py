@@ -1,0 +1,169 @@
+"""What is evaluated: how a checkpoint finds its run, and that no two evaluations share a results file."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from envs.errors import ConfigError
+from policies import PolicyError
+from policies.checkpoint import CONFIG, WEIGHTS
+from roboverse_learn.compose import compose
+from roboverse_learn.run import Run
+from roboverse_learn.subject import Subject, protocol_of, step_of, subject_of
+
+ACT = {
+    "type": "act",
+    "input_features": {
+        "observation.images.front": {"type": "VISUAL", "shape": [3, 128, 128]},
+        "observation.state": {"type": "STATE", "shape": [9]},
+    },
+}
+
+
+def write_checkpoint(folder: Path, config: dict[str, Any] | None = None, weights: bytes = b"weights") -> Path:
+    """Writes the two files that a subject looks at; nothing is loaded from them."""
+    folder.mkdir(parents=True)
+    (folder / CONFIG).write_text(json.dumps(ACT if config is None else config))
+    (folder / WEIGHTS).write_bytes(weights)
+    return folder
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Returns a run with two checkpoints, 100 and 200 steps old."""
+    monkeypatch.chdir(tmp_path)
+    config = compose(
+        "train", ["policy=act", "preset=quick", "level=2", "seed=5", "device=cpu", "image_size=96"]
+    )
+    with Run.open(config, ["roboverse", "train"]) as opened:
+        with opened.stage("collect") as facts:
+            facts.update(dataset_hash="0" * 64, num_episodes=400)
+        for step in (100, 200):
+            write_checkpoint(opened.folder / f"checkpoints/{step:06d}/pretrained_model")
+        (opened.folder / "checkpoints/last").symlink_to("000200")
+        return opened.folder
+
+
+def subject(checkpoint: Path, *words: str) -> Subject:
+    return subject_of(compose("evaluate", [f"checkpoint={checkpoint}", "preset=quick", "device=cpu", *words]))
+
+
+def test_a_checkpoint_is_known_by_the_run_that_it_lies_in(run: Path) -> None:
+    found = subject(run)
+    assert found.run == run.name
+    assert (found.task, found.simulator, found.renderer, found.image_size) == (
+        *("PickCube", "mujoco", "warp"),
+        96,
+    )
+    assert (found.train_level, found.train_only, found.seed) == (2, None, 5)
+    assert (found.dataset_hash, found.demonstrations) == ("0" * 64, 400)
+    assert step_of(found.checkpoint) == 200
+    assert found.config["run"]["level"] == 2
+
+
+def test_the_folder_of_a_run_stands_for_its_last_checkpoint(run: Path) -> None:
+    last = run / "checkpoints/000200/pretrained_model"
+    assert subject(run).checkpoint.resolve() == subject(last).checkpoint.resolve() == last.resolve()
+    assert subject(run).run == subject(last).run
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["renderer=gl"],
+        ["image_size=64"],
+        ["task_kwargs.variant=lift"],
+        ["levels=[0]"],
+        ["episodes=7"],
+        ["splits=[test]"],
+        ["alone=[camera]"],
+        ["protocol_seed=1"],
+    ],
+    ids=" ".join,
+)
+def test_whatever_is_evaluated_differently_has_a_results_file_of_its_own(run: Path, words: list[str]) -> None:
+    changed = subject(run, *words).run
+    assert changed != run.name and changed.startswith(f"{run.name}-")
+    assert Path(changed).name == changed  # it is the name of a file
+
+
+@pytest.mark.parametrize("words", [["num_envs=3"], ["videos=0"], ["results_dir=elsewhere"]], ids=" ".join)
+def test_what_decides_no_episode_does_not_change_the_name(run: Path, words: list[str]) -> None:
+    assert subject(run, *words).run == run.name
+
+
+def test_an_earlier_checkpoint_has_a_results_file_of_its_own(run: Path) -> None:
+    earlier = subject(run / "checkpoints/000100")
+    assert earlier.run == f"{run.name}-step100"
+    assert step_of(earlier.checkpoint) == 100
+
+
+def test_a_checkpoint_of_nobody_tells_its_pictures(tmp_path: Path) -> None:
+    found = subject(write_checkpoint(tmp_path / "their run/model"), "task=PickCube")
+    assert (found.image_size, found.simulator, found.renderer) == (128, "mujoco", "warp")
+    assert (found.train_level, found.dataset_hash, found.demonstrations) == (None, None, None)
+    assert found.run.startswith("their-run-")
+
+
+def test_two_checkpoints_of_nobody_do_not_share_a_results_file(tmp_path: Path) -> None:
+    names = {
+        subject(write_checkpoint(tmp_path / str(n) / "run/model", weights=bytes([n])), "task=PickCube").run
+        for n in range(3)
+    }
+    assert len(names) == 3
+
+
+def test_a_checkpoint_of_nobody_needs_a_task(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"lies in no run of ours.*add task=<name>"):
+        subject(write_checkpoint(tmp_path / "model"))
+
+
+def test_pictures_of_two_sizes_need_a_word(tmp_path: Path) -> None:
+    images = ACT["input_features"] | {
+        "observation.images.wrist": {"type": "VISUAL", "shape": [3, 64, 64]},
+    }
+    folder = write_checkpoint(tmp_path / "model", ACT | {"input_features": images})
+    with pytest.raises(ConfigError, match=r"sizes \[64, 128\]: add image_size=<pixels>"):
+        subject(folder, "task=PickCube")
+    assert subject(folder, "task=PickCube", "image_size=64").image_size == 64
+
+
+def _drop(name: str) -> Callable[[Path], Any]:
+    return lambda folder: (folder / name).unlink()
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (_drop(WEIGHTS), f"has no {WEIGHTS}"),
+        (_drop(CONFIG), f"has no {CONFIG}"),
+        (lambda folder: (folder / CONFIG).write_text('{"type": "pi0"}'), "Unknown policy 'pi0'. Valid: act"),
+        (lambda folder: (folder / CONFIG).write_text('{"type": "act"}'), "does not say which pictures"),
+        (lambda folder: (folder / CONFIG).write_text("[]"), CONFIG),
+    ],
+    ids=["no-weights", "no-config", "unknown-policy", "no-features", "a-list"],
+)
+def test_a_broken_checkpoint_is_named_before_anything_starts(
+    tmp_path: Path, damage: Callable[[Path], Any], said: str
+) -> None:
+    folder = write_checkpoint(tmp_path / "model")
+    damage(folder)
+    with pytest.raises(PolicyError) as error:
+        subject(folder, "task=PickCube")
+    assert said in str(error.value) and str(folder) in str(error.value)
+
+
+def test_a_folder_that_does_not_exist_is_named(tmp_path: Path) -> None:
+    with pytest.raises(PolicyError, match="nowhere' does not exist"):
+        subject(tmp_path / "nowhere")
+
+
+def test_the_protocol_follows_from_the_words() -> None:
+    config = compose(
+        "evaluate", ["checkpoint=x", "levels=[0,3]", "alone=[camera]", "splits=[test]", "episodes=7"]
+    )
+    cells = [str(cell) for cell in protocol_of(config.evaluate).cells()]
+    assert cells == ["level 0, test split", "level 3, test split", "camera alone, test split"]

@@ -1,0 +1,66 @@
+"""A training process that is really killed, and what it goes on to."""
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import policies
+from roboverse_learn.training.checkpoint import last_checkpoint
+from roboverse_learn.training.config import AugmentConfig, TrainConfig
+from roboverse_learn.training.imitation import train
+from roboverse_learn.training.metrics import read_metrics
+from roboverse_learn.training.reporter import Reporter
+from tests.policies.examples import CONFIGS
+from tests.roboverse_learn.training.frames import SquareFrames
+
+STEPS = 18
+# Dropout, augmentation and the VAE all draw from the global generator.
+POLICY = replace(CONFIGS["act"], dropout=0.1)
+CONFIG = TrainConfig(
+    steps=STEPS, batch_size=4, lr=1e-3, warmup_steps=2, precision="fp32", num_threads=1, save_every=6,
+    log_every=1, ema=True, augment=AugmentConfig(shift_px=2, brightness=0.2),
+)  # fmt: skip
+
+
+class Waits(Reporter):
+    """Waits at a step for the kill, should it be late."""
+
+    def __init__(self, step: int) -> None:
+        self.step = step
+
+    def on_step(self, progress):
+        if progress.step == self.step:
+            time.sleep(60)
+
+
+def run(folder: Path, reporter: Reporter | None = None) -> None:
+    data = SquareFrames()
+    policy = policies.create("act", data.features, data.stats, POLICY)
+    train(policy, data, CONFIG, folder, reporter=reporter)
+
+
+def losses(folder):
+    return [(row["step"], row["loss"]) for row in read_metrics(folder)]
+
+
+@pytest.mark.slow
+def test_a_run_killed_twice_ends_as_one_that_was_left_alone(tmp_path, processes):
+    processes.ask("kill", folder=str(tmp_path / "killed"), kills=2)
+    run(tmp_path / "straight")
+    reached = processes.answer()
+    assert reached == sorted(reached) and reached[-1] < STEPS
+    newest = last_checkpoint(tmp_path / "killed")
+    assert newest is not None and int(newest.name) % 6 == 0
+
+    run(tmp_path / "killed")
+    assert losses(tmp_path / "killed") == losses(tmp_path / "straight")
+    straight, killed = (
+        tmp_path / name / "checkpoints/last/pretrained_model" for name in ("straight", "killed")
+    )
+    for name in ("model.safetensors", "config.json"):
+        assert (killed / name).read_bytes() == (straight / name).read_bytes()
+    # A killed save may leave a hidden folder; a listed checkpoint is whole.
+    for folder in (tmp_path / "killed" / "checkpoints").glob("[0-9]*"):
+        assert policies.load(folder).name == "act"

@@ -1,0 +1,59 @@
+"""What the README shows works as it stands: its Python, its commands' words, its numbers of levels."""
+
+import re
+import shlex
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from benchmark.protocol import LEVELS
+from roboverse_learn.compose import compose
+from roboverse_learn.help import SUMMARIES
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+
+
+def shown_commands() -> list[str]:
+    return [text for text in re.findall(r"`(roboverse [^`]+)`", README) if "…" not in text.split("=")[0]]
+
+
+@pytest.mark.parametrize("block", blocks("python"))
+def test_a_python_block_runs(block: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    exec(compile(block, "README.md", "exec"), names)
+    picture = names["picture"]
+    assert picture.shape == (256, 256, 3) and picture.std() > 1
+
+
+@pytest.mark.parametrize("text", shown_commands())
+def test_a_command_takes_the_words_it_is_shown_with(text: str) -> None:
+    _, command, *words = shlex.split(text)
+    assert command in SUMMARIES
+    words = [word for word in words if "=" in word]
+    if words:
+        compose(command, words)
+
+
+def test_every_command_is_in_the_readme() -> None:
+    assert {text.split()[1] for text in shown_commands()} >= set(SUMMARIES)
+
+
+def test_every_level_has_a_row() -> None:
+    assert all(re.search(rf"^\| {level} \|", README, re.MULTILINE) for level in LEVELS)
+
+
+def test_the_commands_install_the_plugin_that_lerobot_finds() -> None:
+    plugin = tomllib.loads((ROOT / "envs/lerobot/plugin/pyproject.toml").read_text())
+    # LeRobot compares names as they are written; with hyphens it would find nothing.
+    assert plugin["project"]["name"].startswith("lerobot_env_")
+    assert plugin["project"]["dependencies"] == ["roboverse-learn"]
+    assert (ROOT / f"envs/lerobot/plugin/{plugin['project']['name']}.py").is_file()
+    installs = [line for line in README.splitlines() if line.startswith("python3.12 -m venv ")]
+    assert len(installs) == 2 and all(" -e envs/lerobot/plugin " in line for line in installs)
