@@ -94,3 +94,7 @@ def register_envs() -> None:
                 disable_env_checker=True,
                 order_enforce=False,
             )
+
+
+# So that ``gymnasium.make("envs.gym_env:RoboVerse/PickCube-v0")`` works by itself, in workers too.
+register_envs()

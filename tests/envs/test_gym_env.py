@@ -1,5 +1,9 @@
 """One environment as ``gymnasium.Env``: what LeRobot and other people's scripts are handed."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -94,6 +98,15 @@ def test_state_observations_need_no_camera():
 def test_registering_twice_is_harmless():
     register_envs()
     register_envs()
+
+
+def test_an_id_that_names_its_module_needs_nothing_else():
+    code = (
+        "import gymnasium\n"
+        "env = gymnasium.make('envs.gym_env:RoboVerse/PickCube-v0', observation='state')\n"
+        "assert env.reset(seed=0)[0]['agent_pos'].shape == (9,)\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[2])
 
 
 def test_the_package_names_what_it_does_not_have():

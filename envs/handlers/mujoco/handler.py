@@ -13,7 +13,7 @@ from torch import Tensor
 from envs.errors import SimulatorError, unknown_name
 from envs.handlers import RENDERERS
 from envs.handlers.base import MODALITIES, EnvIds, Handler, TextureSource
-from envs.handlers.mujoco.layout import EntityLayout, as_slice, layout_of
+from envs.handlers.mujoco.layout import EntityLayout, as_slice, block, layout_of
 from envs.handlers.mujoco.model import build_model
 from envs.handlers.mujoco.render import Renderer, RenderJob
 from envs.scenario import Appearance, ScenarioCfg
@@ -97,7 +97,7 @@ class MujocoHandler(Handler):
             ang_vel=rest.still,
             joint_pos=qpos[:, joints],
             joint_vel=qvel[:, speeds],
-            joint_target=torch.from_numpy(self._ctrl[rows, targets].copy()),
+            joint_target=torch.from_numpy(self._ctrl[block(rows, targets)].copy()),
             ee_pos=torch.from_numpy(self._site_xpos[rows, robot.ee_site].copy()),
             ee_rot=torch.from_numpy(_quaternions(self._site_xmat[rows, robot.ee_site])),
         )
@@ -169,10 +169,7 @@ class MujocoHandler(Handler):
             if target is None:
                 continue
             clipped = np.clip(np.asarray(target), self._low[columns], self._high[columns])
-            if isinstance(columns, slice):
-                self._ctrl[rows, columns] = clipped
-            else:
-                self._ctrl[rows][:, columns] = clipped
+            self._ctrl[block(rows, columns)] = clipped
 
     @override
     def step(self, num_steps: int, env_ids: EnvIds = None) -> None:

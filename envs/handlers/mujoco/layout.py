@@ -100,3 +100,10 @@ def as_slice(addresses: np.ndarray) -> slice | np.ndarray:
     if len(addresses) and (np.diff(addresses) == 1).all():
         return slice(int(addresses[0]), int(addresses[-1]) + 1)
     return addresses
+
+
+def block(rows: slice | np.ndarray, columns: slice | np.ndarray) -> tuple:
+    """Returns the index of every row in every column, whichever of them are slices."""
+    if isinstance(rows, slice) or isinstance(columns, slice):
+        return rows, columns
+    return np.ix_(rows, columns)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from envs.errors import ConfigError
-from envs.handlers.mujoco.layout import as_slice, layout_of
+from envs.handlers.mujoco.layout import as_slice, block, layout_of
 from envs.handlers.mujoco.meshes import VISUAL_GROUP
 from envs.handlers.mujoco.model import MAX_LIGHTS, OBJECT_MATERIAL, SCENE_GROUP, build_model
 from envs.robots.franka import FRANKA
@@ -190,3 +190,14 @@ def test_consecutive_addresses_are_a_slice(addresses, expected):
 def test_other_addresses_stay_as_they_are(addresses):
     given = np.array(addresses, np.intp)
     assert as_slice(given) is given
+
+
+@pytest.mark.parametrize("rows", [slice(None), np.array([0, 2])])
+@pytest.mark.parametrize("columns", [slice(1, 3), np.array([3, 1])])
+def test_a_block_is_every_row_in_every_column(rows, columns):
+    """Scattered addresses are read and written like consecutive ones."""
+    values = np.arange(12.0).reshape(3, 4)
+    expected = values[rows][:, columns]
+    np.testing.assert_array_equal(values[block(rows, columns)], expected)
+    values[block(rows, columns)] = -1.0
+    assert (values == -1.0).sum() == expected.size
