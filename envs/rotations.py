@@ -3,6 +3,7 @@
 Every function works on the last axis and broadcasts the others.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,30 @@ def from_yaw(yaw: Array) -> Array:
     return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1)
 
 
+def from_euler(angles: np.ndarray) -> np.ndarray:
+    """Returns quaternions (..., 4) of turns by ``angles`` (..., 3), rad: Rz(yaw) Ry(pitch) Rx(roll)."""
+    cz, cy, cx = np.moveaxis(np.cos(0.5 * np.asarray(angles, np.float64)), -1, 0)
+    sz, sy, sx = np.moveaxis(np.sin(0.5 * np.asarray(angles, np.float64)), -1, 0)
+    return np.stack(
+        [
+            cz * cy * cx + sz * sy * sx,
+            cz * cy * sx - sz * sy * cx,
+            cz * sy * cx + sz * cy * sx,
+            sz * cy * cx - cz * sy * sx,
+        ],
+        axis=-1,
+    )
+
+
+def to_euler(q: np.ndarray) -> np.ndarray:
+    """Returns yaw, pitch and roll (..., 3), rad, of quaternions (..., 4); inverts :func:`from_euler`."""
+    w, x, y, z = np.moveaxis(np.asarray(q, np.float64), -1, 0)
+    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
+    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    return np.stack([yaw, pitch, roll], axis=-1)
+
+
 def yaw_of(q: Array) -> Array:
     """Returns the heading (...,) in radians: the angle of the turned x axis about z."""
     w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
@@ -83,15 +108,16 @@ def to_matrix(q: Array) -> Array:
     return torch.stack(rows, dim=-2)
 
 
-def look_at_matrix(pos: np.ndarray, target: np.ndarray) -> np.ndarray:
+def look_at_matrix(pos: np.ndarray, target: np.ndarray, up: Sequence[float] = (0.0, 0.0, 1.0)) -> np.ndarray:
     """Returns the (3, 3) orientation of a camera at ``pos`` that looks at ``target``.
 
-    Columns are the camera's axes in the world: x right, y up, and z backwards, as in MuJoCo and
-    OpenGL. World z points up in the picture; a camera that looks straight down has world x up.
+    Columns are the camera's axes: x right, y up, and z backwards, as in MuJoCo and OpenGL. ``up``
+    points up in the picture; a camera that looks along it has x up.
     """
     backward = np.asarray(pos, np.float64) - np.asarray(target, np.float64)
     backward /= np.linalg.norm(backward)
-    up = np.array([0.0, 0.0, 1.0]) if abs(backward[2]) < 0.9999 else np.array([1.0, 0.0, 0.0])
+    if abs(backward @ np.asarray(up)) > 0.9999 * np.linalg.norm(up):
+        up = (1.0, 0.0, 0.0)
     right = np.cross(up, backward)
     right /= np.linalg.norm(right)
     return np.stack([right, np.cross(backward, right), backward], axis=-1)

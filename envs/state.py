@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -41,6 +42,27 @@ class EntityState:
     joint_target: Tensor | None = None
     ee_pos: Tensor | None = None
     ee_rot: Tensor | None = None
+
+    @classmethod
+    def at_rest(cls, pos: np.ndarray, rot: np.ndarray, joint_pos: np.ndarray | None = None) -> "EntityState":
+        """Returns the state of something that does not move, in float64.
+
+        Args:
+            pos: Positions, (N, 3), or one for all, (3,) (then ``rot`` is (N, 4)).
+            rot: Orientations, (N, 4), or one for all, (4,).
+            joint_pos: Joint positions, (N, J); none by default.
+        """
+        count = max(np.size(pos) // 3, np.size(rot) // 4)
+        joints = np.zeros((count, 0)) if joint_pos is None else np.array(joint_pos, np.float64)
+        still = torch.zeros((count, 3), dtype=torch.float64)
+        return cls(
+            pos=torch.from_numpy(np.tile(np.asarray(pos, np.float64), (count // (np.size(pos) // 3), 1))),
+            rot=torch.from_numpy(np.tile(np.asarray(rot, np.float64), (count // (np.size(rot) // 4), 1))),
+            lin_vel=still,
+            ang_vel=still.clone(),
+            joint_pos=torch.from_numpy(joints),
+            joint_vel=torch.zeros(joints.shape, dtype=torch.float64),
+        )
 
     def select(self, env_ids: Tensor) -> "EntityState":
         """Returns the rows ``env_ids`` as new tensors."""

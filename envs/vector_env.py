@@ -103,6 +103,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         )
         self.handler.launch()
         self.scenario = scenario
+        self.controller = self.task.controller
         self._robot = scenario.robots[0]
         self._substeps = scenario.physics.decimation
         self._every = np.arange(num_envs)
@@ -117,7 +118,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
     def _make_spaces(self, autoreset_mode: AutoresetMode) -> None:
         box = gymnasium.spaces.Box
         low, high = np.array([joint.range for joint in self._robot.joints], np.float32).T
-        self.single_action_space = box(low, high, dtype=np.float32)
+        self.single_action_space = box(self.controller.low, self.controller.high, dtype=np.float32)
         # Joint limits are soft: a collision can push a joint beyond its range by a little.
         spaces: dict[str, gymnasium.Space] = {"agent_pos": box(low - 1.0, high + 1.0, dtype=np.float32)}
         if self.observation == "pixels":
@@ -163,7 +164,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the robot's joints: of the entries of an action, and of ``observation.state``."""
+        """Names of the robot's joints, the entries of ``observation.state``."""
         return self._robot.joint_names
 
     def initial_state_hash(self, env_id: int) -> str:
@@ -202,7 +203,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         self._over[env_ids] = False
 
     def step_envs(self, env_ids: Sequence[int] | np.ndarray, actions: np.ndarray) -> StepResult:
-        """Steps these environments by one control step; ``actions`` (n, J) are joint targets."""
+        """Steps these environments by one control step; ``actions`` (n, A) are the controller's."""
         order = np.argsort(env_ids)
         result = self._advance(np.asarray(env_ids)[order], np.asarray(actions)[order])
         back = np.argsort(order)
@@ -232,7 +233,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         return self.handler.get_states(env_ids)
 
     def _advance(self, env_ids: np.ndarray | None, actions: np.ndarray) -> StepResult:
-        self.handler.set_joint_targets({self._robot.name: actions}, env_ids)
+        self.controller.apply(self.handler, actions, env_ids)
         self.handler.step(self._substeps, env_ids)
         self._states = states = self.handler.get_states(env_ids)
         rows = slice(None) if env_ids is None else env_ids
@@ -272,7 +273,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
     def step(
         self, actions: np.ndarray
     ) -> tuple[dict[str, Any], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Steps every environment; ``actions`` (N, J) are joint position targets, rad and m."""
+        """Steps every environment; ``actions`` (N, A) are the task's controller's."""
         begin = self._over.nonzero()[0] if self._autoreset == AutoresetMode.NEXT_STEP else self._every[:0]
         result = self._advance(None, actions)
         info = self._info(result.success)

@@ -86,11 +86,12 @@ def dataset_layout(config: CollectConfig) -> tuple[dict[str, Any], int, str]:
     from envs.tasks import TASKS
     from roboverse_learn.data.schema import make_features
 
-    scenario = TASKS.get(config.task)(**config.task_kwargs).scenario
+    task = TASKS.get(config.task)(**config.task_kwargs)
+    scenario = task.scenario
     robot = scenario.robots[0]
     size = (config.image_size, config.image_size)
     cameras = {camera.name: size for camera in scenario.cameras}
-    features = make_features(robot.joint_names, robot.joint_names, cameras)
+    features = make_features(robot.joint_names, task.controller.names, cameras)
     return features, round(scenario.physics.control_hz), robot.name
 
 

@@ -86,7 +86,7 @@ def check_expert(
     )
     try:
         fingers = env.scenario.robots[0].gripper_joints
-        arm = [column for column, name in enumerate(env.joint_names) if name not in fingers]
+        arm = [column for column, name in enumerate(env.controller.names) if name not in fingers]
         return summarize(rollout(env, env.split_indices[:num_episodes].tolist()), arm)
     finally:
         env.close()

@@ -9,13 +9,38 @@ import numpy as np
 from envs.experts.waypoints import Waypoint, interpolate
 from envs.handlers.mujoco.layout import layout_of
 from envs.handlers.mujoco.model import build_model
-from envs.rotations import from_yaw, multiply
+from envs.rotations import conjugate, from_euler, multiply, to_euler
 from envs.scenario import RobotCfg, ScenarioCfg
+from envs.state import State
+from envs.tasks.base import Task
 
 ITERATIONS_PER_STEP = 3
 """Differential steps per control step; a path of 5 cm per step is then followed within 1 mm."""
 
 DAMPING = 1e-3
+
+
+class WaypointPlanner:
+    """Follows the waypoints of a task's expert.
+
+    Args:
+        task: The task; its controller takes joint positions of its first robot.
+    """
+
+    def __init__(self, task: Task) -> None:
+        scenario = task.scenario
+        self._task, self._robot = task, scenario.robots[0]
+        self._follower = PathFollower(self._robot, scenario.physics.control_hz)
+
+    def plan(self, state: State, rng: np.random.Generator) -> np.ndarray:
+        """Returns joint targets (T, J) float32; see :class:`envs.experts.planner.Planner`."""
+        robot = state.robots[self._robot.name]
+        waypoints = self._task.expert(state, rng)
+        if not waypoints:
+            return np.zeros((0, len(self._robot.joints)), np.float32)
+        # From where the joints are told to be: what they hold may keep them a little behind.
+        start = robot.joint_pos if robot.joint_target is None else robot.joint_target
+        return self._follower.joint_targets(start[0].numpy(), waypoints).astype(np.float32)
 
 
 class PathFollower:
@@ -48,14 +73,17 @@ class PathFollower:
     def joint_targets(self, qpos: np.ndarray, waypoints: Sequence[Waypoint]) -> np.ndarray:
         """Returns joint targets (T, J) that lead the end effector from ``qpos`` (J,) along the waypoints."""
         start = self._site_pose(qpos)
-        start_yaw = _yaw_between(self._down, start.rotation().wxyz)
-        first = Waypoint(pos=start.translation(), yaw=start_yaw, gripper=0.0, duration_s=0.0)
+        yaw, pitch, roll = to_euler(multiply(start.rotation().wxyz, conjugate(self._down)))
+        first = Waypoint(
+            pos=start.translation(), yaw=yaw, pitch=pitch, roll=roll, gripper=0.0, duration_s=0.0
+        )
         path = interpolate(first, waypoints, self._control_hz)
         self._posture.set_target(self._full(np.array(self._robot.default_qpos)))
         self._configuration.update(self._full(qpos))
         targets = np.empty((len(path.pos), len(self._layout.qpos)))
-        for step, (pos, yaw) in enumerate(zip(path.pos, path.yaw, strict=True)):
-            rotation = mink.SO3(multiply(from_yaw(yaw), self._down))
+        rotations = multiply(from_euler(path.turn), self._down)
+        for step, (pos, rot) in enumerate(zip(path.pos, rotations, strict=True)):
+            rotation = mink.SO3(rot)
             self._task.set_target(mink.SE3.from_rotation_and_translation(rotation, pos))
             self._follow()
             targets[step] = self._configuration.q[self._layout.qpos]
@@ -87,9 +115,3 @@ class PathFollower:
         site = data.site(self._site)
         rotation = mink.SO3.from_matrix(site.xmat.reshape(3, 3))
         return mink.SE3.from_rotation_and_translation(rotation, site.xpos.copy())
-
-
-def _yaw_between(a: np.ndarray, b: np.ndarray) -> float:
-    """Returns the turn about world z that brings orientation ``a`` nearest to ``b``, rad."""
-    relative = multiply(b, a * np.array([1.0, -1.0, -1.0, -1.0]))
-    return float(2.0 * np.arctan2(relative[3], relative[0]))

@@ -1,11 +1,11 @@
 """Episodes of the scripted expert, recorded as a policy would see them."""
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from envs.experts.ik import PathFollower
 from envs.randomization import channel_rng
 from envs.vector_env import RoboVerseVectorEnv
 
@@ -43,23 +43,27 @@ TAIL_STEPS = 5
 
 
 class _Recording:
-    def __init__(self, plan: np.ndarray) -> None:
-        self.plan = plan
-        self.steps_left = len(plan)
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.rng = rng
+        self.plan: deque[np.ndarray] = deque()
+        self.actions: list[np.ndarray] = []
+        self.steps_left: int | None = None
         self.observations: list[dict[str, np.ndarray]] = []
         self.states: list[dict[str, np.ndarray]] = []
         self.rewards: list[float] = []
         self.success = False
 
-    def note(self, success: bool, step: int) -> None:
+    def note(self, success: bool) -> None:
         """Notes the outcome of a step; the first success leaves a few steps more."""
-        if success and not self.success:
+        if self.steps_left is not None:
+            self.steps_left -= 1
+        elif success:
             self.success = True
-            self.steps_left = min(self.steps_left, step + 1 + TAIL_STEPS)
+            self.steps_left = TAIL_STEPS
 
 
 class ExpertRunner:
-    """Plans and rolls out the expert in a batched env.
+    """Rolls the expert out in a batched env.
 
     Args:
         env: The env; with pixel observations the pictures are recorded.
@@ -67,15 +71,7 @@ class ExpertRunner:
 
     def __init__(self, env: RoboVerseVectorEnv) -> None:
         self._env = env
-        self._follower = PathFollower(env.scenario.robots[0], env.control_hz)
-
-    def plan(self, env_id: int) -> np.ndarray:
-        """Returns joint targets (T, J) float32 for the episode that has just begun in ``env_id``."""
-        state = self._env.get_states([env_id])
-        robot = state.robots[self._env.scenario.robots[0].name]
-        rng = channel_rng(self._env.protocol_seed, "expert", int(self._env.episodes[env_id]))
-        waypoints = self._env.task.expert(state, rng)
-        return self._follower.joint_targets(robot.joint_pos[0].numpy(), waypoints).astype(np.float32)
+        self._planner = env.task.planner
 
     def rollout(self, episodes: Sequence[int]) -> Iterator[Rollout]:
         """Yields one rollout per episode, in order, as many at once as the env has environments."""
@@ -86,11 +82,10 @@ class ExpertRunner:
         env = self._env
         everyone = np.arange(len(episodes))
         env.reset_envs(everyone, episodes)
-        recordings = [_Recording(self.plan(env_id)) for env_id in everyone.tolist()]
-        active = everyone
-        self._note_states(recordings, active)
-        for step in range(env.task.max_episode_steps):
-            active = np.array([i for i in active if step < recordings[i].steps_left], dtype=np.int64)
+        recordings = [_Recording(channel_rng(env.protocol_seed, "expert", int(e))) for e in episodes]
+        self._note_states(recordings, everyone)
+        for _ in range(env.task.max_episode_steps):
+            active = np.array([i for i in everyone if self._goes_on(int(i), recordings[i])], dtype=np.int64)
             if not len(active):
                 break
             observation = env.observe(active)
@@ -98,12 +93,23 @@ class ExpertRunner:
                 recordings[env_id].observations.append(
                     {key: value[row] for key, value in observation.items()}
                 )
-            result = env.step_envs(active, np.stack([recordings[i].plan[step] for i in active]))
+                recordings[env_id].actions.append(recordings[env_id].plan.popleft())
+            result = env.step_envs(active, np.stack([recordings[i].actions[-1] for i in active]))
             self._note_states(recordings, active)
             for row, env_id in enumerate(active):
                 recordings[env_id].rewards.append(float(result.reward[row]))
-                recordings[env_id].note(bool(result.success[row]), step)
+                recordings[env_id].note(bool(result.success[row]))
         return [self._finish(env_id, recordings[env_id]) for env_id in everyone.tolist()]
+
+    def _goes_on(self, env_id: int, recording: _Recording) -> bool:
+        """Returns whether there is another action; asks the expert when its plan is used up."""
+        if recording.steps_left == 0:
+            return False
+        if not recording.plan:
+            recording.plan.extend(self._planner.plan(self._env.get_states([env_id]), recording.rng))
+        if not recording.plan and recording.success:
+            recording.plan.append(recording.actions[-1])
+        return bool(recording.plan)
 
     def _note_states(self, recordings: list[_Recording], env_ids: np.ndarray) -> None:
         flat = {key: value.numpy() for key, value in self._env.get_states(env_ids).flatten().items()}
@@ -111,7 +117,6 @@ class ExpertRunner:
             recordings[env_id].states.append({key: value[row] for key, value in flat.items()})
 
     def _finish(self, env_id: int, recording: _Recording) -> Rollout:
-        steps = len(recording.observations)
         prefix = "observation.images."
         stacked = {
             key: np.stack([o[key] for o in recording.observations]) for key in recording.observations[0]
@@ -122,7 +127,7 @@ class ExpertRunner:
             instruction=self._env.instruction(env_id),
             initial_state_hash=self._env.initial_state_hash(env_id),
             observation_state=stacked["observation.state"],
-            actions=recording.plan[:steps],
+            actions=np.stack(recording.actions),
             rewards=np.array(recording.rewards, np.float32),
             images={key.removeprefix(prefix): v for key, v in stacked.items() if key.startswith(prefix)},
             raw={key: np.stack([s[key] for s in recording.states]) for key in recording.states[0]},

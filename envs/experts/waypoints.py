@@ -1,4 +1,4 @@
-"""Waypoints of a gripper that points down, and the smooth path through them."""
+"""Waypoints of a gripper, and the smooth path through them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,10 +12,12 @@ class Waypoint:
 
     Attributes:
         pos: End effector position in the world, m, (3,).
-        yaw: Turn of the downward gripper about z from its rest posture, rad.
+        yaw: Turn of the gripper about world z from its rest posture, in which it points down, rad.
         gripper: Position of each finger, m.
         duration_s: Time to come here from the last waypoint.
         hold_s: Time to wait here.
+        pitch: Turn about y, before the yaw, rad; positive tips the fingers backwards, towards -x.
+        roll: Turn about x, before the pitch, rad; positive tips the fingers towards +y.
     """
 
     pos: np.ndarray = field(repr=False)
@@ -23,6 +25,13 @@ class Waypoint:
     gripper: float
     duration_s: float
     hold_s: float = 0.0
+    pitch: float = 0.0
+    roll: float = 0.0
+
+    @property
+    def turn(self) -> np.ndarray:
+        """Yaw, pitch and roll, (3,)."""
+        return np.array([self.yaw, self.pitch, self.roll])
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,12 +40,12 @@ class Path:
 
     Attributes:
         pos: End effector positions, (T, 3).
-        yaw: Turns, (T,).
+        turn: Yaw, pitch and roll, (T, 3).
         gripper: Finger positions, (T,).
     """
 
     pos: np.ndarray
-    yaw: np.ndarray
+    turn: np.ndarray
     gripper: np.ndarray
 
 
@@ -59,14 +68,14 @@ def interpolate(start: Waypoint, waypoints: Sequence[Waypoint], control_hz: floa
 
     Positions and turns move with least jerk; fingers move at once, as their motors do.
     """
-    pos, yaw, gripper = [], [], []
+    pos, turn, gripper = [], [], []
     last = start
     for waypoint in waypoints:
         count = max(1, round(waypoint.duration_s * control_hz))
         hold = round(waypoint.hold_s * control_hz)
         share = np.concatenate([minimum_jerk(count), np.ones(hold)])[:, None]
         pos.append(last.pos + share * (waypoint.pos - last.pos))
-        yaw.append(last.yaw + share[:, 0] * (waypoint.yaw - last.yaw))
+        turn.append(last.turn + share * (waypoint.turn - last.turn))
         gripper.append(np.full(count + hold, waypoint.gripper))
         last = waypoint
-    return Path(np.concatenate(pos), np.concatenate(yaw), np.concatenate(gripper))
+    return Path(np.concatenate(pos), np.concatenate(turn), np.concatenate(gripper))

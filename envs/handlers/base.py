@@ -62,6 +62,15 @@ class Handler(ABC):
         """
 
     @abstractmethod
+    def set_poses(self, poses: Mapping[str, tuple[Tensor, Tensor]], env_ids: EnvIds = None) -> None:
+        """Moves fixed objects and markers, without forgetting anything: for what is moved in an episode.
+
+        Args:
+            poses: Name to position (n, 3), m, and orientation (n, 4), wxyz.
+            env_ids: Environments.
+        """
+
+    @abstractmethod
     def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:
         """Sets the position targets (n, J) of the named robots, clipped to the joints' ranges."""
 

@@ -11,6 +11,8 @@ from envs.scenario import ScenarioCfg
 from envs.state import State
 
 if TYPE_CHECKING:
+    from envs.controllers import Controller
+    from envs.experts.planner import Planner
     from envs.experts.waypoints import Waypoint
 
 
@@ -57,7 +59,25 @@ class Task(ABC):
 
     @abstractmethod
     def expert(self, state: State, rng: np.random.Generator) -> "list[Waypoint]":
-        """Returns a way to solve the task from a state of one row; ``rng`` gives it variety."""
+        """Returns a way to solve the task from a state of one row; ``rng`` gives it variety.
+
+        When the way has been gone without success, the expert is asked again, from where it got to: a
+        grasp that failed is tried once more. No waypoints mean that it gives up.
+        """
+
+    @property
+    def controller(self) -> "Controller":
+        """What an action means; by default position targets of all joints of the first robot."""
+        from envs.controllers import JointPositionController
+
+        return JointPositionController(self.scenario.robots[0])
+
+    @property
+    def planner(self) -> "Planner":
+        """What turns states into the expert's actions; by default inverse kinematics along its waypoints."""
+        from envs.experts.ik import WaypointPlanner
+
+        return WaypointPlanner(self)
 
     def instruction(self, rng: np.random.Generator) -> str:
         """Draws one of the instructions."""

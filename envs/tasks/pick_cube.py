@@ -4,7 +4,6 @@ Sizes, ranges and success are ManiSkill's, but for the horizon: its 50 steps are
 end-effector deltas; 100 steps of joint positions are the same 5 s at 20 Hz.
 """
 
-import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal, override
@@ -15,44 +14,37 @@ from torch import Tensor
 
 from envs.errors import unknown_name
 from envs.experts.waypoints import Waypoint, grasp_yaw
-from envs.robots.franka import FRANKA
 from envs.rotations import from_yaw, yaw_of
-from envs.scenario import (
-    Appearance,
-    CameraCfg,
-    LightCfg,
-    ObjectCfg,
-    PhysicsCfg,
-    ScenarioCfg,
-    SurfaceMaterial,
-    TableCfg,
-)
+from envs.scenario import GeomCfg, ObjectCfg, ScenarioCfg, TableCfg
 from envs.state import EntityState, State
 from envs.tasks.base import Task
+from envs.tasks.tabletop import (
+    CONTROL_20_HZ,
+    FRANKA_AT_TABLE,
+    FRONT_CAMERA,
+    GRASP_CLOSED_M,
+    GRASP_OPEN_M,
+    STATIC_SPEED_RAD_S,
+    TABLETOP_LOOKS,
+    arm_speed,
+    distance,
+    ee_pos,
+    grips_something,
+    nearness,
+)
 
 CUBE_HALF_SIZE_M = 0.02
 SPAWN_HALF_SIZE_M = 0.1
 GOAL_HEIGHT_M = 0.3
 GOAL_TOLERANCE_M = 0.025
-STATIC_SPEED_RAD_S = 0.2
 LIFT_HEIGHT_M = 0.1
 """The variant of the paper's code (snapshot of June 2025): the cube is 0.1 m above its start."""
 
 QPOS_NOISE_RAD = 0.02
-GRASP_OPEN_M, GRASP_CLOSED_M = 0.04, 0.0
 APPROACH_NOISE_M = 0.015
 """Spread of where the expert comes to before it corrects itself, above the cube and before the goal."""
 
-_ROBOT = dataclasses.replace(FRANKA, pos=(-0.615, 0.0, 0.0))
-
-TABLETOP_LOOKS = Appearance(
-    materials={
-        "table": SurfaceMaterial(rgb=(0.55, 0.45, 0.36), roughness=0.8, specular=0.1),
-        "wall": SurfaceMaterial(rgb=(0.75, 0.75, 0.72), roughness=0.9, specular=0.0),
-        "ground": SurfaceMaterial(rgb=(0.45, 0.46, 0.48), roughness=0.9, specular=0.05),
-    },
-    lights=(LightCfg(kind="distant", direction=(-0.25, 0.15, -1.0), intensity=0.75, cast_shadow=True),),
-)
+_ROBOT = FRANKA_AT_TABLE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,29 +74,29 @@ class PickCube(Task):
     def scenario(self) -> ScenarioCfg:
         cube = ObjectCfg(
             name="cube",
-            shape="box",
-            size=(CUBE_HALF_SIZE_M,) * 3,
-            mass_kg=0.064,  # 4 cm cube at ManiSkill's default density, 1000 kg/m³
-            rgba=(0.85, 0.08, 0.08, 1.0),
+            geoms=(
+                GeomCfg(
+                    shape="box",
+                    size=(CUBE_HALF_SIZE_M,) * 3,
+                    mass_kg=0.064,  # 4 cm cube at ManiSkill's default density, 1000 kg/m³
+                    rgba=(0.85, 0.08, 0.08, 1.0),
+                ),
+            ),
             pos=(0.0, 0.0, CUBE_HALF_SIZE_M),
         )
         goal = ObjectCfg(
             name="goal",
-            shape="sphere",
-            size=(GOAL_TOLERANCE_M,),
-            rgba=(0.1, 0.8, 0.15, 1.0),
+            geoms=(GeomCfg(shape="sphere", size=(GOAL_TOLERANCE_M,), rgba=(0.1, 0.8, 0.15, 1.0)),),
             pos=(0.0, 0.0, 0.2),
             kind="marker",
         )
         return ScenarioCfg(
             robots=(_ROBOT,),
             objects=(cube, goal) if self.variant == "goal" else (cube,),
-            cameras=(
-                CameraCfg(name="front", pos=(1.299, 0.0, 0.75), look_at=(0.0, 0.0, 0.13), fovy_deg=23.0),
-            ),
+            cameras=(FRONT_CAMERA,),
             appearance=TABLETOP_LOOKS,
             table=TableCfg(pos=(-0.12, 0.0, 0.0), half_size=(0.8, 0.8)),
-            physics=PhysicsCfg(timestep_s=0.002, decimation=25),
+            physics=CONTROL_20_HZ,
         )
 
     @override
@@ -119,36 +111,35 @@ class PickCube(Task):
             goal[row, 2] = rng.uniform(0.0, GOAL_HEIGHT_M) + CUBE_HALF_SIZE_M
             qpos[row, :7] += rng.normal(0.0, QPOS_NOISE_RAD, 7)
         cube[:, 2] = CUBE_HALF_SIZE_M
-        objects = {"cube": _at_rest(cube, from_yaw(cube_yaw))}
+        objects = {"cube": EntityState.at_rest(cube, from_yaw(cube_yaw))}
         if self.variant == "goal":
-            objects["goal"] = _at_rest(goal, from_yaw(np.zeros(count)))
-        base = _at_rest(np.tile(_ROBOT.pos, (count, 1)), np.tile(_ROBOT.rot, (count, 1)))
-        base.joint_pos = torch.from_numpy(qpos)
-        base.joint_vel = torch.zeros_like(base.joint_pos)
-        return State({_ROBOT.name: base}, objects)
+            objects["goal"] = EntityState.at_rest(goal, from_yaw(np.zeros(count)))
+        robot = EntityState.at_rest(np.array(_ROBOT.pos), np.tile(_ROBOT.rot, (count, 1)), qpos)
+        return State({_ROBOT.name: robot}, objects)
 
     @override
     def success(self, state: State) -> Tensor:
         cube = state.objects["cube"].pos
         if self.variant == "lift":
             return cube[:, 2] >= CUBE_HALF_SIZE_M + LIFT_HEIGHT_M
-        speed = state.robots[_ROBOT.name].joint_vel[:, :7].abs().amax(-1)
-        return (self._to_goal(state) <= GOAL_TOLERANCE_M) & (speed <= STATIC_SPEED_RAD_S)
+        still = arm_speed(state.robots[_ROBOT.name]) <= STATIC_SPEED_RAD_S
+        return (self._to_goal(state) <= GOAL_TOLERANCE_M) & still
 
     def reward(self, state: State) -> Tensor:
         """Returns ManiSkill's normalized dense reward: reach, grasp, place, be still."""
         robot, cube = state.robots[_ROBOT.name], state.objects["cube"].pos
-        reach = torch.linalg.vector_norm(_end_effector(robot) - cube, dim=-1)
+        reach = distance(ee_pos(robot), cube)
         left = self._to_goal(state) if self.variant == "goal" else (0.12 - cube[:, 2]).clamp(min=0.0)
         speed = torch.linalg.vector_norm(robot.joint_vel[:, :7], dim=-1)
-        reached, near, still = 1.0 - torch.tanh(5.0 * torch.stack((reach, left, speed)))
+        reached, near, still = nearness(torch.stack((reach, left, speed)))
+        grasped = (reach < CUBE_HALF_SIZE_M) & grips_something(robot, 1.5 * CUBE_HALF_SIZE_M)
         placed = left <= GOAL_TOLERANCE_M
-        return 0.2 * (reached + _grasped(robot, reach) * (1.0 + near) + placed * still)
+        return 0.2 * (reached + grasped * (1.0 + near) + placed * still)
 
     def observe(self, state: State) -> Tensor:
         """Returns cube pose, goal, end effector, and the way between them, (N, 19) or (N, 13)."""
         robot, cube = state.robots[_ROBOT.name], state.objects["cube"]
-        hand = _end_effector(robot)
+        hand = ee_pos(robot)
         parts = [cube.pos, cube.rot, hand, cube.pos - hand]
         if self.variant == "goal":
             goal = state.objects["goal"].pos
@@ -179,30 +170,4 @@ class PickCube(Task):
         ]
 
     def _to_goal(self, state: State) -> Tensor:
-        return torch.linalg.vector_norm(state.objects["cube"].pos - state.objects["goal"].pos, dim=-1)
-
-
-def _end_effector(robot: EntityState) -> Tensor:
-    assert robot.ee_pos is not None, "a simulator gives every robot's end effector"
-    return robot.ee_pos
-
-
-def _grasped(robot: EntityState, reach: Tensor) -> Tensor:
-    """Returns whether the cube is between closed fingers, (N,): near, and keeping them apart."""
-    gap = robot.joint_pos[:, 7:].sum(-1)
-    assert robot.joint_target is not None, "a simulator gives every robot's targets"
-    closing = robot.joint_target[:, 7:].sum(-1) < gap - 0.005
-    return (reach < CUBE_HALF_SIZE_M) & closing & (gap > 1.5 * CUBE_HALF_SIZE_M)
-
-
-def _at_rest(pos: np.ndarray, rot: np.ndarray) -> EntityState:
-    count = len(pos)
-    none = torch.zeros((count, 0), dtype=torch.float64)
-    return EntityState(
-        pos=torch.from_numpy(np.asarray(pos, np.float64)),
-        rot=torch.from_numpy(np.asarray(rot, np.float64)),
-        lin_vel=torch.zeros((count, 3), dtype=torch.float64),
-        ang_vel=torch.zeros((count, 3), dtype=torch.float64),
-        joint_pos=none,
-        joint_vel=none,
-    )
+        return distance(state.objects["cube"].pos, state.objects["goal"].pos)

@@ -13,7 +13,8 @@ from envs.handlers.mujoco.layout import layout_of
 from envs.handlers.mujoco.model import build_model
 from envs.handlers.mujoco.render import RenderJob
 from envs.scenario import CameraCfg, LightCfg, SurfaceMaterial
-from envs.tasks.pick_cube import TABLETOP_LOOKS, PickCube
+from envs.tasks.pick_cube import PickCube
+from envs.tasks.tabletop import TABLETOP_LOOKS
 
 ALL = ("top", "slant", "high")
 MODALITIES = ("rgb", "depth", "segmentation")

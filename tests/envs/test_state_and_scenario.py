@@ -6,7 +6,7 @@ import torch
 from envs.assets import resolve
 from envs.errors import ConfigError, MissingExtraError, UnknownNameError, suggest
 from envs.registry import Registry
-from envs.scenario import ObjectCfg, PhysicsCfg, ScenarioCfg
+from envs.scenario import GeomCfg, LinkCfg, ObjectCfg, PhysicsCfg, ScenarioCfg
 from envs.state import State
 
 
@@ -54,11 +54,17 @@ def test_states_say_what_is_wrong():
 
 
 def test_scenarios_refuse_double_names_and_wrong_sizes():
-    cube = ObjectCfg(name="cube", shape="box", size=(0.1, 0.1, 0.1))
+    cube = ObjectCfg(name="cube", geoms=(GeomCfg(shape="box", size=(0.1, 0.1, 0.1), mass_kg=1.0),))
     with pytest.raises(ConfigError, match="names must be unique; used twice: cube"):
         ScenarioCfg(objects=(cube, cube))
-    with pytest.raises(ConfigError, match="Object 'ball': a sphere has 1 positive sizes, given"):
-        ObjectCfg(name="ball", shape="sphere", size=(0.1, 0.1))
+    with pytest.raises(ConfigError, match="A sphere has 1 positive sizes, given"):
+        GeomCfg(shape="sphere", size=(0.1, 0.1))
+    with pytest.raises(
+        ConfigError, match="Object 'ball' is free, so a geom of its root needs mass"
+    ):
+        ObjectCfg(name="ball", geoms=(GeomCfg(shape="sphere", size=(0.1,)),))
+    with pytest.raises(UnknownNameError, match="Unknown parent of link 'b' of object 'box' 'c'"):
+        ObjectCfg(name="box", links=(LinkCfg(name="b", geoms=(), parent="c"),), kind="fixed")
 
 
 def test_control_frequency():

@@ -9,7 +9,7 @@ import pytest
 
 import envs
 from envs.errors import ConfigError, UnknownNameError
-from envs.experts.rollout import ExpertRunner
+from envs.randomization import channel_rng
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +139,7 @@ def make(autoreset_mode):
 def play_to_the_end(env):
     """Env 0 follows the expert, env 1 holds; returns every step's result until env 0 is done."""
     env.reset(options={"episodes": env.split_indices[:2]})
-    plan = ExpertRunner(env).plan(0)
+    plan = env.task.planner.plan(env.get_states([0]), channel_rng(0, "expert", int(env.episodes[0])))
     hold = env.handler.get_states([1]).robots["franka"].joint_pos.numpy()[0]
     for target in plan:
         result = env.step(np.stack([target, hold]).astype(np.float32))

@@ -10,11 +10,12 @@ import torch
 from mujoco.batch import Batch, SimulationError
 from torch import Tensor
 
-from envs.errors import SimulatorError, unknown_name
+from envs.errors import ConfigError, SimulatorError, unknown_name
 from envs.handlers import RENDERERS
 from envs.handlers.base import MODALITIES, EnvIds, Handler, TextureSource
 from envs.handlers.mujoco.layout import EntityLayout, as_slice, block, layout_of
 from envs.handlers.mujoco.model import build_model
+from envs.handlers.mujoco.objects import rest_joints
 from envs.handlers.mujoco.render import Renderer, RenderJob
 from envs.scenario import Appearance, ScenarioCfg
 from envs.state import EntityState, State
@@ -70,6 +71,8 @@ class MujocoHandler(Handler):
         for robot, cfg in zip(self._layout.robots, self.scenario.robots, strict=True):
             self._qpos[:, robot.qpos] = cfg.default_qpos
             self._ctrl[:, robot.ctrl] = cfg.default_qpos
+        for layout, item in zip(self._layout.objects, self.scenario.objects, strict=True):
+            self._qpos[:, layout.qpos] = rest_joints(item)
         self._rests: dict[int, _Rest] = {}
         self._low, self._high = self.model.actuator_ctrlrange.T.copy()
         self._batch.forward(stage=_POSITION_STAGE)
@@ -85,7 +88,7 @@ class MujocoHandler(Handler):
             if index < num_robots:
                 robots[entity.name] = self._robot_state(entity, qpos, qvel, joints, speeds, targets, rows)
             else:
-                objects[entity.name] = self._object_state(entity, qpos, qvel, rows)
+                objects[entity.name] = self._object_state(entity, qpos, qvel, joints, speeds, rows)
         return State(robots, objects)
 
     def _robot_state(self, robot, qpos, qvel, joints, speeds, targets, rows) -> EntityState:
@@ -102,9 +105,11 @@ class MujocoHandler(Handler):
             ee_rot=torch.from_numpy(_quaternions(self._site_xmat[rows, robot.ee_site])),
         )
 
-    def _object_state(self, item: EntityLayout, qpos, qvel, rows) -> EntityState:
+    def _object_state(self, item: EntityLayout, qpos, qvel, joints, speeds, rows) -> EntityState:
         rest = self._rest(len(qpos))
-        none = rest.none
+        joint_pos, joint_vel = (
+            (qpos[:, joints], qvel[:, speeds]) if len(item.qpos) else (rest.none, rest.none)
+        )
         if item.root == "free":
             address, speed = item.root_qpos, item.root_qvel
             return EntityState(
@@ -112,22 +117,20 @@ class MujocoHandler(Handler):
                 rot=qpos[:, address + 3 : address + 7],
                 lin_vel=qvel[:, speed : speed + 3],
                 ang_vel=qvel[:, speed + 3 : speed + 6],
-                joint_pos=none,
-                joint_vel=none,
+                joint_pos=joint_pos,
+                joint_vel=joint_vel,
             )
-        pos, rot = rest.pos[item.name], rest.rot[item.name]
-        if item.root == "mocap":
-            pos = torch.from_numpy(self._mocap_pos[rows, item.mocap].copy())
-            rot = torch.from_numpy(self._mocap_quat[rows, item.mocap].copy())
-        return EntityState(pos, rot, rest.still, rest.still, none, none)
+        pos = torch.from_numpy(self._mocap_pos[rows, item.mocap].copy())
+        rot = torch.from_numpy(self._mocap_quat[rows, item.mocap].copy())
+        return EntityState(pos, rot, rest.still, rest.still, joint_pos, joint_vel)
 
     def _rest(self, count: int) -> "_Rest":
         """Returns what never changes, for ``count`` environments."""
         if count not in self._rests:
-            entities = [entity for entity, *_ in self._readers]
+            robots = self._layout.robots
             self._rests[count] = _Rest(
-                pos={e.name: torch.from_numpy(np.tile(e.pos, (count, 1))) for e in entities},
-                rot={e.name: torch.from_numpy(np.tile(e.rot, (count, 1))) for e in entities},
+                pos={e.name: torch.from_numpy(np.tile(e.pos, (count, 1))) for e in robots},
+                rot={e.name: torch.from_numpy(np.tile(e.rot, (count, 1))) for e in robots},
                 still=torch.zeros((count, 3), dtype=torch.float64),
                 none=torch.zeros((count, 0), dtype=torch.float64),
             )
@@ -154,12 +157,26 @@ class MujocoHandler(Handler):
         elif layout.root == "mocap":
             self._mocap_pos[rows, layout.mocap] = entity.pos
             self._mocap_quat[rows, layout.mocap] = entity.rot
+        if entity.joint_pos.shape[-1] != len(layout.qpos):
+            raise ConfigError(
+                f"'{layout.name}' has {len(layout.qpos)} joints; the state gives {entity.joint_pos.shape[-1]}."
+            )
         if len(layout.qpos):
             self._qpos[columns, layout.qpos] = entity.joint_pos
             self._qvel[columns, layout.qvel] = entity.joint_vel
         if len(layout.ctrl):
             target = entity.joint_pos if entity.joint_target is None else entity.joint_target
             self._ctrl[columns, layout.ctrl] = target
+
+    @override
+    def set_poses(self, poses: Mapping[str, tuple[Tensor, Tensor]], env_ids: EnvIds = None) -> None:
+        rows = slice(None) if env_ids is None else np.asarray(env_ids)
+        placed = {item.name: item for item in self._layout.objects if item.root == "mocap"}
+        for name, (pos, rot) in poses.items():
+            if name not in placed:
+                raise unknown_name("fixed object or marker", name, placed)
+            self._mocap_pos[rows, placed[name].mocap] = pos
+            self._mocap_quat[rows, placed[name].mocap] = rot
 
     @override
     def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:

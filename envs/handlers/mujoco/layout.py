@@ -10,8 +10,6 @@ from envs.scenario import ScenarioCfg
 
 Root = Literal["free", "fixed", "mocap"]
 
-_ROOTS: dict[str, Root] = {"free": "free", "fixed": "fixed", "marker": "mocap"}
-
 
 @dataclass(frozen=True, slots=True)
 class EntityLayout:
@@ -54,7 +52,6 @@ class Layout:
 
 def layout_of(model: mujoco.MjModel, scenario: ScenarioCfg) -> Layout:
     """Finds every robot and object of the scenario in its compiled model."""
-    none = np.zeros(0, np.intp)
     robots = []
     for robot in scenario.robots:
         joints = [model.joint(f"{robot.name}/{name}") for name in robot.joint_names]
@@ -76,19 +73,19 @@ def layout_of(model: mujoco.MjModel, scenario: ScenarioCfg) -> Layout:
     objects = []
     for item in scenario.objects:
         free = item.kind == "free"
-        body = model.body(item.name)
+        joints = [model.joint(f"{item.name}/{name}") for name in item.joint_names]
         objects.append(
             EntityLayout(
                 name=item.name,
-                root=_ROOTS[item.kind],
+                root="free" if free else "mocap",
                 root_qpos=int(model.joint(item.name).qposadr[0]) if free else -1,
                 root_qvel=int(model.joint(item.name).dofadr[0]) if free else -1,
-                mocap=int(body.mocapid[0]),
+                mocap=int(model.body(item.name).mocapid[0]),
                 pos=np.array(item.pos, np.float64),
                 rot=np.array(item.rot, np.float64),
-                qpos=none,
-                qvel=none,
-                ctrl=none,
+                qpos=np.array([joint.qposadr[0] for joint in joints], np.intp),
+                qvel=np.array([joint.dofadr[0] for joint in joints], np.intp),
+                ctrl=np.zeros(0, np.intp),
                 ee_site=-1,
             )
         )

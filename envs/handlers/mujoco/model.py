@@ -8,13 +8,11 @@ import mujoco
 import numpy as np
 
 from envs.assets import resolve
-from envs.errors import ConfigError
+from envs.errors import ConfigError, unknown_name
 from envs.handlers.mujoco.meshes import VISUAL_GROUP, simplify_visuals
+from envs.handlers.mujoco.objects import SCENE_GROUP, SHAPES, add_object
 from envs.rotations import look_at_matrix
-from envs.scenario import SURFACES, CameraCfg, ObjectCfg, PhysicsCfg, RobotCfg, ScenarioCfg
-
-SCENE_GROUP = 2
-"""Geom group of everything that is drawn and is not a robot."""
+from envs.scenario import SURFACES, CameraCfg, PhysicsCfg, RobotCfg, ScenarioCfg
 
 MAX_LIGHTS = 8
 """One distant light and an array of up to seven lamps."""
@@ -32,13 +30,6 @@ GRIPPER_PREFIX = "gripper/"
 MAX_FACES_PER_BODY = 2000
 """Visual triangles of one robot link. At 256 pixels the difference to 20,000 is below one grey level."""
 
-_SHAPES = {
-    "box": mujoco.mjtGeom.mjGEOM_BOX,
-    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
-    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
-    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
-}
-
 
 def build_model(scenario: ScenarioCfg, *, simplify: bool = True) -> mujoco.MjModel:
     """Compiles the scenario.
@@ -55,12 +46,12 @@ def build_model(scenario: ScenarioCfg, *, simplify: bool = True) -> mujoco.MjMod
     _add_surfaces(spec, scenario)
     for index in range(MAX_LIGHTS):
         spec.worldbody.add_light(name=f"light{index}", active=False, castshadow=index == 0)
-    for camera in scenario.cameras:
-        _add_camera(spec, camera)
     for robot in scenario.robots:
         _add_robot(spec, robot, simplify)
     for item in scenario.objects:
-        _add_object(spec, item)
+        add_object(spec, item)
+    for camera in scenario.cameras:
+        _add_camera(spec, camera)
     spec.add_material(name=OBJECT_MATERIAL)
     model = spec.compile()
     # Robots and objects keep their colours and share one material, which says how they reflect.
@@ -70,6 +61,7 @@ def build_model(scenario: ScenarioCfg, *, simplify: bool = True) -> mujoco.MjMod
 
 
 def _set_physics(spec: mujoco.MjSpec, physics: PhysicsCfg) -> None:
+    spec.compiler.degree = False
     option = spec.option
     option.timestep = physics.timestep_s
     option.gravity = physics.gravity
@@ -117,16 +109,16 @@ def _add_surfaces(spec: mujoco.MjSpec, scenario: ScenarioCfg) -> None:
     if table is not None:
         size = (*table.half_size, table.thickness_m / 2)
         centre = (table.pos[0], table.pos[1], table.pos[2] - table.thickness_m / 2)
-        world.add_geom(name="table_collision", type=_SHAPES["box"], size=size, pos=centre, group=0)
+        world.add_geom(name="table_collision", type=SHAPES["box"], size=size, pos=centre, group=0)
         top = world.add_body(name=TABLE_BODY, pos=centre, mocap=True)
         seen = {"contype": 0, "conaffinity": 0, "group": SCENE_GROUP, "material": "table"}
-        top.add_geom(name="table", type=_SHAPES["box"], size=size, **seen)
+        top.add_geom(name="table", type=SHAPES["box"], size=size, **seen)
         reach_x, reach_y = table.half_size[0] - 0.08, table.half_size[1] - 0.08
         leg = (table.height_m - table.thickness_m) / 2
         for sign_x in (-1, 1):
             for sign_y in (-1, 1):
                 top.add_geom(
-                    type=_SHAPES["box"],
+                    type=SHAPES["box"],
                     size=(0.04, 0.04, leg),
                     pos=(sign_x * reach_x, sign_y * reach_y, -leg - table.thickness_m / 2),
                     **seen,
@@ -138,7 +130,7 @@ def _add_walls(spec: mujoco.MjSpec, half: float, height: float, ground_z: float)
     for name, x, y in (("x+", 1, 0), ("x-", -1, 0), ("y+", 0, 1), ("y-", 0, -1)):
         spec.worldbody.add_geom(
             name=f"wall_{name}",
-            type=_SHAPES["box"],
+            type=SHAPES["box"],
             size=(thickness if x else half, thickness if y else half, height / 2),
             pos=(x * half, y * half, ground_z + height / 2),
             material="wall",
@@ -149,44 +141,25 @@ def _add_walls(spec: mujoco.MjSpec, half: float, height: float, ground_z: float)
 
 
 def _add_camera(spec: mujoco.MjSpec, camera: CameraCfg) -> None:
-    quat = np.zeros(4)
-    mujoco.mju_mat2Quat(quat, look_at_matrix(np.array(camera.pos), np.array(camera.look_at)).ravel())
-    spec.worldbody.add_camera(
+    body = spec.worldbody if camera.mount is None else spec.body(camera.mount)
+    if body is None:
+        names = [body.name for body in spec.bodies]
+        raise unknown_name(f"body that carries the camera '{camera.name}'", str(camera.mount), names)
+    body.add_camera(
         name=camera.name,
         pos=camera.pos,
-        quat=quat,
+        quat=camera_quat(camera),
         fovy=camera.fovy_deg,
         resolution=(camera.width, camera.height),
     )
 
 
-def _add_object(spec: mujoco.MjSpec, item: ObjectCfg) -> None:
-    size = (*item.size, 0.0, 0.0)[:3]
-    if item.kind == "marker":
-        body = spec.worldbody.add_body(name=item.name, pos=item.pos, quat=item.rot, mocap=True)
-        body.add_geom(
-            name=item.name,
-            type=_SHAPES[item.shape],
-            size=size,
-            rgba=item.rgba,
-            contype=0,
-            conaffinity=0,
-            group=SCENE_GROUP,
-        )
-        return
-    body = spec.worldbody.add_body(name=item.name, pos=item.pos, quat=item.rot)
-    if item.kind == "free":
-        body.add_freejoint(name=item.name)
-    body.add_geom(
-        name=item.name,
-        type=_SHAPES[item.shape],
-        size=size,
-        rgba=item.rgba,
-        mass=item.mass_kg,
-        friction=item.friction,
-        condim=4,
-        group=SCENE_GROUP,
-    )
+def camera_quat(camera: CameraCfg) -> np.ndarray:
+    """Returns the orientation of a camera in the frame of what carries it, wxyz."""
+    quat = np.zeros(4)
+    matrix = look_at_matrix(np.array(camera.pos), np.array(camera.look_at), camera.up)
+    mujoco.mju_mat2Quat(quat, matrix.ravel())
+    return quat
 
 
 def _add_robot(spec: mujoco.MjSpec, robot: RobotCfg, simplify: bool) -> None:

@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 
 from envs.handlers.base import TextureSource
-from envs.handlers.mujoco.model import MAX_LIGHTS, OBJECT_MATERIAL, TABLE_BODY, TEXTURE_SIZE
-from envs.rotations import from_yaw, look_at_matrix
+from envs.handlers.mujoco.model import MAX_LIGHTS, OBJECT_MATERIAL, TABLE_BODY, TEXTURE_SIZE, camera_quat
+from envs.rotations import from_yaw
 from envs.scenario import SURFACES, Appearance, CameraCfg, LightCfg, ScenarioCfg, SurfaceMaterial
 
 AMBIENT_FRACTION = 0.3
@@ -183,9 +183,8 @@ class Stage:
 
     def _set_camera(self, camera: CameraCfg) -> None:
         index = self.model.camera(camera.name).id
-        matrix = look_at_matrix(np.array(camera.pos), np.array(camera.look_at))
         self.model.cam_pos[index] = camera.pos
-        mujoco.mju_mat2Quat(self.model.cam_quat[index], matrix.ravel())
+        self.model.cam_quat[index] = camera_quat(camera)
 
 
 def texture_of(name: str | None, textures: TextureSource | None) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from envs.errors import SimulatorError
 from envs.handlers.mujoco.meshes import VISUAL_GROUP
-from envs.handlers.mujoco.model import SCENE_GROUP
+from envs.handlers.mujoco.objects import SCENE_GROUP
 from envs.handlers.mujoco.render import Renderer, RenderJob, Stage, metres_of_reversed_depth, texture_of
 from envs.scenario import SURFACES
 

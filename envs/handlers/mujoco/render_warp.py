@@ -12,7 +12,8 @@ import mujoco
 import numpy as np
 
 from envs.handlers.mujoco.meshes import VISUAL_GROUP
-from envs.handlers.mujoco.model import SCENE_GROUP, TEXTURE_SIZE
+from envs.handlers.mujoco.model import TEXTURE_SIZE
+from envs.handlers.mujoco.objects import SCENE_GROUP
 from envs.handlers.mujoco.render import Renderer, RenderJob, Stage, texture_of
 from envs.scenario import SURFACES
 

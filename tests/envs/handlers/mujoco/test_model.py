@@ -9,16 +9,16 @@ import pytest
 from envs.errors import ConfigError
 from envs.handlers.mujoco.layout import as_slice, block, layout_of
 from envs.handlers.mujoco.meshes import VISUAL_GROUP
-from envs.handlers.mujoco.model import MAX_LIGHTS, OBJECT_MATERIAL, SCENE_GROUP, build_model
+from envs.handlers.mujoco.model import MAX_LIGHTS, OBJECT_MATERIAL, build_model
+from envs.handlers.mujoco.objects import SCENE_GROUP
 from envs.robots.franka import FRANKA
-from envs.scenario import SURFACES, ObjectCfg, PhysicsCfg, ScenarioCfg
+from envs.scenario import SURFACES, GeomCfg, ObjectCfg, PhysicsCfg, ScenarioCfg
 from envs.tasks.pick_cube import PickCube
 
 SCENARIO = PickCube().scenario
 FIXED = ObjectCfg(
     name="post",
-    shape="cylinder",
-    size=(0.03, 0.2),
+    geoms=(GeomCfg(shape="cylinder", size=(0.03, 0.2)),),
     pos=(0.2, 0.1, 0.2),
     rot=(0.0, 0.0, 0.0, 1.0),
     kind="fixed",
@@ -101,7 +101,7 @@ def test_surfaces_have_materials_of_their_own_and_the_rest_share_one(model):
     assert model.geom("ground").matid[0] == model.material("ground").id
     shared = model.material(OBJECT_MATERIAL).id
     assert {int(model.geom(name).matid[0]) for name in ("cube", "goal", "post")} == {shared}
-    np.testing.assert_allclose(model.geom("cube").rgba, SCENARIO.object("cube").rgba)
+    np.testing.assert_allclose(model.geom("cube").rgba, SCENARIO.object("cube").geoms[0].rgba)
     assert all(model.texture(surface).nchannel[0] == 3 for surface in SURFACES)
 
 
@@ -170,11 +170,11 @@ def test_the_layout_finds_every_joint_in_the_scenarios_order(model, layout):
 
 def test_the_layout_knows_what_moves_how(model, layout):
     cube, goal, post = layout.objects
-    assert (cube.root, goal.root, post.root) == ("free", "mocap", "fixed")
+    assert (cube.root, goal.root, post.root) == ("free", "mocap", "mocap")
     assert cube.root_qpos == model.joint("cube").qposadr[0]
     assert cube.root_qvel == model.joint("cube").dofadr[0]
-    assert goal.mocap == model.body("goal").mocapid[0]
-    assert (goal.root_qpos, post.root_qpos, post.mocap, cube.mocap) == (-1, -1, -1, -1)
+    assert (goal.mocap, post.mocap) == (model.body("goal").mocapid[0], model.body("post").mocapid[0])
+    assert (goal.root_qpos, post.root_qpos, cube.mocap) == (-1, -1, -1)
     assert len(post.qpos) == len(post.ctrl) == 0
 
 

@@ -1,0 +1,122 @@
+"""What a scene is made of, as frozen data: no simulator, no file access, no mutation.
+
+Lengths are metres, masses kilograms, angles radians unless the name says ``_deg``, quaternions
+``(w, x, y, z)``, colours linear RGB in [0, 1].
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from envs.errors import ConfigError
+from envs.scenario.looks import SURFACES, Appearance, CameraCfg, LightCfg, SurfaceMaterial
+from envs.scenario.objects import GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg
+from envs.scenario.robots import JointCfg, RobotCfg
+from envs.scenario.units import IDENTITY, Quat, Rgba, Vec3
+
+__all__ = [
+    "IDENTITY",
+    "SURFACES",
+    "Appearance",
+    "CameraCfg",
+    "GeomCfg",
+    "JointCfg",
+    "LightCfg",
+    "LinkCfg",
+    "ObjectCfg",
+    "ObjectJointCfg",
+    "PhysicsCfg",
+    "Quat",
+    "Rgba",
+    "RobotCfg",
+    "RoomCfg",
+    "ScenarioCfg",
+    "SurfaceMaterial",
+    "TableCfg",
+    "Vec3",
+]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TableCfg:
+    """A table whose top is the plane z = ``pos[2]``.
+
+    Attributes:
+        pos: Centre of the top, m.
+        half_size: Half extents of the top in x and y, m.
+        thickness_m: Thickness of the top.
+        height_m: Height of the top above the ground.
+    """
+
+    pos: Vec3 = (0.0, 0.0, 0.0)
+    half_size: tuple[float, float] = (1.0, 1.0)
+    thickness_m: float = 0.05
+    height_m: float = 0.75
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RoomCfg:
+    """Four walls round the scene; the ground lies below the table.
+
+    Attributes:
+        half_size_m: Distance of each wall from the origin.
+        height_m: Height of the walls.
+    """
+
+    half_size_m: float = 3.0
+    height_m: float = 4.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PhysicsCfg:
+    """Time steps and gravity.
+
+    Attributes:
+        timestep_s: One physics step.
+        decimation: Physics steps per control step.
+        gravity: Acceleration, m/s².
+    """
+
+    timestep_s: float = 0.005
+    decimation: int = 10
+    gravity: Vec3 = (0.0, 0.0, -9.81)
+
+    @property
+    def control_hz(self) -> float:
+        """Control steps per second."""
+        return 1.0 / (self.timestep_s * self.decimation)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ScenarioCfg:
+    """A scene: what is in it, how it looks by default, and how time passes.
+
+    Attributes:
+        robots: Robots.
+        objects: Objects.
+        cameras: Cameras.
+        appearance: Default materials and lights (level 0).
+        table: The table, or None.
+        room: The walls, or None.
+        physics: Physics.
+        simulators: Simulator name to a block of settings that only it understands.
+    """
+
+    robots: tuple[RobotCfg, ...] = ()
+    objects: tuple[ObjectCfg, ...] = ()
+    cameras: tuple[CameraCfg, ...] = ()
+    appearance: Appearance = field(default_factory=Appearance)
+    table: TableCfg | None = field(default_factory=TableCfg)
+    room: RoomCfg | None = field(default_factory=RoomCfg)
+    physics: PhysicsCfg = field(default_factory=PhysicsCfg)
+    simulators: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        names = [item.name for item in (*self.robots, *self.objects)]
+        double = sorted({name for name in names if names.count(name) > 1})
+        if double:
+            raise ConfigError(f"A scenario's names must be unique; used twice: {', '.join(double)}.")
+
+    def object(self, name: str) -> ObjectCfg:
+        """Returns the object called ``name``."""
+        return next(item for item in self.objects if item.name == name)

@@ -1,0 +1,105 @@
+"""What changes a scene's pictures and not its physics: cameras, lights and materials."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from envs.scenario.units import Vec3
+
+SURFACES = ("table", "wall", "ground")
+"""The surfaces whose material the environment channel may change."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraCfg:
+    """A pinhole camera.
+
+    Attributes:
+        name: Its name; its picture is the observation ``observation.images.<name>``.
+        pos: Position in the frame of ``mount``, m.
+        look_at: The point in the middle of the picture, in the same frame, m.
+        fovy_deg: Vertical field of view, degrees.
+        width: Pixels.
+        height: Pixels.
+        mount: Body that carries it, such as ``"franka/gripper/eef"``; None is the world.
+        up: Direction that points up in the picture, in the same frame.
+        orbit_pos: Middle of the sphere on which the camera channel places it, m.
+        orbit_yaw_rad: Where azimuth 0 of that sphere is, about world z from +x: where the robot faces.
+    """
+
+    name: str
+    pos: Vec3
+    look_at: Vec3
+    fovy_deg: float = 45.0
+    width: int = 256
+    height: int = 256
+    mount: str | None = None
+    up: Vec3 = (0.0, 0.0, 1.0)
+    orbit_pos: Vec3 = (0.0, 0.0, 0.0)
+    orbit_yaw_rad: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LightCfg:
+    """A light.
+
+    Attributes:
+        kind: ``distant`` shines in parallel along ``direction``; ``area`` is a cylinder lamp at ``pos``.
+        pos: Position, m (a distant light's is only where it is drawn from).
+        direction: Where it shines to; need not be normalized.
+        color: Linear RGB.
+        intensity: Multiplies the colour.
+        radius_m: Radius of the lamp.
+        length_m: Length of the lamp, along world x.
+        cast_shadow: Whether it casts shadows.
+    """
+
+    kind: Literal["distant", "area"] = "distant"
+    pos: Vec3 = (0.0, 0.0, 4.0)
+    direction: Vec3 = (0.0, 0.0, -1.0)
+    color: Vec3 = (1.0, 1.0, 1.0)
+    intensity: float = 1.0
+    radius_m: float = 0.05
+    length_m: float = 1.0
+    cast_shadow: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SurfaceMaterial:
+    """How a surface looks.
+
+    Attributes:
+        texture: Name in the material library, or None for the plain colour.
+        rgb: Multiplies the texture.
+        size_m: Side of the square that one copy of the texture covers.
+        roughness: 0 is a mirror, 1 is chalk.
+        specular: Strength of highlights, 0 to 1.
+        metallic: 0 is a dielectric, 1 a metal.
+    """
+
+    texture: str | None = None
+    rgb: Vec3 = (1.0, 1.0, 1.0)
+    size_m: float = 1.0
+    roughness: float = 0.7
+    specular: float = 0.3
+    metallic: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Appearance:
+    """Everything of a scene that changes its pictures and not its physics: one draw of a level.
+
+    Attributes:
+        materials: Surface (of :data:`SURFACES`) to material.
+        cameras: Camera name to camera; replaces the scenario's of that name.
+        lights: All lights.
+        table_yaw_rad: Rotation of the table top about z.
+        object_reflection: ``(roughness, specular, metallic)`` of every object and robot, or None for
+            what the scenario says.
+    """
+
+    materials: Mapping[str, SurfaceMaterial] = field(default_factory=dict)
+    cameras: Mapping[str, CameraCfg] = field(default_factory=dict)
+    lights: tuple[LightCfg, ...] = ()
+    table_yaw_rad: float = 0.0
+    object_reflection: Vec3 | None = None

@@ -1,0 +1,83 @@
+"""Robots, as frozen data."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from envs.scenario.units import IDENTITY, Quat, Vec3
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class JointCfg:
+    """One controlled joint: its name in the robot's file, its actuator and where it rests.
+
+    Attributes:
+        name: Joint name in the robot's MJCF.
+        kp: Position gain, N·m/rad (N/m for a slide joint).
+        kd: Damping gain, N·m·s/rad (N·s/m).
+        force_limit: Largest actuator force, N·m (N).
+        range: Position limits, rad (m).
+        default: Rest position, rad (m).
+        flip: The file's axis is turned round, so that the joint's positive direction is ours.
+        damping: Passive damping that replaces the file's, or None to keep it.
+        armature: Rotor inertia that replaces the file's, or None to keep it.
+        frictionloss: Dry friction that replaces the file's, or None to keep it.
+    """
+
+    name: str
+    kp: float
+    kd: float
+    force_limit: float
+    range: tuple[float, float]
+    default: float
+    flip: bool = False
+    damping: float | None = None
+    armature: float | None = None
+    frictionloss: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RobotCfg:
+    """A robot: one MJCF file, an optional gripper attached to it, and its joints in our order.
+
+    Attributes:
+        name: Prefix of everything the robot brings into the scene.
+        mjcf: Asset reference, ``"package:path/inside/package.xml"``.
+        root: Body of ``mjcf`` that is attached to the world.
+        gripper_mjcf: Asset reference of the gripper, or None.
+        gripper_root: Body of the gripper's file that is attached.
+        gripper_mount: Body of the robot that carries the gripper.
+        joints: Controlled joints; this order is the order of every array of joints.
+        ee_site: Site that is called the end effector.
+        gripper_joints: Names of the joints, of ``joints``, that open and close the gripper.
+        pos: Base position in the world, m.
+        rot: Base orientation in the world, wxyz.
+        gravity_compensated: Gravity does not act on the robot's own links.
+    """
+
+    name: str
+    mjcf: str
+    root: str
+    joints: tuple[JointCfg, ...]
+    ee_site: str
+    gripper_mjcf: str | None = None
+    gripper_root: str | None = None
+    gripper_mount: str | None = None
+    gripper_joints: tuple[str, ...] = ()
+    pos: Vec3 = (0.0, 0.0, 0.0)
+    rot: Quat = IDENTITY
+    gravity_compensated: bool = True
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the controlled joints, in order."""
+        return tuple(joint.name for joint in self.joints)
+
+    @property
+    def default_qpos(self) -> tuple[float, ...]:
+        """Rest position of every joint, in order."""
+        return tuple(joint.default for joint in self.joints)
+
+    def with_home(self, qpos: Sequence[float]) -> "RobotCfg":
+        """Returns this robot with other rest positions, one per joint."""
+        joints = (replace(joint, default=rest) for joint, rest in zip(self.joints, qpos, strict=True))
+        return replace(self, joints=tuple(joints))

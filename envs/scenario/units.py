@@ -1,0 +1,10 @@
+"""What every part of a scenario is measured in: metres, kilograms, radians unless a name says ``_deg``."""
+
+Vec3 = tuple[float, float, float]
+Rgba = tuple[float, float, float, float]
+"""Linear colour in [0, 1], and opacity."""
+
+Quat = tuple[float, float, float, float]
+"""Unit quaternion (w, x, y, z)."""
+
+IDENTITY: Quat = (1.0, 0.0, 0.0, 0.0)

@@ -1,0 +1,66 @@
+"""What tasks of one arm at a table share: looks, camera, robot, and what their rewards measure."""
+
+import dataclasses
+
+import torch
+from torch import Tensor
+
+from envs.robots.franka import FRANKA
+from envs.scenario import Appearance, CameraCfg, LightCfg, PhysicsCfg, SurfaceMaterial
+from envs.state import EntityState
+
+GRASP_OPEN_M, GRASP_CLOSED_M = 0.04, 0.0
+"""Targets of each Franka finger."""
+
+STATIC_SPEED_RAD_S = 0.2
+"""ManiSkill 3's limit of every arm joint of a robot that is still (``agents/robots/panda/panda.py``)."""
+
+TABLETOP_LOOKS = Appearance(
+    materials={
+        "table": SurfaceMaterial(rgb=(0.55, 0.45, 0.36), roughness=0.8, specular=0.1),
+        "wall": SurfaceMaterial(rgb=(0.75, 0.75, 0.72), roughness=0.9, specular=0.0),
+        "ground": SurfaceMaterial(rgb=(0.45, 0.46, 0.48), roughness=0.9, specular=0.05),
+    },
+    lights=(LightCfg(kind="distant", direction=(-0.25, 0.15, -1.0), intensity=0.75, cast_shadow=True),),
+)
+
+FRONT_CAMERA = CameraCfg(name="front", pos=(1.299, 0.0, 0.75), look_at=(0.0, 0.0, 0.13), fovy_deg=23.0)
+"""The pose az+000-pol60 of the camera channel, at which the whole workspace fills the picture."""
+
+CONTROL_20_HZ = PhysicsCfg(timestep_s=0.002, decimation=25)
+
+FRANKA_AT_TABLE = dataclasses.replace(FRANKA, pos=(-0.615, 0.0, 0.0))
+"""Where ManiSkill 3 bolts the Panda to its table (``utils/scene_builder/table/scene_builder.py``)."""
+
+
+def ee_pos(robot: EntityState) -> Tensor:
+    """Returns the end effector's position, (N, 3)."""
+    assert robot.ee_pos is not None, "a simulator gives every robot's end effector"
+    return robot.ee_pos
+
+
+def arm_speed(robot: EntityState) -> Tensor:
+    """Returns the largest speed of an arm joint of a Franka, (N,), rad/s."""
+    return robot.joint_vel[:, :7].abs().amax(-1)
+
+
+def finger_gap(robot: EntityState) -> Tensor:
+    """Returns the distance between a Franka's fingertips, (N,), m."""
+    return robot.joint_pos[:, 7:9].sum(-1)
+
+
+def grips_something(robot: EntityState, min_gap_m: float) -> Tensor:
+    """Returns whether closing fingers are kept apart, (N,): targets below a gap of at least ``min_gap_m``."""
+    assert robot.joint_target is not None, "a simulator gives every robot's targets"
+    gap = finger_gap(robot)
+    return (robot.joint_target[:, 7:9].sum(-1) < gap - 0.005) & (gap > min_gap_m)
+
+
+def distance(a: Tensor, b: Tensor) -> Tensor:
+    """Returns the Euclidean distance of points (N, 3), (N,)."""
+    return torch.linalg.vector_norm(a - b, dim=-1)
+
+
+def nearness(distance_m: Tensor, scale: float = 5.0) -> Tensor:
+    """Returns ManiSkill's reward of being near, ``1 - tanh(scale * distance)``, in (0, 1]."""
+    return 1.0 - torch.tanh(scale * distance_m)
