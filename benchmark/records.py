@@ -146,6 +146,7 @@ class Result:
         seed: Seed of the training run.
         simulator: Physics.
         renderer: Pictures.
+        cameras: What the policy saw through, in order; empty where the file does not say.
         image_size: Pixels a side, or None for a policy that sees no pictures.
         checkpoint: Which checkpoint.
         dataset_hash: Hash of the training data, or None when nothing was trained.
@@ -171,6 +172,7 @@ class Result:
     seed: int
     simulator: str
     renderer: str
+    cameras: tuple[str, ...] = ()
     image_size: int | None
     checkpoint: Checkpoint = field(default_factory=Checkpoint)
     dataset_hash: str | None

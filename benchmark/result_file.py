@@ -123,6 +123,7 @@ def _to_document(result: Result) -> dict[str, Any]:
     values: dict[str, Any] = {item.name: getattr(result, item.name) for item in fields(Result)}
     values |= {
         "protocol": result.protocol.to_json(),
+        "cameras": list(result.cameras),
         "checkpoint": asdict(result.checkpoint),
         "git": asdict(result.git) if result.git else None,
         "machine": asdict(result.machine),
@@ -195,9 +196,10 @@ def _build(document: dict[str, Any], protocol: Protocol) -> Result:
             raise ResultError(f"episode {row['episode']} belongs to no cell of the file.")
         varied = {"channels": tuple(cell["channels"]), "not_shown": tuple(cell["not_shown"])}
         records.append(EpisodeRecord(**shared, **varied, **row, seed=protocol.seed))
-    values = {item.name: document[item.name] for item in fields(Result)}
+    values = {item.name: document[item.name] for item in fields(Result) if item.name in document}
     values |= {
         "protocol": protocol,
+        "cameras": tuple(document.get("cameras", ())),
         "checkpoint": Checkpoint(**document["checkpoint"]),
         "git": Git(**document["git"]) if document["git"] else None,
         "machine": Machine(**document["machine"]),

@@ -24,6 +24,7 @@ _DISTINGUISHING = {
     "train_only": "trained on {} alone",
     "demonstrations": "{} demonstrations",
     "training_steps": "{} steps",
+    "cameras": "seen by {}",
     "image_size": "{} px",
     "episodes_per_cell": "{} episodes a cell",
 }
@@ -36,6 +37,7 @@ def row_key(result: Result) -> dict[str, Any]:
         "policy": result.policy,
         "train_level": result.train_level,
         "train_only": result.train_only,
+        "cameras": " and ".join(result.cameras) or None,
         "image_size": result.image_size,
         "demonstrations": result.demonstrations,
         "training_steps": result.checkpoint.step,

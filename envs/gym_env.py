@@ -81,10 +81,15 @@ class RoboVerseEnv(gymnasium.Env):
         self.batch.close()
 
 
+def gym_id(task: str) -> str:
+    """Returns a task's name with Gymnasium, such as ``"RoboVerse/PickCube-v0"``; it knows one slash only."""
+    return f"RoboVerse/{task.replace('/', '-')}-v0"
+
+
 def register_envs() -> None:
-    """Registers ``RoboVerse/<task>-v0`` for every task with Gymnasium."""
+    """Registers every task with Gymnasium, as ``RoboVerse/<task>-v0``; see :func:`gym_id`."""
     for name in TASKS:
-        env_id = f"RoboVerse/{name}-v0"
+        env_id = gym_id(name)
         if env_id not in gymnasium.registry:
             gymnasium.register(
                 id=env_id,

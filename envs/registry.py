@@ -1,8 +1,8 @@
 """One registry for everything that has a name: tasks, simulators, renderers, robots."""
 
 import importlib
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 
 from envs.errors import MissingExtraError, unknown_name
 
@@ -17,6 +17,7 @@ class Entry[T]:
         tags: Free labels, for listing.
         extra: The optional extra of this distribution that the target needs, if any.
         summary: One line for listings.
+        info: Further facts for listings, by name; plain data, so that reading them imports nothing.
     """
 
     name: str
@@ -24,6 +25,7 @@ class Entry[T]:
     tags: frozenset[str] = frozenset()
     extra: str | None = None
     summary: str = ""
+    info: Mapping[str, str] = field(default_factory=dict)
 
 
 class Registry[T]:
@@ -45,11 +47,12 @@ class Registry[T]:
         tags: frozenset[str] | set[str] = frozenset(),
         extra: str | None = None,
         summary: str = "",
+        info: Mapping[str, str] | None = None,
     ) -> None:
         """Registers ``target`` under ``name``; a name can be taken only once."""
         if name in self._entries:
             raise ValueError(f"The {self.kind} '{name}' is registered already.")
-        self._entries[name] = Entry(name, target, frozenset(tags), extra, summary)
+        self._entries[name] = Entry(name, target, frozenset(tags), extra, summary, dict(info or {}))
 
     def decorate(self, name: str, **kwargs) -> Callable[[T], T]:
         """Registers the decorated object; see :meth:`add`."""

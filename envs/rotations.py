@@ -108,6 +108,30 @@ def to_matrix(q: Array) -> Array:
     return torch.stack(rows, dim=-2)
 
 
+def from_matrix(matrix: Array) -> Array:
+    """Returns unit quaternions (..., 4) of rotation matrices (..., 3, 3); their largest part is positive.
+
+    Of the four ways to write one, the best conditioned (Shepperd, "Quaternion from rotation matrix",
+    Journal of Guidance and Control 1, 1978).
+    """
+    (a, b, c), (d, e, f), (g, h, i) = ([matrix[..., row, col] for col in range(3)] for row in range(3))
+    ways = [
+        _stack([1 + a + e + i, h - f, c - g, d - b]),
+        _stack([h - f, 1 + a - e - i, b + d, c + g]),
+        _stack([c - g, b + d, 1 - a + e - i, f + h]),
+        _stack([d - b, c + g, f + h, 1 - a - e + i]),
+    ]
+    sizes = _stack([ways[index][..., index] for index in range(4)])
+    best = sizes.argmax(-1)[..., None, None]
+    if isinstance(matrix, np.ndarray):
+        q = np.take_along_axis(np.stack(ways, axis=-2), best, axis=-2)[..., 0, :]
+        return q / np.linalg.norm(q, axis=-1, keepdims=True)
+    import torch
+
+    q = torch.take_along_dim(torch.stack(ways, dim=-2), best, dim=-2)[..., 0, :]
+    return q / torch.linalg.vector_norm(q, dim=-1, keepdim=True)
+
+
 def look_at_matrix(pos: np.ndarray, target: np.ndarray, up: Sequence[float] = (0.0, 0.0, 1.0)) -> np.ndarray:
     """Returns the (3, 3) orientation of a camera at ``pos`` that looks at ``target``.
 

@@ -28,7 +28,7 @@ class EntityState:
         ang_vel: Angular velocity of the root in its own frame, (N, 3).
         joint_pos: Joint positions in the scenario's order, (N, J); J is 0 for a rigid object.
         joint_vel: Joint velocities, (N, J).
-        joint_target: Position targets of the controlled joints, (N, J); for a robot only.
+        joint_target: Position targets of the driven joints, (N, J) where all are; for a robot only.
         ee_pos: Position of the end effector, (N, 3); for a robot only, and ignored when a state is set.
         ee_rot: Orientation of the end effector, (N, 4); likewise.
     """
@@ -91,6 +91,14 @@ class State:
     def entities(self) -> dict[str, EntityState]:
         """Returns robots and objects by name."""
         return {**self.robots, **self.objects}
+
+    def to(self, device: torch.device | str, dtype: torch.dtype = torch.float64) -> "State":
+        """Returns the state on another device, in another precision; itself where nothing changes."""
+        device = torch.device(device)
+        positions = [entity.pos for entity in self.entities().values()]
+        if all(pos.device == device and pos.dtype == dtype for pos in positions):
+            return self
+        return State.unflatten({key: value.to(device, dtype) for key, value in self.flatten().items()})
 
     def select(self, env_ids) -> "State":
         """Returns the state of the environments ``env_ids`` only."""

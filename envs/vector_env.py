@@ -50,6 +50,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         simulator: Name of a simulator.
         renderer: Name of a renderer.
         observation: ``"pixels"`` (cameras and joint positions) or ``"state"`` (joints and objects).
+        cameras: Names of the cameras that are observed; none or None is the task's first.
         image_size: Height and width of every camera, or None for the scenario's.
         protocol_seed: Seeds every draw.
         materials: Folder of pictures that replace the built-in materials, or None.
@@ -69,6 +70,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         simulator: str = "mujoco",
         renderer: str = "warp",
         observation: Literal["pixels", "state"] = "pixels",
+        cameras: Sequence[str] | None = None,
         image_size: int | None = None,
         protocol_seed: int = 0,
         materials: str | None = None,
@@ -84,15 +86,12 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         self.num_envs, self.observation = num_envs, observation
         self.simulator, self.renderer = simulator, renderer
         self.channels, self.protocol_seed = channels_of(level, only), protocol_seed
-        scenario = self.task.scenario
-        if image_size is not None:
-            cameras = (dataclasses.replace(c, width=image_size, height=image_size) for c in scenario.cameras)
-            scenario = dataclasses.replace(scenario, cameras=tuple(cameras))
+        scenario = self.task.scenario.seen_by(cameras, image_size)
         library = MaterialLibrary.built_in() if materials is None else MaterialLibrary.from_folder(materials)
         self.split = load_split(split, library)
         self.randomizer = Randomizer(
             scenario.appearance,
-            scenario.cameras,
+            self.task.scenario.cameras,  # drawn for all, so that an episode does not depend on who looks
             channels=self.channels,
             split=self.split,
             seed=protocol_seed,
@@ -181,8 +180,19 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
 
     # -- episodes by index --------------------------------------------------------------------------
 
-    def reset_envs(self, env_ids: Sequence[int] | np.ndarray, episodes: Sequence[int] | np.ndarray) -> None:
+    def reset_envs(
+        self,
+        env_ids: Sequence[int] | np.ndarray,
+        episodes: Sequence[int] | np.ndarray,
+        states: State | None = None,
+    ) -> None:
         """Starts these episodes, one per environment.
+
+        Args:
+            env_ids: The environments.
+            episodes: Their episodes.
+            states: How they begin, one row each, instead of as the task draws it; what it does not name
+                begins as drawn.
 
         Raises:
             ConfigError: if an episode is not of this env's split.
@@ -190,7 +200,10 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         env_ids, episodes = np.asarray(env_ids), np.asarray(episodes)
         looks = [self.randomizer.appearance(int(episode)) for episode in episodes]
         rngs = [channel_rng(self.protocol_seed, "task", int(episode)) for episode in episodes]
-        states = self.task.initial_state(rngs)
+        drawn = self.task.initial_state(rngs)
+        if states is None:
+            states = drawn
+        states = State(drawn.robots | states.robots, drawn.objects | states.objects)
         order = np.argsort(env_ids)
         self.handler.set_states(states.select(order), env_ids[order])
         for row, (env_id, episode) in enumerate(zip(env_ids.tolist(), episodes.tolist(), strict=True)):
@@ -225,7 +238,8 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
             for camera, pictures in self.handler.render(None, ("rgb",), ids).items():
                 out[f"observation.images.{camera}"] = pictures["rgb"][back]
         else:
-            out["observation.environment_state"] = self.task.observe(states).numpy().astype(np.float32)[back]
+            known = self.task.observe(states).cpu().numpy().astype(np.float32)
+            out["observation.environment_state"] = known[back]
         return out
 
     def get_states(self, env_ids: Sequence[int] | np.ndarray | None = None) -> State:
@@ -239,8 +253,8 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         rows = slice(None) if env_ids is None else env_ids
         self.elapsed_steps[rows] += 1
         with torch.inference_mode():  # a third less time per operation, which counts with few environments
-            success = self.task.success(states).numpy()
-            reward = np.where(success, 1.0, self.task.reward(states).numpy())
+            success = self.task.success(states).cpu().numpy()
+            reward = np.where(success, 1.0, self.task.reward(states).cpu().numpy())
         truncated = (self.elapsed_steps[rows] >= self.task.max_episode_steps) & ~success
         return StepResult(reward, success, truncated, success)
 
@@ -305,7 +319,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
     def _gym_observation(self, states: State) -> dict[str, Any]:
         observation: dict[str, Any] = {"agent_pos": self._agent_pos(states)}
         if self.observation == "state":
-            observation["environment_state"] = self.task.observe(states).numpy().astype(np.float32)
+            observation["environment_state"] = self.task.observe(states).cpu().numpy().astype(np.float32)
             return observation
         jobs = self.handler.snapshot()
 
@@ -316,7 +330,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         return observation
 
     def _agent_pos(self, states: State) -> np.ndarray:
-        return states.robots[self._robot.name].joint_pos.numpy().astype(np.float32)
+        return states.robots[self._robot.name].joint_pos.cpu().numpy().astype(np.float32)
 
     def _info(self, success: np.ndarray) -> dict[str, Any]:
         present = np.ones(self.num_envs, bool)

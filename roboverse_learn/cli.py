@@ -64,7 +64,7 @@ def _dispatch(words: list[str]) -> int:
     if command not in texts.SUMMARIES:
         raise unknown_name("command", command, texts.SUMMARIES, "Start with: roboverse --help")
     if command == "list":
-        print(texts.listing())
+        print(texts.list_command([word for word in rest if word not in HELP]))
         return 0
     if command == "benchmark":
         return _benchmark(rest)

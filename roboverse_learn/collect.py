@@ -1,4 +1,7 @@
-"""``python roboverse_learn/collect.py task=PickCube``: demonstrations of the expert into a dataset."""
+"""``python roboverse_learn/collect.py task=PickCube``: demonstrations of the expert into a dataset.
+
+With ``source=<format> path=<file or folder>`` they are those of a file, replayed in our environment.
+"""
 
 import sys
 from pathlib import Path
@@ -6,15 +9,20 @@ from pathlib import Path
 if __name__ == "__main__":  # as a script: this folder's `data` or `run` must not hide other packages
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
+import contextlib
+import dataclasses
 import os
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from roboverse_learn.config import CollectConfig
 
 if TYPE_CHECKING:
     from roboverse_learn.data.collection import CollectionSummary
+    from roboverse_learn.data.importers.verdicts import ImportSummary
 
-SOURCE = "roboverse_learn.data.expert_source:make_expert_source"
+EXPERT_SOURCE = "roboverse_learn.data.expert_source:make_expert_source"
+IMPORT_SOURCE = "roboverse_learn.data.importers.import_source:make_import_source"
 
 
 def collect(config: CollectConfig) -> Any:
@@ -33,9 +41,10 @@ def dataset_folder(config: CollectConfig) -> Path:
     if config.dataset:
         return Path(config.dataset)
     varied = f"{config.only}-alone" if config.only else f"level{config.level}"
-    name = (
-        f"{varied}-{config.simulator}-{config.renderer}-{config.image_size}px-{config.collect.num_demos}demos"
-    )
+    size, demos = f"{config.image_size}px", f"{config.collect.num_demos}demos"
+    name = "-".join([varied, config.simulator, config.renderer, *config.cameras, size, demos])
+    if config.source != "expert":
+        name += f"-{config.source}-{Path(config.path).name.partition('.')[0]}-by-{config.replay}"
     options = [f"{key}={value}" for key, value in sorted(config.task_kwargs.items())]
     options += [Path(config.materials).name] if config.materials else []
     return Path(config.datasets_dir) / config.task / "-".join([name, *options])
@@ -43,42 +52,89 @@ def dataset_folder(config: CollectConfig) -> Path:
 
 def collect_dataset(config: CollectConfig) -> "CollectionSummary":
     """Makes sure that the dataset of a configuration is complete, with a progress bar."""
-    from rich import progress
+    if config.source == "expert":
+        return _collect_episodes(config, None)
+    from roboverse_learn.data.importers.verdicts import write_summary
 
+    imported = _judge(config)
+    summary = _collect_episodes(config, imported)
+    write_summary(Path(summary.root), imported)
+    return dataclasses.replace(summary, imported=imported)
+
+
+def _judge(config: CollectConfig) -> "ImportSummary":
+    """Replays every demonstration of a file without pictures, which tells which of them to collect."""
+    import envs
+    from roboverse_learn.data.importers.verdicts import judge, known_summary
+
+    conditions = {key: getattr(config, key) for key in ("task", "task_kwargs", "simulator")}
+    given = {"source": config.source, "path": Path(config.path), "replay": config.replay}
+    known = known_summary(dataset_folder(config), **given, conditions=conditions)
+    if known is not None:
+        return known
+    env = envs.make_vec(**conditions, num_envs=config.collect.num_envs, split="train")
+    with contextlib.closing(env), _bar("replaying") as show:
+        return judge(
+            **given, env=env, conditions=conditions, on_progress=lambda done, known: show(done, known, "")
+        )
+
+
+def _collect_episodes(config: CollectConfig, imported: "ImportSummary | None") -> "CollectionSummary":
     from envs.randomization.splits import load_split
     from roboverse_learn.data.collection import CollectionConfig, CollectionProgress
     from roboverse_learn.data.collection import collect as collect_episodes
 
-    keys = ("task", "task_kwargs", "level", "only", "simulator", "renderer", "image_size")
+    keys = ("task", "task_kwargs", "level", "only", "simulator", "renderer", "cameras", "image_size")
     scene = {key: getattr(config, key) for key in keys} | {"materials": config.materials or None}
+    kwargs: dict[str, Any] = scene | {"num_envs": config.collect.num_envs}
+    source, settings, target = EXPERT_SOURCE, scene, config.collect.num_demos
+    candidates = [int(index) for index in load_split("train").episodes]
+    if imported is not None:
+        passing = imported.chosen()
+        source, candidates = IMPORT_SOURCE, [verdict.episode for verdict in passing]
+        settings, target = scene | imported.identity(), min(target, len(passing))
+        kwargs |= imported.identity() | {
+            "root": str(Path(config.path) if Path(config.path).is_dir() else Path(config.path).parent),
+            "demonstrations": {str(verdict.episode): (verdict.file, verdict.name) for verdict in passing},
+        }
     features, fps, robot = dataset_layout(config)
     collection = CollectionConfig(
         root=dataset_folder(config),
-        num_episodes=config.collect.num_demos,
-        candidates=[int(index) for index in load_split("train").episodes],
-        source=SOURCE,
-        source_kwargs=scene | {"num_envs": config.collect.num_envs},
+        num_episodes=target,
+        candidates=candidates,
+        source=source,
+        source_kwargs=kwargs,
         fps=fps,
         features=features,
         robot_type=robot,
-        num_workers=config.collect.num_workers or len(os.sched_getaffinity(0)),
-        settings=scene,
+        num_workers=min(config.collect.num_workers or len(os.sched_getaffinity(0)), len(candidates)),
+        settings=settings,
+        fewer_ok=imported is not None,
     )
+    with _bar("collecting") as show:
+
+        def report(now: CollectionProgress) -> None:
+            text = f"{100 * now.success_rate:.1f} % succeed, {now.frames_per_s:.0f} frames/s"
+            show(now.num_episodes, target, text)
+
+        return collect_episodes(collection, report)
+
+
+@contextlib.contextmanager
+def _bar(what: str) -> Iterator[Callable[[int, int, str], None]]:
+    """Shows a progress bar; yields what is called with the number done, the number in all, and words."""
+    from rich import progress
+
     with progress.Progress(
-        progress.TextColumn("collecting"),
+        progress.TextColumn(what),
         progress.BarColumn(),
         progress.MofNCompleteColumn(),
         progress.TextColumn("{task.description}"),
         progress.TimeElapsedColumn(),
         progress.TimeRemainingColumn(),
     ) as bar:
-        task = bar.add_task("", total=config.collect.num_demos)
-
-        def show(now: CollectionProgress) -> None:
-            text = f"{100 * now.success_rate:.1f} % succeed, {now.frames_per_s:.0f} frames/s"
-            bar.update(task, completed=now.num_episodes, description=text)
-
-        return collect_episodes(collection, show)
+        task = bar.add_task("", total=None)
+        yield lambda done, total, text: bar.update(task, completed=done, total=total, description=text)
 
 
 def dataset_layout(config: CollectConfig) -> tuple[dict[str, Any], int, str]:
@@ -87,10 +143,9 @@ def dataset_layout(config: CollectConfig) -> tuple[dict[str, Any], int, str]:
     from roboverse_learn.data.schema import make_features
 
     task = TASKS.get(config.task)(**config.task_kwargs)
-    scenario = task.scenario
+    scenario = task.scenario.seen_by(config.cameras, config.image_size)
     robot = scenario.robots[0]
-    size = (config.image_size, config.image_size)
-    cameras = {camera.name: size for camera in scenario.cameras}
+    cameras = {camera.name: (camera.height, camera.width) for camera in scenario.cameras}
     features = make_features(robot.joint_names, task.controller.names, cameras)
     return features, round(scenario.physics.control_hz), robot.name
 

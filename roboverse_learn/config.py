@@ -13,6 +13,8 @@ from roboverse_learn.training.config import TrainConfig
 
 Channel = Literal["environment", "camera", "lighting"]
 Split = Literal["train", "test"]
+Source = Literal["expert", "maniskill", "robosuite", "roboverse"]
+Replay = Literal["states", "controls"]
 
 
 def _positive(**values: float) -> None:
@@ -95,6 +97,7 @@ class SceneKeys:
         preset: Named set of values from ``configs/preset``.
         simulator: Registered simulator.
         renderer: Registered renderer.
+        cameras: Cameras that are observed, as in cameras=[front,wrist]; empty takes the task's first.
         image_size: Height and width of every picture, pixels.
         level: Level of the demonstrations, hence of training.
         only: One channel to vary alone in the demonstrations, in place of the level.
@@ -107,6 +110,7 @@ class SceneKeys:
     preset: str = "full"
     simulator: str = "mujoco"
     renderer: str = "warp"
+    cameras: tuple[str, ...] = ()
     image_size: int = 256
     level: int = 0
     only: Channel | None = None
@@ -121,15 +125,32 @@ class SceneKeys:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CollectConfig(SceneKeys):
-    """``roboverse collect``: demonstrations of the expert into a LeRobot dataset.
+    """``roboverse collect``: demonstrations of the expert, or of a file, into a LeRobot dataset.
 
     Attributes:
+        source: Where demonstrations come from: the task's expert, or files of this format in ``path``.
+        path: File of demonstrations, or a folder of them; of files, num_demos is the most that is taken.
+        replay: How a file's demonstrations become ours: by recorded states, or by controls in our physics.
         dataset: Folder of the dataset; empty for one named after the configuration.
         collect: How demonstrations are collected.
     """
 
+    source: Source = "expert"
+    path: str = ""
+    replay: Replay = "states"
     dataset: str = ""
     collect: DemonstrationConfig = field(default_factory=DemonstrationConfig)
+
+    def __post_init__(self) -> None:
+        # Not super(): a dataclass with slots is another class than the one that super() would look at.
+        SceneKeys.__post_init__(self)
+        if self.source == "expert" and self.path:
+            raise ConfigError(
+                f"path={self.path} was given, and source=expert reads no file. Name its format, as in "
+                "source=maniskill."
+            )
+        if self.source != "expert" and not self.path:
+            raise ConfigError(f"source={self.source} needs path=<file or folder>.")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -174,6 +195,7 @@ class EvaluateConfig:
         preset: Named set of values from ``configs/preset``.
         simulator: Registered simulator; empty for that of the demonstrations.
         renderer: Registered renderer; empty for that of the demonstrations.
+        cameras: Cameras that are observed; empty for those of the demonstrations.
         image_size: Height and width of every picture, pixels; 0 for that of the demonstrations.
         device: ``auto``, ``cpu``, ``cuda``.
         results_dir: Folder of results and of the leaderboard.
@@ -186,6 +208,7 @@ class EvaluateConfig:
     preset: str = "full"
     simulator: str = ""
     renderer: str = ""
+    cameras: tuple[str, ...] = ()
     image_size: int = 0
     device: str = "auto"
     results_dir: str = "results"

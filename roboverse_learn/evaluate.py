@@ -109,10 +109,12 @@ def _run_cells(
             split=cell.split,
             simulator=subject.simulator,
             renderer=subject.renderer,
+            cameras=subject.cameras,
             image_size=subject.image_size,
             protocol_seed=protocol.seed,
             task_kwargs=subject.task_kwargs,
         )
+        facts.update(cameras=env.camera_names)
         facts.update(max_episode_steps=env.task.max_episode_steps, control_hz=float(env.control_hz))
         return env
 
@@ -142,6 +144,7 @@ def _run_cells(
         seed=subject.seed,
         simulator=subject.simulator,
         renderer=subject.renderer,
+        cameras=facts["cameras"],
         image_size=subject.image_size,
         checkpoint=checkpoint,
         dataset_hash=subject.dataset_hash,

@@ -3,11 +3,13 @@
 import importlib
 import inspect
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import is_dataclass
+from pathlib import Path
 from typing import Any
 
 import policies
+from envs.errors import unknown_name
 from roboverse_learn.compose import COMMANDS, default_values, flat_keys, policy_config, preset_names
 
 SUMMARIES = {
@@ -16,7 +18,7 @@ SUMMARIES = {
     "evaluate": "evaluate a checkpoint over levels and splits",
     "leaderboard": "write tables, plots and the page from the result files",
     "benchmark": "measure the speed of the parts, each against its reference",
-    "list": "list tasks, policies, simulators, renderers, robots and presets",
+    "list": "list tasks with all facts, policies, simulators, renderers, robots and presets",
 }
 
 EXAMPLES = {
@@ -68,11 +70,15 @@ def command_help(command: str, policy: str = "act") -> str:
     return "\n\n".join(parts)
 
 
-def listing() -> str:
-    """Returns the text of ``roboverse list``."""
+def listing(datasets_dir: str | None = None) -> str:
+    """Returns what has a name; with a folder of datasets, with all facts of the tasks.
+
+    Args:
+        datasets_dir: Where demonstrations are counted, or None for names and summaries alone.
+    """
     handlers = importlib.import_module("envs.handlers")
+    tasks = importlib.import_module("roboverse_learn.task_list")
     kinds = {
-        "Tasks": importlib.import_module("envs.tasks").TASKS,
         "Simulators": handlers.HANDLERS,
         "Renderers": handlers.RENDERERS,
         "Robots": importlib.import_module("envs.robots").ROBOTS,
@@ -82,8 +88,24 @@ def listing() -> str:
     }
     sections["Policies"] = [(name, policies.summary(name)) for name in policies.names()]
     sections["Presets"] = [(name, PRESETS.get(name, "")) for name in preset_names()]
-    order = ("Tasks", "Policies", "Simulators", "Renderers", "Robots", "Presets")
-    return "\n".join(f"{kind}:\n{_rows(sections[kind])}" for kind in order)
+    shown = tasks.tasks_in_short() if datasets_dir is None else tasks.tasks_in_detail(Path(datasets_dir))
+    order = ("Policies", "Simulators", "Renderers", "Robots", "Presets")
+    return "\n".join([f"Tasks:\n{shown}", *(f"{kind}:\n{_rows(sections[kind])}" for kind in order)])
+
+
+def list_command(words: Sequence[str]) -> str:
+    """Returns the text of ``roboverse list [datasets_dir=<folder>]``.
+
+    Raises:
+        UnknownNameError: if another key is given.
+    """
+    folder = "datasets"
+    for word in words:
+        key, _, value = word.partition("=")
+        if key != "datasets_dir":
+            raise unknown_name("key of list", key, ("datasets_dir",))
+        folder = value or folder
+    return listing(folder)
 
 
 PRESETS = {

@@ -11,10 +11,12 @@ from rich.text import Text
 if TYPE_CHECKING:
     from benchmark.records import CellSummary
     from roboverse_learn.data.collection import CollectionSummary
+    from roboverse_learn.data.importers.verdicts import ImportSummary
     from roboverse_learn.evaluate import Evaluation
     from roboverse_learn.training.reporter import TrainResult
 
 _SHOWN_VIDEOS = 8
+_SHOWN_SKIPPED = 20
 
 
 def train_report(
@@ -102,10 +104,32 @@ def _rate(cell: "CellSummary") -> str:
 
 
 def _collected(dataset: "CollectionSummary") -> Text:
+    if dataset.imported is not None:
+        return _imported(dataset, dataset.imported)
     return Text(
         f"Collected {dataset.num_episodes} demonstrations; the expert succeeded in "
         f"{100 * dataset.success_rate:.1f} % of {dataset.num_attempts} episodes."
     )
+
+
+def _imported(dataset: "CollectionSummary", imported: "ImportSummary") -> Text:
+    """How many demonstrations pass each replay, which of them the dataset is of, and what was skipped."""
+    lines = [
+        f"Read {len(imported.read)} demonstrations of {imported.source}: {imported.count('states')} of "
+        f"{imported.num_with_states} pass by states, {imported.count('controls')} of {len(imported.read)} by "
+        f"controls. Imported {dataset.num_episodes} by {imported.replay}."
+    ]
+    if imported.num_with_states and imported.num_said:
+        lines.append(
+            f"By states, our checker agrees with {imported.num_agreeing} of the {imported.num_said} outcomes "
+            "that the files name."
+        )
+    if imported.skipped:
+        lines.append(f"Skipped {len(imported.skipped)}:")
+    lines += [f"  {v.file} {v.name}".rstrip() + f": {v.error}" for v in imported.skipped[:_SHOWN_SKIPPED]]
+    if len(imported.skipped) > _SHOWN_SKIPPED:
+        lines.append(f"  … and {len(imported.skipped) - _SHOWN_SKIPPED} more, named in meta/import.json")
+    return Text("\n".join(lines))
 
 
 def _evaluation_paths(evaluation: "Evaluation", board: Mapping[str, Path]) -> dict[str, Any]:

@@ -21,6 +21,7 @@ class Subject:
         task_kwargs: Options of the task.
         simulator: Physics.
         renderer: Pictures.
+        cameras: Cameras that are observed; empty is the task's first.
         image_size: Pixels a side.
         device: Torch device.
         train_level: Level of the demonstrations; None where unknown or where one channel varied alone.
@@ -42,6 +43,7 @@ class Subject:
     train_only: str | None = None
     seed: int = 0
     task_kwargs: dict[str, Any] = field(default_factory=dict)
+    cameras: tuple[str, ...] = ()
     dataset_hash: str | None = None
     demonstrations: int | None = None
     config: dict[str, Any] = field(default_factory=dict)
@@ -82,6 +84,7 @@ def subject_of(config: EvaluateConfig) -> Subject:
         "task_kwargs": config.task_kwargs or trained.task_kwargs,
         "simulator": config.simulator or trained.simulator,
         "renderer": config.renderer or trained.renderer,
+        "cameras": config.cameras or trained.cameras,
         "image_size": config.image_size or trained.image_size,
     }
     changed = [_in_name(value) for key, value in differs.items() if value != getattr(trained, key)]
@@ -120,6 +123,7 @@ def subject_of_run(folder: Path, config: TrainRunConfig, checkpoint: Path) -> Su
         task_kwargs=config.task_kwargs,
         simulator=config.simulator,
         renderer=config.renderer,
+        cameras=config.cameras,
         image_size=config.image_size,
         device=resolve_device(config.device),
         train_level=None if config.only else config.level,
@@ -145,9 +149,10 @@ def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
         )
     values = read_json(checkpoint / CONFIG)
     sizes = _image_sizes(checkpoint / CONFIG, values)
-    if not config.image_size and len(sizes) != 1:
+    if not config.image_size and len(set(sizes.values())) != 1:
         raise ConfigError(
-            f"Checkpoint '{checkpoint}' has images of sizes {sorted(sizes)}: add image_size=<pixels>."
+            f"Checkpoint '{checkpoint}' has images of sizes {sorted(set(sizes.values()))}: "
+            "add image_size=<pixels>."
         )
     base = re.sub(r"[^A-Za-z0-9._+=-]+", "-", checkpoint.absolute().parent.name).strip("-.") or "checkpoint"
     return Subject(
@@ -157,7 +162,8 @@ def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
         task_kwargs=config.task_kwargs,
         simulator=config.simulator or "mujoco",
         renderer=config.renderer or "warp",
-        image_size=config.image_size or sizes.pop(),
+        cameras=config.cameras or tuple(sizes),
+        image_size=config.image_size or set(sizes.values()).pop(),
         device=resolve_device(config.device),
         config={"command": to_values(config), "policy": values},
     )
@@ -177,15 +183,16 @@ def _check_whole(checkpoint: Path) -> None:
         raise PolicyError(f"Checkpoint '{checkpoint}' cannot be evaluated: {error}") from error
 
 
-def _image_sizes(path: Path, values: dict[str, Any]) -> set[int]:
-    """The widths of the pictures that a policy's configuration names, pixels."""
+def _image_sizes(path: Path, values: dict[str, Any]) -> dict[str, int]:
+    """The cameras that a policy's configuration names, and the widths of their pictures, pixels."""
     from policies import PolicyError
 
+    prefix = "observation.images."
     try:
         return {
-            int(feature["shape"][-1])
+            key.removeprefix(prefix): int(feature["shape"][-1])
             for key, feature in values["input_features"].items()
-            if key.startswith("observation.images.")
+            if key.startswith(prefix)
         }
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise PolicyError(f"'{path}' does not say which pictures its policy takes: {error!r}.") from error

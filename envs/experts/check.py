@@ -1,18 +1,22 @@
 """How often the expert succeeds, and how smoothly.
 
 ``python -m envs.experts.check --task PickCube --episodes 1000`` rolls the expert out in the first episodes
-of each split, without pictures, and prints one line per split.
+of each split, without pictures, and prints one line per split; ``--record`` writes the outcome to
+``envs/tasks/experts.json``, which listings and pages read.
 """
 
 import argparse
 import logging
+import shlex
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from envs.errors import ConfigError, RoboVerseError
+from envs.experts.record import RECORDS, ExpertRecord, SplitRecord, git_sha, write_record
 from envs.experts.rollout import Rollout, rollout
 from envs.randomization.splits import SPLITS
 from envs.vector_env import RoboVerseVectorEnv
@@ -40,6 +44,12 @@ class ExpertReport:
     def success_rate(self) -> float:
         """Share of episodes that were solved, in [0, 1]."""
         return 1.0 - len(self.failures) / self.num_episodes
+
+
+    @property
+    def summary(self) -> SplitRecord:
+        """The figures that are kept."""
+        return SplitRecord(self.num_episodes, round(self.success_rate, 4), round(self.mean_steps, 1))
 
 
 def summarize(rollouts: Iterable[Rollout], arm: Sequence[int]) -> ExpertReport:
@@ -99,11 +109,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--episodes", type=int, default=1000, help="episodes of each split")
     parser.add_argument("--split", choices=SPLITS, help="one split alone")
     parser.add_argument("--num-envs", type=int, default=64, help="environments stepped at once")
+    parser.add_argument(
+        "--record", type=Path, nargs="?", const=RECORDS, help="file to note the outcome in (%(const)s)"
+    )
     args = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
+    measured = {}
     try:
         for split in SPLITS if args.split is None else (args.split,):
             report = check_expert(args.task, split, args.episodes, num_envs=args.num_envs)
+            measured[split] = report.summary
             solved = report.num_episodes - len(report.failures)
             logger.info(
                 "%s %s: %.2f %% success (%d of %d episodes), %.1f steps on average, "
@@ -117,10 +132,19 @@ def main(argv: Sequence[str] | None = None) -> int:
                 report.largest_step_rad,
                 ", ".join(map(str, report.failures)) or "none",
             )
+        if args.record is not None:
+            words = (sys.argv[1:] if argv is None else argv)
+            command = shlex.join(["python", "-m", "envs.experts.check", *_public(words)])
+            write_record(args.task, ExpertRecord(measured, command, git_sha()), args.record)
     except RoboVerseError as error:
         logger.error("%s", error)
         return 2
     return 0
+
+
+def _public(words: Sequence[str]) -> list[str]:
+    """The words of a command without a machine's folders."""
+    return [Path(word).name if word.startswith(("/", "~")) else word for word in words]
 
 
 if __name__ == "__main__":

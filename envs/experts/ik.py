@@ -1,10 +1,13 @@
 """Joint targets for a path of the end effector, by mink's differential inverse kinematics."""
 
 from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import mink
 import mujoco
 import numpy as np
+import torch
 
 from envs.experts.waypoints import Waypoint, interpolate
 from envs.handlers.mujoco.layout import layout_of
@@ -14,10 +17,18 @@ from envs.scenario import RobotCfg, ScenarioCfg
 from envs.state import State
 from envs.tasks.base import Task
 
+if TYPE_CHECKING:
+    from envs.experts.batched_ik import BatchedPathFollower
+
 ITERATIONS_PER_STEP = 3
 """Differential steps per control step; a path of 5 cm per step is then followed within 1 mm."""
 
 DAMPING = 1e-3
+ORIENTATION_COST = 0.3
+"""Metres that a radian is worth: 1° is as bad as 5 mm."""
+
+POSTURE_COST = 5e-3
+"""Pull towards the rest posture, which decides what the end effector leaves open."""
 
 
 class WaypointPlanner:
@@ -42,6 +53,27 @@ class WaypointPlanner:
         start = robot.joint_pos if robot.joint_target is None else robot.joint_target
         return self._follower.joint_targets(start[0].numpy(), waypoints).astype(np.float32)
 
+    def plan_batch(self, state: State, rngs: Sequence[np.random.Generator]) -> list[np.ndarray]:
+        """Returns the plans of all rows of ``state``; see :class:`envs.experts.planner.BatchPlanner`."""
+        robot = state.robots[self._robot.name]
+        ways = [self._task.expert(state.select([row]), rng) for row, rng in enumerate(rngs)]
+        plans = [np.zeros((0, len(self._robot.joints)), np.float32)] * len(ways)
+        asked = [row for row, way in enumerate(ways) if way]
+        if asked:
+            start = robot.joint_pos if robot.joint_target is None else robot.joint_target
+            found = self._batched.joint_targets(start[asked].numpy(), [ways[row] for row in asked])
+            targets = found.targets.cpu().numpy().astype(np.float32)
+            for place, row in enumerate(asked):
+                plans[row] = targets[place, : found.lengths[place]]
+        return plans
+
+    @cached_property
+    def _batched(self) -> "BatchedPathFollower":
+        from envs.experts.batched_ik import BatchedPathFollower
+
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+        return BatchedPathFollower(self._robot, self._task.scenario.physics.control_hz, device)
+
 
 class PathFollower:
     """Turns waypoints into joint targets for one robot.
@@ -63,10 +95,10 @@ class PathFollower:
             frame_name=self._site,
             frame_type="site",
             position_cost=1.0,
-            orientation_cost=0.3,
+            orientation_cost=ORIENTATION_COST,
             lm_damping=DAMPING,
         )
-        self._posture = mink.PostureTask(self._model, cost=5e-3)
+        self._posture = mink.PostureTask(self._model, cost=POSTURE_COST)
         self._limits = [mink.ConfigurationLimit(self._model)]
         self._down = self._site_pose(np.array(robot.default_qpos)).rotation().wxyz
 

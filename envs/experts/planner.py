@@ -1,6 +1,7 @@
 """The interface between an expert and the rollout that follows it."""
 
-from typing import Protocol
+from collections.abc import Sequence
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -15,4 +16,13 @@ class Planner(Protocol):
 
         It is asked again from the state in which they end, until the task is solved or its time is over.
         """
+        ...
+
+
+@runtime_checkable
+class BatchPlanner(Planner, Protocol):
+    """A planner that is faster with many states at once."""
+
+    def plan_batch(self, state: State, rngs: Sequence[np.random.Generator]) -> list[np.ndarray]:
+        """Returns the next actions (T, A) from each row of ``state``: :meth:`plan`'s, up to rounding."""
         ...

@@ -106,13 +106,15 @@ class ExpertRunner:
         if recording.steps_left == 0:
             return False
         if not recording.plan:
-            recording.plan.extend(self._planner.plan(self._env.get_states([env_id]), recording.rng))
+            state = self._env.get_states([env_id]).to("cpu")
+            recording.plan.extend(self._planner.plan(state, recording.rng))
         if not recording.plan and recording.success:
             recording.plan.append(recording.actions[-1])
         return bool(recording.plan)
 
     def _note_states(self, recordings: list[_Recording], env_ids: np.ndarray) -> None:
-        flat = {key: value.numpy() for key, value in self._env.get_states(env_ids).flatten().items()}
+        states = self._env.get_states(env_ids).to("cpu")
+        flat = {key: value.numpy() for key, value in states.flatten().items()}
         for row, env_id in enumerate(env_ids):
             recordings[env_id].states.append({key: value[row] for key, value in flat.items()})
 
@@ -136,4 +138,9 @@ class ExpertRunner:
 
 def rollout(env: RoboVerseVectorEnv, episodes: Sequence[int]) -> Iterator[Rollout]:
     """Yields the expert's rollouts of these episodes, in order."""
-    yield from ExpertRunner(env).rollout(episodes)
+    if env.handler.steps_together:
+        from envs.experts.batched_rollout import BatchedExpertRunner
+
+        yield from BatchedExpertRunner(env).rollout(episodes)
+    else:
+        yield from ExpertRunner(env).rollout(episodes)

@@ -54,6 +54,15 @@ def grasp_yaw(object_yaw: float, symmetry_rad: float = np.pi / 2) -> float:
     return float((object_yaw + symmetry_rad / 2) % symmetry_rad - symmetry_rad / 2)
 
 
+def miss(rng: np.random.Generator, *, often_m: float = 0.015, seldom_m: float = 0.05) -> float:
+    """Draws by how much, as a standard deviation in m, an expert first misses where it is going.
+
+    Three times in ten it misses by a lot, so that demonstrations show the way back from places that a
+    policy gets to by its own errors (DART, arXiv:1703.09327).
+    """
+    return seldom_m if rng.uniform() < 0.3 else often_m
+
+
 def minimum_jerk(count: int) -> np.ndarray:
     """Returns ``count`` fractions from above 0 to 1 of a movement of least jerk.
 

@@ -14,6 +14,11 @@ HANDLERS.add(
     "envs.handlers.mujoco.handler:MujocoHandler",
     summary="MuJoCo 4 on CPU, environments stepped by native threads (default)",
 )
+HANDLERS.add(
+    "mujoco_warp",
+    "envs.handlers.mujoco_warp.handler:MujocoWarpHandler",
+    summary="MuJoCo Warp: all environments on one GPU (also on CPU, slowly)",
+)
 
 RENDERERS: "Registry[type[Renderer]]" = Registry("renderer")
 RENDERERS.add(

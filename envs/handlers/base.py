@@ -6,6 +6,7 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from envs.scenario import Appearance, ScenarioCfg
@@ -29,7 +30,14 @@ class Handler(ABC):
         renderer_name: Name of the renderer that draws it.
         num_threads: Threads that step and draw; 0 means one per core.
         textures: Pictures of the named materials, or None for plain colours.
+        dtype: Precision of its states. A state that is set is rounded to it, and comes back bit by bit.
+        device: Where its states are.
+        steps_together: Whether stepping all environments costs no more than stepping some.
     """
+
+    steps_together: bool = False
+    dtype: torch.dtype = torch.float64
+    device: torch.device = torch.device("cpu")
 
     def __init__(
         self,
@@ -79,7 +87,8 @@ class Handler(ABC):
         """Advances the environments ``env_ids`` by ``num_steps`` physics steps.
 
         Raises:
-            SimulatorError: if an environment's state is no longer finite; it names the environments.
+            SimulatorError: if an environment's state is no longer finite; it names the environments. A
+                simulator whose environments cannot be stopped alone restarts and counts them instead.
         """
 
     @abstractmethod
@@ -113,6 +122,21 @@ class Handler(ABC):
         modalities: Sequence[str] = ("rgb",),
     ) -> dict[str, dict[str, np.ndarray]]:
         """Draws snapshots; see :meth:`render`."""
+
+    def render_tensors(
+        self,
+        jobs: Sequence[Any] | None = None,
+        cameras: Sequence[str] | None = None,
+        modalities: Sequence[str] = ("rgb",),
+    ) -> dict[str, dict[str, Tensor]]:
+        """Draws snapshots, or every environment as it is now, and leaves the pictures on :attr:`device`."""
+        pictures = self.render_jobs(self.snapshot() if jobs is None else jobs, cameras, modalities)
+        return {
+            camera: {
+                modality: torch.from_numpy(picture).to(self.device) for modality, picture in kinds.items()
+            }
+            for camera, kinds in pictures.items()
+        }
 
     @property
     @abstractmethod

@@ -49,6 +49,7 @@ class RoboVerseEnvConfig(EnvConfig):
         split: ``"train"`` or ``"test"``.
         simulator: Name of a simulator.
         renderer: Name of a renderer.
+        cameras: Names of the cameras that are observed; none is the task's first.
         image_size: Height and width of the pictures.
         fps: Control steps per second.
     """
@@ -59,13 +60,14 @@ class RoboVerseEnvConfig(EnvConfig):
     split: str = "test"
     simulator: str = "mujoco"
     renderer: str = "warp"
+    cameras: list[str] = dataclasses.field(default_factory=list)
     image_size: int = 256
     fps: int = 20
     features: dict[str, PolicyFeature] = dataclasses.field(default_factory=dict)
     features_map: dict[str, str] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        scenario = TASKS.get(str(self.task))().scenario
+        scenario = TASKS.get(str(self.task))().scenario.seen_by(self.cameras, self.image_size)
         joints = (len(scenario.robots[0].joints),)
         self.fps = round(scenario.physics.control_hz)
         self.features = {
@@ -75,14 +77,13 @@ class RoboVerseEnvConfig(EnvConfig):
         self.features_map = {ACTION: ACTION, "agent_pos": OBS_STATE}
         for camera in scenario.cameras:
             key = f"pixels/{camera.name}"
-            shape = (self.image_size, self.image_size, 3)
-            self.features[key] = PolicyFeature(FeatureType.VISUAL, shape)
+            self.features[key] = PolicyFeature(FeatureType.VISUAL, (camera.height, camera.width, 3))
             self.features_map[key] = f"{OBS_IMAGES}.{camera.name}"
 
     @property
     def gym_kwargs(self) -> dict[str, Any]:
         """Options of the env beside its task."""
-        names = ("level", "only", "split", "simulator", "renderer", "image_size")
+        names = ("level", "only", "split", "simulator", "renderer", "cameras", "image_size")
         return {name: getattr(self, name) for name in names}
 
     def create_envs(

@@ -60,15 +60,11 @@ CAMERA_POSES = {
 def place_camera(base: CameraCfg, pose: str) -> CameraCfg:
     """Moves a camera to a pose round its orbit's middle; name, target, field of view and size stay.
 
-    A camera that is mounted on something stays there.
-
     Raises:
         UnknownNameError: if there is no pose of that name.
     """
     if pose not in CAMERA_POSES:
         raise unknown_name("camera pose", pose, CAMERA_POSES)
-    if base.mount is not None:
-        return base
     x, y, z = CAMERA_POSES[pose].pos
     cosine, sine = math.cos(base.orbit_yaw_rad), math.sin(base.orbit_yaw_rad)
     middle = base.orbit_pos

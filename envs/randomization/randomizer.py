@@ -55,7 +55,7 @@ class Randomizer:
 
     Args:
         base: How the scene looks at level 0; whatever no channel changes stays as it is here.
-        cameras: The scenario's cameras; the camera channel moves each of them.
+        cameras: The scenario's cameras; the camera channel moves each that stands in the world.
         channels: Channels that vary, of :data:`~envs.randomization.levels.CHANNELS`; see
             :func:`~envs.randomization.levels.channels_of`.
         split: ``"train"`` or ``"test"``, or a split that was loaded with the same library.
@@ -101,7 +101,7 @@ class Randomizer:
             appearance = _furnish(appearance, self._environment(episode))
         if "camera" in self.channels:
             poses = self._camera(episode)
-            moved = {camera.name: place_camera(camera, poses[camera.name]) for camera in self.cameras}
+            moved = {c.name: place_camera(c, poses[c.name]) for c in self.cameras if c.name in poses}
             appearance = replace(appearance, cameras={**appearance.cameras, **moved})
         if "lighting" in self.channels:
             appearance = _light(appearance, self._lighting(episode), self.lighting)
@@ -144,7 +144,8 @@ class Randomizer:
     def _camera(self, episode: int) -> dict[str, str]:
         rng = channel_rng(self.seed, "camera", episode)
         poses = self.split.cameras
-        return {camera.name: poses[int(rng.integers(len(poses)))] for camera in self.cameras}
+        standing = [camera.name for camera in self.cameras if camera.mount is None]
+        return {name: poses[int(rng.integers(len(poses)))] for name in standing}
 
     def _lighting(self, episode: int) -> LightingDraw:
         rng = channel_rng(self.seed, "lighting", episode)

@@ -4,11 +4,11 @@ Lengths are metres, masses kilograms, angles radians unless the name says ``_deg
 ``(w, x, y, z)``, colours linear RGB in [0, 1].
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from envs.errors import ConfigError
+from envs.errors import ConfigError, unknown_name
 from envs.scenario.looks import SURFACES, Appearance, CameraCfg, LightCfg, SurfaceMaterial
 from envs.scenario.objects import GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg
 from envs.scenario.robots import JointCfg, RobotCfg
@@ -46,12 +46,16 @@ class TableCfg:
         half_size: Half extents of the top in x and y, m.
         thickness_m: Thickness of the top.
         height_m: Height of the top above the ground.
+        collides: Whether things touch it; if not, something else of the scene carries them.
+        visible: Whether it is drawn.
     """
 
     pos: Vec3 = (0.0, 0.0, 0.0)
     half_size: tuple[float, float] = (1.0, 1.0)
     thickness_m: float = 0.05
     height_m: float = 0.75
+    collides: bool = True
+    visible: bool = True
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -116,6 +120,25 @@ class ScenarioCfg:
         double = sorted({name for name in names if names.count(name) > 1})
         if double:
             raise ConfigError(f"A scenario's names must be unique; used twice: {', '.join(double)}.")
+
+    def seen_by(self, cameras: Sequence[str] | None = None, image_size: int | None = None) -> "ScenarioCfg":
+        """Returns this scene with some of its cameras.
+
+        Args:
+            cameras: Names of the cameras, in the order of the observation; none or None is the first.
+            image_size: Height and width of their pictures, pixels; None is each camera's own.
+
+        Raises:
+            UnknownNameError: if there is no camera of a name.
+        """
+        known = {camera.name: camera for camera in self.cameras}
+        for name in cameras or ():
+            if name not in known:
+                raise unknown_name("camera", name, known)
+        chosen = [known[name] for name in cameras] if cameras else list(self.cameras[:1])
+        if image_size is not None:
+            chosen = [replace(camera, width=image_size, height=image_size) for camera in chosen]
+        return replace(self, cameras=tuple(chosen))
 
     def object(self, name: str) -> ObjectCfg:
         """Returns the object called ``name``."""

@@ -84,7 +84,7 @@ class ObjectJointCfg:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LinkCfg:
-    """A part of an articulated object.
+    """A part of an articulated object. It does not touch its parent: its joint's range says where it ends.
 
     Attributes:
         name: Its name, and its joint's, within the object.
@@ -113,11 +113,14 @@ class ObjectCfg:
         links: Further parts, parents before children.
         mjcf: Asset reference of a file that describes the object instead, or None.
         mjcf_root: Body of the file that is the object; its first top body by default.
-        mjcf_joints: Joints of the file in our order.
-        pos: Position at rest, m.
-        rot: Orientation at rest, wxyz.
+        mjcf_joints: Joints of the file in our order; one without a name is called after its body.
+        mjcf_shown: Geom groups of the file that are drawn, or None for all that are not only touched.
+        pos: Position at rest, m; it replaces the file's.
+        rot: Orientation at rest, wxyz; likewise.
         kind: ``free`` moves under physics; ``fixed`` stands where it is put at the start of an episode;
             ``marker`` is the same, and only seen.
+        pulls: Body, such as ``"sawyer/hand"``, that a soft weld pulls to the place of this object,
+            which is no free one; None pulls nothing.
     """
 
     name: str
@@ -126,9 +129,11 @@ class ObjectCfg:
     mjcf: str | None = None
     mjcf_root: str | None = None
     mjcf_joints: tuple[str, ...] = ()
+    mjcf_shown: tuple[int, ...] | None = None
     pos: Vec3 = (0.0, 0.0, 0.0)
     rot: Quat = IDENTITY
     kind: Literal["free", "fixed", "marker"] = "free"
+    pulls: str | None = None
 
     def __post_init__(self) -> None:
         if self.mjcf is None and not (self.geoms or self.links):
@@ -137,6 +142,8 @@ class ObjectCfg:
             raise ConfigError(f"Object '{self.name}' names parts of an MJCF file, but no file (mjcf=…).")
         if self.kind == "free" and self.mjcf is None and not any(geom.mass_kg > 0 for geom in self.geoms):
             raise ConfigError(f"Object '{self.name}' is free, so a geom of its root needs mass_kg above 0.")
+        if self.pulls is not None and self.kind == "free":
+            raise ConfigError(f"Object '{self.name}' is free, so it cannot pull '{self.pulls}'.")
         known: list[str] = []
         for link in self.links:
             if link.parent is not None and link.parent not in known:

@@ -8,7 +8,7 @@ from envs.scenario.units import IDENTITY, Quat, Vec3
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class JointCfg:
-    """One controlled joint: its name in the robot's file, its actuator and where it rests.
+    """One joint of a robot: its name in the robot's file, its actuator and where it rests.
 
     Attributes:
         name: Joint name in the robot's MJCF.
@@ -21,6 +21,8 @@ class JointCfg:
         damping: Passive damping that replaces the file's, or None to keep it.
         armature: Rotor inertia that replaces the file's, or None to keep it.
         frictionloss: Dry friction that replaces the file's, or None to keep it.
+        driven: Whether it has an actuator; one that has none is part of the state alone.
+        target_range: Limits of the actuator's target, if they are not the joint's; rad (m).
     """
 
     name: str
@@ -33,6 +35,8 @@ class JointCfg:
     damping: float | None = None
     armature: float | None = None
     frictionloss: float | None = None
+    driven: bool = True
+    target_range: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -46,8 +50,8 @@ class RobotCfg:
         gripper_mjcf: Asset reference of the gripper, or None.
         gripper_root: Body of the gripper's file that is attached.
         gripper_mount: Body of the robot that carries the gripper.
-        joints: Controlled joints; this order is the order of every array of joints.
-        ee_site: Site that is called the end effector.
+        joints: Its joints; this order is the order of every array of joints.
+        ee_site: Site, or body, that is called the end effector.
         gripper_joints: Names of the joints, of ``joints``, that open and close the gripper.
         pos: Base position in the world, m.
         rot: Base orientation in the world, wxyz.
@@ -69,8 +73,13 @@ class RobotCfg:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the controlled joints, in order."""
+        """Names of the joints, in order."""
         return tuple(joint.name for joint in self.joints)
+
+    @property
+    def driven(self) -> tuple[int, ...]:
+        """Indices, among the joints, of those that have an actuator: the order of joint targets."""
+        return tuple(index for index, joint in enumerate(self.joints) if joint.driven)
 
     @property
     def default_qpos(self) -> tuple[float, ...]:

@@ -13,15 +13,15 @@ import torch
 from torch import Tensor
 
 from envs.errors import unknown_name
-from envs.experts.waypoints import Waypoint, grasp_yaw
+from envs.experts.waypoints import Waypoint, grasp_yaw, miss
 from envs.rotations import from_yaw, yaw_of
 from envs.scenario import GeomCfg, ObjectCfg, ScenarioCfg, TableCfg
 from envs.state import EntityState, State
 from envs.tasks.base import Task
 from envs.tasks.tabletop import (
+    CAMERAS,
     CONTROL_20_HZ,
     FRANKA_AT_TABLE,
-    FRONT_CAMERA,
     GRASP_CLOSED_M,
     GRASP_OPEN_M,
     STATIC_SPEED_RAD_S,
@@ -42,7 +42,7 @@ LIFT_HEIGHT_M = 0.1
 
 QPOS_NOISE_RAD = 0.02
 APPROACH_NOISE_M = 0.015
-"""Spread of where the expert comes to before it corrects itself, above the cube and before the goal."""
+"""Spread of where the expert begins to come down on the cube."""
 
 _ROBOT = FRANKA_AT_TABLE
 
@@ -93,7 +93,7 @@ class PickCube(Task):
         return ScenarioCfg(
             robots=(_ROBOT,),
             objects=(cube, goal) if self.variant == "goal" else (cube,),
-            cameras=(FRONT_CAMERA,),
+            cameras=CAMERAS,
             appearance=TABLETOP_LOOKS,
             table=TableCfg(pos=(-0.12, 0.0, 0.0), half_size=(0.8, 0.8)),
             physics=CONTROL_20_HZ,
@@ -155,18 +155,22 @@ class PickCube(Task):
             target = state.objects["goal"].pos[0].numpy()
         else:
             target = position + np.array([0.0, 0.0, LIFT_HEIGHT_M + 0.05])
-        # Both ends of the way are first missed by a little: what comes next shows how to correct.
+        # Both ends of the way are first missed: what comes next shows how to correct.
         above = position + np.array([*rng.normal(0.0, APPROACH_NOISE_M, 2), rng.uniform(0.06, 0.09)])
-        near = target + rng.normal(0.0, APPROACH_NOISE_M, 3)
+        beside = above + np.array([*rng.normal(0.0, miss(rng, often_m=0.0), 2), 0.0])
+        aside = 2.0 * float(np.linalg.norm(beside - above))
+        near = target + rng.normal(0.0, miss(rng), 3)
         near[2] = max(near[2], CUBE_HALF_SIZE_M)
         carry = 0.25 + 1.3 * float(np.linalg.norm(near - position))
+        home = 0.25 + 2.0 * max(0.0, float(np.linalg.norm(near - target)) - 0.03)
         hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
         return [
-            Waypoint(pos=above, yaw=yaw, gripper=hold, duration_s=0.6),
+            Waypoint(pos=beside, yaw=yaw, gripper=hold, duration_s=0.6),
+            *([Waypoint(pos=above, yaw=yaw, gripper=hold, duration_s=0.1 + aside)] if aside else []),
             Waypoint(pos=position, yaw=yaw, gripper=hold, duration_s=0.3, hold_s=0.1),
             Waypoint(pos=position, yaw=yaw, gripper=grip, duration_s=0.2),
             Waypoint(pos=near, yaw=yaw, gripper=grip, duration_s=carry),
-            Waypoint(pos=target, yaw=yaw, gripper=grip, duration_s=0.25, hold_s=1.0),
+            Waypoint(pos=target, yaw=yaw, gripper=grip, duration_s=home, hold_s=1.0),
         ]
 
     def _to_goal(self, state: State) -> Tensor:

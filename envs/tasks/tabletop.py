@@ -2,10 +2,12 @@
 
 import dataclasses
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from envs.robots.franka import FRANKA
+from envs.rotations import yaw_of
 from envs.scenario import Appearance, CameraCfg, LightCfg, PhysicsCfg, SurfaceMaterial
 from envs.state import EntityState
 
@@ -27,6 +29,18 @@ TABLETOP_LOOKS = Appearance(
 FRONT_CAMERA = CameraCfg(name="front", pos=(1.299, 0.0, 0.75), look_at=(0.0, 0.0, 0.13), fovy_deg=23.0)
 """The pose az+000-pol60 of the camera channel, at which the whole workspace fills the picture."""
 
+WRIST_CAMERA = CameraCfg(
+    name="wrist",
+    mount="franka/right_hand",
+    pos=(0.11, 0.0, 0.02),
+    look_at=(0.03, 0.0, 0.16),
+    up=(1.0, 0.0, 0.0),
+    fovy_deg=75.0,
+)
+"""On the hand, looking past the fingers; it sees what the front camera loses behind the hand."""
+
+CAMERAS = (FRONT_CAMERA, WRIST_CAMERA)
+
 CONTROL_20_HZ = PhysicsCfg(timestep_s=0.002, decimation=25)
 
 FRANKA_AT_TABLE = dataclasses.replace(FRANKA, pos=(-0.615, 0.0, 0.0))
@@ -37,6 +51,13 @@ def ee_pos(robot: EntityState) -> Tensor:
     """Returns the end effector's position, (N, 3)."""
     assert robot.ee_pos is not None, "a simulator gives every robot's end effector"
     return robot.ee_pos
+
+
+def hand_yaw(robot: EntityState) -> float:
+    """Returns the turn about z of a Franka's downward hand, as in a waypoint, of a state of one row, rad."""
+    assert robot.ee_rot is not None, "a simulator gives every robot's end effector"
+    turn = float(yaw_of(robot.ee_rot[0])) - np.pi / 2  # at turn 0 the hand's x axis points along world y
+    return float((turn + np.pi) % (2 * np.pi) - np.pi)
 
 
 def arm_speed(robot: EntityState) -> Tensor:

@@ -24,6 +24,11 @@ BENCHMARKS.add(
     summary="evaluating one ACT checkpoint on the same episodes, against LeRobot's evaluation",
 )
 BENCHMARKS.add(
+    "mujoco_warp",
+    "roboverse_learn.benchmarks.mujoco_warp",
+    summary="simulator=mujoco_warp against bare mujoco_warp: physics and pictures (wants a GPU)",
+)
+BENCHMARKS.add(
     "startup",
     "roboverse_learn.benchmarks.startup",
     summary="roboverse list, against an empty Python program",

@@ -8,19 +8,25 @@ the same call runs again.
 """
 
 import contextlib
+import os
 import selectors
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from envs.errors import DatasetError
 from roboverse_learn.data.collection_pool import CollectionConfig, Worker
 from roboverse_learn.data.raw import dataset_hash
 from roboverse_learn.data.schedule import Schedule
+from roboverse_learn.data.schema import EpisodeData
+from roboverse_learn.data.side_by_side import side_by_side
 from roboverse_learn.data.sources import make_source, run_attempts, stage_attempt
 from roboverse_learn.data.writer import DatasetWriter
+
+if TYPE_CHECKING:
+    from roboverse_learn.data.importers.verdicts import ImportSummary
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -61,6 +67,7 @@ class CollectionSummary:
         success_rate: Successful share of the attempts.
         wall_time_s: Duration of this run.
         dataset_hash: :func:`~roboverse_learn.data.raw.dataset_hash`.
+        imported: What became of each demonstration, where they were imported.
     """
 
     root: str
@@ -70,6 +77,7 @@ class CollectionSummary:
     success_rate: float
     wall_time_s: float
     dataset_hash: str
+    imported: "ImportSummary | None" = None
 
 
 def collect(
@@ -98,7 +106,9 @@ def collect(
         encoder=config.encoder,
         wait=True,
     ) as writer:
-        schedule = Schedule(writer, config.candidates, config.num_episodes, settings)
+        schedule = Schedule(
+            writer, config.candidates, config.num_episodes, settings, fewer_ok=config.fewer_ok
+        )
         report = _Reporter(writer, schedule, config.num_episodes, on_progress)
         if not schedule.finished:
             run = _run_here if config.num_workers == 1 else _run_workers
@@ -151,19 +161,24 @@ class _Reporter:
 
 
 def _run_here(config: CollectionConfig, schedule: Schedule, report: Callable[[], None]) -> None:
-    """Collects in this process."""
+    """Collects in this process; what it has simulated, its threads encode."""
     source = make_source(config.source, config.source_kwargs)
+
+    def stage(attempt: tuple[int, EpisodeData | None]) -> tuple[int, Path | None]:
+        index, episode = attempt
+        return index, stage_attempt(
+            Path(config.root),
+            index,
+            episode,
+            features=config.features,
+            fps=config.fps,
+            encoder=config.encoder,
+        )
+
     with contextlib.closing(source):
         while not schedule.finished:
-            for index, episode in run_attempts(source, iter(schedule.next_index, None)):
-                staged = stage_attempt(
-                    Path(config.root),
-                    index,
-                    episode,
-                    features=config.features,
-                    fps=config.fps,
-                    encoder=config.encoder,
-                )
+            attempts = run_attempts(source, iter(schedule.next_index, None))
+            for index, staged in side_by_side(stage, attempts, len(os.sched_getaffinity(0))):
                 schedule.resolve(index, staged)
                 report()
 

@@ -34,6 +34,7 @@ class CollectionConfig:
         settings: JSON-able; what continuing the dataset must have in common with its beginning, such as
             task, level, seed. ``source_kwargs`` by default.
         encoder: Video settings.
+        fewer_ok: Once every candidate was tried, fewer successes than ``num_episodes`` are a result too.
     """
 
     root: str | Path
@@ -47,6 +48,7 @@ class CollectionConfig:
     num_workers: int = 1
     settings: Mapping[str, Any] | None = None
     encoder: EncoderConfig = field(default_factory=EncoderConfig)
+    fewer_ok: bool = False
 
     def __post_init__(self) -> None:
         if self.num_episodes < 1 or self.num_workers < 1:

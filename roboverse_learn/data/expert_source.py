@@ -1,7 +1,7 @@
 """Demonstrations of a task's expert, as the collection wants them."""
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from benchmark.provenance import package_versions
@@ -19,6 +19,7 @@ class ExpertSource:
         only: The channel that varies alone, or None.
         simulator: Registered simulator.
         renderer: Registered renderer.
+        cameras: Cameras that are observed; empty is the task's first.
         image_size: Pixels a side.
         materials: Folder of pictures that replace the built-in materials, or None.
     """
@@ -33,6 +34,7 @@ class ExpertSource:
         only: str | None,
         simulator: str,
         renderer: str,
+        cameras: Sequence[str],
         image_size: int,
         materials: str | None = None,
     ) -> None:
@@ -46,6 +48,7 @@ class ExpertSource:
             split="train",
             simulator=simulator,
             renderer=renderer,
+            cameras=cameras,
             image_size=image_size,
             task_kwargs=task_kwargs,
             materials=materials,
@@ -77,7 +80,7 @@ class ExpertSource:
         """Releases the simulator."""
         self._env.close()
 
-    def _episode(self, outcome: Any) -> EpisodeData:
+    def _episode(self, outcome: Any, **facts: Any) -> EpisodeData:
         return EpisodeData(
             states=outcome.observation_state,
             actions=outcome.actions,
@@ -89,7 +92,8 @@ class ExpertSource:
                 "episode": int(outcome.episode),
                 "success": True,
                 "initial_state_hash": outcome.initial_state_hash,
-            },
+            }
+            | facts,
         )
 
 

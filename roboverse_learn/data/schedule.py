@@ -26,16 +26,23 @@ class Schedule:
         candidates: Pool indices in the order of preference.
         target: Successful episodes wanted in the dataset.
         settings: JSON-able; what a resumed collection must have in common with the first run.
+        fewer_ok: When every candidate was tried, any number of successes but none is enough.
 
     Raises:
         DatasetError: The dataset was begun with other settings.
     """
 
     def __init__(
-        self, writer: DatasetWriter, candidates: Sequence[int], target: int, settings: Mapping[str, Any]
+        self,
+        writer: DatasetWriter,
+        candidates: Sequence[int],
+        target: int,
+        settings: Mapping[str, Any],
+        *,
+        fewer_ok: bool = False,
     ) -> None:
         self._writer = writer
-        self._target = target
+        self._target, self._fewer_ok = target, fewer_ok
         self._candidates = [int(index) for index in candidates]
         self._path = writer.root / COLLECTION_PATH
         self._settings = json.loads(json.dumps(settings, sort_keys=True))
@@ -62,8 +69,15 @@ class Schedule:
 
     @property
     def finished(self) -> bool:
-        """Whether the dataset holds all the episodes wanted."""
-        return len(self._committed) >= self._target
+        """Whether the dataset holds all the episodes wanted, or all that there are where those will do."""
+        enough = self._fewer_ok and self._exhausted and bool(self._committed)
+        return len(self._committed) >= self._target or enough
+
+    @property
+    def _exhausted(self) -> bool:
+        """Whether every candidate was tried, and the successes are too few."""
+        tried = self._next >= len(self._candidates) and not self._outstanding
+        return tried and self._hopeful < self._target
 
     def next_index(self) -> int | None:
         """Hands out a candidate, or None while those in flight may be enough.
@@ -80,7 +94,7 @@ class Schedule:
             if index not in self._committed and index not in self._staged:
                 self._outstanding.add(index)
                 return index
-        if self._hopeful < self._target and not self._outstanding and not self.finished:
+        if self._exhausted and not self.finished:
             raise DatasetError(
                 f"The {len(self._candidates)} candidate episodes gave {self.num_successes} successes; "
                 f"{self._target} were asked for. Ask for fewer, or use another split."
@@ -110,7 +124,7 @@ class Schedule:
 
     def _commit_ready(self) -> None:
         """Commits staged episodes as long as every candidate before them is settled."""
-        while self._commit_position < len(self._candidates) and not self.finished:
+        while self._commit_position < len(self._candidates) and len(self._committed) < self._target:
             index = self._candidates[self._commit_position]
             if index in self._staged:
                 self._writer.commit(load_staged(self._staged[index]))

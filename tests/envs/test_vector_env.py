@@ -213,3 +213,18 @@ def test_mistakes_are_told_in_words():
         envs.make_vec("PickCube", 0, split="train")
     with pytest.raises(UnknownNameError, match=r"Unknown variant of PickCube 'lft'.*Did you mean 'lift'"):
         envs.make_vec("PickCube", 1, split="train", task_kwargs={"variant": "lft"})
+
+
+def test_cameras_are_chosen_by_name_and_change_no_episode():
+    hashes = set()
+    for cameras in (None, ["wrist"], ["wrist", "front"]):
+        env = envs.make_vec("PickCube", 1, split="test", level=3, cameras=cameras, image_size=32)
+        env.reset_envs([0], env.split_indices[:1])
+        assert env.camera_names == tuple(cameras or ["front"])
+        keys = [key for key in env.observe() if key.startswith("observation.images.")]
+        assert keys == [f"observation.images.{name}" for name in env.camera_names]
+        hashes.add(env.initial_state_hash(0))
+        env.close()
+    assert len(hashes) == 1
+    with pytest.raises(UnknownNameError, match=r"Unknown camera 'wirst'.*Did you mean 'wrist'"):
+        envs.make_vec("PickCube", 1, split="test", cameras=["wirst"])

@@ -48,6 +48,7 @@ def another(key: str, value: Any) -> Any:
         "policy_name": "diffusion",
         "only": "camera",
         "level": 2,
+        "cameras": ["wrist"],
         "image_size": 96,
         "train.precision": "fp32",
         "train.schedule": "constant",

@@ -70,7 +70,7 @@ class MujocoHandler(Handler):
         ]
         for robot, cfg in zip(self._layout.robots, self.scenario.robots, strict=True):
             self._qpos[:, robot.qpos] = cfg.default_qpos
-            self._ctrl[:, robot.ctrl] = cfg.default_qpos
+            self._ctrl[:, robot.ctrl] = np.array(cfg.default_qpos)[robot.driven]
         for layout, item in zip(self._layout.objects, self.scenario.objects, strict=True):
             self._qpos[:, layout.qpos] = rest_joints(item)
         self._rests: dict[int, _Rest] = {}
@@ -159,13 +159,16 @@ class MujocoHandler(Handler):
             self._mocap_quat[rows, layout.mocap] = entity.rot
         if entity.joint_pos.shape[-1] != len(layout.qpos):
             raise ConfigError(
-                f"'{layout.name}' has {len(layout.qpos)} joints; the state gives {entity.joint_pos.shape[-1]}."
+                f"'{layout.name}' has {len(layout.qpos)} joints; "
+                f"the state gives {entity.joint_pos.shape[-1]}."
             )
         if len(layout.qpos):
             self._qpos[columns, layout.qpos] = entity.joint_pos
             self._qvel[columns, layout.qvel] = entity.joint_vel
         if len(layout.ctrl):
-            target = entity.joint_pos if entity.joint_target is None else entity.joint_target
+            target = entity.joint_target
+            if target is None:
+                target = entity.joint_pos[:, layout.driven]
             self._ctrl[columns, layout.ctrl] = target
 
     @override
@@ -175,8 +178,8 @@ class MujocoHandler(Handler):
         for name, (pos, rot) in poses.items():
             if name not in placed:
                 raise unknown_name("fixed object or marker", name, placed)
-            self._mocap_pos[rows, placed[name].mocap] = pos
-            self._mocap_quat[rows, placed[name].mocap] = rot
+            self._mocap_pos[rows, placed[name].mocap] = np.asarray(pos)
+            self._mocap_quat[rows, placed[name].mocap] = np.asarray(rot)
 
     @override
     def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:

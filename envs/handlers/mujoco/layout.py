@@ -25,7 +25,8 @@ class EntityLayout:
         rot: Root orientation at rest, wxyz.
         qpos: Addresses of its joints in qpos, (J,).
         qvel: Addresses of its joints in qvel, (J,).
-        ctrl: Addresses of its actuators in ctrl, (J,), or empty.
+        ctrl: Addresses of the actuators of its driven joints in ctrl, or empty.
+        driven: Indices of its driven joints among its joints.
         ee_site: Id of the end effector's site, or -1.
     """
 
@@ -39,6 +40,7 @@ class EntityLayout:
     qpos: np.ndarray
     qvel: np.ndarray
     ctrl: np.ndarray
+    driven: np.ndarray
     ee_site: int
 
 
@@ -55,6 +57,7 @@ def layout_of(model: mujoco.MjModel, scenario: ScenarioCfg) -> Layout:
     robots = []
     for robot in scenario.robots:
         joints = [model.joint(f"{robot.name}/{name}") for name in robot.joint_names]
+        driven = [robot.joint_names[index] for index in robot.driven]
         robots.append(
             EntityLayout(
                 name=robot.name,
@@ -66,7 +69,8 @@ def layout_of(model: mujoco.MjModel, scenario: ScenarioCfg) -> Layout:
                 rot=np.array(robot.rot, np.float64),
                 qpos=np.array([joint.qposadr[0] for joint in joints], np.intp),
                 qvel=np.array([joint.dofadr[0] for joint in joints], np.intp),
-                ctrl=np.array([model.actuator(f"{robot.name}/{n}").id for n in robot.joint_names], np.intp),
+                ctrl=np.array([model.actuator(f"{robot.name}/{name}").id for name in driven], np.intp),
+                driven=np.array(robot.driven, np.intp),
                 ee_site=model.site(f"{robot.name}/{robot.ee_site}").id,
             )
         )
@@ -86,6 +90,7 @@ def layout_of(model: mujoco.MjModel, scenario: ScenarioCfg) -> Layout:
                 qpos=np.array([joint.qposadr[0] for joint in joints], np.intp),
                 qvel=np.array([joint.dofadr[0] for joint in joints], np.intp),
                 ctrl=np.zeros(0, np.intp),
+                driven=np.zeros(0, np.intp),
                 ee_site=-1,
             )
         )

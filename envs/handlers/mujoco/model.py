@@ -9,8 +9,10 @@ import numpy as np
 
 from envs.assets import resolve
 from envs.errors import ConfigError, unknown_name
+from envs.handlers.mujoco.files import ZNEAR, keep_only, read
 from envs.handlers.mujoco.meshes import VISUAL_GROUP, simplify_visuals
-from envs.handlers.mujoco.objects import SCENE_GROUP, SHAPES, add_object
+from envs.handlers.mujoco.objects import HIDDEN_GROUP, SCENE_GROUP, SHAPES, add_object, add_pull
+from envs.handlers.mujoco.options import MujocoSettings
 from envs.rotations import look_at_matrix
 from envs.scenario import SURFACES, CameraCfg, PhysicsCfg, RobotCfg, ScenarioCfg
 
@@ -43,6 +45,7 @@ def build_model(scenario: ScenarioCfg, *, simplify: bool = True) -> mujoco.MjMod
     """
     spec = mujoco.MjSpec()
     _set_physics(spec, scenario.physics)
+    MujocoSettings.of(scenario).write(spec.option)
     _add_surfaces(spec, scenario)
     for index in range(MAX_LIGHTS):
         spec.worldbody.add_light(name=f"light{index}", active=False, castshadow=index == 0)
@@ -50,6 +53,8 @@ def build_model(scenario: ScenarioCfg, *, simplify: bool = True) -> mujoco.MjMod
         _add_robot(spec, robot, simplify)
     for item in scenario.objects:
         add_object(spec, item)
+    for item in scenario.objects:
+        add_pull(spec, item)
     for camera in scenario.cameras:
         _add_camera(spec, camera)
     spec.add_material(name=OBJECT_MATERIAL)
@@ -65,14 +70,9 @@ def _set_physics(spec: mujoco.MjSpec, physics: PhysicsCfg) -> None:
     option = spec.option
     option.timestep = physics.timestep_s
     option.gravity = physics.gravity
-    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    # Elliptic cones with impratio 10 keep a grasped object from creeping out of the fingers
-    # (MuJoCo documentation, "Modeling: slip").
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = 10.0
     spec.stat.extent = 2.0
     spec.stat.center = (0.0, 0.0, 0.0)
-    spec.visual.map.znear = 0.005
+    spec.visual.map.znear = ZNEAR
     spec.visual.map.zfar = 20.0
     spec.visual.headlight.active = 0
     spec.visual.quality.offsamples = 0
@@ -109,9 +109,11 @@ def _add_surfaces(spec: mujoco.MjSpec, scenario: ScenarioCfg) -> None:
     if table is not None:
         size = (*table.half_size, table.thickness_m / 2)
         centre = (table.pos[0], table.pos[1], table.pos[2] - table.thickness_m / 2)
-        world.add_geom(name="table_collision", type=SHAPES["box"], size=size, pos=centre, group=0)
+        if table.collides:
+            world.add_geom(name="table_collision", type=SHAPES["box"], size=size, pos=centre, group=0)
         top = world.add_body(name=TABLE_BODY, pos=centre, mocap=True)
-        seen = {"contype": 0, "conaffinity": 0, "group": SCENE_GROUP, "material": "table"}
+        group = SCENE_GROUP if table.visible else HIDDEN_GROUP
+        seen = {"contype": 0, "conaffinity": 0, "group": group, "material": "table"}
         top.add_geom(name="table", type=SHAPES["box"], size=size, **seen)
         reach_x, reach_y = table.half_size[0] - 0.08, table.half_size[1] - 0.08
         leg = (table.height_m - table.thickness_m) / 2
@@ -164,9 +166,9 @@ def camera_quat(camera: CameraCfg) -> np.ndarray:
 
 def _add_robot(spec: mujoco.MjSpec, robot: RobotCfg, simplify: bool) -> None:
     sites = {robot.ee_site, robot.ee_site.removeprefix(GRIPPER_PREFIX)}
-    arm = _load(robot.mjcf, sites, simplify)
+    arm = _load(robot.mjcf, robot.root, sites, simplify)
     if robot.gripper_mjcf is not None:
-        gripper = _load(robot.gripper_mjcf, sites, simplify)
+        gripper = _load(robot.gripper_mjcf, robot.gripper_root, sites, simplify)
         mount = arm.body(robot.gripper_mount)
         if mount is None:
             raise ConfigError(f"Robot '{robot.name}': '{robot.mjcf}' has no body '{robot.gripper_mount}'.")
@@ -174,25 +176,40 @@ def _add_robot(spec: mujoco.MjSpec, robot: RobotCfg, simplify: bool) -> None:
     for body in arm.bodies:
         if robot.gravity_compensated and body.name != "world":
             body.gravcomp = 1.0
+    if arm.site(robot.ee_site) is None:
+        _add_site_at_body(arm, robot)
     _set_joints(arm, robot)
     frame = spec.worldbody.add_frame(pos=robot.pos, quat=robot.rot)
     frame.attach_body(arm.body(robot.root), f"{robot.name}/", "")
 
 
-def _load(reference: str, sites: set[str], simplify: bool) -> mujoco.MjSpec:
-    """Reads a robot's file without its cameras, lights, sensors, actuators, and sites but the named ones."""
-    path = resolve(reference)
-    spec = mujoco.MjSpec.from_file(str(path))
-    others = [site for site in spec.sites if site.name not in sites]
-    for item in (*spec.cameras, *spec.lights, *spec.sensors, *spec.actuators, *others):
-        spec.delete(item)
+def _add_site_at_body(spec: mujoco.MjSpec, robot: RobotCfg) -> None:
+    body = spec.body(robot.ee_site)
+    if body is None:
+        names = [item.name for item in (*spec.sites, *spec.bodies) if item.name != "world"]
+        raise unknown_name(f"end effector (ee_site) of robot '{robot.name}'", robot.ee_site, names)
+    body.add_site(name=robot.ee_site)
+
+
+def _load(reference: str, root: str | None, sites: set[str], simplify: bool) -> mujoco.MjSpec:
+    """Reads one body, and what it carries, of a robot's file, with only the named sites."""
+    spec = read(reference, sites)
+    body = spec.body(root)
+    if body is None:
+        names = [item.name for item in spec.bodies if item.name != "world"]
+        raise unknown_name(f"root of '{reference}'", str(root), names)
+    keep_only(spec, body)
+    for geom in spec.geoms:
+        if geom.rgba[3] == 0.0:
+            geom.group = HIDDEN_GROUP
     if simplify:
-        simplify_visuals(spec, path.parent / (spec.meshdir or ""), MAX_FACES_PER_BODY)
+        folder = resolve(reference).parent / (spec.meshdir or "")
+        simplify_visuals(spec, folder, MAX_FACES_PER_BODY)
     return spec
 
 
 def _set_joints(spec: mujoco.MjSpec, robot: RobotCfg) -> None:
-    """Gives each controlled joint its range, damping and position actuator, in the robot's order."""
+    """Gives each joint its range and damping, and each driven one its actuator, in the robot's order."""
     for cfg in robot.joints:
         joint = spec.joint(cfg.name)
         if joint is None:
@@ -205,11 +222,13 @@ def _set_joints(spec: mujoco.MjSpec, robot: RobotCfg) -> None:
             value = getattr(cfg, field)
             if value is not None:
                 setattr(joint, field, value if field != "damping" else [value, 0.0, 0.0])
+        if not cfg.driven:
+            continue
         actuator = spec.add_actuator(name=cfg.name, target=cfg.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
         actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
         actuator.gainprm[0] = cfg.kp
         actuator.biasprm[1], actuator.biasprm[2] = -cfg.kp, -cfg.kd
         actuator.ctrllimited = actuator.forcelimited = 1
-        actuator.ctrlrange = cfg.range
+        actuator.ctrlrange = cfg.target_range or cfg.range
         actuator.forcerange = (-cfg.force_limit, cfg.force_limit)

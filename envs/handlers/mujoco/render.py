@@ -64,7 +64,7 @@ class Renderer(ABC):
         self.scenario = scenario
         self.textures = textures
         self.num_threads = num_threads
-        self.segmentation_names, self._segmentation_of_geom = _segmentation(model, scenario)
+        self.segmentation_names, self._segmentation_of_geom = segmentation_of_geoms(model, scenario)
 
     @abstractmethod
     def render(
@@ -121,7 +121,7 @@ class Stage:
         """Puts the job on the stage; returns whether its appearance differs from the last one's."""
         changed = job.appearance is not self._dressed
         if changed:
-            self._dress(job.appearance)
+            self.dress(job.appearance)
         data = self.data
         data.qpos[:] = job.qpos
         data.mocap_pos[:] = job.mocap_pos
@@ -133,7 +133,8 @@ class Stage:
         mujoco.mj_camlight(self.model, data)
         return changed
 
-    def _dress(self, appearance: Appearance) -> None:
+    def dress(self, appearance: Appearance) -> None:
+        """Writes an appearance to the model's materials, lights and cameras."""
         base = self._scenario.appearance
         for surface in SURFACES:
             material = appearance.materials.get(surface) or base.materials.get(surface) or SurfaceMaterial()
@@ -230,8 +231,8 @@ def _surface_extents(scenario: ScenarioCfg) -> dict[str, tuple[float, float]]:
     return {"table": table, "wall": (2 * half, height), "ground": (2 * half, 2 * half)}
 
 
-def _segmentation(model: mujoco.MjModel, scenario: ScenarioCfg) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names, and for each geom id its index among them; the last entry, for id -1, is -1."""
+def segmentation_of_geoms(model: mujoco.MjModel, scenario: ScenarioCfg) -> tuple[tuple[str, ...], np.ndarray]:
+    """Returns the names, and for each geom id its index among them; the last entry, for id -1, is -1."""
     names = (*(r.name for r in scenario.robots), *(o.name for o in scenario.objects), *SURFACES)
     index = {name: position for position, name in enumerate(names)}
     of_geom = np.full(model.ngeom + 1, -1, np.int32)

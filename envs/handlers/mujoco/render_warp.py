@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from queue import SimpleQueue
-from typing import override
+from typing import Any, override
 
 import mujoco
 import numpy as np
@@ -92,28 +92,12 @@ class _Tracer:
         self._renderer, self._cameras, self._modalities = renderer, cameras, modalities
         self._stage = Stage(renderer.model, renderer.scenario)
         model = self._stage.model
-        # Nothing is stepped here, and mujoco_warp refuses flags that it has no code for.
-        model.opt.disableflags = 0
-        # The context keeps what it finds: lights must be typed as widely as they may become.
-        model.light_type[1:] = int(mujoco.mjtLightType.mjLIGHT_SPOT)
+        ready_for_tracing(model)
         with wp.ScopedDevice("cpu"), contextlib.redirect_stdout(io.StringIO()):
             self._model = mjw.put_model(model)
             self._data = mjw.put_data(model, self._stage.data, nworld=1)
-            sizes = [_size_of(model, name) for name in cameras]
-            self._context = mjw.create_render_context(
-                model,
-                nworld=1,
-                cam_res=sizes,
-                render_rgb="rgb" in modalities,
-                render_depth="depth" in modalities,
-                render_seg="segmentation" in modalities,
-                use_shadows=True,
-                enabled_geom_groups=[VISUAL_GROUP, SCENE_GROUP],
-                cam_active=list(cameras),
-                shadow_light_fraction=0.0,
-                background_color=(0.6, 0.65, 0.7, 1.0),
-            )
-        self._sizes = sizes
+            self._context = create_context(model, cameras, modalities, num_worlds=1)
+        self._sizes = [_size_of(model, name) for name in cameras]
         self._texture_names: dict[str, str | None] = dict.fromkeys(SURFACES)
         # Kernels are compiled at the first launch, which must not happen in two threads at once.
         with wp.ScopedDevice("cpu"), contextlib.redirect_stdout(io.StringIO()):
@@ -162,6 +146,35 @@ class _Tracer:
                 ids = context.seg_data.numpy()[0, span].reshape(*shape, 2)[..., 0]
                 out[name]["segmentation"][index] = self._renderer.segment(ids)
             start += width * height
+
+
+def ready_for_tracing(model: mujoco.MjModel) -> None:
+    """Changes a private copy of a model so that the tracer takes it, whatever it will look like."""
+    # Nothing is stepped, and mujoco_warp refuses flags that it has no code for.
+    model.opt.disableflags = 0
+    # The context keeps what it finds: lights must be typed as widely as they may become.
+    model.light_type[1:] = int(mujoco.mjtLightType.mjLIGHT_SPOT)
+
+
+def create_context(
+    model: mujoco.MjModel, cameras: Sequence[str], modalities: Sequence[str], *, num_worlds: int
+) -> Any:
+    """Returns mujoco_warp's buffers for these pictures on Warp's present device: how every scene is drawn."""
+    import mujoco_warp as mjw
+
+    return mjw.create_render_context(
+        model,
+        nworld=num_worlds,
+        cam_res=[_size_of(model, name) for name in cameras],
+        render_rgb="rgb" in modalities,
+        render_depth="depth" in modalities,
+        render_seg="segmentation" in modalities,
+        use_shadows=True,
+        enabled_geom_groups=[VISUAL_GROUP, SCENE_GROUP],
+        cam_active=list(cameras),
+        shadow_light_fraction=0.0,
+        background_color=(0.6, 0.65, 0.7, 1.0),
+    )
 
 
 def _size_of(model: mujoco.MjModel, camera: str) -> tuple[int, int]:

@@ -56,6 +56,7 @@ def test_options_reach_the_env():
         "split": "train",
         "simulator": "mujoco",
         "renderer": "warp",
+        "cameras": [],
         "image_size": 48,
     }
 

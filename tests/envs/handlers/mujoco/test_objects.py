@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from envs.errors import ConfigError, UnknownNameError
 from envs.handlers.mujoco.handler import MujocoHandler
@@ -130,3 +131,36 @@ def test_a_carried_camera_moves_with_the_hand():
     unknown = dataclasses.replace(WRIST, mount="franka/gripper/eff")
     with pytest.raises(UnknownNameError, match="Unknown body that carries the camera 'wrist'.*Did you mean"):
         launched(robots=(FRANKA,), cameras=(unknown,))
+
+
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\nf 1/1 4/2 2/3\n"
+
+
+def test_a_large_texture_is_reduced(tmp_path):
+    (tmp_path / "part.obj").write_text(TRIANGLE + "f 1/1 3/2 4/3\nf 2/1 4/2 3/3\n")
+    Image.new("RGB", (2048, 1024), (200, 30, 10)).save(tmp_path / "large.png")
+    seen = GeomCfg(
+        shape="mesh",
+        size=(0.1, 0.1, 0.1),
+        mesh=str(tmp_path / "part.obj"),
+        texture=str(tmp_path / "large.png"),
+        collides=False,
+    )
+    with launched(ObjectCfg(name="part", kind="fixed", geoms=(seen,))) as handler:
+        texture = handler.model.texture("part")
+        assert (texture.width[0], texture.height[0], texture.nchannel[0]) == (512, 256, 3)
+        first = texture.adr[0]
+        assert handler.model.tex_data[first : first + 3].tolist() == [200, 30, 10]
+
+
+def test_a_texture_that_is_no_picture_is_told(tmp_path):
+    (tmp_path / "part.obj").write_text(TRIANGLE)
+    (tmp_path / "words.png").write_text("no picture")
+    seen = GeomCfg(
+        shape="mesh",
+        size=(0.1, 0.1, 0.1),
+        mesh=str(tmp_path / "part.obj"),
+        texture=str(tmp_path / "words.png"),
+    )
+    with pytest.raises(ConfigError, match=r"texture '.*words\.png' is not a picture that can be read"):
+        launched(ObjectCfg(name="part", kind="fixed", geoms=(seen,)))

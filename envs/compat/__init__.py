@@ -1,0 +1,1 @@
+"""Repairs of other packages, one file per cause."""

@@ -1,0 +1,118 @@
+"""How often each task's expert succeeds, as last measured: a JSON file beside the tasks.
+
+``python -m envs.experts.check --task PickCube --record`` measures and writes it; listings and pages read
+it, without importing anything heavy.
+"""
+
+import json
+import os
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from envs.errors import ConfigError
+
+RECORDS = Path(__file__).parents[1] / "tasks" / "experts.json"
+"""The file, part of the package."""
+
+
+@dataclass(frozen=True, slots=True)
+class SplitRecord:
+    """What was measured on one split.
+
+    Attributes:
+        num_episodes: How many episodes.
+        success_rate: Share of them that were solved, in [0, 1].
+        mean_steps: Mean number of control steps.
+    """
+
+    num_episodes: int
+    success_rate: float
+    mean_steps: float
+
+
+@dataclass(frozen=True, slots=True)
+class ExpertRecord:
+    """What was measured of one task's expert.
+
+    Attributes:
+        splits: Split to its measurement.
+        command: What was run.
+        git_sha: Commit of the checkout, ending in ``+`` if files differed from it; None outside one.
+    """
+
+    splits: Mapping[str, SplitRecord]
+    command: str
+    git_sha: str | None
+
+    def __str__(self) -> str:
+        """The success rates of the splits, in percent: ``"100.0 / 99.8 %"``."""
+        return " / ".join(f"{100 * split.success_rate:.1f}" for split in self.splits.values()) + " %"
+
+
+def read_records(path: Path = RECORDS) -> dict[str, ExpertRecord]:
+    """Returns task to its record; empty if there is no file.
+
+    Raises:
+        ConfigError: if the file is not one of records.
+    """
+    if not path.is_file():
+        return {}
+    try:
+        raw = json.loads(path.read_text(encoding="utf-8"))
+        return {
+            task: ExpertRecord(
+                {split: SplitRecord(**values) for split, values in record["splits"].items()},
+                record["command"],
+                record["git_sha"],
+            )
+            for task, record in raw.items()
+        }
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ConfigError(
+            f"{path} does not say how often experts succeed ({type(error).__name__}: {error}). "
+            "Restore it, or measure again: python -m envs.experts.check --task <task> --record"
+        ) from error
+
+
+def write_record(task: str, record: ExpertRecord, path: Path = RECORDS) -> None:
+    """Puts one task's record into the file, which is replaced as a whole; the other tasks' stay."""
+    records = {**read_records(path), task: record}
+    text = json.dumps({name: asdict(records[name]) for name in sorted(records)}, indent=1) + "\n"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    descriptor, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix, dir=path.parent)
+    try:
+        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(name, 0o644)
+        os.replace(name, path)
+    finally:
+        with suppress(FileNotFoundError):
+            os.unlink(name)
+
+
+def git_sha(folder: Path | None = None) -> str | None:
+    """Returns the commit of the checkout that holds ``folder`` (that of this file by default).
+
+    It ends in ``+`` if tracked files differ from the commit; it is None outside a checkout.
+    """
+    here = folder or Path(__file__).parent
+    if folder is None and _git(here, "ls-files", "--error-unmatch", "rollout.py") is None:
+        return None  # an installed package inside somebody else's checkout
+    sha = _git(here, "rev-parse", "HEAD")
+    return None if sha is None else sha + "+" * bool(_git(here, "status", "--porcelain", "-uno"))
+
+
+def _git(folder: Path, *words: str) -> str | None:
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(folder), *words], capture_output=True, text=True, check=False, timeout=20
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None

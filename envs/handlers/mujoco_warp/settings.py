@@ -1,0 +1,62 @@
+"""What a scenario may say about this simulator: its block ``simulators["mujoco_warp"]``."""
+
+from dataclasses import dataclass, fields, replace
+
+from envs.errors import ConfigError, unknown_name
+from envs.scenario import ScenarioCfg
+
+SIMULATOR = "mujoco_warp"
+
+CONTACTS_PER_OBJECT = 32
+"""A third more than the most that a task of the benchmark was seen to have: two nuts on their pegs, 73."""
+
+ROWS_PER_CONTACT = 4
+"""Elliptic cones with torsional friction (condim 4)."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class WarpSettings:
+    """Sizes of buffers that are allocated once, and where.
+
+    Attributes:
+        device: ``auto`` (the GPU if there is one), ``cpu``, ``cuda`` or ``cuda:1``.
+        nconmax: Contacts per world, on average over the worlds; None is 32 for the robots and for each free
+            or jointed object.
+        njmax: Constraint rows of any one world; None is four, as a contact of our scenes takes, for each of
+            ``nconmax``.
+        nccdmax: Contacts per world that need the general convex algorithm; None is ``nconmax``.
+        deterministic: On a GPU: the same bits in every run, for some of the speed. A CPU always is.
+        render_worlds: Worlds that are drawn at once; bounds the memory of pictures.
+        num_textures: Pictures of materials that are kept on the device, 256 KiB each.
+    """
+
+    device: str = "auto"
+    nconmax: int | None = None
+    njmax: int | None = None
+    nccdmax: int | None = None
+    deterministic: bool = False
+    render_worlds: int = 4096
+    num_textures: int = 1024
+
+    def __post_init__(self) -> None:
+        for name in ("nconmax", "njmax", "render_worlds", "num_textures"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise ConfigError(f"{SIMULATOR}: {name} must be at least 1, given {value}.")
+
+    @classmethod
+    def of(cls, scenario: ScenarioCfg) -> "WarpSettings":
+        """Reads a scenario's block, and sizes what it leaves open.
+
+        Raises:
+            UnknownNameError: if it has another key.
+        """
+        block = scenario.simulators.get(SIMULATOR, {})
+        valid = [field.name for field in fields(cls)]
+        for key in block:
+            if key not in valid:
+                raise unknown_name(f"setting of simulator={SIMULATOR}", key, valid)
+        given = cls(**block)
+        moving = sum(item.kind == "free" or bool(item.joint_names) for item in scenario.objects)
+        nconmax = given.nconmax or CONTACTS_PER_OBJECT * (1 + moving)
+        return replace(given, nconmax=nconmax, njmax=given.njmax or ROWS_PER_CONTACT * nconmax)

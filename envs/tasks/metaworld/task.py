@@ -1,0 +1,127 @@
+"""A Meta-World task as one of ours: pure functions of states, with Meta-World's own answers."""
+
+from collections.abc import Sequence
+from typing import ClassVar, override
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from envs.controllers import Controller, PulledHandController
+from envs.experts.waypoints import Waypoint
+from envs.robots.sawyer import SAWYER
+from envs.scenario import ScenarioCfg
+from envs.state import State
+from envs.tasks.base import Task
+from envs.tasks.metaworld.original import FRAME_SIZE, Original, original
+from envs.tasks.metaworld.scene import PULLER, PULLER_ROT, Scene, scene_of
+
+HORIZON = 500
+"""Meta-World's ``max_path_length``."""
+
+MAX_REWARD = 10.0
+
+BELOW_ONE = 0.999
+"""Largest reward of a state that is no success; a few of Meta-World's rewards reach 10 a little early."""
+
+
+class MetaWorldTask(Task):
+    """What the 50 tasks share. Success, reward and observation are Meta-World's, row by row.
+
+    The observation is Meta-World's of MT1, where the goal is seen, without its second frame: a frame
+    (hand, opening of the gripper, positions and orientations of up to two objects, zeros) and the goal.
+
+    Attributes:
+        original_name: Meta-World's name of the task.
+    """
+
+    max_episode_steps: ClassVar[int] = HORIZON
+    original_name: ClassVar[str]
+
+    @property
+    def original(self) -> Original:
+        """Meta-World's own environment."""
+        return original(self.original_name)
+
+    @property
+    def scene(self) -> Scene:
+        """The scenario, and the way to Meta-World's arrays."""
+        return scene_of(self.original)
+
+    @property
+    @override
+    def scenario(self) -> ScenarioCfg:
+        return self.scene.scenario
+
+    @property
+    @override
+    def controller(self) -> Controller:
+        env = self.original.env
+        return PulledHandController(
+            SAWYER,
+            PULLER,
+            low=tuple(env.mocap_low),
+            high=tuple(env.mocap_high),
+            step_m=env.action_scale,
+            rot=PULLER_ROT,
+        )
+
+    @property
+    @override
+    def planner(self) -> "ScriptedPlanner":
+        return ScriptedPlanner(self)
+
+    @override
+    def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
+        vectors = np.stack([self.original.draw(rng) for rng in rngs])
+        episodes = [self.original.episode(vector) for vector in vectors]
+        goals = np.stack([episode.goal for episode in episodes])
+        return self.scene.state([episode.start for episode in episodes], goals, vectors)
+
+    @override
+    def success(self, state: State) -> Tensor:
+        return torch.from_numpy(self._answers(state)[2])
+
+    @override
+    def reward(self, state: State) -> Tensor:
+        """Returns Meta-World's reward over 10."""
+        return torch.from_numpy(np.clip(self._answers(state)[1] / MAX_REWARD, 0.0, BELOW_ONE))
+
+    @override
+    def observe(self, state: State) -> Tensor:
+        """Returns a frame and the goal, (N, 21)."""
+        return torch.from_numpy(self._answers(state)[0])
+
+    @override
+    def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
+        return []  # the planner follows Meta-World's scripted policy instead
+
+    def _answers(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns observations (N, 21), rewards (N,) and successes (N,) of Meta-World's own code."""
+        poses, vectors = self.scene.poses(state)
+        observations = np.full((len(poses), FRAME_SIZE + 3), np.nan)
+        rewards, successes = np.zeros(len(poses)), np.zeros(len(poses), bool)
+        for row, (pose, vector) in enumerate(zip(poses, vectors, strict=True)):
+            numbers = (pose.qpos, pose.qvel, pose.ctrl, pose.mocap_pos, pose.body_pos, vector)
+            if all(np.isfinite(values).all() for values in numbers):
+                seen, rewards[row], successes[row] = self.original.evaluate(vector, pose)
+                observations[row] = np.delete(seen, np.s_[FRAME_SIZE : 2 * FRAME_SIZE])
+        return observations, rewards, successes
+
+
+class ScriptedPlanner:
+    """Asks Meta-World's scripted policy of a task for one action at a time.
+
+    Args:
+        task: The task.
+    """
+
+    def __init__(self, task: MetaWorldTask) -> None:
+        self._task = task
+
+    def plan(self, state: State, rng: np.random.Generator) -> np.ndarray:
+        """Returns one action (1, 4) float32; see :class:`envs.experts.planner.Planner`."""
+        seen = self._task.observe(state)[0].cpu().numpy()
+        # No policy looks at the last moment's frame; it stands in for itself.
+        whole = np.concatenate([seen[:FRAME_SIZE], seen])
+        return self._task.original.action(whole)[None].astype(np.float32)

@@ -1,0 +1,369 @@
+"""NutAssembly, after robosuite 1.5.1 (``environments/manipulation/nut_assembly.py``, MIT).
+
+Nuts are robosuite's own files; pegs, table, robot base and rest posture have its numbers. Its table top
+lies at z = 0.82 m, ours at 0. Its nuts fall 5 cm onto the table at the start; ours lie there already.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal, override
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from envs.errors import unknown_name
+from envs.experts.waypoints import Waypoint
+from envs.robots.franka import FRANKA
+from envs.rotations import from_yaw, rotate, yaw_of
+from envs.scenario import GeomCfg, ObjectCfg, Rgba, ScenarioCfg, TableCfg
+from envs.state import EntityState, State
+from envs.tasks.base import Task
+from envs.tasks.tabletop import (
+    CONTROL_20_HZ,
+    FRONT_CAMERA,
+    GRASP_CLOSED_M,
+    GRASP_OPEN_M,
+    TABLETOP_LOOKS,
+    distance,
+    ee_pos,
+    finger_gap,
+    hand_yaw,
+    nearness,
+)
+
+TABLE_HEIGHT_M = 0.82
+NUT_HALF_HEIGHT_M = 0.01
+PEG_HALF_HEIGHT_M = 0.1
+PEG_Z_M = 0.85 - TABLE_HEIGHT_M
+PEG_TOP_M = PEG_Z_M + PEG_HALF_HEIGHT_M
+"""``models/assets/arenas/pegs_arena.xml``: the lower part of each peg is inside the table."""
+
+SPAWN_X_M = (-0.115, -0.11)
+SPAWN_Y_M = (0.11, 0.225)
+"""Where the square nut starts; the round one has these y's negated."""
+
+TOLERANCE_XY_M = 0.03
+TOLERANCE_Z_M = 0.05
+MAX_REACH = 0.6
+"""Success takes ``1 - tanh(10 d)`` below this, for the distance d from the hand to the nut's centre."""
+
+PAPER_TOLERANCE_M = 0.02
+"""The variant of the paper's code (snapshot of June 2025): horizontal distance of nut and peg."""
+
+REACH_REWARD, GRASP_REWARD, LIFT_REWARD, HOVER_REWARD = 0.1, 0.35, 0.5, 0.7
+LIFT_TARGET_M = 0.795 + 0.2 - TABLE_HEIGHT_M
+"""robosuite measures the lift from the middle of its table top, 2.5 cm below its surface."""
+
+GRASP_GAP_M = (0.025, 0.04)
+"""Gaps between fingers that a handle, 31.75 mm wide, keeps apart."""
+
+GRASP_REACH_M = 0.03
+QPOS_NOISE_RAD = 0.02
+APPROACH_NOISE_M = 0.01
+CARRY_HEIGHT_M = PEG_TOP_M + 0.045
+"""Height of a nut's centre on its way to the peg."""
+
+RELEASE_HEIGHT_M = 0.035
+"""Height at which the expert lets go: from here on the peg guides the nut, and hand and peg do not meet."""
+
+YAW_RANGE_RAD = (-1.9, 3.0)
+"""Turns of the hand that the wrist's joint limits leave over nuts and pegs alike."""
+
+_HOME = (0.0, np.pi / 16, 0.0, -5 * np.pi / 6, 0.0, np.pi - 0.2, np.pi / 4, GRASP_OPEN_M, GRASP_OPEN_M)
+"""``models/robots/manipulators/panda_robot.py``; fingers open."""
+
+_UPRIGHT_PITCH_RAD = (np.pi - 0.2) - np.pi / 16 - 5 * np.pi / 6
+"""What turns the hand from that posture, in which it is tipped by 7°, to straight down."""
+
+_ROBOT = dataclasses.replace(FRANKA, pos=(-0.56, 0.0, 0.912 - TABLE_HEIGHT_M)).with_home(_HOME)
+_CAMERA = dataclasses.replace(FRONT_CAMERA, fovy_deg=30.0)
+_GREY: Rgba = (0.2, 0.2, 0.2, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Nut:
+    """A kind of nut and its peg.
+
+    Attributes:
+        name: Name of the nut.
+        peg: Name of its peg.
+        peg_geom: The peg.
+        peg_pos: The peg's middle, m.
+        side: 1 if the nut starts at positive y, -1 if at negative.
+        handle_m: Distance of the handle's middle from the nut's centre, along the nut's x axis: where
+            robosuite's reward reaches for.
+        grip_m: Where the expert takes the handle: clear of the ring.
+    """
+
+    name: str
+    peg: str
+    peg_geom: GeomCfg
+    peg_pos: tuple[float, float, float]
+    side: int
+    handle_m: float
+    grip_m: float
+
+    @property
+    def mjcf(self) -> str:
+        """The nut's file."""
+        return f"robosuite:models/assets/objects/{self.name.replace('_', '-')}.xml"
+
+
+SQUARE_NUT = Nut(
+    name="square_nut",
+    peg="square_peg",
+    peg_geom=GeomCfg(shape="box", size=(0.016, 0.016, PEG_HALF_HEIGHT_M), rgba=(0.62, 0.45, 0.12, 1.0)),
+    peg_pos=(0.23, 0.1, PEG_Z_M),
+    side=1,
+    handle_m=0.054,
+    grip_m=0.062,
+)
+ROUND_NUT = Nut(
+    name="round_nut",
+    peg="round_peg",
+    peg_geom=GeomCfg(shape="cylinder", size=(0.02, PEG_HALF_HEIGHT_M), rgba=(0.45, 0.46, 0.48, 1.0)),
+    peg_pos=(0.23, -0.1, PEG_Z_M),
+    side=-1,
+    handle_m=0.06,
+    grip_m=0.068,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NutAssembly(Task):
+    """Put the square nut on the square peg and the round nut on the round one.
+
+    Attributes:
+        variant: ``robosuite`` is the original. ``roboverse`` has the rule of the paper's code: each nut
+            within 2 cm of its peg's axis and at most 5 cm above its middle, held or not. (That code has
+            the square nut alone: :class:`NutAssemblySquare`.)
+    """
+
+    name: ClassVar[str] = "NutAssembly"
+    instructions: ClassVar[tuple[str, ...]] = (
+        "put the square nut on the square peg and the round nut on the round peg",
+        "fit both nuts onto their pegs",
+        "place each nut over the peg of its shape",
+    )
+    max_episode_steps: ClassVar[int] = 400
+    nuts: ClassVar[tuple[Nut, ...]] = (SQUARE_NUT, ROUND_NUT)
+
+    variant: Literal["robosuite", "roboverse"] = "robosuite"
+
+    def __post_init__(self) -> None:
+        if self.variant not in ("robosuite", "roboverse"):
+            raise unknown_name(f"variant of {self.name}", str(self.variant), ("robosuite", "roboverse"))
+
+    @property
+    @override
+    def scenario(self) -> ScenarioCfg:
+        nuts = (
+            ObjectCfg(
+                name=nut.name,
+                mjcf=nut.mjcf,
+                mjcf_root="object",
+                pos=(SPAWN_X_M[0], nut.side * SPAWN_Y_M[0], NUT_HALF_HEIGHT_M),
+            )
+            for nut in self.nuts
+        )
+        pegs = (
+            ObjectCfg(name=nut.peg, geoms=(nut.peg_geom,), pos=nut.peg_pos, kind="fixed") for nut in self.nuts
+        )
+        return ScenarioCfg(
+            robots=(_ROBOT,),
+            objects=(*nuts, *pegs, _pedestal()),
+            cameras=(_CAMERA,),
+            appearance=TABLETOP_LOOKS,
+            table=TableCfg(half_size=(0.4, 0.4), height_m=TABLE_HEIGHT_M),
+            physics=CONTROL_20_HZ,
+        )
+
+    @override
+    def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
+        count = len(rngs)
+        qpos = np.tile(np.array(_ROBOT.default_qpos), (count, 1))
+        pos = np.full((count, len(self.nuts), 3), NUT_HALF_HEIGHT_M)
+        yaw = np.empty((count, len(self.nuts)))
+        for row, rng in enumerate(rngs):
+            for column, nut in enumerate(self.nuts):
+                pos[row, column, :2] = rng.uniform(*SPAWN_X_M), nut.side * rng.uniform(*SPAWN_Y_M)
+                yaw[row, column] = rng.uniform(-np.pi, np.pi)
+            qpos[row, :7] += rng.normal(0.0, QPOS_NOISE_RAD, 7)
+        robot = EntityState.at_rest(np.array(_ROBOT.pos), np.tile(_ROBOT.rot, (count, 1)), qpos)
+        upright = from_yaw(np.zeros(count))
+        objects = {
+            nut.name: EntityState.at_rest(pos[:, column], from_yaw(yaw[:, column]))
+            for column, nut in enumerate(self.nuts)
+        }
+        objects |= {nut.peg: EntityState.at_rest(np.array(nut.peg_pos), upright) for nut in self.nuts}
+        objects["pedestal"] = EntityState.at_rest(np.array(_ROBOT.pos), upright)
+        return State({_ROBOT.name: robot}, objects)
+
+    @override
+    def success(self, state: State) -> Tensor:
+        return torch.stack([self._is_done(state, nut) for nut in self.nuts]).all(0)
+
+    def reward(self, state: State) -> Tensor:
+        """Returns robosuite's shaped reward: nuts on their pegs, and reach, grasp, lift, hover of the rest.
+
+        robosuite asks contacts for a grasp; here it is that of :func:`_grasped`.
+        """
+        done = torch.stack([self._is_done(state, nut) for nut in self.nuts], dim=-1)  # (N, nuts)
+        reached, grasped, lifted, hovered = (
+            torch.stack(stage, dim=-1)
+            for stage in zip(*(self._stages(state, n) for n in self.nuts), strict=True)
+        )
+        reach = REACH_REWARD * reached.where(~done, 0.0).amax(-1)
+        grasp = GRASP_REWARD * (grasped & ~done).any(-1)
+        lift = (LIFT_REWARD - GRASP_REWARD) * lifted.where(~done, 0.0).amax(-1)
+        lift = torch.where(grasp > 0, grasp + lift, 0.0)
+        hover = lift + (HOVER_REWARD - LIFT_REWARD) * hovered.where(~done, 0.0).amax(-1)
+        staged = torch.stack((reach, grasp, lift, hover)).amax(0)
+        return (done.sum(-1) + staged) / len(self.nuts)
+
+    def observe(self, state: State) -> Tensor:
+        """Returns every nut's pose, its ways from the hand and to its peg, and the hand, (N, 13 nuts + 3)."""
+        hand = ee_pos(state.robots[_ROBOT.name])
+        parts = [hand]
+        for nut in self.nuts:
+            body, peg = state.objects[nut.name], state.objects[nut.peg]
+            parts += [body.pos, body.rot, body.pos - hand, peg.pos - body.pos]
+        return torch.cat(parts, dim=-1)
+
+    @override
+    def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
+        robot = state.robots[_ROBOT.name]
+        hand = ee_pos(robot)[0].numpy()
+        away = _way(_higher(hand, CARRY_HEIGHT_M), hand_yaw(robot), GRASP_OPEN_M, 0.5)
+        for nut in self.nuts:
+            if not bool(self._is_done(state, nut)[0]):
+                body = state.objects[nut.name]
+                if bool(_grasped(robot, body, nut)[0]) and body.pos[0, 2] > 2 * NUT_HALF_HEIGHT_M:
+                    return _place(robot, body, state.objects[nut.peg].pos[0].numpy(), rng)
+                start = [] if hand[2] > CARRY_HEIGHT_M - 0.03 else [away]
+                return [*start, *_pick(robot, body, nut, rng)]
+        return [away]
+
+    def _is_done(self, state: State, nut: Nut) -> Tensor:
+        pos, peg = state.objects[nut.name].pos, state.objects[nut.peg].pos
+        if self.variant == "roboverse":
+            off = torch.linalg.vector_norm((pos - peg)[:, :2], dim=-1)
+            return (off < PAPER_TOLERANCE_M) & (pos[:, 2] < peg[:, 2] + TOLERANCE_Z_M)
+        on_peg = ((pos - peg)[:, :2].abs() < TOLERANCE_XY_M).all(-1) & (pos[:, 2] < TOLERANCE_Z_M)
+        return on_peg & (nearness(distance(ee_pos(state.robots[_ROBOT.name]), pos), 10.0) < MAX_REACH)
+
+    def _stages(self, state: State, nut: Nut) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        robot, body, peg = state.robots[_ROBOT.name], state.objects[nut.name], state.objects[nut.peg]
+        reach = nearness(distance(ee_pos(robot), _on_handle(body, nut.handle_m)), 10.0)
+        lift = nearness((LIFT_TARGET_M - body.pos[:, 2]).clamp(min=0.0), 15.0)
+        hover = nearness(torch.linalg.vector_norm((peg.pos - body.pos)[:, :2], dim=-1), 10.0)
+        return reach, _grasped(robot, body, nut), lift, hover
+
+
+@dataclass(frozen=True, kw_only=True)
+class NutAssemblySquare(NutAssembly):
+    """Put the square nut on its peg: robosuite's NutAssemblySquare, without the other nut and peg.
+
+    Attributes:
+        variant: As for :class:`NutAssembly`; ``roboverse`` is what the paper's code calls SquareD0.
+    """
+
+    name: ClassVar[str] = "NutAssemblySquare"
+    instructions: ClassVar[tuple[str, ...]] = (
+        "put the square nut on the peg",
+        "fit the nut onto the square peg",
+        "pick up the nut by its handle and place it over the peg",
+    )
+    max_episode_steps: ClassVar[int] = 250
+    nuts: ClassVar[tuple[Nut, ...]] = (SQUARE_NUT,)
+
+
+def _pedestal() -> ObjectCfg:
+    """Returns what the robot stands on: the shapes of robosuite's ``bases/rethink_mount.xml``, only seen."""
+    shapes = (
+        GeomCfg(shape="cylinder", size=(0.1, 0.3), pos=(-0.02, 0.0, -0.3), rgba=_GREY),
+        GeomCfg(shape="box", size=(0.11, 0.2, 0.265), pos=(-0.325, 0.0, -0.37), rgba=_GREY),
+        GeomCfg(shape="box", size=(0.385, 0.35, 0.155), pos=(-0.1225, 0.0, -0.748), rgba=_GREY),
+    )
+    return ObjectCfg(name="pedestal", geoms=shapes, pos=_ROBOT.pos, kind="marker")
+
+
+def _on_handle(body: EntityState, along_m: float) -> Tensor:
+    """Returns the point of the nut's handle at ``along_m`` from its centre, (N, 3)."""
+    return body.pos + rotate(body.rot, body.pos.new_tensor([along_m, 0.0, 0.0]).expand_as(body.pos))
+
+
+def _grasped(robot: EntityState, body: EntityState, nut: Nut) -> Tensor:
+    """Returns whether the handle keeps fingers apart that are told to close on it, (N,)."""
+    gap = finger_gap(robot)
+    round_it = (gap > GRASP_GAP_M[0]) & (gap < GRASP_GAP_M[1])
+    if robot.joint_target is not None:
+        round_it &= robot.joint_target[:, 7:9].sum(-1) < gap - 0.001
+    return round_it & (distance(ee_pos(robot), _on_handle(body, nut.grip_m)) < GRASP_REACH_M)
+
+
+def _higher(pos: np.ndarray, height_m: float) -> np.ndarray:
+    return pos + np.array([0.0, 0.0, height_m])
+
+
+def _way(pos: np.ndarray, yaw: float, gripper: float, duration_s: float, hold_s: float = 0.0) -> Waypoint:
+    """Returns a waypoint of the hand that points straight down."""
+    return Waypoint(
+        pos=pos, yaw=yaw, pitch=_UPRIGHT_PITCH_RAD, gripper=gripper, duration_s=duration_s, hold_s=hold_s
+    )
+
+
+def _wrapped(angle: float) -> float:
+    return float((angle + np.pi) % (2 * np.pi) - np.pi)
+
+
+def _grasp_turn(handle_yaw: float) -> float:
+    """Returns the turn of the hand to take a handle that points along ``handle_yaw`` from the nut.
+
+    Its fingers close across the handle. Over the peg the handle has to point to the robot, along -x: with
+    the hand at turn 0 if the wrist can come from there, and else turned round by (almost) π.
+    """
+    low, high = YAW_RANGE_RAD
+    turn = _wrapped(handle_yaw - np.pi)
+    return turn if low <= turn <= high else float(np.clip(_wrapped(handle_yaw), low, high))
+
+
+def _pick(robot: EntityState, body: EntityState, nut: Nut, rng: np.random.Generator) -> list[Waypoint]:
+    """Returns the way to take a nut by its handle and to lift it."""
+    handle = _on_handle(body, nut.grip_m)[0].numpy()
+    handle[2] = max(handle[2], NUT_HALF_HEIGHT_M)
+    turn = _grasp_turn(float(yaw_of(body.rot[0].numpy())))
+    # The approach first misses by a little: what comes next shows how to correct.
+    above = handle + np.array([*rng.normal(0.0, APPROACH_NOISE_M, 2), rng.uniform(0.06, 0.09)])
+    hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
+    return [
+        _way(above, turn, hold, 0.7 + 0.4 * abs(turn - hand_yaw(robot))),
+        _way(handle, turn, hold, 0.5, hold_s=0.1),
+        _way(handle, turn, grip, 0.3),
+        _way(np.array([*handle[:2], CARRY_HEIGHT_M]), turn, grip, 0.7),
+    ]
+
+
+def _place(
+    robot: EntityState, body: EntityState, peg: np.ndarray, rng: np.random.Generator
+) -> list[Waypoint]:
+    """Returns the way to bring the nut in the hand over its peg, to lower it and to let go."""
+    hand, now = ee_pos(robot)[0].numpy(), hand_yaw(robot)
+    turn = float(np.clip(now + _wrapped(np.pi - float(yaw_of(body.rot[0].numpy()))), *YAW_RANGE_RAD))
+    spin, offset = turn - now, hand - body.pos[0].numpy()
+    in_hand = rotate(from_yaw(spin), offset)  # from the nut to the hand, when the hand has turned
+    over = np.array([*peg[:2], CARRY_HEIGHT_M]) + in_hand
+    low = np.array([*peg[:2], RELEASE_HEIGHT_M]) + in_hand
+    # ... and so does the way to the peg.
+    near = over + np.array([*rng.normal(0.0, APPROACH_NOISE_M, 2), rng.uniform(0.0, 0.02)])
+    travel = float(np.linalg.norm(near - hand))
+    hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
+    return [
+        _way(near, turn, grip, 0.4 + 2.0 * travel + 0.4 * abs(spin)),
+        _way(over, turn, grip, 0.4, hold_s=0.1),
+        _way(low, turn, grip, 0.8, hold_s=0.1),
+        _way(low, turn, hold, 0.3),
+        _way(_higher(low, CARRY_HEIGHT_M), turn, hold, 0.6),
+    ]

@@ -1,0 +1,23 @@
+"""Opening HDF5 files that may be damaged."""
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from envs.errors import DatasetError
+
+READ_ERRORS = (KeyError, OSError, RuntimeError, TypeError)
+"""What h5py raises for a group that is absent, of another kind, or damaged."""
+
+
+def open_hdf5(path: Path) -> Any:
+    """Opens a file for reading.
+
+    Raises:
+        DatasetError: It is absent, truncated, or no HDF5 file.
+    """
+    try:
+        return h5py.File(path, "r")
+    except OSError as error:
+        raise DatasetError(f"'{path}' is no whole HDF5 file ({error}). Download it again.") from error

@@ -1,0 +1,153 @@
+"""ManiSkill 3 trajectories: an HDF5 file with ``env_states``, and the JSON file beside it.
+
+The layout is that of ``mani_skill/trajectory`` (Apache-2.0): group ``traj_<episode_id>`` with ``actions``
+(T, A), ``success`` (T,), and ``env_states`` of T + 1 moments: actors as pos, quaternion wxyz, linear and
+angular velocity in the world (13 numbers); articulations likewise, then joint positions and velocities.
+"""
+
+import json
+from pathlib import Path
+from typing import Any, ClassVar, override
+
+import numpy as np
+
+from envs.errors import DatasetError
+from envs.rotations import conjugate, rotate
+from envs.state import EntityState
+from envs.tasks.base import Task
+from roboverse_learn.data.importers.demonstration import (
+    Demonstration,
+    DemonstrationFile,
+    Placement,
+    Scene,
+    array,
+    assemble,
+    check_scene,
+    place_base,
+    servo_targets,
+    within_range,
+)
+from roboverse_learn.data.importers.hdf5 import READ_ERRORS, open_hdf5
+
+SCENES = {
+    "PickCube-v1": Scene("PickCube", {"cube": "cube", "goal_site": "goal"}),
+    "StackCube-v1": Scene("StackCube", {"cubeA": "cube_a", "cubeB": "cube_b"}),
+}
+
+ROBOT = "franka"
+"""Our robot that is ManiSkill's ``panda``: same kinematics, joints in the same order."""
+
+GRIPPER_RANGE_M = (-0.01, 0.04)
+"""Finger positions that a gripper action of -1 and 1 stand for (``agents/robots/panda/panda.py``)."""
+
+DEFAULT_CONTROL_HZ = 20.0
+"""ManiSkill's ``SimConfig.control_freq``."""
+
+_ROOT = 13
+
+
+class ManiSkillFile(DemonstrationFile):
+    """See the module."""
+
+    suffixes: ClassVar[tuple[str, ...]] = (".h5",)
+
+    @override
+    def __init__(self, path: Path, task: Task) -> None:
+        self.path = path
+        info = _read_json(path)
+        env = info["env_info"]
+        self._scene = check_scene(path, str(env["env_id"]), SCENES, task)
+        scenario = task.scenario
+        self._robot, self._hz = scenario.robots[0], scenario.physics.control_hz
+        self._objects = {item.name for item in scenario.objects}
+        if self._robot.name != ROBOT:
+            raise DatasetError(f"'{path}' moves a Panda; the task's robot is '{self._robot.name}'.")
+        kwargs = env.get("env_kwargs") or {}
+        recorded_hz = float((kwargs.get("sim_config") or {}).get("control_freq", DEFAULT_CONTROL_HZ))
+        if abs(recorded_hz - self._hz) > 1e-6:
+            raise DatasetError(
+                f"'{path}' was recorded at {recorded_hz:g} Hz; the task runs at {self._hz:g} Hz. Record it "
+                "again with sim_config.control_freq of the task."
+            )
+        self._episodes = {f"traj_{episode['episode_id']}": episode for episode in info["episodes"]}
+        self._mode = str(kwargs.get("control_mode", ""))
+        self._file = open_hdf5(path)
+        self.names = tuple(self._episodes)
+
+    @override
+    def read(self, name: str) -> Demonstration:
+        try:
+            return self._read(name)
+        except READ_ERRORS as error:
+            raise DatasetError(f"Its record is incomplete or damaged: {error}.") from error
+
+    def _read(self, name: str) -> Demonstration:
+        group, episode = self._file[name], self._episodes[name]
+        if "env_states" not in group:
+            raise DatasetError("It has no env_states. Record with RecordEpisode(record_env_state=True).")
+        states = group["env_states"]
+        panda = next((key for key in states["articulations"] if key.startswith("panda")), None)
+        if panda is None:
+            robots = ", ".join(states["articulations"])
+            raise DatasetError(f"Its robot is '{robots}'; only ManiSkill's panda can be imported.")
+        joints = len(self._robot.joints)
+        robot = array(states["articulations"][panda][:], (None, _ROOT + 2 * joints), "The panda's state")
+        placement = place_base(robot[0, :3], robot[0, 3:7], self._robot)
+        qpos, qvel = robot[:, _ROOT : _ROOT + joints], robot[:, _ROOT + joints :]
+        actions = array(group["actions"][:], (len(robot) - 1, None), "actions")
+        mode = str(episode.get("control_mode", self._mode))
+        targets = self._targets(qpos, actions, mode)
+        objects = {
+            ours: _object(
+                array(states["actors"][theirs][:], (None, _ROOT), f"The state of '{theirs}'"), placement
+            )
+            for theirs, ours in self._scene.objects.items()
+            if ours in self._objects
+        }
+        success = group["success"][:] if "success" in group else None
+        return Demonstration(
+            name=name,
+            states=assemble(self._robot, qpos, targets, objects, joint_vel=qvel),
+            targets=targets,
+            succeeded=None if success is None else bool(success[-1]),
+            facts={"control_mode": mode, "targets": "recorded" if mode == "pd_joint_pos" else "from states"},
+        )
+
+    def _targets(self, qpos: np.ndarray, actions: np.ndarray, mode: str) -> np.ndarray:
+        """Returns joint targets; those of other control modes than joint positions come from the states."""
+        low, high = GRIPPER_RANGE_M
+        fingers = low + (actions[:, -1:] + 1.0) / 2.0 * (high - low)
+        if mode == "pd_joint_pos" and actions.shape[1] == 8:
+            arm = actions[:, :7]
+        else:
+            arm = servo_targets(self._robot, qpos, self._hz)[:, :7]
+        return within_range(self._robot, np.concatenate([arm, fingers, fingers], axis=1))
+
+    @override
+    def close(self) -> None:
+        self._file.close()
+
+
+def _object(values: np.ndarray, placement: Placement) -> EntityState:
+    """Returns one actor's moments; SAPIEN's angular velocities are the world's, ours the body's."""
+    rot = values[:, 3:7] / np.linalg.norm(values[:, 3:7], axis=1, keepdims=True)
+    turning = rotate(conjugate(rot), values[:, 10:13])
+    return placement.entity(values[:, :3], rot, lin_vel=values[:, 7:10], ang_vel=turning)
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    """Reads the description beside an HDF5 file."""
+    beside = path.with_suffix(".json")
+    if not beside.is_file():
+        raise DatasetError(
+            f"'{path}' needs '{beside.name}' beside it, which says what was recorded. Copy both files."
+        )
+    try:
+        info = json.loads(beside.read_text(encoding="utf-8"))
+        if not isinstance(info["env_info"]["env_id"], str):
+            raise TypeError("env_id is no text")
+        for episode in info["episodes"]:
+            int(episode["episode_id"])
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise DatasetError(f"'{beside}' describes no ManiSkill trajectories ({error!r}).") from error
+    return info

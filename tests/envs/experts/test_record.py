@@ -1,0 +1,80 @@
+"""The file of how often experts succeed."""
+
+import json
+import subprocess
+
+import pytest
+
+from envs.errors import ConfigError
+from envs.experts import check
+from envs.experts.check import ExpertReport
+from envs.experts.record import RECORDS, ExpertRecord, SplitRecord, git_sha, read_records, write_record
+from envs.tasks import TASKS
+
+RECORD = ExpertRecord({"train": SplitRecord(50, 0.98, 42.5)}, "python -m envs.experts.check", "abc")
+
+
+def test_records_come_back_and_other_tasks_stay(tmp_path):
+    path = tmp_path / "new" / "experts.json"
+    assert read_records(path) == {}
+    write_record("PickCube", RECORD, path)
+    other = ExpertRecord({"test": SplitRecord(10, 1.0, 7.0)}, "c", None)
+    write_record("Alone", other, path)
+    assert read_records(path) == {"PickCube": RECORD, "Alone": other}
+    assert list(json.loads(path.read_text())) == ["Alone", "PickCube"]
+    assert [entry.name for entry in path.parent.iterdir()] == ["experts.json"]
+
+
+def test_a_record_reads_as_percent_by_split():
+    both = {"train": SplitRecord(500, 1.0, 9.0), "test": SplitRecord(500, 0.998, 9.0)}
+    assert str(ExpertRecord(both, "", None)) == "100.0 / 99.8 %"
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"PickCube": {"splits": {}}}', '{"PickCube": 3}'])
+def test_a_broken_file_is_told_with_the_way_out(tmp_path, text):
+    path = tmp_path / "experts.json"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=r"experts\.json does not say .* measure again: python -m envs"):
+        read_records(path)
+    with pytest.raises(ConfigError):
+        write_record("PickCube", RECORD, path)
+    assert path.read_text() == text
+
+
+def test_what_is_committed_is_of_registered_tasks_and_public():
+    records = read_records()
+    assert set(records) <= set(TASKS)
+    for task, record in records.items():
+        assert f"--task {task}" in record.command and "/" not in record.command.replace(task, "")
+        for split in record.splits.values():
+            assert split.num_episodes >= 1 and 0.0 <= split.success_rate <= 1.0
+
+
+def test_the_check_notes_both_splits_and_its_command(tmp_path, monkeypatch):
+    monkeypatch.setattr(check, "check_expert", lambda *_, **__: ExpertReport(50, (17,), 42.48, 0.1))
+    monkeypatch.setattr(check, "git_sha", lambda: "abc+")
+    path = tmp_path / "experts.json"
+    assert check.main(["--task", "PickCube", "--episodes", "50", "--record", str(path)]) == 0
+    split = SplitRecord(50, 0.98, 42.5)
+    command = "python -m envs.experts.check --task PickCube --episodes 50 --record experts.json"
+    assert read_records(path) == {"PickCube": ExpertRecord({"train": split, "test": split}, command, "abc+")}
+    before = RECORDS.read_bytes() if RECORDS.is_file() else None
+    assert check.main(["--task", "PickCube", "--episodes", "50"]) == 0
+    assert (RECORDS.read_bytes() if RECORDS.is_file() else None) == before
+
+
+def test_the_commit_is_marked_when_files_differ_from_it(tmp_path):
+    assert git_sha(tmp_path) is None
+
+    def git(*words):
+        who = ("-c", "user.name=a", "-c", "user.email=a@b.c", "-c", "commit.gpgsign=false")
+        subprocess.run(["git", "-C", tmp_path, *who, *words], check=True, capture_output=True)
+
+    git("init")
+    (tmp_path / "a").write_text("1")
+    git("add", "a")
+    git("commit", "-m", "one")
+    clean = git_sha(tmp_path)
+    assert len(clean) == 40
+    (tmp_path / "a").write_text("2")
+    assert git_sha(tmp_path) == clean + "+"

@@ -1,0 +1,47 @@
+"""Success, reward and observation are functions of tensors, wherever and however precise these are."""
+
+import numpy as np
+import pytest
+import torch
+
+from envs.handlers.mujoco.handler import MujocoHandler
+from envs.tasks import TASKS
+
+OURS = [name for name in TASKS.names() if "/" not in name]
+"""Tasks of a family compute what its library computes, with numpy."""
+
+
+@pytest.mark.parametrize("name", OURS)
+@pytest.mark.parametrize("function", ["success", "reward", "observe"])
+def test_no_constant_stays_on_the_cpu(name, function, states):
+    """Meta tensors have no numbers: to look at one, or to mix it with one of the CPU, is an error."""
+    task, state = states(name)
+    found = getattr(task, function)(state.to("meta", torch.float32))
+    assert found.device.type == "meta"
+    assert found.shape[0] == state.num_envs
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_single_precision_decides_as_double_does(name, states):
+    task, state = states(name)
+    single = state.to("cpu", torch.float32)
+    assert torch.equal(task.success(single), task.success(state))
+    np.testing.assert_allclose(task.reward(single), task.reward(state), atol=1e-4)
+    np.testing.assert_allclose(task.observe(single), task.observe(state), atol=1e-5)
+
+
+@pytest.fixture(scope="module")
+def states():
+    """Makes a task and two of its initial states, as a simulator completes them; once for each name."""
+    known = {}
+
+    def make(name):
+        if name not in known:
+            task = TASKS.get(name)()
+            with MujocoHandler(task.scenario, 2, num_threads=1) as handler:
+                handler.launch()
+                handler.set_states(task.initial_state([np.random.default_rng(row) for row in range(2)]))
+                known[name] = task, handler.get_states()
+        return known[name]
+
+    return make

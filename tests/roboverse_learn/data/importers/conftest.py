@@ -1,0 +1,37 @@
+import contextlib
+
+import pytest
+
+import envs
+
+
+@pytest.fixture(scope="session")
+def pick_env():
+    """Two PickCube environments without pictures."""
+    with contextlib.closing(envs.make_vec("PickCube", 2, split="train", observation="state")) as env:
+        yield env
+
+
+@pytest.fixture(scope="session")
+def lift_env():
+    """Two environments of PickCube's other variant, without pictures."""
+    kwargs = {"variant": "lift"}
+    env = envs.make_vec("PickCube", 2, split="train", observation="state", task_kwargs=kwargs)
+    with contextlib.closing(env):
+        yield env
+
+
+@pytest.fixture(scope="session")
+def played(pick_env):
+    """Two episodes of the expert of PickCube."""
+    from envs.experts.rollout import rollout
+
+    return list(rollout(pick_env, pick_env.split_indices[100:102].tolist()))
+
+
+@pytest.fixture(scope="session")
+def lifted(lift_env):
+    """Two episodes of the expert of its other variant."""
+    from envs.experts.rollout import rollout
+
+    return list(rollout(lift_env, lift_env.split_indices[100:102].tolist()))

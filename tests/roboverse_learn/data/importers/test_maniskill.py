@@ -1,0 +1,118 @@
+import json
+
+import h5py
+import numpy as np
+import pytest
+
+from envs.errors import DatasetError
+from envs.tasks import TASKS
+from roboverse_learn.data.importers.maniskill import ManiSkillFile
+from tests.roboverse_learn.data.importers.recordings import arrays, write_maniskill
+
+TASK = TASKS.get("PickCube")()
+
+
+@pytest.fixture
+def file(tmp_path, played):
+    return write_maniskill(tmp_path / "two", played)
+
+
+def test_states_and_targets_are_those_of_the_recording(file, played):
+    opened = ManiSkillFile(file, TASK)
+    assert opened.names == ("traj_0", "traj_1")
+    for name, one in zip(opened.names, played, strict=True):
+        demonstration = opened.read(name)
+        raw = arrays(one)
+        assert demonstration.has_states and demonstration.succeeded is True
+        assert demonstration.facts == {"control_mode": "pd_joint_pos", "targets": "recorded"}
+        np.testing.assert_allclose(demonstration.targets, one.actions, atol=1e-6)
+        states = demonstration.states.flatten()
+        for ours, theirs in (("robots/franka", "franka"), ("objects/cube", "cube"), ("objects/goal", "goal")):
+            for field in ("pos", "rot", "lin_vel", "ang_vel", "joint_pos", "joint_vel"):
+                expected = raw[f"{theirs}/{field}"]
+                np.testing.assert_allclose(states[f"{ours}/{field}"], expected, atol=1e-6, err_msg=field)
+    opened.close()
+
+
+def test_the_gripper_of_minus_one_to_one_is_minus_one_to_four_centimetres(file):
+    with h5py.File(file, "r+") as content:
+        content["traj_0/actions"][:3, 7] = [-1.0, 0.0, 1.0]
+    targets = ManiSkillFile(file, TASK).read("traj_0").targets
+    np.testing.assert_allclose(targets[:3, 7:], [[0.0, 0.0], [0.015, 0.015], [0.04, 0.04]], atol=1e-9)
+
+
+def test_other_control_modes_follow_the_recorded_positions(file):
+    beside = file.with_suffix(".json")
+    info = json.loads(beside.read_text())
+    info["episodes"][1]["control_mode"] = "pd_ee_delta_pose"
+    beside.write_text(json.dumps(info))
+    opened = ManiSkillFile(file, TASK)
+    demonstration = opened.read("traj_1")
+    assert demonstration.facts["targets"] == "from states"
+    moved = np.diff(demonstration.states.robots["franka"].joint_pos.numpy()[:, :7], axis=0)
+    led = demonstration.targets[:, :7] - demonstration.states.robots["franka"].joint_pos.numpy()[:-1, :7]
+    np.testing.assert_allclose(led, moved / (1 - np.exp(-0.5)), atol=1e-9)  # a lag of 0.1 s, steps of 0.05 s
+
+
+@pytest.mark.parametrize(
+    ("damage", "says"),
+    [
+        (lambda group: group["env_states/actors/cube"].__setitem__(3, np.nan), "'cube' is not finite at 3"),
+        (lambda group: group["env_states"]["actors"].pop("cube"), "Its record is incomplete or damaged"),
+        (lambda group: group.pop("actions"), "Its record is incomplete or damaged"),
+        (lambda group: group.pop("env_states"), r"It has no env_states\. Record with RecordEpisode"),
+        (lambda group: group["env_states/articulations"].move("panda", "fetch"), "Its robot is 'fetch'"),
+        (
+            lambda group: group.move("actions", "old") or group.create_dataset("actions", data=[[1.0]]),
+            "shape",
+        ),
+    ],
+)
+def test_a_damaged_episode_spoils_no_other(file, damage, says):
+    with h5py.File(file, "r+") as content:
+        damage(content["traj_0"])
+    opened = ManiSkillFile(file, TASK)
+    with pytest.raises(DatasetError, match=says):
+        opened.read("traj_0")
+    assert opened.read("traj_1").succeeded
+
+
+def test_a_truncated_file_is_named(file):
+    file.write_bytes(file.read_bytes()[:-5000])
+    with pytest.raises(DatasetError, match=r"two\.h5' is no whole HDF5 file .* Download it again"):
+        ManiSkillFile(file, TASK)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (None, r"needs 'two\.json' beside it"),
+        ("{", "describes no ManiSkill trajectories"),
+        ("[" * 100_000, "describes no ManiSkill trajectories"),
+        ('{"env_info": {}, "episodes": []}', "describes no ManiSkill trajectories .*env_id"),
+        ('{"env_info": {"env_id": "PushT-v1"}, "episodes": []}', "'PushT-v1', and no registered task is"),
+        ('{"env_info": {"env_id": "StackCube-v1"}, "episodes": []}', "Give task=StackCube"),
+    ],
+)
+def test_the_description_beside_must_fit(file, text, says):
+    beside = file.with_suffix(".json")
+    if text is None:
+        beside.unlink()
+    else:
+        beside.write_text(text)
+    with pytest.raises(DatasetError, match=says):
+        ManiSkillFile(file, TASK)
+
+
+def test_another_control_rate_is_refused(tmp_path, played):
+    file = write_maniskill(tmp_path / "slow", played, sim_config={"control_freq": 10})
+    with pytest.raises(DatasetError, match="was recorded at 10 Hz; the task runs at 20 Hz"):
+        ManiSkillFile(file, TASK)
+
+
+def test_a_spin_in_the_world_becomes_one_in_the_body(file):
+    with h5py.File(file, "r+") as content:
+        # The cube's z axis is the world's x, about which it turns.
+        content["traj_0/env_states/actors/cube"][0, 3:] = [0.5**0.5, 0, 0.5**0.5, 0, 0, 0, 0, 3.0, 0, 0]
+    cube = ManiSkillFile(file, TASK).read("traj_0").states.objects["cube"]
+    np.testing.assert_allclose(cube.ang_vel[0], [0, 0, 3.0], atol=1e-6)
