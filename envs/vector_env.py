@@ -254,7 +254,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         self.elapsed_steps[rows] += 1
         with torch.inference_mode():  # a third less time per operation, which counts with few environments
             success = self.task.success(states).cpu().numpy()
-            reward = np.where(success, 1.0, self.task.reward(states).cpu().numpy())
+            reward = np.where(success, 1.0, self.task.reward(states).double().cpu().numpy())
         truncated = (self.elapsed_steps[rows] >= self.task.max_episode_steps) & ~success
         return StepResult(reward, success, truncated, success)
 

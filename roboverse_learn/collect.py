@@ -65,10 +65,11 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
 def _judge(config: CollectConfig) -> "ImportSummary":
     """Replays every demonstration of a file without pictures, which tells which of them to collect."""
     import envs
-    from roboverse_learn.data.importers.verdicts import judge, known_summary
+    from roboverse_learn.data.importers.verdicts import find_files, judge, known_summary
 
     conditions = {key: getattr(config, key) for key in ("task", "task_kwargs", "simulator")}
     given = {"source": config.source, "path": Path(config.path), "replay": config.replay}
+    find_files(config.source, Path(config.path))  # a wrong path is told before a simulator starts
     known = known_summary(dataset_folder(config), **given, conditions=conditions)
     if known is not None:
         return known

@@ -8,13 +8,15 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from benchmark.protocol import LEVELS, SPLITS
-from envs.errors import ConfigError
+from envs.errors import ConfigError, unknown_name
 from roboverse_learn.training.config import TrainConfig
 
 Channel = Literal["environment", "camera", "lighting"]
 Split = Literal["train", "test"]
-Source = Literal["expert", "maniskill", "robosuite", "roboverse"]
 Replay = Literal["states", "controls"]
+
+SOURCES = ("expert", "maniskill", "robosuite", "roboverse")
+"""The task's expert, and the formats of :data:`roboverse_learn.data.importers.IMPORTERS`."""
 
 
 def _positive(**values: float) -> None:
@@ -135,7 +137,7 @@ class CollectConfig(SceneKeys):
         collect: How demonstrations are collected.
     """
 
-    source: Source = "expert"
+    source: str = "expert"
     path: str = ""
     replay: Replay = "states"
     dataset: str = ""
@@ -144,6 +146,8 @@ class CollectConfig(SceneKeys):
     def __post_init__(self) -> None:
         # Not super(): a dataclass with slots is another class than the one that super() would look at.
         SceneKeys.__post_init__(self)
+        if self.source not in SOURCES:
+            raise unknown_name("source of demonstrations", self.source, SOURCES)
         if self.source == "expert" and self.path:
             raise ConfigError(
                 f"path={self.path} was given, and source=expert reads no file. Name its format, as in "

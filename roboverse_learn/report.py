@@ -114,10 +114,12 @@ def _collected(dataset: "CollectionSummary") -> Text:
 
 def _imported(dataset: "CollectionSummary", imported: "ImportSummary") -> Text:
     """How many demonstrations pass each replay, which of them the dataset is of, and what was skipped."""
+    by_states = f"{imported.count('states')} of {imported.num_with_states} pass by states"
     lines = [
-        f"Read {len(imported.read)} demonstrations of {imported.source}: {imported.count('states')} of "
-        f"{imported.num_with_states} pass by states, {imported.count('controls')} of {len(imported.read)} by "
-        f"controls. Imported {dataset.num_episodes} by {imported.replay}."
+        f"Read {len(imported.read)} demonstrations of {imported.source}: "
+        f"{by_states if imported.num_with_states else 'none has recorded states'}, "
+        f"{imported.count('controls')} of {len(imported.read)} pass by controls. "
+        f"Imported {dataset.num_episodes} by {imported.replay}."
     ]
     if imported.num_with_states and imported.num_said:
         lines.append(

@@ -32,7 +32,7 @@ def tasks_in_detail(datasets_dir: Path) -> str:
     """
     experts = read_records()
     alone, families = _grouped()
-    rows = [HEADINGS]
+    rows: list[tuple[str, ...]] = [HEADINGS]
     for entry in alone:
         expert = str(experts[entry.name]) if entry.name in experts else "-"
         facts = entry.info

@@ -16,7 +16,7 @@ What they mend, and when they can go:
   Meta-World that supports MuJoCo 4 (3.1.1 pins ``mujoco==3.3.0``).
 """
 
-from typing import Any
+from typing import Any, cast
 
 import mujoco
 import numpy as np
@@ -70,6 +70,7 @@ def repair_robosuite() -> None:
     binding_utils.MjModel.get_joint_qpos_addr = get_joint_qpos_addr
     binding_utils.MjModel.get_joint_qvel_addr = get_joint_qvel_addr
     if not hasattr(mujoco.MjData, "qM"):
-        mujoco.mj_fullM = mj_fullM
-        binding_utils.MjData.qM = property(lambda self: self._data)
+        package, data_class = cast("Any", mujoco), cast("Any", binding_utils.MjData)
+        package.mj_fullM = mj_fullM
+        data_class.qM = property(lambda self: self._data)
     setattr(binding_utils, _DONE, True)

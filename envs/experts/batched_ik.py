@@ -89,7 +89,7 @@ class BatchedPathFollower:
             paths.append(interpolate(first, way, self._control_hz))
         return paths
 
-    @torch.no_grad()
+    @torch.inference_mode()
     def _follow(self, q: Tensor, pos: Tensor, rot: Tensor) -> Tensor:
         """Returns postures (N, T, K) that reach ``pos`` (N, T, 3) and ``rot`` (N, T, 3, 3) in turn."""
         out = torch.empty((*pos.shape[:2], q.shape[-1]), dtype=q.dtype, device=q.device)

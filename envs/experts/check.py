@@ -45,7 +45,6 @@ class ExpertReport:
         """Share of episodes that were solved, in [0, 1]."""
         return 1.0 - len(self.failures) / self.num_episodes
 
-
     @property
     def summary(self) -> SplitRecord:
         """The figures that are kept."""
@@ -133,7 +132,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 ", ".join(map(str, report.failures)) or "none",
             )
         if args.record is not None:
-            words = (sys.argv[1:] if argv is None else argv)
+            words = sys.argv[1:] if argv is None else argv
             command = shlex.join(["python", "-m", "envs.experts.check", *_public(words)])
             write_record(args.task, ExpertRecord(measured, command, git_sha()), args.record)
     except RoboVerseError as error:

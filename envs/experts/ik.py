@@ -57,7 +57,8 @@ class WaypointPlanner:
         """Returns the plans of all rows of ``state``; see :class:`envs.experts.planner.BatchPlanner`."""
         robot = state.robots[self._robot.name]
         ways = [self._task.expert(state.select([row]), rng) for row, rng in enumerate(rngs)]
-        plans = [np.zeros((0, len(self._robot.joints)), np.float32)] * len(ways)
+        nothing: np.ndarray = np.zeros((0, len(self._robot.joints)), np.float32)
+        plans = [nothing] * len(ways)
         asked = [row for row, way in enumerate(ways) if way]
         if asked:
             start = robot.joint_pos if robot.joint_target is None else robot.joint_target

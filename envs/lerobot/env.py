@@ -67,11 +67,12 @@ class RoboVerseEnvConfig(EnvConfig):
     features_map: dict[str, str] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        scenario = TASKS.get(str(self.task))().scenario.seen_by(self.cameras, self.image_size)
+        task = TASKS.get(str(self.task))()
+        scenario = task.scenario.seen_by(self.cameras, self.image_size)
         joints = (len(scenario.robots[0].joints),)
         self.fps = round(scenario.physics.control_hz)
         self.features = {
-            ACTION: PolicyFeature(FeatureType.ACTION, joints),
+            ACTION: PolicyFeature(FeatureType.ACTION, (len(task.controller.names),)),
             "agent_pos": PolicyFeature(FeatureType.STATE, joints),
         }
         self.features_map = {ACTION: ACTION, "agent_pos": OBS_STATE}

@@ -115,6 +115,7 @@ class ObjectCfg:
         mjcf_root: Body of the file that is the object; its first top body by default.
         mjcf_joints: Joints of the file in our order; one without a name is called after its body.
         mjcf_shown: Geom groups of the file that are drawn, or None for all that are not only touched.
+        mjcf_radians: The file's angles are in radians, though it does not say so: robosuite's parts.
         pos: Position at rest, m; it replaces the file's.
         rot: Orientation at rest, wxyz; likewise.
         kind: ``free`` moves under physics; ``fixed`` stands where it is put at the start of an episode;
@@ -130,6 +131,7 @@ class ObjectCfg:
     mjcf_root: str | None = None
     mjcf_joints: tuple[str, ...] = ()
     mjcf_shown: tuple[int, ...] | None = None
+    mjcf_radians: bool = False
     pos: Vec3 = (0.0, 0.0, 0.0)
     rot: Quat = IDENTITY
     kind: Literal["free", "fixed", "marker"] = "free"

@@ -9,8 +9,9 @@ import hashlib
 import logging
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from envs.assets import cache_dir
 from envs.errors import ConfigError, MissingExtraError
 from envs.scenario import GeomCfg, LinkCfg, Rgba, Vec3
 from envs.tasks.calvin_table import SCALE, about_x, link, scaled
+
+if TYPE_CHECKING:
+    import trimesh
 
 logger = logging.getLogger(__name__)
 
@@ -32,7 +36,7 @@ DESK = 0.55
 LEVEL_M = 0.01
 """A piece that rises above the desk by less is cut off there, so that blocks stand level."""
 
-_VERSION = 1
+_VERSION = 2
 
 _MASSES_KG = {"slide": 1.543, "drawer": 4.231, "button": 0.154, "switch": 0.239}
 """Of the URDF."""
@@ -100,9 +104,9 @@ def _split(file: Path) -> list[Path]:
     """Returns the objects of an OBJ file, each in a file of its own."""
     import trimesh
 
-    def pieces() -> list[trimesh.Trimesh]:
+    def pieces() -> "list[trimesh.Trimesh]":
         scene = trimesh.load_scene(file, split_objects=True, group_material=False)
-        return [piece.convex_hull for _, piece in sorted(scene.geometry.items())]
+        return [_hull(piece.vertices) for _, piece in sorted(scene.geometry.items())]
 
     return _cached(file, "split", pieces)
 
@@ -110,7 +114,7 @@ def _split(file: Path) -> list[Path]:
 def _decomposed(file: Path) -> list[Path]:
     """Returns the convex pieces of a mesh."""
 
-    def pieces() -> list:
+    def pieces() -> "list[trimesh.Trimesh]":
         import trimesh
 
         try:
@@ -125,9 +129,19 @@ def _decomposed(file: Path) -> list[Path]:
         mesh.merge_vertices(merge_norm=True, merge_tex=True)
         coacd.set_log_level("error")
         parts = coacd.run_coacd(coacd.Mesh(mesh.vertices, mesh.faces), threshold=CONCAVITY, seed=0)
-        return [trimesh.Trimesh(_level(vertices), faces).convex_hull for vertices, faces in parts]
+        return [_hull(_level(vertices)) for vertices, _ in parts]
 
     return _cached(file, f"coacd {CONCAVITY}", pieces)
+
+
+def _hull(vertices: np.ndarray) -> "trimesh.Trimesh":
+    """Returns the convex hull of points (V, 3), rounded to 0.1 mm.
+
+    Faces that are level but for rounding errors would stay in pieces, through which a block can sink.
+    """
+    import trimesh
+
+    return trimesh.convex.convex_hull(np.round(vertices, 4))
 
 
 def _level(vertices: np.ndarray) -> np.ndarray:
@@ -139,8 +153,8 @@ def _level(vertices: np.ndarray) -> np.ndarray:
     return vertices
 
 
-def _cached(file: Path, how: str, make) -> list[Path]:
-    """Returns the files that ``make`` (a list of meshes) was stored in, making them where there are none."""
+def _cached(file: Path, how: str, make: "Callable[[], list[trimesh.Trimesh]]") -> list[Path]:
+    """Returns the files of the meshes that ``make`` returns, made only where there are none."""
     digest = hashlib.sha256(f"{_VERSION} {how} ".encode() + file.read_bytes()).hexdigest()[:32]
     folder = cache_dir("calvin") / digest
     if not folder.is_dir():

@@ -78,6 +78,9 @@ of a finger's width, 10.9 mm."""
 TILT_SHARE = 0.85
 """Tilt of the pushing gripper against the vertical, as a share of the lid's: its wrist comes less low."""
 
+EASY_REACH_M = 0.53
+"""How far in front of its base the arm pushes with ease."""
+
 FALLING_RAD = 1.0
 """Angle of the lid against the level to which it is pushed; it falls from the vertical, π/2, on."""
 
@@ -204,8 +207,9 @@ class CloseBox(Task):
         pos, rot = box.pos[0].numpy(), box.rot[0].numpy()
         start = float(box.joint_pos[0, 0]) + LID_TILT_RAD
         yaw = _heading(rot) + math.pi / 2
-        # Along the edge, on the robot's side of its middle, where the arm need not stretch.
-        along = rng.uniform(0.09, 0.14)
+        # Where along the edge the arm need neither stretch nor fold.
+        away = float(pos[0]) - _ROBOT.pos[0] - EASY_REACH_M
+        along = float(np.clip(away, -0.08, 0.12)) + rng.uniform(-0.02, 0.02)
         grip = PUSH_REACH_M + rng.uniform(-0.005, 0.005)
         pace = rng.uniform(0.95, 1.2)
 

@@ -15,7 +15,6 @@ import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-
 import numpy as np
 
 from envs.errors import ConfigError, RoboVerseError
@@ -23,7 +22,6 @@ from envs.experts.record import ExpertRecord, read_records
 from envs.registry import Entry
 from envs.tasks import TASKS
 from envs.tasks.base import Task
-
 
 logger = logging.getLogger(__name__)
 
@@ -38,7 +36,7 @@ def page(names: Iterable[str] | None = None) -> str:
     """Returns the page in Markdown.
 
     Args:
-        names: The tasks; by default all that are registered and whose extra is installed.
+        names: The tasks; by default all that are registered. Those of a family are not imported.
     """
     entries = [TASKS.entry(name) for name in (TASKS.names() if names is None else names)]
     records = read_records()
@@ -184,7 +182,9 @@ def draw_strip(name: str, *, renderer: str = "warp") -> np.ndarray:
 def _first_picture(env) -> np.ndarray:
     observation = env.observe(np.array([0]))
     return next(
-        np.array(pictures[0]) for key, pictures in observation.items() if key.startswith("observation.images.")
+        np.array(pictures[0])
+        for key, pictures in observation.items()
+        if key.startswith("observation.images.")
     )
 
 

@@ -164,6 +164,7 @@ class NutAssembly(Task):
                 name=nut.name,
                 mjcf=nut.mjcf,
                 mjcf_root="object",
+                mjcf_radians=True,
                 pos=(SPAWN_X_M[0], nut.side * SPAWN_Y_M[0], NUT_HALF_HEIGHT_M),
             )
             for nut in self.nuts

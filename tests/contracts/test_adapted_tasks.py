@@ -12,7 +12,7 @@ from envs.tasks import TASKS
 NUM_ENVS = 2
 
 
-@pytest.fixture(params=TASKS.names("adapted"))
+@pytest.fixture(scope="module", params=TASKS.names("adapted"))
 def env(request):
     try:
         TASKS.get(request.param)

@@ -4,12 +4,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 
 import envs
 from envs.errors import ConfigError
-from envs.gym_env import register_envs
+from envs.gym_env import gym_id, register_envs
 
 
 @pytest.fixture(scope="module")
@@ -112,3 +113,9 @@ def test_an_id_that_names_its_module_needs_nothing_else():
 def test_the_package_names_what_it_does_not_have():
     with pytest.raises(AttributeError, match="has no attribute 'RoboVersEnv'"):
         envs.RoboVersEnv  # noqa: B018 (the look-up is the test)
+
+
+def test_a_task_of_a_family_has_an_id_that_gymnasium_takes():
+    assert gym_id("PickCube") == "RoboVerse/PickCube-v0"
+    assert gym_id("metaworld/pick-place-wall") == "RoboVerse/metaworld-pick-place-wall-v0"
+    assert gym_id("metaworld/reach") in gymnasium.registry

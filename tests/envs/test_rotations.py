@@ -50,3 +50,15 @@ def test_looking_straight_down_has_an_up_too():
     matrix = r.look_at_matrix(np.array([0.0, 0, 2.0]), np.zeros(3))
     np.testing.assert_allclose(matrix.T @ matrix, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(matrix[:, 1], [1, 0, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["numpy", "torch"])
+def test_a_matrix_becomes_its_quaternion_again(kind):
+    """Half turns about each axis too, where one of the four ways to write it divides by nothing."""
+    q = np.random.default_rng(0).normal(size=(50, 4))
+    q = np.concatenate([np.eye(4), q / np.linalg.norm(q, axis=-1, keepdims=True)])
+    q *= np.sign(np.take_along_axis(q, np.abs(q).argmax(-1)[:, None], axis=-1))
+    given = q if kind == "numpy" else torch.from_numpy(q)
+    back = r.from_matrix(r.to_matrix(given))
+    assert type(back) is type(given)
+    np.testing.assert_allclose(back, q, atol=1e-12)

@@ -1,5 +1,6 @@
 """States, scenarios, registries, assets."""
 
+import numpy as np
 import pytest
 import torch
 
@@ -7,7 +8,7 @@ from envs.assets import resolve
 from envs.errors import ConfigError, MissingExtraError, UnknownNameError, suggest
 from envs.registry import Registry
 from envs.scenario import GeomCfg, LinkCfg, ObjectCfg, PhysicsCfg, ScenarioCfg
-from envs.state import State
+from envs.state import EntityState, State
 
 
 def nested():
@@ -59,9 +60,7 @@ def test_scenarios_refuse_double_names_and_wrong_sizes():
         ScenarioCfg(objects=(cube, cube))
     with pytest.raises(ConfigError, match="A sphere has 1 positive sizes, given"):
         GeomCfg(shape="sphere", size=(0.1, 0.1))
-    with pytest.raises(
-        ConfigError, match="Object 'ball' is free, so a geom of its root needs mass"
-    ):
+    with pytest.raises(ConfigError, match="Object 'ball' is free, so a geom of its root needs mass"):
         ObjectCfg(name="ball", geoms=(GeomCfg(shape="sphere", size=(0.1,)),))
     with pytest.raises(UnknownNameError, match="Unknown parent of link 'b' of object 'box' 'c'"):
         ObjectCfg(name="box", links=(LinkCfg(name="b", geoms=(), parent="c"),), kind="fixed")
@@ -99,3 +98,14 @@ def test_assets_say_what_is_missing():
         resolve("nowhere:a.xml")
     with pytest.raises(ConfigError, match="does not exist: there is no file"):
         resolve("robosuite:models/none.xml")
+
+
+def test_a_state_moves_to_another_precision_and_back():
+    state = State({}, {"cube": EntityState.at_rest(np.full((2, 3), 0.1), np.tile([1.0, 0, 0, 0], (2, 1)))})
+    single = state.to("cpu", torch.float32)
+    assert single.objects["cube"].pos.dtype == torch.float32
+    assert single.objects["cube"].joint_target is None
+    back = single.to("cpu")
+    assert back.objects["cube"].pos.dtype == torch.float64
+    np.testing.assert_allclose(back.objects["cube"].pos, 0.1, atol=1e-8)
+    assert state.to("cpu").objects["cube"].pos is state.objects["cube"].pos

@@ -53,6 +53,8 @@ def another(key: str, value: Any) -> Any:
         "train.precision": "fp32",
         "train.schedule": "constant",
         "train.lr_backbone": 1e-6,
+        "source": "maniskill",
+        "replay": "controls",
         "train.ema": True,
         "train.compile": False,
         "train.time_limit_s": 12.5,
@@ -103,6 +105,7 @@ def test_every_key_can_be_set_and_survives_the_saved_configuration(
 ) -> None:
     value = another(key, at(default_values(command, policy), key))
     words = [*REQUIRED.get(command, []), *([f"policy={policy}"] if command == "train" else [])]
+    words += {"source": ["path=recorded.h5"], "path": ["source=robosuite"]}.get(key, [])
     config = compose(command, [*words, f"{key}={typed(value)}"])
     assert at(to_values(config), key) == value
     saved = yaml.safe_load(yaml.safe_dump(to_values(config)))

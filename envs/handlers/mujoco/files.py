@@ -6,14 +6,20 @@ import mujoco
 
 from envs.assets import resolve
 
-ZNEAR = 0.005
-"""Near plane of every picture, in units of the scene's extent; files that are attached must agree."""
 
+def read(scene: mujoco.MjSpec, reference: str, sites: Collection[str] = ()) -> mujoco.MjSpec:
+    """Reads a file, but none of what drives or watches its bodies, and only the named sites.
 
-def read(reference: str, sites: Collection[str] = ()) -> mujoco.MjSpec:
-    """Reads a file, but none of what drives or watches its bodies, and only the named sites."""
+    The scene says how it is simulated and drawn; what the file says of that is forgotten, or MuJoCo would
+    warn of each difference when it is attached.
+    """
     spec = mujoco.MjSpec.from_file(str(resolve(reference)))
-    spec.visual.map.znear = ZNEAR
+    visual, ours = spec.visual, scene.visual
+    parts = ((visual.map, ours.map), (visual.quality, ours.quality), (visual.global_, ours.global_))
+    for own, other in ((spec.option, scene.option), *parts):
+        for name in dir(own):
+            if not name.startswith("_") and not callable(getattr(own, name)):
+                setattr(own, name, getattr(other, name))
     others = [site for site in spec.sites if site.name not in sites]
     for item in (*spec.cameras, *spec.lights, *spec.sensors, *spec.actuators, *spec.equalities, *others):
         spec.delete(item)

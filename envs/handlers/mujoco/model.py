@@ -9,7 +9,7 @@ import numpy as np
 
 from envs.assets import resolve
 from envs.errors import ConfigError, unknown_name
-from envs.handlers.mujoco.files import ZNEAR, keep_only, read
+from envs.handlers.mujoco.files import keep_only, read
 from envs.handlers.mujoco.meshes import VISUAL_GROUP, simplify_visuals
 from envs.handlers.mujoco.objects import HIDDEN_GROUP, SCENE_GROUP, SHAPES, add_object, add_pull
 from envs.handlers.mujoco.options import MujocoSettings
@@ -72,7 +72,7 @@ def _set_physics(spec: mujoco.MjSpec, physics: PhysicsCfg) -> None:
     option.gravity = physics.gravity
     spec.stat.extent = 2.0
     spec.stat.center = (0.0, 0.0, 0.0)
-    spec.visual.map.znear = ZNEAR
+    spec.visual.map.znear = 0.005
     spec.visual.map.zfar = 20.0
     spec.visual.headlight.active = 0
     spec.visual.quality.offsamples = 0
@@ -166,9 +166,9 @@ def camera_quat(camera: CameraCfg) -> np.ndarray:
 
 def _add_robot(spec: mujoco.MjSpec, robot: RobotCfg, simplify: bool) -> None:
     sites = {robot.ee_site, robot.ee_site.removeprefix(GRIPPER_PREFIX)}
-    arm = _load(robot.mjcf, robot.root, sites, simplify)
+    arm = _load(spec, robot.mjcf, robot.root, sites, simplify)
     if robot.gripper_mjcf is not None:
-        gripper = _load(robot.gripper_mjcf, robot.gripper_root, sites, simplify)
+        gripper = _load(spec, robot.gripper_mjcf, robot.gripper_root, sites, simplify)
         mount = arm.body(robot.gripper_mount)
         if mount is None:
             raise ConfigError(f"Robot '{robot.name}': '{robot.mjcf}' has no body '{robot.gripper_mount}'.")
@@ -191,9 +191,11 @@ def _add_site_at_body(spec: mujoco.MjSpec, robot: RobotCfg) -> None:
     body.add_site(name=robot.ee_site)
 
 
-def _load(reference: str, root: str | None, sites: set[str], simplify: bool) -> mujoco.MjSpec:
+def _load(
+    scene: mujoco.MjSpec, reference: str, root: str | None, sites: set[str], simplify: bool
+) -> mujoco.MjSpec:
     """Reads one body, and what it carries, of a robot's file, with only the named sites."""
-    spec = read(reference, sites)
+    spec = read(scene, reference, sites)
     body = spec.body(root)
     if body is None:
         names = [item.name for item in spec.bodies if item.name != "world"]

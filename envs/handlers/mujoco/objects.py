@@ -3,6 +3,8 @@
 The root body is called after the object, everything inside it ``<object>/<name>``.
 """
 
+from typing import Any
+
 import mujoco
 import numpy as np
 from PIL import Image, UnidentifiedImageError
@@ -46,7 +48,7 @@ in a second; at this, its largest, by micrometres."""
 
 def add_object(spec: mujoco.MjSpec, item: ObjectCfg) -> None:
     """Adds an object; one that does not move under physics is a mocap body, which stays where it is put."""
-    file = None if item.mjcf is None else _load(item, item.mjcf)
+    file = None if item.mjcf is None else _load(spec, item, item.mjcf)
     if file is not None and item.kind == "free" and any(j.type == _FREE for j in file[1].joints):
         _attach_free(spec, item, file[1])
         return
@@ -57,7 +59,7 @@ def add_object(spec: mujoco.MjSpec, item: ObjectCfg) -> None:
     for index, geom in enumerate(item.geoms):
         name = item.name if index == 0 else f"{item.name}/{index}"
         _add_geom(spec, root, geom, name, seen_only)
-    bodies = {None: root}
+    bodies: dict[str | None, Any] = {None: root}
     for link in item.links:
         bodies[link.name] = _add_link(spec, bodies[link.parent], item.name, link, seen_only)
     if file is not None:
@@ -145,9 +147,11 @@ def _add_picture(spec, name: str, reference: str) -> None:
     texture.data = pixels.tobytes()
 
 
-def _load(item: ObjectCfg, reference: str) -> tuple:
+def _load(scene: mujoco.MjSpec, item: ObjectCfg, reference: str) -> tuple:
     """Returns the file's model, which must outlive it, and the body that is the object, at the origin."""
-    spec = read(reference)
+    spec = read(scene, reference)
+    if item.mjcf_radians:
+        spec.compiler.degree = False
     for index, body in enumerate(spec.bodies):
         body.name = body.name or f"body{index}"
     for joint in spec.joints:

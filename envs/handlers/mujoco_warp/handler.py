@@ -31,7 +31,10 @@ _TRACED = "warp"
 
 
 class MujocoWarpHandler(Handler):
-    """Every world steps with every other one; a world does not depend on how many there are.
+    """Every world steps with every other one.
+
+    On a CPU a world is the same to the bit whatever their number is. On a GPU contacts are found in any
+    order, so two runs agree to rounding only, unless the scenario's settings say ``deterministic``.
 
     States are float32 tensors on the device. What is set is rounded to float32 once, and no bit changes
     after that. A world whose state is no longer finite goes back to the last state that was set, and the
@@ -92,7 +95,8 @@ class MujocoWarpHandler(Handler):
         views = self._worlds.views
         for robot, cfg in zip(self._layout.robots, self.scenario.robots, strict=True):
             joints, _, targets = self._columns[robot.name]
-            views.qpos[:, joints] = views.ctrl[:, targets] = self._float(cfg.default_qpos)
+            views.qpos[:, joints] = rest = self._float(cfg.default_qpos)
+            views.ctrl[:, targets] = rest[list(cfg.driven)]
         for layout, item in zip(self._layout.objects, self.scenario.objects, strict=True):
             views.qpos[:, self._columns[layout.name][0]] = self._float(rest_joints(item))
         with device.scope():
@@ -198,7 +202,9 @@ class MujocoWarpHandler(Handler):
             _put(views.qpos, rows, joints, self._float(entity.joint_pos))
             _put(views.qvel, rows, speeds, self._float(entity.joint_vel))
         if len(layout.ctrl):
-            target = entity.joint_pos if entity.joint_target is None else entity.joint_target
+            target = entity.joint_target
+            if target is None:
+                target = entity.joint_pos[:, layout.driven]
             _put(views.ctrl, rows, targets, self._float(target))
 
     def _place(self, layout: EntityLayout, pos: object, rot: object, rows: slice | Tensor) -> None:

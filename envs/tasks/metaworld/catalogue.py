@@ -7,9 +7,7 @@ PREFIX = "metaworld/"
 
 WORDS: dict[str, tuple[str, ...]] = {
     name: tuple(words)
-    for name, words in json.loads(
-        Path(__file__).with_name("words.json").read_text(encoding="utf-8")
-    ).items()
+    for name, words in json.loads(Path(__file__).with_name("words.json").read_text(encoding="utf-8")).items()
 }
 """Meta-World's name, without its version, to instructions."""
 

@@ -62,9 +62,11 @@ class FurnitureTask(MetaWorldTask):
     Attributes:
         furniture: The object that carries the joint.
         start_tcp: Where the fingertips are at the start, m: where Meta-World's reset leaves them.
+        tolerance_m: Largest way left that is a success.
     """
 
     furniture: ClassVar[str]
+    tolerance_m: ClassVar[float]
     start_tcp: ClassVar[tuple[float, float, float]]
 
     @abstractmethod
@@ -74,11 +76,6 @@ class FurnitureTask(MetaWorldTask):
     @abstractmethod
     def way_left(self, state: State) -> Tensor:
         """Returns how far the handle is from the goal, m, (N,)."""
-
-    @property
-    @abstractmethod
-    def tolerance_m(self) -> float:
-        """Largest way left that is a success."""
 
     def orientation(self, state: State) -> Tensor:
         """Returns the handle's orientation as Meta-World observes it, (N, 4); zeros where it does not."""

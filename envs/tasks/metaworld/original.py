@@ -178,14 +178,12 @@ class Original:
         kept = {}
         for name, value in vars(self.env).items():
             if isinstance(value, _KINDS) and name not in _KEPT_APART:
-                own = isinstance(value, np.ndarray) and value.base is None
-                kept[name] = value.copy() if own else value
+                kept[name] = _apart(value)
         return kept
 
     def _restore(self, episode: Episode, pose: Pose) -> None:
         for name, value in episode.attributes.items():
-            own = isinstance(value, np.ndarray) and value.base is None
-            setattr(self.env, name, value.copy() if own else value)
+            setattr(self.env, name, _apart(value))
         data = self._data
         self.model.site_pos[:] = episode.site_pos
         self.model.body_pos[:] = pose.body_pos
@@ -207,6 +205,11 @@ class Original:
         observation = np.clip(env._get_obs(), space.low, space.high)
         reward, info = env.evaluate_state(observation, action)
         return observation, float(reward), info
+
+
+def _apart(value: Any) -> Any:
+    """Copies an array that is no view of another one."""
+    return value.copy() if isinstance(value, np.ndarray) and value.base is None else value
 
 
 @cache

@@ -154,9 +154,7 @@ class Scene:
                 body_pos[:, part.body_id] = _array(entity.pos)
                 continue
             first, speed = part.free_qpos, part.free_qvel
-            qpos[:, first : first + 3], qpos[:, first + 3 : first + 7] = map(
-                _array, (entity.pos, entity.rot)
-            )
+            qpos[:, first : first + 3], qpos[:, first + 3 : first + 7] = map(_array, (entity.pos, entity.rot))
             qvel[:, speed : speed + 3], qvel[:, speed + 3 : speed + 6] = map(
                 _array, (entity.lin_vel, entity.ang_vel)
             )

@@ -121,7 +121,11 @@ class ScriptedPlanner:
 
     def plan(self, state: State, rng: np.random.Generator) -> np.ndarray:
         """Returns one action (1, 4) float32; see :class:`envs.experts.planner.Planner`."""
-        seen = self._task.observe(state)[0].cpu().numpy()
-        # No policy looks at the last moment's frame; it stands in for itself.
-        whole = np.concatenate([seen[:FRAME_SIZE], seen])
-        return self._task.original.action(whole)[None].astype(np.float32)
+        return self.plan_batch(state, (rng,))[0]
+
+    def plan_batch(self, state: State, rngs: Sequence[np.random.Generator]) -> list[np.ndarray]:
+        """Returns one action (1, 4) float32 per row; see :class:`envs.experts.planner.BatchPlanner`."""
+        seen = self._task.observe(state).cpu().numpy()
+        # No policy looks at the last moment's frame; this moment's stands in for it.
+        whole = np.concatenate([seen[:, :FRAME_SIZE], seen], axis=1)
+        return [self._task.original.action(row)[None].astype(np.float32) for row in whole]

@@ -1,6 +1,6 @@
 """Demonstrations of other projects: one reader per file format, and the replay that makes them ours.
 
->>> file = open_demonstrations("maniskill", path, task)                         # doctest: +SKIP
+>>> file = IMPORTERS.get("maniskill")(path, task)                               # doctest: +SKIP
 >>> file.read(file.names[0])                                                    # doctest: +SKIP
 """
 

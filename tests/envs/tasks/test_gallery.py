@@ -13,7 +13,9 @@ from envs.tasks.pick_cube import PickCube
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 ALONE = [name for name in TASKS if "family" not in TASKS.entry(name).info]
-RECORD = ExpertRecord({"train": SplitRecord(500, 0.998, 60.25), "test": SplitRecord(400, 1.0, 61.0)}, "", None)
+RECORD = ExpertRecord(
+    {"train": SplitRecord(500, 0.998, 60.25), "test": SplitRecord(400, 1.0, 61.0)}, "", None
+)
 
 
 def test_docstrings_become_markdown():
@@ -31,9 +33,7 @@ def test_options_are_the_fields_with_their_words_and_defaults():
 
 
 def test_a_record_is_told_by_split():
-    assert gallery.described(RECORD) == (
-        "train: 99.8 % of 500, 60.2 steps; test: 100.0 % of 400, 61.0 steps"
-    )
+    assert gallery.described(RECORD) == ("train: 99.8 % of 500, 60.2 steps; test: 100.0 % of 400, 61.0 steps")
     assert gallery.described(None) == "not measured"
 
 

@@ -5,8 +5,9 @@ import pytest
 import torch
 
 from envs.errors import UnknownNameError
-from envs.rotations import from_yaw
+from envs.rotations import from_yaw, multiply
 from envs.tasks.nut_assembly import YAW_RANGE_RAD, NutAssembly, NutAssemblySquare, _grasp_turn
+from envs.tasks.tabletop import hand_yaw
 from envs.vector_env import RoboVerseVectorEnv
 
 BOTH, SQUARE = NutAssembly(), NutAssemblySquare()
@@ -112,7 +113,7 @@ def test_the_papers_variant_by_hand(offset, z, solved):
 @pytest.mark.parametrize("task", [NutAssembly, NutAssemblySquare])
 def test_a_wrong_variant_is_named(task):
     with pytest.raises(
-        UnknownNameError, match=f"variant of {task.name} 'robosuit'. Did you mean 'robosuite'"
+        UnknownNameError, match=rf"variant of {task.name} 'robosuit'\. Did you mean 'robosuite'"
     ):
         task(variant="robosuit")
 
@@ -163,6 +164,13 @@ def test_the_expert_goes_for_the_nut_that_is_not_on_its_peg():
     above, grasp, close, lift = BOTH.expert(state, rng)
     assert grasp.pos == pytest.approx([-0.11 + 0.068, -0.2, 0.01])
     assert (above.gripper, grasp.gripper, close.gripper, lift.gripper) == (0.04, 0.04, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("turn", [-2.5, 0.0, 0.3, 3.0])
+def test_the_turn_of_a_hand_is_that_of_its_waypoint(turn):
+    robot = assembled().robots["franka"]
+    robot.ee_rot = torch.from_numpy(multiply(from_yaw(np.array([turn])), robot.ee_rot.numpy()))
+    assert hand_yaw(robot) == pytest.approx(turn)
 
 
 def test_observation_says_where_to_go():

@@ -55,13 +55,18 @@ def same(task, poses, hand):
     return state
 
 
-def draw(rng):
-    """Nuts near the edges of what counts as on their pegs, the hand near one of them."""
+def draw(rng, theirs):
+    """Nuts near the edges of what counts as on their pegs, the hand near one of them.
+
+    Where robosuite plays with one nut, it moves the other one out of the scene.
+    """
     poses = {
         name: np.array([0.23, y, TABLE_Z + 0.03]) + rng.uniform(-1.0, 1.0, 3) * [0.034, 0.034, 0.025]
         for name, y in (("SquareNut", 0.1), ("RoundNut", -0.1))
     }
     near = poses[str(rng.choice(list(poses)))]
+    if theirs.single_object_mode:
+        poses["RoundNut"] = np.array([10.0, 10.0, 10.0])
     return poses, near + rng.normal(0.0, 1.0, 3) * rng.choice([0.03, 0.1])
 
 
@@ -70,7 +75,7 @@ def test_success_is_robosuites(pair):
     rng = np.random.default_rng(0)
     expected, given = [], []
     for _ in range(2000):
-        poses, hand = draw(rng)
+        poses, hand = draw(rng, theirs)
         put(theirs, poses, hand)
         expected.append(bool(theirs._check_success()))
         given.append(bool(task.success(same(task, poses, hand))))
@@ -84,12 +89,12 @@ def test_reward_without_a_grasp_is_robosuites(pair):
     rng = np.random.default_rng(1)
     nuts = 2 if theirs.single_object_mode == 0 else 1
     for _ in range(200):
-        poses, hand = draw(rng)
+        poses, hand = draw(rng, theirs)
         # Handles are where the simulator has them: at the nuts' own orientation, unturned.
         put(theirs, poses, hand)
         for nut, along in zip(theirs.nuts, (0.054, 0.06), strict=True):
             site = theirs.sim.model.site_name2id(nut.important_sites["handle"])
-            theirs.sim.data.site_xpos[site] = poses[nut.name] + [along, 0.0, 0.0]
+            theirs.sim.data.site_xpos[site] = poses[nut.name] + np.array([along, 0.0, 0.0])
         if theirs._check_success():
             continue
         on_pegs = theirs.objects_on_pegs[:nuts]
@@ -99,7 +104,7 @@ def test_reward_without_a_grasp_is_robosuites(pair):
         ):
             if not on_pegs[i]:
                 pos = poses[nut.name]
-                handle = np.linalg.norm(pos + [along, 0.0, 0.0] - hand)
+                handle = np.linalg.norm(pos + np.array([along, 0.0, 0.0]) - hand)
                 reach = max(reach, 0.1 * (1 - np.tanh(10 * handle)))
                 hover = max(hover, 0.2 * (1 - np.tanh(10 * np.linalg.norm(pos[:2] - [0.23, y]))))
         state = same(task, poses, hand)
@@ -146,6 +151,12 @@ def test_geometry_is_robosuites(pair):
         np.testing.assert_allclose(nut.peg_pos, data.body_xpos[model.body_name2id(peg)] - down, atol=1e-12)
         mass = ours.body(nut.name).subtreemass[0]
         assert mass == pytest.approx(model.body_mass[theirs.obj_body_id[their_nut.name]])
+        first = int(ours.body(f"{nut.name}/object").geomadr[0])
+        for offset, geom in enumerate(their_nut.contact_geoms):
+            index = model.geom_name2id(geom)
+            for field in ("geom_pos", "geom_quat", "geom_size", "geom_friction"):
+                expected = getattr(model._model, field)[index]
+                np.testing.assert_allclose(getattr(ours, field)[first + offset], expected, atol=1e-7)
         geoms = [
             g for g in range(model._model.ngeom) if model._model.geom_bodyid[g] == model.body_name2id(peg)
         ]

@@ -186,7 +186,7 @@ def test_initial_states_that_are_none_are_told(tmp_path, content):
     path = tmp_path / "a.pruned_init"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("archive/data.pkl", content)
-    with pytest.raises(ConfigError, match="is not LIBERO's file of initial states|has no initial states"):
+    with pytest.raises(ConfigError, match=r"is not LIBERO's file of initial states|has no initial states"):
         read_init_states(path)
     path.write_bytes(content)
     with pytest.raises(ConfigError, match="is not LIBERO's file of initial states"):

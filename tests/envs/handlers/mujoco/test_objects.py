@@ -27,7 +27,11 @@ DOOR = ObjectCfg(
     pos=(0.0, 0.0, 1.0),
 )
 WRIST = CameraCfg(
-    name="wrist", mount="franka/gripper/eef", pos=(0.05, 0.0, 0.0), look_at=(0.0, 0.0, 0.1), up=(1.0, 0.0, 0.0)
+    name="wrist",
+    mount="franka/gripper/eef",
+    pos=(0.05, 0.0, 0.0),
+    look_at=(0.0, 0.0, 0.1),
+    up=(1.0, 0.0, 0.0),
 )
 
 
@@ -39,7 +43,9 @@ def launched(*objects, robots=(), cameras=(), num_envs=2):
 
 
 def state_of(pos, joints, count=2):
-    rest = EntityState.at_rest(np.array(pos), np.tile([1.0, 0, 0, 0], (count, 1)), np.tile(joints, (count, 1)))
+    rest = EntityState.at_rest(
+        np.array(pos), np.tile([1.0, 0, 0, 0], (count, 1)), np.tile(joints, (count, 1))
+    )
     return State({}, {"door": rest})
 
 
@@ -73,7 +79,10 @@ def test_a_hanging_leaf_swings_with_the_period_of_its_pendulum():
 
 
 def test_a_state_with_the_wrong_number_of_joints_is_refused():
-    with launched(DOOR) as handler, pytest.raises(ConfigError, match="'door' has 2 joints; the state gives 1"):
+    with (
+        launched(DOOR) as handler,
+        pytest.raises(ConfigError, match="'door' has 2 joints; the state gives 1"),
+    ):
         handler.set_states(state_of((0.0, 0.0, 1.0), (0.1,)))
 
 
@@ -87,7 +96,9 @@ def test_poses_are_set_in_mid_episode_and_nothing_else_changes():
         assert torch.equal(after.pos[0], before.pos[0])
         assert after.pos[1].tolist() == [0.5, 0.0, 1.0]
         assert torch.equal(after.joint_pos, before.joint_pos)
-        with pytest.raises(UnknownNameError, match="Unknown fixed object or marker 'dor'.*Did you mean 'door'"):
+        with pytest.raises(
+            UnknownNameError, match="Unknown fixed object or marker 'dor'.*Did you mean 'door'"
+        ):
             handler.set_poses({"dor": (before.pos, before.rot)})
 
 
@@ -99,6 +110,21 @@ def test_an_object_of_a_file_brings_its_geoms():
         assert handler.model.body(int(body.parentid[0])).name == "nut"
         assert handler.get_states().objects["nut"].joint_pos.shape == (2, 0)
         assert float(handler.model.body_subtreemass[handler.model.body("nut").id]) > 0
+
+
+@pytest.mark.parametrize(("radians", "turn_deg"), [(True, 45.0), (False, 0.785398)])
+def test_angles_of_a_part_that_leaves_their_unit_to_its_assembly(radians, turn_deg):
+    """The round nut's ring is made of eight boxes; the fifth says ``axisangle="0 0 1 0.785398"``."""
+    nut = ObjectCfg(
+        name="nut",
+        mjcf="robosuite:models/assets/objects/round-nut.xml",
+        mjcf_root="object",
+        mjcf_radians=radians,
+    )
+    with launched(nut) as handler:
+        first = int(handler.model.body("nut/object").geomadr[0])
+        turn = 2 * np.arccos(handler.model.geom_quat[first + 4][0])
+        assert np.rad2deg(turn) == pytest.approx(turn_deg, abs=1e-3)
 
 
 def test_a_file_without_the_named_body_or_joint_is_refused():

@@ -11,7 +11,7 @@ from envs.errors import ConfigError, DatasetError, UnknownNameError
 from envs.randomization import load_split
 from roboverse_learn.collect import collect_dataset, dataset_folder
 from roboverse_learn.compose import compose
-from roboverse_learn.config import Source
+from roboverse_learn.config import SOURCES
 from roboverse_learn.data import CollectionConfig, DatasetInfo, collect
 from roboverse_learn.data.importers import IMPORTERS
 from roboverse_learn.data.importers.verdicts import (
@@ -51,9 +51,10 @@ def folder(tmp_path, played):
 
 
 def test_the_command_line_knows_every_format():
-    assert sorted(Source.__args__) == sorted(["expert", *IMPORTERS])
-    with pytest.raises(UnknownNameError, match=r"Unknown source of demonstrations 'manskill'\. Did you mean"):
-        IMPORTERS.get("manskill")
+    assert sorted(SOURCES) == sorted(["expert", *IMPORTERS])
+    for ask in (lambda: IMPORTERS.get("manskill"), lambda: compose("collect", ["source=manskill", "path=x"])):
+        with pytest.raises(UnknownNameError, match=r"demonstrations 'manskill'\. Did you mean 'mani"):
+            ask()
     with pytest.raises(ConfigError, match=r"source=maniskill needs path=<file or folder>"):
         compose("collect", ["source=maniskill"])
     with pytest.raises(ConfigError, match=r"source=expert reads no file\. Name its format"):
@@ -135,7 +136,7 @@ def test_a_dataset_like_the_experts(folder, tmp_path, open_with_lerobot, pick_en
     root = tmp_path / "dataset"
     summary = collect_dataset(words(folder, root))
     said = _printed(collection_report(summary))
-    assert "Read 2 demonstrations of maniskill: 2 of 2 pass by states, 2 of 2 by controls." in said
+    assert "Read 2 demonstrations of maniskill: 2 of 2 pass by states, 2 of 2 pass by controls." in said
     assert "Imported 2 by states." in said and "agrees with 2 of the 2 outcomes" in said
     assert "a.h5 traj_0: The state of 'cube' is not finite at 3" in said and "b.h5: " in said
 
