@@ -45,7 +45,8 @@ def dataset_folder(config: CollectConfig) -> Path:
     name = "-".join([varied, config.simulator, config.renderer, *config.cameras, size, demos])
     if config.source != "expert":
         name += f"-{config.source}-{Path(config.path).name.partition('.')[0]}-by-{config.replay}"
-    options = [f"{key}={value}" for key, value in sorted(config.task_kwargs.items())]
+    # Of a folder, its name alone: where it lies is this machine's affair.
+    options = [f"{key}={Path(str(value)).name}" for key, value in sorted(config.task_kwargs.items())]
     options += [Path(config.materials).name] if config.materials else []
     return Path(config.datasets_dir) / config.task / "-".join([name, *options])
 

@@ -29,6 +29,7 @@ from envs.tasks.tabletop import (
     FRONT_CAMERA,
     GRASP_CLOSED_M,
     TABLETOP_LOOKS,
+    WRIST_CAMERA,
     distance,
     ee_pos,
     nearness,
@@ -160,7 +161,7 @@ class CloseBox(Task):
         return ScenarioCfg(
             robots=(_ROBOT,),
             objects=(_box(),),
-            cameras=(replace(FRONT_CAMERA, look_at=(0.0, -0.05, 0.3), fovy_deg=42.0),),
+            cameras=(replace(FRONT_CAMERA, look_at=(0.0, -0.05, 0.3), fovy_deg=42.0), WRIST_CAMERA),
             appearance=TABLETOP_LOOKS,
             table=TableCfg(pos=(-0.12, 0.0, 0.0), half_size=(0.8, 0.8)),
             physics=CONTROL_20_HZ,

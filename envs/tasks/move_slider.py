@@ -39,6 +39,7 @@ from envs.tasks.tabletop import (
     GRASP_CLOSED_M,
     GRASP_OPEN_M,
     TABLETOP_LOOKS,
+    WRIST_CAMERA,
     distance,
     ee_pos,
     nearness,
@@ -124,7 +125,7 @@ class MoveSliderLeft(Task):
         return ScenarioCfg(
             robots=(_ROBOT,),
             objects=(table, *(_block(name) for name in BLOCKS)),
-            cameras=(_front_camera(),),
+            cameras=(_front_camera(), WRIST_CAMERA),
             appearance=TABLETOP_LOOKS,
             table=TableCfg(pos=(0.0, -0.1, -DESK_HEIGHT_M), half_size=(0.8, 0.8)),
             physics=CONTROL_20_HZ,
@@ -228,6 +229,6 @@ def _front_camera() -> CameraCfg:
 def _handle(table: EntityState) -> Tensor:
     """Returns the middle of the bar of the door's handle in the world, (N, 3)."""
     offset = np.array(scaled(SLIDE_POS)) + rotate(np.array(about_x(SLOPE_RAD)), np.array(scaled(HANDLE)))
-    point = torch.as_tensor(offset, dtype=table.pos.dtype).expand(table.pos.shape[0], 3)
-    left = torch.tensor([-1.0, 0.0, 0.0], dtype=table.pos.dtype)
+    point = table.pos.new_tensor(offset).expand(table.pos.shape[0], 3)
+    left = table.pos.new_tensor([-1.0, 0.0, 0.0])
     return table.pos + rotate(table.rot, point + table.joint_pos[:, :1] * left)

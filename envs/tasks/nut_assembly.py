@@ -26,6 +26,7 @@ from envs.tasks.tabletop import (
     GRASP_CLOSED_M,
     GRASP_OPEN_M,
     TABLETOP_LOOKS,
+    WRIST_CAMERA,
     distance,
     ee_pos,
     finger_gap,
@@ -175,7 +176,7 @@ class NutAssembly(Task):
         return ScenarioCfg(
             robots=(_ROBOT,),
             objects=(*nuts, *pegs, _pedestal()),
-            cameras=(_CAMERA,),
+            cameras=(_CAMERA, WRIST_CAMERA),
             appearance=TABLETOP_LOOKS,
             table=TableCfg(half_size=(0.4, 0.4), height_m=TABLE_HEIGHT_M),
             physics=CONTROL_20_HZ,

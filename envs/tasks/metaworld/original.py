@@ -75,6 +75,7 @@ class Original:
     Attributes:
         env: The environment; its goal is observed, as in MT1.
         model: Its model.
+        last_answers: What it was last asked about, as bytes, and what it answered.
     """
 
     def __init__(self, name: str) -> None:
@@ -90,6 +91,8 @@ class Original:
         self.model: mujoco.MjModel = self.env.model
         self._data: mujoco.MjData = self.env.data
         self._policy = ENV_POLICY_MAP[name]()
+        none = np.zeros(0)
+        self.last_answers: tuple[bytes, tuple[np.ndarray, np.ndarray, np.ndarray]] = b"-", (none, none, none)
         self._episodes: OrderedDict[bytes, Episode] = OrderedDict()
         self._settle()
 

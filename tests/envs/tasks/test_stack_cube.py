@@ -20,6 +20,7 @@ def stacked(dx=0.0, dy=0.0, dz=0.04):
     a, b, robot = state.objects["cube_a"], state.objects["cube_b"], state.robots["franka"]
     a.pos[:] = b.pos + torch.tensor([dx, dy, dz], dtype=torch.float64)
     robot.ee_pos = a.pos + torch.tensor([0.0, 0.0, 0.1], dtype=torch.float64)
+    robot.ee_rot = torch.tensor([[0.0, 1.0, 1.0, 0.0]], dtype=torch.float64) / np.sqrt(2)  # down, turn 0
     robot.joint_target = robot.joint_pos.clone()
     return state
 

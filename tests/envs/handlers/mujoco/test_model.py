@@ -48,7 +48,7 @@ def test_actuators_are_position_servos_of_the_robots_gains(model):
 def test_there_is_nothing_of_the_robots_file_that_we_did_not_ask_for(model):
     assert model.nu == len(FRANKA.joints)
     assert model.nsensor == 0
-    assert [model.camera(i).name for i in range(model.ncam)] == ["front"]
+    assert [model.camera(i).name for i in range(model.ncam)] == ["front", "wrist"]
     assert model.nlight == MAX_LIGHTS
 
 

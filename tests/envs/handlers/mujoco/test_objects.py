@@ -67,7 +67,7 @@ def test_a_fixed_object_stands_where_each_environment_puts_it():
 
 
 def test_a_hanging_leaf_swings_with_the_period_of_its_pendulum():
-    """A bar of 1 kg, centre 0.1 m below its hinge: I = m (a² + c²) / 3 + m d² about it, T = 2π √(I / m g d)."""
+    """A bar of 1 kg, centre 0.1 m below: I = m (a² + c²) / 3 + m d² about the hinge, T = 2π √(I / m g d)."""
     with launched(DOOR) as handler:
         inertia = (0.1**2 + 0.02**2) / 3 + 0.1**2
         period = 2 * math.pi * math.sqrt(inertia / (9.81 * 0.1))
@@ -97,7 +97,7 @@ def test_poses_are_set_in_mid_episode_and_nothing_else_changes():
         assert after.pos[1].tolist() == [0.5, 0.0, 1.0]
         assert torch.equal(after.joint_pos, before.joint_pos)
         with pytest.raises(
-            UnknownNameError, match="Unknown fixed object or marker 'dor'.*Did you mean 'door'"
+            UnknownNameError, match=r"Unknown fixed object or marker 'dor'.*Did you mean 'door'"
         ):
             handler.set_poses({"dor": (before.pos, before.rot)})
 
@@ -155,7 +155,7 @@ def test_a_carried_camera_moves_with_the_hand():
         first = handler.render(["wrist"])["wrist"]["rgb"]
         assert first.shape == (2, 256, 256, 3)
     unknown = dataclasses.replace(WRIST, mount="franka/gripper/eff")
-    with pytest.raises(UnknownNameError, match="Unknown body that carries the camera 'wrist'.*Did you mean"):
+    with pytest.raises(UnknownNameError, match=r"Unknown body that carries the camera 'wrist'.*Did you mean"):
         launched(robots=(FRANKA,), cameras=(unknown,))
 
 
