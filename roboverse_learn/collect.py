@@ -109,7 +109,7 @@ def _collect_episodes(config: CollectConfig, imported: "ImportSummary | None") -
         fps=fps,
         features=features,
         robot_type=robot,
-        num_workers=min(config.collect.num_workers or len(os.sched_getaffinity(0)), len(candidates)),
+        num_workers=min(config.collect.num_workers or _default_workers(config), len(candidates)),
         settings=settings,
         fewer_ok=imported is not None,
     )
@@ -137,6 +137,13 @@ def _bar(what: str) -> Iterator[Callable[[int, int, str], None]]:
     ) as bar:
         task = bar.add_task("", total=None)
         yield lambda done, total, text: bar.update(task, completed=done, total=total, description=text)
+
+
+def _default_workers(config: CollectConfig) -> int:
+    """One process per core; one alone where a simulator steps all environments at once, as on a GPU."""
+    from envs.handlers import HANDLERS
+
+    return 1 if HANDLERS.get(config.simulator).steps_together else len(os.sched_getaffinity(0))
 
 
 def dataset_layout(config: CollectConfig) -> tuple[dict[str, Any], int, str]:

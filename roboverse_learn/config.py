@@ -46,7 +46,8 @@ class DemonstrationConfig:
 
     Attributes:
         num_demos: Successful episodes in the dataset.
-        num_workers: Processes that collect side by side; 0 takes one per CPU core.
+        num_workers: Processes that collect side by side; 0 takes one per CPU core, or a single one where
+            the simulator steps all environments at once.
         num_envs: Environments that each process steps at once.
     """
 

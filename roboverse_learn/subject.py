@@ -70,7 +70,6 @@ def subject_of(config: EvaluateConfig) -> Subject:
     from policies.checkpoint import resolve
     from roboverse_learn.compose import to_values
     from roboverse_learn.run import CONFIG_FILE, read_config
-    from roboverse_learn.training.device import resolve_device
 
     checkpoint = resolve(config.checkpoint)
     _check_whole(checkpoint)
@@ -78,7 +77,8 @@ def subject_of(config: EvaluateConfig) -> Subject:
     if folder is None:
         return _foreign_subject(checkpoint, config)
     trained = read_config(folder)
-    subject = subject_of_run(folder, trained, checkpoint)
+    # What it was trained on need not be what it is evaluated on: a GPU's run is evaluated anywhere.
+    subject = subject_of_run(folder, replace(trained, device=config.device), checkpoint)
     differs = {
         "task": config.task or trained.task,
         "task_kwargs": config.task_kwargs or trained.task_kwargs,
@@ -97,7 +97,6 @@ def subject_of(config: EvaluateConfig) -> Subject:
     return replace(
         subject,
         **differs,
-        device=resolve_device(config.device),
         run="-".join([subject.run, *changed]),
         config=values,
     )

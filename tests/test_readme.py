@@ -23,6 +23,13 @@ def shown_commands() -> list[str]:
     return [text for text in re.findall(r"`(roboverse [^`]+)`", README) if "…" not in text.split("=")[0]]
 
 
+def test_the_diff_of_a_task_is_that_task() -> None:
+    shown = (ROOT / "docs/adding_a_task.md").read_text(encoding="utf-8").rpartition("+++ b/")[2]
+    name, _, diff = shown.partition("\n")
+    added = [line[1:] for line in diff.splitlines() if line.startswith("+")]
+    assert added == (ROOT / name).read_text(encoding="utf-8").splitlines()
+
+
 @pytest.mark.parametrize("block", blocks("python"))
 def test_a_python_block_runs(block: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)

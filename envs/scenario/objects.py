@@ -154,7 +154,7 @@ class ObjectCfg:
                 )
             if link.joint is not None and not any(geom.mass_kg > 0 for geom in link.geoms):
                 raise ConfigError(
-                    f"Link '{link.name}' of object '{self.name}' moves, so it needs a geom with mass_kg above 0."
+                    f"Link '{link.name}' of object '{self.name}' moves, so a geom of it needs a mass_kg."
                 )
             known.append(link.name)
 

@@ -64,6 +64,13 @@ def test_a_checkpoint_is_known_by_the_run_that_it_lies_in(run: Path) -> None:
     assert found.config["run"]["level"] == 2
 
 
+def test_a_run_of_a_gpu_is_evaluated_where_there_is_none(run: Path) -> None:
+    config = run / "config.yaml"
+    config.write_text(config.read_text().replace("device: cpu", "device: cuda:7"))
+    assert "device: cuda:7" in config.read_text()
+    assert subject(run).device == "cpu"
+
+
 def test_the_folder_of_a_run_stands_for_its_last_checkpoint(run: Path) -> None:
     last = run / "checkpoints/000200/pretrained_model"
     assert subject(run).checkpoint.resolve() == subject(last).checkpoint.resolve() == last.resolve()

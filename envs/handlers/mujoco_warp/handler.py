@@ -34,7 +34,7 @@ class MujocoWarpHandler(Handler):
     """Every world steps with every other one.
 
     On a CPU a world is the same to the bit whatever their number is. On a GPU contacts are found in any
-    order, so two runs agree to rounding only, unless the scenario's settings say ``deterministic``.
+    order, so two runs agree to rounding only; see ``deterministic`` in the settings.
 
     States are float32 tensors on the device. What is set is rounded to float32 once, and no bit changes
     after that. A world whose state is no longer finite goes back to the last state that was set, and the

@@ -25,7 +25,8 @@ class WarpSettings:
         njmax: Constraint rows of any one world; None is four, as a contact of our scenes takes, for each of
             ``nconmax``.
         nccdmax: Contacts per world that need the general convex algorithm; None is ``nconmax``.
-        deterministic: On a GPU: the same bits in every run, for some of the speed. A CPU always is.
+        deterministic: On a GPU: mujoco_warp's ordered sums, which take some of the speed. They bring runs
+            nearer to each other; mujoco_warp 4.0 does not repeat contacts to the bit. A CPU always does.
         render_worlds: Worlds that are drawn at once; bounds the memory of pictures.
         num_textures: Pictures of materials that are kept on the device, 256 KiB each.
     """
