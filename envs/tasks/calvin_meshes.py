@@ -118,7 +118,7 @@ def _decomposed(file: Path) -> list[Path]:
         import trimesh
 
         try:
-            import coacd
+            import coacd  # pyright: ignore[reportMissingImports]
         except ModuleNotFoundError:
             raise MissingExtraError(
                 "CALVIN's table needs the package 'coacd', which is not installed. "
