@@ -65,9 +65,9 @@ class RoboVerseEnv(gymnasium.Env):
 
     def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Steps by one control step; ``action`` (J,) are joint position targets, rad and m."""
-        observation, reward, terminated, truncated, _ = self.batch.step(np.asarray(action)[None])
-        success = bool(terminated[0])
-        return row_of(observation, 0), float(reward[0]), success, bool(truncated[0]), self._info(success)
+        observation, reward, terminated, truncated, info = self.batch.step(np.asarray(action)[None])
+        told = self._info(bool(info["is_success"][0]))
+        return row_of(observation, 0), float(reward[0]), bool(terminated[0]), bool(truncated[0]), told
 
     def _info(self, success: bool) -> dict[str, Any]:
         return {"is_success": success, "episode_index": int(self.batch.episodes[0])}

@@ -88,6 +88,11 @@ class State:
         """N."""
         return next(iter({**self.robots, **self.objects}.values())).pos.shape[0]
 
+    @property
+    def device(self) -> torch.device:
+        """Where its tensors are."""
+        return next(iter({**self.robots, **self.objects}.values())).pos.device
+
     def entities(self) -> dict[str, EntityState]:
         """Returns robots and objects by name."""
         return {**self.robots, **self.objects}

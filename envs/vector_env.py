@@ -14,12 +14,15 @@ from gymnasium.vector.utils import batch_space
 from envs.errors import ConfigError, unknown_name
 from envs.handlers import HANDLERS
 from envs.observations import LazyPixels
+from envs.outcomes import outcome, solved
 from envs.randomization import MaterialLibrary, Randomizer, channel_rng, channels_of, load_split
 from envs.scenario import Appearance
 from envs.state import State
 from envs.tasks import TASKS
 
 OBSERVATIONS = ("pixels", "state")
+
+ACTIONS = ("task", "rl")
 
 STATE_LIMIT = 100.0
 """Bound of every entry of ``environment_state``: farther, m, than anything falls in an episode."""
@@ -38,8 +41,8 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
     """A Gymnasium vector env, and what collection and evaluation need beside it.
 
     An episode is an index into the task's pool: object poses, looks and instruction follow from it and
-    from ``protocol_seed``, whatever ``num_envs`` is. Success ends an episode (``terminated``), the
-    task's horizon cuts it off (``truncated``).
+    from ``protocol_seed``, whatever ``num_envs`` is. Success and failure end an episode (``terminated``),
+    the task's horizon cuts it off (``truncated``); see :class:`~envs.tasks.base.Task`.
 
     Args:
         task: Name of a task.
@@ -57,6 +60,8 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         num_threads: Threads of the simulator; 0 means one per core.
         autoreset_mode: Gymnasium's: what ``step`` does with an environment whose episode is over.
         task_kwargs: Options of the task.
+        actions: ``"task"`` for those of the task's ``controller``, ``"rl"`` for those of its
+            ``rl_controller``.
     """
 
     def __init__(
@@ -77,11 +82,14 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         num_threads: int = 0,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         task_kwargs: Mapping[str, Any] | None = None,
+        actions: Literal["task", "rl"] = "task",
     ) -> None:
         if num_envs < 1:
             raise ConfigError(f"num_envs must be at least 1, given {num_envs}.")
         if observation not in OBSERVATIONS:
             raise unknown_name("observation", str(observation), OBSERVATIONS)
+        if actions not in ACTIONS:
+            raise unknown_name("kind of actions", str(actions), ACTIONS)
         self.task = TASKS.get(task)(**(task_kwargs or {}))
         self.num_envs, self.observation = num_envs, observation
         self.simulator, self.renderer = simulator, renderer
@@ -102,12 +110,13 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         )
         self.handler.launch()
         self.scenario = scenario
-        self.controller = self.task.controller
+        self.controller = self.task.controller if actions == "task" else self.task.rl_controller
         self._robot = scenario.robots[0]
         self._substeps = scenario.physics.decimation
         self._every = np.arange(num_envs)
         self.episodes = np.full(num_envs, -1)
         self.elapsed_steps = np.zeros(num_envs, np.int64)
+        self.returns = np.zeros(num_envs)
         self._instructions = [self.task.description] * num_envs
         self._hashes = [""] * num_envs
         self._over = np.zeros(num_envs, bool)
@@ -213,6 +222,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
             self._hashes[env_id] = _digest(states.select([row]), looks[row])
         self.episodes[env_ids] = episodes
         self.elapsed_steps[env_ids] = 0
+        self.returns[env_ids] = 0.0
         self._over[env_ids] = False
 
     def step_envs(self, env_ids: Sequence[int] | np.ndarray, actions: np.ndarray) -> StepResult:
@@ -253,10 +263,14 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         rows = slice(None) if env_ids is None else env_ids
         self.elapsed_steps[rows] += 1
         with torch.inference_mode():  # a third less time per operation, which counts with few environments
-            success = self.task.success(states).cpu().numpy()
-            reward = np.where(success, 1.0, self.task.reward(states).double().cpu().numpy())
-        truncated = (self.elapsed_steps[rows] >= self.task.max_episode_steps) & ~success
-        return StepResult(reward, success, truncated, success)
+            judged = outcome(self.task, states)
+            reward, terminated, success = (values.cpu() for values in judged)
+            self.returns[rows] += reward.numpy()
+            cut_off = torch.from_numpy(self.elapsed_steps[rows] >= self.task.max_episode_steps)
+            returns = torch.from_numpy(self.returns[rows])
+            success = solved(self.task, success, terminated | cut_off, returns)
+        truncated = cut_off & ~terminated
+        return StepResult(reward.double().numpy(), terminated.numpy(), truncated.numpy(), success.numpy())
 
     # -- Gymnasium ----------------------------------------------------------------------------------
 

@@ -54,6 +54,7 @@ def dataset_folder(config: CollectConfig) -> Path:
 def collect_dataset(config: CollectConfig) -> "CollectionSummary":
     """Makes sure that the dataset of a configuration is complete, with a progress bar."""
     if config.source == "expert":
+        _demand_expert(config)
         return _collect_episodes(config, None)
     from roboverse_learn.data.importers.verdicts import write_summary
 
@@ -61,6 +62,17 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
     summary = _collect_episodes(config, imported)
     write_summary(Path(summary.root), imported)
     return dataclasses.replace(summary, imported=imported)
+
+
+def _demand_expert(config: CollectConfig) -> None:
+    from envs.errors import ConfigError
+    from envs.tasks import TASKS
+
+    if not TASKS.get(config.task).has_expert:
+        raise ConfigError(
+            f"{config.task} has no scripted expert to collect from. Learn it by reward, as in: "
+            f"roboverse train policy=ppo task={config.task}"
+        )
 
 
 def _judge(config: CollectConfig) -> "ImportSummary":

@@ -5,8 +5,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+import torch
 from torch import Tensor
 
+from envs.errors import ConfigError
 from envs.scenario import ScenarioCfg
 from envs.state import State
 
@@ -25,11 +27,19 @@ class Task(ABC):
         name: Registered name.
         instructions: What to do, in words; an episode draws one.
         max_episode_steps: Control steps after which an episode is cut off.
+        ends_on_success: Whether an episode is over, and pays 1, as soon as it is solved. If not, success
+            is that of its last state, and every step pays the reward.
+        success_return: The return from which on an episode counts as solved, which is decided when it is
+            over; None leaves that to :meth:`success`.
+        has_expert: Whether :meth:`expert` knows a way; demonstrations come from elsewhere if not.
     """
 
     name: ClassVar[str]
     instructions: ClassVar[tuple[str, ...]]
     max_episode_steps: ClassVar[int]
+    ends_on_success: ClassVar[bool] = True
+    success_return: ClassVar[float | None] = None
+    has_expert: ClassVar[bool] = True
 
     @property
     def description(self) -> str:
@@ -49,21 +59,34 @@ class Task(ABC):
     def success(self, state: State) -> Tensor:
         """Returns whether the task is solved, (N,) bool. A state that is not finite is no success."""
 
+    def failure(self, state: State) -> Tensor:
+        """Returns whether all is lost, which ends an episode, (N,) bool; never by default."""
+        return torch.zeros(state.num_envs, dtype=torch.bool, device=state.device)
+
     @abstractmethod
     def reward(self, state: State) -> Tensor:
-        """Returns the dense reward of states that are no success, in [0, 1), (N,); success pays 1."""
+        """Returns the dense reward of a step that led to each state, (N,).
+
+        Where success ends an episode it pays 1, and all other states less, from 0 on.
+        """
 
     @abstractmethod
     def observe(self, state: State) -> Tensor:
         """Returns what a policy without cameras has to know beside the joints, (N, D)."""
 
-    @abstractmethod
     def expert(self, state: State, rng: np.random.Generator) -> "list[Waypoint]":
         """Returns a way to solve the task from a state of one row; ``rng`` gives it variety.
 
         When the way has been gone without success, the expert is asked again, from where it got to: a
         grasp that failed is tried once more. No waypoints mean that it gives up.
+
+        Raises:
+            ConfigError: if the task has no expert.
         """
+        raise ConfigError(
+            f"{self.name} has no scripted expert. Learn it by reward, as in: "
+            f"roboverse train policy=ppo task={self.name}"
+        )
 
     @property
     def controller(self) -> "Controller":
@@ -71,6 +94,11 @@ class Task(ABC):
         from envs.controllers import JointPositionController
 
         return JointPositionController(self.scenario.robots[0])
+
+    @property
+    def rl_controller(self) -> "Controller":
+        """What an action of an agent that learns by reward means; every entry lies in [-1, 1]."""
+        return self.controller
 
     @property
     def planner(self) -> "Planner":

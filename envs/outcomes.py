@@ -1,0 +1,45 @@
+"""What a control step led to, by a task's own rules: reward, success, and whether the episode is over."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from envs.state import State
+from envs.tasks.base import Task
+
+
+class Outcome(NamedTuple):
+    """What N environments came to, each (N,).
+
+    Attributes:
+        reward: Reward of the step.
+        terminated: Whether success or failure ends the episode.
+        success: Whether the state is a success; see :func:`solved` for tasks that judge the return.
+    """
+
+    reward: Tensor
+    terminated: Tensor
+    success: Tensor
+
+
+def outcome(task: Task, state: State) -> Outcome:
+    """Judges the states after a step."""
+    success, reward = task.success(state), task.reward(state)
+    failed = task.failure(state) & ~success
+    if not task.ends_on_success:
+        return Outcome(reward, failed, success)
+    return Outcome(torch.where(success, 1.0, reward), success | failed, success)
+
+
+def solved(task: Task, success: Tensor, over: Tensor, returns: Tensor) -> Tensor:
+    """Returns whether episodes are solved, (N,) bool.
+
+    Args:
+        task: The task.
+        success: Success of their present states, (N,) bool.
+        over: Which of them are over, (N,) bool: no other one is solved by its return.
+        returns: Sum of their rewards so far, (N,).
+    """
+    bar = task.success_return
+    return success if bar is None else over & (returns >= bar)
