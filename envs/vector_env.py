@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from envs.errors import ConfigError, unknown_name
-from envs.handlers import HANDLERS
+from envs.handlers.hybrid import make_handler
 from envs.observations import LazyPixels
 from envs.outcomes import outcome, solved
 from envs.randomization import MaterialLibrary, Randomizer, channel_rng, channels_of, load_split
@@ -51,7 +51,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         level: Level of randomization, 0 to 3.
         only: One channel to vary instead of a level.
         simulator: Name of a simulator.
-        renderer: Name of a renderer.
+        renderer: Name of a renderer, or of another simulator that draws the pictures.
         observation: ``"pixels"`` (cameras and joint positions) or ``"state"`` (joints and objects).
         cameras: Names of the cameras that are observed; none or None is the task's first.
         image_size: Height and width of every camera, or None for the scenario's.
@@ -105,8 +105,13 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
             seed=protocol_seed,
             library=library,
         )
-        self.handler = HANDLERS.get(simulator)(
-            scenario, num_envs, renderer=renderer, num_threads=num_threads, textures=library.texture
+        self.handler = make_handler(
+            simulator,
+            scenario,
+            num_envs,
+            renderer=renderer,
+            num_threads=num_threads,
+            textures=library.texture,
         )
         self.handler.launch()
         self.scenario = scenario

@@ -163,8 +163,9 @@ def check_names(config: Any) -> None:
     registries = _registries()
     for key, registry in registries.items():
         name = getattr(config, key, "")
-        if name and name not in registry:
-            raise unknown_name(key, name, registry.names())
+        drawn_by = registries["simulator"].names() if key == "renderer" else []
+        if name and name not in registry and name not in drawn_by:
+            raise unknown_name(key, name, [*registry.names(), *drawn_by])
     if getattr(config, _OPEN, None) and config.task:
         task = registries["task"].get(config.task)
         options = [item.name for item in dataclasses.fields(task)]

@@ -99,7 +99,7 @@ class SceneKeys:
         task_kwargs: Options of the task, such as task_kwargs.variant=lift of PickCube.
         preset: Named set of values from ``configs/preset``.
         simulator: Registered simulator.
-        renderer: Registered renderer.
+        renderer: Registered renderer, or another simulator that draws the pictures.
         cameras: Cameras that are observed, as in cameras=[front,wrist]; empty takes the task's first.
         image_size: Height and width of every picture, pixels.
         level: Level of the demonstrations, hence of training.
@@ -199,7 +199,7 @@ class EvaluateConfig:
         task_kwargs: Options of the task; empty for those that the checkpoint was trained on.
         preset: Named set of values from ``configs/preset``.
         simulator: Registered simulator; empty for that of the demonstrations.
-        renderer: Registered renderer; empty for that of the demonstrations.
+        renderer: Registered renderer or simulator that draws; empty for that of the demonstrations.
         cameras: Cameras that are observed; empty for those of the demonstrations.
         image_size: Height and width of every picture, pixels; 0 for that of the demonstrations.
         device: ``auto``, ``cpu``, ``cuda``.

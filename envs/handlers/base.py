@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import torch
@@ -33,8 +33,11 @@ class Handler(ABC):
         dtype: Precision of its states. A state that is set is rounded to it, and comes back bit by bit.
         device: Where its states are.
         steps_together: Whether stepping all environments costs no more than stepping some.
+        own_renderers: Renderers that it draws with itself, its default first, where it has more than the one
+            that is called as it is; any other draws as :mod:`envs.handlers.hybrid` says.
     """
 
+    own_renderers: ClassVar[tuple[str, ...]] = ()
     steps_together: bool = False
     dtype: torch.dtype = torch.float64
     device: torch.device = torch.device("cpu")

@@ -8,20 +8,35 @@ import torch
 
 from envs.errors import MissingExtraError, UnknownNameError
 from envs.handlers import HANDLERS
+from envs.handlers.hybrid import HybridHandler
 from envs.tasks.pick_cube import PickCube
 
 NUM_ENVS = 4
+PAIRS = [f"mujoco+{name}" for name in HANDLERS if name != "mujoco"]
+"""Physics that is exact, with the pictures of every other simulator."""
 
 
-@pytest.fixture(scope="module", params=HANDLERS.names())
-def handler(request):
+def make(name, scenario, num_envs):
+    """A simulator, or physics of one and pictures of another: ``mujoco+sapien``."""
+    physics, _, drawing = name.partition("+")
     try:
-        handler_class = HANDLERS.get(request.param)
+        if drawing:
+            return HybridHandler(scenario, num_envs, simulator=physics, renderer=drawing)
+        return HANDLERS.get(physics)(scenario, num_envs)
     except MissingExtraError as error:
         pytest.skip(str(error))
+
+
+@pytest.fixture(scope="module", params=[*HANDLERS.names(), *PAIRS])
+def name(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def handler(name):
     scenario = PickCube().scenario
     cameras = tuple(dataclasses.replace(camera, width=32, height=32) for camera in scenario.cameras)
-    with handler_class(dataclasses.replace(scenario, cameras=cameras), NUM_ENVS) as handler:
+    with make(name, dataclasses.replace(scenario, cameras=cameras), NUM_ENVS) as handler:
         handler.launch()
         yield handler
 
@@ -177,8 +192,8 @@ def test_pictures_have_the_right_shape_and_show_the_scene(handler):
     assert 0.5 * distance < np.median(pictures["depth"]) < 2.0 * distance
 
 
-def test_closing_twice_is_harmless(handler):
-    other = type(handler)(handler.scenario, 1)
+def test_closing_twice_is_harmless(name, handler):
+    other = make(name, handler.scenario, 1)
     other.launch()
     other.close()
     other.close()

@@ -36,6 +36,8 @@ class MujocoHandler(Handler):
         simplify_meshes: Draw the robots with simplified meshes.
     """
 
+    own_renderers = ("warp", "gl", "filament")
+
     def __init__(
         self,
         scenario: ScenarioCfg,

@@ -54,6 +54,7 @@ class MujocoWarpHandler(Handler):
         on: The device, once launched.
     """
 
+    own_renderers = ("warp", "gl", "filament")
     dtype = torch.float32
     steps_together = True
 
