@@ -19,6 +19,7 @@ from policies import checkpoint
 from policies.atomic import atomic_directory
 from policies.base import Observation, PolicyError
 from policies.normalization import policy_stats
+from policies.objective import Loss, Normalizer, Objective, normalizer_step
 
 type Features = dict[str, PolicyFeature]
 type Processors = tuple[PolicyProcessorPipeline, PolicyProcessorPipeline]
@@ -201,9 +202,14 @@ class LeRobotPolicy:
         """Readies the model for acting."""
         self.model.to(memory_format=torch.contiguous_format).eval()
 
-    def compile(self) -> None:
-        """Compiles the parts of the model that a gradient step spends its time in, in place."""
+    def loss(self, batch: dict[str, Tensor]) -> Loss:
+        """Returns the loss of a normalized batch, and its terms, without waiting for a GPU."""
         raise NotImplementedError
+
+    def objective(self) -> Objective:
+        """Returns the loss of raw frames as a module over :attr:`model`, for gradient steps."""
+        step = normalizer_step(self.preprocessor)
+        return Objective(self.model, Normalizer(step, self.device), self.loss)
 
     # --- checkpoints ----------------------------------------------------------------------------
 

@@ -7,11 +7,13 @@ from lerobot.configs import PreTrainedConfig
 from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot.policies.act.modeling_act import ACTPolicy
 from lerobot.policies.act.processor_act import make_act_pre_post_processors
+from lerobot.utils.constants import ACTION, OBS_IMAGES
 from torch import Tensor, nn
 from torchvision.ops.misc import FrozenBatchNorm2d
 
 from policies.act.config import ActConfig
 from policies.lerobot_policy import Features, LeRobotPolicy, Processors
+from policies.objective import Loss
 
 # Running statistics average over about 50 batches, so that the frozen ones are not those of a few images.
 _NORM_MOMENTUM = 0.02
@@ -82,9 +84,21 @@ class ActPolicy(LeRobotPolicy):
         _replace(self.model, nn.BatchNorm2d, _frozen_batch_norm)
         super().end_training()
 
-    def compile(self) -> None:
-        """Compiles the network; the loss around it synchronizes with the host and stays as it is."""
-        self.model.model.compile()
+    def loss(self, batch: dict[str, Tensor]) -> Loss:
+        """Returns the L1 distance of the actions, plus the weighted KL term (LeRobot's ACT, forward)."""
+        config = self.model.config
+        if config.image_features:
+            batch = batch | {OBS_IMAGES: [batch[key] for key in config.image_features]}
+        actions, (mean, log_variance) = self.model.model(batch)
+        counts = ~batch["action_is_pad"].unsqueeze(-1)
+        error = (batch[ACTION] - actions).abs() * counts
+        terms = {"l1_loss": error.sum() / (counts.sum() * error.shape[-1]).clamp_min(1)}
+        loss = terms["l1_loss"]
+        if config.use_vae and log_variance is not None:
+            divergence = -0.5 * (1 + log_variance - mean.pow(2) - log_variance.exp())
+            terms["kld_loss"] = divergence.sum(-1).mean()
+            loss = loss + config.kl_weight * terms["kld_loss"]
+        return loss, {name: term.detach() for name, term in terms.items()}
 
 
 def _replace(module: nn.Module, old: type[nn.Module], make: Any) -> None:

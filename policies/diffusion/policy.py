@@ -13,6 +13,7 @@ from torch import Tensor
 
 from policies.diffusion.config import DiffusionConfig
 from policies.lerobot_policy import Features, LeRobotPolicy, Processors
+from policies.objective import Loss
 
 
 class DiffusionPolicy(LeRobotPolicy):
@@ -81,10 +82,11 @@ class DiffusionPolicy(LeRobotPolicy):
         start = config.n_obs_steps - 1
         return sample[:, start : start + config.n_action_steps]
 
-    def compile(self) -> None:
-        """Compiles the U-Net and the image encoders."""
-        self.model.diffusion.unet.compile()
-        encoder = getattr(self.model.diffusion, "rgb_encoder", None)
-        for module in encoder if isinstance(encoder, torch.nn.ModuleList) else (encoder,):
-            if module is not None:
-                module.compile()
+    def loss(self, batch: dict[str, Tensor]) -> Loss:
+        """Returns the mean squared error of the network's answer to noised actions."""
+        config = self.model.config
+        if config.image_features:
+            images = [batch[key] for key in config.image_features]
+            images = [image.unsqueeze(1) if image.ndim == 4 else image for image in images]
+            batch = batch | {OBS_IMAGES: torch.stack(images, dim=-4)}
+        return self.model.diffusion.compute_loss(batch), {}

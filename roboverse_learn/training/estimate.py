@@ -33,13 +33,14 @@ def estimate_training_s(policy: LeRobotPolicy, config: TrainConfig, num_timed_st
     with cpu_threads(config.num_threads), torch.random.fork_rng():
         policy.begin_training()
         optimizer = make_optimizer(policy, config)
-        batch = policy.preprocess(_random_batch(policy, batch_size))
+        objective = policy.objective()
+        batch = _random_batch(policy, batch_size)
         bf16 = resolve_precision(config.precision, policy.device) == "bf16"
         seconds = []
         for _ in range(1 + num_timed_steps):
             start = time.perf_counter()
             with torch.autocast(policy.device.type, torch.bfloat16, enabled=bf16):
-                loss, _terms = policy.model(dict(batch))
+                loss, _terms = objective(batch)
             loss.backward()
             optimizer.step()
             optimizer.zero_grad()
@@ -55,6 +56,9 @@ def _random_batch(policy: LeRobotPolicy, batch_size: int) -> dict[str, Tensor]:
     deltas, batch = policy.delta_indices, {}
     for key, feature in policy.features.items():
         time_axis = (len(deltas[key]),) if key in deltas else ()
-        batch[key] = torch.rand(batch_size, *time_axis, *feature.shape)
-        batch[f"{key}_is_pad"] = torch.zeros(batch_size, *(time_axis or (1,)), dtype=torch.bool)
+        shape = (batch_size, *time_axis)
+        batch[key] = torch.rand(*shape, *feature.shape, device=policy.device)
+        batch[f"{key}_is_pad"] = torch.zeros(
+            *(shape if time_axis else (*shape, 1)), dtype=torch.bool, device=policy.device
+        )
     return batch

@@ -17,6 +17,7 @@ from torch import Tensor
 
 from envs.errors import RoboVerseError
 from policies.lerobot_policy import LeRobotPolicy
+from policies.objective import Loss
 from roboverse_learn.data.info import DatasetInfo
 from roboverse_learn.data.sampler import EpisodeAwareSampler
 from roboverse_learn.training import checkpoint
@@ -142,13 +143,14 @@ class _Trainer:
         )
         self.keys = list(policy.features)
         policy.begin_training()
+        objective = policy.objective()
         if config.compile or (config.compile is None and policy.device.type == "cuda"):
-            policy.compile()
+            objective.compile(fullgraph=True, dynamic=False)
         # Every process starts from the weights of the first: DDP broadcasts them.
-        self.model, self.optimizer = self.accelerator.prepare(policy.model, make_optimizer(policy, config))
+        self.objective, self.optimizer = self.accelerator.prepare(objective, make_optimizer(policy, config))
         self.ema = self._make_ema()
         self.step, self.first_step, self.elapsed_before = 0, 0, 0.0
-        self.losses: list[dict[str, Tensor | float]] = []
+        self.losses: list[dict[str, Tensor]] = []
         self.loss: float | None = None
         self.grad_norm: Tensor | float = 0.0
         self.start = time.perf_counter()
@@ -197,24 +199,25 @@ class _Trainer:
             )
         optimizer.step()
         optimizer.zero_grad()
-        self.losses.append({"loss": loss.detach(), **(terms or {})})
+        self.losses.append({"loss": loss.detach(), **terms})
         self.step += 1
         if self.ema is not None:
             self.ema.update(self.policy.state_dict())
 
-    def forward(self, batch: Mapping[str, Tensor]) -> tuple[Tensor, Mapping[str, float] | None]:
-        """Returns the loss of a normalized batch, and its terms."""
+    def forward(self, batch: dict[str, Tensor]) -> Loss:
+        """Returns the loss of a batch, and its terms."""
         enabled = self.precision == "bf16"
         with torch.autocast(self.policy.device.type, torch.bfloat16, enabled=enabled):
-            return self.model(dict(batch))
+            return self.objective(batch)
 
     def _batch(self) -> dict[str, Tensor]:
-        """Returns this process's share of the step's batch, augmented and normalized."""
+        """Returns this process's share of the step's batch, augmented, on the device."""
         batch = self.dataset.sample(self.sampler.next_batch(), self.policy.delta_indices, keys=self.keys)
         images = self.policy.model.config.image_features
         if self.config.augment.enabled:
             batch |= {key: augment(batch[key].to(self.policy.device), self.config.augment) for key in images}
-        return self.policy.preprocess(batch)
+        device = self.policy.device
+        return {key: value.to(device, non_blocking=True) for key, value in batch.items()}
 
     def _make_ema(self) -> Ema | None:
         wanted = self.policy.default_ema if self.config.ema is None else self.config.ema
@@ -236,8 +239,8 @@ class _Trainer:
         if not self.losses:
             return
         names = self.losses[0].keys()
-        means = torch.tensor([[float(row[name]) for name in names] for row in self.losses]).mean(dim=0)
-        means = self.accelerator.reduce(means.to(self.policy.device), "mean").tolist()
+        means = torch.stack([torch.stack([row[name] for row in self.losses]).mean() for name in names])
+        means = self.accelerator.reduce(means, "mean").tolist()
         row = dict(zip(names, means, strict=True))
         self.losses.clear()
         self.loss = row["loss"]

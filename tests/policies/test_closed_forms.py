@@ -83,18 +83,22 @@ class TestDenoising:
         torch.testing.assert_close(noisy, (root * x + rest * eps).float(), atol=1e-5, rtol=1e-5)
 
 
-def batch_of(policy, n=4):
-    """A normalized training batch of random frames."""
+def raw_batch_of(policy, n=4):
+    """A training batch of random frames, as a dataset gives it."""
     rng = torch.Generator().manual_seed(0)
     observations = observation(policy, n)
     horizon = len(policy.delta_indices["action"])
-    raw = {
+    return {
         IMAGE: torch.from_numpy(observations[IMAGE]).movedim(-1, -3),
         "observation.state": torch.from_numpy(observations["observation.state"]),
         "action": torch.rand(n, horizon, 9, generator=rng) - 0.5,
         "action_is_pad": torch.zeros(n, horizon, dtype=torch.bool),
     }
-    return policy.preprocess(raw)
+
+
+def batch_of(policy):
+    """A normalized training batch of random frames."""
+    return policy.preprocess(raw_batch_of(policy))
 
 
 class TestLosses:
@@ -108,7 +112,7 @@ class TestLosses:
         monkeypatch.setattr(policy.model.diffusion, "_prepare_global_conditioning", lambda _batch: None)
         policy.begin_training()
         torch.manual_seed(8)
-        loss, _ = policy.model(dict(batch))
+        loss, _ = policy.loss(dict(batch))
         torch.manual_seed(8)
         noise = torch.randn(batch["action"].shape)
         expected = noise if prediction_type == "epsilon" else batch["action"]
@@ -124,7 +128,7 @@ class TestLosses:
 
         def loss_of(changed):
             torch.manual_seed(0)
-            return policy.model(dict(batch) | {"action": changed})[0].item()
+            return policy.loss(dict(batch) | {"action": changed})[0].item()
 
         padded = torch.where(batch["action_is_pad"][..., None], 50.0, batch["action"])
         assert loss_of(padded) == pytest.approx(loss_of(batch["action"]), rel=1e-5)
@@ -139,7 +143,7 @@ class TestLosses:
         answer = torch.full_like(batch["action"], 0.25)
         monkeypatch.setattr(policy.model.model, "forward", lambda _batch: (answer, (None, None)))
         policy.begin_training()
-        loss, terms = policy.model(dict(batch))
+        loss, terms = policy.loss(dict(batch))
         error = (batch["action"] - 0.25).abs()
         kept = torch.cat([error[:2].flatten(0, 1), error[2, :1], error[3]])
         torch.testing.assert_close(loss, kept.mean())

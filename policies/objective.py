@@ -1,0 +1,88 @@
+"""The loss of a policy as one function of raw frames, which compiles as a whole.
+
+LeRobot's processors and losses stop for the host in every step: they look values up by name, move them,
+and ask for numbers. A gradient step of a small policy then waits for Python, not for the GPU.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import torch
+from lerobot.configs import NormalizationMode
+from lerobot.processor import NormalizerProcessorStep
+from torch import Tensor, nn
+
+from policies.base import PolicyError
+
+type Loss = tuple[Tensor, dict[str, Tensor]]
+"""What is minimized, and its terms by name: tensors without dimensions."""
+
+
+class Normalizer(nn.Module):
+    """What LeRobot's normalizer does to each key, as ``(x - shift) / scale + offset``.
+
+    Equal to it bit by bit: ``2 (x - min) / (max - min) - 1`` rounds as ``(x - min) / ((max - min) / 2) - 1``.
+
+    Args:
+        step: The step of a policy's preprocessor.
+        device: Torch device.
+    """
+
+    def __init__(self, step: NormalizerProcessorStep, device: torch.device) -> None:
+        super().__init__()
+        self.offsets: dict[str, float] = {}
+        for key, feature in step.features.items():
+            mode = step.norm_map.get(feature.type, NormalizationMode.IDENTITY)
+            stats = {name: value.to(device) for name, value in (step._tensor_stats.get(key) or {}).items()}
+            if mode is NormalizationMode.IDENTITY or not stats:
+                continue
+            if mode is NormalizationMode.MEAN_STD:
+                shift, scale, offset = stats["mean"], stats["std"] + step.eps, 0.0
+            elif mode is NormalizationMode.MIN_MAX:
+                shift, scale, offset = stats["min"], (stats["max"] - stats["min"]) / 2.0, -1.0
+            else:
+                raise PolicyError(f"'{key}' is normalized by {mode.value}, which training does not know.")
+            self.offsets[key] = offset
+            self.register_buffer(f"shift_{_plain(key)}", shift, persistent=False)
+            self.register_buffer(f"scale_{_plain(key)}", scale, persistent=False)
+
+    def forward(self, batch: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        """Normalizes a batch; pictures in bytes become float32 from 0 to 1 first."""
+        out = {}
+        for key, value in batch.items():
+            if key in self.offsets:
+                value = value.float() / 255.0 if value.dtype is torch.uint8 else value
+                shift = getattr(self, f"shift_{_plain(key)}")
+                value = (value - shift) / getattr(self, f"scale_{_plain(key)}") + self.offsets[key]
+            out[key] = value
+        return out
+
+
+def _plain(key: str) -> str:
+    return key.replace(".", "_")
+
+
+class Objective(nn.Module):
+    """Raw frames to the loss of a policy.
+
+    Args:
+        model: The network, whose parameters are trained.
+        normalizer: What is done to the frames first.
+        loss: The loss of a normalized batch.
+    """
+
+    def __init__(
+        self, model: nn.Module, normalizer: Normalizer, loss: Callable[[dict[str, Tensor]], Loss]
+    ) -> None:
+        super().__init__()
+        self.model, self.normalizer = model, normalizer
+        self._loss = loss
+
+    def forward(self, batch: dict[str, Tensor]) -> Loss:
+        """Returns the loss of a batch as a dataset gives it, and its terms."""
+        return self._loss(self.normalizer(batch))
+
+
+def normalizer_step(preprocessor: Any) -> NormalizerProcessorStep:
+    """Returns the step of a preprocessor that normalizes."""
+    return next(step for step in preprocessor.steps if isinstance(step, NormalizerProcessorStep))

@@ -1,0 +1,229 @@
+"""A gradient step of ours, on frames that stay on the GPU, against LeRobot's own training step.
+
+Both train the same network, in the paper's size, from the same weights, on the same frames, in bf16, and
+take AdamW's step. LeRobot's side is what its ``lerobot-train`` does in a step after the batch is there:
+its processors, its policy's forward, backward, clipping, optimizer, and the loss as a number. It is given
+its batch on the device already, so what its loader costs is left out, in its favour.
+"""
+
+import argparse
+import dataclasses
+import logging
+import sys
+import time
+from collections.abc import Callable, Mapping
+from statistics import median
+from typing import Any
+
+from benchmark.throughput import Measurement
+
+log = logging.getLogger(__name__)
+
+GOAL = 2.0
+SAME_LOSS = 0.02
+"""Largest relative difference of the two losses: bf16 has 8 bits, and a compiled kernel rounds elsewhere."""
+
+CAMERA = "observation.images.front"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
+class Scale:
+    """How much is measured.
+
+    Attributes:
+        batch_size: Samples of a step.
+        image_size: Pixels a side.
+        num_frames: Frames that batches are gathered from.
+        steps: Timed steps of one turn.
+        turns: How often either side is timed.
+        compared: Steps whose losses are compared.
+    """
+
+    batch_size: int
+    image_size: int
+    num_frames: int
+    steps: int
+    turns: int
+    compared: int
+
+
+GPU = Scale(batch_size=256, image_size=256, num_frames=4000, steps=10, turns=5, compared=20)
+CPU = Scale(batch_size=2, image_size=64, num_frames=16, steps=1, turns=2, compared=3)
+
+
+class Frames:
+    """Random frames on a device, and batches of them: what a resident dataset gives.
+
+    Args:
+        scale: How many, and how large.
+        windows: Frames relative to a sample's own, by key, as a policy wants them.
+        device: Torch device.
+    """
+
+    def __init__(self, scale: Scale, windows: Mapping[str, list[int]], device: str) -> None:
+        import torch
+
+        generator = torch.Generator().manual_seed(0)
+        size = scale.image_size
+        coarse = torch.rand(scale.num_frames, 3, 8, 8, generator=generator)
+        pictures = torch.nn.functional.interpolate(coarse, (size, size), mode="bilinear")
+        self._frames = {
+            CAMERA: (255 * pictures).to(torch.uint8).to(device),
+            "observation.state": torch.rand(scale.num_frames, 9, generator=generator).to(device),
+            "action": torch.rand(scale.num_frames, 9, generator=generator).to(device),
+        }
+        self._windows, self._scale, self._device = windows, scale, device
+
+    def batch(self, step: int) -> dict[str, Any]:
+        """Returns the batch of a step, which is the same whenever it is asked for."""
+        import torch
+
+        generator = torch.Generator().manual_seed(step)
+        rows = torch.randint(self._scale.num_frames, (self._scale.batch_size,), generator=generator)
+        batch = {}
+        for key, frames in self._frames.items():
+            index = rows
+            if key in self._windows:
+                window = torch.tensor(self._windows[key])
+                index = (rows[:, None] + window).clamp(0, self._scale.num_frames - 1)
+                batch[f"{key}_is_pad"] = torch.zeros(index.shape, dtype=torch.bool, device=self._device)
+            batch[key] = frames[index.to(self._device)]
+        return batch
+
+
+def features(image_size: int) -> dict[str, Any]:
+    """Returns the features of such frames."""
+    vector = {"dtype": "float32", "shape": (9,), "names": None}
+    names = ["height", "width", "channels"]
+    picture = {"dtype": "video", "shape": (image_size, image_size, 3), "names": names}
+    return {CAMERA: picture, "observation.state": vector, "action": vector}
+
+
+def measure(name: str, scale: Scale, device: str, *, ours_compiled: bool) -> tuple[Measurement, float]:
+    """Compares the steps of one policy.
+
+    Returns:
+        Seconds per step, the ratio LeRobot's over ours; and the largest relative difference of the losses
+        of the first steps, each side training its own network.
+    """
+    import policies
+    from roboverse_learn.train import plain_stats
+
+    # Frozen norms, for LeRobot's trains them frozen; nothing random but what the loss draws.
+    config = policies.config_class(name)(**({"backbone_norm": "frozen"} if name == "act" else {}))
+    layout = features(scale.image_size)
+    sides: dict[str, tuple[Callable[[int], Any], list[float]]] = {}
+    for side in ("ours", "lerobot"):
+        policy = policies.create(name, layout, plain_stats(layout), config, device)
+        frames = Frames(scale, policy.delta_indices, device)
+        make = _our_step if side == "ours" else _lerobot_step
+        sides[side] = (make(policy, frames, ours_compiled), [])
+    for step in range(scale.compared):
+        for take, losses in sides.values():
+            losses.append(float(take(step)))
+    apart = max(
+        abs(mine - theirs) / abs(theirs)
+        for mine, theirs in zip(sides["ours"][1], sides["lerobot"][1], strict=True)
+    )
+    times = [
+        [_time(take, scale, device, scale.compared + turn * scale.steps) for take, _ in sides.values()]
+        for turn in range(scale.turns)
+    ]
+    measurement = Measurement(
+        name=f"training step of {name}, batch {scale.batch_size}, {scale.image_size}×{scale.image_size}, "
+        f"bf16 on {device}, LeRobot / ours",
+        ours_s=median(mine for mine, _ in times),
+        baseline_s=median(theirs for _, theirs in times),
+        ratio=median(theirs / mine for mine, theirs in times),
+        goal=f"goal ≥ {GOAL:.1f} on a GPU",
+    )
+    return measurement, apart
+
+
+def _our_step(policy: Any, frames: Frames, compiled: bool) -> Callable[[int], Any]:
+    """Returns a step of :mod:`roboverse_learn.training.imitation`."""
+    import torch
+
+    from roboverse_learn.training.config import TrainConfig
+    from roboverse_learn.training.imitation import make_optimizer
+
+    policy.begin_training()
+    objective = policy.objective()
+    if compiled:
+        torch._inductor.config.fallback_random = True  # dropout and noise as in eager code, to compare losses
+        objective.compile(fullgraph=True, dynamic=False)
+    optimizer = make_optimizer(policy, TrainConfig())
+
+    def take(step: int) -> Any:
+        torch.manual_seed(step)
+        with torch.autocast(policy.device.type, torch.bfloat16):
+            loss, _terms = objective(frames.batch(step))
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(policy.model.parameters(), 10.0)
+        optimizer.step()
+        optimizer.zero_grad()
+        return loss.detach()
+
+    return take
+
+
+def _lerobot_step(policy: Any, frames: Frames, _compiled: bool) -> Callable[[int], Any]:
+    """Returns the step of ``lerobot.scripts.lerobot_train.update_policy``, in bf16."""
+    import torch
+
+    policy.model.train()
+    optimizer = torch.optim.AdamW(policy.model.parameters(), lr=1e-4, weight_decay=1e-4)
+
+    def take(step: int) -> Any:
+        torch.manual_seed(step)
+        batch = frames.batch(step)
+        batch[CAMERA] = batch[CAMERA].float() / 255.0  # as its dataset gives pictures
+        batch = policy.preprocessor(batch)
+        with torch.autocast(policy.device.type, torch.bfloat16):
+            loss, _terms = policy.model.forward(batch)
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(policy.model.parameters(), 10.0)
+        optimizer.step()
+        optimizer.zero_grad()
+        loss.item()
+        return loss.detach()
+
+    return take
+
+
+def _time(take: Callable[[int], Any], scale: Scale, device: str, first: int) -> float:
+    """Returns the seconds of a step, over several that are waited for together."""
+    import torch
+
+    wait = torch.cuda.synchronize if device == "cuda" else lambda: None
+    take(first)
+    wait()
+    started = time.perf_counter()
+    for step in range(first, first + scale.steps):
+        take(step)
+    wait()
+    return (time.perf_counter() - started) / scale.steps
+
+
+def main() -> int:
+    """Logs every measurement; the exit code is 1 where a GPU misses a goal or the losses differ."""
+    from roboverse_learn.training.device import resolve_device
+
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--device", default="auto", help="auto, cpu, cuda")
+    parser.add_argument("--policy", choices=["act", "diffusion"], action="append")
+    arguments = parser.parse_args()
+    logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stdout)
+    log.setLevel(logging.INFO)
+    device = resolve_device(arguments.device)
+    on_gpu, missed = device == "cuda", False
+    for name in arguments.policy or ("act", "diffusion"):
+        measurement, apart = measure(name, GPU if on_gpu else CPU, device, ours_compiled=on_gpu)
+        log.info("%s", measurement)
+        log.info("  losses of the first steps differ by at most %.3f %%", 100 * apart)
+        missed |= apart > SAME_LOSS or (on_gpu and measurement.ratio < GOAL)
+    return int(missed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

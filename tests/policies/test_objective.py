@@ -1,0 +1,71 @@
+"""What gradient steps minimize is LeRobot's loss of LeRobot's normalization, in one piece."""
+
+import pytest
+import torch
+
+import policies
+from policies.base import PolicyError
+from policies.objective import Normalizer, normalizer_step
+from tests.policies.examples import make
+from tests.policies.test_closed_forms import raw_batch_of
+
+VARIANTS = [("act", {"use_vae": True}), ("act", {"use_vae": False}), ("diffusion", {})]
+
+
+def loss_of(compute):
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(5)
+        return compute()
+
+
+@pytest.mark.parametrize("name", policies.names())
+def test_the_normalizer_changes_no_bit_of_lerobots(name):
+    if not hasattr(policies.policy_class(name), "objective"):
+        pytest.skip(f"{name} learns from no dataset")
+    policy = make(name)
+    raw = raw_batch_of(policy)
+    theirs = policy.preprocess(raw)
+    ours = Normalizer(normalizer_step(policy.preprocessor), policy.device)(raw)
+    for key, value in raw.items():
+        assert ours[key].equal(theirs[key]), key
+        assert value.dtype is torch.bool or not ours[key].equal(value)
+
+
+@pytest.mark.parametrize(("name", "changes"), VARIANTS)
+def test_the_loss_and_its_gradient_are_lerobots(name, changes):
+    policy = make(name, **changes)
+    policy.begin_training()
+    raw = raw_batch_of(policy)
+    raw["action_is_pad"][1, 3:] = True
+    gradients = []
+    for compute in (
+        lambda: policy.model(policy.preprocess(raw))[0],
+        lambda: policy.objective()(raw)[0],
+    ):
+        policy.model.zero_grad()
+        loss = loss_of(compute)
+        loss.backward()
+        gradients.append([p.grad.clone() for p in policy.model.parameters() if p.grad is not None])
+        gradients[-1].append(loss.detach())
+    for theirs, ours in zip(*gradients, strict=True):
+        torch.testing.assert_close(ours, theirs, rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize(("name", "changes"), VARIANTS)
+def test_the_whole_of_it_is_one_graph(name, changes):
+    """``fullgraph`` raises where Python would have to step in."""
+    policy = make(name, **changes)
+    policy.begin_training()
+    objective, raw = policy.objective(), raw_batch_of(policy)
+    eager = loss_of(lambda: objective(raw)[0])
+    objective.compile(fullgraph=True, dynamic=False, backend="eager")
+    torch.testing.assert_close(loss_of(lambda: objective(raw)[0]), eager, rtol=1e-5, atol=1e-6)
+
+
+def test_a_mode_of_normalization_that_is_not_known_is_refused():
+    from lerobot.configs import NormalizationMode
+
+    step = normalizer_step(make("act").preprocessor)
+    step.norm_map = dict.fromkeys(step.norm_map, NormalizationMode.QUANTILES)
+    with pytest.raises(PolicyError, match="is normalized by QUANTILES, which training does not know"):
+        Normalizer(step, torch.device("cpu"))
