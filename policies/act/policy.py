@@ -87,9 +87,10 @@ class ActPolicy(LeRobotPolicy):
     def loss(self, batch: dict[str, Tensor]) -> Loss:
         """Returns the L1 distance of the actions, plus the weighted KL term (LeRobot's ACT, forward)."""
         config = self.model.config
+        inputs: dict[str, Any] = {**batch}
         if config.image_features:
-            batch = batch | {OBS_IMAGES: [batch[key] for key in config.image_features]}
-        actions, (mean, log_variance) = self.model.model(batch)
+            inputs[OBS_IMAGES] = [batch[key] for key in config.image_features]
+        actions, (mean, log_variance) = self.model.model(inputs)
         counts = ~batch["action_is_pad"].unsqueeze(-1)
         error = (batch[ACTION] - actions).abs() * counts
         terms = {"l1_loss": error.sum() / (counts.sum() * error.shape[-1]).clamp_min(1)}

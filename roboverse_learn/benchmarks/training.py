@@ -143,6 +143,7 @@ def measure(name: str, scale: Scale, device: str, *, ours_compiled: bool) -> tup
 def _our_step(policy: Any, frames: Frames, compiled: bool) -> Callable[[int], Any]:
     """Returns a step of :mod:`roboverse_learn.training.imitation`."""
     import torch
+    from torch._inductor import config as inductor
 
     from roboverse_learn.training.config import TrainConfig
     from roboverse_learn.training.imitation import make_optimizer
@@ -150,7 +151,8 @@ def _our_step(policy: Any, frames: Frames, compiled: bool) -> Callable[[int], An
     policy.begin_training()
     objective = policy.objective()
     if compiled:
-        torch._inductor.config.fallback_random = True  # dropout and noise as in eager code, to compare losses
+        # Dropout and noise as in eager code, so that the losses can be compared.
+        inductor.fallback_random = True
         objective.compile(fullgraph=True, dynamic=False)
     optimizer = make_optimizer(policy, TrainConfig())
 

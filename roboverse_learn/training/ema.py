@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import torch
 from torch import Tensor
+from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 
 class Ema:
@@ -39,6 +40,7 @@ class Ema:
         self.num_updates += 1
         averaged = [key for key, average in self.average.items() if average.is_floating_point()]
         # One call for all tensors: on a GPU a call for each would take longer than the gradient step.
-        torch._foreach_lerp_([self.average[k] for k in averaged], [weights[k] for k in averaged], 1.0 - decay)
+        update = get_ema_multi_avg_fn(decay)
+        update([self.average[key] for key in averaged], [weights[key] for key in averaged], None)
         for key in self.average.keys() - set(averaged):
             self.average[key].copy_(weights[key])
