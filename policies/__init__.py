@@ -8,23 +8,30 @@ import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from policies.base import Policy, PolicyError
 
 if TYPE_CHECKING:
     from policies.lerobot_policy import LeRobotPolicy
 
-__all__ = ["Policy", "PolicyError", "config_class", "create", "load", "names", "scripted_names", "summary"]
+__all__ = [
+    "Policy", "PolicyError", "config_class", "create", "learns_from", "load", "names", "scripted_names",
+    "summary",
+]  # fmt: skip
+
+LearnsFrom = Literal["dataset", "env"]
+"""Demonstrations, or an environment that the policy acts in."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
-    """Where a learned policy is, as ``"module:Class"``, and one line about it."""
+    """Where a learned policy is, as ``"module:Class"``, one line about it, and what it learns from."""
 
     config: str
     policy: str
     summary: str
+    learns_from: LearnsFrom = "dataset"
 
 
 _LEARNED = {
@@ -46,9 +53,9 @@ _SCRIPTED = {
 }
 
 
-def names() -> list[str]:
-    """Returns the policies that can be trained."""
-    return sorted(_LEARNED)
+def names(learns_from: LearnsFrom | None = None) -> list[str]:
+    """Returns the policies that can be trained, or those of them that learn from one kind of source."""
+    return sorted(name for name, entry in _LEARNED.items() if learns_from in (None, entry.learns_from))
 
 
 def scripted_names() -> list[str]:
@@ -61,6 +68,15 @@ def summary(name: str) -> str:
     return _SCRIPTED[name] if name in _SCRIPTED else _entry(name).summary
 
 
+def learns_from(name: str) -> LearnsFrom:
+    """Returns what policy ``name`` learns from: a ``dataset``, or an ``env`` that it acts in.
+
+    Raises:
+        PolicyError: if there is no such policy.
+    """
+    return _entry(name).learns_from
+
+
 def config_class(name: str) -> type:
     """Returns the frozen dataclass of the settings of policy ``name``, without importing torch.
 
@@ -70,7 +86,7 @@ def config_class(name: str) -> type:
     return _resolve(_entry(name).config)
 
 
-def policy_class(name: str) -> "type[LeRobotPolicy]":
+def policy_class(name: str) -> Any:
     """Returns the class of policy ``name``.
 
     Raises:
@@ -98,8 +114,14 @@ def create(
         seed: Seed of the first weights.
 
     Raises:
-        PolicyError: if there is no such policy, or the configuration does not fit the features.
+        PolicyError: if there is no such policy, the configuration does not fit the features, or the policy
+            learns from an env, which tells it what it sees.
     """
+    if learns_from(name) != "dataset":
+        raise PolicyError(
+            f"Policy '{name}' learns from an env, not from a dataset: train it with `roboverse train "
+            f"policy={name} task=<name>`. Of a dataset learn: {', '.join(names('dataset'))}."
+        )
     config = config_class(name)() if config is None else config
     if not isinstance(config, config_class(name)):
         raise PolicyError(
@@ -113,7 +135,7 @@ def create(
         return cls.create(features, stats, config, device)
 
 
-def load(directory: str | Path, device: str = "cpu") -> "LeRobotPolicy":
+def load(directory: str | Path, device: str = "cpu") -> Any:
     """Loads the policy of a checkpoint, whichever it is.
 
     Args:

@@ -20,7 +20,7 @@ _SHOWN_SKIPPED = 20
 
 
 def train_report(
-    dataset: "CollectionSummary",
+    dataset: "CollectionSummary | None",
     trained: "TrainResult",
     evaluation: "Evaluation",
     board: Mapping[str, Path],
@@ -29,17 +29,20 @@ def train_report(
     stages: Mapping[str, Any],
     seconds: float,
 ) -> Group:
-    """The whole loop: what each stage did, the table of success, and where everything is."""
+    """The whole loop: what each stage did, the table of success, and where everything is.
+
+    ``dataset`` is None for a policy that learned from an env.
+    """
     loss = "" if trained.loss is None else f", loss {trained.loss:.4f}"
     times = ", ".join(
         f"{name} {clock(facts['seconds'])}" for name, facts in stages.items() if "seconds" in facts
     )
     return Group(
-        _collected(dataset),
+        *([] if dataset is None else [_collected(dataset)]),
         Text(f"Trained {trained.steps:,} steps (stopped by {trained.stopped_by.replace('_', ' ')}){loss}."),
         success_table(evaluation),
         _paths(
-            {"run": folder, "checkpoint": trained.checkpoint, "loss curves": trained.plot}
+            {"run": folder, "checkpoint": trained.checkpoint, "curves": trained.plot}
             | _evaluation_paths(evaluation, board)
         ),
         Text(f"Done in {clock(seconds)}: {times}."),

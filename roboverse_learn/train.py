@@ -1,7 +1,7 @@
 """``python roboverse_learn/train.py policy=act task=PickCube``: from nothing to the leaderboard.
 
 Collect what is missing, train, evaluate over levels and splits, write results, leaderboard, plots and
-videos. Every stage continues where a killed one stopped, so the same command finishes the run.
+videos. A policy that learns from an env (``policy=ppo``) collects nothing. Every stage continues where a killed one stopped, so the same command finishes the run.
 """
 
 import sys
@@ -16,11 +16,13 @@ import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+import policies
 from envs.errors import ConfigError
 from roboverse_learn.config import TrainRunConfig
 
 if TYPE_CHECKING:
     from roboverse_learn.data.collection import CollectionSummary
+    from roboverse_learn.run import Run
     from roboverse_learn.training.reporter import TrainResult
 
 log = logging.getLogger(__name__)
@@ -48,18 +50,19 @@ def train(config: TrainRunConfig) -> Any:
     from roboverse_learn.training.device import resolve_device
 
     device = resolve_device(config.device)
-    if int(os.environ.get("RANK", "0")) > 0:
+    from_dataset = policies.learns_from(config.policy_name) == "dataset"
+    if from_dataset and int(os.environ.get("RANK", "0")) > 0:
         return _train_along(config, device)
     refuse_long_run(config, device)
     started = time.monotonic()
     with Run.open(config, ["roboverse", "train", *command_words()]) as run:
         log.info("Run: %s", run.folder)
-        with run.stage("collect") as facts:
-            dataset = _collect(config)
-            facts.update(dataset_hash=dataset.dataset_hash, num_episodes=dataset.num_episodes)
-            facts.update(folder=dataset.root, success_rate=dataset.success_rate)
+        dataset = _collect(config, run) if from_dataset else None
         with run.stage("train") as facts:
-            trained = _train(config, run.folder, dataset.root, device)
+            if dataset is None:
+                trained = _learn(config, run.folder, device)
+            else:
+                trained = _train(config, run.folder, dataset.root, device)
             facts.update(steps=trained.steps, stopped_by=trained.stopped_by)
             if trained.loss is not None:  # a run that was complete before has no new one
                 facts.update(loss=trained.loss)
@@ -89,6 +92,8 @@ def refuse_long_run(config: TrainRunConfig, device: str) -> None:
         ConfigError: Training would take longer than :data:`LONG_RUN_S`, and ``slow_ok`` is false.
     """
     limit = config.train.time_limit_s
+    if policies.learns_from(config.policy_name) == "env":
+        return  # how fast its env is, it tells when it starts
     if device != "cpu" or config.slow_ok or (limit is not None and limit <= LONG_RUN_S):
         return
     seconds = _estimate_s(config, device)
@@ -103,7 +108,6 @@ def refuse_long_run(config: TrainRunConfig, device: str) -> None:
 
 def _estimate_s(config: TrainRunConfig, device: str) -> float:
     """Times a gradient step of this policy on this machine, without a dataset."""
-    import policies
     from roboverse_learn.collect import dataset_layout
     from roboverse_learn.training.estimate import estimate_training_s
 
@@ -124,15 +128,32 @@ def plain_stats(features: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     return stats
 
 
-def _collect(config: TrainRunConfig) -> "CollectionSummary":
+def _collect(config: TrainRunConfig, run: "Run") -> "CollectionSummary":
     from roboverse_learn.collect import collect_dataset
 
-    return collect_dataset(config)
+    with run.stage("collect") as facts:
+        dataset = collect_dataset(config)
+        facts.update(dataset_hash=dataset.dataset_hash, num_episodes=dataset.num_episodes)
+        facts.update(folder=dataset.root, success_rate=dataset.success_rate)
+    return dataset
+
+
+def _learn(config: TrainRunConfig, folder: Path, device: str) -> "TrainResult":
+    """Trains on an env, in this process."""
+    from roboverse_learn.run import seed_of
+    from roboverse_learn.training.learners import learner_of
+    from roboverse_learn.training.reporter import RichReporter
+
+    learn = learner_of(config.policy_name)
+    reporter = RichReporter()
+    try:
+        return learn(config, folder, device, seed_of(config, "training"), reporter)
+    finally:
+        reporter.close()
 
 
 def _train(config: TrainRunConfig, folder: Path, dataset_root: str, device: str) -> "TrainResult":
     """Trains on a dataset, in this process."""
-    import policies
     from roboverse_learn.data.reader import ResidentDataset
     from roboverse_learn.run import seed_of
     from roboverse_learn.training.imitation import train as train_policy

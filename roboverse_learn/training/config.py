@@ -45,7 +45,8 @@ class TrainConfig:
     """How a policy is optimized.
 
     Attributes:
-        steps: Gradient steps.
+        steps: Gradient steps; of a policy that learns from an env, environment steps, over all its
+            environments together, and so are ``save_every`` and ``log_every``.
         batch_size: Samples per gradient step, over all processes together.
         lr: Peak learning rate of AdamW.
         lr_backbone: Peak learning rate of the image backbone; None takes ``lr``.

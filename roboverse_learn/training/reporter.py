@@ -13,13 +13,15 @@ class Progress:
     """Where a run is.
 
     Attributes:
-        step: Gradient steps taken.
-        steps: Gradient steps in all; a time limit may end the run before.
+        step: Gradient steps taken; environment steps of a policy that learns from an env.
+        steps: Such steps in all; a time limit may end the run before.
         fraction: Share of the run that is done, by steps or by time, from 0 to 1.
         loss: Mean loss since the last logged step; None before the first.
         samples_per_s: Samples per second, since this process began; None before the first step.
         elapsed_s: Seconds of training, over all resumptions.
         eta_s: Seconds that are left; None before the first step.
+        success_rate: Share of the last episodes that succeeded, if it learns from an env.
+        episode_return: Mean return of the last episodes, likewise.
     """
 
     step: int
@@ -29,6 +31,8 @@ class Progress:
     samples_per_s: float | None
     elapsed_s: float
     eta_s: float | None
+    success_rate: float | None = None
+    episode_return: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -37,7 +41,7 @@ class TrainResult:
 
     Attributes:
         checkpoint: The LeRobot pretrained folder.
-        steps: Gradient steps taken, over all resumptions.
+        steps: Gradient steps taken, over all resumptions; environment steps where it learned from an env.
         loss: Last logged loss; None if the run was complete before.
         elapsed_s: Seconds of training, over all resumptions.
         samples_per_s: Samples per second of this process; None if it took no step.
@@ -102,6 +106,10 @@ class RichReporter(Reporter):
     def on_step(self, progress: Progress) -> None:
         """Moves the bar."""
         parts = [f"step {progress.step:,}/{progress.steps:,}"]
+        if progress.success_rate is not None:
+            parts.append(f"success {100 * progress.success_rate:.0f} %")
+        if progress.episode_return is not None:
+            parts.append(f"return {progress.episode_return:.1f}")
         if progress.loss is not None:
             parts.append(f"loss {progress.loss:.4f}")
         if progress.samples_per_s is not None:

@@ -1,0 +1,62 @@
+"""Policies that learn from an env that they act in: which function trains which.
+
+A learner is a function ``learn(config, run_dir, device, seed, reporter) -> TrainResult``. It makes its
+env from ``config.task``, ``config.simulator`` and ``config.task_kwargs``, goes on from the last
+checkpoint of ``run_dir``, writes ``metrics.jsonl``, TensorBoard, curves and checkpoints there, and stops
+after ``config.train.steps`` environment steps or ``config.train.time_limit_s`` seconds.
+"""
+
+import importlib
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from envs.errors import ConfigError, unknown_name
+
+if TYPE_CHECKING:
+    from roboverse_learn.config import TrainRunConfig
+    from roboverse_learn.training.reporter import Reporter, TrainResult
+
+LEARNERS: dict[str, str] = {}
+"""Policy to ``"module:function"``."""
+
+
+class Learner(Protocol):
+    """Trains one policy."""
+
+    def __call__(
+        self, config: "TrainRunConfig", run_dir: Path, device: str, seed: int, reporter: "Reporter"
+    ) -> "TrainResult":
+        """Trains until done; see the module's docstring.
+
+        Args:
+            config: The whole configuration; ``config.policy`` is the policy's own.
+            run_dir: Folder of the run.
+            device: ``cpu`` or ``cuda``.
+            seed: Root of all randomness.
+            reporter: Hears of the progress.
+
+        Raises:
+            MissingExtraError: if a package that it needs is not installed.
+            ConfigError: if the task cannot be learned so.
+            TrainingDivergedError: if a loss or a weight is no longer finite.
+        """
+        ...
+
+
+def learner_of(policy: str) -> Learner:
+    """Returns the function that trains a policy.
+
+    Raises:
+        UnknownNameError: if no learner is registered for it.
+        ConfigError: under ``accelerate launch`` with several processes.
+    """
+    if policy not in LEARNERS:
+        raise unknown_name("policy that learns from an env", policy, LEARNERS)
+    if int(os.environ.get("WORLD_SIZE", "1")) > 1:
+        raise ConfigError(
+            f"policy={policy} learns in one process; start it without `accelerate launch`. It uses one GPU "
+            "fully with more environments: raise policy.num_envs."
+        )
+    module, _, function = LEARNERS[policy].partition(":")
+    return getattr(importlib.import_module(module), function)
