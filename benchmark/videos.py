@@ -54,6 +54,9 @@ def _picture(env: EvaluatedEnv, env_id: int) -> np.ndarray:
     for key, value in observation.items():
         if key.startswith("observation.images."):
             return np.ascontiguousarray(value[0])
+    picture = getattr(env, "picture", None)
+    if picture is not None:  # an agent that sees the state
+        return np.ascontiguousarray(picture(env_id))
     raise ConfigError("A video needs an env with pictures: make it with obs='pixels' to film its episodes.")
 
 

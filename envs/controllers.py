@@ -5,6 +5,7 @@ from typing import override
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from envs.handlers.base import EnvIds, Handler
 from envs.scenario import Quat, RobotCfg, Vec3
@@ -25,7 +26,7 @@ class Controller(ABC):
     high: np.ndarray
 
     @abstractmethod
-    def apply(self, handler: Handler, actions: np.ndarray, env_ids: EnvIds = None) -> None:
+    def apply(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None) -> None:
         """Tells the simulator what the actions (n, A) of the environments ``env_ids`` mean."""
 
     @abstractmethod
@@ -46,12 +47,60 @@ class JointPositionController(Controller):
         self._robot = robot.name
 
     @override
-    def apply(self, handler: Handler, actions: np.ndarray, env_ids: EnvIds = None) -> None:
+    def apply(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None) -> None:
         handler.set_joint_targets({self._robot: actions}, env_ids)
 
     @override
     def hold(self, state: State) -> np.ndarray:
         return state.robots[self._robot].joint_pos.cpu().numpy()
+
+
+class JointDeltaController(Controller):
+    """An action moves the position target of every joint of an arm, and sets the opening of its gripper.
+
+    This is ManiSkill 3's ``pd_joint_target_delta_pos`` (``mani_skill/agents/robots/panda/panda.py``,
+    Apache-2.0): an entry of 1 moves a joint's last target by ``delta_rad``; the last entry is absolute, -1
+    closes and 1 opens. Every entry lies in [-1, 1]; what lies beyond is clipped, and so are targets.
+
+    Args:
+        robot: A robot with position actuators.
+        delta_rad: Way of a target at an action of 1, rad (m for a slide joint).
+    """
+
+    def __init__(self, robot: RobotCfg, delta_rad: float = 0.1) -> None:
+        driven = [robot.joints[index] for index in robot.driven]
+        fingers = [index for index, joint in enumerate(driven) if joint.name in robot.gripper_joints]
+        self._arm = [index for index in range(len(driven)) if index not in fingers]
+        self._fingers, self._robot, self._delta = fingers, robot.name, delta_rad
+        self.names = (*(driven[index].name for index in self._arm), *(["gripper"] if fingers else []))
+        self.low, self.high = -np.ones(len(self.names), np.float32), np.ones(len(self.names), np.float32)
+        limits = [driven[index].target_range or driven[index].range for index in fingers]
+        self._middle = torch.tensor([(low + high) / 2 for low, high in limits])
+        self._half = torch.tensor([(high - low) / 2 for low, high in limits])
+
+    @override
+    def apply(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None) -> None:
+        last = handler.get_joint_targets(self._robot, env_ids)
+        given = torch.as_tensor(actions, device=last.device).to(last.dtype).clamp(-1.0, 1.0)
+        self._middle, self._half = self._middle.to(last), self._half.to(last)
+        parts = [last[:, self._arm] + self._delta * given[:, : len(self._arm)]]
+        order = [*self._arm, *self._fingers]
+        if self._fingers:
+            parts.append(self._middle + self._half * given[:, -1:])
+        targets = torch.cat(parts, dim=-1)
+        if order != sorted(order):
+            targets = targets[:, [order.index(index) for index in range(len(order))]]
+        handler.set_joint_targets({self._robot: targets}, env_ids)
+
+    @override
+    def hold(self, state: State) -> np.ndarray:
+        target = state.robots[self._robot].joint_target
+        assert target is not None, "a simulator gives every robot's targets"
+        still = torch.zeros((len(target), len(self.names)), dtype=target.dtype)
+        if self._fingers:
+            finger = target[:, self._fingers[0]].cpu()
+            still[:, -1] = (finger - self._middle[0].cpu()) / self._half[0].cpu()
+        return still.numpy()
 
 
 class PulledHandController(Controller):
@@ -79,8 +128,8 @@ class PulledHandController(Controller):
         self._rot = torch.tensor(rot, dtype=torch.float64)
 
     @override
-    def apply(self, handler: Handler, actions: np.ndarray, env_ids: EnvIds = None) -> None:
-        actions = np.clip(actions, -1.0, 1.0)
+    def apply(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None) -> None:
+        actions = np.clip(np.asarray(torch.as_tensor(actions).cpu()), -1.0, 1.0)
         present = handler.get_states(env_ids).objects[self._target].pos
         moved = present.cpu().numpy() + actions[:, :3] * self._step_m
         pos = torch.from_numpy(np.clip(moved, *self._bounds))

@@ -20,7 +20,7 @@ from envs.scenario import Appearance
 from envs.state import State
 from envs.tasks import TASKS
 
-OBSERVATIONS = ("pixels", "state")
+OBSERVATIONS = ("pixels", "state", "full")
 
 ACTIONS = ("task", "rl")
 
@@ -52,7 +52,8 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         only: One channel to vary instead of a level.
         simulator: Name of a simulator.
         renderer: Name of a renderer, or of another simulator that draws the pictures.
-        observation: ``"pixels"`` (cameras and joint positions) or ``"state"`` (joints and objects).
+        observation: ``"pixels"`` (cameras and joint positions), ``"state"`` (joints and objects), or
+            ``"full"`` (the task's ``rl_observation`` as environment state).
         cameras: Names of the cameras that are observed; none or None is the task's first.
         image_size: Height and width of every camera, or None for the scenario's.
         protocol_seed: Seeds every draw.
@@ -74,7 +75,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         only: str | None = None,
         simulator: str = "mujoco",
         renderer: str = "warp",
-        observation: Literal["pixels", "state"] = "pixels",
+        observation: Literal["pixels", "state", "full"] = "pixels",
         cameras: Sequence[str] | None = None,
         image_size: int | None = None,
         protocol_seed: int = 0,
@@ -140,8 +141,9 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
             )
         else:
             self.reset_envs(self._every[:1], self.split_indices[:1])
-            size = self.task.observe(self.handler.get_states([0])).shape[-1]
-            spaces["environment_state"] = box(-STATE_LIMIT, STATE_LIMIT, (size,), np.float32)
+            size = self._known(self.handler.get_states([0])).shape[-1]
+            limit = np.inf if self.observation == "full" else STATE_LIMIT  # speeds have no bound
+            spaces["environment_state"] = box(-limit, limit, (size,), np.float32)
         self.single_observation_space = gymnasium.spaces.Dict(spaces)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -253,8 +255,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
             for camera, pictures in self.handler.render(None, ("rgb",), ids).items():
                 out[f"observation.images.{camera}"] = pictures["rgb"][back]
         else:
-            known = self.task.observe(states).cpu().numpy().astype(np.float32)
-            out["observation.environment_state"] = known[back]
+            out["observation.environment_state"] = self._known(states)[back]
         return out
 
     def get_states(self, env_ids: Sequence[int] | np.ndarray | None = None) -> State:
@@ -337,8 +338,8 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
 
     def _gym_observation(self, states: State) -> dict[str, Any]:
         observation: dict[str, Any] = {"agent_pos": self._agent_pos(states)}
-        if self.observation == "state":
-            observation["environment_state"] = self.task.observe(states).cpu().numpy().astype(np.float32)
+        if self.observation != "pixels":
+            observation["environment_state"] = self._known(states)
             return observation
         jobs = self.handler.snapshot()
 
@@ -348,12 +349,22 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         observation["pixels"] = LazyPixels(self.camera_names, draw)
         return observation
 
+    def _known(self, states: State) -> np.ndarray:
+        full = self.observation == "full"
+        seen = self.task.rl_observation(states) if full else self.task.observe(states)
+        return seen.cpu().numpy().astype(np.float32)
+
     def _agent_pos(self, states: State) -> np.ndarray:
         return states.robots[self._robot.name].joint_pos.cpu().numpy().astype(np.float32)
 
     def _info(self, success: np.ndarray) -> dict[str, Any]:
         present = np.ones(self.num_envs, bool)
         return {"is_success": success.copy(), "_is_success": present}
+
+    def picture(self, env_id: int) -> np.ndarray:
+        """Returns the first camera's picture of one environment, (H, W, 3) uint8, whatever is observed."""
+        camera = self.camera_names[:1]
+        return self.handler.render(camera, ("rgb",), [env_id])[camera[0]]["rgb"][0]
 
     def render(self) -> tuple[np.ndarray, ...]:
         """Returns the first camera's picture of every environment, each (H, W, 3) uint8."""

@@ -95,10 +95,13 @@ def _run_cells(
 ) -> "Result":  # fmt: skip
     """Evaluates every cell and puts the result together."""
     import envs
+    import policies
     from benchmark import provenance, runner, videos
     from benchmark.records import Result
 
     facts: dict[str, Any] = {}
+    by_reward = policies.learns_from(name) == "env"
+    view = {"observation": "full", "actions": "rl"} if by_reward else {}
 
     def make_env(cell: Cell) -> Any:
         env = envs.make_vec(
@@ -113,6 +116,7 @@ def _run_cells(
             image_size=subject.image_size,
             protocol_seed=protocol.seed,
             task_kwargs=subject.task_kwargs,
+            **view,
         )
         facts.update(cameras=env.camera_names)
         facts.update(max_episode_steps=env.task.max_episode_steps, control_hz=float(env.control_hz))

@@ -81,6 +81,12 @@ class Handler(ABC):
             env_ids: Environments.
         """
 
+    def get_joint_targets(self, robot: str, env_ids: EnvIds = None) -> Tensor:
+        """Returns the present position targets (n, J) of a robot's driven joints, in a copy."""
+        targets = self.get_states(env_ids).robots[robot].joint_target
+        assert targets is not None, "a simulator gives every robot's targets"
+        return targets
+
     @abstractmethod
     def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:
         """Sets the position targets (n, J) of the named robots, clipped to the joints' ranges."""

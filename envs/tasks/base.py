@@ -97,8 +97,24 @@ class Task(ABC):
 
     @property
     def rl_controller(self) -> "Controller":
-        """What an action of an agent that learns by reward means; every entry lies in [-1, 1]."""
-        return self.controller
+        """What an action of an agent that learns by reward means; every entry lies in [-1, 1].
+
+        By default changes of joint targets, where the task's own actions are joint targets.
+        """
+        from envs.controllers import JointDeltaController, JointPositionController
+
+        own = self.controller
+        robot = self.scenario.robots[0]
+        return JointDeltaController(robot) if isinstance(own, JointPositionController) else own
+
+    def rl_observation(self, state: State) -> Tensor:
+        """Returns what an agent that learns by reward sees, (N, D).
+
+        By default positions, speeds and targets of the first robot's joints, and :meth:`observe`.
+        """
+        robot = state.robots[self.scenario.robots[0].name]
+        assert robot.joint_target is not None, "a simulator gives every robot's targets"
+        return torch.cat((robot.joint_pos, robot.joint_vel, robot.joint_target, self.observe(state)), dim=-1)
 
     @property
     def planner(self) -> "Planner":

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from envs.controllers import JointPositionController, PulledHandController
+from envs.controllers import JointDeltaController, JointPositionController, PulledHandController
 from envs.handlers.mujoco.handler import MujocoHandler
 from envs.robots.franka import FRANKA
 from envs.scenario import GeomCfg, ObjectCfg, ScenarioCfg
@@ -55,6 +55,36 @@ def test_joint_positions_are_targets_and_holding_is_staying(franka):
     targets = franka.get_states().robots["franka"].joint_target
     np.testing.assert_allclose(targets[1, :7], actions[1, :7])
     np.testing.assert_allclose(targets[0], state.robots["franka"].joint_target[0])
+
+
+def test_joint_deltas_add_to_the_last_targets_and_the_gripper_is_absolute(franka):
+    controller = JointDeltaController(FRANKA, delta_rad=0.1)
+    assert controller.names == (*FRANKA.joint_names[:7], "gripper")
+    assert (controller.low == -1).all() and (controller.high == 1).all()
+    before = franka.get_states().robots["franka"].joint_target
+    action = torch.zeros(1, 8)
+    action[0, 0], action[0, 1], action[0, 7] = 0.5, -7.0, -1.0  # what lies beyond 1 is clipped
+    for _ in range(2):
+        controller.apply(franka, action, [1])
+    after = franka.get_states().robots["franka"].joint_target
+    expected = before[1].clone()
+    expected[0] += 0.1
+    expected[1] -= 0.2
+    expected[7:] = 0.0
+    torch.testing.assert_close(after[1], expected)
+    assert torch.equal(after[0], before[0])
+    assert torch.equal(franka.get_joint_targets("franka", [1]), after[1:])
+
+
+def test_holding_by_joint_deltas_changes_no_target(franka):
+    controller = JointDeltaController(FRANKA)
+    actions = np.zeros((2, 8), np.float32)
+    actions[:, 7] = [0.5, -0.25]
+    controller.apply(franka, actions)
+    before = franka.get_states()
+    controller.apply(franka, controller.hold(before))
+    after = franka.get_states().robots["franka"].joint_target
+    torch.testing.assert_close(after, before.robots["franka"].joint_target)
 
 
 def test_an_action_of_one_moves_the_hand_by_a_step(sawyer):

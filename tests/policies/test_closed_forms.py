@@ -166,7 +166,7 @@ class TestNormalization:
         expected = torch.tensor([-1.0, 1.0, 0.0])[:, None].expand(3, 9)
         torch.testing.assert_close(batch["action"][0], expected, atol=1e-5, rtol=0)
 
-    @pytest.mark.parametrize("name", policies.names())
+    @pytest.mark.parametrize("name", policies.names("dataset"))
     def test_actions_come_back(self, name):
         policy = make(name)
         actions = torch.rand(3, 8, 9, generator=torch.Generator().manual_seed(1)) * 2 - 1
@@ -189,7 +189,7 @@ class TestNormalization:
         assert {value.shape for value in own.values()} == {(3, 1, 1)}
         assert own["std"].ravel().tolist() == pytest.approx([0.01, 0.2, 0.2])
 
-    @pytest.mark.parametrize("name", policies.names())
+    @pytest.mark.parametrize("name", policies.names("dataset"))
     def test_a_checkpoint_normalizes_as_its_policy_did(self, name, tmp_path):
         own = stats() | {"action": {k: v * 2 for k, v in stats()["action"].items()}}
         policy = policies.create(name, FEATURES, own, CONFIGS[name])

@@ -14,7 +14,7 @@ from tests.policies.examples import generators, make, observation
 LIMITS = (np.full(9, -1.0), np.full(9, 2.0))
 
 
-@pytest.fixture(scope="module", params=[*policies.names(), *policies.scripted_names()])
+@pytest.fixture(scope="module", params=[*policies.names("dataset"), *policies.scripted_names()])
 def policy(request):
     if request.param in SCRIPTED:
         return SCRIPTED[request.param](*LIMITS, n_action_steps=3)
@@ -75,7 +75,7 @@ def test_an_observation_without_state_is_an_error(policy):
         policy.act(seen, generators(1))
 
 
-@pytest.mark.parametrize("name", policies.names())
+@pytest.mark.parametrize("name", policies.names("dataset"))
 def test_load_finds_the_policy_and_accepts_a_run_folder(name, tmp_path):
     policy = make(name)
     policy.save(tmp_path / "run" / "checkpoints" / "last" / "pretrained_model")
@@ -83,7 +83,7 @@ def test_load_finds_the_policy_and_accepts_a_run_folder(name, tmp_path):
         assert type(policies.load(tmp_path / folder)) is type(policy)
 
 
-@pytest.mark.parametrize("name", policies.names())
+@pytest.mark.parametrize("name", policies.names("dataset"))
 def test_a_config_of_defaults_can_be_made_without_torch(name):
     assert policies.config_class(name)()
 

@@ -110,7 +110,7 @@ def test_images_can_be_normalized_by_fixed_numbers(image_stats, mean, std):
 def test_a_joint_that_never_moved_is_not_amplified():
     own = stats()
     still = {"mean": np.ones(9), "std": np.zeros(9), "min": np.ones(9), "max": np.ones(9)}
-    for name in policies.names():
+    for name in policies.names("dataset"):
         policy = policies.create(name, FEATURES, own | {"action": still}, CONFIGS[name])
         batch = policy.preprocess(
             {"action": torch.full((1, 2, 9), 1.001), "observation.state": torch.ones(1, 9)}

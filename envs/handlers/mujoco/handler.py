@@ -184,6 +184,12 @@ class MujocoHandler(Handler):
             self._mocap_quat[rows, placed[name].mocap] = np.asarray(rot)
 
     @override
+    def get_joint_targets(self, robot: str, env_ids: EnvIds = None) -> Tensor:
+        rows = slice(None) if env_ids is None else np.asarray(env_ids)
+        columns = next(reader[3] for reader in self._readers if reader[0].name == robot)
+        return torch.from_numpy(self._ctrl[block(rows, columns)].copy())
+
+    @override
     def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:
         rows = slice(None) if env_ids is None else np.asarray(env_ids)
         for robot, *_, columns in self._readers:

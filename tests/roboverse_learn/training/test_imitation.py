@@ -106,7 +106,7 @@ LEARNABLE = {
 }
 
 
-@pytest.mark.parametrize("name", policies.names())
+@pytest.mark.parametrize("name", policies.names("dataset"))
 def test_overfits_one_batch_and_acts_as_it_learned(name, tmp_path):
     data = SquareFrames(num_episodes=1)
     steps, settings = LEARNABLE[name]

@@ -9,7 +9,7 @@ from roboverse_learn.compose import compose, configs_folder, preset_names
 from roboverse_learn.training.imitation import make_optimizer
 from tests.policies.examples import generators, observation, stats
 
-PAIRS = [(preset, policy) for preset in preset_names() for policy in policies.names()]
+PAIRS = [(preset, policy) for preset in preset_names() for policy in policies.names("dataset")]
 
 
 def features(size):
@@ -41,7 +41,7 @@ def test_the_network_of_every_preset_builds(preset, name):
     assert config.train.save_every <= config.train.steps
 
 
-@pytest.mark.parametrize("name", policies.names())
+@pytest.mark.parametrize("name", policies.names("dataset"))
 def test_the_quick_policies_act(name):
     config = compose("train", ["preset=quick", f"policy={name}"])
     policy = policies.create(name, features(32), stats(), config.policy)

@@ -19,7 +19,7 @@ def dataset(tmp_path_factory):
     return ResidentDataset(root)
 
 
-@pytest.mark.parametrize("name", policies.names())
+@pytest.mark.parametrize("name", policies.names("dataset"))
 def test_trains_on_a_dataset_from_disk_and_acts_on_its_frames(name, dataset, tmp_path):
     policy = policies.create(name, dataset.info.features, dataset.info.stats, CONFIGS[name])
     assert set(policy.features) == {"observation.images.front", "observation.state", "action"}
