@@ -100,8 +100,7 @@ def _run_cells(
     from benchmark.records import Result
 
     facts: dict[str, Any] = {}
-    by_reward = policies.learns_from(name) == "env"
-    view = {"observation": "full", "actions": "rl"} if by_reward else {}
+    view = {"observation": "full", "actions": "rl"} if policies.learns_from(name) == "env" else {}
 
     def make_env(cell: Cell) -> Any:
         env = envs.make_vec(

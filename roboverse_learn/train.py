@@ -1,7 +1,8 @@
 """``python roboverse_learn/train.py policy=act task=PickCube``: from nothing to the leaderboard.
 
 Collect what is missing, train, evaluate over levels and splits, write results, leaderboard, plots and
-videos. A policy that learns from an env (``policy=ppo``) collects nothing. Every stage continues where a killed one stopped, so the same command finishes the run.
+videos. A policy that learns from an env (``policy=ppo``) collects nothing. Every stage continues where a
+killed one stopped, so the same command finishes the run.
 """
 
 import sys
