@@ -11,13 +11,14 @@ from typing import Any
 from envs.errors import ConfigError, unknown_name
 from envs.scenario.looks import SURFACES, Appearance, CameraCfg, LightCfg, SurfaceMaterial
 from envs.scenario.objects import GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg
-from envs.scenario.robots import JointCfg, RobotCfg
+from envs.scenario.robots import BodyCfg, JointCfg, RobotCfg, SiteCfg
 from envs.scenario.units import IDENTITY, Quat, Rgba, Vec3
 
 __all__ = [
     "IDENTITY",
     "SURFACES",
     "Appearance",
+    "BodyCfg",
     "CameraCfg",
     "GeomCfg",
     "JointCfg",
@@ -31,6 +32,7 @@ __all__ = [
     "RobotCfg",
     "RoomCfg",
     "ScenarioCfg",
+    "SiteCfg",
     "SurfaceMaterial",
     "TableCfg",
     "Vec3",
@@ -102,6 +104,7 @@ class ScenarioCfg:
         appearance: Default materials and lights (level 0).
         table: The table, or None.
         room: The walls, or None.
+        ground_half_size_m: How far the ground is drawn from the origin where there is no room.
         physics: Physics.
         simulators: Simulator name to a block of settings that only it understands.
     """
@@ -112,6 +115,7 @@ class ScenarioCfg:
     appearance: Appearance = field(default_factory=Appearance)
     table: TableCfg | None = field(default_factory=TableCfg)
     room: RoomCfg | None = field(default_factory=RoomCfg)
+    ground_half_size_m: float = 5.0
     physics: PhysicsCfg = field(default_factory=PhysicsCfg)
     simulators: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 

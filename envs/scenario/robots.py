@@ -40,6 +40,43 @@ class JointCfg:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class BodyCfg:
+    """What of a robot's body replaces its file's.
+
+    Attributes:
+        name: Body of the robot's file.
+        mass_kg: Mass.
+        com: Centre of mass in the body, m.
+        inertia: Principal moments of inertia, kg·m².
+        inertia_rot: Orientation of the principal axes in the body, wxyz.
+        hull: Corners, in the body, of a convex shape that is touched instead of the file's shapes; none
+            keeps those.
+    """
+
+    name: str
+    mass_kg: float
+    com: Vec3
+    inertia: Vec3
+    inertia_rot: Quat
+    hull: tuple[Vec3, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SiteCfg:
+    """A named place on a robot.
+
+    Attributes:
+        name: Its name.
+        body: Body that carries it.
+        pos: Position in the body, m.
+    """
+
+    name: str
+    body: str
+    pos: Vec3
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class RobotCfg:
     """A robot: one MJCF file, an optional gripper attached to it, and its joints in our order.
 
@@ -53,8 +90,12 @@ class RobotCfg:
         joints: Its joints; this order is the order of every array of joints.
         ee_site: Site, or body, that is called the end effector.
         gripper_joints: Names of the joints, of ``joints``, that open and close the gripper.
-        pos: Base position in the world, m.
-        rot: Base orientation in the world, wxyz.
+        bodies: What replaces masses and shapes of the file.
+        sites: Places that the file lacks.
+        pos: Base position in the world, m; of a free base at rest.
+        rot: Base orientation in the world, wxyz; likewise.
+        fixed_base: Whether the base is bolted down. If not it moves freely, and its pose and velocity are
+            part of the state.
         gravity_compensated: Gravity does not act on the robot's own links.
     """
 
@@ -67,8 +108,11 @@ class RobotCfg:
     gripper_root: str | None = None
     gripper_mount: str | None = None
     gripper_joints: tuple[str, ...] = ()
+    bodies: tuple[BodyCfg, ...] = ()
+    sites: tuple[SiteCfg, ...] = ()
     pos: Vec3 = (0.0, 0.0, 0.0)
     rot: Quat = IDENTITY
+    fixed_base: bool = True
     gravity_compensated: bool = True
 
     @property

@@ -94,12 +94,12 @@ class MujocoHandler(Handler):
         return State(robots, objects)
 
     def _robot_state(self, robot, qpos, qvel, joints, speeds, targets, rows) -> EntityState:
-        rest = self._rest(len(qpos))
+        pos, rot, lin_vel, ang_vel = self._root_state(robot, qpos, qvel)
         return EntityState(
-            pos=rest.pos[robot.name],
-            rot=rest.rot[robot.name],
-            lin_vel=rest.still,
-            ang_vel=rest.still,
+            pos=pos,
+            rot=rot,
+            lin_vel=lin_vel,
+            ang_vel=ang_vel,
             joint_pos=qpos[:, joints],
             joint_vel=qvel[:, speeds],
             joint_target=torch.from_numpy(self._ctrl[block(rows, targets)].copy()),
@@ -107,21 +107,23 @@ class MujocoHandler(Handler):
             ee_rot=torch.from_numpy(_quaternions(self._site_xmat[rows, robot.ee_site])),
         )
 
+    def _root_state(
+        self, entity: EntityLayout, qpos: Tensor, qvel: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Returns position, orientation, linear and angular velocity of what moves freely or is bolted."""
+        if entity.root == "free":
+            pose, speed = qpos[:, entity.root_qpos :], qvel[:, entity.root_qvel :]
+            return pose[:, :3], pose[:, 3:7], speed[:, :3], speed[:, 3:6]
+        rest = self._rest(len(qpos))
+        return rest.pos[entity.name], rest.rot[entity.name], rest.still, rest.still
+
     def _object_state(self, item: EntityLayout, qpos, qvel, joints, speeds, rows) -> EntityState:
         rest = self._rest(len(qpos))
         joint_pos, joint_vel = (
             (qpos[:, joints], qvel[:, speeds]) if len(item.qpos) else (rest.none, rest.none)
         )
         if item.root == "free":
-            address, speed = item.root_qpos, item.root_qvel
-            return EntityState(
-                pos=qpos[:, address : address + 3],
-                rot=qpos[:, address + 3 : address + 7],
-                lin_vel=qvel[:, speed : speed + 3],
-                ang_vel=qvel[:, speed + 3 : speed + 6],
-                joint_pos=joint_pos,
-                joint_vel=joint_vel,
-            )
+            return EntityState(*self._root_state(item, qpos, qvel), joint_pos, joint_vel)
         pos = torch.from_numpy(self._mocap_pos[rows, item.mocap].copy())
         rot = torch.from_numpy(self._mocap_quat[rows, item.mocap].copy())
         return EntityState(pos, rot, rest.still, rest.still, joint_pos, joint_vel)

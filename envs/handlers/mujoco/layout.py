@@ -6,6 +6,7 @@ from typing import Literal
 import mujoco
 import numpy as np
 
+from envs.handlers.mujoco.model import ROOT_JOINT
 from envs.scenario import ScenarioCfg
 
 Root = Literal["free", "fixed", "mocap"]
@@ -58,12 +59,13 @@ def layout_of(model: mujoco.MjModel, scenario: ScenarioCfg) -> Layout:
     for robot in scenario.robots:
         joints = [model.joint(f"{robot.name}/{name}") for name in robot.joint_names]
         driven = [robot.joint_names[index] for index in robot.driven]
+        free = None if robot.fixed_base else model.joint(f"{robot.name}/{ROOT_JOINT}")
         robots.append(
             EntityLayout(
                 name=robot.name,
-                root="fixed",
-                root_qpos=-1,
-                root_qvel=-1,
+                root="fixed" if free is None else "free",
+                root_qpos=-1 if free is None else int(free.qposadr[0]),
+                root_qvel=-1 if free is None else int(free.dofadr[0]),
                 mocap=-1,
                 pos=np.array(robot.pos, np.float64),
                 rot=np.array(robot.rot, np.float64),

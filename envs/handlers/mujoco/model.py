@@ -14,7 +14,7 @@ from envs.handlers.mujoco.meshes import VISUAL_GROUP, simplify_visuals
 from envs.handlers.mujoco.objects import HIDDEN_GROUP, SCENE_GROUP, SHAPES, add_object, add_pull
 from envs.handlers.mujoco.options import MujocoSettings
 from envs.rotations import look_at_matrix
-from envs.scenario import SURFACES, CameraCfg, PhysicsCfg, RobotCfg, ScenarioCfg
+from envs.scenario import IDENTITY, SURFACES, BodyCfg, CameraCfg, PhysicsCfg, RobotCfg, ScenarioCfg
 
 MAX_LIGHTS = 8
 """One distant light and an array of up to seven lamps."""
@@ -25,6 +25,9 @@ TEXTURE_SIZE = 256
 TABLE_BODY = "table_top"
 
 OBJECT_MATERIAL = "objects"
+
+ROOT_JOINT = "root"
+"""Name of the free joint of a robot whose base is not bolted down."""
 
 GRIPPER_PREFIX = "gripper/"
 """What the names of a gripper's joints and sites begin with."""
@@ -95,7 +98,7 @@ def _add_surfaces(spec: mujoco.MjSpec, scenario: ScenarioCfg) -> None:
         material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = surface
     world, table, room = spec.worldbody, scenario.table, scenario.room
     ground_z = 0.0 if table is None else table.pos[2] - table.height_m
-    half = 5.0 if room is None else room.half_size_m
+    half = scenario.ground_half_size_m if room is None else room.half_size_m
     world.add_geom(
         name="ground",
         type=mujoco.mjtGeom.mjGEOM_PLANE,
@@ -176,11 +179,49 @@ def _add_robot(spec: mujoco.MjSpec, robot: RobotCfg, simplify: bool) -> None:
     for body in arm.bodies:
         if robot.gravity_compensated and body.name != "world":
             body.gravcomp = 1.0
+    for body in robot.bodies:
+        _replace_body(arm, robot, body)
+    for site in robot.sites:
+        _body_of(arm, robot, site.body).add_site(name=site.name, pos=site.pos)
     if arm.site(robot.ee_site) is None:
         _add_site_at_body(arm, robot)
     _set_joints(arm, robot)
+    if not robot.fixed_base:
+        _free_base(arm, robot.root)
     frame = spec.worldbody.add_frame(pos=robot.pos, quat=robot.rot)
     frame.attach_body(arm.body(robot.root), f"{robot.name}/", "")
+
+
+def _body_of(spec: mujoco.MjSpec, robot: RobotCfg, name: str):
+    body = spec.body(name)
+    if body is None:
+        names = [item.name for item in spec.bodies if item.name != "world"]
+        raise unknown_name(f"body of robot '{robot.name}'", name, names)
+    return body
+
+
+def _replace_body(spec: mujoco.MjSpec, robot: RobotCfg, cfg: BodyCfg) -> None:
+    body = _body_of(spec, robot, cfg.name)
+    body.explicitinertial = True
+    body.mass, body.ipos, body.iquat, body.inertia = cfg.mass_kg, cfg.com, cfg.inertia_rot, cfg.inertia
+    if not cfg.hull:
+        return
+    for geom in body.geoms:
+        if geom.contype or geom.conaffinity:
+            spec.delete(geom)
+    name = f"{cfg.name}_hull"
+    spec.add_mesh(name=name, uservert=np.ravel(cfg.hull))
+    body.add_geom(type=SHAPES["mesh"], meshname=name, group=HIDDEN_GROUP)
+
+
+def _free_base(spec: mujoco.MjSpec, root: str) -> None:
+    """Lets a robot's root move freely; at rest it is where the robot is placed."""
+    for joint in list(spec.joints):
+        if joint.type == mujoco.mjtJoint.mjJNT_FREE:
+            spec.delete(joint)
+    body = spec.body(root)
+    body.pos, body.quat = np.zeros(3), np.array(IDENTITY)
+    body.add_freejoint(name=ROOT_JOINT)
 
 
 def _add_site_at_body(spec: mujoco.MjSpec, robot: RobotCfg) -> None:

@@ -143,13 +143,12 @@ class MujocoWarpHandler(Handler):
 
     def _robot_state(self, robot: EntityLayout, qpos, qvel, ctrl, rows) -> EntityState:
         views, (joints, speeds, targets) = self._running.views, self._columns[robot.name]
-        still, _ = self._rest(len(qpos))
-        pos, rot = self._bases[robot.name]
+        pos, rot, lin_vel, ang_vel = self._root_state(robot, qpos, qvel)
         return EntityState(
-            pos=pos.expand(len(qpos), 3),
-            rot=rot.expand(len(qpos), 4),
-            lin_vel=still,
-            ang_vel=still,
+            pos=pos,
+            rot=rot,
+            lin_vel=lin_vel,
+            ang_vel=ang_vel,
             joint_pos=qpos[:, joints],
             joint_vel=qvel[:, speeds],
             joint_target=ctrl[:, targets],
@@ -157,13 +156,24 @@ class MujocoWarpHandler(Handler):
             ee_rot=from_matrix(views.site_xmat[rows, robot.ee_site]),
         )
 
+    def _root_state(
+        self, entity: EntityLayout, qpos: Tensor, qvel: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Returns position, orientation, linear and angular velocity of what moves freely or is bolted."""
+        if entity.root == "free":
+            pose, speed = qpos[:, entity.root_qpos :], qvel[:, entity.root_qvel :]
+            return pose[:, :3], pose[:, 3:7], speed[:, :3], speed[:, 3:6]
+        count = len(qpos)
+        still, _ = self._rest(count)
+        pos, rot = self._bases[entity.name]
+        return pos.expand(count, 3), rot.expand(count, 4), still, still
+
     def _object_state(self, item: EntityLayout, qpos, qvel, rows) -> EntityState:
         views, (joints, speeds, _) = self._running.views, self._columns[item.name]
         still, none = self._rest(len(qpos))
         joint_pos, joint_vel = (qpos[:, joints], qvel[:, speeds]) if len(item.qpos) else (none, none)
         if item.root == "free":
-            pose, speed = qpos[:, item.root_qpos :][:, :7], qvel[:, item.root_qvel :][:, :6]
-            return EntityState(pose[:, :3], pose[:, 3:], speed[:, :3], speed[:, 3:], joint_pos, joint_vel)
+            return EntityState(*self._root_state(item, qpos, qvel), joint_pos, joint_vel)
         pos = views.mocap_pos[rows, item.mocap].clone()
         rot = views.mocap_quat[rows, item.mocap].clone()
         return EntityState(pos, rot, still, still, joint_pos, joint_vel)
