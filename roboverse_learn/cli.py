@@ -92,6 +92,10 @@ def _run(command: str, config: Any) -> None:
         from roboverse_learn.evaluate import evaluate
 
         _show(evaluate(config))
+    elif command == "convert":
+        from roboverse_learn.convert import convert_robot
+
+        _show(convert_robot(config))
     else:
         from roboverse_learn.leaderboard import leaderboard
 

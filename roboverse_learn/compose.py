@@ -16,6 +16,7 @@ import policies
 from envs.errors import ConfigError, UnknownNameError, suggest, unknown_name
 from roboverse_learn.config import (
     CollectConfig,
+    ConvertConfig,
     EvaluateConfig,
     LeaderboardConfig,
     TrainRunConfig,
@@ -26,6 +27,7 @@ COMMANDS: dict[str, type] = {
     "train": TrainRunConfig,
     "evaluate": EvaluateConfig,
     "leaderboard": LeaderboardConfig,
+    "convert": ConvertConfig,
 }
 """Every command that takes ``key=value`` words, and what it can be told."""
 
@@ -84,7 +86,7 @@ def compose(command: str, words: Sequence[str]) -> Any:
         for key, value in given.items()
         if key not in (*texts, *_GROUPS)
     ]
-    composed = _hydra_compose(_all_defaults(choices["policy"]), [*groups, *overrides])
+    composed = _hydra_compose(_all_defaults(command, choices["policy"]), [*groups, *overrides])
     for key, value in texts.items():
         _set(composed, key, value)
     values = {name: composed[name] for name in defaults}
@@ -193,12 +195,12 @@ def _registries() -> dict[str, Any]:
     }
 
 
-def _all_defaults(policy: str) -> dict[str, Any]:
-    """The defaults of every command together: presets speak of all, a command takes its part."""
+def _all_defaults(command: str, policy: str) -> dict[str, Any]:
+    """The defaults of the commands that presets speak of, and of this one, which takes its part."""
     return {
         key: value
-        for command in ("leaderboard", "evaluate", "train")
-        for key, value in default_values(command, policy).items()
+        for each in ("leaderboard", "evaluate", "train", command)
+        for key, value in default_values(each, policy).items()
     }
 
 

@@ -17,6 +17,7 @@ SUMMARIES = {
     "collect": "collect demonstrations of the expert into a LeRobot dataset",
     "evaluate": "evaluate a checkpoint over levels and splits",
     "leaderboard": "write tables, plots and the page from the result files",
+    "convert": "write a robot as URDF or USD, its meshes beside it",
     "benchmark": "measure the speed of the parts, each against its reference",
     "list": "list tasks with all facts, policies, simulators, renderers, robots and presets",
 }
@@ -33,6 +34,10 @@ EXAMPLES = {
         "roboverse evaluate checkpoint=… levels=[] alone=[camera,lighting] splits=[test]",
     ),
     "leaderboard": ("roboverse leaderboard results_dir=results",),
+    "convert": (
+        "roboverse convert robot=franka to=usd out=franka_usd",
+        "roboverse convert robot=robot.xml to=urdf",
+    ),
 }
 
 
@@ -64,7 +69,7 @@ def command_help(command: str, policy: str = "act") -> str:
         f"roboverse {command}: {SUMMARIES[command]}.",
         f"Usage: roboverse {command} [key=value ...]\n{examples}",
     ]
-    if command != "leaderboard":
+    if command not in ("leaderboard", "convert"):
         parts.append(listing())
     parts.append(f"Keys, with their defaults:\n{_rows(_key_rows(command, policy=policy))}")
     return "\n\n".join(parts)

@@ -68,6 +68,19 @@ def build_model(scenario: ScenarioCfg, *, simplify: bool = True) -> mujoco.MjMod
     return model
 
 
+def robot_spec(robot: RobotCfg, *, simplify: bool = False) -> mujoco.MjSpec:
+    """Returns a robot alone, with its gripper, ranges and actuators, as it stands in a scene.
+
+    Args:
+        robot: The robot; its names are prefixed by ``<robot>/``.
+        simplify: Merge and simplify its visual meshes.
+    """
+    spec = mujoco.MjSpec()
+    spec.compiler.degree = False
+    _add_robot(spec, robot, simplify)
+    return spec
+
+
 def _set_physics(spec: mujoco.MjSpec, physics: PhysicsCfg) -> None:
     spec.compiler.degree = False
     option = spec.option

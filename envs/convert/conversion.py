@@ -1,0 +1,129 @@
+"""The conversion itself, cached by the content of what is converted."""
+
+import hashlib
+import json
+import logging
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from envs.assets import cache_dir
+from envs.convert.description import Description
+from envs.convert.read import read_model
+from envs.convert.source import Loaded, Source, load
+from envs.errors import ConfigError, unknown_name
+
+logger = logging.getLogger(__name__)
+
+FORMATS = ("urdf", "usd", "mjcf")
+"""``mjcf`` is for sources in URDF, which MuJoCo reads by itself."""
+
+_VERSION = 2
+_LOSSES_FILE = "losses.json"
+
+
+def convert(
+    source: Source,
+    to: str = "urdf",
+    *,
+    root: str | None = None,
+    simplify: bool = False,
+    out: Path | str | None = None,
+) -> Path:
+    """Converts a robot, or finds it converted already.
+
+    What a format cannot say is logged as a warning, each time.
+
+    Args:
+        source: A robot of a scenario, the name of a registered one, or a path to an MJCF (or URDF) file.
+        to: ``"urdf"``, ``"usd"`` or ``"mjcf"``.
+        root: Body of a file that is the robot, where the file holds several.
+        simplify: Merge and simplify a robot's visual meshes, as our own renderers draw it.
+        out: Folder to write to, which must not exist or be empty; None is a cache, by content.
+
+    Returns:
+        The file: ``<name>.urdf``, ``<name>.usd`` or ``<name>.xml``, its meshes beside it.
+
+    Raises:
+        UnknownNameError: if there is no such format, robot or body.
+        ConfigError: if the source is not one robot, or the format has no word for one of its joints.
+        MissingExtraError: if ``to="usd"`` and usd-core is not installed.
+    """
+    if to not in FORMATS:
+        raise unknown_name("format", to, FORMATS)
+    loaded = load(source, root=root, simplify=simplify)
+    if out is None:
+        folder = cache_dir("convert") / f"{loaded.name}-{to}-{_digest(loaded, to)}"
+    else:
+        folder = Path(out)
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise ConfigError(f"out={folder} exists already and is not an empty folder. Choose another one.")
+    if out is not None or not (folder / _LOSSES_FILE).is_file():
+        _write_whole(loaded, to, folder)
+    for loss in json.loads((folder / _LOSSES_FILE).read_text(encoding="utf-8")):
+        logger.warning("%s to %s: %s", loaded.name, to, loss)
+    return folder / f"{loaded.name}.{'xml' if to == 'mjcf' else to}"
+
+
+def describe(source: Source, *, root: str | None = None, simplify: bool = False) -> Description:
+    """Returns what :func:`convert` writes; same arguments."""
+    return describe_loaded(load(source, root=root, simplify=simplify))
+
+
+def describe_loaded(loaded: Loaded) -> Description:
+    """Returns the description of what :func:`envs.convert.source.load` read."""
+    return read_model(loaded.model, loaded.name, prefix=loaded.prefix, mesh_files=loaded.mesh_files)
+
+
+def _write_whole(loaded: Loaded, to: str, folder: Path) -> None:
+    """Writes into a folder beside, and gives it its name when it is whole."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    working = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    try:
+        losses = _write(loaded, to, working)
+        (working / _LOSSES_FILE).write_text(json.dumps(losses, indent=1), encoding="utf-8")
+        working.chmod(0o755)
+        if folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()
+        try:
+            os.rename(working, folder)
+        except OSError:
+            if not (folder / _LOSSES_FILE).is_file():  # not that another process was faster
+                raise
+    finally:
+        shutil.rmtree(working, ignore_errors=True)
+
+
+def _write(loaded: Loaded, to: str, folder: Path) -> tuple[str, ...]:
+    """Writes the files; returns what the format leaves out."""
+    if to == "mjcf":
+        from envs.convert.mjcf import write_mjcf
+
+        write_mjcf(loaded, folder)
+        return ()
+    description = describe_loaded(loaded)
+    if to == "urdf":
+        from envs.convert.urdf import write_urdf
+
+        write_urdf(description, folder)
+        return description.losses
+    from envs.convert.usd import write_usd
+
+    return (*description.losses, *write_usd(description, folder))
+
+
+def _digest(loaded: Loaded, to: str) -> str:
+    """A name for the content: the compiled model, which has everything, and its meshes' textured twins."""
+    buffer = np.empty(mujoco.mj_sizeModel(loaded.model), np.uint8)
+    mujoco.mj_saveModel(loaded.model, None, buffer)
+    digest = hashlib.sha256(json.dumps([_VERSION, to, mujoco.__version__]).encode())
+    digest.update(buffer.tobytes())
+    for name, path in sorted(loaded.mesh_files.items()):
+        twin = path.with_suffix(".obj")
+        if path.suffix != ".obj" and twin.is_file():
+            digest.update(name.encode() + twin.read_bytes())
+    return digest.hexdigest()[:24]

@@ -1,0 +1,212 @@
+"""Converted robots, read back by those who read them: where their links are, and what they weigh.
+
+Each reader takes a file of :func:`envs.convert.convert` and answers two questions, by the link's name.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from pathlib import Path
+from typing import override
+
+import mujoco
+import numpy as np
+
+from envs.convert.description import Inertial
+from envs.convert.source import compile_with_thin_meshes
+from envs.rotations import conjugate, multiply, rotate
+
+Poses = dict[str, tuple[np.ndarray, np.ndarray]]
+"""Link to position, m, and orientation, wxyz, in the world."""
+
+
+class Reader(ABC):
+    """One program that loaded a converted robot."""
+
+    @abstractmethod
+    def poses(self, joints: Mapping[str, float]) -> Poses:
+        """Returns where each link is when the named joints are at these positions, rad (m)."""
+
+    @abstractmethod
+    def inertials(self) -> dict[str, Inertial]:
+        """Returns mass and inertia of each link."""
+
+    def close(self) -> None:  # noqa: B027 (most have nothing to free)
+        """Frees it."""
+
+
+class MujocoReader(Reader):
+    """MuJoCo's own loader, of URDF and MJCF."""
+
+    def __init__(self, path: Path) -> None:
+        self._model = compile_with_thin_meshes(mujoco.MjSpec.from_file(str(path)), path.name)
+        self._data = mujoco.MjData(self._model)
+
+    @override
+    def poses(self, joints: Mapping[str, float]) -> Poses:
+        model, data = self._model, self._data
+        for name, value in joints.items():
+            data.qpos[model.joint(name).qposadr[0]] = value
+        mujoco.mj_kinematics(model, data)
+        return {
+            model.body(index).name: (data.xpos[index].copy(), data.xquat[index].copy())
+            for index in range(model.nbody)
+        }
+
+    @override
+    def inertials(self) -> dict[str, Inertial]:
+        model = self._model
+        return {
+            model.body(index).name: Inertial(
+                float(model.body_mass[index]),
+                model.body_ipos[index],
+                model.body_iquat[index],
+                model.body_inertia[index],
+            )
+            for index in range(model.nbody)
+        }
+
+
+class PybulletReader(Reader):
+    """PyBullet's loader of URDF."""
+
+    def __init__(self, path: Path) -> None:
+        import pybullet
+
+        self._bullet = pybullet
+        self._client = pybullet.connect(pybullet.DIRECT)
+        flags = pybullet.URDF_USE_INERTIA_FROM_FILE
+        self._robot = pybullet.loadURDF(
+            str(path), useFixedBase=False, flags=flags, physicsClientId=self._client
+        )
+        count = pybullet.getNumJoints(self._robot, physicsClientId=self._client)
+        infos = [pybullet.getJointInfo(self._robot, i, physicsClientId=self._client) for i in range(count)]
+        self._joints = {info[1].decode(): info[0] for info in infos}
+        base = pybullet.getBodyInfo(self._robot, physicsClientId=self._client)[0].decode()
+        self._links = {base: -1, **{info[12].decode(): info[0] for info in infos}}
+
+    @override
+    def poses(self, joints: Mapping[str, float]) -> Poses:
+        bullet, client = self._bullet, self._client
+        for name, value in joints.items():
+            bullet.resetJointState(self._robot, self._joints[name], value, physicsClientId=client)
+        return {name: self._pose(index) for name, index in self._links.items()}
+
+    def _pose(self, index: int) -> tuple[np.ndarray, np.ndarray]:
+        bullet, client = self._bullet, self._client
+        if index < 0:  # of the base, Bullet tells where its centre of mass is
+            pos, rot = bullet.getBasePositionAndOrientation(self._robot, physicsClientId=client)
+            com, turn = bullet.getDynamicsInfo(self._robot, -1, physicsClientId=client)[3:5]
+            pos, rot = bullet.multiplyTransforms(pos, rot, *bullet.invertTransform(com, turn))
+        else:
+            state = bullet.getLinkState(
+                self._robot, index, computeForwardKinematics=True, physicsClientId=client
+            )
+            pos, rot = state[4:6]
+        return np.array(pos), np.array(rot)[[3, 0, 1, 2]]
+
+    @override
+    def inertials(self) -> dict[str, Inertial]:
+        found = {}
+        for name, index in self._links.items():
+            info = self._bullet.getDynamicsInfo(self._robot, index, physicsClientId=self._client)
+            rot = np.array(info[4])[[3, 0, 1, 2]]
+            found[name] = Inertial(float(info[0]), np.array(info[3]), rot, np.array(info[2]))
+        return found
+
+    @override
+    def close(self) -> None:
+        self._bullet.disconnect(self._client)
+
+
+class UsdReader(Reader):
+    """Our own reading of UsdPhysics: joints by their frames, as its specification says they move."""
+
+    def __init__(self, path: Path) -> None:
+        from pxr import Usd, UsdGeom, UsdPhysics
+
+        self._physics = UsdPhysics
+        self._stage = Usd.Stage.Open(str(path))
+        cache = UsdGeom.XformCache()
+        # A joint's and a shape's display name is no link's; a link is a plain Xform.
+        root = self._stage.GetDefaultPrim()
+        self._links = {
+            prim.GetDisplayName(): prim
+            for prim in Usd.PrimRange(root)
+            if prim.GetTypeName() == "Xform" and prim != root
+        }
+        self._rest = {prim.GetPath(): _pose_of(cache, prim) for prim in self._links.values()}
+        self._joints = [
+            UsdPhysics.Joint(prim) for prim in self._stage.Traverse() if prim.IsA(UsdPhysics.Joint)
+        ]
+
+    @override
+    def poses(self, joints: Mapping[str, float]) -> Poses:
+        placed = {path: pose for path, pose in self._rest.items()}
+        moved = set()
+        for joint in self._joints:  # parents first, as they were written
+            (child,) = joint.GetBody1Rel().GetTargets()
+            parents = joint.GetBody0Rel().GetTargets()
+            origin = placed[parents[0]] if parents else (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+            turn, shift = self._motion(joint, joints.get(joint.GetPrim().GetDisplayName(), 0.0))
+            frame0 = _frame(joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr())
+            frame1 = _frame(joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr())
+            placed[child] = _compose(_compose(origin, frame0), _compose((shift, turn), _inverse(frame1)))
+            moved.add(child)
+        for prim in self._links.values():  # frames of a rigid body move with it
+            path, carrier = prim.GetPath(), prim.GetPath()
+            while carrier not in moved and carrier.GetParentPath() in placed:
+                carrier = carrier.GetParentPath()
+            if carrier != path:
+                offset = _compose(_inverse(self._rest[carrier]), self._rest[path])
+                placed[path] = _compose(placed[carrier], offset)
+        return {name: placed[prim.GetPath()] for name, prim in self._links.items()}
+
+    def _motion(self, joint, position: float) -> tuple[np.ndarray, np.ndarray]:
+        axis = np.array([1.0, 0.0, 0.0])
+        if joint.GetPrim().IsA(self._physics.RevoluteJoint):
+            return np.array([np.cos(position / 2), *(np.sin(position / 2) * axis)]), np.zeros(3)
+        if joint.GetPrim().IsA(self._physics.PrismaticJoint):
+            return np.array([1.0, 0.0, 0.0, 0.0]), position * axis
+        return np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
+
+    @override
+    def inertials(self) -> dict[str, Inertial]:
+        found = {}
+        for name, prim in self._links.items():
+            mass = self._physics.MassAPI(prim)
+            if not prim.HasAPI(self._physics.MassAPI):
+                found[name] = Inertial(0.0, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
+                continue
+            found[name] = Inertial(
+                float(mass.GetMassAttr().Get()),
+                np.array(mass.GetCenterOfMassAttr().Get()),
+                _wxyz(mass.GetPrincipalAxesAttr().Get()),
+                np.array(mass.GetDiagonalInertiaAttr().Get()),
+            )
+        return found
+
+
+Pose = tuple[np.ndarray, np.ndarray]
+
+
+def _pose_of(cache, prim) -> Pose:
+    matrix = cache.GetLocalToWorldTransform(prim)
+    return np.array(matrix.ExtractTranslation()), _wxyz(matrix.ExtractRotationQuat())
+
+
+def _frame(pos, rot) -> Pose:
+    quat = _wxyz(rot.Get())
+    return np.array(pos.Get(), np.float64), quat / np.linalg.norm(quat)
+
+
+def _wxyz(quat) -> np.ndarray:
+    return np.array([quat.GetReal(), *quat.GetImaginary()], np.float64)
+
+
+def _compose(first: Pose, second: Pose) -> Pose:
+    return first[0] + rotate(first[1], second[0]), multiply(first[1], second[1])
+
+
+def _inverse(pose: Pose) -> Pose:
+    back = conjugate(pose[1])
+    return -rotate(back, pose[0]), back

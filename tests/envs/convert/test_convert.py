@@ -1,0 +1,251 @@
+"""Conversion of robots: what is written, what is read back, what is refused."""
+
+import logging
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+
+from envs.convert import convert
+from envs.convert.check import check
+from envs.convert.conversion import describe
+from envs.convert.obj import mesh_files
+from envs.convert.shapes import convex_hull
+from envs.convert.urdf import roll_pitch_yaw
+from envs.errors import ConfigError, UnknownNameError
+from envs.robots.franka import FRANKA
+from envs.rotations import from_euler, to_matrix
+
+
+def joint_of(path, name):
+    return next(joint for joint in ET.parse(path).getroot().findall("joint") if joint.get("name") == name)
+
+
+def number(element, child, key):
+    found = element.find(child)
+    assert found is not None, (element.get("name"), child)
+    return float(found.get(key))
+
+
+@pytest.mark.parametrize("program", ["MuJoCo", "PyBullet", "UsdPhysics"])
+def test_links_are_where_they_were_and_weigh_what_they_weighed(hard_robot, program):
+    if program == "PyBullet":
+        pytest.importorskip("pybullet")
+    if program == "UsdPhysics":
+        pytest.importorskip("pxr")
+    (row,) = check(hard_robot, programs=[program], postures=100)
+    assert row.verdict == "pass", row
+    assert (row.links, row.joints) == (6, 6)
+    assert row.errors.rotation_rad < 2e-6
+
+
+def test_the_franka_passes_and_has_its_drives(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROBOVERSE_CACHE", str(tmp_path))
+    (row,) = check("franka", programs=["MuJoCo"], postures=20)
+    assert row.verdict == "pass", row
+    joints = {joint.name: joint for joint in describe(FRANKA).joints}
+    assert list(joints) == list(FRANKA.joint_names)
+    for cfg in FRANKA.joints:
+        drive = joints[cfg.name].drive
+        assert (drive.kp, drive.kd, drive.max_force) == (cfg.kp, cfg.kd, cfg.force_limit)
+        assert joints[cfg.name].range == cfg.range
+
+
+def test_joints_keep_limits_damping_armature_and_what_they_follow(hard_robot):
+    path = convert(hard_robot)
+    pan = joint_of(path, "pan")
+    assert pan.get("type") == "revolute"
+    assert (number(pan, "limit", "lower"), number(pan, "limit", "upper")) == (-1.0, 2.0)
+    assert (number(pan, "limit", "effort"), number(pan, "dynamics", "damping")) == (20.0, 3.0)
+    assert joint_of(path, "tilt").get("type") == "continuous"
+    assert number(joint_of(path, "slide"), "dynamics", "friction") == 0.5
+    assert number(joint_of(path, "finger"), "limit", "effort") == 10.0
+    transmission = ET.parse(path).getroot().find("transmission")
+    assert transmission.get("name") == "pan_transmission"
+    (armature,) = [item for item in transmission.iter() if item.tag.endswith("rotor_inertia")]
+    assert float(armature.get("value")) == 0.4
+    # thumb - 0.2 = 0.1 + 5 finger, and 2 (thumb - 0.2) - nail = 0
+    thumb, nail = joint_of(path, "thumb"), joint_of(path, "nail")
+    assert number(thumb, "mimic", "multiplier") == pytest.approx(5.0)
+    assert number(thumb, "mimic", "offset") == pytest.approx(0.3)
+    assert number(nail, "mimic", "multiplier") == pytest.approx(2.0)
+    assert number(nail, "mimic", "offset") == pytest.approx(-0.4)
+
+
+def test_what_is_drawn_keeps_its_texture_and_what_is_touched_is_convex(hard_robot):
+    path = convert(hard_robot)
+    links = {link.get("name"): link for link in ET.parse(path).getroot().findall("link")}
+    body = links["two axes"]
+    (visual,) = body.findall("visual")
+    obj = path.parent / visual.find("geometry/mesh").get("filename")
+    lines = obj.read_text().splitlines()
+    coordinates = [tuple(map(float, line.split()[1:])) for line in lines if line.startswith("vt ")]
+    assert {(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.25, 0.75)} == set(coordinates)
+    corners = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
+    assert np.ptp(corners, axis=0).max() == pytest.approx(0.2 * np.sqrt(2), rel=0.35)  # scaled by two
+    mtl = obj.with_suffix(".mtl").read_text()
+    assert "map_Kd" in mtl and (obj.with_suffix(".png")).is_file()
+    assert "Kd 1 0.5 1" in mtl
+    (hull,) = body.findall("collision")
+    stone = (path.parent / hull.find("geometry/mesh").get("filename")).read_text()
+    assert sum(line.startswith("v ") for line in stone.splitlines()) == 4  # the fifth lies inside
+    assert len(links["finger"].findall("collision")) == 3  # a capsule: a cylinder and two spheres
+
+
+def test_a_ball_joint_is_refused_in_urdf_and_written_in_usd(tmp_path, monkeypatch):
+    pytest.importorskip("pxr")
+    monkeypatch.setenv("ROBOVERSE_CACHE", str(tmp_path / "cache"))
+    file = tmp_path / "ball.xml"
+    file.write_text(
+        "<mujoco><worldbody><body name='arm'><joint name='shoulder' type='ball'/><geom size='.1'/></body>"
+        "</worldbody></mujoco>"
+    )
+    with pytest.raises(ConfigError, match=r"URDF has no ball joint, and 'ball' has one \('shoulder'\)"):
+        convert(file)
+    from pxr import Usd
+
+    stage = Usd.Stage.Open(str(convert(file, "usd")))
+    assert stage.GetPrimAtPath("/ball/joints/shoulder").GetTypeName() == "PhysicsSphericalJoint"
+
+
+def test_usd_has_rigid_bodies_drives_and_textures(hard_robot):
+    pytest.importorskip("pxr")
+    from pxr import Usd, UsdGeom, UsdPhysics
+
+    path = convert(hard_robot, "usd")
+    stage = Usd.Stage.Open(str(path))
+    root = stage.GetDefaultPrim()
+    assert root.HasAPI(UsdPhysics.ArticulationRootAPI)
+    bodies = [prim.GetDisplayName() for prim in stage.Traverse() if prim.HasAPI(UsdPhysics.RigidBodyAPI)]
+    assert {"base", "two axes", "finger", "thumb", "nail"} <= set(bodies) and "tip" not in bodies
+    pan = stage.GetPrimAtPath("/hard/joints/pan")
+    drive = UsdPhysics.DriveAPI(pan, "angular")
+    assert drive.GetStiffnessAttr().Get() == pytest.approx(100 * np.pi / 180)
+    assert drive.GetMaxForceAttr().Get() == 20.0
+    assert UsdPhysics.RevoluteJoint(pan).GetUpperLimitAttr().Get() == pytest.approx(np.degrees(2.0))
+    assert pan.GetAttribute("mjc:armature").Get() == 0.4
+    nail = stage.GetPrimAtPath("/hard/joints/nail")
+    assert nail.GetAttribute("newton:mimicCoef1").Get() == pytest.approx(2.0)
+    meshes = [prim for prim in stage.Traverse() if prim.GetTypeName() == "Mesh"]
+    textured = [mesh for mesh in meshes if UsdGeom.PrimvarsAPI(mesh).HasPrimvar("st")]
+    assert [mesh.GetDisplayName() for mesh in textured] == ["visual_wedge"]
+    assert len(list((path.parent / "textures").glob("*.png"))) == 1
+
+
+def test_a_robot_that_floats_has_its_body_as_root(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROBOVERSE_CACHE", str(tmp_path / "cache"))
+    file = tmp_path / "floating.xml"
+    body = "<body name='{0}' pos='0 0 1'><freejoint/><geom size='.1'/></body>"
+    file.write_text(f"<mujoco><worldbody>{body.format('torso')}</worldbody></mujoco>")
+    description = describe(file)
+    assert description.floating and [link.name for link in description.links] == ["torso"]
+    assert "torso" in convert(file).read_text()
+    file.write_text(f"<mujoco><worldbody>{body.format('one')}{body.format('two')}</worldbody></mujoco>")
+    with pytest.raises(ConfigError, match=r"2 bodies that do not hang together \(one, two\).*root=one"):
+        convert(file)
+    assert [link.name for link in describe(file, root="two").links] == ["two"]
+
+
+def test_the_result_is_cached_by_content(hard_robot):
+    first = convert(hard_robot)
+    assert convert(hard_robot) == first
+    hard_robot.write_text(hard_robot.read_text().replace('damping="3"', 'damping="4"'))
+    assert convert(hard_robot) != first
+
+
+def test_a_folder_in_use_is_refused_and_an_empty_one_is_taken(hard_robot, tmp_path):
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    assert convert(hard_robot, out=empty) == empty / "hard.urdf"
+    with pytest.raises(ConfigError, match=r"out=.*empty exists already and is not an empty folder"):
+        convert(hard_robot, out=empty)
+
+
+def test_names_that_do_not_exist_are_refused(hard_robot):
+    with pytest.raises(UnknownNameError, match=r"Unknown format 'udf'.*Did you mean 'urdf'"):
+        convert(hard_robot, "udf")
+    with pytest.raises(UnknownNameError, match=r"Unknown robot 'frnka'.*Did you mean 'franka'"):
+        convert("frnka")
+    with pytest.raises(UnknownNameError, match=r"Unknown body of hard.xml 'bse'.*Did you mean 'base'"):
+        convert(hard_robot, root="bse")
+    with pytest.raises(ConfigError, match="does not exist"):
+        convert(hard_robot.with_name("absent.xml"))
+
+
+def test_a_picture_that_cannot_be_aligned_is_reported_each_time(tmp_path, monkeypatch, caplog):
+    monkeypatch.setenv("ROBOVERSE_CACHE", str(tmp_path / "cache"))
+    file = tmp_path / "painted.xml"
+    file.write_text(
+        "<mujoco><asset><texture name='t' type='2d' builtin='flat' rgb1='1 0 0' width='4' height='4'/>"
+        "<material name='paint' texture='t'/></asset><worldbody><body name='b'>"
+        "<geom type='box' size='.1 .1 .1' material='paint'/></body></worldbody></mujoco>"
+    )
+    for _ in range(2):
+        caplog.clear()
+        with caplog.at_level(logging.WARNING):
+            path = convert(file)
+        assert "The picture of material 'paint' cannot be aligned on a primitive shape" in caplog.text
+    assert 'rgba="1 0 0 1"' in path.read_text()
+
+
+def test_an_msh_lends_its_textured_twins_coordinates(hard_robot, tmp_path):
+    import trimesh
+
+    # The same wedge without coordinates, beside the .obj that has them.
+    wedge = trimesh.load_mesh(tmp_path / "wedge.obj", process=False)
+    wedge.export(tmp_path / "wedge.stl")
+    hard_robot.write_text(hard_robot.read_text().replace('file="wedge.obj"', 'file="wedge.stl"'))
+    (look,) = [
+        s for s, role in describe(hard_robot).shapes() if s.mesh is not None and s.mesh.name == "wedge"
+    ][:1]
+    assert look.mesh.uvs is not None and look.material.picture is not None
+    # One that has another shape lends nothing.
+    other = tmp_path / "wedge.obj"
+    other.write_text(other.read_text().replace("v 0 0 0.1", "v 0 0 0.3"))
+    description = describe(hard_robot)
+    assert any("wedge.obj is not the shape of wedge.stl" in loss for loss in description.losses)
+    assert any("'checked' cannot be aligned on mesh 'wedge'" in loss for loss in description.losses)
+
+
+def test_a_urdf_comes_back_as_mjcf(hard_robot, tmp_path):
+    import mujoco
+
+    urdf = convert(hard_robot, out=tmp_path / "urdf")
+    mjcf = convert(urdf, "mjcf", out=tmp_path / "mjcf")
+    there, back = mujoco.MjModel.from_xml_path(str(hard_robot)), mujoco.MjModel.from_xml_path(str(mjcf))
+    joints = [there.joint(index).name for index in range(there.njnt)]
+    assert sorted(joints) == sorted(back.joint(index).name for index in range(back.njnt))
+    assert back.body_mass.sum() == pytest.approx(there.body_mass.sum(), abs=1e-6)
+
+
+def test_a_robot_with_its_gripper_is_one_mjcf_file(tmp_path):
+    import mujoco
+
+    path = convert("franka", "mjcf", out=tmp_path / "mjcf")
+    model = mujoco.MjModel.from_xml_path(str(path))
+    assert (model.njnt, model.nu) == (9, 9)
+    assert str(tmp_path) not in path.read_text()
+
+
+@pytest.mark.parametrize("pitch", [0.0, np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-6, 1.2])
+def test_roll_pitch_yaw_is_exact_at_a_right_angle_too(pitch):
+    quat = from_euler(np.array([0.7, pitch, -0.4]))
+    again = from_euler(roll_pitch_yaw(quat)[::-1])
+    np.testing.assert_allclose(to_matrix(again), to_matrix(quat), atol=1e-9)
+
+
+def test_a_convex_hull_is_closed_and_turned_outwards():
+    import trimesh
+
+    rng = np.random.default_rng(0)
+    hull = convex_hull("cloud", rng.normal(size=(200, 3)))
+    solid = trimesh.Trimesh(hull.vertices, hull.faces, process=False)
+    assert solid.is_watertight and solid.volume > 0
+    flat = convex_hull("sheet", np.concatenate([rng.normal(size=(20, 2)), np.zeros((20, 1))], axis=1))
+    assert len(flat.faces) >= 4
+
+
+def test_meshes_of_one_name_get_files_of_their_own(tmp_path):
+    one, other = (convex_hull("a/b", np.random.default_rng(seed).normal(size=(9, 3))) for seed in (0, 1))
+    names = mesh_files(tmp_path, [(one, None), (other, None), (one, None)])
+    assert sorted(names.values()) == ["a_b.obj", "a_b_2.obj"]
