@@ -1,10 +1,14 @@
 """Reading a LeRobot pretrained folder: only JSON and safetensors, checked before anything is built."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from policies.base import PolicyError
+
+if TYPE_CHECKING:
+    import torch
 
 CONFIG = "config.json"
 WEIGHTS = "model.safetensors"
@@ -90,6 +94,26 @@ def read_weights(path: Path) -> dict[str, Any]:
         raise PolicyError(
             f"'{path}' ({size} bytes) is truncated or not a safetensors file ({error}). {_ADVICE}"
         ) from None
+
+
+def load_weights(model: "torch.nn.Module", weights: "Mapping[str, torch.Tensor]", path: Path) -> None:
+    """Copies tensors into a model that must have exactly these.
+
+    Raises:
+        PolicyError: if names or shapes differ.
+    """
+    own = {key: value for key, value in model.state_dict().items() if not key.endswith("num_batches_tracked")}
+    wrong = sorted(
+        key for key in own.keys() | weights.keys()
+        if key not in own or key not in weights or own[key].shape != weights[key].shape
+    )  # fmt: skip
+    if wrong:
+        raise PolicyError(
+            f"'{path}' does not fit the configuration beside it: {len(wrong)} of {len(own)} tensors are "
+            f"absent, unknown or of another shape, the first '{wrong[0]}'. Name another checkpoint, "
+            "or train again."
+        )
+    model.load_state_dict(dict(weights), strict=False)
 
 
 def check_pipeline(path: Path) -> None:

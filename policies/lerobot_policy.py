@@ -243,7 +243,7 @@ class LeRobotPolicy:
         weights = checkpoint.read_weights(directory / checkpoint.WEIGHTS)
         processors = _load_processors(directory, device)
         model = cls.model_class(config)
-        load_weights(model, weights, directory / checkpoint.WEIGHTS)
+        checkpoint.load_weights(model, weights, directory / checkpoint.WEIGHTS)
         return cls(model.to(device).eval(), processors)
 
 
@@ -270,26 +270,6 @@ def policy_features(features: Mapping[str, Any]) -> tuple[Features, Features]:
             f"{OBS_ENV_STATE}. It has: {', '.join(sorted(features))}."
         )
     return inputs, {ACTION: known[ACTION]}
-
-
-def load_weights(model: torch.nn.Module, weights: Mapping[str, Tensor], path: Path) -> None:
-    """Copies tensors into a model that must have exactly these.
-
-    Raises:
-        PolicyError: if names or shapes differ.
-    """
-    own = {key: value for key, value in model.state_dict().items() if not key.endswith("num_batches_tracked")}
-    wrong = sorted(
-        key for key in own.keys() | weights.keys()
-        if key not in own or key not in weights or own[key].shape != weights[key].shape
-    )  # fmt: skip
-    if wrong:
-        raise PolicyError(
-            f"'{path}' does not fit the configuration beside it: {len(wrong)} of {len(own)} tensors are "
-            f"absent, unknown or of another shape, the first '{wrong[0]}'. Name another checkpoint, "
-            "or train again."
-        )
-    model.load_state_dict(dict(weights), strict=False)
 
 
 def _load_config(

@@ -25,7 +25,8 @@ from torch import Tensor
 
 from envs.errors import CheckpointError
 from policies.atomic import atomic_directory
-from policies.lerobot_policy import LeRobotPolicy, load_weights
+from policies.checkpoint import load_weights
+from policies.lerobot_policy import LeRobotPolicy
 from roboverse_learn.training.ema import Ema
 
 PRETRAINED = "pretrained_model"

@@ -1,0 +1,81 @@
+"""TD-MPC2 while it gathers experience: many environments, warm start, exploration."""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from policies.cuda_graphs import recorded
+from policies.tdmpc2.config import Tdmpc2Config
+from policies.tdmpc2.planner import improved, plan, shifted
+from policies.tdmpc2.world_model import WorldModel
+
+
+class Tdmpc2Agent:
+    """Acts in N environments, and remembers the last plan of each.
+
+    Args:
+        config: Settings of planning.
+        model: The world model.
+        discount: Discount of the task.
+        num_envs: N.
+        compile: Compile an iteration of the search.
+        cuda_graphs: Record planning as a CUDA graph.
+    """
+
+    def __init__(
+        self,
+        config: Tdmpc2Config,
+        model: WorldModel,
+        discount: float,
+        num_envs: int,
+        *,
+        compile: bool = False,
+        cuda_graphs: bool = False,
+    ) -> None:
+        self.config, self.model, self.discount = config, model, discount
+        self.device = model.action_masks.device
+        self.mean = torch.zeros(num_envs, config.horizon, model.action_size, device=self.device)
+        self._improve: Any = torch.compile(improved) if compile else improved
+        self._plan: Any = self.plan
+        if cuda_graphs:
+            self._plan = recorded(self.plan)
+
+    @torch.no_grad()
+    def act(self, observation: Tensor, first: Tensor) -> Tensor:
+        """Chooses actions (N, A), with noise to explore.
+
+        Args:
+            observation: (N, D) or (N, C, 64, 64).
+            first: Whether an episode has just begun, (N,) bool.
+        """
+        if not self.config.plan:
+            z = self.model.encode(observation)
+            return self.model.prior(z, torch.randn_like(self.mean[:, 0])).action
+        action, mean = self._plan(observation, self.mean, first)
+        self.mean.copy_(mean)
+        return action
+
+    def plan(self, observation: Tensor, mean: Tensor, first: Tensor) -> tuple[Tensor, Tensor]:
+        """Returns actions with noise (N, A), and the means of the plans (N, H, A).
+
+        Args:
+            observation: See :meth:`act`.
+            mean: Means of the last plans (N, H, A).
+            first: See :meth:`act`.
+        """
+        planned = plan(
+            self.config,
+            self.model,
+            self.model.encode(observation),
+            shifted(mean, first),
+            self.discount,
+            self._normal,
+            members=self.model.random_pair(),
+            improve=self._improve,
+        )
+        action = planned.action + planned.std * torch.randn_like(planned.std)
+        return action.clamp(-1.0, 1.0), planned.mean
+
+    def _normal(self, *shape: int) -> Tensor:
+        return torch.randn(*shape, device=self.device)
