@@ -21,7 +21,7 @@ def plot_levels(rows: Sequence[Mapping[str, Any]], path: Path, title: str = "") 
     Raises:
         ResultError: The file cannot be written.
     """
-    figure, axes = _figure((6.0, 3.6 + 0.12 * len(rows)))
+    figure, axes = new_figure((6.0, 3.6 + 0.12 * len(rows)))
     shift = min(
         0.06, 0.4 / max(1, len(rows))
     )  # levels are whole numbers: intervals of several policies would hide each other
@@ -58,7 +58,7 @@ def plot_levels(rows: Sequence[Mapping[str, Any]], path: Path, title: str = "") 
     axes.set_title(title or "Success over generalization levels", fontsize=11, loc="left")
     axes.plot([], [], linestyle="--", color="#7f7f7f", linewidth=1.1, label="same, train split")
     figure.legend(frameon=False, fontsize=8, loc="outside lower left", ncols=1 if len(rows) > 3 else 2)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def plot_losses(rows: Sequence[Mapping[str, float]], path: Path, title: str = "Training") -> None:
@@ -77,7 +77,7 @@ def plot_losses(rows: Sequence[Mapping[str, float]], path: Path, title: str = "T
     names = list(dict.fromkeys(name for row in rows for name in row if "loss" in name))
     if not names:
         raise ValueError("There is no loss to draw: no row has a key with 'loss' in its name.")
-    figure, axes = _figure((6.0, 3.4))
+    figure, axes = new_figure((6.0, 3.4))
     lowest = float("inf")
     for index, name in enumerate(names):
         points = [(float(row["step"]), float(row[name])) for row in rows if name in row]
@@ -91,7 +91,7 @@ def plot_losses(rows: Sequence[Mapping[str, float]], path: Path, title: str = "T
     axes.set(xlabel="training step", ylabel="loss")
     axes.set_title(title, fontsize=11, loc="left")
     axes.legend(frameon=False, fontsize=8)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def _smooth(values: Sequence[float]) -> list[float]:
@@ -105,20 +105,34 @@ def _smooth(values: Sequence[float]) -> list[float]:
     return smoothed
 
 
-def _figure(size: tuple[float, float]) -> tuple[Any, Any]:
-    """Returns a figure that needs no display and leaves matplotlib's global state alone."""
+def new_figure(size: tuple[float, float], columns: int = 1) -> tuple[Any, Any]:
+    """Returns a figure that needs no display and leaves matplotlib's global state alone.
+
+    Args:
+        size: Width and height, inches.
+        columns: Axes side by side.
+
+    Returns:
+        The figure, and its axes: one, or an array of several.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(axis="y", alpha=0.3, linewidth=0.6)
-    return figure, axes
+    axes = figure.subplots(1, columns, squeeze=False)[0]
+    for each in axes:
+        each.spines[["top", "right"]].set_visible(False)
+        each.grid(axis="y", alpha=0.3, linewidth=0.6)
+    return figure, axes if columns > 1 else axes[0]
 
 
-def _save(figure: Any, path: Path) -> None:
+def save_figure(figure: Any, path: Path) -> None:
+    """Writes a figure as ``.png`` or ``.svg``, atomically.
+
+    Raises:
+        ResultError: The file cannot be written.
+    """
     with atomic_path(path) as temporary:
         # Matplotlib writes its version into a PNG: the same rows must give the same bytes everywhere.
         figure.savefig(temporary, dpi=160, metadata={"Software": None} if path.suffix == ".png" else None)

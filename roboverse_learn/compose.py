@@ -19,6 +19,7 @@ from roboverse_learn.config import (
     ConvertConfig,
     EvaluateConfig,
     LeaderboardConfig,
+    ReplayConfig,
     TrainRunConfig,
 )
 
@@ -28,6 +29,7 @@ COMMANDS: dict[str, type] = {
     "evaluate": EvaluateConfig,
     "leaderboard": LeaderboardConfig,
     "convert": ConvertConfig,
+    "replay": ReplayConfig,
 }
 """Every command that takes ``key=value`` words, and what it can be told."""
 

@@ -247,6 +247,37 @@ class ConvertConfig:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class ReplayConfig:
+    """``roboverse replay``: recorded episodes in another simulator, by their states and by their controls.
+
+    Attributes:
+        dataset: Folder of a dataset that was collected here.
+        simulator: Registered simulator that replays.
+        by: How: states sets every recorded moment, controls lets physics decide.
+        episodes: Episodes of the dataset, from the first on; 0 takes all.
+        num_envs: Environments that step at once.
+        note: What the page says of the result, such as why few controls succeed.
+        out: Folder of the summaries, plots and the page.
+    """
+
+    dataset: str = ""
+    simulator: str = "mujoco"
+    by: tuple[Replay, ...] = ("states", "controls")
+    episodes: int = 0
+    num_envs: int = 10
+    note: str = ""
+    out: str = "docs/parity"
+
+    def __post_init__(self) -> None:
+        if not self.dataset:
+            raise ConfigError("replay needs dataset=<folder>, as in dataset=datasets/PickCube/<name>.")
+        if not self.by:
+            raise ConfigError("replay needs a way, as in by=[states,controls].")
+        _positive(num_envs=self.num_envs)
+        _not_negative(episodes=self.episodes)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class LeaderboardConfig:
     """``roboverse leaderboard``: tables, plots and page from the result files alone.
 

@@ -16,6 +16,7 @@ SUMMARIES = {
     "train": "collect what is missing, train, evaluate over the levels, write the leaderboard",
     "collect": "collect demonstrations of the expert into a LeRobot dataset",
     "evaluate": "evaluate a checkpoint over levels and splits",
+    "replay": "replay recorded states and controls in another simulator, and say how far apart they are",
     "leaderboard": "write tables, plots and the page from the result files",
     "convert": "write a robot as URDF or USD, its meshes beside it",
     "benchmark": "measure the speed of the parts, each against its reference",
@@ -33,6 +34,7 @@ EXAMPLES = {
         "roboverse evaluate checkpoint=runs/PickCube/act/<run> levels=[0,1,2,3] episodes=100",
         "roboverse evaluate checkpoint=… levels=[] alone=[camera,lighting] splits=[test]",
     ),
+    "replay": ("roboverse replay dataset=datasets/PickCube/<name> simulator=mujoco_warp episodes=50",),
     "leaderboard": ("roboverse leaderboard results_dir=results",),
     "convert": (
         "roboverse convert robot=franka to=usd out=franka_usd",

@@ -70,6 +70,27 @@ def leaderboard_report(board: Mapping[str, Path]) -> Group:
     return Group(_paths(_board_paths(board)))
 
 
+def replay_report(summary: Mapping[str, Any], path: Path, page: Mapping[str, Path]) -> Group:
+    """What became of recorded episodes, and where it is written."""
+    pair = f"{summary['recorded_in']} to {summary['replayed_in']}"
+    lines = [f"{summary['task']}, {pair}, {summary['num_episodes']} episodes:"]
+    for way, found in summary["replays"].items():
+        last = {
+            name: values["last"]["median"] for name, values in found["drift"].items() if name.endswith("_m")
+        }
+        drift = ", ".join(
+            f"{name.removesuffix('_m').replace('_', ' ')} {m:.2g} m" for name, m in last.items()
+        )
+        checks = found["checks"]
+        lines.append(
+            f"  by {way}: {100 * found['success_rate']:.1f} % success (recorded: "
+            f"{100 * found['recorded_success_rate']:.1f} %), the success condition agrees at "
+            f"{checks['agree']} of {checks['asked']} moments; median drift at the end: {drift}"
+        )
+    plots = [each for name, each in page.items() if name.startswith("plot")]
+    return Group(Text("\n".join(lines)), _paths({"summary": path, "table": page["table"], "plots": plots}))
+
+
 def success_table(evaluation: "Evaluation") -> Table:
     """Success by level and split, with Wilson's 95 % interval; the test split is the headline."""
     result = evaluation.result

@@ -1,0 +1,89 @@
+"""``python roboverse_learn/replay.py dataset=… simulator=…``: recorded episodes in another simulator."""
+
+import sys
+from pathlib import Path
+
+if __name__ == "__main__":  # as a script: this folder's `data` or `run` must not hide other packages
+    sys.path[0] = str(Path(__file__).resolve().parents[1])
+
+from typing import TYPE_CHECKING, Any
+
+from envs.errors import DatasetError
+from roboverse_learn.config import ReplayConfig
+
+if TYPE_CHECKING:
+    from roboverse_learn.parity.recording import Recording
+
+
+def replay(config: ReplayConfig) -> Any:
+    """Replays a dataset's episodes, writes what came of it, and the page; returns a printable report.
+
+    Raises:
+        DatasetError: There is no dataset, or it holds no states of ours.
+        ResultError: A file cannot be written.
+    """
+    from roboverse_learn.parity import page, summary
+    from roboverse_learn.parity.recording import read_recordings
+    from roboverse_learn.report import replay_report
+
+    recordings = read_recordings(config.dataset, config.episodes)
+    values = replay_recordings(recordings, config)
+    path = summary.write(Path(config.out), values)
+    return replay_report(values, path, page.write_page(Path(config.out)))
+
+
+def replay_recordings(recordings: "list[Recording]", config: ReplayConfig) -> dict[str, Any]:
+    """Replays recordings of one task; returns what :mod:`roboverse_learn.parity.summary` writes."""
+    import envs
+    from benchmark import provenance
+    from roboverse_learn.evaluate import command_words
+    from roboverse_learn.parity import replaying
+    from roboverse_learn.parity.summary import SCHEMA_VERSION, summarize
+
+    first = recordings[0].metadata
+    env = envs.make_vec(
+        first["task"],
+        min(config.num_envs, len(recordings)),
+        split=first["split"],
+        simulator=config.simulator,
+        observation="state",
+        protocol_seed=first.get("protocol_seed", 0),
+        task_kwargs=first.get("task_kwargs", {}),
+    )
+    if len(env.controller.names) != recordings[0].actions.shape[1]:
+        env.close()
+        raise DatasetError(
+            f"The actions of '{config.dataset}' have {recordings[0].actions.shape[1]} numbers; those of "
+            f"{first['task']} have {len(env.controller.names)}: {', '.join(env.controller.names)}. "
+            "Collect it anew with: roboverse collect"
+        )
+    ways = {"states": replaying.by_states, "controls": replaying.by_controls}
+    try:
+        recorded = [replaying.recorded_success(env, recording) for recording in recordings]
+        replays = {
+            name: summarize(env.scenario, recordings, ways[name](env, recordings), recorded)
+            for name in config.by
+        }
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "task": first["task"],
+            "task_kwargs": first.get("task_kwargs", {}),
+            "recorded_in": first["simulator"],
+            "recorded_versions": first.get("versions", {}),
+            "replayed_in": config.simulator,
+            "versions": provenance.package_versions(),
+            "control_hz": float(env.control_hz),
+            "num_episodes": len(recordings),
+            "replays": replays,
+            "note": config.note,
+            "created": provenance.now(),
+            "command": provenance.command_line(["roboverse_learn/replay.py", *command_words()]),
+        }
+    finally:
+        env.close()
+
+
+if __name__ == "__main__":
+    from roboverse_learn.cli import script
+
+    script("replay")
