@@ -35,6 +35,7 @@ def row_key(result: Result) -> dict[str, Any]:
     """Returns what the runs of one row share: everything but the training seed."""
     return {
         "policy": result.policy,
+        "transferred_from": transferred_from(result),
         "train_level": result.train_level,
         "train_only": result.train_only,
         "cameras": " and ".join(result.cameras) or None,
@@ -44,6 +45,16 @@ def row_key(result: Result) -> dict[str, Any]:
         "protocol_hash": result.protocol.hash,
         "policy_config": result.config.get("policy"),
     }
+
+
+def transferred_from(result: Result) -> str | None:
+    """Returns where the policy was trained, ``"mujoco, drawn by warp"``, if it was tested somewhere else."""
+    run = result.config.get("run")
+    trained = run if isinstance(run, Mapping) else result.config
+    simulator, renderer = trained.get("simulator"), trained.get("renderer")
+    if not simulator or not renderer or (simulator, renderer) == (result.simulator, result.renderer):
+        return None
+    return f"{simulator}, drawn by {renderer}"
 
 
 def group_runs(entries: Iterable[Entry]) -> list[list[Entry]]:
@@ -161,7 +172,10 @@ def _videos(results_dir: Path, path: str) -> list[dict[str, Any]]:
 
 
 def name_rows(rows: Sequence[dict[str, Any]]) -> None:
-    """Names every row by its policy and by as much more as tells it from the others, in place."""
+    """Names every row in place: policy, where it was transferred from, and what else tells it apart."""
+    for row in rows:
+        if row["transferred_from"] is not None:
+            row["label"] += f", trained in {row['transferred_from']}"
     for name, text in _DISTINGUISHING.items():
         same: dict[str, list[dict[str, Any]]] = {}
         for row in rows:

@@ -87,6 +87,24 @@ def test_what_is_not_comparable_is_another_section(publish, tmp_path, change):
     assert not any(section["comparisons"] for section in sections)
 
 
+def test_a_policy_in_another_simulator_is_a_row_of_that_simulator(publish, tmp_path):
+    """Sim to sim: tested where it was not trained, beside what was trained there."""
+    home, away = {"simulator": "mujoco", "renderer": "warp"}, {"simulator": "sapien", "renderer": "sapien"}
+    publish(config={"policy": {}, **home}, **home)
+    publish(run="moved", config={"command": {}, "policy": {}, "run": home}, **away)
+    publish(run="drawn", config={"command": {}, "policy": {}, "run": home}, **(home | {"renderer": "sapien"}))
+    publish(run="native", config={"policy": {}, **away}, **away)
+    found = {
+        (section["simulator"], section["renderer"]): {row["label"] for row in section["rows"]}
+        for section in leaderboard.build(tmp_path)["sections"]
+    }
+    assert found == {
+        ("mujoco", "warp"): {"act"},
+        ("mujoco", "sapien"): {"act, trained in mujoco, drawn by warp"},
+        ("sapien", "sapien"): {"act", "act, trained in mujoco, drawn by warp"},
+    }
+
+
 def test_policies_are_paired_on_their_episodes(publish, tmp_path):
     publish(rates=(1.0,) * 4, protocol=Protocol(episodes=12))
     publish(policy="diffusion", rates=(0.0,) * 4, protocol=Protocol(episodes=8))
