@@ -23,7 +23,7 @@ from roboverse_learn.compose import (
     to_values,
 )
 
-REQUIRED = {"evaluate": ["checkpoint=runs/x"]}
+REQUIRED = {"evaluate": ["checkpoint=runs/x"], "replay": ["dataset=datasets/x"]}
 QUICK = settings(max_examples=40, deadline=None)
 
 
@@ -55,6 +55,7 @@ def another(key: str, value: Any) -> Any:
         "train.lr_backbone": 1e-6,
         "source": "maniskill",
         "replay": "controls",
+        "by": ["states"],
         "train.ema": True,
         "train.compile": False,
         "train.time_limit_s": 12.5,
