@@ -16,7 +16,7 @@ from envs.randomization.splits import SPLITS
 if TYPE_CHECKING:
     import numpy as np
 
-VERSION = "v1"
+VERSION = "v2"
 """The version that this code evaluates: changed whenever an episode of it would change."""
 
 CHANNELS_ALONE = tuple(name for name in CHANNELS if name != "task")

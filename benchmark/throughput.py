@@ -81,19 +81,23 @@ def measure_step(task: str, *, turns: int = 15, num_steps: int = 100) -> Measure
     phase = np.arange(num_steps)[:, None] / 10
     actions = (rest + 0.1 * np.sin(phase + np.arange(len(rest)))).astype(np.float32)
     actions = np.clip(actions, *model.actuator_ctrlrange.T)
+    share = np.arange(1, decimation + 1)[:, None] / decimation
+    begin = np.concatenate([[rest], actions[:-1]])
+    way = begin[:, None] * (1.0 - share) + actions[:, None] * share  # (num_steps, decimation, nu)
 
     def ours() -> None:
         for action in actions:
             env.step(action)
 
     def bare() -> None:
-        for action in actions:
-            data.ctrl[:] = action
-            mujoco.mj_step(model, data, nstep=decimation)
+        for targets in way.reshape(-1, way.shape[-1]):
+            data.ctrl[:] = targets
+            mujoco.mj_step(model, data)
 
     times = []
     for turn in range(turns + 1):
         env.reset(options={"episode": int(env.batch.split_indices[turn])})
+        handler.set_joint_targets({env.batch.scenario.robots[0].name: rest[None]})
         (start,) = handler.snapshot()
         mujoco.mj_resetData(model, data)
         data.qpos[:], data.mocap_pos[:], data.mocap_quat[:] = start.qpos, start.mocap_pos, start.mocap_quat

@@ -1,7 +1,5 @@
 """N environments of one task, stepped together: a handler, a task and a randomizer."""
 
-import dataclasses
-import hashlib
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -11,6 +9,7 @@ import torch
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
+from envs.digest import episode_digest
 from envs.errors import ConfigError, unknown_name
 from envs.handlers.hybrid import make_handler
 from envs.observations import LazyPixels
@@ -105,6 +104,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
             split=self.split,
             seed=protocol_seed,
             library=library,
+            scenario=self.task.scenario,
         )
         self.handler = make_handler(
             simulator,
@@ -124,7 +124,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         self.elapsed_steps = np.zeros(num_envs, np.int64)
         self.returns = np.zeros(num_envs)
         self._instructions = [self.task.description] * num_envs
-        self._hashes = [""] * num_envs
+        self._began: list[tuple[State, int, Appearance] | None] = [None] * num_envs
         self._over = np.zeros(num_envs, bool)
         self._rngs = [np.random.default_rng(i) for i in range(num_envs)]
         self._make_spaces(AutoresetMode(autoreset_mode))
@@ -184,7 +184,11 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
 
     def initial_state_hash(self, env_id: int) -> str:
         """Returns the first 16 hex digits of the SHA-256 of how the present episode began and looks."""
-        return self._hashes[env_id]
+        began = self._began[env_id]
+        if began is None:
+            return ""
+        states, row, look = began
+        return episode_digest(states.select([row]), look)
 
     def instruction(self, env_id: int) -> str:
         """Returns the instruction of the present episode."""
@@ -226,7 +230,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
             self.handler.set_appearance(looks[row], env_id)
             words = channel_rng(self.protocol_seed, "instruction", episode)
             self._instructions[env_id] = self.task.instruction(words)
-            self._hashes[env_id] = _digest(states.select([row]), looks[row])
+            self._began[env_id] = (states, row, looks[row])
         self.episodes[env_ids] = episodes
         self.elapsed_steps[env_ids] = 0
         self.returns[env_ids] = 0.0
@@ -263,8 +267,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         return self.handler.get_states(env_ids)
 
     def _advance(self, env_ids: np.ndarray | None, actions: np.ndarray) -> StepResult:
-        self.controller.apply(self.handler, actions, env_ids)
-        self.handler.step(self._substeps, env_ids)
+        self.controller.advance(self.handler, actions, self._substeps, env_ids)
         self._states = states = self.handler.get_states(env_ids)
         rows = slice(None) if env_ids is None else env_ids
         self.elapsed_steps[rows] += 1
@@ -384,14 +387,3 @@ def row_of(observation: Mapping[str, Any], env_id: int) -> dict[str, Any]:
         else:
             out[key] = value[env_id]
     return out
-
-
-def _digest(state: State, appearance: Appearance) -> str:
-    sha = hashlib.sha256()
-    for key, value in sorted(state.flatten().items()):
-        sha.update(key.encode())
-        sha.update(np.ascontiguousarray(torch.as_tensor(value).numpy()).tobytes())
-    # The size of a picture is no part of an episode.
-    cameras = {n: dataclasses.replace(c, width=1, height=1) for n, c in appearance.cameras.items()}
-    sha.update(repr(dataclasses.replace(appearance, cameras=cameras)).encode())
-    return sha.hexdigest()[:16]

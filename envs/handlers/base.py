@@ -100,6 +100,30 @@ class Handler(ABC):
                 simulator whose environments cannot be stopped alone restarts and counts them instead.
         """
 
+    def step_towards(
+        self, targets: Mapping[str, Tensor | np.ndarray], num_steps: int, env_ids: EnvIds = None
+    ) -> None:
+        """Advances by ``num_steps`` physics steps while the targets of joints move evenly to ``targets``.
+
+        In step k of n a target lies k/n of the way from where it was; in the last it is there. An arm that
+        is told so moves without the jerk of a jump, which shakes what its fingers hold.
+
+        Args:
+            targets: Robot to position targets (n, J); see :meth:`set_joint_targets`.
+            num_steps: Physics steps.
+            env_ids: Environments.
+        """
+        states = self.get_states(env_ids)
+        for index in range(1, num_steps + 1):
+            moved = {}
+            for name, target in targets.items():
+                start = states.robots[name].joint_target
+                assert start is not None, "a simulator gives every robot's targets"
+                end = torch.as_tensor(target, dtype=start.dtype, device=start.device)
+                moved[name] = torch.lerp(start, end, index / num_steps)
+            self.set_joint_targets(moved, env_ids)
+            self.step(1, env_ids)
+
     @abstractmethod
     def set_appearance(self, appearance: Appearance, env_id: int) -> None:
         """Says how the environment ``env_id`` looks from now on."""

@@ -188,6 +188,12 @@ class HybridHandler(Handler):
     def step(self, num_steps: int, env_ids: EnvIds = None) -> None:
         self.physics.step(num_steps, env_ids)
 
+    @override
+    def step_towards(
+        self, targets: Mapping[str, Tensor | np.ndarray], num_steps: int, env_ids: EnvIds = None
+    ) -> None:
+        self.physics.step_towards(targets, num_steps, env_ids)
+
     # -- pictures -----------------------------------------------------------------------------------
 
     @override

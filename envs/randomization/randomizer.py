@@ -7,6 +7,7 @@ from typing import Any
 
 from envs.errors import ConfigError, unknown_name
 from envs.randomization.cameras import place_camera
+from envs.randomization.furniture import Placement, draw_furniture, furnish
 from envs.randomization.levels import CHANNELS
 from envs.randomization.lights import (
     LightingCfg,
@@ -19,7 +20,7 @@ from envs.randomization.lights import (
 from envs.randomization.materials import MaterialLibrary
 from envs.randomization.seeding import channel_rng
 from envs.randomization.splits import Split, load_split
-from envs.scenario import SURFACES, Appearance, CameraCfg, SurfaceMaterial
+from envs.scenario import SURFACES, Appearance, CameraCfg, ScenarioCfg, SurfaceMaterial
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,11 +31,15 @@ class EnvironmentDraw:
         textures: Surface to material.
         size_m: Surface to the side of the square that one copy of its texture covers.
         table_yaw_rad: Rotation of the table top.
+        layout: Layout of the furniture, or None without a room.
+        furniture: What stands where.
     """
 
     textures: Mapping[str, str]
     size_m: Mapping[str, float]
     table_yaw_rad: float
+    layout: str | None = None
+    furniture: tuple[Placement, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +67,8 @@ class Randomizer:
         seed: The protocol's seed.
         library: Materials; the procedural ones by default.
         lighting: Ranges of the lighting channel.
+        scenario: Whose room is furnished, with every camera that it may be seen through; without it the
+            environment channel has no furniture.
 
     Raises:
         UnknownNameError: if a channel or the split does not exist.
@@ -77,6 +84,7 @@ class Randomizer:
         seed: int,
         library: MaterialLibrary | None = None,
         lighting: LightingCfg | None = None,
+        scenario: ScenarioCfg | None = None,
     ) -> None:
         for channel in channels:
             if channel not in CHANNELS:
@@ -88,6 +96,7 @@ class Randomizer:
         self.split = split if isinstance(split, Split) else load_split(split, library)
         self.seed = seed
         self.lighting = lighting or LightingCfg()
+        self.scenario = scenario
 
     def appearance(self, episode: int) -> Appearance:
         """Returns how the scene looks in an episode; at level 0 exactly the base.
@@ -98,7 +107,10 @@ class Randomizer:
         self._check(episode)
         appearance = self.base
         if "environment" in self.channels:
-            appearance = _furnish(appearance, self._environment(episode))
+            draw = self._environment(episode)
+            appearance = _cover(appearance, draw)
+            if self.scenario is not None:
+                appearance = replace(appearance, furniture=furnish(self.scenario, draw.furniture))
         if "camera" in self.channels:
             poses = self._camera(episode)
             moved = {c.name: place_camera(c, poses[c.name]) for c in self.cameras if c.name in poses}
@@ -116,7 +128,8 @@ class Randomizer:
         self._check(episode)
         draws: dict[str, Any] = {}
         if "environment" in self.channels:
-            draws["environment"] = asdict(self._environment(episode))
+            draws["environment"] = drawn = asdict(self._environment(episode))
+            drawn["furniture"] = list(drawn["furniture"])
         if "camera" in self.channels:
             draws["camera"] = self._camera(episode)
         if "lighting" in self.channels:
@@ -139,7 +152,12 @@ class Randomizer:
             names = self.split.materials[surface]
             textures[surface] = names[int(rng.integers(len(names)))]
             sizes[surface] = float(rng.uniform(*self.library.size_range_m(textures[surface], surface)))
-        return EnvironmentDraw(textures, sizes, float(rng.uniform(0.0, 2 * math.pi)))
+        yaw = float(rng.uniform(0.0, 2 * math.pi))
+        if self.scenario is None or self.scenario.room is None:
+            return EnvironmentDraw(textures, sizes, yaw)
+        own = channel_rng(self.seed, "environment/furniture", episode)
+        layout, furniture = draw_furniture(own, self.split.layouts, self.split.furniture)
+        return EnvironmentDraw(textures, sizes, yaw, layout, furniture)
 
     def _camera(self, episode: int) -> dict[str, str]:
         rng = channel_rng(self.seed, "camera", episode)
@@ -153,7 +171,7 @@ class Randomizer:
         return LightingDraw(lights, {surface: draw_reflection(rng) for surface in (*SURFACES, "objects")})
 
 
-def _furnish(appearance: Appearance, draw: EnvironmentDraw) -> Appearance:
+def _cover(appearance: Appearance, draw: EnvironmentDraw) -> Appearance:
     """Gives every surface its drawn material; how it reflects stays."""
     materials = dict(appearance.materials)
     for surface in SURFACES:

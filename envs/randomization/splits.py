@@ -1,7 +1,7 @@
 """The frozen 90/10 splits: which episodes, materials and camera poses are for training, which for testing.
 
-A split file never changes once results name it: ``splits/v1.json`` holds the lists themselves and a
-SHA-256 over them, checked on every load. Another pool, library or grid is another file, ``v2.json``.
+A split file never changes once results name it: ``splits/v2.json`` holds the lists themselves and a
+SHA-256 over them, checked on every load. Another pool, library or grid is another file, ``v3.json``.
 ``python -m envs.randomization.splits`` draws the lists again and checks that they are the file's.
 
 Light and reflection are drawn from continuous ranges by the episode's index. As no episode is in both
@@ -27,6 +27,7 @@ from envs.errors import ConfigError, RoboVerseError, unknown_name
 from envs.randomization import procedural
 from envs.randomization.cameras import CAMERA_POSES
 from envs.randomization.materials import MaterialLibrary
+from envs.randomization.pieces import LAYOUTS, PIECES
 from envs.randomization.procedural.noise import Stream
 from envs.scenario import SURFACES
 
@@ -34,7 +35,10 @@ logger = logging.getLogger(__name__)
 
 SPLITS = ("train", "test")
 POOL_SIZE = 10_000
-VERSION = "v1"
+_FIRST_VERSION = "v1"
+"""Seeds the lists of every version, so that what both have stays on its side."""
+
+VERSION = "v2"
 FOLDER = Path(__file__).parent / "splits"
 
 
@@ -49,6 +53,8 @@ class Split:
         episodes: Indices in the pool of episodes, sorted, read-only (num_episodes,) int64.
         materials: Surface to the names of its materials.
         cameras: Names of camera poses.
+        furniture: Names of pieces of furniture.
+        layouts: Names of layouts of furniture.
     """
 
     name: str
@@ -57,6 +63,8 @@ class Split:
     episodes: np.ndarray
     materials: Mapping[str, tuple[str, ...]]
     cameras: tuple[str, ...]
+    furniture: tuple[str, ...]
+    layouts: tuple[str, ...]
 
     def __contains__(self, episode: int) -> bool:
         at = int(np.searchsorted(self.episodes, episode))
@@ -92,6 +100,8 @@ def load_split(name: str, library: MaterialLibrary | None = None, *, version: st
         episodes=episodes,
         materials=MappingProxyType(materials),
         cameras=tuple(content["cameras"][name]),
+        furniture=tuple(content["furniture"][name]),
+        layouts=tuple(content["layouts"][name]),
     )
 
 
@@ -130,14 +140,14 @@ def split_by_hash(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
 
 
 def draw_content() -> dict[str, Any]:
-    """Draws the lists of :data:`VERSION` from its name alone.
+    """Draws the lists of :data:`VERSION` from nothing but names.
 
     One of every ten neighbours is for testing, so that every family of materials, the frontal and the
     side views, and every part of the pool have their share.
     """
 
     def divide(label: str, items: Sequence[Any]) -> dict[str, list[Any]]:
-        stream = Stream("split", VERSION, label)
+        stream = Stream("split", _FIRST_VERSION, label)
         tens = range(0, len(items), 10)
         test = {start + stream.integer(0, min(10, len(items) - start) - 1) for start in tens}
         return {
@@ -151,6 +161,8 @@ def draw_content() -> dict[str, Any]:
         "pool": POOL_SIZE,
         "test_episodes": divide("episodes", range(POOL_SIZE))["test"],
         "cameras": divide("cameras", list(CAMERA_POSES)),
+        "furniture": divide("furniture", PIECES),
+        "layouts": divide("layouts", LAYOUTS),
         "materials": {
             surface: divide(surface, procedural.surface_names(i)) for i, surface in enumerate(SURFACES)
         },
@@ -205,8 +217,8 @@ def render_content(content: Mapping[str, Any]) -> str:
         if key == "materials":
             inner = [f'    "{s}": {{\n{_sides(v, 6)}\n    }}' for s, v in value.items()]
             lines.append('  "materials": {\n' + ",\n".join(inner) + "\n  }")
-        elif key == "cameras":
-            lines.append(f'  "cameras": {{\n{_sides(value, 4)}\n  }}')
+        elif key in ("cameras", "furniture", "layouts"):
+            lines.append(f'  "{key}": {{\n{_sides(value, 4)}\n  }}')
         else:
             lines.append(f'  "{key}": {json.dumps(value)}')
     return "{\n" + ",\n".join(lines) + "\n}\n"

@@ -125,6 +125,11 @@ class ScenarioCfg:
         if double:
             raise ConfigError(f"A scenario's names must be unique; used twice: {', '.join(double)}.")
 
+    @property
+    def floor_z(self) -> float:
+        """Height of the ground, m: below the table, or 0."""
+        return 0.0 if self.table is None else self.table.pos[2] - self.table.height_m
+
     def seen_by(self, cameras: Sequence[str] | None = None, image_size: int | None = None) -> "ScenarioCfg":
         """Returns this scene with some of its cameras.
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from envs.scenario.objects import GeomCfg
 from envs.scenario.units import Vec3
 
 SURFACES = ("table", "wall", "ground")
@@ -96,6 +97,8 @@ class Appearance:
         table_yaw_rad: Rotation of the table top about z.
         object_reflection: ``(roughness, specular, metallic)`` of every object and robot, or None for
             what the scenario says.
+        furniture: Place of the room to the geoms of what stands there, in the world's frame; only seen.
+            See :mod:`envs.scenario.places` for the places, and how many geoms each can have.
     """
 
     materials: Mapping[str, SurfaceMaterial] = field(default_factory=dict)
@@ -103,3 +106,4 @@ class Appearance:
     lights: tuple[LightCfg, ...] = ()
     table_yaw_rad: float = 0.0
     object_reflection: Vec3 | None = None
+    furniture: Mapping[str, tuple[GeomCfg, ...]] = field(default_factory=dict)

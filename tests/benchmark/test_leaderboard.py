@@ -40,7 +40,7 @@ def test_a_row_by_hand(publish, tmp_path):
     assert (first["episodes"], first["successes"], first["success_rate"]) == (10, 10, 1.0)
     assert first["ci_low"] == pytest.approx(wilson(10, 10)[0], abs=1e-6)
     assert row["mean_test"]["success_rate"] == 0.5
-    assert row["runs"][0]["path"] == "v1/PickCube/act/act-s0.json"
+    assert row["runs"][0]["path"] == "v2/PickCube/act/act-s0.json"
 
 
 def test_seeds_are_one_row_and_other_methods_are_not(publish, tmp_path):
@@ -137,14 +137,14 @@ def test_bytes_do_not_depend_on_the_order_of_writing(publish, make_result, tmp_p
     names = (leaderboard.JSON_NAME, leaderboard.MARKDOWN_NAME, leaderboard.HTML_NAME)
     leaderboard.write(tmp_path)
     before = [(tmp_path / name).read_bytes() for name in names]
-    plot = (tmp_path / "plots" / "v1-pickcube-mujoco-warp.png").read_bytes()
+    plot = (tmp_path / "plots" / "v2-pickcube-mujoco-warp.png").read_bytes()
     for policy in ("diffusion", "act"):
         path = result_path(tmp_path, make_result(policy=policy))
         path.unlink()
         publish(policy=policy)
     leaderboard.write(tmp_path)
     assert [(tmp_path / name).read_bytes() for name in names] == before
-    assert (tmp_path / "plots" / "v1-pickcube-mujoco-warp.png").read_bytes() == plot
+    assert (tmp_path / "plots" / "v2-pickcube-mujoco-warp.png").read_bytes() == plot
 
 
 def test_golden_markdown(publish, tmp_path):
@@ -250,8 +250,8 @@ def test_page_shows_videos_that_exist(publish, tmp_path):
     page = parse(leaderboard.write(tmp_path)["html"])
     videos = [attributes for tag, attributes in page.elements if tag == "video"]
     assert [video["src"] for video in videos] == [
-        "v1/PickCube/act/act-s0/camera-train-4-success.mp4",
-        "v1/PickCube/act/act-s0/level3-test-9001-failure.mp4",
+        "v2/PickCube/act/act-s0/camera-train-4-success.mp4",
+        "v2/PickCube/act/act-s0/level3-test-9001-failure.mp4",
     ]
     assert "poster" not in videos[0]
     assert videos[1]["poster"].endswith("9001-failure.png")

@@ -44,7 +44,7 @@ def edit(path, change):
 
 
 def test_a_result_has_its_place(written, tmp_path):
-    assert written[0] == tmp_path / "v1" / "PickCube" / "act" / "act-s0.json"
+    assert written[0] == tmp_path / "v2" / "PickCube" / "act" / "act-s0.json"
 
 
 def test_round_trip(written):

@@ -8,6 +8,7 @@ import torch
 
 from envs.errors import MissingExtraError, UnknownNameError
 from envs.handlers import HANDLERS
+from envs.handlers.base import Handler
 from envs.handlers.hybrid import HybridHandler
 from envs.tasks.pick_cube import PickCube
 
@@ -146,6 +147,33 @@ def test_joints_go_to_their_targets_in_the_scenarios_order(handler):
     handler.step(1500)
     reached = handler.get_states().robots["franka"].joint_pos.cpu()
     assert (reached - target).abs().max() < 5e-3
+
+
+def test_targets_that_move_evenly_are_there_in_the_last_step(handler):
+    """Told in one call or step by step, an arm makes the same way."""
+    start = handler.get_states()
+    goal = start.robots["franka"].joint_pos.cpu().numpy() + 0.02
+    goal[:, 7:] = 0.03  # inside of the fingers' range
+    handler.step_towards({"franka": goal}, 4)
+    together = handler.get_states()
+    handler.set_states(start)
+    Handler.step_towards(handler, {"franka": goal}, 4)
+    apart = handler.get_states()
+    np.testing.assert_array_equal(
+        together.robots["franka"].joint_target.cpu(), apart.robots["franka"].joint_target.cpu()
+    )
+    np.testing.assert_allclose(
+        together.robots["franka"].joint_pos.cpu(), apart.robots["franka"].joint_pos.cpu(), atol=1e-5
+    )
+    handler.set_states(start)
+    handler.step_towards({"franka": goal[:1]}, 4, [0])
+    alone = handler.get_states()
+    np.testing.assert_array_equal(
+        alone.robots["franka"].joint_pos[0].cpu(), together.robots["franka"].joint_pos[0].cpu()
+    )
+    np.testing.assert_array_equal(
+        alone.robots["franka"].joint_pos[1:].cpu(), start.robots["franka"].joint_pos[1:].cpu()
+    )
 
 
 def test_targets_are_clipped_to_the_joints_ranges(handler):

@@ -162,7 +162,7 @@ def test_only_what_is_asked_for_is_drawn(renderer, job):
 
 
 def test_names_are_those_of_the_scene(renderer):
-    assert renderer.segmentation_names == ("franka", "cube", "goal", "table", "wall", "ground")
+    assert renderer.segmentation_names == ("franka", "cube", "goal", "table", "wall", "ground", "furniture")
 
 
 def test_the_same_job_gives_the_same_picture(renderer, job):

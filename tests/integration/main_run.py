@@ -43,5 +43,5 @@ class MainRun:
             run=run,
             dataset=folder / read_facts(run, "collect")["folder"],
             checkpoint=run / "checkpoints/last/pretrained_model",
-            result=folder / "results/v1/PickCube/act" / f"{run.name}.json",
+            result=folder / "results/v2/PickCube/act" / f"{run.name}.json",
         )

@@ -128,7 +128,7 @@ def test_our_command_evaluates_what_lerobot_trained(
     checkpoint = commands.folder / "trained/checkpoints/last/pretrained_model"
     words = ["levels=[0]", "splits=[test]", "episodes=1", "videos=0", "device=cpu", "task=PickCube"]
     assert cli.main(["evaluate", f"checkpoint={checkpoint}", f"results_dir={tmp_path}", *words]) == 0
-    (path,) = (tmp_path / "v1/PickCube/act").glob("*.json")
+    (path,) = (tmp_path / "v2/PickCube/act").glob("*.json")
     result = read_result(path)
     assert (result.policy, result.image_size, len(result.records)) == ("act", 32, 1)
     assert result.train_level is None  # nothing says what it was trained on

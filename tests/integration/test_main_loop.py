@@ -23,7 +23,7 @@ def run(main_run: MainRun, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_loop_leaves_behind_all_that_it_promises(run: Path) -> None:
-    result = read_result(Path("results/v1/PickCube/act") / f"{run.name}.json")
+    result = read_result(Path("results/v2/PickCube/act") / f"{run.name}.json")
     assert [str(cell.cell) for cell in result.cells()] == ["level 0, test split", "level 3, test split"]
     assert result.cells()[1].channels == ("task", "environment", "camera", "lighting")
     assert (result.train_level, result.demonstrations, result.checkpoint.step) == (0, 4, 12)
@@ -33,7 +33,7 @@ def test_the_loop_leaves_behind_all_that_it_promises(run: Path) -> None:
     for path in ("leaderboard.json", "leaderboard.md", "leaderboard.html"):
         assert (Path("results") / path).stat().st_size > 0
     assert list(Path("results/plots").glob("*.png"))
-    videos = list((Path("results/v1/PickCube/act") / run.name).glob("*.mp4"))
+    videos = list((Path("results/v2/PickCube/act") / run.name).glob("*.mp4"))
     assert {video.name.split("-")[0] for video in videos} == {"level0", "level3"}
     assert (run / "losses.png").exists()
     assert [
@@ -43,7 +43,7 @@ def test_the_loop_leaves_behind_all_that_it_promises(run: Path) -> None:
 
 def test_the_same_command_again_repeats_nothing(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     paths = [
-        Path("results/v1/PickCube/act") / f"{run.name}.json",
+        Path("results/v2/PickCube/act") / f"{run.name}.json",
         run / "checkpoints/last/pretrained_model" / WEIGHTS,
     ]
     before = [path.stat().st_mtime_ns for path in paths]
@@ -56,8 +56,8 @@ def test_a_checkpoint_is_evaluated_alone(run: Path, capsys: pytest.CaptureFixtur
     words = ["levels=[]", "alone=[camera]", "splits=[test]", "episodes=1", "videos=0", "device=cpu"]
     assert cli.main(["evaluate", f"checkpoint={run}", *words]) == 0
     assert "camera alone" in capsys.readouterr().out
-    (path,) = set(Path("results/v1/PickCube/act").glob("*.json")) - {
-        Path("results/v1/PickCube/act") / f"{run.name}.json"
+    (path,) = set(Path("results/v2/PickCube/act").glob("*.json")) - {
+        Path("results/v2/PickCube/act") / f"{run.name}.json"
     }
     result = read_result(path)
     assert result.run.startswith(run.name) and result.image_size == read_config(run).image_size == 32

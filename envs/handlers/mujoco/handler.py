@@ -1,5 +1,6 @@
 """MuJoCo on CPU: N environments of one model, stepped by native threads."""
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import override
@@ -206,7 +207,32 @@ class MujocoHandler(Handler):
         try:
             self._running.step(env_ids, nstep=num_steps, stage=_POSITION_STAGE)
         except SimulationError as error:
-            raise SimulatorError(f"MuJoCo stopped in environments {error.ids.tolist()}: {error}") from error
+            raise _stopped(error) from error
+        self._check_finite(env_ids)
+
+    @override
+    def step_towards(
+        self, targets: Mapping[str, Tensor | np.ndarray], num_steps: int, env_ids: EnvIds = None
+    ) -> None:
+        rows = slice(None) if env_ids is None else np.asarray(env_ids)
+        start = self._ctrl[rows].copy()
+        self.set_joint_targets(targets, env_ids)
+        share = self._shares(num_steps)
+        way = start[:, None] * (1.0 - share) + self._ctrl[rows][:, None] * share  # (n, num_steps, nu)
+        try:
+            self._running.rollout(num_steps, way, record=(), ids=env_ids)
+            self._running.forward(env_ids, stage=_POSITION_STAGE)
+        except SimulationError as error:
+            raise _stopped(error) from error
+        self._check_finite(env_ids)
+
+    @staticmethod
+    @functools.cache
+    def _shares(num_steps: int) -> np.ndarray:
+        """Returns how much of its way a target has made in each step, (num_steps, 1)."""
+        return np.arange(1, num_steps + 1)[:, None] / num_steps
+
+    def _check_finite(self, env_ids: EnvIds) -> None:
         rows = slice(None) if env_ids is None else np.asarray(env_ids)
         # The sum is finite exactly when every entry is (no overflow at physical magnitudes).
         if not np.isfinite(self._qpos[rows].sum()):
@@ -291,6 +317,10 @@ class MujocoHandler(Handler):
         if self._renderer is not None:
             self._renderer.close()
         self._renderer = self._batch = None
+
+
+def _stopped(error: SimulationError) -> SimulatorError:
+    return SimulatorError(f"MuJoCo stopped in environments {error.ids.tolist()}: {error}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,11 +10,13 @@ import numpy as np
 from envs.assets import resolve
 from envs.errors import ConfigError, unknown_name
 from envs.handlers.mujoco.files import keep_only, read
+from envs.handlers.mujoco.furniture import add_furniture_slots
 from envs.handlers.mujoco.meshes import VISUAL_GROUP, simplify_visuals
 from envs.handlers.mujoco.objects import HIDDEN_GROUP, SCENE_GROUP, SHAPES, add_object, add_pull
 from envs.handlers.mujoco.options import MujocoSettings
 from envs.rotations import look_at_matrix
 from envs.scenario import IDENTITY, SURFACES, BodyCfg, CameraCfg, PhysicsCfg, RobotCfg, ScenarioCfg
+from envs.scenario.places import WALL_HALF_THICKNESS_M
 
 MAX_LIGHTS = 8
 """One distant light and an array of up to seven lamps."""
@@ -110,7 +112,7 @@ def _add_surfaces(spec: mujoco.MjSpec, scenario: ScenarioCfg) -> None:
         material = spec.add_material(name=surface)
         material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = surface
     world, table, room = spec.worldbody, scenario.table, scenario.room
-    ground_z = 0.0 if table is None else table.pos[2] - table.height_m
+    ground_z = scenario.floor_z
     half = scenario.ground_half_size_m if room is None else room.half_size_m
     world.add_geom(
         name="ground",
@@ -122,6 +124,7 @@ def _add_surfaces(spec: mujoco.MjSpec, scenario: ScenarioCfg) -> None:
     )
     if room is not None:
         _add_walls(spec, half, room.height_m, ground_z)
+        add_furniture_slots(spec, room.half_size_m, ground_z)
     if table is not None:
         size = (*table.half_size, table.thickness_m / 2)
         centre = (table.pos[0], table.pos[1], table.pos[2] - table.thickness_m / 2)
@@ -144,7 +147,7 @@ def _add_surfaces(spec: mujoco.MjSpec, scenario: ScenarioCfg) -> None:
 
 
 def _add_walls(spec: mujoco.MjSpec, half: float, height: float, ground_z: float) -> None:
-    thickness = 0.05
+    thickness = WALL_HALF_THICKNESS_M
     for name, x, y in (("x+", 1, 0), ("x-", -1, 0), ("y+", 0, 1), ("y-", 0, -1)):
         spec.worldbody.add_geom(
             name=f"wall_{name}",

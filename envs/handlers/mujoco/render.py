@@ -2,7 +2,7 @@
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -10,9 +10,10 @@ import mujoco
 import numpy as np
 
 from envs.handlers.base import TextureSource
+from envs.handlers.mujoco.furniture import FURNITURE, FurnitureSlots
 from envs.handlers.mujoco.model import MAX_LIGHTS, OBJECT_MATERIAL, TABLE_BODY, TEXTURE_SIZE, camera_quat
 from envs.rotations import from_yaw
-from envs.scenario import SURFACES, Appearance, CameraCfg, LightCfg, ScenarioCfg, SurfaceMaterial
+from envs.scenario import SURFACES, Appearance, CameraCfg, GeomCfg, LightCfg, ScenarioCfg, SurfaceMaterial
 
 AMBIENT_FRACTION = 0.3
 """Share of each light that reaches every surface, for the light that walls throw back."""
@@ -102,6 +103,8 @@ class Stage:
         model: The copy.
         data: Its data; positions of geoms, cameras and lights are current after :meth:`pose`.
         surface_textures: Surface to the name of its present texture, or None.
+        furniture: Slots for the furniture of the room.
+        furnished: What stands in the room at present.
     """
 
     def __init__(self, model: mujoco.MjModel, scenario: ScenarioCfg) -> None:
@@ -113,6 +116,8 @@ class Stage:
         self._looks = self.model.material(OBJECT_MATERIAL).id
         self._default_reflection = (0.6, 0.3, 0.0)
         self._table = self.model.body(TABLE_BODY).mocapid[0] if scenario.table is not None else -1
+        self.furniture = FurnitureSlots(model)
+        self.furnished: Mapping[str, tuple[GeomCfg, ...]] = {}
         self._extents = _surface_extents(scenario)
         self._dressed: Appearance | None = None
         self.surface_textures: dict[str, str | None] = dict.fromkeys(SURFACES)
@@ -134,7 +139,7 @@ class Stage:
         return changed
 
     def dress(self, appearance: Appearance) -> None:
-        """Writes an appearance to the model's materials, lights and cameras."""
+        """Writes an appearance to the model's materials, lights, cameras and furniture."""
         base = self._scenario.appearance
         for surface in SURFACES:
             material = appearance.materials.get(surface) or base.materials.get(surface) or SurfaceMaterial()
@@ -145,6 +150,9 @@ class Stage:
             self._set_light(slot, lights[slot] if slot < len(lights) else None)
         for camera in self._scenario.cameras:
             self._set_camera(appearance.cameras.get(camera.name, camera))
+        if appearance.furniture != self.furnished:
+            self.furniture.furnish(self.model, appearance.furniture)
+            self.furnished = appearance.furniture
         self._dressed = appearance
 
     def _set_surface(self, surface: str, material: SurfaceMaterial) -> None:
@@ -233,7 +241,7 @@ def _surface_extents(scenario: ScenarioCfg) -> dict[str, tuple[float, float]]:
 
 def segmentation_of_geoms(model: mujoco.MjModel, scenario: ScenarioCfg) -> tuple[tuple[str, ...], np.ndarray]:
     """Returns the names, and for each geom id its index among them; the last entry, for id -1, is -1."""
-    names = (*(r.name for r in scenario.robots), *(o.name for o in scenario.objects), *SURFACES)
+    names = (*(r.name for r in scenario.robots), *(o.name for o in scenario.objects), *SURFACES, FURNITURE)
     index = {name: position for position, name in enumerate(names)}
     of_geom = np.full(model.ngeom + 1, -1, np.int32)
     for geom in range(model.ngeom):

@@ -2,7 +2,7 @@
 
 import ctypes
 import ctypes.util
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, override
 
 import mujoco
@@ -13,7 +13,7 @@ from envs.handlers.mujoco.meshes import VISUAL_GROUP
 from envs.handlers.mujoco.model import MAX_LIGHTS
 from envs.handlers.mujoco.objects import SCENE_GROUP
 from envs.handlers.mujoco.render import Renderer, RenderJob, Stage, metres_of_reversed_depth, texture_of
-from envs.scenario import SURFACES
+from envs.scenario import SURFACES, GeomCfg
 
 LUX_PER_INTENSITY = 60_000.0
 """Illuminance of a distant light of intensity 1: Filament's default exposure shows white as white."""
@@ -25,7 +25,7 @@ _SCENE = "scene"
 
 
 class FilamentRenderer(Renderer):
-    """One Vulkan context; materials follow an appearance, textures by a new scene."""
+    """One Vulkan context; materials follow an appearance, textures and furniture by a new scene."""
 
     not_shown = ("lamp_shape",)
 
@@ -49,6 +49,7 @@ class FilamentRenderer(Renderer):
         self._camera = mujoco.MjvCamera()
         self._camera.type = int(mujoco.mjtCamera.mjCAMERA_FIXED)
         self._uploaded: dict[str, str | None] | None = None
+        self._furnished: Mapping[str, tuple[GeomCfg, ...]] = {}
         self._drawn: Any = None
         self._buffers: dict[tuple[str, str], np.ndarray] = {}
 
@@ -77,7 +78,8 @@ class FilamentRenderer(Renderer):
             model.light_intensity[slot] = brightest * unit if model.light_active[slot] else 0.0
             if brightest > 0:
                 model.light_diffuse[slot] /= brightest
-        if self._uploaded == self._stage.surface_textures:
+        furniture = self._stage.furnished
+        if self._uploaded == self._stage.surface_textures and self._furnished == furniture:
             return
         for surface in SURFACES:
             texture = model.texture(surface)
@@ -85,7 +87,7 @@ class FilamentRenderer(Renderer):
             first = int(model.tex_adr[texture.id])
             pixels = texture_of(self._stage.surface_textures[surface], self.textures)
             model.tex_data[first : first + size] = pixels.ravel()
-        self._uploaded = dict(self._stage.surface_textures)
+        self._uploaded, self._furnished = dict(self._stage.surface_textures), furniture
         self._build_scene()
 
     def _build_scene(self) -> None:

@@ -28,6 +28,8 @@ _LIGHT_FIELDS = (
     "light_exponent",
 )
 _MATERIAL_FIELDS = ("mat_rgba", "mat_specular", "mat_shininess", "mat_texrepeat", "mat_texid")
+_FURNITURE_FIELDS = ("geom_size", "geom_rgba")
+_LOOKS = (*_LIGHT_FIELDS, *_MATERIAL_FIELDS, *_FURNITURE_FIELDS)
 _POSE_FIELDS = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
 
 
@@ -107,7 +109,9 @@ class _Tracer:
     def draw(self, job: RenderJob, out: dict, index: int) -> None:
         """Draws one job into row ``index`` of ``out``."""
         if self._stage.pose(job):
-            self._copy(self._stage.model, self._model, (*_LIGHT_FIELDS, *_MATERIAL_FIELDS))
+            self._copy(
+                self._stage.model, self._model, (*_LIGHT_FIELDS, *_MATERIAL_FIELDS, *_FURNITURE_FIELDS)
+            )
             self._upload_textures()
         self._copy(self._stage.data, self._data, _POSE_FIELDS)
         self._mjw.refit_bvh(self._model, self._data, self._context)

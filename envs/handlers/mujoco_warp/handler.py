@@ -257,10 +257,22 @@ class MujocoWarpHandler(Handler):
         Raises:
             SimulatorError: if a buffer for contacts or constraints was too small; it names the setting.
         """
+        self._step(num_steps, env_ids, None)
+
+    @override
+    def step_towards(
+        self, targets: Mapping[str, Tensor | np.ndarray], num_steps: int, env_ids: EnvIds = None
+    ) -> None:
+        with self.on.scope():
+            start = self._running.views.ctrl.clone()
+        self.set_joint_targets(targets, env_ids)
+        self._step(num_steps, env_ids, start)
+
+    def _step(self, num_steps: int, env_ids: EnvIds, start: Tensor | None) -> None:
         worlds = self._running
         with self.on.scope():
             some = env_ids is not None and len(env_ids) < self.num_envs
-            lost = worlds.step(num_steps, self.on.rows(env_ids) if some else None)
+            lost = worlds.step(num_steps, self.on.rows(env_ids) if some else None, start)
         if len(lost):
             logger.warning(
                 "The state of environments %s was no longer finite: back to where they began. Check the "

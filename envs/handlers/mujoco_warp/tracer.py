@@ -60,9 +60,11 @@ class BatchTracer:
         with device.scope(), contextlib.redirect_stdout(io.StringIO()):
             self._model = put_model(self._mj, dict.fromkeys(PER_WORLD, self._capacity))
             self._data = mjw.make_data(self._mj, nworld=self._capacity, nconmax=1, njmax=1)
-        self._qpos, self._mocap_pos, self._mocap_quat = (
-            device.tensor(getattr(self._data, name)) for name in ("qpos", "mocap_pos", "mocap_quat")
+        self._qpos, self._mocap_pos, self._mocap_quat, self._geom_xpos, self._geom_xmat = (
+            device.tensor(getattr(self._data, name))
+            for name in ("qpos", "mocap_pos", "mocap_quat", "geom_xpos", "geom_xmat")
         )
+        self._slots = torch.from_numpy(stage.furniture.geoms).to(device.torch)
         self._table = int(self._mj.body(TABLE_BODY).mocapid[0]) if scenario.table is not None else -1
         self._contexts: dict[tuple, _Context] = {}
         self._textures: TextureTable | None = None
@@ -98,7 +100,10 @@ class BatchTracer:
             for first in range(0, len(appearances), self._capacity):
                 part = slice(first, min(first + self._capacity, len(appearances)))
                 count = part.stop - part.start
-                self._wardrobe.wear(appearances[part])
+                if self._wardrobe.wear(appearances[part]):
+                    # The tracer's own kinematics leaves alone what is fixed to the world.
+                    self._geom_xpos[:, self._slots] = self._wardrobe.furniture_pos
+                    self._geom_xmat[:, self._slots] = self._wardrobe.furniture_mat
                 self._qpos[:count] = qpos[part]
                 self._mocap_pos[:count] = mocap_pos[part]
                 self._mocap_quat[:count] = mocap_quat[part]

@@ -14,7 +14,7 @@ from envs.handlers.mujoco.model import OBJECT_MATERIAL
 from envs.handlers.mujoco.render import Stage
 from envs.handlers.mujoco_warp.device import Device
 from envs.handlers.mujoco_warp.textures import TextureTable
-from envs.rotations import from_yaw
+from envs.rotations import from_yaw, to_matrix
 from envs.scenario import SURFACES, Appearance
 
 LIGHTS = (
@@ -31,15 +31,16 @@ LIGHTS = (
 )
 MATERIALS = ("mat_rgba", "mat_specular", "mat_shininess", "mat_texrepeat")
 CAMERAS = ("cam_pos", "cam_quat")
+FURNITURE = ("geom_size", "geom_rgba")
 TEXTURES = "mat_texid"
 
-PER_WORLD = (*LIGHTS, *MATERIALS, *CAMERAS, TEXTURES)
+PER_WORLD = (*LIGHTS, *MATERIALS, *CAMERAS, *FURNITURE, TEXTURES)
 """Fields of the model of which every world has its own."""
 
 _RGB = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
 
 _KEPT_APPEARANCES = 4096
-"""Appearances whose arrays are kept, a few KiB each."""
+"""Appearances whose arrays are kept, about 10 KiB each."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -63,6 +64,8 @@ class Wardrobe:
 
     Attributes:
         table_quat: Orientation of each world's table top, (num_worlds, 4).
+        furniture_pos: Positions of its furniture's geoms, (num_worlds, num_slots, 3).
+        furniture_mat: Their orientations, (num_worlds, num_slots, 3, 3).
     """
 
     def __init__(
@@ -72,12 +75,16 @@ class Wardrobe:
         self._fields = {name: device.tensor(getattr(model, name)) for name in PER_WORLD}
         self._surfaces = [stage.model.material(surface).id for surface in SURFACES]
         self._materials = [*self._surfaces, stage.model.material(OBJECT_MATERIAL).id]
+        self._slots = stage.furniture.geoms
         self._worn: list[_Look | None] = [None] * num_worlds
         self._looks: OrderedDict[int, _Look] = OrderedDict()
         self.table_quat = torch.zeros((num_worlds, 4), device=device.torch)
+        self.furniture_pos = torch.zeros((num_worlds, len(self._slots), 3), device=device.torch)
+        self.furniture_mat = torch.zeros((num_worlds, len(self._slots), 3, 3), device=device.torch)
+        self._poses = {name: getattr(self, name) for name in ("table_quat", "furniture_pos", "furniture_mat")}
 
-    def wear(self, appearances: Sequence[Appearance]) -> None:
-        """Makes the first worlds look like this, one appearance each."""
+    def wear(self, appearances: Sequence[Appearance]) -> bool:
+        """Makes the first worlds look like this, one appearance each; returns whether that changed any."""
         worn = self._worn
         rows = [
             row
@@ -85,7 +92,7 @@ class Wardrobe:
             if (look := worn[row]) is None or look.appearance is not appearance
         ]
         if not rows:
-            return
+            return False
         looks = [self._look(appearances[row]) for row in rows]
         for row, look in zip(rows, looks, strict=True):
             worn[row] = look
@@ -95,8 +102,13 @@ class Wardrobe:
         columns = torch.tensor(self._materials, device=self._device.torch)
         for name in MATERIALS:
             self._fields[name][index[:, None], columns] = self._stacked(looks, name, torch.float32)
-        self.table_quat[index] = self._stacked(looks, "table_quat", torch.float32)
+        columns = torch.from_numpy(self._slots).to(self._device.torch)
+        for name in FURNITURE:
+            self._fields[name][index[:, None], columns] = self._stacked(looks, name, torch.float32)
+        for name, kept in self._poses.items():
+            kept[index] = self._stacked(looks, name, torch.float32)
         self._wear_textures(index, looks)
+        return True
 
     def _wear_textures(self, index: Tensor, looks: Sequence[_Look]) -> None:
         names = [name for look in looks for name in look.textures]
@@ -119,6 +131,9 @@ class Wardrobe:
         model = self._stage.model
         values = {name: np.array(getattr(model, name)) for name in (*LIGHTS, *CAMERAS)}
         values |= {name: getattr(model, name)[self._materials].copy() for name in MATERIALS}
+        values |= {name: getattr(model, name)[self._slots].copy() for name in FURNITURE}
+        values["furniture_pos"] = model.geom_pos[self._slots].copy()
+        values["furniture_mat"] = to_matrix(model.geom_quat[self._slots])
         values["table_quat"] = from_yaw(appearance.table_yaw_rad)
         textures = tuple(self._stage.surface_textures[surface] for surface in SURFACES)
         look = self._looks[id(appearance)] = _Look(appearance, values, textures)

@@ -8,6 +8,7 @@ from typing import Any
 import mujoco
 import mujoco_warp as mjw
 import torch
+import warp as wp
 from torch import Tensor
 
 from envs.errors import SimulatorError
@@ -30,6 +31,17 @@ _SETTING_OF = {
 """Which setting is too small. The other flags are no buffers of ours: iteration limits, sensors."""
 
 _BUFFERS = int(sum(_SETTING_OF))
+
+
+@wp.kernel
+def _come_nearer(left: Any):
+    left[0] = left[0] - 1
+
+
+@wp.kernel
+def _move_targets(goal: Any, way: Any, left: Any, ctrl: Any):
+    world, actuator = wp.tid()  # type: ignore[misc] (as many indices as the launch has dimensions)
+    ctrl[world, actuator] = goal[world, actuator] - float(left[0]) * way[world, actuator]
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +109,12 @@ class Worlds:
         self._overflow = device.tensor(self.data.overflow)
         self.num_resets = torch.zeros(num_envs, dtype=torch.int64, device=device.torch)
         self._start = {name: value.clone() for name, value in self._state.items()}
+        self._goal = wp.zeros_like(self.data.ctrl)
+        self._way = wp.zeros_like(self.data.ctrl)
+        self._left = wp.zeros(1, dtype=wp.int32, device=device.warp)
         self._step = device.capture(lambda: mjw.step(self.model, self.data))
+        self._launch_targets()  # kernels that fit any array are compiled for ours before they are recorded
+        self._step_on_the_way = device.capture(self._launch_on_the_way)
         self._pose = device.capture(lambda: mjw.kinematics(self.model, self.data))
 
     def begin(self, rows: Any) -> None:
@@ -113,8 +130,29 @@ class Worlds:
         """Brings the positions of bodies and sites up to date with ``qpos``."""
         self._pose.launch()
 
-    def step(self, num_steps: int, rows: Any = None) -> Tensor:
+    def _launch_on_the_way(self) -> None:
+        self._launch_targets()
+        mjw.step(self.model, self.data)
+
+    def _launch_targets(self) -> None:
+        data = self.data
+        wp.launch(_come_nearer, 1, inputs=[self._left], device=self._device.warp)
+        wp.launch(
+            _move_targets,
+            data.ctrl.shape,
+            inputs=[self._goal, self._way, self._left],
+            outputs=[data.ctrl],
+            device=self._device.warp,
+        )
+
+    def step(self, num_steps: int, rows: Any = None, start: Tensor | None = None) -> Tensor:
         """Steps the worlds ``rows`` (None: all, the fast way) by ``num_steps``.
+
+        Args:
+            num_steps: How often.
+            rows: Indices of worlds.
+            start: Targets of all actuators (N, nu) that were; they move evenly from there to those that are
+                set, and are there in the last step. None holds those that are set.
 
         Returns:
             Indices of worlds whose state was no longer finite and that are back at their start.
@@ -124,7 +162,14 @@ class Worlds:
         """
         frozen = None if rows is None else self._others(rows)
         kept = {k: v.clone() for k, v in self._state.items() if k not in _INPUTS} if rows is not None else {}
-        self._step.launch(num_steps)
+        if start is None:
+            self._step.launch(num_steps)
+        else:
+            tensor = self._device.tensor
+            tensor(self._goal).copy_(self.views.ctrl)
+            tensor(self._way).copy_((self.views.ctrl - start) / num_steps)
+            tensor(self._left).fill_(num_steps)
+            self._step_on_the_way.launch(num_steps)
         if frozen is not None:
             for name, value in kept.items():
                 target = self._state[name]

@@ -184,7 +184,7 @@ def test_an_episode_of_the_other_split_is_refused(episode):
     episode = int(load_split("test").episodes[0]) if isinstance(episode, str) else episode
     for call in (randomizer.appearance, randomizer.draws):
         with pytest.raises(
-            ConfigError, match=rf"Episode {episode} is not in the split 'train' \(v1\), which has 9"
+            ConfigError, match=rf"Episode {episode} is not in the split 'train' \(v2\), which has 9"
         ):
             call(episode)
 

@@ -13,10 +13,11 @@ from envs.errors import ConfigError, UnknownNameError
 from envs.randomization import splits
 from envs.randomization.cameras import CAMERA_POSES
 from envs.randomization.materials import MaterialLibrary
+from envs.randomization.pieces import LAYOUTS, PIECES
 from envs.scenario import SURFACES
 
-FROZEN = splits.FOLDER / "v1.json"
-DIGEST_OF_V1 = "14f4d093f63affcec476b8ee7bd073e1b3175413b60ab0f7cd7cc7615751c078"
+FROZEN = splits.FOLDER / "v2.json"
+DIGEST_OF_V2 = "0cc341358cc82803e5a64e232f84c8048302a17632c959053915fd38e658d66c"
 
 
 @pytest.fixture(scope="module")
@@ -24,8 +25,8 @@ def sides():
     return splits.load_split("train"), splits.load_split("test")
 
 
-def test_v1_is_what_it_was_when_the_first_result_was_published(sides):
-    assert {side.digest for side in sides} == {DIGEST_OF_V1}
+def test_v2_is_what_it_was_when_the_first_result_was_published(sides):
+    assert {side.digest for side in sides} == {DIGEST_OF_V2}
 
 
 def test_the_file_is_what_its_command_draws():
@@ -36,6 +37,8 @@ def test_every_list_is_divided_90_to_10(sides):
     train, test = sides
     assert (len(train.episodes), len(test.episodes)) == (9000, 1000)
     assert (len(train.cameras), len(test.cameras)) == (53, 6)
+    assert (len(train.furniture), len(test.furniture)) == (216, 24)
+    assert (len(train.layouts), len(test.layouts)) == (54, 6)
     counts = {s: (len(train.materials[s]), len(test.materials[s])) for s in SURFACES}
     assert counts == {"table": (270, 30), "wall": (135, 15), "ground": (135, 15)}
 
@@ -46,6 +49,9 @@ def test_the_sides_are_disjoint_and_together_everything(sides):
     assert not np.intersect1d(train.episodes, test.episodes).size
     assert set(train.cameras) | set(test.cameras) == set(CAMERA_POSES)
     assert not set(train.cameras) & set(test.cameras)
+    for name, everything in (("furniture", PIECES), ("layouts", LAYOUTS)):
+        assert sorted(getattr(train, name) + getattr(test, name)) == sorted(everything)
+        assert {item.split("-")[0] for item in getattr(test, name)} == {i.split("-")[0] for i in everything}
     library = MaterialLibrary.built_in()
     for surface in SURFACES:
         assert set(train.materials[surface]) | set(test.materials[surface]) == set(library.names[surface])
@@ -74,37 +80,37 @@ def test_a_split_must_be_named(name):
 
 
 def test_an_unknown_version_lists_the_versions():
-    with pytest.raises(UnknownNameError, match=r"Unknown split version 'v9'.*Valid: v1"):
+    with pytest.raises(UnknownNameError, match=r"Unknown split version 'v9'.*Valid: v2"):
         splits.load_split("train", version="v9")
 
 
 def test_a_changed_file_is_refused(tmp_path):
     content = json.loads(FROZEN.read_text())
     content["test_episodes"][0] += 1
-    path = tmp_path / "v1.json"
+    path = tmp_path / "v2.json"
     path.write_text(json.dumps(content))
     with pytest.raises(
-        ConfigError, match=r"v1.json' was changed: its content has SHA-256 \w{64}, it says 14f4"
+        ConfigError, match=r"v2.json' was changed: its content has SHA-256 \w{64}, it says 0cc3"
     ):
         splits.read_content(path)
 
 
 @pytest.mark.parametrize("text", ["", "{", "[1, 2]", '{"version": "v1"}'])
 def test_a_damaged_file_is_refused_with_what_to_do(tmp_path, text):
-    path = tmp_path / "v1.json"
+    path = tmp_path / "v2.json"
     path.write_text(text)
     with pytest.raises(ConfigError, match="Restore the file"):
         splits.read_content(path)
 
 
 def test_layout_of_the_file_does_not_matter_but_its_content_does(tmp_path):
-    path = tmp_path / "v1.json"
+    path = tmp_path / "v2.json"
     path.write_text(json.dumps(json.loads(FROZEN.read_text()), indent=3))
     assert splits.read_content(path) == splits.draw_content()
 
 
 def test_freezing_writes_once_and_never_overwrites(tmp_path):
-    path = tmp_path / "v1.json"
+    path = tmp_path / "v2.json"
     assert splits.freeze(path)
     assert path.read_text() == FROZEN.read_text()
     assert not splits.freeze(path)
@@ -113,13 +119,13 @@ def test_freezing_writes_once_and_never_overwrites(tmp_path):
     with pytest.raises(ConfigError, match="is frozen, and the lists drawn now differ"):
         splits.freeze(path)
     assert json.loads(path.read_text())["pool"] == 5
-    assert [entry.name for entry in tmp_path.iterdir()] == ["v1.json"]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["v2.json"]
 
 
 def test_the_command_checks_the_file_and_exits_2_when_it_is_wrong(tmp_path):
     assert splits.main([]) == 0
-    (tmp_path / "v1.json").write_text("{}")
-    assert splits.main(["--path", str(tmp_path / "v1.json")]) == 2
+    (tmp_path / "v2.json").write_text("{}")
+    assert splits.main(["--path", str(tmp_path / "v2.json")]) == 2
 
 
 def test_hashing_divides_about_90_to_10_and_adding_a_picture_moves_no_other():
