@@ -114,7 +114,8 @@ class Task(ABC):
         """
         robot = state.robots[self.scenario.robots[0].name]
         assert robot.joint_target is not None, "a simulator gives every robot's targets"
-        return torch.cat((robot.joint_pos, robot.joint_vel, robot.joint_target, self.observe(state)), dim=-1)
+        known = self.observe(state).to(robot.joint_pos)
+        return torch.cat((robot.joint_pos, robot.joint_vel, robot.joint_target, known), dim=-1)
 
     @property
     def planner(self) -> "Planner":

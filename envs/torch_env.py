@@ -1,0 +1,240 @@
+"""N environments of one task as batched tensors, for agents that learn by reward.
+
+Shapes: N environments, D entries of an observation, A entries of an action, K initial states.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from envs.errors import ConfigError
+from envs.handlers import HANDLERS
+from envs.outcomes import outcome, solved
+from envs.randomization import channel_rng, load_split
+from envs.state import State
+from envs.tasks import TASKS
+
+BANK_SIZE = 4096
+"""Initial states that are kept on the device; drawing one takes Python about 50 µs."""
+
+
+class EnvStep(NamedTuple):
+    """What a control step did to every environment.
+
+    Attributes:
+        obs: What is seen next, (N, D): already of the new episode where one is over.
+        reward: What the agent learns from, (N,).
+        terminated: The episode is over for good: nothing comes after it, (N,) bool.
+        truncated: The episode was cut off: its value goes on with ``final_obs``, (N,) bool.
+        final_obs: The last observation of the episode that the step belongs to, (N, D).
+        success: Whether the episode is solved, (N,) bool.
+    """
+
+    obs: Tensor
+    reward: Tensor
+    terminated: Tensor
+    truncated: Tensor
+    final_obs: Tensor
+    success: Tensor
+
+
+class EpisodeStatistics(NamedTuple):
+    """Means over the episodes that ended since the last call.
+
+    Attributes:
+        episodes: Their number; the means are NaN where it is 0.
+        episode_return: Return, of the task's own reward.
+        length: Control steps.
+        success_rate: Share that was solved.
+    """
+
+    episodes: int
+    episode_return: float
+    length: float
+    success_rate: float
+
+
+class BatchedEnv(Protocol):
+    """What the adapters in :mod:`envs.adapters` take: this module's class, or a test's chain of states."""
+
+    num_envs: int
+    device: torch.device
+    observation_size: int
+    action_size: int
+    max_episode_steps: int
+    elapsed_steps: Tensor
+
+    def reset(self, mask: Tensor | None = None) -> Tensor:
+        """Starts new episodes everywhere, or where ``mask`` (N,) says so; returns observations (N, D)."""
+        ...
+
+    def step(self, actions: Tensor) -> EnvStep:
+        """Steps every environment."""
+        ...
+
+    def seed(self, seed: int) -> None:
+        """Seeds what is drawn from now on."""
+        ...
+
+    def close(self) -> None:
+        """Frees the simulator."""
+        ...
+
+
+class TorchVectorEnv:
+    """A task for an agent that learns by reward: tensors in, tensors out, on the simulator's device.
+
+    Actions are those of the task's ``rl_controller``, observations those of ``rl_observation``, float32.
+    An episode that is over starts anew in the same step. Episodes begin at states that the task drew for
+    episodes of the split, once; how they look is not drawn, for nothing is seen.
+
+    Reward: where success ends an episode, the agent is paid the task's reward less 1, which is what it
+    would get if it stayed solved for ever at 1 a step, moved by a constant: going on next to the goal, at
+    nearly 1 a step, never pays more than reaching it. A failure pays for the steps that are left.
+    :meth:`pop_statistics` tells the task's own return. ``shift_reward=False`` pays the task's own reward.
+
+    Args:
+        task: Name of a task.
+        num_envs: N.
+        simulator: Name of a simulator.
+        split: ``"train"`` or ``"test"``: of which episodes the initial states are.
+        device: Where tensors come out; the simulator's device by default.
+        seed: Seeds which initial states are drawn.
+        max_episode_steps: Control steps after which an episode is cut off; the task's by default.
+        task_kwargs: Options of the task.
+        shift_reward: See above.
+        protocol_seed: Seed of the episodes.
+        bank_size: K, initial states that are drawn.
+        num_threads: Threads of the simulator; 0 means one per core.
+        simulator_settings: Replaces keys of the scenario's block of settings of this simulator.
+    """
+
+    def __init__(
+        self,
+        task: str,
+        num_envs: int,
+        *,
+        simulator: str = "mujoco",
+        split: str = "train",
+        device: str | torch.device | None = None,
+        seed: int = 0,
+        max_episode_steps: int | None = None,
+        task_kwargs: Mapping[str, Any] | None = None,
+        shift_reward: bool = True,
+        protocol_seed: int = 0,
+        bank_size: int = BANK_SIZE,
+        num_threads: int = 0,
+        simulator_settings: Mapping[str, Any] | None = None,
+    ) -> None:
+        if num_envs < 1:
+            raise ConfigError(f"num_envs must be at least 1, given {num_envs}.")
+        self.task = TASKS.get(task)(**(task_kwargs or {}))
+        self.num_envs = num_envs
+        scenario = self.task.scenario
+        if simulator_settings:
+            block = {**scenario.simulators.get(simulator, {}), **simulator_settings}
+            scenario = dataclasses.replace(scenario, simulators={**scenario.simulators, simulator: block})
+        self.handler = HANDLERS.get(simulator)(scenario, num_envs, num_threads=num_threads)
+        self.handler.launch()
+        self.controller = self.task.rl_controller
+        self.device = torch.device(device) if device is not None else self.handler.device
+        self.action_size = len(self.controller.names)
+        self.max_episode_steps = max_episode_steps or self.task.max_episode_steps
+        self._substeps = scenario.physics.decimation
+        self._shift = 1.0 if shift_reward and self.task.ends_on_success else 0.0
+        self._bank = self._draw_bank(split, protocol_seed, bank_size)
+        self._bank_size = self._bank.num_envs
+        zeros = torch.zeros(num_envs, device=self.device)
+        self.elapsed_steps, self.returns = zeros.long(), zeros.clone()
+        self._sums = torch.zeros(4, device=self.device, dtype=torch.float64)
+        self.seed(seed)
+        self.observation_size = self.reset().shape[-1]
+
+    def _draw_bank(self, split: str, protocol_seed: int, size: int) -> State:
+        episodes = load_split(split).episodes
+        if size < len(episodes):
+            episodes = episodes[:: len(episodes) // size][:size]
+        rngs = [channel_rng(protocol_seed, "task", int(episode)) for episode in episodes]
+        return self.task.initial_state(rngs).to(self.handler.device, self.handler.dtype)
+
+    def seed(self, seed: int) -> None:
+        """Seeds which initial states are drawn from now on."""
+        self._generator = torch.Generator(self.handler.device).manual_seed(seed)
+
+    @torch.no_grad()
+    def reset(self, mask: Tensor | None = None) -> Tensor:
+        """Starts new episodes everywhere, or where ``mask`` (N,) says so; returns observations (N, D)."""
+        ids = torch.arange(self.num_envs) if mask is None else mask.nonzero()[:, 0]
+        if len(ids):
+            self._restart(ids)
+        return self._observe(self.handler.get_states())
+
+    @torch.no_grad()
+    def step(self, actions: Tensor) -> EnvStep:
+        """Steps every environment by one control step; ``actions`` (N, A) in [-1, 1]."""
+        self.controller.apply(self.handler, actions.detach().clamp(-1.0, 1.0).to(self.handler.device))
+        self.handler.step(self._substeps)
+        states = self.handler.get_states()
+        judged = outcome(self.task, states)
+        reward, terminated, success = (values.to(self.device) for values in judged)
+        reward = reward.float()
+        final_obs = self._observe(states)
+        self.elapsed_steps += 1
+        self.returns += reward
+        cut_off = self.elapsed_steps >= self.max_episode_steps
+        over = terminated | cut_off
+        success = solved(self.task, success, over, self.returns)
+        if self._shift:
+            left = (self.max_episode_steps - self.elapsed_steps) * (terminated & ~success)
+            reward = reward - 1.0 - left
+        self._count(over, success)
+        ids = over.nonzero()[:, 0]  # the one place where the host waits for the device
+        obs = final_obs
+        if len(ids):
+            self._restart(ids)
+            obs = self._observe(self.handler.get_states())
+        return EnvStep(obs, reward, terminated, cut_off & ~terminated, final_obs, success)
+
+    def _count(self, over: Tensor, success: Tensor) -> None:
+        done = over.double()
+        rows = (done, done * self.returns, done * self.elapsed_steps, done * success)
+        self._sums += torch.stack([row.sum() for row in rows])
+
+    def pop_statistics(self) -> EpisodeStatistics:
+        """Returns what the episodes came to that ended since the last call, and forgets them."""
+        count, *sums = self._sums.tolist()
+        self._sums.zero_()
+        means = [value / count if count else float("nan") for value in sums]
+        return EpisodeStatistics(int(count), *means)
+
+    def _restart(self, ids: Tensor) -> None:
+        device = self.handler.device
+        rows = torch.randint(self._bank_size, (len(ids),), generator=self._generator, device=device)
+        where: Any = ids.cpu().numpy() if device.type == "cpu" else ids
+        self.handler.set_states(self._bank.select(rows), where)
+        ids = ids.to(self.device)
+        self.elapsed_steps[ids] = 0
+        self.returns[ids] = 0.0
+
+    def stagger(self) -> None:
+        """Lets every environment be somewhere in its episode, so that not all of them end at once."""
+        generator = torch.Generator(self.device).manual_seed(int(self._generator.initial_seed()))
+        self.elapsed_steps = torch.randint(
+            self.max_episode_steps, (self.num_envs,), generator=generator, device=self.device
+        )
+
+    def _observe(self, states: State) -> Tensor:
+        return self.task.rl_observation(states).to(device=self.device, dtype=torch.float32)
+
+    def picture(self, env_id: int = 0) -> np.ndarray:
+        """Returns the first camera's picture of one environment, (H, W, 3) uint8."""
+        camera = self.task.scenario.cameras[0].name
+        return self.handler.render((camera,), ("rgb",), [env_id])[camera]["rgb"][0]
+
+    def close(self) -> None:
+        """Frees the simulator."""
+        self.handler.close()
