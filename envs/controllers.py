@@ -118,6 +118,37 @@ class JointDeltaController(Controller):
         return still.numpy()
 
 
+class NormalizedPositionController(Controller):
+    """An action is the position target of every driven joint of one robot, as a part of its range.
+
+    An entry of -1 is the least target of the joint's actuator, 1 the largest; what lies beyond is clipped.
+    This is HumanoidBench's control (``tasks.py``, ``unnormalize_action``).
+
+    Args:
+        robot: The robot.
+    """
+
+    def __init__(self, robot: RobotCfg) -> None:
+        joints = [robot.joints[index] for index in robot.driven]
+        self.names = tuple(joint.name for joint in joints)
+        self.low, self.high = -np.ones(len(joints), np.float32), np.ones(len(joints), np.float32)
+        limits = torch.tensor([joint.target_range or joint.range for joint in joints], dtype=torch.float64)
+        self._robot, self._middle, self._half = robot.name, limits.mean(1), (limits[:, 1] - limits[:, 0]) / 2
+
+    @override
+    def apply(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None) -> None:
+        given = torch.as_tensor(actions, device=handler.device).to(handler.dtype).clamp(-1.0, 1.0)
+        self._middle, self._half = self._middle.to(given), self._half.to(given)
+        handler.set_joint_targets({self._robot: self._middle + self._half * given}, env_ids)
+
+    @override
+    def hold(self, state: State) -> np.ndarray:
+        target = state.robots[self._robot].joint_target
+        assert target is not None, "a simulator gives every robot's targets"
+        middle, half = self._middle.to(target), self._half.to(target)
+        return ((target - middle) / half).cpu().numpy()
+
+
 class PulledHandController(Controller):
     """An action moves the object that pulls a robot's hand, and presses the fingers: x, y, z, gripper.
 

@@ -23,6 +23,8 @@ class CameraCfg:
         width: Pixels.
         height: Pixels.
         mount: Body that carries it, such as ``"franka/gripper/eef"``; None is the world.
+        turns: Whether it turns with ``mount``. If not it only goes along, at its distance in world axes when
+            the scene is at rest.
         up: Direction that points up in the picture, in the same frame.
         orbit_pos: Middle of the sphere on which the camera channel places it, m.
         orbit_yaw_rad: Where azimuth 0 of that sphere is, about world z from +x: where the robot faces.
@@ -35,6 +37,7 @@ class CameraCfg:
     width: int = 256
     height: int = 256
     mount: str | None = None
+    turns: bool = True
     up: Vec3 = (0.0, 0.0, 1.0)
     orbit_pos: Vec3 = (0.0, 0.0, 0.0)
     orbit_yaw_rad: float = 0.0

@@ -13,6 +13,7 @@ _ROBOSUITE = ("robosuite 1.5", "arXiv:2009.12293", "MIT")
 _LIBERO = ("LIBERO-object", "arXiv:2306.03310", "MIT; groceries are drawn by primitives")
 _RLBENCH = ("RLBench", "arXiv:1909.12271", "numbers alone; the box is RoboVerse's, Apache-2.0")
 _CALVIN = ("CALVIN", "arXiv:2112.03227", "MIT")
+_HUMANOID = ("HumanoidBench", "arXiv:2403.10506", "MIT; Unitree's H1 is BSD 3-Clause")
 _METAWORLD = ("Meta-World 3", "arXiv:1910.10897", "MIT")
 """Name, paper and licence of where a task comes from."""
 
@@ -74,6 +75,19 @@ TASKS.add(
     summary="pull the sliding door of a play table to the left by its handle",
     info=_facts(_CALVIN, "franka", 150),
 )
+for _name, _summary in {
+    "stand": "stand upright and keep still for 20 s",
+    "walk": "walk forwards at 1 m/s",
+    "run": "run forwards at 5 m/s",
+}.items():
+    TASKS.add(
+        f"humanoid/{_name}",
+        f"envs.tasks.humanoid.locomotion:{_name.title()}",
+        tags={"humanoid", "rl"},
+        extra="humanoid",
+        summary=_summary,
+        info=_facts(_HUMANOID, "h1", 1000),
+    )
 for _name, _summary in {
     "DrawerOpen": "pull a drawer open by its handle",
     "DrawerClose": "push an open drawer in",

@@ -1,7 +1,8 @@
 """The page of tasks, made from the registry, the classes and the experts' records.
 
 ``python -m envs.tasks.gallery`` writes ``docs/tasks.md`` and, for each task that has no picture yet, a strip
-of how an episode begins and how the expert ends it; ``--redraw PickCube`` draws one anew.
+of how an episode begins and how the expert ends it, or where half a second of random actions leads where
+there is no expert; ``--redraw PickCube`` draws one anew.
 """
 
 import argparse
@@ -26,6 +27,9 @@ from envs.tasks.base import Task
 logger = logging.getLogger(__name__)
 
 IMAGE_SIZE = 256
+RANDOM_S = 0.5
+"""How long a task without an expert is shown to go on."""
+
 MAX_BYTES = 20_000
 """Of a strip: the best JPEG quality that fits is taken."""
 
@@ -47,7 +51,8 @@ def page(names: Iterable[str] | None = None) -> str:
         "# Tasks",
         "This page is made by `python -m envs.tasks.gallery`; `roboverse list` shows the same facts. "
         "Expert success is that of the scripted expert at level 0, in the first episodes of the training "
-        "and of the test split. Pictures show the start of a training episode and the expert's success.",
+        "and of the test split. Pictures show the start of a training episode and the expert's success, or, "
+        f"of a task that is learned by reward alone, the start and {RANDOM_S:g} s of random actions later.",
     ]
     parts += [section(entry, records.get(entry.name)) for entry in families.pop("", [])]
     parts += [family_section(name, members, records) for name, members in families.items()]
@@ -68,7 +73,8 @@ def section(entry: Entry, record: ExpertRecord | None) -> str:
         "Robot": f"{info['robot']}; an action has {len(actions)} numbers, `{actions[0]}` to `{actions[-1]}`",
         "Cameras": cameras,
         "Horizon": f"{task.max_episode_steps} steps, {task.max_episode_steps / hz:g} s at {hz:g} Hz",
-        "Expert": described(record),
+        "Expert": described(record) if task.has_expert else "none: learned by reward",
+        **_bar(task),
         **{f"`task_kwargs.{key}`": text for key, text in options(cls).items()},
     }
     return "\n".join(
@@ -77,7 +83,7 @@ def section(entry: Entry, record: ExpertRecord | None) -> str:
             "",
             plain(class_text(cls)),
             "",
-            f"![{entry.name}: start and success]({picture_path(entry.name).as_posix()})",
+            f"![{entry.name}: {_shown(task)}]({picture_path(entry.name).as_posix()})",
             "",
             "| | |",
             "|---|---|",
@@ -86,6 +92,15 @@ def section(entry: Entry, record: ExpertRecord | None) -> str:
             plain(module.partition("\n\n")[2]) or plain(module),
         ]
     )
+
+
+def _bar(task: Task) -> dict[str, str]:
+    bar = task.success_return
+    return {} if bar is None else {"Success": f"a return of {bar:g} or more"}
+
+
+def _shown(task: Task) -> str:
+    return "start and success" if task.has_expert else "start and a little later"
 
 
 def family_section(name: str, members: Sequence[Entry], records: Mapping[str, ExpertRecord]) -> str:
@@ -149,13 +164,19 @@ def picture_path(name: str) -> Path:
 
 
 def draw_strip(name: str, *, renderer: str = "warp") -> np.ndarray:
-    """Returns the first camera's pictures of how an episode begins and of its success, (H, 2 W, 3) uint8.
+    """Returns the first camera's pictures of how an episode begins and ends, (H, 2 W, 3) uint8.
 
-    It is the first training episode that the expert solves.
+    It is the first training episode that the expert solves; of a task that has none, the first, and its end
+    is where random actions lead in :data:`RANDOM_S`.
 
     Raises:
         ConfigError: if the expert solves none of the first ten.
     """
+    return _drawn(name, renderer, _solved(name) if TASKS.get(name).has_expert else None)
+
+
+def _solved(name: str) -> tuple[int, np.ndarray]:
+    """Returns an episode that the expert solves, and its actions up to there."""
     from envs.experts.rollout import rollout
     from envs.vector_env import RoboVerseVectorEnv
 
@@ -167,12 +188,24 @@ def draw_strip(name: str, *, renderer: str = "warp") -> np.ndarray:
         states.close()
     if solved is None:
         raise ConfigError(f"The expert of {name} solves none of the episodes {episodes}: nothing to show.")
+    return solved.episode, solved.actions[: int(np.argmax(solved.rewards == 1.0)) + 1]
+
+
+def _drawn(name: str, renderer: str, solution: tuple[int, np.ndarray] | None) -> np.ndarray:
+    """Returns the pictures before and after an episode's actions; by default random ones in the first."""
+    from envs.vector_env import RoboVerseVectorEnv
+
     env = RoboVerseVectorEnv(name, 1, split="train", image_size=IMAGE_SIZE, renderer=renderer, num_threads=1)
     try:
         only = np.array([0])
-        env.reset_envs(only, np.array([solved.episode]))
+        if solution is None:
+            low, high = env.controller.low, env.controller.high
+            steps = round(RANDOM_S * env.control_hz)
+            solution = env.split_indices[0], np.random.default_rng(0).uniform(low, high, (steps, len(low)))
+        episode, actions = solution
+        env.reset_envs(only, np.array([episode]))
         start = _first_picture(env)
-        for action in solved.actions[: int(np.argmax(solved.rewards == 1.0)) + 1]:
+        for action in actions:
             env.step_envs(only, action[None])
         return np.concatenate([start, _first_picture(env)], axis=1)
     finally:

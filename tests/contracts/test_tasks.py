@@ -26,10 +26,9 @@ NAMES = [name for name in TASKS if "adapted" not in TASKS.entry(name).tags]
 @pytest.fixture(scope="module", params=NAMES)
 def env(request):
     try:
-        TASKS.get(request.param)
+        env = envs.make_vec(request.param, NUM_ENVS, split="test", observation="state")
     except MissingExtraError as error:
         pytest.skip(str(error))
-    env = envs.make_vec(request.param, NUM_ENVS, split="test", observation="state")
     yield env
     env.close()
 

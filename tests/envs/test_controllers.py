@@ -1,14 +1,22 @@
 """What actions mean."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
 
-from envs.controllers import JointDeltaController, JointPositionController, PulledHandController
+from envs.controllers import (
+    JointDeltaController,
+    JointPositionController,
+    NormalizedPositionController,
+    PulledHandController,
+)
 from envs.handlers.mujoco.handler import MujocoHandler
 from envs.robots.franka import FRANKA
 from envs.scenario import GeomCfg, ObjectCfg, ScenarioCfg
 from envs.state import EntityState
+from tests.contracts.walker import SCENARIO
 
 ROT = (0.5**0.5, 0.0, 0.5**0.5, 0.0)
 
@@ -119,3 +127,18 @@ def test_holding_keeps_the_hand_and_the_fingers(sawyer):
     after = sawyer.get_states()
     assert torch.equal(after.objects["target"].pos, before.objects["target"].pos)
     assert torch.equal(after.robots["sawyer"].joint_target, before.robots["sawyer"].joint_target)
+
+
+def test_normalized_positions_cover_the_range_of_the_targets():
+    scenario = dataclasses.replace(SCENARIO, cameras=())
+    controller = NormalizedPositionController(scenario.robots[0])
+    assert controller.names == ("right", "left")
+    with MujocoHandler(scenario, 3, num_threads=1) as handler:
+        handler.launch()
+        controller.apply(handler, np.array([[-1.0, 1.0], [0.0, 0.0], [-7.0, 7.0]]))
+        state = handler.get_states()
+        expected = [[-0.8, 0.6], [-0.1, -0.1], [-0.8, 0.6]]
+        np.testing.assert_allclose(state.robots["walker"].joint_target, expected, atol=1e-12)
+        controller.apply(handler, torch.tensor([[0.5, -0.5]]), [1])
+        held = controller.hold(handler.get_states())
+        np.testing.assert_allclose(held, [[-1.0, 1.0], [0.5, -0.5], [-1.0, 1.0]], atol=1e-6)

@@ -166,8 +166,10 @@ def _add_camera(spec: mujoco.MjSpec, camera: CameraCfg) -> None:
     if body is None:
         names = [body.name for body in spec.bodies]
         raise unknown_name(f"body that carries the camera '{camera.name}'", str(camera.mount), names)
+    going_along = mujoco.mjtCamLight.mjCAMLIGHT_TRACK
     body.add_camera(
         name=camera.name,
+        mode=mujoco.mjtCamLight.mjCAMLIGHT_FIXED if camera.turns else going_along,
         pos=camera.pos,
         quat=camera_quat(camera),
         fovy=camera.fovy_deg,

@@ -231,7 +231,7 @@ def metres_of_reversed_depth(depth: np.ndarray, near: float, far: float) -> np.n
 
 def _surface_extents(scenario: ScenarioCfg) -> dict[str, tuple[float, float]]:
     """Width and height, in metres, of what one unit of texture coordinates covers."""
-    half = 5.0 if scenario.room is None else scenario.room.half_size_m
+    half = scenario.ground_half_size_m if scenario.room is None else scenario.room.half_size_m
     height = 4.0 if scenario.room is None else scenario.room.height_m
     table = (1.0, 1.0)
     if scenario.table is not None:

@@ -8,7 +8,7 @@ import pytest
 
 from envs.errors import UnknownNameError
 from envs.handlers.mujoco.model import build_model
-from envs.scenario import SiteCfg
+from envs.scenario import CameraCfg, SiteCfg
 from tests.contracts.walker import MASS_KG, SCENARIO, WALKER
 
 
@@ -57,3 +57,17 @@ def test_unknown_bodies_are_refused():
         model_of(bodies=(trunk,))
     with pytest.raises(UnknownNameError, match=r"Unknown body of robot 'walker' 'lef_leg'"):
         model_of(sites=(SiteCfg(name="head", body="lef_leg", pos=(0.0, 0.0, 0.0)),))
+
+
+def test_a_camera_that_does_not_turn_only_goes_along():
+    camera = CameraCfg(
+        name="beside", mount="walker/trunk", turns=False, pos=(0.0, 2.0, 1.0), look_at=(0.0, 0.0, 0.0)
+    )
+    model = build_model(dataclasses.replace(SCENARIO, cameras=(camera,)))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    turned = data.cam_xmat[0].copy()
+    data.qpos[:7] = (3.0, -1.0, 0.5, 0.6, 0.0, 0.8, 0.0)
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.cam_xpos[0], (3.0, 1.0, 1.5), atol=1e-9)
+    np.testing.assert_allclose(data.cam_xmat[0], turned, atol=1e-9)

@@ -1,0 +1,1 @@
+"""HumanoidBench's locomotion tasks for the Unitree H1, as published."""

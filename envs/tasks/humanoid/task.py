@@ -1,0 +1,165 @@
+"""What HumanoidBench's tasks of the H1 share: scene, observation, control, ends, start."""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar, override
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from envs.body_tree import BodyTree
+from envs.controllers import Controller, NormalizedPositionController
+from envs.robots.h1 import STAND_HEIGHT_M, h1_of
+from envs.scenario import (
+    Appearance,
+    CameraCfg,
+    LightCfg,
+    ObjectCfg,
+    PhysicsCfg,
+    RobotCfg,
+    ScenarioCfg,
+    SurfaceMaterial,
+    Vec3,
+)
+from envs.state import EntityState, State
+from envs.tasks.base import Task
+from envs.tasks.humanoid.measures import Measures, measure
+
+ROBOT = "h1"
+
+RESET_NOISE = 0.01
+"""Half width of the uniform noise on every number of the initial ``qpos``: ``env.py``, DEFAULT_RANDOMNESS."""
+
+CONTROL_50_HZ = PhysicsCfg(timestep_s=0.002, decimation=10)
+"""``tasks.py``, frame_skip, and ``envs/h1_pos_walk.xml``, timestep."""
+
+SOLVER = {
+    "mujoco": {"integrator": "euler", "cone": "pyramidal", "impratio": 1.0, "iterations": 100},
+    "mujoco_warp": {"nconmax": 64, "njmax": 320},
+}
+"""MuJoCo's defaults, as the published scenes leave them. A robot on the ground has up to 40 contacts."""
+
+LOOKS = Appearance(
+    materials={
+        "ground": SurfaceMaterial(rgb=(0.62, 0.64, 0.66), roughness=0.9, specular=0.05),
+        "wall": SurfaceMaterial(rgb=(0.75, 0.75, 0.72), roughness=0.9, specular=0.0),
+    },
+    lights=(LightCfg(kind="distant", direction=(-0.3, -0.4, -1.0), intensity=0.8, cast_shadow=True),),
+)
+
+CAMERAS = (
+    CameraCfg(
+        name="front", mount=f"{ROBOT}/pelvis", turns=False, pos=(2.0, 3.0, 0.8), look_at=(0.0, 0.0, 0.0)
+    ),
+)
+"""``robots/h1_pos.xml``, cam_default: beside the robot, going along with it."""
+
+GROUND_HALF_SIZE_M = 20.0
+"""``common/floor.xml``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HumanoidTask(Task):
+    """A task of HumanoidBench.
+
+    An episode is a success when its return reaches the published bar; a fall ends it as a failure.
+
+    Attributes:
+        model: HumanoidBench's own folder of assets, whose robot is taken; empty is the one of the package
+            ``robosuite_models``, with the published numbers.
+    """
+
+    max_episode_steps: ClassVar[int] = 1000
+    ends_on_success: ClassVar[bool] = False
+    has_expert: ClassVar[bool] = False
+
+    start_pos: ClassVar[Vec3] = (0.0, 0.0, STAND_HEIGHT_M)
+    """Where the pelvis is at the start, m."""
+
+    fallen_below_m: ClassVar[float | None] = 0.2
+    """Height of the pelvis below which an episode is lost."""
+
+    model: str = ""
+
+    @property
+    def robot(self) -> RobotCfg:
+        """The H1."""
+        return dataclasses.replace(h1_of(self.model), pos=self.start_pos)
+
+    @property
+    def objects(self) -> tuple[ObjectCfg, ...]:
+        """What else is in the scene."""
+        return ()
+
+    @property
+    @override
+    def scenario(self) -> ScenarioCfg:
+        return ScenarioCfg(
+            robots=(self.robot,),
+            objects=self.objects,
+            cameras=CAMERAS,
+            appearance=LOOKS,
+            table=None,
+            room=None,
+            ground_half_size_m=GROUND_HALF_SIZE_M,
+            physics=CONTROL_50_HZ,
+            simulators=SOLVER,
+        )
+
+    @property
+    @override
+    def controller(self) -> Controller:
+        return NormalizedPositionController(self.robot)
+
+    @override
+    def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
+        """Returns the published posture with uniform noise on every number; quaternions are normalized."""
+        robot = self.robot
+        rest = np.array([*robot.pos, *robot.rot, *robot.default_qpos])
+        qpos = np.stack([rest + rng.uniform(-RESET_NOISE, RESET_NOISE, len(rest)) for rng in rngs])
+        rot = qpos[:, 3:7] / np.linalg.norm(qpos[:, 3:7], axis=-1, keepdims=True)
+        # Published episodes begin with targets of zero; the first action replaces them before a step.
+        return State({ROBOT: EntityState.at_rest(qpos[:, :3], rot, qpos[:, 7:])}, {})
+
+    @override
+    def success(self, state: State) -> Tensor:
+        """Returns False: the return decides."""
+        return torch.zeros(state.num_envs, dtype=torch.bool, device=state.device)
+
+    @override
+    def failure(self, state: State) -> Tensor:
+        if self.fallen_below_m is None:
+            return super().failure(state)
+        return state.robots[ROBOT].pos[:, 2] < self.fallen_below_m
+
+    def observe(self, state: State) -> Tensor:
+        """Returns all positions, then all velocities, as MuJoCo's ``qpos`` and ``qvel`` have them, (N, 51).
+
+        The robot's place, orientation and 19 joints, then what moves beside it; linear velocities are the
+        world's, angular ones the body's.
+        """
+        robot = state.robots[ROBOT]
+        moving = [state.objects[item.name] for item in self.objects if item.kind == "free"]
+        qpos = [robot.pos, robot.rot, robot.joint_pos]
+        qvel = [robot.lin_vel, robot.ang_vel, robot.joint_vel]
+        for item in moving:
+            qpos += [item.pos, item.rot]
+            qvel += [item.lin_vel, item.ang_vel]
+        return torch.cat([*qpos, *qvel], dim=-1)
+
+    @override
+    def rl_observation(self, state: State) -> Tensor:
+        return self.observe(state)
+
+    def measures(self, state: State) -> Measures:
+        """Returns what the rewards are made of."""
+        robot = state.robots[ROBOT]
+        return measure(_tree(self.robot, robot.pos.device, robot.pos.dtype), self.robot, robot)
+
+
+@lru_cache(maxsize=8)
+def _tree(robot: RobotCfg, device: torch.device, dtype: torch.dtype) -> BodyTree:
+    return BodyTree(robot, device, dtype)
