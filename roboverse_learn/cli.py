@@ -96,6 +96,10 @@ def _run(command: str, config: Any) -> None:
         from roboverse_learn.convert import convert_robot
 
         _show(convert_robot(config))
+    elif command == "conservation":
+        from roboverse_learn.conservation import conservation
+
+        _show(conservation(config))
     elif command == "replay":
         from roboverse_learn.replay import replay
 

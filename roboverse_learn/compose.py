@@ -16,6 +16,7 @@ import policies
 from envs.errors import ConfigError, UnknownNameError, suggest, unknown_name
 from roboverse_learn.config import (
     CollectConfig,
+    ConservationConfig,
     ConvertConfig,
     EvaluateConfig,
     LeaderboardConfig,
@@ -30,6 +31,7 @@ COMMANDS: dict[str, type] = {
     "leaderboard": LeaderboardConfig,
     "convert": ConvertConfig,
     "replay": ReplayConfig,
+    "conservation": ConservationConfig,
 }
 """Every command that takes ``key=value`` words, and what it can be told."""
 
@@ -170,6 +172,9 @@ def check_names(config: Any) -> None:
         drawn_by = registries["simulator"].names() if key == "renderer" else []
         if name and name not in registry and name not in drawn_by:
             raise unknown_name(key, name, [*registry.names(), *drawn_by])
+    for name in getattr(config, "simulators", ()):
+        if name not in registries["simulator"]:
+            raise unknown_name("simulator", name, registries["simulator"].names())
     if getattr(config, _OPEN, None) and config.task:
         task = registries["task"].get(config.task)
         options = [item.name for item in dataclasses.fields(task)]

@@ -278,6 +278,24 @@ class ReplayConfig:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class ConservationConfig:
+    """``roboverse conservation``: what each simulator keeps of momentum and energy.
+
+    Attributes:
+        simulators: Registered simulators, as in simulators=[mujoco]; empty takes all that are installed.
+        timestep_s: Time step of physics.
+        out: Folder of the results, plots and the page.
+    """
+
+    simulators: tuple[str, ...] = ()
+    timestep_s: float = 0.005
+    out: str = "docs/conservation"
+
+    def __post_init__(self) -> None:
+        _positive(timestep_s=self.timestep_s)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class LeaderboardConfig:
     """``roboverse leaderboard``: tables, plots and page from the result files alone.
 

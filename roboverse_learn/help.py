@@ -17,6 +17,7 @@ SUMMARIES = {
     "collect": "collect demonstrations of the expert into a LeRobot dataset",
     "evaluate": "evaluate a checkpoint over levels and splits",
     "replay": "replay recorded states and controls in another simulator, and say how far apart they are",
+    "conservation": "measure what each simulator keeps of momentum, angular momentum and kinetic energy",
     "leaderboard": "write tables, plots and the page from the result files",
     "convert": "write a robot as URDF or USD, its meshes beside it",
     "benchmark": "measure the speed of the parts, each against its reference",
@@ -35,6 +36,7 @@ EXAMPLES = {
         "roboverse evaluate checkpoint=… levels=[] alone=[camera,lighting] splits=[test]",
     ),
     "replay": ("roboverse replay dataset=datasets/PickCube/<name> simulator=mujoco_warp episodes=50",),
+    "conservation": ("roboverse conservation simulators=[mujoco,mujoco_warp]",),
     "leaderboard": ("roboverse leaderboard results_dir=results",),
     "convert": (
         "roboverse convert robot=franka to=usd out=franka_usd",

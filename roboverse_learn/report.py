@@ -91,6 +91,16 @@ def replay_report(summary: Mapping[str, Any], path: Path, page: Mapping[str, Pat
     return Group(Text("\n".join(lines)), _paths({"summary": path, "table": page["table"], "plots": plots}))
 
 
+def conservation_report(page: str, written: Mapping[str, Path]) -> Group:
+    """The table of what each simulator keeps, and where everything is."""
+    lines = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| ")]
+    table = Table(*lines[0])
+    for line in lines[1:]:
+        table.add_row(*line)
+    plots = [path for name, path in written.items() if name.startswith("plot")]
+    return Group(table, _paths({"table": written["table"], "plots": plots}))
+
+
 def success_table(evaluation: "Evaluation") -> Table:
     """Success by level and split, with Wilson's 95 % interval; the test split is the headline."""
     result = evaluation.result

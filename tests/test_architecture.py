@@ -183,7 +183,7 @@ def test_constraints_pin_every_requirement_and_name_no_host() -> None:
     assert names <= pins, f"not pinned: {sorted(names - pins)}"
 
 
-@pytest.mark.parametrize("script", ["train", "collect", "evaluate", "leaderboard", "replay"])
+@pytest.mark.parametrize("script", ["train", "collect", "evaluate", "leaderboard", "replay", "conservation"])
 def test_a_script_hides_no_other_package(script: str) -> None:
     # Python puts the script's folder first on sys.path, where `data`, `run` and `config` would be found.
     code = (

@@ -56,6 +56,7 @@ def another(key: str, value: Any) -> Any:
         "source": "maniskill",
         "replay": "controls",
         "by": ["states"],
+        "simulators": ["mujoco"],
         "train.ema": True,
         "train.compile": False,
         "train.time_limit_s": 12.5,
