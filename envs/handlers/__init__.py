@@ -20,6 +20,13 @@ HANDLERS.add(
     summary="MuJoCo Warp: all environments on one GPU (also on CPU, slowly)",
 )
 
+HANDLERS.add(
+    "sapien",
+    "envs.handlers.sapien.handler:SapienHandler",
+    extra="sapien",
+    summary="SAPIEN 3: PhysX on CPU, environments stepped by threads; its own Vulkan renderer",
+)
+
 RENDERERS: "Registry[type[Renderer]]" = Registry("renderer")
 RENDERERS.add(
     "warp",
@@ -35,4 +42,10 @@ RENDERERS.add(
     "filament",
     "envs.handlers.mujoco.render_filament:FilamentRenderer",
     summary="physically based rendering by Filament; needs a Vulkan driver",
+)
+RENDERERS.add(
+    "sapien",
+    "envs.handlers.sapien.render:SapienRenderer",
+    extra="sapien",
+    summary="SAPIEN's physically based rasterizer; needs a Vulkan driver (Mesa 25 where there is no GPU)",
 )

@@ -114,7 +114,7 @@ class Stage:
         self._materials = {surface: self.model.material(surface).id for surface in SURFACES}
         self._texture_ids = {surface: self.model.texture(surface).id for surface in SURFACES}
         self._looks = self.model.material(OBJECT_MATERIAL).id
-        self._default_reflection = (0.6, 0.3, 0.0)
+        self.default_reflection = (0.6, 0.3, 0.0)
         self._table = self.model.body(TABLE_BODY).mocapid[0] if scenario.table is not None else -1
         self.furniture = FurnitureSlots(model)
         self.furnished: Mapping[str, tuple[GeomCfg, ...]] = {}
@@ -144,7 +144,7 @@ class Stage:
         for surface in SURFACES:
             material = appearance.materials.get(surface) or base.materials.get(surface) or SurfaceMaterial()
             self._set_surface(surface, material)
-        self._set_reflection(self._looks, *(appearance.object_reflection or self._default_reflection))
+        self._set_reflection(self._looks, *(appearance.object_reflection or self.default_reflection))
         lights = appearance.lights or base.lights or (LightCfg(cast_shadow=True),)
         for slot in range(MAX_LIGHTS):
             self._set_light(slot, lights[slot] if slot < len(lights) else None)

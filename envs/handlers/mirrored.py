@@ -1,0 +1,333 @@
+"""What simulators share whose scene is built from the compiled MuJoCo model of a scenario.
+
+The model is the one description: its bodies, joints and geoms are translated once per environment. The
+state is mirrored in arrays of the model's layout, so that what is set comes back bit by bit, in whatever
+way the simulator stores it, and so that every renderer of MuJoCo models can draw it.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import override
+
+import mujoco
+import numpy as np
+import torch
+from torch import Tensor
+
+from envs.errors import ConfigError, SimulatorError, unknown_name
+from envs.handlers import RENDERERS
+from envs.handlers.base import MODALITIES, EnvIds, Handler, TextureSource
+from envs.handlers.mujoco.layout import EntityLayout, layout_of
+from envs.handlers.mujoco.model import build_model
+from envs.handlers.mujoco.objects import rest_joints
+from envs.handlers.mujoco.render import Renderer, RenderJob
+from envs.rotations import from_matrix
+from envs.scenario import Appearance, ScenarioCfg
+from envs.state import EntityState, State
+
+
+class World(ABC):
+    """One environment in the simulator; its arrays are one row of the mirror, in the model's layout."""
+
+    @abstractmethod
+    def put(self, qpos: np.ndarray, qvel: np.ndarray, ctrl: np.ndarray) -> None:
+        """Puts joints and free bodies where the row says, and forgets the past."""
+
+    @abstractmethod
+    def place(self, mocap_pos: np.ndarray, mocap_quat: np.ndarray) -> None:
+        """Moves fixed objects and markers."""
+
+    @abstractmethod
+    def drive(self, ctrl: np.ndarray) -> None:
+        """Sets the targets of the driven joints."""
+
+    @abstractmethod
+    def step(self, num_steps: int) -> None:
+        """Advances time."""
+
+    @abstractmethod
+    def read(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """Writes the present positions and velocities into the row."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Frees the environment."""
+
+
+class MirroredHandler(Handler):
+    """N worlds and the mirror of their states.
+
+    Subclasses say how a world is made; threads step several at once where ``steps_in_threads``.
+
+    Attributes:
+        model: The compiled scene, once launched.
+    """
+
+    dtype = torch.float32
+    steps_in_threads: bool = False
+
+    def __init__(
+        self,
+        scenario: ScenarioCfg,
+        num_envs: int,
+        *,
+        renderer: str = "warp",
+        num_threads: int = 0,
+        textures: TextureSource | None = None,
+    ) -> None:
+        super().__init__(scenario, num_envs, renderer=renderer, num_threads=num_threads, textures=textures)
+        self._renderer_class: type[Renderer] = RENDERERS.get(renderer)
+        self._renderer: Renderer | None = None
+        self._worlds: list[World] = []
+        self._pool: ThreadPoolExecutor | None = None
+
+    @abstractmethod
+    def make_world(self, model: mujoco.MjModel) -> World:
+        """Builds one environment."""
+
+    @override
+    def launch(self) -> None:
+        self.model = model = build_model(self.scenario)
+        self._data = mujoco.MjData(model)
+        self._layout = layout_of(model, self.scenario)
+        self._entities = {item.name: item for item in (*self._layout.robots, *self._layout.objects)}
+        self._robots = {item.name for item in self._layout.robots}
+        self._low, self._high = model.actuator_ctrlrange.astype(np.float32).T.copy()
+        self._rest_rows()
+        self._appearances = [self.scenario.appearance] * self.num_envs
+        self._worlds = [self.make_world(model) for _ in range(self.num_envs)]
+        if self.steps_in_threads and self.num_threads != 1 and self.num_envs > 1:
+            self._pool = ThreadPoolExecutor(self.num_threads or None, thread_name_prefix="step")
+        for row in range(self.num_envs):
+            self._put(row)
+
+    def _rest_rows(self) -> None:
+        """Fills the mirror with the scenario at rest."""
+        model, count = self.model, self.num_envs
+        mocap = np.flatnonzero(model.body_mocapid >= 0)
+        mocap = mocap[np.argsort(model.body_mocapid[mocap])]
+        qpos, ctrl = model.qpos0.copy(), np.zeros(model.nu)
+        for robot, cfg in zip(self._layout.robots, self.scenario.robots, strict=True):
+            qpos[robot.qpos] = cfg.default_qpos
+            ctrl[robot.ctrl] = np.array(cfg.default_qpos)[robot.driven]
+        for item, cfg in zip(self._layout.objects, self.scenario.objects, strict=True):
+            qpos[item.qpos] = rest_joints(cfg)
+        rows = (qpos, np.zeros(model.nv), ctrl, model.body_pos[mocap], model.body_quat[mocap])
+        self._qpos, self._qvel, self._ctrl, self._mocap_pos, self._mocap_quat = (
+            np.repeat(np.asarray(row, np.float32)[None], count, axis=0) for row in rows
+        )
+
+    # -- states -------------------------------------------------------------------------------------
+
+    @override
+    def get_states(self, env_ids: EnvIds = None) -> State:
+        self._check_open()
+        rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
+        state = State({}, {})
+        sites = self._end_effectors(rows)
+        for name, item in self._entities.items():
+            kind = state.robots if name in self._robots else state.objects
+            kind[name] = self._entity_state(item, rows)
+        for name, (pos, rot) in sites.items():
+            robot = state.robots[name]
+            robot.ee_pos, robot.ee_rot = torch.from_numpy(pos), torch.from_numpy(rot)
+            target = self._ctrl[np.ix_(rows, self._entities[name].ctrl)]
+            robot.joint_target = torch.from_numpy(target)
+        return state
+
+    def _entity_state(self, item: EntityLayout, rows: np.ndarray) -> EntityState:
+        qpos, qvel, count = self._qpos[rows], self._qvel[rows], len(rows)
+        lin_vel = ang_vel = np.zeros((count, 3), np.float32)
+        if item.root == "free":
+            at, speed = item.root_qpos, item.root_qvel
+            pos, rot = qpos[:, at : at + 3], qpos[:, at + 3 : at + 7]
+            lin_vel, ang_vel = qvel[:, speed : speed + 3], qvel[:, speed + 3 : speed + 6]
+        elif item.root == "mocap":
+            pos, rot = self._mocap_pos[rows, item.mocap], self._mocap_quat[rows, item.mocap]
+        else:
+            pos, rot = (np.tile(value.astype(np.float32), (count, 1)) for value in (item.pos, item.rot))
+        joints = (qpos[:, item.qpos], qvel[:, item.qvel])
+        return EntityState(*(torch.from_numpy(part) for part in (pos, rot, lin_vel, ang_vel, *joints)))
+
+    def _end_effectors(self, rows: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Returns positions (n, 3) and orientations (n, 4) of the end effectors, by forward kinematics."""
+        model, data, robots = self.model, self._data, self._layout.robots
+        sites = [robot.ee_site for robot in robots]
+        if not sites:
+            return {}
+        pos = np.empty((len(sites), len(rows), 3))
+        matrices = np.empty((len(sites), len(rows), 9))
+        for index, row in enumerate(rows):
+            data.qpos[:] = self._qpos[row]
+            data.mocap_pos[:], data.mocap_quat[:] = self._mocap_pos[row], self._mocap_quat[row]
+            mujoco.mj_kinematics(model, data)
+            pos[:, index], matrices[:, index] = data.site_xpos[sites], data.site_xmat[sites]
+        rot = from_matrix(matrices.reshape(len(sites), len(rows), 3, 3))
+        return {
+            robot.name: (pos[index].astype(np.float32), rot[index].astype(np.float32))
+            for index, robot in enumerate(robots)
+        }
+
+    @override
+    def set_states(self, states: State, env_ids: EnvIds = None) -> None:
+        self._check_open()
+        rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
+        for name, entity in states.entities().items():
+            if name not in self._entities:
+                raise unknown_name("robot or object", name, self._entities)
+            self._write(self._entities[name], entity, rows)
+        for row in rows:
+            self._put(row)
+
+    def _write(self, item: EntityLayout, entity: EntityState, rows: np.ndarray) -> None:
+        if entity.joint_pos.shape[-1] != len(item.qpos):
+            raise ConfigError(
+                f"'{item.name}' has {len(item.qpos)} joints; the state gives {entity.joint_pos.shape[-1]}."
+            )
+        columns = rows[:, None]
+        if item.root == "free":
+            self._qpos[columns, item.root_qpos + np.arange(7)] = _array(entity.pos, entity.rot)
+            self._qvel[columns, item.root_qvel + np.arange(6)] = _array(entity.lin_vel, entity.ang_vel)
+        elif item.root == "mocap":
+            self._mocap_pos[rows, item.mocap] = _array(entity.pos)
+            self._mocap_quat[rows, item.mocap] = _array(entity.rot)
+        if len(item.qpos):
+            self._qpos[columns, item.qpos] = _array(entity.joint_pos)
+            self._qvel[columns, item.qvel] = _array(entity.joint_vel)
+        if len(item.ctrl):
+            target = entity.joint_target
+            if target is None:
+                target = entity.joint_pos[:, item.driven]
+            self._ctrl[columns, item.ctrl] = _array(target)
+
+    def _put(self, row: int) -> None:
+        world = self._worlds[row]
+        world.place(self._mocap_pos[row], self._mocap_quat[row])
+        world.put(self._qpos[row], self._qvel[row], self._ctrl[row])
+
+    @override
+    def set_poses(self, poses: Mapping[str, tuple[Tensor, Tensor]], env_ids: EnvIds = None) -> None:
+        rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
+        placed = {item.name: item for item in self._layout.objects if item.root == "mocap"}
+        for name, (pos, rot) in poses.items():
+            if name not in placed:
+                raise unknown_name("fixed object or marker", name, placed)
+            self._mocap_pos[rows, placed[name].mocap] = np.asarray(pos)
+            self._mocap_quat[rows, placed[name].mocap] = np.asarray(rot)
+        for row in rows:
+            self._worlds[row].place(self._mocap_pos[row], self._mocap_quat[row])
+
+    @override
+    def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:
+        rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
+        for robot in self._layout.robots:
+            if robot.name in targets:
+                target = np.asarray(targets[robot.name], np.float32)
+                clipped = np.clip(target, self._low[robot.ctrl], self._high[robot.ctrl])
+                self._ctrl[np.ix_(rows, robot.ctrl)] = clipped
+
+    # -- time ---------------------------------------------------------------------------------------
+
+    @override
+    def step(self, num_steps: int, env_ids: EnvIds = None) -> None:
+        self._check_open()
+        rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
+
+        def advance(row: int) -> None:
+            world = self._worlds[row]
+            world.drive(self._ctrl[row])
+            world.step(num_steps)
+            world.read(self._qpos[row], self._qvel[row])
+
+        if self._pool is None or len(rows) == 1:
+            for row in rows:
+                advance(row)
+        else:
+            list(self._pool.map(advance, rows))
+        if not np.isfinite(self._qpos[rows].sum()):
+            bad = rows[~np.isfinite(self._qpos[rows]).all(axis=1)]
+            raise SimulatorError(
+                f"The state of environments {bad.tolist()} is no longer finite. "
+                "Check the actions, or give physics.timestep_s a smaller value."
+            )
+
+    # -- pictures -----------------------------------------------------------------------------------
+
+    @override
+    def set_appearance(self, appearance: Appearance, env_id: int) -> None:
+        self._appearances[env_id] = appearance
+
+    @override
+    def snapshot(self, env_ids: EnvIds = None) -> list[RenderJob]:
+        rows: Iterable[int] = range(self.num_envs) if env_ids is None else env_ids
+        arrays = (self._qpos, self._mocap_pos, self._mocap_quat)
+        return [RenderJob(*(array[row].copy() for array in arrays), self._appearances[row]) for row in rows]
+
+    @override
+    def render(
+        self,
+        cameras: Sequence[str] | None = None,
+        modalities: Sequence[str] = ("rgb",),
+        env_ids: EnvIds = None,
+    ) -> dict[str, dict[str, np.ndarray]]:
+        return self.render_jobs(self.snapshot(env_ids), cameras, modalities)
+
+    @override
+    def render_jobs(
+        self,
+        jobs: Sequence[RenderJob],
+        cameras: Sequence[str] | None = None,
+        modalities: Sequence[str] = ("rgb",),
+    ) -> dict[str, dict[str, np.ndarray]]:
+        valid = [camera.name for camera in self.scenario.cameras]
+        names = valid if cameras is None else list(cameras)
+        for name in names:
+            if name not in valid:
+                raise unknown_name("camera", name, valid)
+        for modality in modalities:
+            if modality not in MODALITIES:
+                raise unknown_name("modality", modality, MODALITIES)
+        return self.renderer.render(jobs, tuple(names), tuple(modalities))
+
+    @property
+    def renderer(self) -> Renderer:
+        """The renderer, made at the first picture."""
+        self._check_open()
+        if self._renderer is None:
+            self._renderer = self._renderer_class(
+                self.model, self.scenario, textures=self.textures, num_threads=self.num_threads
+            )
+        return self._renderer
+
+    @property
+    @override
+    def segmentation_names(self) -> tuple[str, ...]:
+        return self.renderer.segmentation_names
+
+    @property
+    @override
+    def not_shown(self) -> tuple[str, ...]:
+        return self._renderer_class.not_shown
+
+    def _check_open(self) -> None:
+        if not self._worlds:
+            raise SimulatorError(
+                "The simulator does not run: call launch() first, and nothing after close()."
+            )
+
+    @override
+    def close(self) -> None:
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+        for world in self._worlds:
+            world.close()
+        self._worlds = []
+
+
+def _array(*tensors: Tensor) -> np.ndarray:
+    return torch.cat(tensors, -1).detach().cpu().numpy().astype(np.float32)

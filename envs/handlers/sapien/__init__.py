@@ -1,0 +1,1 @@
+"""SAPIEN 3: PhysX on CPU, and its Vulkan renderer."""
