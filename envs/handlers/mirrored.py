@@ -177,7 +177,7 @@ class MirroredHandler(Handler):
             if name not in self._entities:
                 raise unknown_name("robot or object", name, self._entities)
             self._write(self._entities[name], entity, rows)
-        for row in rows:
+        for row in rows.tolist():
             self._put(row)
 
     def _write(self, item: EntityLayout, entity: EntityState, rows: np.ndarray) -> None:
@@ -219,6 +219,11 @@ class MirroredHandler(Handler):
             self._worlds[row].place(self._mocap_pos[row], self._mocap_quat[row])
 
     @override
+    def get_joint_targets(self, robot: str, env_ids: EnvIds = None) -> Tensor:
+        rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
+        return torch.from_numpy(self._ctrl[np.ix_(rows, self._entities[robot].ctrl)])
+
+    @override
     def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:
         rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
         for robot in self._layout.robots:
@@ -241,10 +246,10 @@ class MirroredHandler(Handler):
             world.read(self._qpos[row], self._qvel[row])
 
         if self._pool is None or len(rows) == 1:
-            for row in rows:
+            for row in rows.tolist():
                 advance(row)
         else:
-            list(self._pool.map(advance, rows))
+            list(self._pool.map(advance, rows.tolist()))
         if not np.isfinite(self._qpos[rows].sum()):
             bad = rows[~np.isfinite(self._qpos[rows]).all(axis=1)]
             raise SimulatorError(
@@ -261,8 +266,15 @@ class MirroredHandler(Handler):
     @override
     def snapshot(self, env_ids: EnvIds = None) -> list[RenderJob]:
         rows: Iterable[int] = range(self.num_envs) if env_ids is None else env_ids
-        arrays = (self._qpos, self._mocap_pos, self._mocap_quat)
-        return [RenderJob(*(array[row].copy() for array in arrays), self._appearances[row]) for row in rows]
+        return [
+            RenderJob(
+                qpos=self._qpos[row].copy(),
+                mocap_pos=self._mocap_pos[row].copy(),
+                mocap_quat=self._mocap_quat[row].copy(),
+                appearance=self._appearances[row],
+            )
+            for row in rows
+        ]
 
     @override
     def render(

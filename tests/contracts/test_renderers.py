@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from envs.errors import SimulatorError
+from envs.errors import MissingExtraError, SimulatorError
 from envs.handlers import RENDERERS
 from envs.handlers.mujoco.layout import layout_of
 from envs.handlers.mujoco.model import build_model
@@ -76,14 +76,15 @@ def renderer(request, model, warp):
         return
     try:
         renderer = RENDERERS.get(request.param)(model, SCENARIO, textures=pictures_of, num_threads=1)
-    except SimulatorError as error:
+    except (MissingExtraError, SimulatorError) as error:
         pytest.skip(str(error))
     yield renderer
     renderer.close()
 
 
 def name_of(renderer):
-    return next(name for name in RENDERERS if RENDERERS.get(name) is type(renderer))
+    class_name = type(renderer).__name__
+    return next(name for name in RENDERERS if str(RENDERERS.entry(name).target).endswith(f":{class_name}"))
 
 
 @pytest.fixture(scope="module")

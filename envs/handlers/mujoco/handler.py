@@ -37,7 +37,7 @@ class MujocoHandler(Handler):
         simplify_meshes: Draw the robots with simplified meshes.
     """
 
-    own_renderers = ("warp", "gl", "filament")
+    own_renderers = ("warp", "gl", "filament", "sapien")
 
     def __init__(
         self,

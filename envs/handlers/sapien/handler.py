@@ -21,6 +21,7 @@ class SapienHandler(MirroredHandler):
     """
 
     steps_in_threads = True
+    own_renderers = (SIMULATOR, "warp", "gl", "filament")
 
     def __init__(
         self,
