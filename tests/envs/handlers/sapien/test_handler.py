@@ -1,0 +1,152 @@
+"""The SAPIEN handler beyond the contract: agreement with MuJoCo, settings, tasks, launches."""
+
+import dataclasses
+import gc
+import resource
+
+import numpy as np
+import pytest
+import torch
+
+pytest.importorskip("sapien", reason="SAPIEN is not installed: pip install 'roboverse-learn[sapien]'")
+
+from envs.errors import ConfigError, SimulatorError, UnknownNameError
+from envs.handlers import HANDLERS
+from envs.handlers.sapien.settings import SapienSettings
+from envs.scenario import GeomCfg, ObjectCfg, ScenarioCfg
+from envs.tasks.close_box import CloseBox
+from envs.tasks.pick_cube import PickCube
+
+
+def launched(scenario, num_envs=1, simulator="sapien", **options):
+    handler = HANDLERS.get(simulator)(scenario, num_envs, renderer="warp", **options)
+    handler.launch()
+    return handler
+
+
+def start(task, num_envs=1):
+    return task.initial_state([np.random.default_rng(i) for i in range(num_envs)])
+
+
+def test_the_arm_moves_as_in_mujoco():
+    """Same gains, limits and inertias: within a third of a degree all the way of a half-second reach."""
+    task = PickCube()
+    ways = []
+    for simulator in ("mujoco", "sapien"):
+        with launched(task.scenario, simulator=simulator) as handler:
+            states = start(task)
+            handler.set_states(states)
+            target = states.robots["franka"].joint_pos.clone()
+            target += torch.tensor([0.3, -0.2, 0.15, 0.1, -0.15, 0.1, 0.2, -0.02, -0.02])
+            handler.set_joint_targets({"franka": target})
+            way = []
+            for _ in range(10):
+                handler.step(25)
+                way.append(handler.get_states().robots["franka"].joint_pos.double())
+            ways.append(torch.stack(way))
+    assert (ways[0] - ways[1])[..., :7].abs().max() < 6e-3
+    assert (ways[0] - ways[1])[..., 7:].abs().max() < 1e-3
+
+
+def test_the_lid_of_the_box_moves_with_the_box_and_stays_where_friction_holds_it():
+    task = CloseBox()
+    with launched(task.scenario) as handler:
+        states = start(task)
+        handler.set_states(states)
+        before = handler.get_states().objects
+        name = next(name for name, entity in before.items() if entity.joint_pos.shape[1])
+        assert before[name].pos[0].tolist() == states.objects[name].pos[0].float().tolist()
+        handler.step(100)
+        after = handler.get_states().objects[name]
+        assert torch.equal(after.pos, before[name].pos)
+        assert torch.isfinite(after.joint_pos).all()
+
+
+def test_threads_change_nothing():
+    task = PickCube()
+    ends = []
+    for num_threads in (1, 2):
+        with launched(task.scenario, 3, num_threads=num_threads) as handler:
+            handler.set_states(start(task, 3))
+            handler.step(30)
+            ends.append(handler.get_states().flatten())
+    for key, value in ends[0].items():
+        assert torch.equal(value, ends[1][key]), key
+
+
+def test_two_handlers_keep_their_own_gravity():
+    task = PickCube()
+    physics = dataclasses.replace(task.scenario.physics, gravity=(0.0, 0.0, 0.0))
+    with (
+        launched(task.scenario) as heavy,
+        launched(dataclasses.replace(task.scenario, physics=physics)) as light,
+    ):
+        for handler, falls in ((heavy, True), (light, False), (heavy, True)):
+            states = start(task)
+            states.objects["cube"].pos[:] = torch.tensor([0.5, 0.5, 1.0])
+            handler.set_states(states)
+            handler.step(50)
+            height = float(handler.get_states().objects["cube"].pos[0, 2])
+            assert (height < 0.97) is falls
+
+
+def test_settings_are_read_and_unknown_ones_refused():
+    scenario = PickCube().scenario
+    block = dataclasses.replace(scenario, simulators={"sapien": {"position_iterations": 20}})
+    assert SapienSettings.of(block).position_iterations == 20
+    wrong = dataclasses.replace(scenario, simulators={"sapien": {"iterations": 20}})
+    with pytest.raises(UnknownNameError, match=r"Unknown setting of sapien 'iterations'.*Did you mean"):
+        HANDLERS.get("sapien")(wrong, 1)
+    with pytest.raises(ConfigError, match="velocity_iterations of sapien is 1 to 255, given 0"):
+        SapienSettings(velocity_iterations=0)
+
+
+def test_nothing_runs_before_launch_or_after_close():
+    handler = HANDLERS.get("sapien")(PickCube().scenario, 1)
+    with pytest.raises(SimulatorError, match=r"does not run: call launch\(\) first"):
+        handler.get_states()
+    handler.launch()
+    handler.close()
+    with pytest.raises(SimulatorError, match="nothing after close"):
+        handler.step(1)
+
+
+def test_joints_of_another_number_are_refused():
+    task = PickCube()
+    with launched(task.scenario) as handler:
+        states = start(task)
+        states.robots["franka"].joint_pos = torch.zeros((1, 3))
+        with pytest.raises(ConfigError, match="'franka' has 9 joints; the state gives 3"):
+            handler.set_states(states)
+
+
+def small_scene():
+    ball = ObjectCfg(
+        name="ball", geoms=(GeomCfg(shape="sphere", size=(0.05,), mass_kg=0.1),), pos=(0, 0, 0.2)
+    )
+    return ScenarioCfg(objects=(ball,), room=None)
+
+
+def launch_and_drop(times):
+    for _ in range(times):
+        with launched(small_scene()) as handler:
+            handler.step(5)
+
+
+def test_a_few_launches_leave_nothing_behind():
+    launch_and_drop(10)
+    assert grown_by(lambda: launch_and_drop(30)) < 16
+
+
+@pytest.mark.long
+def test_a_thousand_launches_leave_nothing_behind():
+    launch_and_drop(20)
+    assert grown_by(lambda: launch_and_drop(1000)) < 32
+
+
+def grown_by(run):
+    """Returns the growth of this process's peak memory, MiB."""
+    gc.collect()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    run()
+    return (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
