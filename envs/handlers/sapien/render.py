@@ -71,8 +71,10 @@ class SapienRenderer(Renderer):
         self._lights = _Lights(self._scene)
         self._cameras: dict[str, Any] = {}
         self._factory = VisualFactory(self._stage.model)
+        self._slots = frozenset(self._stage.furniture.geoms.tolist())
         self._visible = self._find_visible()
         self._entities: dict[tuple[int, int], sapien.Entity] = {}
+        self._is_furnished = False
         self._sizes_m: dict[str, float] = dict.fromkeys(SURFACES, 1.0)
         for key in self._visible:
             self._build(key)
@@ -87,13 +89,19 @@ class SapienRenderer(Renderer):
         component = sapien.render.RenderBodyComponent()
         size = self._sizes_m.get(self.segmentation_names[key[1]], 1.0) if key[1] >= 0 else 1.0
         for geom in self._visible[key]:
-            component.attach(self._factory.make(geom, 1.0 / size))
+            if geom not in self._slots or geom in self._used_slots():
+                component.attach(self._factory.make(geom, 1.0 / size, fresh=geom in self._slots))
         entity.add_component(component)
         self._scene.add_entity(entity)
         self._entities[key] = entity
         identities = {built.per_scene_id: segment for (_, segment), built in self._entities.items()}
         self._segment_of = np.full(max(identities) + 2, -1, np.int32)
         self._segment_of[list(identities)] = list(identities.values())
+
+    def _used_slots(self) -> frozenset[int]:
+        """Returns the slots for furniture that the present looks use."""
+        now, empty = self._stage.model.geom_size, self.model.geom_size
+        return frozenset(slot for slot in self._slots if not np.array_equal(now[slot], empty[slot]))
 
     def _find_visible(self) -> dict[tuple[int, int], list[int]]:
         """Returns the geoms that are drawn, by their body and what the segmentation calls them."""
@@ -128,9 +136,11 @@ class SapienRenderer(Renderer):
         for surface in SURFACES:
             material = appearance.materials.get(surface) or base.materials.get(surface) or SurfaceMaterial()
             self._paint(surface, material)
-        roughness, specular, metallic = appearance.object_reflection or self._stage.default_reflection
-        for material in self._factory.reflecting:
-            material.roughness, material.specular, material.metallic = roughness, specular, metallic
+        self._factory.reflect(appearance.object_reflection or self._stage.default_reflection)
+        if self._stage.furnished or self._is_furnished:
+            for key in [key for key, geoms in self._visible.items() if not self._slots.isdisjoint(geoms)]:
+                self._build(key)
+            self._is_furnished = bool(self._stage.furnished)
         table = 0.0 if self.scenario.table is None else self.scenario.table.pos[2]
         self._lights.set(appearance.lights or base.lights or (LightCfg(cast_shadow=True),), table)
 

@@ -32,7 +32,6 @@ class VisualFactory:
 
     Attributes:
         surfaces: Surface to its material.
-        reflecting: Materials of everything else, whose reflection is one of the looks.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -43,15 +42,23 @@ class VisualFactory:
             self.surfaces[surface] = sapien.render.RenderMaterial()
             self.surfaces[surface].set_base_color_texture(white)
         self._of_material = {model.material(surface).id: surface for surface in SURFACES}
-        self.reflecting: list[Any] = []
+        self._reflecting: list[Any] = []
+        self._reflection = (0.6, 0.3, 0.0)
         self._materials: dict[tuple, Any] = {}
 
-    def make(self, geom: int, copies_per_metre: float = 1.0):
+    def reflect(self, reflection: tuple[float, float, float]) -> None:
+        """Gives objects and robots a roughness, a strength of highlights and a share of metal."""
+        self._reflection = reflection
+        for material in self._reflecting:
+            material.roughness, material.specular, material.metallic = reflection
+
+    def make(self, geom: int, copies_per_metre: float = 1.0, *, fresh: bool = False):
         """Makes a geom's shape, in the frame of its body.
 
         Args:
             geom: Its id.
             copies_per_metre: How often a surface's picture is repeated.
+            fresh: Its material is not shared, nor kept: for what is built anew with each draw.
 
         Raises:
             SimulatorError: if SAPIEN has no such shape.
@@ -66,17 +73,17 @@ class VisualFactory:
             pose = Pose(model.geom_pos[geom], multiply(np.array(model.geom_quat[geom]), Z_FROM_X))
             capsule = kind == _SHAPES.mjGEOM_CAPSULE
             make = sapien.render.RenderShapeCapsule if capsule else sapien.render.RenderShapeCylinder
-            shape = make(float(size[0]), float(size[1]), self._material(geom))
+            shape = make(float(size[0]), float(size[1]), self._material(geom, fresh))
         elif kind == _SHAPES.mjGEOM_SPHERE:
-            shape = sapien.render.RenderShapeSphere(float(size[0]), self._material(geom))
+            shape = sapien.render.RenderShapeSphere(float(size[0]), self._material(geom, fresh))
         elif kind == _SHAPES.mjGEOM_BOX:
-            shape = sapien.render.RenderShapeBox(size.astype(np.float32), self._material(geom))
+            shape = sapien.render.RenderShapeBox(size.astype(np.float32), self._material(geom, fresh))
         elif kind == _SHAPES.mjGEOM_PLANE:
-            shape = _mesh(*_plane(_extent(size)), self._material(geom))
+            shape = _mesh(*_plane(_extent(size)), self._material(geom, fresh))
         elif kind == _SHAPES.mjGEOM_MESH:
-            shape = _mesh(*self._mesh_of(geom), self._material(geom))
+            shape = _mesh(*self._mesh_of(geom), self._material(geom, fresh))
         elif kind == _SHAPES.mjGEOM_ELLIPSOID:
-            shape = _mesh(*_ellipsoid(size), self._material(geom))
+            shape = _mesh(*_ellipsoid(size), self._material(geom, fresh))
         else:
             name = model.geom(geom).name or f"number {geom}"
             raise SimulatorError(
@@ -85,21 +92,24 @@ class VisualFactory:
         shape.local_pose = pose
         return shape
 
-    def _material(self, geom: int):
+    def _material(self, geom: int, fresh: bool):
         model, index = self._model, int(self._model.geom_matid[geom])
         texture = int(model.mat_texid[index, _RGB]) if index >= 0 else -1
         rgba = tuple(float(value) for value in with_alpha(model, geom))
         own = -1 if index < 0 or index == model.material(OBJECT_MATERIAL).id else index
         key = (rgba, texture, own)
-        if key not in self._materials:
-            material = sapien.render.RenderMaterial(base_color=list(rgba), roughness=0.6, specular=0.3)
+        if fresh or key not in self._materials:
+            material = sapien.render.RenderMaterial(base_color=list(rgba))
+            material.roughness, material.specular, material.metallic = self._reflection
             if texture >= 0:
                 material.set_base_color_texture(self._texture(texture, rgba))
             if own >= 0:
                 material.roughness = float(np.clip(1.0 - model.mat_shininess[own], 0.05, 1.0))
                 material.specular = float(np.clip(model.mat_specular[own], 0.0, 1.0))
-            else:
-                self.reflecting.append(material)
+            if fresh:
+                return material
+            if own < 0:
+                self._reflecting.append(material)
             self._materials[key] = material
         return self._materials[key]
 
