@@ -22,6 +22,7 @@ log = logging.getLogger(__name__)
 
 TASK = "PickCube"
 GOAL = 0.9
+SIMPLIFIED_GOAL = 2.0
 IMAGE_SIZES = (128, 256)
 
 
@@ -104,22 +105,32 @@ def measure_physics(scale: Scale, device: str = "auto") -> Measurement:
 _COPIED = ("qpos", "qvel", "ctrl", "mocap_pos", "mocap_quat", "qacc_warmstart")
 
 
-def measure_render(scale: Scale, image_size: int, device: str = "auto") -> Measurement:
+def measure_render(
+    scale: Scale, image_size: int, device: str = "auto", *, simplified: bool = True
+) -> Measurement:
     """Compares RGB pictures as torch tensors to the bare tracer, which leaves packed pixels in its buffer.
 
     Ours includes posing the bodies, the looks of each world, and unpacking; both draw one camera.
+
+    Args:
+        scale: How much.
+        image_size: Pixels a side.
+        device: Torch device, or ``auto``.
+        simplified: Whether the bare tracer draws our simplified meshes too, or the robot's own.
 
     Returns:
         Seconds per picture of all worlds; the ratio is the bare time over ours.
     """
     import mujoco_warp as mjw
 
+    from envs.handlers.mujoco.model import build_model
     from envs.handlers.mujoco.render import Stage
     from envs.handlers.mujoco.render_warp import create_context, ready_for_tracing
 
     handler, scenario = _handler(scale.render_worlds, device, image_size)
     on, cameras = handler.on, tuple(camera.name for camera in scenario.cameras)
-    stage = Stage(handler.model, scenario)
+    drawn = handler.model if simplified else build_model(scenario, simplify=False)
+    stage = Stage(drawn, scenario)
     ready_for_tracing(stage.model)
     stage.dress(scenario.appearance)
     with on.scope():
@@ -149,9 +160,10 @@ def measure_render(scale: Scale, image_size: int, device: str = "auto") -> Measu
     handler.close()
     name = (
         f"RGB {image_size}×{image_size}, {scale.render_worlds} worlds on {on.torch}, "
-        "bare mujoco_warp.render / ours"
+        f"bare mujoco_warp.render{'' if simplified else ' of unsimplified meshes'} / ours"
     )
-    return _measurement(name, np.array(times) / scale.pictures)
+    goal = GOAL if simplified else SIMPLIFIED_GOAL
+    return _measurement(name, np.array(times) / scale.pictures, goal)
 
 
 def _handler(num_envs: int, device: str, image_size: int | None = None) -> tuple[Any, Any]:
@@ -193,14 +205,14 @@ def _in_turns(
     return seconds[0], seconds[1]
 
 
-def _measurement(name: str, times: np.ndarray) -> Measurement:
+def _measurement(name: str, times: np.ndarray, goal: float = GOAL) -> Measurement:
     ours, bare = times.T
     return Measurement(
         name=name,
         ours_s=median(ours),
         baseline_s=median(bare),
         ratio=median(bare / ours),
-        goal=f"goal ≥ {GOAL:.2f} on a GPU",
+        goal=f"goal ≥ {goal:.2f} on a GPU",
     )
 
 
@@ -219,12 +231,15 @@ def main() -> int:
     scale = GPU if on_gpu else CPU
     sizes = {key: getattr(arguments, key) for key in ("physics_worlds", "render_worlds")}
     scale = dataclasses.replace(scale, **{key: size for key, size in sizes.items() if size})
-    measurements = [measure_physics(scale, arguments.device)]
-    log.info("%s", measurements[0])
+    physics = measure_physics(scale, arguments.device)
+    log.info("%s", physics)
+    missed = physics.ratio < GOAL
     for size in IMAGE_SIZES:
-        measurements.append(measure_render(scale, size, arguments.device))
-        log.info("%s", measurements[-1])
-    return int(on_gpu and any(measurement.ratio < GOAL for measurement in measurements))
+        for simplified, goal in ((True, GOAL), (False, SIMPLIFIED_GOAL)):
+            measurement = measure_render(scale, size, arguments.device, simplified=simplified)
+            log.info("%s", measurement)
+            missed |= measurement.ratio < goal
+    return int(on_gpu and missed)
 
 
 if __name__ == "__main__":
