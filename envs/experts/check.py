@@ -74,7 +74,13 @@ def summarize(rollouts: Iterable[Rollout], arm: Sequence[int]) -> ExpertReport:
 
 
 def check_expert(
-    task: str, split: str, num_episodes: int, *, num_envs: int = 64, num_threads: int = 0
+    task: str,
+    split: str,
+    num_episodes: int,
+    *,
+    num_envs: int = 64,
+    num_threads: int = 0,
+    simulator: str = "mujoco",
 ) -> ExpertReport:
     """Rolls the expert out in the first episodes of a split.
 
@@ -84,6 +90,7 @@ def check_expert(
         num_episodes: How many episodes; a split that has fewer is played whole.
         num_envs: Environments stepped at once; the result does not depend on it.
         num_threads: Threads of the simulator; 0 means one per core.
+        simulator: Name of a simulator; the planner sees its states and is asked again where they differ.
 
     Raises:
         ConfigError: if ``num_episodes`` is below 1.
@@ -91,7 +98,12 @@ def check_expert(
     if num_episodes < 1:
         raise ConfigError(f"The expert's check needs at least one episode, given {num_episodes}.")
     env = RoboVerseVectorEnv(
-        task, min(num_envs, num_episodes), split=split, observation="state", num_threads=num_threads
+        task,
+        min(num_envs, num_episodes),
+        split=split,
+        simulator=simulator,
+        observation="state",
+        num_threads=num_threads,
     )
     try:
         fingers = env.scenario.robots[0].gripper_joints
@@ -108,6 +120,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--episodes", type=int, default=1000, help="episodes of each split")
     parser.add_argument("--split", choices=SPLITS, help="one split alone")
     parser.add_argument("--num-envs", type=int, default=64, help="environments stepped at once")
+    parser.add_argument("--simulator", default="mujoco", help="simulator whose physics it is tried in")
     parser.add_argument(
         "--record", type=Path, nargs="?", const=RECORDS, help="file to note the outcome in (%(const)s)"
     )
@@ -116,20 +129,27 @@ def main(argv: Sequence[str] | None = None) -> int:
     measured = {}
     try:
         for split in SPLITS if args.split is None else (args.split,):
-            report = check_expert(args.task, split, args.episodes, num_envs=args.num_envs)
+            report = check_expert(
+                args.task, split, args.episodes, num_envs=args.num_envs, simulator=args.simulator
+            )
             measured[split] = report.summary
             solved = report.num_episodes - len(report.failures)
             logger.info(
-                "%s %s: %.2f %% success (%d of %d episodes), %.1f steps on average, "
+                "%s %s in %s: %.2f %% success (%d of %d episodes), %.1f steps on average, "
                 "largest joint step %.3f rad; failed: %s",
                 args.task,
                 split,
+                args.simulator,
                 100.0 * report.success_rate,
                 solved,
                 report.num_episodes,
                 report.mean_steps,
                 report.largest_step_rad,
                 ", ".join(map(str, report.failures)) or "none",
+            )
+        if args.record is not None and args.simulator != "mujoco":
+            raise ConfigError(
+                f"The file of records is MuJoCo's; --record and --simulator={args.simulator} differ."
             )
         if args.record is not None:
             words = sys.argv[1:] if argv is None else argv

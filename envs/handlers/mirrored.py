@@ -6,7 +6,7 @@ way the simulator stores it, and so that every renderer of MuJoCo models can dra
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import override
 
@@ -45,6 +45,12 @@ class World(ABC):
     @abstractmethod
     def step(self, num_steps: int) -> None:
         """Advances time."""
+
+    def step_towards(self, start: np.ndarray, end: np.ndarray, num_steps: int) -> None:
+        """Advances time while the targets move evenly from ``start`` to ``end``, where they arrive."""
+        for index in range(1, num_steps + 1):
+            self.drive(start + (end - start) * np.float32(index / num_steps))
+            self.step(1)
 
     @abstractmethod
     def read(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
@@ -245,6 +251,25 @@ class MirroredHandler(Handler):
             world.step(num_steps)
             world.read(self._qpos[row], self._qvel[row])
 
+        self._advance(advance, rows)
+
+    @override
+    def step_towards(
+        self, targets: Mapping[str, Tensor | np.ndarray], num_steps: int, env_ids: EnvIds = None
+    ) -> None:
+        self._check_open()
+        rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
+        start = self._ctrl.copy()
+        self.set_joint_targets(targets, rows)
+
+        def advance(row: int) -> None:
+            world = self._worlds[row]
+            world.step_towards(start[row], self._ctrl[row], num_steps)
+            world.read(self._qpos[row], self._qvel[row])
+
+        self._advance(advance, rows)
+
+    def _advance(self, advance: Callable[[int], None], rows: np.ndarray) -> None:
         if self._pool is None or len(rows) == 1:
             for row in rows.tolist():
                 advance(row)

@@ -144,7 +144,8 @@ def describe(model: mujoco.MjModel) -> SceneSpec:
     """Reads a compiled model.
 
     Raises:
-        SimulatorError: if it has a ball joint, or an actuator that is not one of a joint's position.
+        SimulatorError: if it has a ball joint, an equality constraint, or an actuator that is not one of a
+            joint's position.
     """
     _check(model)
     heads = _heads(model)
@@ -167,6 +168,12 @@ def _check(model: mujoco.MjModel) -> None:
                 f"SAPIEN has no ball joint such as '{model.joint(joint).name}'. Take simulator=mujoco, "
                 "or give the body three hinges."
             )
+    if model.neq:
+        first, second = (model.body(int(bodies[0])).name for bodies in (model.eq_obj1id, model.eq_obj2id))
+        raise SimulatorError(
+            f"An equality constraint ('{first}' and '{second}') is not simulated by SAPIEN. "
+            "Take simulator=mujoco."
+        )
     for index in range(model.nu):
         position = model.actuator_biastype[index] == mujoco.mjtBias.mjBIAS_AFFINE
         if model.actuator_trntype[index] != mujoco.mjtTrn.mjTRN_JOINT or not position:

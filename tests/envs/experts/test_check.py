@@ -50,7 +50,8 @@ def test_the_report_does_not_depend_on_how_many_run_at_once():
 def test_the_command_prints_a_line_for_each_split(monkeypatch):
     asked = []
 
-    def pretend(task, split, episodes, *, num_envs):
+    def pretend(task, split, episodes, *, num_envs, simulator):
+        assert simulator == "mujoco"
         asked.append((task, split, episodes, num_envs))
         return ExpertReport(episodes, (17,), 42.5, 0.125)
 
@@ -61,7 +62,7 @@ def test_the_command_prints_a_line_for_each_split(monkeypatch):
     assert main(["--episodes", "50", "--num-envs", "8"]) == 0
     assert asked == [("PickCube", "train", 50, 8), ("PickCube", "test", 50, 8)]
     assert said[0] == (
-        "PickCube train: 98.00 % success (49 of 50 episodes), 42.5 steps on average, "
+        "PickCube train in mujoco: 98.00 % success (49 of 50 episodes), 42.5 steps on average, "
         "largest joint step 0.125 rad; failed: 17"
     )
     assert main(["--split", "test"]) == 0
@@ -71,6 +72,13 @@ def test_the_command_prints_a_line_for_each_split(monkeypatch):
 def test_a_mistake_ends_with_code_two(caplog):
     assert main(["--task", "PickKube", "--episodes", "1"]) == 2
     assert re.search(r"Unknown task 'PickKube'\. Did you mean 'PickCube'\?", caplog.text)
+
+
+def test_the_file_of_records_is_mujocos(caplog, monkeypatch):
+    report = ExpertReport(1, (), 42.5, 0.125)
+    monkeypatch.setattr("envs.experts.check.check_expert", lambda *_, **__: report)
+    assert main(["--simulator", "sapien", "--record", "elsewhere.json"]) == 2
+    assert "The file of records is MuJoCo's" in caplog.text
 
 
 def test_a_report_is_frozen():

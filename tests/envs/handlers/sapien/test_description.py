@@ -153,6 +153,14 @@ def test_forward_kinematics_agrees_with_mujoco(make):
                     )
 
 
+def test_an_equality_is_refused_by_name():
+    xml = """<mujoco><worldbody><body name="a"><freejoint/><geom size=".1"/></body>
+      <body name="b"><freejoint/><geom size=".1"/></body></worldbody>
+      <equality><weld body1="a" body2="b"/></equality></mujoco>"""
+    with pytest.raises(SimulatorError, match=r"An equality constraint \('a' and 'b'\) is not simulated"):
+        describe(mujoco.MjModel.from_xml_string(xml))
+
+
 def test_the_robots_mass_is_all_there():
     model = build_model(PickCube().scenario)
     spec = next(spec for spec in describe(model).trees if len(spec.links) > 1)
