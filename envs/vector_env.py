@@ -273,13 +273,13 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         self.elapsed_steps[rows] += 1
         with torch.inference_mode():  # a third less time per operation, which counts with few environments
             judged = outcome(self.task, states)
-            reward, terminated, success = (values.cpu() for values in judged)
-            self.returns[rows] += reward.numpy()
-            cut_off = torch.from_numpy(self.elapsed_steps[rows] >= self.task.max_episode_steps)
-            returns = torch.from_numpy(self.returns[rows])
-            success = solved(self.task, success, terminated | cut_off, returns)
-        truncated = cut_off & ~terminated
-        return StepResult(reward.double().numpy(), terminated.numpy(), truncated.numpy(), success.numpy())
+        reward, terminated, success = (values.numpy(force=True) for values in judged)
+        self.returns[rows] += reward
+        cut_off = self.elapsed_steps[rows] >= self.task.max_episode_steps
+        if self.task.success_return is not None:
+            parts = (success, terminated | cut_off, self.returns[rows])
+            success = solved(self.task, *map(torch.from_numpy, parts)).numpy()
+        return StepResult(reward.astype(np.float64), terminated, cut_off & ~terminated, success)
 
     # -- Gymnasium ----------------------------------------------------------------------------------
 

@@ -2,7 +2,6 @@
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import override
 
 import mujoco
@@ -16,6 +15,7 @@ from envs.handlers import RENDERERS
 from envs.handlers.base import MODALITIES, EnvIds, Handler, TextureSource
 from envs.handlers.mujoco.layout import EntityLayout, as_slice, block, layout_of
 from envs.handlers.mujoco.model import build_model
+from envs.handlers.mujoco.moments import Moment, ReadEntity, readers_of
 from envs.handlers.mujoco.objects import rest_joints
 from envs.handlers.mujoco.render import Renderer, RenderJob
 from envs.scenario import Appearance, ScenarioCfg
@@ -66,7 +66,11 @@ class MujocoHandler(Handler):
         self._qpos, self._qvel = self._batch.qpos, self._batch.qvel
         self._ctrl, self._mocap_pos = self._batch.ctrl, self._batch.mocap_pos
         self._mocap_quat, self._warmstart = self._batch.mocap_quat, self._batch.qacc_warmstart
-        self._site_xpos, self._site_xmat = self._batch.bind("site_xpos"), self._batch.bind("site_xmat")
+        self._arrays = {name: self._batch.bind(name) for name in Moment.__slots__}
+        self._robots, self._objects = (
+            {entity.name: readers_of(entity, len(entity.qpos)) for entity in entities}
+            for entities in (self._layout.robots, self._layout.objects)
+        )
         self._readers = [
             (entity, as_slice(entity.qpos), as_slice(entity.qvel), as_slice(entity.ctrl))
             for entity in (*self._layout.robots, *self._layout.objects)
@@ -76,70 +80,16 @@ class MujocoHandler(Handler):
             self._ctrl[:, robot.ctrl] = np.array(cfg.default_qpos)[robot.driven]
         for layout, item in zip(self._layout.objects, self.scenario.objects, strict=True):
             self._qpos[:, layout.qpos] = rest_joints(item)
-        self._rests: dict[int, _Rest] = {}
         self._low, self._high = self.model.actuator_ctrlrange.T.copy()
         self._batch.forward(stage=_POSITION_STAGE)
 
     @override
     def get_states(self, env_ids: EnvIds = None) -> State:
-        rows = slice(None) if env_ids is None else np.asarray(env_ids)
-        qpos = torch.from_numpy(self._qpos[rows].copy())
-        qvel = torch.from_numpy(self._qvel[rows].copy())
-        robots, objects = {}, {}
-        num_robots = len(self._layout.robots)
-        for index, (entity, joints, speeds, targets) in enumerate(self._readers):
-            if index < num_robots:
-                robots[entity.name] = self._robot_state(entity, qpos, qvel, joints, speeds, targets, rows)
-            else:
-                objects[entity.name] = self._object_state(entity, qpos, qvel, joints, speeds, rows)
-        return State(robots, objects)
-
-    def _robot_state(self, robot, qpos, qvel, joints, speeds, targets, rows) -> EntityState:
-        pos, rot, lin_vel, ang_vel = self._root_state(robot, qpos, qvel)
-        return EntityState(
-            pos=pos,
-            rot=rot,
-            lin_vel=lin_vel,
-            ang_vel=ang_vel,
-            joint_pos=qpos[:, joints],
-            joint_vel=qvel[:, speeds],
-            joint_target=torch.from_numpy(self._ctrl[block(rows, targets)].copy()),
-            ee_pos=torch.from_numpy(self._site_xpos[rows, robot.ee_site].copy()),
-            ee_rot=torch.from_numpy(_quaternions(self._site_xmat[rows, robot.ee_site])),
+        moment = Moment.of(self._arrays, slice(None) if env_ids is None else np.asarray(env_ids))
+        return State(
+            {name: ReadEntity(moment, readers) for name, readers in self._robots.items()},
+            {name: ReadEntity(moment, readers) for name, readers in self._objects.items()},
         )
-
-    def _root_state(
-        self, entity: EntityLayout, qpos: Tensor, qvel: Tensor
-    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Returns position, orientation, linear and angular velocity of what moves freely or is bolted."""
-        if entity.root == "free":
-            pose, speed = qpos[:, entity.root_qpos :], qvel[:, entity.root_qvel :]
-            return pose[:, :3], pose[:, 3:7], speed[:, :3], speed[:, 3:6]
-        rest = self._rest(len(qpos))
-        return rest.pos[entity.name], rest.rot[entity.name], rest.still, rest.still
-
-    def _object_state(self, item: EntityLayout, qpos, qvel, joints, speeds, rows) -> EntityState:
-        rest = self._rest(len(qpos))
-        joint_pos, joint_vel = (
-            (qpos[:, joints], qvel[:, speeds]) if len(item.qpos) else (rest.none, rest.none)
-        )
-        if item.root == "free":
-            return EntityState(*self._root_state(item, qpos, qvel), joint_pos, joint_vel)
-        pos = torch.from_numpy(self._mocap_pos[rows, item.mocap].copy())
-        rot = torch.from_numpy(self._mocap_quat[rows, item.mocap].copy())
-        return EntityState(pos, rot, rest.still, rest.still, joint_pos, joint_vel)
-
-    def _rest(self, count: int) -> "_Rest":
-        """Returns what never changes, for ``count`` environments."""
-        if count not in self._rests:
-            robots = self._layout.robots
-            self._rests[count] = _Rest(
-                pos={e.name: torch.from_numpy(np.tile(e.pos, (count, 1))) for e in robots},
-                rot={e.name: torch.from_numpy(np.tile(e.rot, (count, 1))) for e in robots},
-                still=torch.zeros((count, 3), dtype=torch.float64),
-                none=torch.zeros((count, 0), dtype=torch.float64),
-            )
-        return self._rests[count]
 
     @override
     def set_states(self, states: State, env_ids: EnvIds = None) -> None:
@@ -321,19 +271,3 @@ class MujocoHandler(Handler):
 
 def _stopped(error: SimulationError) -> SimulatorError:
     return SimulatorError(f"MuJoCo stopped in environments {error.ids.tolist()}: {error}")
-
-
-@dataclass(frozen=True, slots=True)
-class _Rest:
-    pos: dict[str, Tensor]
-    rot: dict[str, Tensor]
-    still: Tensor
-    none: Tensor
-
-
-def _quaternions(matrices: np.ndarray) -> np.ndarray:
-    """Returns wxyz quaternions (n, 4) of rotation matrices (n, 9)."""
-    out = np.empty((len(matrices), 4))
-    for quat, matrix in zip(out, matrices, strict=True):
-        mujoco.mju_mat2Quat(quat, matrix)
-    return out
