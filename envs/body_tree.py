@@ -3,7 +3,7 @@
 Shapes: N states, B bodies. A simulator is not asked, so that the same reward is paid on every one.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import mujoco
@@ -141,7 +141,8 @@ class _Body:
 @lru_cache(maxsize=16)
 def _depths_of(robot: RobotCfg) -> list[list[_Body]]:
     """Reads the tree from the compiled robot, depth by depth."""
-    scenario = ScenarioCfg(robots=(robot,), table=None, room=None)
+    alone = replace(robot, feels=())  # what it feels is not here
+    scenario = ScenarioCfg(robots=(alone,), table=None, room=None)
     model = build_model(scenario, simplify=False)
     layout = layout_of(model, scenario).robots[0]
     column_of = {int(address): column for column, address in enumerate(layout.qpos)}

@@ -31,6 +31,8 @@ class EntityState:
         joint_target: Position targets of the driven joints, (N, J) where all are; for a robot only.
         ee_pos: Position of the end effector, (N, 3); for a robot only, and ignored when a state is set.
         ee_rot: Orientation of the end effector, (N, 4); likewise.
+        touched: Which of the T things that it feels touch it, 1 or 0, (N, T), as the last step found it; for
+            what feels something only, and ignored when a state is set.
     """
 
     pos: Tensor
@@ -42,6 +44,7 @@ class EntityState:
     joint_target: Tensor | None = None
     ee_pos: Tensor | None = None
     ee_rot: Tensor | None = None
+    touched: Tensor | None = None
 
     @classmethod
     def at_rest(cls, pos: np.ndarray, rot: np.ndarray, joint_pos: np.ndarray | None = None) -> "EntityState":

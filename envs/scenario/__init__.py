@@ -15,6 +15,7 @@ from envs.scenario.robots import BodyCfg, JointCfg, RobotCfg, SiteCfg
 from envs.scenario.units import IDENTITY, Quat, Rgba, Vec3
 
 __all__ = [
+    "GROUND",
     "IDENTITY",
     "SURFACES",
     "Appearance",
@@ -37,6 +38,10 @@ __all__ = [
     "TableCfg",
     "Vec3",
 ]
+
+
+GROUND = "ground"
+"""The ground, where a robot or an object says what it feels."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -124,6 +129,10 @@ class ScenarioCfg:
         double = sorted({name for name in names if names.count(name) > 1})
         if double:
             raise ConfigError(f"A scenario's names must be unique; used twice: {', '.join(double)}.")
+        for item in (*self.robots, *self.objects):
+            for other in item.feels:
+                if other not in (*names, GROUND):
+                    raise unknown_name(f"thing that '{item.name}' feels", other, (*names, GROUND))
 
     @property
     def floor_z(self) -> float:

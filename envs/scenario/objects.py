@@ -25,6 +25,7 @@ class GeomCfg:
         rgba: Colour and opacity.
         mass_kg: Mass.
         friction: Sliding, torsional and rolling friction coefficients.
+        condim: Directions in which MuJoCo's contacts have friction: 3 slide, 4 turn too.
         collides: Whether other things touch it.
         visible: Whether it is drawn.
     """
@@ -38,6 +39,7 @@ class GeomCfg:
     rgba: Rgba = (0.6, 0.6, 0.6, 1.0)
     mass_kg: float = 0.0
     friction: Vec3 = (1.0, 0.005, 0.0001)
+    condim: Literal[3, 4] = 4
     collides: bool = True
     visible: bool = True
 
@@ -120,6 +122,7 @@ class ObjectCfg:
         rot: Orientation at rest, wxyz; likewise.
         kind: ``free`` moves under physics; ``fixed`` stands where it is put at the start of an episode;
             ``marker`` is the same, and only seen.
+        feels: Robots, objects, or ``"ground"``, whose touch is part of its state.
         pulls: Body, such as ``"sawyer/hand"``, that a soft weld pulls to the place of this object,
             which is no free one; None pulls nothing.
     """
@@ -135,6 +138,7 @@ class ObjectCfg:
     pos: Vec3 = (0.0, 0.0, 0.0)
     rot: Quat = IDENTITY
     kind: Literal["free", "fixed", "marker"] = "free"
+    feels: tuple[str, ...] = ()
     pulls: str | None = None
 
     def __post_init__(self) -> None:

@@ -97,6 +97,7 @@ class RobotCfg:
         fixed_base: Whether the base is bolted down. If not it moves freely, and its pose and velocity are
             part of the state.
         gravity_compensated: Gravity does not act on the robot's own links.
+        feels: Robots, objects, or ``"ground"``, whose touch is part of its state.
     """
 
     name: str
@@ -114,6 +115,7 @@ class RobotCfg:
     rot: Quat = IDENTITY
     fixed_base: bool = True
     gravity_compensated: bool = True
+    feels: tuple[str, ...] = ()
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -79,10 +79,21 @@ for _name, _summary in {
     "stand": "stand upright and keep still for 20 s",
     "walk": "walk forwards at 1 m/s",
     "run": "run forwards at 5 m/s",
+    "crawl": "crawl through a low tunnel",
+    "hurdle": "run over ten hurdles",
+    "stair": "walk up and down stairs",
+    "slide": "walk up and down ramps",
+    "pole": "walk between poles without touching them",
+    "maze": "walk through a maze from marker to marker",
+    "sit_simple": "sit down on the chair behind",
+    "sit_hard": "sit down on a chair that can be pushed away",
+    "balance_simple": "stand on a board that tips on a ball",
+    "balance_hard": "stand on a board on a rolling ball",
 }.items():
+    _module = "locomotion" if _name in ("stand", "walk", "run") else "obstacles"
     TASKS.add(
         f"humanoid/{_name}",
-        f"envs.tasks.humanoid.locomotion:{_name.title()}",
+        f"envs.tasks.humanoid.{_module}:{_name.title().replace('_', '')}",
         tags={"humanoid", "rl"},
         extra="humanoid",
         summary=_summary,

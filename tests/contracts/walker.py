@@ -45,6 +45,7 @@ WALKER = RobotCfg(
     pos=(0.0, 0.0, 0.45),
     fixed_base=False,
     gravity_compensated=False,
+    feels=("ground",),
 )
 
 SCENARIO = ScenarioCfg(

@@ -6,8 +6,8 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from envs.handlers.mujoco.model import ROOT_JOINT
-from envs.scenario import ScenarioCfg
+from envs.handlers.mujoco.model import ROOT_JOINT, touch_sensor
+from envs.scenario import ObjectCfg, RobotCfg, ScenarioCfg
 
 Root = Literal["free", "fixed", "mocap"]
 
@@ -29,6 +29,7 @@ class EntityLayout:
         ctrl: Addresses of the actuators of its driven joints in ctrl, or empty.
         driven: Indices of its driven joints among its joints.
         ee_site: Id of the end effector's site, or -1.
+        touches: Addresses, in sensordata, of what it feels.
     """
 
     name: str
@@ -43,6 +44,7 @@ class EntityLayout:
     ctrl: np.ndarray
     driven: np.ndarray
     ee_site: int
+    touches: np.ndarray
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +76,7 @@ def layout_of(model: mujoco.MjModel, scenario: ScenarioCfg) -> Layout:
                 ctrl=np.array([model.actuator(f"{robot.name}/{name}").id for name in driven], np.intp),
                 driven=np.array(robot.driven, np.intp),
                 ee_site=model.site(f"{robot.name}/{robot.ee_site}").id,
+                touches=_touches(model, robot),
             )
         )
     objects = []
@@ -94,9 +97,15 @@ def layout_of(model: mujoco.MjModel, scenario: ScenarioCfg) -> Layout:
                 ctrl=np.zeros(0, np.intp),
                 driven=np.zeros(0, np.intp),
                 ee_site=-1,
+                touches=_touches(model, item),
             )
         )
     return Layout(tuple(robots), tuple(objects))
+
+
+def _touches(model: mujoco.MjModel, item: RobotCfg | ObjectCfg) -> np.ndarray:
+    sensors = [model.sensor(touch_sensor(item.name, other)) for other in item.feels]
+    return np.array([sensor.adr[0] for sensor in sensors], np.intp)
 
 
 def as_slice(addresses: np.ndarray) -> slice | np.ndarray:

@@ -15,7 +15,17 @@ from envs.handlers.mujoco.meshes import VISUAL_GROUP, simplify_visuals
 from envs.handlers.mujoco.objects import HIDDEN_GROUP, SCENE_GROUP, SHAPES, add_object, add_pull
 from envs.handlers.mujoco.options import MujocoSettings
 from envs.rotations import look_at_matrix
-from envs.scenario import IDENTITY, SURFACES, BodyCfg, CameraCfg, PhysicsCfg, RobotCfg, ScenarioCfg
+from envs.scenario import (
+    GROUND,
+    IDENTITY,
+    SURFACES,
+    BodyCfg,
+    CameraCfg,
+    ObjectCfg,
+    PhysicsCfg,
+    RobotCfg,
+    ScenarioCfg,
+)
 from envs.scenario.places import WALL_HALF_THICKNESS_M
 
 MAX_LIGHTS = 8
@@ -62,6 +72,8 @@ def build_model(scenario: ScenarioCfg, *, simplify: bool = True) -> mujoco.MjMod
         add_pull(spec, item)
     for camera in scenario.cameras:
         _add_camera(spec, camera)
+    for item in (*scenario.robots, *scenario.objects):
+        _add_touches(spec, scenario, item)
     spec.add_material(name=OBJECT_MATERIAL)
     model = spec.compile()
     # Robots and objects keep their colours and share one material, which says how they reflect.
@@ -159,6 +171,27 @@ def _add_walls(spec: mujoco.MjSpec, half: float, height: float, ground_z: float)
             conaffinity=0,
             group=SCENE_GROUP,
         )
+
+
+def touch_sensor(feeling: str, felt: str) -> str:
+    """Returns the name of the sensor of whether something touches a robot or an object."""
+    return f"{feeling}/touched_by/{felt}"
+
+
+def _add_touches(spec: mujoco.MjSpec, scenario: ScenarioCfg, item: RobotCfg | ObjectCfg) -> None:
+    """Adds a sensor for each thing that a robot or an object feels: how many of their geoms touch."""
+    roots = {robot.name: f"{robot.name}/{robot.root}" for robot in scenario.robots}
+    for other in item.feels:
+        is_ground = other == GROUND
+        sensor = spec.add_sensor(
+            name=touch_sensor(item.name, other),
+            type=mujoco.mjtSensor.mjSENS_CONTACT,
+            objtype=mujoco.mjtObj.mjOBJ_XBODY,
+            objname=roots.get(item.name, item.name),
+            reftype=mujoco.mjtObj.mjOBJ_GEOM if is_ground else mujoco.mjtObj.mjOBJ_XBODY,
+            refname=GROUND if is_ground else roots.get(other, other),
+        )
+        sensor.intprm[:3] = (1, 0, 1)  # found, as they come, one
 
 
 def _add_camera(spec: mujoco.MjSpec, camera: CameraCfg) -> None:

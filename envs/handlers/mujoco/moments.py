@@ -30,6 +30,7 @@ class Moment:
         mocap_quat: Their orientations, (n, nmocap, 4).
         site_xpos: Positions of sites, (n, nsite, 3).
         site_xmat: Their orientations, (n, nsite, 9).
+        sensordata: What sensors say, (n, nsensordata).
     """
 
     qpos: np.ndarray
@@ -39,6 +40,7 @@ class Moment:
     mocap_quat: np.ndarray
     site_xpos: np.ndarray
     site_xmat: np.ndarray
+    sensordata: np.ndarray
 
     @classmethod
     def of(cls, arrays: Mapping[str, np.ndarray], rows: slice | np.ndarray) -> "Moment":
@@ -78,7 +80,7 @@ def readers_of(entity: EntityLayout, num_joints: int) -> dict[str, Reader]:
         num_joints: How many joints it has.
     """
     joints, speeds, targets = as_slice(entity.qpos), as_slice(entity.qvel), as_slice(entity.ctrl)
-    readers: dict[str, Reader] = {**_root(entity)}
+    readers: dict[str, Reader] = {**_root(entity), "touched": _touched(entity)}
     if num_joints:
         readers["joint_pos"] = lambda m: torch.from_numpy(m.qpos[:, joints])
         readers["joint_vel"] = lambda m: torch.from_numpy(m.qvel[:, speeds])
@@ -112,6 +114,13 @@ def _root(entity: EntityLayout) -> dict[str, Reader]:
     readers["pos"] = lambda m: torch.from_numpy(np.tile(pos, (len(m.qpos), 1)))
     readers["rot"] = lambda m: torch.from_numpy(np.tile(rot, (len(m.qpos), 1)))
     return readers
+
+
+def _touched(entity: EntityLayout) -> Reader:
+    touches = as_slice(entity.touches)
+    if not len(entity.touches):
+        return _none
+    return lambda m: torch.from_numpy((m.sensordata[:, touches] > 0.0).astype(np.float64))
 
 
 def _still(size: int) -> Reader:

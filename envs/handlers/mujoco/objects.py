@@ -118,7 +118,7 @@ def _add_geom(spec, body, geom: GeomCfg, name: str, seen_only: bool) -> None:
         rgba=geom.rgba,
         mass=geom.mass_kg,
         friction=geom.friction,
-        condim=4,
+        condim=geom.condim,
         group=SCENE_GROUP if geom.visible else HIDDEN_GROUP,
     )
     if geom.mesh is None:

@@ -154,7 +154,13 @@ class MujocoWarpHandler(Handler):
             joint_target=ctrl[:, targets],
             ee_pos=views.site_xpos[rows, robot.ee_site].clone(),
             ee_rot=from_matrix(views.site_xmat[rows, robot.ee_site]),
+            touched=self._touched(robot, rows),
         )
+
+    def _touched(self, entity: EntityLayout, rows) -> Tensor | None:
+        if not len(entity.touches):
+            return None
+        return (self._running.views.sensordata[rows][:, entity.touches] > 0.0).to(self.dtype)
 
     def _root_state(
         self, entity: EntityLayout, qpos: Tensor, qvel: Tensor
@@ -173,10 +179,12 @@ class MujocoWarpHandler(Handler):
         still, none = self._rest(len(qpos))
         joint_pos, joint_vel = (qpos[:, joints], qvel[:, speeds]) if len(item.qpos) else (none, none)
         if item.root == "free":
-            return EntityState(*self._root_state(item, qpos, qvel), joint_pos, joint_vel)
+            root = self._root_state(item, qpos, qvel)
+            return EntityState(*root, joint_pos, joint_vel, touched=self._touched(item, rows))
         pos = views.mocap_pos[rows, item.mocap].clone()
         rot = views.mocap_quat[rows, item.mocap].clone()
-        return EntityState(pos, rot, still, still, joint_pos, joint_vel)
+        touched = self._touched(item, rows)
+        return EntityState(pos, rot, still, still, joint_pos, joint_vel, touched=touched)
 
     def _rest(self, count: int) -> tuple[Tensor, Tensor]:
         """Returns what never changes: zero velocities, and the joints of what has none."""

@@ -56,6 +56,7 @@ class WorldViews:
         mocap_quat: Their orientations, wxyz, (N, nmocap, 4).
         site_xpos: Sites' positions in the world, (N, nsite, 3).
         site_xmat: Their orientations, (N, nsite, 3, 3).
+        sensordata: What sensors say, (N, nsensordata).
     """
 
     qpos: Tensor
@@ -65,6 +66,7 @@ class WorldViews:
     mocap_quat: Tensor
     site_xpos: Tensor
     site_xmat: Tensor
+    sensordata: Tensor
 
 
 class Worlds:
@@ -121,6 +123,7 @@ class Worlds:
         """Makes the present state the start of these worlds: nothing of the past is left."""
         self._state["qacc_warmstart"][rows] = 0.0
         self._state["time"][rows] = 0.0
+        self.views.sensordata[rows] = 0.0
         for name, value in self._state.items():
             self._start[name][rows] = value[rows]
         self._overflow[rows] = 0

@@ -50,13 +50,6 @@ LOOKS = Appearance(
     lights=(LightCfg(kind="distant", direction=(-0.3, -0.4, -1.0), intensity=0.8, cast_shadow=True),),
 )
 
-CAMERAS = (
-    CameraCfg(
-        name="front", mount=f"{ROBOT}/pelvis", turns=False, pos=(2.0, 3.0, 0.8), look_at=(0.0, 0.0, 0.0)
-    ),
-)
-"""``robots/h1_pos.xml``, cam_default: beside the robot, going along with it."""
-
 GROUND_HALF_SIZE_M = 20.0
 """``common/floor.xml``."""
 
@@ -82,12 +75,18 @@ class HumanoidTask(Task):
     fallen_below_m: ClassVar[float | None] = 0.2
     """Height of the pelvis below which an episode is lost."""
 
+    camera_pos: ClassVar[Vec3] = (2.0, 3.0, 0.8)
+    """Where the camera is that goes along with the pelvis, from there, m: cam_default of ``h1_pos.xml``."""
+
+    feels: ClassVar[tuple[str, ...]] = ()
+    """What the robot's touch of is asked for."""
+
     model: str = ""
 
     @property
     def robot(self) -> RobotCfg:
         """The H1."""
-        return dataclasses.replace(h1_of(self.model), pos=self.start_pos)
+        return dataclasses.replace(h1_of(self.model), pos=self.start_pos, feels=self.feels)
 
     @property
     def objects(self) -> tuple[ObjectCfg, ...]:
@@ -100,7 +99,15 @@ class HumanoidTask(Task):
         return ScenarioCfg(
             robots=(self.robot,),
             objects=self.objects,
-            cameras=CAMERAS,
+            cameras=(
+                CameraCfg(
+                    name="front",
+                    mount=f"{ROBOT}/pelvis",
+                    turns=False,
+                    pos=self.camera_pos,
+                    look_at=(0.0, 0.0, 0.0),
+                ),
+            ),
             appearance=LOOKS,
             table=None,
             room=None,
@@ -117,12 +124,28 @@ class HumanoidTask(Task):
     @override
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
         """Returns the published posture with uniform noise on every number; quaternions are normalized."""
-        robot = self.robot
-        rest = np.array([*robot.pos, *robot.rot, *robot.default_qpos])
-        qpos = np.stack([rest + rng.uniform(-RESET_NOISE, RESET_NOISE, len(rest)) for rng in rngs])
-        rot = qpos[:, 3:7] / np.linalg.norm(qpos[:, 3:7], axis=-1, keepdims=True)
+        robot, moving = self.robot, self._moving
+        rest = [*robot.pos, *robot.rot, *robot.default_qpos]
+        joints = len(rest)
+        for item in moving:
+            rest += [*item.pos, *item.rot]
+        qpos = np.array(rest) + np.zeros((len(rngs), 1))
+        for row, rng in zip(qpos, rngs, strict=True):
+            row += rng.uniform(-RESET_NOISE, RESET_NOISE, len(rest))
+            self.place(rng, row)
         # Published episodes begin with targets of zero; the first action replaces them before a step.
-        return State({ROBOT: EntityState.at_rest(qpos[:, :3], rot, qpos[:, 7:])}, {})
+        objects = {
+            item.name: EntityState.at_rest(*_pose(qpos[:, joints + 7 * index :]))
+            for index, item in enumerate(moving)
+        }
+        return State({ROBOT: EntityState.at_rest(*_pose(qpos), qpos[:, 7:joints])}, objects)
+
+    def place(self, rng: np.random.Generator, qpos: np.ndarray) -> None:
+        """Changes one drawn ``qpos`` further; not by default."""
+
+    @property
+    def _moving(self) -> list[ObjectCfg]:
+        return [item for item in self.objects if item.kind == "free"]
 
     @override
     def success(self, state: State) -> Tensor:
@@ -136,16 +159,15 @@ class HumanoidTask(Task):
         return state.robots[ROBOT].pos[:, 2] < self.fallen_below_m
 
     def observe(self, state: State) -> Tensor:
-        """Returns all positions, then all velocities, as MuJoCo's ``qpos`` and ``qvel`` have them, (N, 51).
+        """Returns all positions, then all velocities, as MuJoCo's ``qpos`` and ``qvel`` have them.
 
         The robot's place, orientation and 19 joints, then what moves beside it; linear velocities are the
-        world's, angular ones the body's.
+        world's, angular ones the body's: (N, 51), and 13 more for each free object.
         """
         robot = state.robots[ROBOT]
-        moving = [state.objects[item.name] for item in self.objects if item.kind == "free"]
         qpos = [robot.pos, robot.rot, robot.joint_pos]
         qvel = [robot.lin_vel, robot.ang_vel, robot.joint_vel]
-        for item in moving:
+        for item in (state.objects[cfg.name] for cfg in self._moving):
             qpos += [item.pos, item.rot]
             qvel += [item.lin_vel, item.ang_vel]
         return torch.cat([*qpos, *qvel], dim=-1)
@@ -157,7 +179,14 @@ class HumanoidTask(Task):
     def measures(self, state: State) -> Measures:
         """Returns what the rewards are made of."""
         robot = state.robots[ROBOT]
-        return measure(_tree(self.robot, robot.pos.device, robot.pos.dtype), self.robot, robot)
+        cfg = h1_of(self.model)
+        return measure(_tree(cfg, robot.pos.device, robot.pos.dtype), cfg, robot)
+
+
+def _pose(qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns positions (N, 3) and normalized orientations (N, 4) of the first seven numbers."""
+    rot = qpos[:, 3:7]
+    return qpos[:, :3], rot / np.linalg.norm(rot, axis=-1, keepdims=True)
 
 
 @lru_cache(maxsize=8)
