@@ -69,6 +69,10 @@ class MaterialLibrary:
             raise ConfigError(f"The folder of materials '{folder}' holds no picture. {_FOLDER_HELP}")
         return cls(MappingProxyType(names), folder)
 
+    def __reduce__(self) -> tuple:
+        """Lets it be copied to another process, which a read-only mapping cannot be."""
+        return _library, (dict(self.names), self.folder)
+
     def texture(self, name: str, size: int = procedural.NATIVE_SIZE) -> np.ndarray:
         """Returns a material's picture, read-only (size, size, 3) uint8 sRGB.
 
@@ -109,6 +113,10 @@ class MaterialLibrary:
                 if self.folder is not None and self.is_image(name):
                     sha.update(hashlib.sha256((self.folder / name).read_bytes()).digest())
         return sha.hexdigest()[:16]
+
+
+def _library(names: dict[str, tuple[str, ...]], folder: Path | None) -> MaterialLibrary:
+    return MaterialLibrary(MappingProxyType(names), folder)
 
 
 _FOLDER_HELP = (

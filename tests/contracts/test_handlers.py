@@ -10,6 +10,7 @@ from envs.errors import MissingExtraError, SimulatorError, UnknownNameError
 from envs.handlers import HANDLERS
 from envs.handlers.base import Handler
 from envs.handlers.hybrid import HybridHandler
+from envs.handlers.processes import ProcessHandler
 from envs.tasks.pick_cube import PickCube
 
 NUM_ENVS = 4
@@ -20,7 +21,11 @@ PAIRS = [f"mujoco+{name}" for name in HANDLERS if name != "mujoco"]
 def make(name, scenario, num_envs):
     """A simulator, or physics of one and pictures of another: ``mujoco+sapien``."""
     physics, _, drawing = name.partition("+")
+    inner = name.removeprefix("processes of ")
     try:
+        if inner != name:
+            options = {"renderer": "warp", "simulator": inner, "num_processes": 2}
+            return ProcessHandler(scenario, num_envs, **options)
         if drawing:
             return HybridHandler(scenario, num_envs, simulator=physics, renderer=drawing)
         return HANDLERS.get(physics)(scenario, num_envs)
@@ -28,7 +33,7 @@ def make(name, scenario, num_envs):
         pytest.skip(str(error))
 
 
-@pytest.fixture(scope="module", params=[*HANDLERS.names(), *PAIRS])
+@pytest.fixture(scope="module", params=[*HANDLERS.names(), *PAIRS, "processes of mujoco"])
 def name(request):
     return request.param
 
