@@ -54,7 +54,7 @@ class MujocoWarpHandler(Handler):
         on: The device, once launched.
     """
 
-    own_renderers = ("warp", "gl", "filament")
+    own_renderers = ("warp", "gl", "filament", "sapien")
     dtype = torch.float32
     steps_together = True
 

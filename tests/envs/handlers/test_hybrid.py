@@ -36,8 +36,9 @@ def launched(handler):
 def drawing(request):
     """A simulator other than the one that the pairs below take physics from."""
     try:
-        HANDLERS.get(request.param)
-    except MissingExtraError as error:
+        with launched(HybridHandler(small_scene(), 1, renderer=request.param)) as handler:
+            handler.render()
+    except (MissingExtraError, SimulatorError) as error:
         pytest.skip(str(error))
     return request.param
 
@@ -50,7 +51,8 @@ def pair(drawing):
 
 @pytest.fixture(scope="module")
 def alone(drawing):
-    with launched(HANDLERS.get(drawing)(small_scene(), NUM_ENVS)) as handler:
+    simulator, renderer = drawing_simulator("mujoco", drawing)
+    with launched(make_handler(simulator, small_scene(), NUM_ENVS, renderer=renderer or drawing)) as handler:
         yield handler
 
 
