@@ -68,7 +68,8 @@ def render(summaries: Sequence[Mapping[str, Any]]) -> str:
         "success condition says there what it says of the recording, tell whether states, kinematics and "
         "the condition mean the same. **By controls**, the first moment is set and the recorded actions are "
         f"given, the last of them for {HOLD_STEPS} steps more: physics decides. Of drift, the median over "
-        "the episodes and, in brackets, the 90th percentile; of objects, the one that is farthest. The last "
+        "the episodes and, in brackets, the 90th percentile; of objects, the one that is farthest, and the "
+        "farthest joint. The last "
         f"column: in how many episodes an object was ever {1000 * FAR_M:.0f} mm from where it had been, and "
         "when first, as a median.",
         "",
@@ -110,7 +111,8 @@ def _row(summary: Mapping[str, Any]) -> tuple[str, ...]:
         far = [after for after in controls["far_after_s"] if after is not None]
         by_controls = (
             _percent(controls["success_rate"]),
-            *(_at_the_end(controls["drift"], name) for name in ("end_effector_m", "objects_m")),
+            _at_the_end(controls["drift"], ("end_effector_m",)),
+            _at_the_end(controls["drift"], ("objects_m", "object_joints")),
             f"{len(far)} of {summary['num_episodes']}" + (f", after {np.median(far):.2f} s" if far else ""),
         )
     title, pair = _title(summary).rsplit(", ", 1)
@@ -118,11 +120,14 @@ def _row(summary: Mapping[str, Any]) -> tuple[str, ...]:
     return (title, recorded, replayed, str(summary["num_episodes"]), *by_states, *by_controls)
 
 
-def _at_the_end(found: Mapping[str, Any], name: str) -> str:
-    if name not in found:
-        return "none"
-    last = found[name]["last"]
-    return f"{_length(last['median'])} ({_length(last['p90'])})"
+def _at_the_end(found: Mapping[str, Any], names: Sequence[str]) -> str:
+    cells = []
+    for name in names:
+        if name in found:
+            shown = _length if name.endswith("_m") else _joint
+            last = found[name]["last"]
+            cells.append(f"{shown(last['median'])} ({shown(last['p90'])})")
+    return ", ".join(cells) or "none"
 
 
 def _percent(rate: float) -> str:
@@ -134,6 +139,10 @@ def _length(metres: float) -> str:
     if metres == 0.0:
         return "0"
     return f"{1000 * metres:.2g} mm" if metres >= 1e-5 else f"{1e6 * metres:.2g} µm"
+
+
+def _joint(radians: float) -> str:
+    return f"{radians:.1e} rad" if radians else "0"
 
 
 def plot(summary: Mapping[str, Any], path: Path) -> None:
