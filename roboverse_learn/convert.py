@@ -14,6 +14,7 @@ def convert_robot(config: ConvertConfig) -> Any:
         ConfigError: The source is no single robot, the format cannot hold it, or the folder is in use.
         MissingExtraError: A package that the format needs is not installed.
     """
+    from rich.console import Group
     from rich.text import Text
 
     from envs.convert import convert
@@ -25,4 +26,4 @@ def convert_robot(config: ConvertConfig) -> Any:
         simplify=config.simplify,
         out=Path(config.out) if config.out else None,
     )
-    return Text(str(path), no_wrap=True, overflow="ignore")
+    return Group(Text(str(path), no_wrap=True, overflow="ignore"))  # one line, however long

@@ -249,7 +249,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--write", type=Path, help="Markdown file to write")
     args = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
-    logging.getLogger("envs.convert.conversion").setLevel(logging.ERROR)
     rows: list[Row] = []
     for source in args.sources or (*ROBOTS.names(), *robosuite_files()):
         new = check(source, programs=args.programs or (), postures=args.postures)
@@ -263,4 +262,5 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    logging.getLogger("envs.convert.conversion").setLevel(logging.ERROR)  # the rows say it
     sys.exit(main())

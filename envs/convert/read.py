@@ -33,6 +33,7 @@ def read_model(
     *,
     prefix: str = "",
     mesh_files: Mapping[str, Path] | None = None,
+    root: int = 0,
 ) -> Description:
     """Describes a robot.
 
@@ -41,11 +42,13 @@ def read_model(
         name: Name of the robot.
         prefix: What the model's names begin with, which is left out.
         mesh_files: Mesh name to the file that it was read from, for the search of a textured twin.
+        root: A top body, where the model is a scene and the robot one of several things in it; the
+            description begins with it, and stands where it stands. 0 is all of the model.
 
     Raises:
         ConfigError: if several things float freely, so that it is not one robot.
     """
-    return _Reader(model, prefix, mesh_files or {}).description(name)
+    return _Reader(model, prefix, mesh_files or {}).description(name, root)
 
 
 class _Reader:
@@ -62,8 +65,10 @@ class _Reader:
     def _names(self, count: int, name_of, kind: str) -> list[str]:
         return [name_of(index).removeprefix(self.prefix) or f"{kind}{index}" for index in range(count)]
 
-    def description(self, name: str) -> Description:
+    def description(self, name: str, root: int) -> Description:
         model = self.model
+        if root:
+            return self._tree(name, root)
         tops = [body for body in range(1, model.nbody) if model.body_parentid[body] == 0]
         floating = [top for top in tops if self._kinds(top)[:1] == ["free"]]
         if len(floating) > 1 or (floating and len(tops) > 1):
@@ -81,6 +86,18 @@ class _Reader:
             links += self._links(body)
         self._note_losses()
         return Description(name, tuple(links), (*self.losses, *self.shapes.losses))
+
+    def _tree(self, name: str, root: int) -> Description:
+        """Describes a top body of a scene, with what it carries, and the world if it is jointed to that."""
+        model, links = self.model, []
+        if self._kinds(root) not in ([], ["free"]):
+            still = Inertial(0.0, np.zeros(3), np.array(IDENTITY), np.zeros(3))
+            self.link_of_body[0] = Link("world", 0, None, _fixed("world"), *_at_origin(), still)
+            links.append(self.link_of_body[0])
+        for body in range(root, model.nbody):
+            if body == root or model.body_rootid[body] == root:
+                links += self._links(body)
+        return Description(name, tuple(links))
 
     def _is_root(self, tops: list[int]) -> bool:
         """Whether the only top body can be the root itself: it floats, or stands at the origin for good."""

@@ -27,6 +27,13 @@ HANDLERS.add(
     summary="SAPIEN 3: PhysX on CPU, environments stepped by threads; its own Vulkan renderer",
 )
 
+HANDLERS.add(
+    "pybullet",
+    "envs.handlers.pybullet.handler:PybulletHandler",
+    extra="pybullet",
+    summary="Bullet by PyBullet on CPU, one client per environment; its own software rasterizer",
+)
+
 RENDERERS: "Registry[type[Renderer]]" = Registry("renderer")
 RENDERERS.add(
     "warp",
@@ -48,4 +55,10 @@ RENDERERS.add(
     "envs.handlers.sapien.render:SapienRenderer",
     extra="sapien",
     summary="SAPIEN's physically based rasterizer; needs a Vulkan driver (Mesa 25 where there is no GPU)",
+)
+RENDERERS.add(
+    "pybullet",
+    "envs.handlers.pybullet.render:TinyRenderer",
+    extra="pybullet",
+    summary="PyBullet's software rasterizer: one light, no reflections; needs no driver",
 )

@@ -1,0 +1,1 @@
+"""PyBullet: rigid bodies and articulations by Bullet, pictures by its software rasterizer."""

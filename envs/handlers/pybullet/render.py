@@ -1,0 +1,251 @@
+"""Pictures of MuJoCo models by PyBullet's TinyRenderer, a rasterizer in software that needs no driver.
+
+It knows one distant light, and how strong its diffuse, ambient and specular parts are in the whole picture:
+the first distant light of a draw is that light; every other one brightens all surfaces alike.
+"""
+
+import shutil
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import override
+
+import mujoco
+import numpy as np
+import pybullet
+from PIL import Image
+
+from envs.errors import SimulatorError
+from envs.handlers.mujoco.furniture import FURNITURE
+from envs.handlers.mujoco.meshes import VISUAL_GROUP
+from envs.handlers.mujoco.objects import SCENE_GROUP
+from envs.handlers.mujoco.render import AMBIENT_FRACTION, Renderer, RenderJob, Stage, texture_of
+from envs.handlers.pybullet.meshes import Triangles, triangles_of
+from envs.rotations import from_matrix
+from envs.scenario import SURFACES, Appearance, LightCfg, SurfaceMaterial
+
+NEAR_M, FAR_M = 0.02, 20.0
+
+DIFFUSE_OF_A_LAMP = 0.6
+"""Share of a lamp's intensity that a surface gets from above, on average, where it is one of several."""
+
+LIGHT_DISTANCE_M = 4.0
+"""How far off the light's shadow camera stands."""
+
+FINE, SMALL_PIXELS = 3, 128 * 128
+"""A small picture is drawn three times as fine: TinyRenderer leaves triangles out that are smaller than a
+hundredth of a pixel."""
+
+BACKGROUND = (153, 166, 178)
+
+_RGB = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
+_DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
+
+
+class TinyRenderer(Renderer):
+    """A physics client with nothing but visual shapes, posed and dressed for one job after the other."""
+
+    not_shown = ("roughness", "specular", "metallic", "object_reflection", "lamp_shape", "lamp_direction")
+
+    def __init__(self, model, scenario, *, textures=None, num_threads: int = 0) -> None:
+        super().__init__(model, scenario, textures=textures, num_threads=num_threads)
+        self._stage = Stage(model, scenario)
+        self._client = pybullet.connect(pybullet.DIRECT)
+        if self._client < 0:
+            raise SimulatorError("PyBullet has no further physics client: it holds 1,024.")
+        self._folder = Path(tempfile.mkdtemp(prefix="roboverse-pybullet-"))
+        self._loaded: dict[str, int] = {}
+        self._bodies: dict[int, int] = {}
+        self._looks: dict[int, tuple] = {}
+        self._segments = np.full(1, -1, np.int32)
+        materials = {self._stage.model.material(surface).id: surface for surface in SURFACES}
+        self._surface = {
+            geom: materials[int(model.geom_matid[geom])]
+            for geom in range(model.ngeom)
+            if int(model.geom_matid[geom]) in materials
+        }
+        furniture = self.segmentation_names.index(FURNITURE)
+        self._slots = {geom for geom in range(model.ngeom) if self._segmentation_of_geom[geom] == furniture}
+
+    @override
+    def render(
+        self, jobs: Sequence[RenderJob], cameras: tuple[str, ...], modalities: tuple[str, ...]
+    ) -> dict[str, dict[str, np.ndarray]]:
+        out = self.empty(len(jobs), cameras, modalities)
+        for index, job in enumerate(jobs):
+            if self._stage.pose(job):
+                self._dress(job.appearance)
+            self._pose()
+            for name in cameras:
+                self._draw(name, out[name], index)
+        return out
+
+    def _dress(self, appearance: Appearance) -> None:
+        """Builds what looks otherwise than before anew, and sets the light."""
+        base, model = self.scenario.appearance, self._stage.model
+        materials = {
+            surface: appearance.materials.get(surface) or base.materials.get(surface) or SurfaceMaterial()
+            for surface in SURFACES
+        }
+        changed = False
+        for geom in range(model.ngeom):
+            look = self._look(geom, materials)
+            if look != self._looks.get(geom):
+                self._build(geom, look)
+                changed = True
+        if changed:
+            self._segments = np.full(max(self._bodies.values()) + 2, -1, np.int32)
+            for geom, unique in self._bodies.items():
+                self._segments[unique] = self._segmentation_of_geom[geom]
+        self._light = _one_light(appearance.lights or base.lights or (LightCfg(cast_shadow=True),))
+
+    def _look(self, geom: int, materials: dict[str, SurfaceMaterial]) -> tuple | None:
+        """What a geom's picture depends on, its pose aside; None for one that is not drawn."""
+        model = self._stage.model
+        rgba = self._rgba(geom)
+        if int(model.geom_group[geom]) not in (VISUAL_GROUP, SCENE_GROUP) or rgba[3] <= 0.0:
+            return None
+        surface = self._surface.get(geom)
+        if surface is not None:
+            look = materials[surface]
+            return (look.texture, look.size_m, *look.rgb, 1.0)
+        if geom in self._slots:
+            return (None, int(model.geom_type[geom]), *rgba, *model.geom_size[geom])
+        return (None, 1.0, *rgba)
+
+    def _rgba(self, geom: int) -> tuple[float, ...]:
+        model, material = self._stage.model, int(self._stage.model.geom_matid[geom])
+        own = model.geom_rgba[geom]
+        if material >= 0 and np.allclose(own, _DEFAULT_RGBA):
+            own = model.mat_rgba[material]
+        return tuple(float(value) for value in own)
+
+    def _build(self, geom: int, look: tuple | None) -> None:
+        self._looks[geom] = look  # pyright: ignore[reportArgumentType]
+        if geom in self._bodies:
+            pybullet.removeBody(self._bodies.pop(geom), physicsClientId=self._client)
+        if look is None:
+            return
+        triangles, surface = triangles_of(self._stage.model, geom), self._surface.get(geom)
+        uvs, rgba = triangles.uvs, look[2:6]
+        texture = self._own_texture(geom)
+        if surface is not None:
+            uvs = uvs / look[1]
+            texture = None if look[0] is None else self._load(look[0], texture_of(look[0], self.textures))
+        shape = self._shape(triangles, uvs, rgba)
+        unique = pybullet.createMultiBody(0.0, -1, shape, physicsClientId=self._client)
+        if texture is not None:
+            pybullet.changeVisualShape(unique, -1, textureUniqueId=texture, physicsClientId=self._client)
+        self._bodies[geom] = unique
+
+    def _shape(self, triangles: Triangles, uvs: np.ndarray, rgba: tuple[float, ...]) -> int:
+        return pybullet.createVisualShape(
+            pybullet.GEOM_MESH,
+            vertices=triangles.vertices.tolist(),
+            indices=triangles.faces.ravel().tolist(),
+            normals=triangles.normals.tolist(),
+            uvs=uvs.tolist(),
+            rgbaColor=list(rgba),
+            specularColor=[0.0, 0.0, 0.0],
+            physicsClientId=self._client,
+        )
+
+    def _own_texture(self, geom: int) -> int | None:
+        """The picture of an object's mesh."""
+        model, material = self._stage.model, int(self._stage.model.geom_matid[geom])
+        texture = int(model.mat_texid[material, _RGB]) if material >= 0 else -1
+        if texture < 0 or geom in self._surface:
+            return None
+        height, width = int(model.tex_height[texture]), int(model.tex_width[texture])
+        channels, first = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
+        pixels = model.tex_data[first : first + height * width * channels].reshape(height, width, channels)
+        return self._load(f"own/{texture}", np.repeat(pixels, 3, -1) if channels == 1 else pixels[..., :3])
+
+    def _load(self, name: str, picture: np.ndarray) -> int:
+        if name not in self._loaded:
+            path = self._folder / f"{len(self._loaded)}.png"
+            Image.fromarray(np.ascontiguousarray(picture)).save(path)
+            self._loaded[name] = pybullet.loadTexture(str(path), physicsClientId=self._client)
+            path.unlink()
+        return self._loaded[name]
+
+    def _pose(self) -> None:
+        data, client = self._stage.data, self._client
+        places = data.geom_xpos.tolist()
+        turns = from_matrix(data.geom_xmat.reshape(-1, 3, 3))[:, [1, 2, 3, 0]].tolist()
+        for geom, unique in self._bodies.items():
+            pybullet.resetBasePositionAndOrientation(
+                unique, places[geom], turns[geom], physicsClientId=client
+            )
+
+    def _draw(self, name: str, out: dict[str, np.ndarray], index: int) -> None:
+        stage = self._stage
+        camera = stage.model.camera(name).id
+        width, height = (int(size) for size in stage.model.cam_resolution[camera])
+        fine = FINE if width * height <= SMALL_PIXELS else 1
+        eye, axes = stage.data.cam_xpos[camera], stage.data.cam_xmat[camera].reshape(3, 3)
+        view = pybullet.computeViewMatrix(eye.tolist(), (eye - axes[:, 2]).tolist(), axes[:, 1].tolist())
+        rgb, depth, ids = self._take(fine * width, fine * height, view, float(stage.model.cam_fovy[camera]))
+        nothing = depth >= 1.0
+        middle = (slice(fine // 2, None, fine),) * 2
+        if "rgb" in out:
+            colour = np.where(nothing[..., None], np.array(BACKGROUND, np.uint8), rgb[..., :3])
+            if fine > 1:
+                colour = colour.reshape(height, fine, width, fine, 3).mean(axis=(1, 3))
+            out["rgb"][index] = np.rint(colour)
+        if "depth" in out:
+            near = depth[middle].astype(np.float64)
+            metres = NEAR_M * FAR_M / (FAR_M - (FAR_M - NEAR_M) * near)
+            out["depth"][index] = np.where(nothing[middle], 0.0, metres)
+        if "segmentation" in out:
+            out["segmentation"][index] = self._segments[np.maximum(ids[middle], -1)]
+
+    def _take(
+        self, width: int, height: int, view: Sequence[float], fovy_deg: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns colours (H, W, 4), the depth buffer (H, W) and Bullet's numbers of bodies (H, W)."""
+        lens = list(pybullet.computeProjectionMatrixFOV(fovy_deg, width / height, NEAR_M, FAR_M))
+        # TinyRenderer looks through the corner of a pixel; everyone else, through its middle.
+        lens[8] += 1.0 / width
+        lens[9] += 1.0 / height
+        _, _, rgb, depth, ids = pybullet.getCameraImage(
+            width,
+            height,
+            view,
+            lens,
+            renderer=pybullet.ER_TINY_RENDERER,
+            physicsClientId=self._client,
+            **self._light,
+        )
+        colour = np.asarray(rgb, np.uint8).reshape(height, width, 4)
+        return colour, np.reshape(depth, (height, width)), np.reshape(ids, (height, width))
+
+    @override
+    def close(self) -> None:
+        if self._client >= 0:
+            pybullet.disconnect(self._client)
+            shutil.rmtree(self._folder, ignore_errors=True)
+        self._client = -1
+
+
+def _one_light(lights: Sequence[LightCfg]) -> dict:
+    """Returns TinyRenderer's arguments: the first distant light, and all else as ambient light."""
+    strength = [light.intensity * np.asarray(light.color, np.float64) for light in lights]
+    distant = [index for index, light in enumerate(lights) if light.kind == "distant"]
+    main = distant[0] if distant else 0
+    ambient = AMBIENT_FRACTION * np.sum(strength, axis=0)
+    for index, light in enumerate(strength):
+        if index != main:
+            ambient += DIFFUSE_OF_A_LAMP * light
+    total = strength[main] + ambient
+    direction = -np.asarray(lights[main].direction, np.float64)
+    share = float(strength[main].sum() / max(total.sum(), 1e-9))
+    return {
+        "lightDirection": (direction / np.linalg.norm(direction)).tolist(),
+        "lightColor": total.tolist(),
+        "lightDistance": LIGHT_DISTANCE_M,
+        "lightAmbientCoeff": 1.0 - share,
+        "lightDiffuseCoeff": share,
+        "lightSpecularCoeff": 0.0,
+        "shadow": int(lights[main].cast_shadow),
+    }

@@ -1,0 +1,50 @@
+"""``roboverse convert``: what it prints, writes and refuses."""
+
+from pathlib import Path
+
+import pytest
+
+from roboverse_learn.cli import main
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv(
+        "ROBOVERSE_CACHE",
+        str(tmp_path / "a folder whose name is so long that a terminal breaks it" / "cache"),
+    )
+
+
+def test_it_prints_the_file_that_it_wrote_on_one_line(capsys):
+    assert main(["convert", "robot=franka", "simplify=true"]) == 0
+    path = Path(capsys.readouterr().out.strip())
+    assert path.name == "franka.urdf" and path.is_file()
+    assert (path.parent / "meshes").is_dir()
+
+
+def test_a_folder_can_be_chosen_and_is_not_written_over(tmp_path, capsys):
+    out = tmp_path / "out"
+    words = ["convert", "robot=franka", "simplify=true", f"out={out}"]
+    assert main(words) == 0
+    assert (out / "franka.urdf").is_file()
+    assert main(words) == 2
+    assert "exists already and is not an empty folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["to=udf"], "Unknown format 'udf'. Did you mean 'urdf'?"),
+        (["robot=frnka"], "Unknown robot 'frnka'. Did you mean 'franka'?"),
+        (["robot=absent/robot.xml"], "The asset 'absent/robot.xml' does not exist"),
+        (["robt=franka"], "Unknown key 'robt' of convert. Did you mean 'robot'?"),
+    ],
+)
+def test_mistakes_are_one_sentence_and_exit_code_2(words, said, capsys):
+    assert main(["convert", *words]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_what_a_format_cannot_say_is_a_warning(caplog):
+    assert main(["convert", "robot=robosuite:models/assets/robots/jaco/robot.xml"]) == 0
+    assert "Material 'carbon_jaco' has a cube map" in caplog.text
