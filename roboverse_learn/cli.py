@@ -125,6 +125,9 @@ def _benchmark(words: list[str]) -> int:
 
 def _show(report: Any) -> None:
     """Prints what a command returned."""
+    if isinstance(report, str):  # a path that is to be copied is not broken into lines
+        print(report)
+        return
     from rich.console import Console
 
     console = Console() if sys.stdout.isatty() else Console(width=120)

@@ -1,12 +1,11 @@
 """``roboverse convert``: a robot in another format."""
 
 from pathlib import Path
-from typing import Any
 
 from roboverse_learn.config import ConvertConfig
 
 
-def convert_robot(config: ConvertConfig) -> Any:
+def convert_robot(config: ConvertConfig) -> str:
     """Converts a robot; returns what to print: the file that was written.
 
     Raises:
@@ -14,9 +13,6 @@ def convert_robot(config: ConvertConfig) -> Any:
         ConfigError: The source is no single robot, the format cannot hold it, or the folder is in use.
         MissingExtraError: A package that the format needs is not installed.
     """
-    from rich.console import Group
-    from rich.text import Text
-
     from envs.convert import convert
 
     path = convert(
@@ -26,4 +22,4 @@ def convert_robot(config: ConvertConfig) -> Any:
         simplify=config.simplify,
         out=Path(config.out) if config.out else None,
     )
-    return Group(Text(str(path), no_wrap=True, overflow="ignore"))  # one line, however long
+    return str(path)

@@ -185,3 +185,54 @@ def test_pictures_of_two_looks_differ_and_furniture_is_seen():
         first, second = handler.render(["front"])["front"]["rgb"]
         assert first.mean() > second.mean() + 10
         assert "roughness" in handler.not_shown
+
+
+def two_boxes(**second):
+    """A free box above a fixed one."""
+    low = ObjectCfg(
+        name="low", kind="fixed", geoms=(GeomCfg(shape="box", size=(0.2, 0.2, 0.1)),), pos=(0.0, 0.0, 1.0)
+    )
+    geom = GeomCfg(**{"shape": "box", "size": (0.05, 0.05, 0.05), "mass_kg": 1.0, **second})
+    high = ObjectCfg(name="high", geoms=(geom,), pos=(0.0, 0.0, 1.2))
+    return ScenarioCfg(objects=(low, high), table=None, physics=PhysicsCfg(timestep_s=0.005))
+
+
+def test_what_does_not_collide_in_mujoco_falls_through_in_bullet():
+    heights = {}
+    for collides in (True, False):
+        with launched(PybulletHandler, two_boxes(collides=collides)) as handler:
+            handler.step(100)
+            heights[collides] = float(handler.get_states().objects["high"].pos[0, 2])
+    assert heights[True] == pytest.approx(1.15, abs=2e-3)
+    assert heights[False] < 0.5
+
+
+@pytest.mark.parametrize("friction", [0.1, 1.0])
+def test_friction_decides_how_far_a_box_slides(friction):
+    scenario = two_boxes(friction=(friction, 0.005, 0.0001))
+    with launched(PybulletHandler, scenario) as handler:
+        states = handler.get_states()
+        states.objects["high"].pos[:] = torch.tensor([-0.1, 0.0, 1.15])
+        states.objects["high"].lin_vel[:] = torch.tensor([0.5, 0.0, 0.0])
+        handler.set_states(states)
+        handler.step(200)
+        slid = float(handler.get_states().objects["high"].pos[0, 0]) + 0.1
+    assert slid == pytest.approx(0.5**2 / (2 * friction * 9.81), rel=0.25, abs=4e-3)
+
+
+def test_a_box_off_its_centre_of_mass_keeps_its_pose_and_turns_about_the_centre():
+    scenario = two_boxes(pos=(0.1, 0.0, 0.0))
+    scenario = dataclasses.replace(
+        scenario, physics=dataclasses.replace(scenario.physics, gravity=(0.0,) * 3)
+    )
+    with launched(PybulletHandler, scenario) as handler:
+        states = handler.get_states()
+        states.objects["high"].pos[:] = torch.tensor([2.0, 0.0, 3.0])
+        states.objects["high"].ang_vel[:] = torch.tensor([0.0, 0.0, np.pi])
+        states.objects["high"].lin_vel[:] = torch.tensor([0.0, -0.1 * np.pi, 0.0])
+        handler.set_states(states)
+        handler.step(200)  # half a turn about the centre of mass, which stands still
+        after = handler.get_states().objects["high"]
+    np.testing.assert_allclose(after.pos[0], [2.2, 0.0, 3.0], atol=2e-3)
+    np.testing.assert_allclose(after.rot[0].abs(), [0.0, 0.0, 0.0, 1.0], atol=5e-3)
+    np.testing.assert_allclose(after.ang_vel[0], [0.0, 0.0, np.pi], atol=1e-3)
