@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypedDict
 
 import numpy as np
 import torch
@@ -19,6 +19,14 @@ TextureSource = Callable[[str, int], np.ndarray]
 """``textures(name, size)`` gives the picture (size, size, 3) uint8 of a material."""
 
 MODALITIES = ("rgb", "depth", "segmentation")
+
+
+class HandlerOptions(TypedDict, total=False):
+    """What every simulator may be given by keyword; see :class:`Handler`."""
+
+    renderer: str
+    num_threads: int
+    textures: TextureSource | None
 
 
 class Handler(ABC):

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Mapping, Sequence
-from typing import override
+from typing import Unpack, override
 
 import mujoco
 import numpy as np
@@ -12,7 +12,7 @@ from torch import Tensor
 
 from envs.errors import ConfigError, SimulatorError, unknown_name
 from envs.handlers import RENDERERS
-from envs.handlers.base import MODALITIES, EnvIds, Handler, TextureSource
+from envs.handlers.base import MODALITIES, EnvIds, Handler, HandlerOptions
 from envs.handlers.mujoco.layout import EntityLayout, as_slice, block, layout_of
 from envs.handlers.mujoco.model import build_model
 from envs.handlers.mujoco.moments import Moment, ReadEntity, readers_of
@@ -30,11 +30,8 @@ class MujocoHandler(Handler):
     Args:
         scenario: The scene.
         num_envs: Number of environments.
-        renderer: Name of a renderer.
-        num_threads: Threads that step and render; 0 means one per core.
-        textures: Gives the picture (S, S, 3) uint8 of a named material; see
-            :class:`envs.handlers.mujoco.render.Renderer`.
         simplify_meshes: Draw the robots with simplified meshes.
+        **options: ``renderer``, ``num_threads``, ``textures``; see :class:`~envs.handlers.base.Handler`.
     """
 
     own_renderers = ("warp", "gl", "filament", "sapien")
@@ -44,13 +41,11 @@ class MujocoHandler(Handler):
         scenario: ScenarioCfg,
         num_envs: int,
         *,
-        renderer: str = "warp",
-        num_threads: int = 0,
-        textures: TextureSource | None = None,
         simplify_meshes: bool = True,
+        **options: Unpack[HandlerOptions],
     ) -> None:
-        super().__init__(scenario, num_envs, renderer=renderer, num_threads=num_threads, textures=textures)
-        self._renderer_class: type[Renderer] = RENDERERS.get(renderer)
+        super().__init__(scenario, num_envs, **options)
+        self._renderer_class: type[Renderer] = RENDERERS.get(self.renderer_name)
         self._simplify_meshes = simplify_meshes
         self._renderer: Renderer | None = None
         self._batch: Batch | None = None

@@ -11,7 +11,9 @@ import numpy as np
 
 from envs.handlers.base import TextureSource
 from envs.handlers.mujoco.furniture import FURNITURE, FurnitureSlots
+from envs.handlers.mujoco.meshes import VISUAL_GROUP
 from envs.handlers.mujoco.model import MAX_LIGHTS, OBJECT_MATERIAL, TABLE_BODY, TEXTURE_SIZE, camera_quat
+from envs.handlers.mujoco.objects import SCENE_GROUP
 from envs.rotations import from_yaw
 from envs.scenario import SURFACES, Appearance, CameraCfg, GeomCfg, LightCfg, ScenarioCfg, SurfaceMaterial
 
@@ -194,6 +196,16 @@ class Stage:
         index = self.model.camera(camera.name).id
         self.model.cam_pos[index] = camera.pos
         self.model.cam_quat[index] = camera_quat(camera)
+
+
+def fixed_view() -> tuple[mujoco.MjvOption, mujoco.MjvCamera]:
+    """Returns what a visualizer shows, the visual geoms alone, and a camera of the model."""
+    option, camera = mujoco.MjvOption(), mujoco.MjvCamera()
+    option.geomgroup[:] = 0
+    option.geomgroup[[VISUAL_GROUP, SCENE_GROUP]] = 1
+    option.sitegroup[:] = 0
+    camera.type = int(mujoco.mjtCamera.mjCAMERA_FIXED)
+    return option, camera
 
 
 def texture_of(name: str | None, textures: TextureSource | None) -> np.ndarray:

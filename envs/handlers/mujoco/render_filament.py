@@ -9,10 +9,15 @@ import mujoco
 import numpy as np
 
 from envs.errors import SimulatorError
-from envs.handlers.mujoco.meshes import VISUAL_GROUP
 from envs.handlers.mujoco.model import MAX_LIGHTS
-from envs.handlers.mujoco.objects import SCENE_GROUP
-from envs.handlers.mujoco.render import Renderer, RenderJob, Stage, metres_of_reversed_depth, texture_of
+from envs.handlers.mujoco.render import (
+    Renderer,
+    RenderJob,
+    Stage,
+    fixed_view,
+    metres_of_reversed_depth,
+    texture_of,
+)
 from envs.scenario import SURFACES, GeomCfg
 
 LUX_PER_INTENSITY = 60_000.0
@@ -33,7 +38,6 @@ class FilamentRenderer(Renderer):
         super().__init__(model, scenario, textures=textures, num_threads=num_threads)
         _require_vulkan()
         # The studio module brings Filament's compiled materials; without it a context aborts the process.
-        import mujoco.studio
         from mujoco import mjrf
         from mujoco.rendering.filament import renderer as filament
 
@@ -42,12 +46,7 @@ class FilamentRenderer(Renderer):
         config.graphics_api = mjrf.GraphicsApi.GRAPHICS_API_VULKAN
         self._context = mjrf.Context(config)
         self._stage = Stage(model, scenario)
-        self._option = mujoco.MjvOption()
-        self._option.geomgroup[:] = 0
-        self._option.geomgroup[[VISUAL_GROUP, SCENE_GROUP]] = 1
-        self._option.sitegroup[:] = 0
-        self._camera = mujoco.MjvCamera()
-        self._camera.type = int(mujoco.mjtCamera.mjCAMERA_FIXED)
+        self._option, self._camera = fixed_view()
         self._uploaded: dict[str, str | None] | None = None
         self._furnished: Mapping[str, tuple[GeomCfg, ...]] = {}
         self._drawn: Any = None

@@ -9,9 +9,14 @@ import mujoco
 import numpy as np
 
 from envs.errors import SimulatorError
-from envs.handlers.mujoco.meshes import VISUAL_GROUP
-from envs.handlers.mujoco.objects import SCENE_GROUP
-from envs.handlers.mujoco.render import Renderer, RenderJob, Stage, metres_of_reversed_depth, texture_of
+from envs.handlers.mujoco.render import (
+    Renderer,
+    RenderJob,
+    Stage,
+    fixed_view,
+    metres_of_reversed_depth,
+    texture_of,
+)
 from envs.scenario import SURFACES
 
 _SEGMENT_FLAGS = (int(mujoco.mjtRndFlag.mjRND_SEGMENT), int(mujoco.mjtRndFlag.mjRND_IDCOLOR))
@@ -34,12 +39,7 @@ class GlRenderer(Renderer):
         mujoco.mjr_setBuffer(int(mujoco.mjtFramebuffer.mjFB_OFFSCREEN), self._context)
         self._context.readDepthMap = int(mujoco.mjtDepthMap.mjDEPTH_ZEROFAR)
         self._scene = mujoco.MjvScene(self._stage.model, maxgeom=2000)
-        self._option = mujoco.MjvOption()
-        self._option.geomgroup[:] = 0
-        self._option.geomgroup[[VISUAL_GROUP, SCENE_GROUP]] = 1
-        self._option.sitegroup[:] = 0
-        self._camera = mujoco.MjvCamera()
-        self._camera.type = int(mujoco.mjtCamera.mjCAMERA_FIXED)
+        self._option, self._camera = fixed_view()
         self._uploaded: dict[str, str | None] = dict.fromkeys(SURFACES)
 
     @override

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Mapping, Sequence
-from typing import override
+from typing import Unpack, override
 
 import numpy as np
 import torch
@@ -10,7 +10,7 @@ from torch import Tensor
 
 from envs.errors import ConfigError, SimulatorError, unknown_name
 from envs.handlers import RENDERERS
-from envs.handlers.base import MODALITIES, EnvIds, Handler, TextureSource
+from envs.handlers.base import MODALITIES, EnvIds, Handler, HandlerOptions
 from envs.handlers.mujoco.layout import EntityLayout, as_slice, layout_of
 from envs.handlers.mujoco.model import build_model
 from envs.handlers.mujoco.objects import rest_joints
@@ -44,10 +44,8 @@ class MujocoWarpHandler(Handler):
         scenario: The scene; its block ``simulators["mujoco_warp"]`` is a
             :class:`~envs.handlers.mujoco_warp.settings.WarpSettings`.
         num_envs: Number of environments.
-        renderer: ``warp`` draws on the device; others draw on the CPU.
-        num_threads: Threads of a renderer on the CPU; 0 means one per core.
-        textures: Gives the picture (S, S, 3) uint8 of a named material.
         simplify_meshes: Draw the robots with simplified meshes.
+        **options: ``renderer``, ``num_threads``, ``textures``; see :class:`~envs.handlers.base.Handler`.
 
     Attributes:
         settings: Sizes of the buffers.
@@ -63,13 +61,11 @@ class MujocoWarpHandler(Handler):
         scenario: ScenarioCfg,
         num_envs: int,
         *,
-        renderer: str = _TRACED,
-        num_threads: int = 0,
-        textures: TextureSource | None = None,
         simplify_meshes: bool = True,
+        **options: Unpack[HandlerOptions],
     ) -> None:
-        super().__init__(scenario, num_envs, renderer=renderer, num_threads=num_threads, textures=textures)
-        self._renderer_class: type[Renderer] = RENDERERS.get(renderer)
+        super().__init__(scenario, num_envs, **options)
+        self._renderer_class: type[Renderer] = RENDERERS.get(self.renderer_name)
         self.settings = WarpSettings.of(scenario)
         self._simplify_meshes = simplify_meshes
         self._worlds: Worlds | None = None
