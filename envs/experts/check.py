@@ -1,11 +1,10 @@
 """How often the expert succeeds, and how smoothly.
 
-``python -m envs.experts.check --task PickCube --episodes 1000`` rolls the expert out in the first episodes
-of each split, without pictures, and prints one line per split; ``--record`` writes the outcome to
+``python -m envs.experts.check task=PickCube episodes=1000`` rolls the expert out in the first episodes
+of each split, without pictures, and prints one line per split; ``record=true`` writes the outcome to
 ``envs/tasks/experts.json``, which listings and pages read.
 """
 
-import argparse
 import logging
 import shlex
 import sys
@@ -15,13 +14,16 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.errors import ConfigError, RoboVerseError
+from envs.arguments import parse
+from envs.errors import ConfigError, RoboVerseError, unknown_name
 from envs.experts.record import RECORDS, ExpertRecord, SplitRecord, git_sha, write_record
 from envs.experts.rollout import Rollout, rollout
 from envs.randomization.splits import SPLITS
 from envs.vector_env import RoboVerseVectorEnv
 
 logger = logging.getLogger(__name__)
+
+_COMMAND = "python -m envs.experts.check"
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,57 +115,80 @@ def check_expert(
         env.close()
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CheckSettings:
+    """What to try.
+
+    Attributes:
+        task: Name of a task.
+        episodes: Episodes of each split.
+        split: ``train`` or ``test`` alone; both by default.
+        num_envs: Environments stepped at once.
+        simulator: Simulator whose physics it is tried in.
+        record: Whether to note the outcome in ``records``.
+        records: File of outcomes.
+    """
+
+    task: str = "PickCube"
+    episodes: int = 1000
+    split: str | None = None
+    num_envs: int = 64
+    simulator: str = "mujoco"
+    record: bool = False
+    records: Path = RECORDS
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Checks the expert on both splits, or on one; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m envs.experts.check", description=main.__doc__)
-    parser.add_argument("--task", default="PickCube")
-    parser.add_argument("--episodes", type=int, default=1000, help="episodes of each split")
-    parser.add_argument("--split", choices=SPLITS, help="one split alone")
-    parser.add_argument("--num-envs", type=int, default=64, help="environments stepped at once")
-    parser.add_argument("--simulator", default="mujoco", help="simulator whose physics it is tried in")
-    parser.add_argument(
-        "--record", type=Path, nargs="?", const=RECORDS, help="file to note the outcome in (%(const)s)"
-    )
-    args = parser.parse_args(argv)
+    words = sys.argv[1:] if argv is None else argv
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
-    measured = {}
     try:
-        for split in SPLITS if args.split is None else (args.split,):
-            report = check_expert(
-                args.task, split, args.episodes, num_envs=args.num_envs, simulator=args.simulator
-            )
-            measured[split] = report.summary
-            solved = report.num_episodes - len(report.failures)
-            logger.info(
-                "%s %s in %s: %.2f %% success (%d of %d episodes), %.1f steps on average, "
-                "largest joint step %.3f rad; failed: %s",
-                args.task,
-                split,
-                args.simulator,
-                100.0 * report.success_rate,
-                solved,
-                report.num_episodes,
-                report.mean_steps,
-                report.largest_step_rad,
-                ", ".join(map(str, report.failures)) or "none",
-            )
-        if args.record is not None and args.simulator != "mujoco":
+        settings = parse(_COMMAND, CheckSettings, words)
+        if settings.split is not None and settings.split not in SPLITS:
+            raise unknown_name("split", settings.split, SPLITS)
+        if settings.record and settings.simulator != "mujoco":
             raise ConfigError(
-                f"The file of records is MuJoCo's; --record and --simulator={args.simulator} differ."
+                f"The file of records is MuJoCo's; record=true and simulator={settings.simulator} differ."
             )
-        if args.record is not None:
-            words = sys.argv[1:] if argv is None else argv
-            command = shlex.join(["python", "-m", "envs.experts.check", *_public(words)])
-            write_record(args.task, ExpertRecord(measured, command, git_sha()), args.record)
+        splits = SPLITS if settings.split is None else (settings.split,)
+        measured = {split: _check(settings, split) for split in splits}
+        if settings.record:
+            command = shlex.join([*_COMMAND.split(), *_public(words)])
+            write_record(settings.task, ExpertRecord(measured, command, git_sha()), settings.records)
     except RoboVerseError as error:
         logger.error("%s", error)
         return 2
     return 0
 
 
+def _check(settings: CheckSettings, split: str) -> SplitRecord:
+    """Tries one split, and says what came of it."""
+    report = check_expert(
+        settings.task, split, settings.episodes, num_envs=settings.num_envs, simulator=settings.simulator
+    )
+    logger.info(
+        "%s %s in %s: %.2f %% success (%d of %d episodes), %.1f steps on average, "
+        "largest joint step %.3f rad; failed: %s",
+        settings.task,
+        split,
+        settings.simulator,
+        100.0 * report.success_rate,
+        report.num_episodes - len(report.failures),
+        report.num_episodes,
+        report.mean_steps,
+        report.largest_step_rad,
+        ", ".join(map(str, report.failures)) or "none",
+    )
+    return report.summary
+
+
 def _public(words: Sequence[str]) -> list[str]:
     """The words of a command without a machine's folders."""
-    return [Path(word).name if word.startswith(("/", "~")) else word for word in words]
+    pairs = (word.partition("=") for word in words)
+    return [
+        f"{key}={Path(value).name}" if value.startswith(("/", "~")) else f"{key}{equals}{value}"
+        for key, equals, value in pairs
+    ]
 
 
 if __name__ == "__main__":

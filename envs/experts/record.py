@@ -1,6 +1,6 @@
 """How often each task's expert succeeds, as last measured: a JSON file beside the tasks.
 
-``python -m envs.experts.check --task PickCube --record`` measures and writes it; listings and pages read
+``python -m envs.experts.check task=PickCube record=true`` measures and writes it; listings and pages read
 it, without importing anything heavy.
 """
 
@@ -74,7 +74,7 @@ def read_records(path: Path = RECORDS) -> dict[str, ExpertRecord]:
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise ConfigError(
             f"{path} does not say how often experts succeed ({type(error).__name__}: {error}). "
-            "Restore it, or measure again: python -m envs.experts.check --task <task> --record"
+            "Restore it, or measure again: python -m envs.experts.check task=<task> record=true"
         ) from error
 
 

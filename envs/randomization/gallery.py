@@ -1,23 +1,23 @@
 """Pictures of what randomization does, for people to look at.
 
-``python -m envs.randomization.gallery --out docs/levels.png`` draws every level through the environment;
-``--materials materials.png`` draws a contact sheet of the library, without any simulator.
+``python -m envs.randomization.gallery out=docs/levels.png`` draws every level through the environment;
+``materials=materials.png`` draws a contact sheet of the library, without any simulator.
 """
 
-import argparse
 import logging
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from envs.arguments import parse
 from envs.errors import ConfigError, RoboVerseError
 from envs.randomization.levels import CHANNELS, LEVELS
 from envs.randomization.materials import MaterialLibrary
-from envs.randomization.splits import SPLITS
 from envs.scenario import SURFACES
 
 if TYPE_CHECKING:
@@ -122,22 +122,38 @@ def save(image: "Image.Image", path: Path) -> None:
     logger.info("%s: %d x %d pixels", path, *image.size)
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class GallerySettings:
+    """What to draw.
+
+    Attributes:
+        out: Picture of all levels.
+        materials: Contact sheet of the library.
+        folder: Folder of materials instead of the built-in ones.
+        task: Name of a task.
+        split: ``train`` or ``test``.
+        renderer: Name of a renderer.
+        draws: Pictures of each level.
+        image_size: Pixels along a picture's side.
+    """
+
+    out: Path | None = None
+    materials: Path | None = None
+    folder: Path | None = None
+    task: str = "PickCube"
+    split: str = "train"
+    renderer: str = "warp"
+    draws: int = 8
+    image_size: int = 256
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Draws the levels, the library of materials, or both; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m envs.randomization.gallery", description=main.__doc__)
-    parser.add_argument("--out", type=Path, help="picture of all levels")
-    parser.add_argument("--materials", type=Path, help="contact sheet of the library")
-    parser.add_argument("--folder", type=Path, help="folder of materials instead of the built-in ones")
-    parser.add_argument("--task", default="PickCube")
-    parser.add_argument("--split", default="train", choices=SPLITS)
-    parser.add_argument("--renderer", default="warp")
-    parser.add_argument("--draws", type=int, default=8, help="pictures of each level")
-    parser.add_argument("--image-size", type=int, default=256)
-    args = parser.parse_args(argv)
-    if args.out is None and args.materials is None:
-        parser.error("give --out, --materials, or both")
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     try:
+        args = parse("python -m envs.randomization.gallery", GallerySettings, argv)
+        if args.out is None and args.materials is None:
+            raise ConfigError("There is nothing to draw: give out=<file>, materials=<file>, or both.")
         if args.materials is not None:
             library = MaterialLibrary.from_folder(args.folder) if args.folder else MaterialLibrary.built_in()
             save(draw_materials(library), args.materials)

@@ -8,7 +8,6 @@ Light and reflection are drawn from continuous ranges by the episode's index. As
 splits, 90 % of the draws are for training, and no draw of the test split occurs in the other.
 """
 
-import argparse
 import functools
 import hashlib
 import json
@@ -23,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from envs.arguments import parse
 from envs.errors import ConfigError, RoboVerseError, unknown_name
 from envs.randomization import procedural
 from envs.randomization.cameras import CAMERA_POSES
@@ -256,13 +256,22 @@ def freeze(path: Path) -> bool:
     return True
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FreezeSettings:
+    """What to freeze or check.
+
+    Attributes:
+        path: The split file.
+    """
+
+    path: Path = FOLDER / f"{VERSION}.json"
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Freezes or checks the split of :data:`VERSION`; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m envs.randomization.splits", description=main.__doc__)
-    parser.add_argument("--path", type=Path, default=FOLDER / f"{VERSION}.json", help="the split file")
-    path = parser.parse_args(argv).path
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     try:
+        path = parse("python -m envs.randomization.splits", FreezeSettings, argv).path
         written = freeze(path)
     except RoboVerseError as error:
         logger.error("%s", error)

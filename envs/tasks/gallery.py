@@ -2,10 +2,9 @@
 
 ``python -m envs.tasks.gallery`` writes ``docs/tasks.md`` and, for each task that has no picture yet, a strip
 of how an episode begins and how the expert ends it, or where half a second of random actions leads where
-there is no expert; ``--redraw PickCube`` draws one anew.
+there is no expert; ``redraw=[PickCube]`` draws one anew.
 """
 
-import argparse
 import inspect
 import io
 import logging
@@ -14,10 +13,12 @@ import re
 import sys
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from envs.arguments import parse
 from envs.errors import ConfigError, RoboVerseError
 from envs.experts.record import ExpertRecord, read_records
 from envs.registry import Entry
@@ -247,15 +248,26 @@ def write(path: Path, content: bytes) -> None:
     logger.info("%s: %d bytes", path, len(content))
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class GallerySettings:
+    """What to write.
+
+    Attributes:
+        out: Folder of ``tasks.md``.
+        redraw: Tasks to draw anew: ``[PickCube,CloseBox]``.
+        renderer: Name of a renderer.
+    """
+
+    out: Path = Path("docs")
+    redraw: tuple[str, ...] = ()
+    renderer: str = "warp"
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Writes the page of tasks and the pictures that it lacks; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m envs.tasks.gallery", description=main.__doc__)
-    parser.add_argument("--out", type=Path, default=Path("docs"), help="folder of tasks.md")
-    parser.add_argument("--redraw", nargs="*", default=(), metavar="TASK", help="draw these anew")
-    parser.add_argument("--renderer", default="warp")
-    args = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     try:
+        args = parse("python -m envs.tasks.gallery", GallerySettings, argv)
         for name in args.redraw:
             TASKS.entry(name)
         write(args.out / "tasks.md", page().encode())

@@ -59,25 +59,25 @@ def test_the_command_prints_a_line_for_each_split(monkeypatch):
     monkeypatch.setattr("logging.basicConfig", lambda **_: None)
     said = []
     monkeypatch.setattr("envs.experts.check.logger.info", lambda text, *values: said.append(text % values))
-    assert main(["--episodes", "50", "--num-envs", "8"]) == 0
+    assert main(["episodes=50", "num_envs=8"]) == 0
     assert asked == [("PickCube", "train", 50, 8), ("PickCube", "test", 50, 8)]
     assert said[0] == (
         "PickCube train in mujoco: 98.00 % success (49 of 50 episodes), 42.5 steps on average, "
         "largest joint step 0.125 rad; failed: 17"
     )
-    assert main(["--split", "test"]) == 0
+    assert main(["split=test"]) == 0
     assert len(asked) == 3
 
 
 def test_a_mistake_ends_with_code_two(caplog):
-    assert main(["--task", "PickKube", "--episodes", "1"]) == 2
+    assert main(["task=PickKube", "episodes=1"]) == 2
     assert re.search(r"Unknown task 'PickKube'\. Did you mean 'PickCube'\?", caplog.text)
 
 
 def test_the_file_of_records_is_mujocos(caplog, monkeypatch):
     report = ExpertReport(1, (), 42.5, 0.125)
     monkeypatch.setattr("envs.experts.check.check_expert", lambda *_, **__: report)
-    assert main(["--simulator", "sapien", "--record", "elsewhere.json"]) == 2
+    assert main(["simulator=sapien", "record=true", "records=elsewhere.json"]) == 2
     assert "The file of records is MuJoCo's" in caplog.text
 
 

@@ -45,7 +45,7 @@ def test_what_is_committed_is_of_registered_tasks_and_public():
     records = read_records()
     assert set(records) <= set(TASKS)
     for task, record in records.items():
-        assert f"--task {task}" in record.command and "/" not in record.command.replace(task, "")
+        assert f"task={task}" in record.command and "/" not in record.command.replace(task, "")
         for split in record.splits.values():
             assert split.num_episodes >= 1 and 0.0 <= split.success_rate <= 1.0
 
@@ -54,12 +54,12 @@ def test_the_check_notes_both_splits_and_its_command(tmp_path, monkeypatch):
     monkeypatch.setattr(check, "check_expert", lambda *_, **__: ExpertReport(50, (17,), 42.48, 0.1))
     monkeypatch.setattr(check, "git_sha", lambda: "abc+")
     path = tmp_path / "experts.json"
-    assert check.main(["--task", "PickCube", "--episodes", "50", "--record", str(path)]) == 0
+    assert check.main(["task=PickCube", "episodes=50", "record=true", f"records={path}"]) == 0
     split = SplitRecord(50, 0.98, 42.5)
-    command = "python -m envs.experts.check --task PickCube --episodes 50 --record experts.json"
+    command = "python -m envs.experts.check task=PickCube episodes=50 record=true records=experts.json"
     assert read_records(path) == {"PickCube": ExpertRecord({"train": split, "test": split}, command, "abc+")}
     before = RECORDS.read_bytes() if RECORDS.is_file() else None
-    assert check.main(["--task", "PickCube", "--episodes", "50"]) == 0
+    assert check.main(["task=PickCube", "episodes=50"]) == 0
     assert (RECORDS.read_bytes() if RECORDS.is_file() else None) == before
 
 

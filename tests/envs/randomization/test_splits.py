@@ -125,7 +125,7 @@ def test_freezing_writes_once_and_never_overwrites(tmp_path):
 def test_the_command_checks_the_file_and_exits_2_when_it_is_wrong(tmp_path):
     assert splits.main([]) == 0
     (tmp_path / "v2.json").write_text("{}")
-    assert splits.main(["--path", str(tmp_path / "v2.json")]) == 2
+    assert splits.main([f"path={tmp_path / 'v2.json'}"]) == 2
 
 
 def test_hashing_divides_about_90_to_10_and_adding_a_picture_moves_no_other():

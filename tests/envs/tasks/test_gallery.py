@@ -93,16 +93,16 @@ def test_only_what_lacks_a_picture_is_drawn(tmp_path, monkeypatch):
 
     monkeypatch.setattr(gallery, "draw_strip", draw)
     monkeypatch.setattr(gallery, "page", lambda: "# Tasks\n")
-    assert gallery.main(["--out", str(tmp_path)]) == 0
+    assert gallery.main([f"out={tmp_path}"]) == 0
     assert [name for name, _ in drawn] == sorted(ALONE)
     assert (tmp_path / "tasks.md").read_text() == "# Tasks\n"
     drawn.clear()
-    assert gallery.main(["--out", str(tmp_path), "--redraw", "PickCube", "--renderer", "gl"]) == 0
+    assert gallery.main([f"out={tmp_path}", "redraw=[PickCube]", "renderer=gl"]) == 0
     assert drawn == [("PickCube", "gl")]
 
 
 def test_an_unknown_task_exits_2_and_writes_nothing(tmp_path, caplog):
-    assert gallery.main(["--out", str(tmp_path), "--redraw", "PickCub"]) == 2
+    assert gallery.main([f"out={tmp_path}", "redraw=[PickCub]"]) == 2
     assert "Unknown task 'PickCub'. Did you mean 'PickCube'?" in caplog.text
     assert not list(tmp_path.iterdir())
 

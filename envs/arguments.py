@@ -1,0 +1,55 @@
+"""Words of a command line, ``key=value``, as the fields of a dataclass: for what is run as ``python -m``."""
+
+import inspect
+import sys
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any
+
+import yaml
+from pydantic import TypeAdapter, ValidationError
+
+from envs.errors import ConfigError, unknown_name
+
+
+def parse[T](command: str, settings: type[T], words: Sequence[str] | None = None) -> T:
+    """Returns the settings that the words give; what they leave out keeps its default.
+
+    Values are YAML, as everywhere else: ``task=PickCube``, ``record=true``, ``redraw=[PickCube,CloseBox]``.
+    ``--help`` prints what the settings' docstring says of them, and ends the program.
+
+    Args:
+        command: What is run, such as ``"python -m envs.experts.check"``.
+        settings: A dataclass whose fields have defaults.
+        words: The words; the program's own by default.
+
+    Raises:
+        ConfigError: if a word is no ``key=value``, or a value is of another kind.
+        UnknownNameError: if a key is none of the settings'.
+    """
+    words = sys.argv[1:] if words is None else words
+    if {"-h", "--help", "help"} & set(words):
+        sys.stdout.write(f"{command} key=value …\n\n{inspect.getdoc(settings)}\n")
+        raise SystemExit(0)
+    valid = [field.name for field in fields(settings)]  # type: ignore[arg-type]
+    values: dict[str, Any] = {}
+    for word in words:
+        key, equals, text = word.partition("=")
+        if not equals:
+            raise ConfigError(f"'{word}' is no key=value. Keys of {command}: {', '.join(valid)}.")
+        if key not in valid:
+            raise unknown_name(f"key of {command}", key, valid)
+        values[key] = _value(word, text)
+    try:
+        return TypeAdapter(settings).validate_python(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"]) or command
+        raise ConfigError(f"{key}: given {first['input']!r}. {first['msg']}.") from None
+
+
+def _value(word: str, text: str) -> Any:
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError:
+        raise ConfigError(f"The value of '{word}' cannot be read; put quotes round it.") from None
