@@ -119,7 +119,7 @@ class JointDeltaController(Controller):
 
 
 class NormalizedPositionController(Controller):
-    """An action is the position target of every driven joint of one robot, as a part of its range.
+    """An action is the target of every driven joint of one robot, a position or a torque, within its range.
 
     An entry of -1 is the least target of the joint's actuator, 1 the largest; what lies beyond is clipped.
     This is HumanoidBench's control (``tasks.py``, ``unnormalize_action``).
@@ -147,6 +147,39 @@ class NormalizedPositionController(Controller):
         assert target is not None, "a simulator gives every robot's targets"
         middle, half = self._middle.to(target), self._half.to(target)
         return ((target - middle) / half).cpu().numpy()
+
+
+class OffsetPositionController(Controller):
+    """An action moves the position targets of an arm's joints away from their rest; its fingers stay there.
+
+    This is Isaac Lab's ``JointPositionActionCfg`` with ``use_default_offset``. Every entry lies in [-1, 1];
+    what lies beyond is clipped.
+
+    Args:
+        robot: A robot with position actuators.
+        scale_rad: Distance from the rest position at an action of 1, rad.
+    """
+
+    def __init__(self, robot: RobotCfg, scale_rad: float) -> None:
+        self._arm = [i for i, joint in enumerate(robot.joints) if joint.name not in robot.gripper_joints]
+        self.names = tuple(robot.joints[index].name for index in self._arm)
+        self.low, self.high = -np.ones(len(self._arm), np.float32), np.ones(len(self._arm), np.float32)
+        self._robot, self._scale = robot.name, scale_rad
+        self._rest = torch.tensor(robot.default_qpos, dtype=torch.float64)
+
+    @override
+    def apply(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None) -> None:
+        given = torch.as_tensor(actions, device=handler.device).to(handler.dtype).clamp(-1.0, 1.0)
+        self._rest = self._rest.to(given)
+        targets = self._rest.repeat(len(given), 1)
+        targets[:, self._arm] += self._scale * given
+        handler.set_joint_targets({self._robot: targets}, env_ids)
+
+    @override
+    def hold(self, state: State) -> np.ndarray:
+        target = state.robots[self._robot].joint_target
+        assert target is not None, "a simulator gives every robot's targets"
+        return ((target - self._rest.to(target))[:, self._arm] / self._scale).cpu().numpy()
 
 
 class PulledHandController(Controller):

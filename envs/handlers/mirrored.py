@@ -94,6 +94,12 @@ class MirroredHandler(Handler):
 
     @override
     def launch(self) -> None:
+        for joint in (joint for robot in self.scenario.robots for joint in robot.joints):
+            if joint.drive == "torque":
+                raise SimulatorError(
+                    f"This simulator drives joints to positions, and '{joint.name}' is driven by a torque. "
+                    "Take another one, as in: simulator=mujoco"
+                )
         self.model = model = build_model(self.scenario)
         self._data = mujoco.MjData(model)
         self._layout = layout_of(model, self.scenario)

@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
+from envs.errors import ConfigError
 from envs.scenario.units import IDENTITY, Quat, Vec3
 
 
@@ -23,6 +25,8 @@ class JointCfg:
         frictionloss: Dry friction that replaces the file's, or None to keep it.
         driven: Whether it has an actuator; one that has none is part of the state alone.
         target_range: Limits of the actuator's target, if they are not the joint's; rad (m).
+        drive: What a target is: a ``position``, or a ``torque`` in N·m (a force in N), which needs no ``kp``
+            and a ``target_range``. A torque's rest is 0.
     """
 
     name: str
@@ -37,6 +41,18 @@ class JointCfg:
     frictionloss: float | None = None
     driven: bool = True
     target_range: tuple[float, float] | None = None
+    drive: Literal["position", "torque"] = "position"
+
+    def __post_init__(self) -> None:
+        if self.drive == "torque" and (self.target_range is None or self.kp):
+            raise ConfigError(
+                f"Joint '{self.name}' is driven by a torque, so it needs a target_range (N·m) and kp=0."
+            )
+
+    @property
+    def rest_target(self) -> float:
+        """Target at rest: its rest position, or no torque."""
+        return self.default if self.drive == "position" else 0.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -14,6 +14,7 @@ _LIBERO = ("LIBERO-object", "arXiv:2306.03310", "MIT; groceries are drawn by pri
 _RLBENCH = ("RLBench", "arXiv:1909.12271", "numbers alone; the box is RoboVerse's, Apache-2.0")
 _CALVIN = ("CALVIN", "arXiv:2112.03227", "MIT")
 _HUMANOID = ("HumanoidBench", "arXiv:2403.10506", "MIT; Unitree's H1 is BSD 3-Clause")
+_ISAAC_LAB = ("Isaac Lab", "arXiv:2301.04195", "BSD 3-Clause; the ant's shapes are Gymnasium's, MIT")
 _METAWORLD = ("Meta-World 3", "arXiv:1910.10897", "MIT")
 """Name, paper and licence of where a task comes from."""
 
@@ -98,6 +99,18 @@ for _name, _summary in {
         extra="humanoid",
         summary=_summary,
         info=_facts(_HUMANOID, "h1", 1000),
+    )
+for _name, (_class, _robot, _horizon, _summary) in {
+    "cartpole": ("cartpole:Cartpole", "cartpole", 300, "push a cart so that the pole on it stays upright"),
+    "ant": ("ant:Ant", "ant", 960, "run on four legs"),
+    "franka_reach": ("reach:FrankaReach", "franka", 120, "bring the hand to a commanded pose"),
+}.items():
+    TASKS.add(
+        f"control/{_name}",
+        f"envs.tasks.control.{_class}",
+        tags={"control", "rl"},
+        summary=_summary,
+        info=_facts(_ISAAC_LAB, _robot, _horizon),
     )
 for _name, _summary in {
     "DrawerOpen": "pull a drawer open by its handle",

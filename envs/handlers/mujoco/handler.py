@@ -72,7 +72,7 @@ class MujocoHandler(Handler):
         ]
         for robot, cfg in zip(self._layout.robots, self.scenario.robots, strict=True):
             self._qpos[:, robot.qpos] = cfg.default_qpos
-            self._ctrl[:, robot.ctrl] = np.array(cfg.default_qpos)[robot.driven]
+            self._ctrl[:, robot.ctrl] = [cfg.joints[index].rest_target for index in cfg.driven]
         for layout, item in zip(self._layout.objects, self.scenario.objects, strict=True):
             self._qpos[:, layout.qpos] = rest_joints(item)
         self._low, self._high = self.model.actuator_ctrlrange.T.copy()
@@ -118,7 +118,7 @@ class MujocoHandler(Handler):
         if len(layout.ctrl):
             target = entity.joint_target
             if target is None:
-                target = entity.joint_pos[:, layout.driven]
+                target = entity.joint_pos[:, layout.driven] * torch.from_numpy(layout.holds)
             self._ctrl[columns, layout.ctrl] = target
 
     @override

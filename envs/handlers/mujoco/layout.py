@@ -28,6 +28,7 @@ class EntityLayout:
         qvel: Addresses of its joints in qvel, (J,).
         ctrl: Addresses of the actuators of its driven joints in ctrl, or empty.
         driven: Indices of its driven joints among its joints.
+        holds: For each of them 1.0 if its target is a position, 0.0 if it is a torque.
         ee_site: Id of the end effector's site, or -1.
         touches: Addresses, in sensordata, of what it feels.
     """
@@ -43,6 +44,7 @@ class EntityLayout:
     qvel: np.ndarray
     ctrl: np.ndarray
     driven: np.ndarray
+    holds: np.ndarray
     ee_site: int
     touches: np.ndarray
 
@@ -75,6 +77,7 @@ def layout_of(model: mujoco.MjModel, scenario: ScenarioCfg) -> Layout:
                 qvel=np.array([joint.dofadr[0] for joint in joints], np.intp),
                 ctrl=np.array([model.actuator(f"{robot.name}/{name}").id for name in driven], np.intp),
                 driven=np.array(robot.driven, np.intp),
+                holds=np.array([robot.joints[i].drive == "position" for i in robot.driven], np.float64),
                 ee_site=model.site(f"{robot.name}/{robot.ee_site}").id,
                 touches=_touches(model, robot),
             )
@@ -96,6 +99,7 @@ def layout_of(model: mujoco.MjModel, scenario: ScenarioCfg) -> Layout:
                 qvel=np.array([joint.dofadr[0] for joint in joints], np.intp),
                 ctrl=np.zeros(0, np.intp),
                 driven=np.zeros(0, np.intp),
+                holds=np.zeros(0),
                 ee_site=-1,
                 touches=_touches(model, item),
             )

@@ -293,7 +293,10 @@ def _load(
         names = [item.name for item in spec.bodies if item.name != "world"]
         raise unknown_name(f"root of '{reference}'", str(root), names)
     keep_only(spec, body)
+    tells_apart = any(geom.group in (VISUAL_GROUP, SCENE_GROUP) for geom in spec.geoms)
     for geom in spec.geoms:
+        if not tells_apart:  # what is touched is what is seen
+            geom.group = SCENE_GROUP
         if geom.rgba[3] == 0.0:
             geom.group = HIDDEN_GROUP
     if simplify:
@@ -311,7 +314,8 @@ def _set_joints(spec: mujoco.MjSpec, robot: RobotCfg) -> None:
             raise ConfigError(f"Robot '{robot.name}' has no joint '{cfg.name}'. Its joints: {valid}.")
         if cfg.flip:
             joint.axis = -np.asarray(joint.axis)
-        joint.range = cfg.range
+        in_degrees = spec.compiler.degree and joint.type == mujoco.mjtJoint.mjJNT_HINGE
+        joint.range = np.degrees(cfg.range) if in_degrees else cfg.range
         for field in ("damping", "armature", "frictionloss"):
             value = getattr(cfg, field)
             if value is not None:
@@ -321,7 +325,7 @@ def _set_joints(spec: mujoco.MjSpec, robot: RobotCfg) -> None:
         actuator = spec.add_actuator(name=cfg.name, target=cfg.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
         actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-        actuator.gainprm[0] = cfg.kp
+        actuator.gainprm[0] = cfg.kp if cfg.drive == "position" else 1.0
         actuator.biasprm[1], actuator.biasprm[2] = -cfg.kp, -cfg.kd
         actuator.ctrllimited = actuator.forcelimited = 1
         actuator.ctrlrange = cfg.target_range or cfg.range

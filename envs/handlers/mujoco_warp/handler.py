@@ -92,8 +92,8 @@ class MujocoWarpHandler(Handler):
         views = self._worlds.views
         for robot, cfg in zip(self._layout.robots, self.scenario.robots, strict=True):
             joints, _, targets = self._columns[robot.name]
-            views.qpos[:, joints] = rest = self._float(cfg.default_qpos)
-            views.ctrl[:, targets] = rest[list(cfg.driven)]
+            views.qpos[:, joints] = self._float(cfg.default_qpos)
+            views.ctrl[:, targets] = self._float([cfg.joints[index].rest_target for index in cfg.driven])
         for layout, item in zip(self._layout.objects, self.scenario.objects, strict=True):
             views.qpos[:, self._columns[layout.name][0]] = self._float(rest_joints(item))
         with device.scope():
@@ -219,7 +219,7 @@ class MujocoWarpHandler(Handler):
         if len(layout.ctrl):
             target = entity.joint_target
             if target is None:
-                target = entity.joint_pos[:, layout.driven]
+                target = self._float(entity.joint_pos)[:, layout.driven] * self._float(layout.holds)
             _put(views.ctrl, rows, targets, self._float(target))
 
     def _place(self, layout: EntityLayout, pos: object, rot: object, rows: slice | Tensor) -> None:

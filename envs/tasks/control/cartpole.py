@@ -1,0 +1,95 @@
+"""Cartpole, after Isaac Lab (``manager_based/classic/cartpole/cartpole_env_cfg.py``, BSD 3-Clause).
+
+Mittal et al., "Orbit: A Unified Simulation Framework for Interactive Robot Learning Environments"
+(arXiv:2301.04195). Observation, reward, ends and starts are Isaac Lab's; it has no success, so here an
+episode is one when its return reaches 90 % of the largest, 5.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi
+from typing import ClassVar, override
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from envs.controllers import Controller, NormalizedPositionController
+from envs.robots.cartpole import CARTPOLE
+from envs.scenario import CameraCfg, ScenarioCfg
+from envs.state import EntityState, State
+from envs.tasks.base import Task
+from envs.tasks.control.shared import CONTROL_60_HZ, LOOKS, STEP_S
+
+BOUND_M = 3.0
+START_M, START_M_S = 1.0, 0.5
+START_RAD = pi / 4
+"""Half widths of the uniform starts of cart and pole; the pole's speed has that of its angle, per second."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cartpole(Task):
+    """Push a cart so that the pole on it stays upright, for 5 s."""
+
+    name: ClassVar[str] = "control/cartpole"
+    instructions: ClassVar[tuple[str, ...]] = ("keep the pole upright",)
+    max_episode_steps: ClassVar[int] = 300
+    ends_on_success: ClassVar[bool] = False
+    has_expert: ClassVar[bool] = False
+    success_return: ClassVar[float | None] = 4.5
+
+    @property
+    @override
+    def scenario(self) -> ScenarioCfg:
+        return ScenarioCfg(
+            robots=(CARTPOLE,),
+            cameras=(CameraCfg(name="front", pos=(0.0, -6.5, 2.8), look_at=(0.0, 0.0, 2.2), fovy_deg=50.0),),
+            appearance=LOOKS,
+            table=None,
+            room=None,
+            ground_half_size_m=20.0,
+            physics=CONTROL_60_HZ,
+        )
+
+    @property
+    @override
+    def controller(self) -> Controller:
+        return NormalizedPositionController(CARTPOLE)
+
+    @override
+    def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
+        half = np.array([START_M, START_RAD, START_M_S, START_RAD])
+        drawn = np.stack([rng.uniform(-half, half) for rng in rngs])
+        robot = EntityState.at_rest(
+            np.array(CARTPOLE.pos), np.tile(CARTPOLE.rot, (len(rngs), 1)), drawn[:, :2]
+        )
+        robot.joint_vel = torch.from_numpy(drawn[:, 2:].copy())
+        robot.joint_target = torch.zeros((len(rngs), 1), dtype=torch.float64)
+        return State({CARTPOLE.name: robot}, {})
+
+    @override
+    def success(self, state: State) -> Tensor:
+        """Returns False: the return decides."""
+        return torch.zeros(state.num_envs, dtype=torch.bool, device=state.device)
+
+    @override
+    def failure(self, state: State) -> Tensor:
+        return state.robots[CARTPOLE.name].joint_pos[:, 0].abs() > BOUND_M
+
+    def reward(self, state: State) -> Tensor:
+        """Returns being alive, less angle² and speeds, per step, (N,)."""
+        robot = state.robots[CARTPOLE.name]
+        lost = self.failure(state).to(robot.joint_pos.dtype)
+        cart_speed, pole_speed = robot.joint_vel.abs().unbind(-1)
+        angle = torch.remainder(robot.joint_pos[:, 1] + pi, 2 * pi) - pi
+        paid = (1.0 - lost) - 2.0 * lost - angle**2 - 0.01 * cart_speed - 0.005 * pole_speed
+        return STEP_S * paid
+
+    def observe(self, state: State) -> Tensor:
+        """Returns positions and speeds of cart and pole, m and rad, (N, 4)."""
+        robot = state.robots[CARTPOLE.name]
+        return torch.cat((robot.joint_pos, robot.joint_vel), dim=-1)
+
+    @override
+    def rl_observation(self, state: State) -> Tensor:
+        return self.observe(state)

@@ -1,0 +1,131 @@
+"""Franka reach, after Isaac Lab (``manipulation/reach/reach_env_cfg.py``, BSD 3-Clause; arXiv:2301.04195).
+
+Commands, starts, reward and control are Isaac Lab's, but for what a state of this project does not have or
+need: an episode is one command of 4 s, of the three of Isaac Lab's 12 s; the last action is the present joint
+targets, so that its rate of change, weighted by 0.0001, is not punished; observations have no noise; the pose
+is that of the point between the fingers, of an arm with this project's gains. Isaac Lab has no success; here
+it is to end within 5 cm and 0.2 rad of the command.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi
+from typing import ClassVar, override
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from envs.controllers import Controller, OffsetPositionController
+from envs.robots.franka import FRANKA
+from envs.rotations import conjugate, from_euler, multiply
+from envs.scenario import GeomCfg, ObjectCfg, PhysicsCfg, ScenarioCfg, TableCfg
+from envs.state import EntityState, State
+from envs.tasks.base import Task
+from envs.tasks.tabletop import FRONT_CAMERA, TABLETOP_LOOKS, distance, ee_pos
+
+HOME = (0.0, -0.569, 0.0, -2.810, 0.0, 3.037, 0.741, 0.04, 0.04)
+"""``isaaclab_assets/robots/franka.py``."""
+
+ROBOT = FRANKA.with_home(HOME)
+
+COMMAND_LOW_M, COMMAND_HIGH_M = (0.35, -0.2, 0.15), (0.65, 0.2, 0.5)
+START_SCALE = (0.5, 1.5)
+"""Factors of the rest position of each joint at the start."""
+
+ACTION_RAD = 0.5
+NEAR_M, NEAR_RAD = 0.05, 0.2
+
+PHYSICS = PhysicsCfg(timestep_s=1.0 / 300.0, decimation=10)
+"""Isaac Lab's 30 Hz; its two steps of 1/60 s are too long for MuJoCo with this arm's gains."""
+
+CAMERA = dataclasses.replace(FRONT_CAMERA, pos=(2.2, 0.9, 0.9), look_at=(0.3, 0.0, 0.3), fovy_deg=30.0)
+
+STEP_S = PHYSICS.timestep_s * PHYSICS.decimation
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrankaReach(Task):
+    """Bring the hand of a Panda to a commanded pose, pointing down."""
+
+    name: ClassVar[str] = "control/franka_reach"
+    instructions: ClassVar[tuple[str, ...]] = ("move the hand to the marker",)
+    max_episode_steps: ClassVar[int] = 120
+    ends_on_success: ClassVar[bool] = False
+    has_expert: ClassVar[bool] = False
+
+    @property
+    @override
+    def scenario(self) -> ScenarioCfg:
+        goal = ObjectCfg(
+            name="goal",
+            kind="marker",
+            geoms=(
+                GeomCfg(shape="sphere", size=(0.02,), rgba=(0.1, 0.8, 0.15, 1.0)),
+                GeomCfg(
+                    shape="box", size=(0.05, 0.008, 0.008), pos=(0.05, 0.0, 0.0), rgba=(0.85, 0.1, 0.1, 1.0)
+                ),
+            ),
+            pos=(0.5, 0.0, 0.3),
+        )
+        return ScenarioCfg(
+            robots=(ROBOT,),
+            objects=(goal,),
+            cameras=(CAMERA,),
+            appearance=TABLETOP_LOOKS,
+            table=TableCfg(pos=(0.4, 0.0, 0.0), half_size=(0.8, 0.8)),
+            physics=PHYSICS,
+        )
+
+    @property
+    @override
+    def controller(self) -> Controller:
+        return OffsetPositionController(ROBOT, ACTION_RAD)
+
+    @override
+    def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
+        count = len(rngs)
+        low, high = np.array([joint.range for joint in ROBOT.joints]).T
+        qpos, pos, yaw = np.tile(np.array(HOME), (count, 1)), np.empty((count, 3)), np.empty(count)
+        for row, rng in enumerate(rngs):
+            qpos[row, :7] *= rng.uniform(*START_SCALE, 7)
+            pos[row] = rng.uniform(COMMAND_LOW_M, COMMAND_HIGH_M)
+            yaw[row] = rng.uniform(-pi, pi)
+        rot = from_euler(np.stack([yaw, np.full(count, pi), np.zeros(count)], axis=-1))
+        robot = EntityState.at_rest(
+            np.array(ROBOT.pos), np.tile(ROBOT.rot, (count, 1)), np.clip(qpos, low, high)
+        )
+        return State({ROBOT.name: robot}, {"goal": EntityState.at_rest(pos, rot)})
+
+    @override
+    def success(self, state: State) -> Tensor:
+        off, turn = self._errors(state)
+        return (off <= NEAR_M) & (turn <= NEAR_RAD)
+
+    def reward(self, state: State) -> Tensor:
+        """Returns nearness, less both errors and joint speeds, per step, (N,)."""
+        off, turn = self._errors(state)
+        speeds = (state.robots[ROBOT.name].joint_vel ** 2).sum(-1)
+        paid = -0.2 * off + 0.1 * (1.0 - torch.tanh(off / 0.1)) - 0.1 * turn - 0.0001 * speeds
+        return STEP_S * paid
+
+    def observe(self, state: State) -> Tensor:
+        """Returns joints from their rest, their speeds, the command, and the last action, (N, 32)."""
+        robot, goal = state.robots[ROBOT.name], state.objects["goal"]
+        assert robot.joint_target is not None, "a simulator gives every robot's targets"
+        rest = robot.joint_pos.new_tensor(HOME)
+        action = (robot.joint_target[:, :7] - rest[:7]) / ACTION_RAD
+        return torch.cat((robot.joint_pos - rest, robot.joint_vel, goal.pos, goal.rot, action), dim=-1)
+
+    @override
+    def rl_observation(self, state: State) -> Tensor:
+        return self.observe(state)
+
+    def _errors(self, state: State) -> tuple[Tensor, Tensor]:
+        """Returns how far the hand is from the command, m and rad, (N,) each."""
+        robot, goal = state.robots[ROBOT.name], state.objects["goal"]
+        assert robot.ee_rot is not None, "a simulator gives every robot's end effector"
+        between = multiply(goal.rot, conjugate(robot.ee_rot))
+        turn = 2.0 * torch.atan2(torch.linalg.vector_norm(between[:, 1:], dim=-1), between[:, 0].abs())
+        return distance(ee_pos(robot), goal.pos), turn
