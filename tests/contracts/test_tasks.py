@@ -126,6 +126,10 @@ def test_reward_rises_towards_success(rollouts):
         assert (rollout.rewards[:solved] < 1.0).all()
         assert (rollout.rewards >= 0.0).all()
         assert rollout.rewards[0] < rollout.rewards[solved - 1]
+        way = rollout.rewards[: solved + 1]
+        lost = np.maximum.accumulate(way) - way
+        assert lost.max() < 0.1, "the expert's way is no way up"
+        assert way[: len(way) // 4].mean() < way[-(len(way) // 4) :].mean()
 
 
 def test_random_actions_do_not_succeed(env):

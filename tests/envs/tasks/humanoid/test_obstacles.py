@@ -20,22 +20,10 @@ from tests.envs.tasks.humanoid.published import (
     put,
 )
 
-BARS = {
-    "crawl": 700,
-    "hurdle": 700,
-    "stair": 700,
-    "slide": 700,
-    "pole": 700,
-    "maze": 1200,
-    "sit_simple": 750,
-    "sit_hard": 750,
-    "balance_simple": 800,
-    "balance_hard": 800,
-}
-"""``success_bar`` of each class in HumanoidBench."""
-
-SIZES = dict.fromkeys(BARS, 51) | {"sit_hard": 64, "balance_simple": 64, "balance_hard": 77}
-"""Of the published observations: 13 numbers for each thing that moves beside the robot."""
+NAMES = (
+    *("crawl", "hurdle", "stair", "slide", "pole", "maze"),
+    *("sit_simple", "sit_hard", "balance_simple", "balance_hard"),
+)
 
 ROWS = 6
 
@@ -114,7 +102,7 @@ def by_hand(name, p, pos, touched):
 
 @needs_assets
 @pytest.mark.parametrize("touched", [0.0, 1.0])
-@pytest.mark.parametrize("name", [name for name in BARS if name != "maze"])
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "maze"])
 def test_rewards_are_those_written_out_by_hand(name, touched, postures):
     state = beside(postures, touched, walls=(0, 0, 0), poles=(0, 0, 0), chair=(-0.25, 0, 0))
     paid = task_of(name).reward(state)
@@ -124,14 +112,6 @@ def test_rewards_are_those_written_out_by_hand(name, touched, postures):
         put(model, data, postures.select([row]))
         expected = by_hand(name, Published(data), data.qpos[:3], touched)
         assert paid[row].item() == pytest.approx(expected, abs=1e-9), row
-
-
-@pytest.mark.parametrize("name", BARS)
-def test_bars_and_observations_are_the_published_ones(name):
-    task = task_of(name)
-    assert task.success_return == BARS[name]
-    with started(task) as handler:
-        assert task.observe(handler.get_states()).shape == (1, SIZES[name])
 
 
 @pytest.mark.parametrize(
@@ -157,7 +137,7 @@ def test_scenes_have_the_published_parts():
 
 
 def test_nothing_stands_in_the_robots_way_at_the_start():
-    for name in BARS:
+    for name in NAMES:
         with started(task_of(name)) as handler:
             robot = {
                 int(b) for b in range(handler.model.nbody) if handler.model.body(b).name.startswith("h1/")
@@ -244,7 +224,7 @@ def test_a_simulator_that_tells_no_touch_is_refused(postures):
         task_of("pole").reward(state)
 
 
-@pytest.mark.parametrize("name", BARS)
+@pytest.mark.parametrize("name", NAMES)
 def test_no_constant_stays_on_the_cpu(name, postures):
     state = beside(
         postures, walls=(0, 0, 0), poles=(0, 0, 0), maze=(0, 0, 0), chair=(0, 0, 0), board=(0, 0, 0),

@@ -1,0 +1,79 @@
+"""What agents that learn by reward are promised of every task that they are sent to, in both MuJoCos."""
+
+import pytest
+import torch
+
+from envs.errors import MissingExtraError
+from envs.tasks import TASKS
+from envs.torch_env import TorchVectorEnv
+
+LEARNED_BY_REWARD = (
+    "PickCube",
+    "StackCube",
+    "DrawerOpen",
+    "DrawerClose",
+    "DoorClose",
+    "WindowOpen",
+    "WindowClose",
+    "control/cartpole",
+    "control/ant",
+    "control/franka_reach",
+    "humanoid/stand",
+    "humanoid/walk",
+    "humanoid/run",
+)
+
+NUM_ENVS, STEPS = 2, 3
+
+
+QUICK_IN_WARP = {"PickCube", "DrawerOpen", "control/ant", "humanoid/walk"}
+"""Of the others, too, kernels are compiled, which takes a while."""
+
+PAIRS = [
+    pytest.param(
+        name,
+        simulator,
+        marks=[pytest.mark.long] if simulator == "mujoco_warp" and name not in QUICK_IN_WARP else [],
+    )
+    for simulator in ("mujoco", "mujoco_warp")
+    for name in LEARNED_BY_REWARD
+]
+
+
+def made(name, simulator):
+    try:
+        return TorchVectorEnv(
+            name,
+            NUM_ENVS,
+            simulator=simulator,
+            num_threads=1,
+            bank_size=NUM_ENVS,
+            max_episode_steps=STEPS,
+            shift_reward=False,
+        )
+    except MissingExtraError as error:
+        pytest.skip(str(error))
+
+
+@pytest.mark.parametrize(("name", "simulator"), PAIRS)
+def test_an_agent_steps_and_is_paid(name, simulator):
+    """Observations are finite; rewards tell states apart, and stay below 1 where success ends an episode."""
+    env, paid = made(name, simulator), []
+    torch.manual_seed(0)
+    for index in range(STEPS):
+        step = env.step(2.0 * torch.rand(NUM_ENVS, env.action_size) - 1.0)
+        paid.append(step.reward)
+        assert torch.isfinite(step.obs).all() and torch.isfinite(step.reward).all()
+        assert step.truncated.all() == (index == STEPS - 1)
+        assert not step.terminated.any() and not step.success.any()
+    rewards = torch.stack(paid)
+    assert len(rewards.unique()) > STEPS
+    if env.task.ends_on_success:
+        assert (rewards >= 0.0).all() and (rewards < 1.0).all()
+    env.close()
+
+
+def test_tasks_without_an_expert_are_tagged_as_learned_by_reward():
+    names = [name for name in TASKS if {"humanoid", "control"} & set(TASKS.entry(name).tags)]
+    assert len(names) == 16
+    assert set(names) == set(TASKS.names("rl"))

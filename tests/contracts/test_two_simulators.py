@@ -1,0 +1,49 @@
+"""Tasks that are learned by reward take the same steps in MuJoCo and in MuJoCo Warp."""
+
+import numpy as np
+import pytest
+import torch
+
+from envs.errors import MissingExtraError
+from envs.handlers import HANDLERS
+from envs.tasks import TASKS
+
+NUM_ENVS, STEPS = 2, 4
+
+QUICK = {"humanoid/pole", "humanoid/sit_hard", "control/ant", "control/cartpole"}
+
+NAMES = [
+    pytest.param(name, marks=[] if name in QUICK else [pytest.mark.long])
+    for name in sorted(TASKS.names("rl"))
+]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_same_actions_lead_to_the_same_states(name):
+    """Some control steps of random actions: states, touches, rewards and ends, to single precision."""
+    task = TASKS.get(name)()
+    initial = task.initial_state([np.random.default_rng(i) for i in range(NUM_ENVS)])
+    controller, rng = task.rl_controller, np.random.default_rng(0)
+    actions = rng.uniform(-0.5, 0.5, (STEPS, NUM_ENVS, len(controller.names)))
+    ends = []
+    for simulator in ("mujoco", "mujoco_warp"):
+        try:
+            handler = HANDLERS.get(simulator)(task.scenario, NUM_ENVS, num_threads=1)
+        except MissingExtraError as error:
+            pytest.skip(str(error))
+        with handler:
+            handler.launch()
+            handler.set_states(initial.to(handler.device, handler.dtype))
+            for action in actions:
+                controller.apply(handler, action)
+                handler.step(task.scenario.physics.decimation)
+            states = handler.get_states().to("cpu", torch.float64)
+        ends.append((states.flatten(), task.reward(states), task.failure(states)))
+    (first, paid, lost), (second, paid_too, lost_too) = ends
+    assert first.keys() == second.keys()
+    for key, value in first.items():
+        torch.testing.assert_close(
+            second[key], value, atol=2e-2 if "vel" in key else 5e-4, rtol=1e-3, msg=key
+        )
+    torch.testing.assert_close(paid_too, paid, atol=1e-3, rtol=0.0)
+    assert torch.equal(lost, lost_too)
