@@ -227,6 +227,19 @@ class TorchVectorEnv:
             self.max_episode_steps, (self.num_envs,), generator=generator, device=self.device
         )
 
+    def state_dict(self) -> dict[str, Tensor]:
+        """Returns where every environment is, which :meth:`load_state_dict` takes back."""
+        flat = {f"states/{key}": value for key, value in self.handler.get_states().flatten().items()}
+        return flat | {"elapsed_steps": self.elapsed_steps.clone(), "returns": self.returns.clone()}
+
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> Tensor:
+        """Puts every environment to a saved state; returns observations (N, D)."""
+        of_handler = {key.removeprefix("states/"): value for key, value in state.items() if "/" in key}
+        self.handler.set_states(State.unflatten(of_handler).to(self.handler.device, self.handler.dtype))
+        self.elapsed_steps = state["elapsed_steps"].to(self.device, copy=True)
+        self.returns = state["returns"].to(self.device, copy=True)
+        return self._observe(self.handler.get_states())
+
     def _observe(self, states: State) -> Tensor:
         return self.task.rl_observation(states).to(device=self.device, dtype=torch.float32)
 

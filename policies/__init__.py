@@ -45,6 +45,18 @@ _LEARNED = {
         "policies.diffusion.policy:DiffusionPolicy",
         "Diffusion Policy with a ResNet18 and a 1D U-Net (arXiv:2303.04137)",
     ),
+    "fasttd3": _Entry(
+        "policies.fasttd3.config:FastTd3Config",
+        "policies.fasttd3.policy:FastTd3Policy",
+        "FastTD3, distributional, of many environments and large batches (arXiv:2505.22642)",
+        learns_from="env",
+    ),
+    "tdmpc2": _Entry(
+        "policies.tdmpc2.config:Tdmpc2Config",
+        "policies.tdmpc2.policy:Tdmpc2Policy",
+        "TD-MPC2, planning in the latent space of a world model (arXiv:2310.16828)",
+        learns_from="env",
+    ),
 }
 _SCRIPTED = {
     "zero": "every action is zero",

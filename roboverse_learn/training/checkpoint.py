@@ -71,7 +71,7 @@ def save_checkpoint(
             are unchanged.
     """
     directory = run_dir / "checkpoints" / f"{state.step:06d}"
-    with _write_errors(directory), atomic_directory(directory) as staging:
+    with write_errors(directory), atomic_directory(directory) as staging:
         policy.save(staging / PRETRAINED, weights=None if ema is None else ema.average)
         inner = staging / STATE
         inner.mkdir()
@@ -90,8 +90,8 @@ def save_checkpoint(
             "param_groups": groups,
         }
         (inner / "state.json").write_text(json.dumps(content, indent=2), encoding="utf-8")
-    with _write_errors(directory):
-        _point_last_at(directory)
+    with write_errors(directory):
+        point_last_at(directory)
     for old in directory.parent.glob(f"[0-9]*/{STATE}"):
         if old.parent.name != directory.name:
             shutil.rmtree(old, ignore_errors=True)
@@ -223,14 +223,15 @@ def _read(path: Path) -> dict[str, Tensor]:
         raise CheckpointError(f"'{path}' is absent, truncated or damaged ({error}). {_ADVICE}") from error
 
 
-def _point_last_at(directory: Path) -> None:
+def point_last_at(directory: Path) -> None:
+    """Points the link ``last`` beside a checkpoint at it."""
     link = directory.parent / f".last.{uuid.uuid4().hex[:8]}.partial"
     link.symlink_to(directory.name)
     os.replace(link, directory.parent / "last")
 
 
 @contextlib.contextmanager
-def _write_errors(directory: Path) -> Iterator[None]:
+def write_errors(directory: Path) -> Iterator[None]:
     """Turns a full disk or a forbidden folder into an error for people."""
     try:
         yield

@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     from roboverse_learn.config import TrainRunConfig
     from roboverse_learn.training.reporter import Reporter, TrainResult
 
-LEARNERS: dict[str, str] = {}
+LEARNERS: dict[str, str] = {
+    "fasttd3": "roboverse_learn.training.fasttd3:learn",
+    "tdmpc2": "roboverse_learn.training.tdmpc2:learn",
+}
 """Policy to ``"module:function"``."""
 
 

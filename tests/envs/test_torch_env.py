@@ -135,3 +135,18 @@ def test_a_picture_can_be_had():
     env.task.scenario.cameras[0]
     assert env.picture().ndim == 3
     env.close()
+
+
+@pytest.mark.parametrize("simulator", ["mujoco", "mujoco_warp"])
+def test_it_goes_on_from_a_saved_state(simulator):
+    env = make(simulator=simulator)
+    env.step(torch.ones(N, 8))
+    saved = {key: value.clone() for key, value in env.state_dict().items()}
+    assert all("/" in key or key in ("elapsed_steps", "returns") for key in saved)
+    seen = env.load_state_dict(saved)
+    after = [env.step(torch.full((N, 8), 0.5)).obs for _ in range(3)]
+    env.reset()
+    assert env.load_state_dict(saved).equal(seen) and env.elapsed_steps.tolist() == [1] * N
+    for expected in after:
+        torch.testing.assert_close(env.step(torch.full((N, 8), 0.5)).obs, expected, atol=1e-5, rtol=1e-5)
+    env.close()

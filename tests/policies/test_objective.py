@@ -18,7 +18,7 @@ def loss_of(compute):
         return compute()
 
 
-@pytest.mark.parametrize("name", policies.names())
+@pytest.mark.parametrize("name", policies.names("dataset"))
 def test_the_normalizer_changes_no_bit_of_lerobots(name):
     if not hasattr(policies.policy_class(name), "objective"):
         pytest.skip(f"{name} learns from no dataset")

@@ -1,0 +1,121 @@
+"""FastTD3 in many environments at once: a few large updates after each step of all of them."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor
+
+from policies.fasttd3.config import FastTd3Config
+from policies.fasttd3.policy import FastTd3Policy
+from policies.fasttd3.update import Updater
+from roboverse_learn.training import agent_checkpoint, off_policy
+from roboverse_learn.training.replay import ReplayBuffer, Transitions
+
+if TYPE_CHECKING:
+    from roboverse_learn.config import TrainRunConfig
+    from roboverse_learn.training.reporter import Reporter, TrainResult
+
+
+class FastTd3Algorithm:
+    """FastTD3 (arXiv:2505.22642), as the loop in :mod:`roboverse_learn.training.off_policy` has it.
+
+    Args:
+        policy: An untrained policy, trained in place.
+        num_envs: Environments.
+    """
+
+    def __init__(self, policy: FastTd3Policy, num_envs: int) -> None:
+        config, device = policy.config, policy.device
+        self.policy, self.config, self.batch_size = policy, config, config.batch_size
+        self.updater = Updater(
+            config,
+            policy.actor,
+            policy.critics,
+            policy.norm,
+            compile=off_policy.wanted(config.compile, device),
+            cuda_graphs=off_policy.wanted(config.cuda_graphs, device),
+            bf16=off_policy.wanted(config.bf16, device),
+        )
+        size = sum(policy.sizes.values())
+        self.buffer = ReplayBuffer(config.buffer_size, num_envs, size, policy.action_size, device)
+        self.first_steps = max(1, config.learning_starts * num_envs)
+        self.std = torch.zeros(num_envs, 1, device=device)
+
+    @torch.no_grad()
+    def act(self, observation: Tensor, first: Tensor) -> Tensor:
+        """Chooses actions; how much noise an environment explores with is drawn for every episode."""
+        config = self.config
+        std = torch.rand_like(self.std) * (config.std_max - config.std_min) + config.std_min
+        self.std = torch.where(first[:, None], std, self.std)
+        self.policy.norm.update(observation)
+        action = self.policy.actor(self.policy.norm(observation))
+        return (action + self.std * torch.randn_like(action)).clamp(-1.0, 1.0)
+
+    def store(self, observation: Tensor, action: Tensor, step: Any) -> None:
+        """Takes in what came of the actions."""
+        ended = step.terminated.float()
+        lived = Transitions(observation, action, step.reward, ended, step.final_obs)
+        self.buffer.add(lived, step.terminated | step.truncated)
+
+    def learn(self) -> list[Mapping[str, Tensor]]:
+        """Makes the updates of one step."""
+        if len(self.buffer) < self.first_steps:
+            return []
+        num = self.config.num_updates
+        return [self.updater.update(*self.buffer.transitions(self.batch_size)) for _ in range(num)]
+
+    def set_progress(self, fraction: float) -> None:
+        """The learning rates stay as they are."""
+
+    def state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
+        """Returns all that it takes to go on."""
+        updater = self.updater
+        numbers: dict[str, Any] = {"updates": updater.updates}
+        tensors = agent_checkpoint.named(self.policy.state_dict(), "policy")
+        tensors |= agent_checkpoint.named(updater.target.state_dict(), "target")
+        tensors |= agent_checkpoint.moments(updater.critic_optimizer, "critic")
+        tensors |= agent_checkpoint.moments(updater.actor_optimizer, "actor")
+        tensors |= {"std": self.std}
+        if self.config.save_replay:
+            stored, numbers["replay"] = self.buffer.state()
+            tensors |= agent_checkpoint.named(stored, "replay")
+        return tensors, numbers
+
+    def load(self, tensors: Mapping[str, Tensor], numbers: Mapping[str, Any]) -> None:
+        """Takes back what :meth:`state` returned."""
+        updater, part = self.updater, agent_checkpoint.part
+        self.policy.model.load_state_dict(part(tensors, "policy"))
+        updater.target.load_state_dict(part(tensors, "target"))
+        agent_checkpoint.load_moments(updater.critic_optimizer, tensors, "critic")
+        agent_checkpoint.load_moments(updater.actor_optimizer, tensors, "actor")
+        self.std.copy_(tensors["std"])
+        updater.updates = numbers["updates"]
+        if "replay" in numbers:
+            self.buffer.load(part(tensors, "replay"), numbers["replay"])
+        else:
+            self.first_steps = max(self.first_steps, min(self.batch_size, self.buffer.length))
+
+
+def learn(
+    config: "TrainRunConfig", run_dir: Path, device: str, seed: int, reporter: "Reporter"
+) -> "TrainResult":
+    """Trains FastTD3 on the task of a run; see :class:`roboverse_learn.training.learners.Learner`."""
+    own: FastTd3Config = config.policy
+    env = off_policy.make_env(config, seed, own.num_envs, device)
+    try:
+        sizes = {off_policy.OBSERVATION: env.observation_size}
+        policy = FastTd3Policy.create(own, sizes, env.action_size, device, seed)
+        settings = {"task": config.task, "batch_size": own.batch_size}
+        return off_policy.run(
+            FastTd3Algorithm(policy, own.num_envs),
+            env,
+            config.train,
+            run_dir,
+            seed=seed,
+            reporter=reporter,
+            settings=settings,
+        )
+    finally:
+        env.close()

