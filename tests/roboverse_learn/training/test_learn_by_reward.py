@@ -1,0 +1,71 @@
+"""From the words of the command line to a checkpoint that the benchmark's runner evaluates."""
+
+import numpy as np
+import pytest
+
+import envs
+import policies
+from benchmark.runner import evaluate_cell
+from envs.tasks.pick_cube import PickCube
+from roboverse_learn.compose import compose
+from roboverse_learn.training.learners import learner_of
+from roboverse_learn.training.metrics import read_metrics
+from roboverse_learn.training.reporter import Reporter
+
+WORDS = {
+    "fasttd3": (
+        "num_envs=4", "policy.batch_size=32", "actor_dim=16", "critic_dim=16", "learning_starts=2",
+        "buffer_size=400", "steps=24",
+    ),
+    "tdmpc2": (
+        "num_envs=4", "policy.batch_size=8", "model_size=1", "enc_dim=16", "mlp_dim=16", "latent_dim=16",
+        "num_samples=16", "num_elites=4", "num_pi_trajs=4", "iterations=2", "seed_steps=16",
+        "buffer_size=400", "steps=24",
+    ),
+}  # fmt: skip
+
+
+class Short(PickCube):
+    """Its episodes end after three steps."""
+
+    max_episode_steps = 3
+
+
+@pytest.fixture(scope="module", params=sorted(WORDS))
+def trained(request, tmp_path_factory):
+    words = [word if word != "num_envs=4" else "policy.num_envs=4" for word in WORDS[request.param]]
+    words += ["simulator=mujoco", "save_every=12", "log_every=12", "train.num_threads=1"]
+    config = compose("train", [f"policy={request.param}", "task=PickCube", *words])
+    folder = tmp_path_factory.mktemp(request.param)
+    result = learner_of(request.param)(config, folder, "cpu", 3, Reporter())
+    return request.param, config, folder, result
+
+
+def test_a_run_ends_with_a_policy(trained):
+    name, _, folder, result = trained
+    assert (result.steps, result.stopped_by) == (24, "steps")
+    assert result.loss is not None and np.isfinite(result.loss)
+    assert [row["step"] for row in read_metrics(folder)][-1] == 24
+    assert type(policies.load(folder)) is policies.policy_class(name)
+
+
+def test_a_run_that_is_complete_is_not_run_again(trained):
+    name, config, folder, _ = trained
+    rows = read_metrics(folder)
+    again = learner_of(name)(config, folder, "cpu", 3, Reporter())
+    assert (again.steps, again.loss) == (24, None)
+    assert read_metrics(folder) == rows
+
+
+def test_the_runner_evaluates_it(trained):
+    name, _, folder, _ = trained
+    policy = policies.load(folder)
+    env = envs.make_vec("PickCube", 2, simulator="mujoco", observation="full", actions="rl", num_threads=1)
+    env.task = Short()
+    try:
+        episodes = env.split_indices[:2].tolist()
+        records = evaluate_cell(policy, env, episodes, split="train", level=0, seed=0, policy_name=name)
+    finally:
+        env.close()
+    assert [record.length for record in records] == [3, 3]
+    assert all(np.isfinite(record.episode_return) for record in records)
