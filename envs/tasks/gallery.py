@@ -64,14 +64,14 @@ def section(entry: Entry, record: ExpertRecord | None) -> str:
     """Returns one task's part of the page."""
     cls = TASKS.get(entry.name)
     task = cls()
-    scenario, info, actions = task.scenario, entry.info, task.controller.names
+    scenario, info = task.scenario, entry.info
     hz = scenario.physics.control_hz
     cameras = ", ".join(f"{camera.name} {camera.width}×{camera.height}" for camera in scenario.cameras)
     module = inspect.getdoc(sys.modules[cls.__module__]) or ""
     rows = {
         "Source": f"{info['source']} ({_paper(info['paper'])}; {info['licence']})",
         "Instructions": "<br>".join(f"“{text}”" for text in task.instructions),
-        "Robot": f"{info['robot']}; an action has {len(actions)} numbers, `{actions[0]}` to `{actions[-1]}`",
+        "Robot": f"{info['robot']}; an action has {_numbers(task.controller.names)}",
         "Cameras": cameras,
         "Horizon": f"{task.max_episode_steps} steps, {task.max_episode_steps / hz:g} s at {hz:g} Hz",
         "Expert": described(record) if task.has_expert else "none: learned by reward",
@@ -93,6 +93,11 @@ def section(entry: Entry, record: ExpertRecord | None) -> str:
             plain(module.partition("\n\n")[2]) or plain(module),
         ]
     )
+
+
+def _numbers(names: Sequence[str]) -> str:
+    first, last = names[0], names[-1]
+    return f"{len(names)} numbers, `{first}` to `{last}`" if len(names) > 1 else f"one number, `{first}`"
 
 
 def _bar(task: Task) -> dict[str, str]:

@@ -41,9 +41,12 @@ class Cartpole(Task):
     @property
     @override
     def scenario(self) -> ScenarioCfg:
+        camera = CameraCfg(
+            name="front", mount="cartpole/cart", turns=False, pos=(0.0, -4.0, 0.7), look_at=(0.0, 0.0, 0.0)
+        )
         return ScenarioCfg(
             robots=(CARTPOLE,),
-            cameras=(CameraCfg(name="front", pos=(0.0, -6.5, 2.8), look_at=(0.0, 0.0, 2.2), fovy_deg=50.0),),
+            cameras=(camera,),
             appearance=LOOKS,
             table=None,
             room=None,

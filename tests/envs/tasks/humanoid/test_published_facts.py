@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from envs.handlers.mujoco.model import build_model
+from envs.handlers.mujoco_warp.settings import WarpSettings
 from envs.robots.h1 import H1
 from envs.tasks import TASKS
 from tests.envs.tasks.humanoid.published import ASSETS, needs_assets
@@ -69,6 +70,23 @@ def test_noise_is_a_hundredth_and_on_every_number(task):
     for one, other in ((first.joint_pos, second.joint_pos), (first.pos[:, 2:], second.pos[:, 2:])):
         assert 0.0 < (one - other).abs().max() <= 0.02
     assert not (first.joint_vel.any() or first.lin_vel.any() or first.ang_vel.any())
+
+
+def test_a_fall_fits_into_the_buffers_of_mujoco_warp(task):
+    """A second of the largest random actions, until the robot lies on the ground, with room for half more."""
+    scenario, rng = task.scenario, np.random.default_rng(0)
+    model, given = build_model(scenario), WarpSettings.of(scenario)
+    data, robot, contacts, rows = mujoco.MjData(model), task.robot, [], []
+    data.qpos[:7] = [*robot.pos, *robot.rot]
+    low, high = model.actuator_ctrlrange.T
+    for _ in range(50):
+        data.ctrl[:] = rng.uniform(low, high)
+        mujoco.mj_step(model, data, scenario.physics.decimation)
+        contacts.append(data.ncon)
+        rows.append(data.nefc)
+    assert data.qpos[2] < 0.8
+    assert given.nconmax is not None and 4 <= max(contacts) <= given.nconmax / 1.5
+    assert given.njmax is not None and max(rows) <= given.njmax / 1.5
 
 
 def standing(robot, model, height_m):
