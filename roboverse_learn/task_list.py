@@ -34,7 +34,8 @@ def tasks_in_detail(datasets_dir: Path) -> str:
     alone, families = _grouped()
     rows: list[tuple[str, ...]] = [HEADINGS]
     for entry in alone:
-        expert = str(experts[entry.name]) if entry.name in experts else "-"
+        unmeasured = "none" if "rl" in entry.tags else "-"
+        expert = str(experts[entry.name]) if entry.name in experts else unmeasured
         facts = entry.info
         demos = str(count_demos(datasets_dir, entry.name))
         rows.append(

@@ -1,9 +1,11 @@
 """What agents that learn by reward are promised of every task that they are sent to, in both MuJoCos."""
 
+import numpy as np
 import pytest
 import torch
 
-from envs.errors import MissingExtraError
+from envs.errors import ConfigError, MissingExtraError
+from envs.state import State
 from envs.tasks import TASKS
 from envs.torch_env import TorchVectorEnv
 
@@ -77,3 +79,8 @@ def test_tasks_without_an_expert_are_tagged_as_learned_by_reward():
     names = [name for name in TASKS if {"humanoid", "control"} & set(TASKS.entry(name).tags)]
     assert len(names) == 16
     assert set(names) == set(TASKS.names("rl"))
+    for name in names:
+        task = TASKS.get(name)()
+        assert not task.has_expert
+        with pytest.raises(ConfigError, match=f"{name} has no scripted expert. Learn it by reward, as in"):
+            task.expert(State({}, {}), np.random.default_rng(0))

@@ -44,6 +44,7 @@ def test_every_fact_of_a_task_stands_in_its_row(tmp_path, monkeypatch):
     ]
     other = next(row for row in rows if row.startswith("  StackCube "))
     assert " -  " in other and "  0  " in other
+    assert " none  " in next(row for row in rows if row.startswith("  humanoid/walk "))
 
 
 def test_every_task_is_named_once_and_families_are_paragraphs(tmp_path):
