@@ -9,6 +9,7 @@ from envs.handlers import HANDLERS
 from envs.tasks import TASKS
 
 NUM_ENVS, STEPS = 2, 4
+MORE_STEPS = {"control/ant": 12}
 
 QUICK = {"humanoid/pole", "humanoid/sit_hard", "control/ant", "control/cartpole"}
 
@@ -24,7 +25,7 @@ def test_the_same_actions_lead_to_the_same_states(name):
     task = TASKS.get(name)()
     initial = task.initial_state([np.random.default_rng(i) for i in range(NUM_ENVS)])
     controller, rng = task.rl_controller, np.random.default_rng(0)
-    actions = rng.uniform(-0.5, 0.5, (STEPS, NUM_ENVS, len(controller.names)))
+    actions = rng.uniform(-0.5, 0.5, (MORE_STEPS.get(name, STEPS), NUM_ENVS, len(controller.names)))
     ends = []
     for simulator in ("mujoco", "mujoco_warp"):
         try:

@@ -26,6 +26,9 @@ FALLEN_BELOW_M = 0.31
 START_RAD, START_RAD_S = 0.2, 0.1
 """Half widths of the uniform offsets of the joints' starts."""
 
+SOLVER = {"mujoco": {"cone": "elliptic", "impratio": 1.0}}
+"""Friction pyramids of a leg on the ground lie another way in MuJoCo than in MuJoCo Warp."""
+
 _NEAR_LIMIT = 0.99
 
 
@@ -54,7 +57,7 @@ class Ant(Task):
             room=None,
             ground_half_size_m=20.0,
             physics=CONTROL_60_HZ,
-            simulators={"mujoco": {"cone": "pyramidal", "impratio": 1.0}},
+            simulators=SOLVER,
         )
 
     @property
