@@ -19,6 +19,7 @@ class FastTd3Config:
         v_max: Highest.
         clipped_double: Target the critic of two whose value is less; false lets each have its own.
         discount: Discount per step.
+        num_steps: Steps whose rewards a target sums before it trusts the critics.
         tau: Share of the weights that the target critic takes over per update.
         lr: Learning rate of AdamW.
         weight_decay: Decoupled weight decay of AdamW.
@@ -48,6 +49,7 @@ class FastTd3Config:
     v_max: float = 250.0
     clipped_double: bool = True
     discount: float = 0.99
+    num_steps: int = 1
     tau: float = 0.1
     lr: float = 3e-4
     weight_decay: float = 0.1
@@ -67,7 +69,8 @@ class FastTd3Config:
     bf16: bool | None = None
 
     def __post_init__(self) -> None:
-        for name in ("lr", "num_envs", "batch_size", "num_updates", "policy_frequency", "tau", "init_scale"):
+        for name in ("lr", "num_envs", "batch_size", "num_updates", "num_steps", "policy_frequency", "tau",
+                     "init_scale"):  # fmt: skip
             if getattr(self, name) <= 0:
                 raise PolicyError(f"policy.{name} must be above 0, given {getattr(self, name)}.")
         for name in ("weight_decay", "target_noise", "target_noise_clip", "std_min", "learning_starts"):

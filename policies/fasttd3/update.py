@@ -47,8 +47,8 @@ class Updater:
         options |= {"lr": config.lr, "weight_decay": config.weight_decay}
         self.critic_optimizer = torch.optim.AdamW(critics.parameters(), **options)
         self.actor_optimizer = torch.optim.AdamW(actor.parameters(), **options)
-        self._critic_loss = torch.compile(self.critic_loss) if compile else self.critic_loss
-        self._actor_loss = torch.compile(self.actor_loss) if compile else self.actor_loss
+        self._critic_loss = torch.compile(self.critic_loss, fullgraph=True) if compile else self.critic_loss
+        self._actor_loss = torch.compile(self.actor_loss, fullgraph=True) if compile else self.actor_loss
         record = recorded if cuda_graphs else lambda function: function
         self._both, self._critic = record(self.step), record(self.critic_step)
         self.updates = 0
@@ -57,8 +57,8 @@ class Updater:
         """Learns from one batch; returns the terms of the losses, on the device.
 
         Args:
-            batch: Observation (B, D), action (B, A), reward (B,), terminated (B,) and next observation
-                (B, D), as the env gave them.
+            batch: Observation (B, D), action (B, A), reward (B,), discount (B,) and next observation
+                (B, D), as the env gave them; see :meth:`targets`.
         """
         self.updates += 1
         with_actor = self.updates % self.config.policy_frequency == 0
@@ -85,13 +85,14 @@ class Updater:
         return terms
 
     @torch.no_grad()
-    def targets(self, reward: Tensor, terminated: Tensor, next_seen: Tensor) -> Tensor:
+    def targets(self, reward: Tensor, discount: Tensor, next_seen: Tensor) -> Tensor:
         """Returns the distributions that the critics should have, (2, B, K).
 
         Args:
-            reward: (B,).
-            terminated: 1 where nothing comes after, (B,); an episode that was cut off goes on.
-            next_seen: Normalized next observations (B, D).
+            reward: Discounted sum of the rewards of one step or of a few, (B,).
+            discount: What the value after those counts for: 0 where nothing comes after, (B,); an episode
+                that was cut off goes on.
+            next_seen: Normalized observations after them (B, D).
         """
         config, atoms = self.config, self.critics.atoms
         action = self.actor(next_seen)
@@ -99,8 +100,7 @@ class Updater:
         noise = noise.clamp(-config.target_noise_clip, config.target_noise_clip)
         action = (action + noise).clamp(-1.0, 1.0)
         probabilities = torch.softmax(self.target(next_seen, action).float(), dim=-1)
-        goes_on = (1.0 - terminated)[:, None] * config.discount
-        projected = project(probabilities, reward[:, None] + goes_on * atoms, atoms)
+        projected = project(probabilities, reward[:, None] + discount[:, None] * atoms, atoms)
         if not config.clipped_double:
             return projected
         value = self.critics.value(projected)  # (2, B)
@@ -112,12 +112,12 @@ class Updater:
         observation: Tensor,
         action: Tensor,
         reward: Tensor,
-        terminated: Tensor,
+        discount: Tensor,
         next_observation: Tensor,
     ) -> tuple[Tensor, dict[str, Tensor]]:
         """Returns the cross-entropy of both critics with their targets, and terms."""
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.bf16):
-            targets = self.targets(reward, terminated, self.norm(next_observation))
+            targets = self.targets(reward, discount, self.norm(next_observation))
             logits = self.critics(self.norm(observation), action)
         loss = -(targets * torch.log_softmax(logits.float(), dim=-1)).sum(-1).mean(1).sum(0)
         value = self.critics.value(targets)

@@ -36,7 +36,7 @@ class Tdmpc2Agent:
         self.config, self.model, self.discount = config, model, discount
         self.device = model.action_masks.device
         self.mean = torch.zeros(num_envs, config.horizon, model.action_size, device=self.device)
-        self._improve: Any = torch.compile(improved) if compile else improved
+        self._improve: Any = torch.compile(improved, fullgraph=True) if compile else improved
         self._plan: Any = self.plan
         if cuda_graphs:
             self._plan = recorded(self.plan)

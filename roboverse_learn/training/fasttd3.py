@@ -63,8 +63,11 @@ class FastTd3Algorithm:
         """Makes the updates of one step."""
         if len(self.buffer) < self.first_steps:
             return []
-        num = self.config.num_updates
-        return [self.updater.update(*self.buffer.transitions(self.batch_size)) for _ in range(num)]
+        config, buffer = self.config, self.buffer
+        return [
+            self.updater.update(*buffer.returns(self.batch_size, config.num_steps, config.discount))
+            for _ in range(config.num_updates)
+        ]
 
     def set_progress(self, fraction: float) -> None:
         """The learning rates stay as they are."""

@@ -6,7 +6,6 @@ to exactly what is saved of it, if it can say where it is (``state_dict``); if n
 """
 
 import logging
-import math
 import time
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -167,6 +166,7 @@ class _Loop:
         self.algorithm.set_progress(self._fraction())
         action = self.algorithm.act(self.observation, self.first)
         step = self.env.step(action)
+        self._check_terms()
         self.algorithm.store(self.observation, action, step)
         self.observation, self.first = step.obs, step.terminated | step.truncated
         self.step += self.env.num_envs
@@ -226,6 +226,14 @@ class _Loop:
             self._put_env(of_env, self.first)
         self.reporter.on_checkpoint(self.step, directory)
 
+    def _check_terms(self) -> None:
+        """Stops once a term of the last updates is no number; the env has waited for the device already."""
+        if not self.sums or bool(torch.stack(list(self.sums.values())).isfinite().all()):
+            return
+        for key, value in self.sums.items():
+            if not bool(value.isfinite()):
+                raise self._diverged(f"'{key}' is {float(value)}")
+
     def _check_weights(self) -> None:
         for key, value in self.algorithm.policy.state_dict().items():
             if not bool(value.isfinite().all()):
@@ -236,11 +244,9 @@ class _Loop:
         if self.logged_at == self.step:
             return
         self.logged_at = self.step
+        self._check_terms()
         self.means = {key: float(value) / self.pending for key, value in self.sums.items()}
         self.sums, self.pending = {}, 0
-        for key, value in self.means.items():
-            if not math.isfinite(value):
-                raise self._diverged(f"'{key}' is {value}")
         episodes = self.env.pop_statistics()
         row = dict(self.means)
         if episodes.episodes:

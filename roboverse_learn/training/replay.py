@@ -35,6 +35,25 @@ class Transitions(NamedTuple):
     next_observation: Tensor
 
 
+class Returns(NamedTuple):
+    """What actions led to within a few steps.
+
+    Attributes:
+        observation: (B, D).
+        action: (B, A).
+        reward: Discounted sum of the rewards of those steps (B,).
+        discount: What the value of ``next_observation`` counts for: 0 where the episode ended for good,
+            (B,).
+        next_observation: The last observation of those steps (B, D).
+    """
+
+    observation: Tensor
+    action: Tensor
+    reward: Tensor
+    discount: Tensor
+    next_observation: Tensor
+
+
 class StoredSequences(NamedTuple):
     """Pieces of episodes, time first.
 
@@ -115,10 +134,31 @@ class ReplayBuffer:
             storage["starts"][(row - self.horizon + 1) % self.length] = ~broken
         self._count = None
 
-    def transitions(self, num: int) -> Transitions:
-        """Returns ``num`` single steps, drawn uniformly."""
-        index = torch.randint(len(self), (num,), device=self.device)
-        return Transitions(*(self.storage[key].flatten(0, 1)[index] for key in _FIELDS))
+    def returns(self, num: int, steps: int, discount: float) -> Returns:
+        """Returns what ``num`` actions led to, drawn uniformly of all that are kept.
+
+        Args:
+            num: B.
+            steps: Steps that are summed; fewer where the episode ends or what is kept does.
+            discount: Discount per step.
+        """
+        stored = {key: value.flatten(0, 1) for key, value in self.storage.items()}
+        first = torch.randint(len(self), (num,), device=self.device)
+        last, total = first, stored["reward"][first]
+        weight = torch.full_like(total, discount)
+        for _ in range(1, steps):
+            after = (last + self.num_envs) % (self.length * self.num_envs)
+            goes_on = ~stored["over"][last] & (after // self.num_envs != self.next)
+            total = total + torch.where(goes_on, weight * stored["reward"][after], 0.0)
+            weight = torch.where(goes_on, weight * discount, weight)
+            last = torch.where(goes_on, after, last)
+        return Returns(
+            stored["observation"][first],
+            stored["action"][first],
+            total,
+            weight * (1.0 - stored["terminated"][last]),
+            stored["next_observation"][last],
+        )
 
     def sequences(self, num: int) -> StoredSequences:
         """Returns ``num`` sequences of H steps, drawn uniformly of all that lie within one episode."""

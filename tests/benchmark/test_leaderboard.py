@@ -181,6 +181,13 @@ def test_a_file_in_the_wrong_place_is_refused(publish, tmp_path):
         leaderboard.build(tmp_path)
 
 
+def test_a_task_of_a_family_has_a_folder_of_its_own(publish, tmp_path):
+    path = publish(task="humanoid/walk", policy="fasttd3")
+    assert path.relative_to(tmp_path).parts == ("v2", "humanoid", "walk", "fasttd3", "fasttd3-s0.json")
+    (section,) = leaderboard.build(tmp_path)["sections"]
+    assert (section["title"], section["id"]) == ("humanoid/walk", "v2-humanoid-walk-mujoco-warp")
+
+
 def test_no_folder_says_what_to_run(tmp_path):
     with pytest.raises(ResultError, match="Evaluate a checkpoint first: roboverse evaluate"):
         leaderboard.build(tmp_path / "nowhere")

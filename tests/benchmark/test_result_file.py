@@ -133,6 +133,7 @@ def test_a_truncated_file_says_so(written, cut):
             "at records/0/success: 'yes' is not of type 'boolean'",
         ),
         (lambda d: d.update(task="../../etc"), "at task: '../../etc' does not match"),
+        (lambda d: d.update(task="a/b/c"), "at task: 'a/b/c' does not match"),
         (lambda d: d["checkpoint"].update(choice="best"), "at checkpoint/choice: 'last' was expected"),
         (lambda d: d["protocol"].update(seed=1), "its protocol hashes to"),
         (

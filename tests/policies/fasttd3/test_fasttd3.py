@@ -24,10 +24,10 @@ def make(config=TINY, seed=0):
 
 def batch(seed=1):
     g = torch.Generator().manual_seed(seed)
-    ends = (torch.rand(B, generator=g) < 0.3).float()
+    discount = 0.99 * (torch.rand(B, generator=g) > 0.3).float()
     actions = torch.rand(B, 2, generator=g) * 2 - 1
     first, last = torch.randn(2, B, 3, generator=g)
-    return first, actions, torch.randn(B, generator=g), ends, last
+    return first, actions, torch.randn(B, generator=g), discount, last
 
 
 def test_the_projection_gives_each_mass_to_its_two_neighbours():
@@ -55,13 +55,13 @@ def test_the_target_is_the_lesser_critic_shifted_and_shrunk():
             parameter.zero_()
         for critic, atom in enumerate((7, 9)):  # all mass on the values 2 and 4
             updater.target.biases[-1][critic, 0, atom] = 50.0
-    reward, ended = torch.tensor([0.5, 0.5]), torch.tensor([0.0, 1.0])
-    targets = updater.targets(reward, ended, torch.randn(2, 3))
+    reward, discount = torch.tensor([0.5, 0.5]), torch.tensor([0.99, 0.0])
+    targets = updater.targets(reward, discount, torch.randn(2, 3))
     value = updater.critics.value(targets)
     torch.testing.assert_close(value, torch.tensor([[0.5 + 0.99 * 2.0, 0.5]] * 2))
     _, own = make(replace(TINY, clipped_double=False))
     own.target.load_state_dict(updater.target.state_dict())
-    value = own.critics.value(own.targets(reward, ended, torch.randn(2, 3)))
+    value = own.critics.value(own.targets(reward, discount, torch.randn(2, 3)))
     torch.testing.assert_close(value[:, 0], torch.tensor([0.5 + 0.99 * 2.0, 0.5 + 0.99 * 4.0]))
 
 
@@ -153,6 +153,7 @@ def test_a_checkpoint_of_another_policy_is_an_error(tmp_path):
         ({"std_min": 0.5}, "policy.std_min=0.5 must be at most policy.std_max=0.4"),
         ({"discount": 1.0}, "policy.discount must be from 0 to below 1"),
         ({"batch_size": 0}, "policy.batch_size must be above 0, given 0"),
+        ({"num_steps": 0}, "policy.num_steps must be above 0, given 0"),
         ({"weight_decay": -1.0}, "policy.weight_decay must be 0 or more"),
     ],
 )

@@ -47,10 +47,42 @@ def test_the_ring_forgets_the_oldest_steps_and_never_joins_ends():
 
 
 def test_single_steps_are_drawn_of_all_that_is_there():
-    batch = filled(5, over={2}, horizon=1).transitions(4000)
+    batch = filled(5, over={2}, horizon=1).returns(4000, 1, 0.9)
     assert {int(value) for value in batch.reward} == {*range(5), *range(100, 105)}
     torch.testing.assert_close(batch.next_observation, batch.observation + 0.5)
-    assert {int(value) for value in batch.reward[batch.terminated > 0]} == {2}
+    torch.testing.assert_close(batch.discount, torch.where(batch.reward == 2, 0.0, 0.9))
+
+
+def after(batch, first):
+    """What the step ``first`` led to: its return, discount, and the step that it ends with."""
+    row = (batch.observation[:, 0] == first).nonzero()[0, 0]
+    return [float(value[row].squeeze()) for value in (batch.reward, batch.discount, batch.next_observation)]
+
+
+def test_returns_of_three_steps_stop_at_the_end_of_an_episode():
+    batch = filled(8, over={3}, horizon=1).returns(4000, 3, 0.5)
+    assert after(batch, 0) == [0 + 0.5 * 1 + 0.25 * 2, 0.125, 2.5]
+    assert after(batch, 1) == [1 + 0.5 * 2 + 0.25 * 3, 0.0, 3.5]
+    assert after(batch, 2) == [2 + 0.5 * 3, 0.0, 3.5]
+    assert after(batch, 103) == [103 + 0.5 * 104 + 0.25 * 105, 0.125, 105.5]
+    assert after(batch, 7) == [7, 0.5, 7.5]  # nothing is known of what came after it
+
+
+def test_returns_go_around_the_ring_but_not_into_what_was_overwritten():
+    batch = filled(13, over=set(), capacity=20, horizon=1).returns(4000, 3, 0.5)
+    assert {int(value) for value in batch.observation[:, 0]} == {*range(3, 13), *range(103, 113)}
+    assert after(batch, 9) == [9 + 0.5 * 10 + 0.25 * 11, 0.125, 11.5]
+    assert after(batch, 11) == [11 + 0.5 * 12, 0.25, 12.5]
+    assert after(batch, 12) == [12, 0.5, 12.5]
+
+
+def test_an_episode_that_was_cut_off_is_bootstrapped_from_its_last_observation():
+    buffer = ReplayBuffer(20, 1, 1, 1, torch.device("cpu"))
+    for t in range(4):
+        value, cut_off = torch.tensor([float(t)]), torch.tensor([t == 1])
+        step = Transitions(value[:, None], value[:, None], value, torch.zeros(1), value[:, None] + 0.5)
+        buffer.add(step, cut_off)
+    assert after(buffer.returns(500, 3, 0.5), 0) == [0.5, 0.25, 1.5]
 
 
 def test_state_round_trip():

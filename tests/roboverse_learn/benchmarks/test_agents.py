@@ -1,0 +1,34 @@
+"""The speed of agents that learn by reward, on a CPU: all three are measured."""
+
+import pytest
+
+from roboverse_learn.benchmarks import agents
+from roboverse_learn.benchmarks.agents import GPU, Scale, measure
+
+TINY = Scale(model_size=1, tdmpc2_batch=2, plan_envs=1, fasttd3_batch=8, fasttd3_dim=16, updates=1, turns=1)
+
+
+def test_a_gpu_gets_the_published_sizes():
+    assert (GPU.model_size, GPU.tdmpc2_batch, GPU.fasttd3_batch, GPU.fasttd3_dim) == (5, 256, 32_768, 1024)
+
+
+def test_updates_and_planning_are_measured():
+    update, planning, fasttd3 = measure(TINY, "cpu", compiled=False)
+    assert update.name == "TD-MPC2, update, size 1, batch 2 on cpu, plain torch / ours"
+    assert planning.name.startswith("TD-MPC2, planning for 1 environments")
+    assert fasttd3.name.startswith("FastTD3, update, batch 8")
+    assert all(each.ours_s > 0 < each.baseline_s for each in (update, planning, fasttd3))
+
+
+def test_the_updates_are_those_of_training():
+    terms = agents.tdmpc2_update(TINY, "cpu")()
+    assert {"loss", "consistency_loss", "prior_loss"} <= terms.keys()
+    update = agents.fasttd3_update(TINY, "cpu")
+    assert float(update()["loss"]) != float(update()["loss"])
+    assert agents.tdmpc2_planning(TINY, "cpu")().shape == (1, 19)
+
+
+@pytest.mark.long
+def test_compiled_on_a_cpu_it_runs_too():
+    update, _, fasttd3 = measure(TINY, "cpu", compiled=True)
+    assert update.ratio > 0 < fasttd3.ratio
