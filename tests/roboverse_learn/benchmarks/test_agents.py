@@ -1,7 +1,10 @@
 """The speed of agents that learn by reward, on a CPU: all three are measured."""
 
+import json
+
 import pytest
 
+from envs.errors import UnknownNameError
 from roboverse_learn.benchmarks import agents
 from roboverse_learn.benchmarks.agents import GPU, Scale, measure
 
@@ -15,7 +18,7 @@ def test_a_gpu_gets_the_published_sizes():
 def test_updates_and_planning_are_measured():
     update, planning, fasttd3 = measure(TINY, "cpu", compiled=False)
     assert update.name == "TD-MPC2, update, size 1, batch 2 on cpu, plain torch / ours"
-    assert planning.name.startswith("TD-MPC2, planning for 1 environments")
+    assert planning.name.startswith("TD-MPC2, planning for 1 envs")
     assert fasttd3.name.startswith("FastTD3, update, batch 8")
     assert all(each.ours_s > 0 < each.baseline_s for each in (update, planning, fasttd3))
 
@@ -26,6 +29,18 @@ def test_the_updates_are_those_of_training():
     update = agents.fasttd3_update(TINY, "cpu")
     assert float(update()["loss"]) != float(update()["loss"])
     assert agents.tdmpc2_planning(TINY, "cpu")().shape == (1, 19)
+
+
+def test_the_program_measures_the_parts_that_it_is_asked_for(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(agents, "CPU", TINY)
+    out = tmp_path / "agents.json"
+    words = ["parts=[fasttd3_update]", "device=cpu", f"out={out}"]
+    with caplog.at_level("INFO"):
+        assert agents.main(words) == 0
+    (row,) = json.loads(out.read_text())["rows"]
+    assert row["name"].startswith("FastTD3, update") and row["ratio"] > 0
+    with pytest.raises(UnknownNameError, match=r"Unknown part of this benchmark 'tdmpc_update'. Did you"):
+        agents.main(["parts=[tdmpc_update]"])
 
 
 @pytest.mark.long
