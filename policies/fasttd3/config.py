@@ -15,8 +15,9 @@ class FastTd3Config:
         layer_norm: Normalize every hidden layer; the authors' results on HumanoidBench do not.
         init_scale: Deviation of the first weights of the actor's last layer.
         num_atoms: Atoms of the distribution of values.
-        v_min: Lowest value that it can hold.
-        v_max: Highest.
+        v_min: Lowest value that it can hold: at most the lowest reward of a step / (1 - discount). Where a
+            task's values do not fit, ``mass_at_limits`` of the metrics is far from 0.
+        v_max: Highest, likewise.
         clipped_double: Target the critic of two whose value is less; false lets each have its own.
         discount: Discount per step.
         num_steps: Steps whose rewards a target sums before it trusts the critics.

@@ -115,13 +115,19 @@ class Updater:
         discount: Tensor,
         next_observation: Tensor,
     ) -> tuple[Tensor, dict[str, Tensor]]:
-        """Returns the cross-entropy of both critics with their targets, and terms."""
+        """Returns the cross-entropy of both critics with their targets, and terms.
+
+        ``mass_at_limits`` is the share of the targets at ``v_min`` and ``v_max``: where it is not about 0,
+        values do not fit between them.
+        """
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.bf16):
             targets = self.targets(reward, discount, self.norm(next_observation))
             logits = self.critics(self.norm(observation), action)
         loss = -(targets * torch.log_softmax(logits.float(), dim=-1)).sum(-1).mean(1).sum(0)
         value = self.critics.value(targets)
-        return loss, {"loss": loss, "target_value": value.mean(), "target_value_max": value.max()}
+        beyond = (targets[..., 0] + targets[..., -1]).mean()
+        terms = {"loss": loss, "target_value": value.mean(), "target_value_max": value.max()}
+        return loss, terms | {"mass_at_limits": beyond}
 
     def actor_loss(self, observation: Tensor) -> Tensor:
         """Returns minus the value of what the actor would do."""

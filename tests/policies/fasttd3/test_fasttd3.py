@@ -65,6 +65,16 @@ def test_the_target_is_the_lesser_critic_shifted_and_shrunk():
     torch.testing.assert_close(value[:, 0], torch.tensor([0.5 + 0.99 * 2.0, 0.5 + 0.99 * 4.0]))
 
 
+def test_values_that_do_not_fit_between_the_limits_show():
+    _, updater = make()
+    shares = []
+    for reward in (0.0, 50.0):
+        observation, action, _, _, following = batch()
+        given = (observation, action, torch.full((B,), reward), torch.zeros(B), following)
+        shares.append(float(updater.critic_loss(*given)[1]["mass_at_limits"]))
+    assert shares == pytest.approx([0.0, 1.0])
+
+
 def test_the_target_moves_by_tau_and_the_actor_every_second_time():
     policy, updater = make()
     before = [value.clone() for value in updater.target.parameters()]
