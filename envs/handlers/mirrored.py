@@ -18,11 +18,10 @@ from torch import Tensor
 from envs.errors import ConfigError, SimulatorError, unknown_name
 from envs.handlers import RENDERERS
 from envs.handlers.base import MODALITIES, EnvIds, Handler, TextureSource
-from envs.handlers.mujoco.layout import EntityLayout, layout_of
+from envs.handlers.mujoco.layout import EntityLayout, as_slice, layout_of
 from envs.handlers.mujoco.model import build_model
 from envs.handlers.mujoco.objects import rest_joints
 from envs.handlers.mujoco.render import Renderer, RenderJob
-from envs.rotations import from_matrix
 from envs.scenario import Appearance, ScenarioCfg
 from envs.state import EntityState, State
 
@@ -105,6 +104,11 @@ class MirroredHandler(Handler):
         self._layout = layout_of(model, self.scenario)
         self._entities = {item.name: item for item in (*self._layout.robots, *self._layout.objects)}
         self._robots = {item.name for item in self._layout.robots}
+        self._readers = {
+            name: (item, as_slice(item.qpos), as_slice(item.qvel), as_slice(item.ctrl))
+            for name, item in self._entities.items()
+        }
+        self._resting: dict[int, tuple] = {}
         self._low, self._high = model.actuator_ctrlrange.astype(np.float32).T.copy()
         self._rest_rows()
         self._appearances = [self.scenario.appearance] * self.num_envs
@@ -135,51 +139,62 @@ class MirroredHandler(Handler):
     @override
     def get_states(self, env_ids: EnvIds = None) -> State:
         self._check_open()
-        rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
+        rows = slice(None) if env_ids is None else np.asarray(env_ids)
+        # Sliced as arrays: a slice of a tensor takes ten times as long.
+        qpos, qvel, ctrl = (array[rows].copy() for array in (self._qpos, self._qvel, self._ctrl))
+        tensor = torch.from_numpy
         state = State({}, {})
-        sites = self._end_effectors(rows)
-        for name, item in self._entities.items():
-            kind = state.robots if name in self._robots else state.objects
-            kind[name] = self._entity_state(item, rows)
-        for name, (pos, rot) in sites.items():
-            robot = state.robots[name]
-            robot.ee_pos, robot.ee_rot = torch.from_numpy(pos), torch.from_numpy(rot)
-            target = self._ctrl[np.ix_(rows, self._entities[name].ctrl)]
-            robot.joint_target = torch.from_numpy(target)
+        for name, (item, joints, speeds, targets) in self._readers.items():
+            root = self._root_state(item, qpos, qvel, rows)
+            entity = EntityState(*root, tensor(qpos[:, joints]), tensor(qvel[:, speeds]))
+            if name in self._robots:
+                entity.joint_target = tensor(ctrl[:, targets])
+                entity.ee_pos, entity.ee_rot = self._end_effector(item.ee_site, rows)
+                state.robots[name] = entity
+            else:
+                state.objects[name] = entity
         return state
 
-    def _entity_state(self, item: EntityLayout, rows: np.ndarray) -> EntityState:
-        qpos, qvel, count = self._qpos[rows], self._qvel[rows], len(rows)
-        lin_vel = ang_vel = np.zeros((count, 3), np.float32)
+    def _root_state(
+        self, item: EntityLayout, qpos: np.ndarray, qvel: np.ndarray, rows: slice | np.ndarray
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Returns position, orientation, linear and angular velocity of an entity's root."""
+        tensor = torch.from_numpy
         if item.root == "free":
             at, speed = item.root_qpos, item.root_qvel
-            pos, rot = qpos[:, at : at + 3], qpos[:, at + 3 : at + 7]
-            lin_vel, ang_vel = qvel[:, speed : speed + 3], qvel[:, speed + 3 : speed + 6]
-        elif item.root == "mocap":
+            pose = tensor(qpos[:, at : at + 3]), tensor(qpos[:, at + 3 : at + 7])
+            return *pose, tensor(qvel[:, speed : speed + 3]), tensor(qvel[:, speed + 3 : speed + 6])
+        bases, still = self._rest(len(qpos))
+        if item.root == "mocap":
             pos, rot = self._mocap_pos[rows, item.mocap], self._mocap_quat[rows, item.mocap]
-        else:
-            pos, rot = (np.tile(value.astype(np.float32), (count, 1)) for value in (item.pos, item.rot))
-        joints = (qpos[:, item.qpos], qvel[:, item.qvel])
-        return EntityState(*(torch.from_numpy(part) for part in (pos, rot, lin_vel, ang_vel, *joints)))
+            return tensor(pos.copy()), tensor(rot.copy()), still, still
+        return *bases[item.name], still, still
 
-    def _end_effectors(self, rows: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Returns positions (n, 3) and orientations (n, 4) of the end effectors, by forward kinematics."""
-        model, data, robots = self.model, self._data, self._layout.robots
-        sites = [robot.ee_site for robot in robots]
-        if not sites:
-            return {}
-        pos = np.empty((len(sites), len(rows), 3))
-        matrices = np.empty((len(sites), len(rows), 9))
-        for index, row in enumerate(rows):
+    def _rest(self, count: int) -> tuple[dict[str, tuple[Tensor, Tensor]], Tensor]:
+        """Returns what never changes, for ``count`` environments."""
+        if count not in self._resting:
+            bases = {
+                item.name: tuple(
+                    torch.from_numpy(np.tile(part.astype(np.float32), (count, 1)))
+                    for part in (item.pos, item.rot)
+                )
+                for item in self._layout.robots
+            }
+            self._resting[count] = (bases, torch.zeros((count, 3), dtype=self.dtype))
+        return self._resting[count]
+
+    def _end_effector(self, site: int, rows: slice | np.ndarray) -> tuple[Tensor, Tensor]:
+        """Returns position (n, 3) and orientation (n, 4) of a site, by forward kinematics."""
+        model, data = self.model, self._data
+        ids = range(self.num_envs)[rows] if isinstance(rows, slice) else rows.tolist()
+        pos, rot = np.empty((len(ids), 3)), np.empty((len(ids), 4))
+        for index, row in enumerate(ids):
             data.qpos[:] = self._qpos[row]
             data.mocap_pos[:], data.mocap_quat[:] = self._mocap_pos[row], self._mocap_quat[row]
             mujoco.mj_kinematics(model, data)
-            pos[:, index], matrices[:, index] = data.site_xpos[sites], data.site_xmat[sites]
-        rot = from_matrix(matrices.reshape(len(sites), len(rows), 3, 3))
-        return {
-            robot.name: (pos[index].astype(np.float32), rot[index].astype(np.float32))
-            for index, robot in enumerate(robots)
-        }
+            pos[index] = data.site_xpos[site]
+            mujoco.mju_mat2Quat(rot[index], data.site_xmat[site])
+        return torch.from_numpy(pos.astype(np.float32)), torch.from_numpy(rot.astype(np.float32))
 
     @override
     def set_states(self, states: State, env_ids: EnvIds = None) -> None:

@@ -29,6 +29,11 @@ BENCHMARKS.add(
     summary="simulator=mujoco_warp against bare mujoco_warp: physics and pictures (wants a GPU)",
 )
 BENCHMARKS.add(
+    "sapien",
+    "roboverse_learn.benchmarks.sapien",
+    summary="simulator=sapien against SAPIEN's own loop on the same scene; two processes against one",
+)
+BENCHMARKS.add(
     "training",
     "roboverse_learn.benchmarks.training",
     summary="a gradient step of ACT and Diffusion Policy, against LeRobot's, and their losses (wants a GPU)",

@@ -139,8 +139,8 @@ def test_what_is_moved_in_an_episode_is_drawn_where_it_is(pair):
 
 
 def test_a_simulators_own_renderers_make_no_pair():
+    assert set(HANDLERS.get("mujoco").own_renderers) == set(RENDERERS)
     for simulator in ("mujoco", "mujoco_warp"):
-        assert set(HANDLERS.get(simulator).own_renderers) == set(RENDERERS)
         assert drawing_simulator(simulator, "gl") == (simulator, "gl")
         assert drawing_simulator(simulator, simulator) == (simulator, "warp")
         handler = make_handler(simulator, small_scene(), 1, renderer=simulator)
