@@ -1,8 +1,6 @@
-"""The SAPIEN handler beyond the contract: agreement with MuJoCo, settings, tasks, launches."""
+"""The SAPIEN handler beyond the contract: agreement with MuJoCo, settings, tasks."""
 
 import dataclasses
-import gc
-import resource
 
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ pytest.importorskip("sapien", reason="SAPIEN is not installed: pip install 'robo
 from envs.errors import ConfigError, SimulatorError, UnknownNameError
 from envs.handlers import HANDLERS
 from envs.handlers.sapien.settings import SapienSettings
-from envs.scenario import GeomCfg, ObjectCfg, ScenarioCfg
 from envs.tasks.close_box import CloseBox
 from envs.tasks.pick_cube import PickCube
 
@@ -118,35 +115,3 @@ def test_joints_of_another_number_are_refused():
         states.robots["franka"].joint_pos = torch.zeros((1, 3))
         with pytest.raises(ConfigError, match="'franka' has 9 joints; the state gives 3"):
             handler.set_states(states)
-
-
-def small_scene():
-    ball = ObjectCfg(
-        name="ball", geoms=(GeomCfg(shape="sphere", size=(0.05,), mass_kg=0.1),), pos=(0, 0, 0.2)
-    )
-    return ScenarioCfg(objects=(ball,), room=None)
-
-
-def launch_and_drop(times):
-    for _ in range(times):
-        with launched(small_scene()) as handler:
-            handler.step(5)
-
-
-def test_a_few_launches_leave_nothing_behind():
-    launch_and_drop(10)
-    assert grown_by(lambda: launch_and_drop(30)) < 16
-
-
-@pytest.mark.long
-def test_a_thousand_launches_leave_nothing_behind():
-    launch_and_drop(20)
-    assert grown_by(lambda: launch_and_drop(1000)) < 32
-
-
-def grown_by(run):
-    """Returns the growth of this process's peak memory, MiB."""
-    gc.collect()
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    run()
-    return (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
