@@ -5,6 +5,7 @@ state is mirrored in arrays of the model's layout, so that what is set comes bac
 way the simulator stores it, and so that every renderer of MuJoCo models can draw it.
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -18,7 +19,7 @@ from torch import Tensor
 from envs.errors import ConfigError, SimulatorError, unknown_name
 from envs.handlers import RENDERERS
 from envs.handlers.base import MODALITIES, EnvIds, Handler, TextureSource
-from envs.handlers.mujoco.layout import EntityLayout, as_slice, layout_of
+from envs.handlers.mujoco.layout import EntityLayout, as_slice, block, layout_of
 from envs.handlers.mujoco.model import build_model
 from envs.handlers.mujoco.objects import rest_joints
 from envs.handlers.mujoco.render import Renderer, RenderJob
@@ -141,7 +142,7 @@ class MirroredHandler(Handler):
         self._check_open()
         rows = slice(None) if env_ids is None else np.asarray(env_ids)
         # Sliced as arrays: a slice of a tensor takes ten times as long.
-        qpos, qvel, ctrl = (array[rows].copy() for array in (self._qpos, self._qvel, self._ctrl))
+        qpos, qvel, ctrl = (np.array(array[rows]) for array in (self._qpos, self._qvel, self._ctrl))
         tensor = torch.from_numpy
         state = State({}, {})
         for name, (item, joints, speeds, targets) in self._readers.items():
@@ -247,24 +248,23 @@ class MirroredHandler(Handler):
 
     @override
     def get_joint_targets(self, robot: str, env_ids: EnvIds = None) -> Tensor:
-        rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
-        return torch.from_numpy(self._ctrl[np.ix_(rows, self._entities[robot].ctrl)])
+        rows = slice(None) if env_ids is None else np.asarray(env_ids)
+        return torch.from_numpy(self._ctrl[block(rows, self._readers[robot][3])].copy())
 
     @override
     def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:
-        rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
-        for robot in self._layout.robots:
-            if robot.name in targets:
-                target = np.asarray(targets[robot.name], np.float32)
-                clipped = np.clip(target, self._low[robot.ctrl], self._high[robot.ctrl])
-                self._ctrl[np.ix_(rows, robot.ctrl)] = clipped
+        rows = slice(None) if env_ids is None else np.asarray(env_ids)
+        for name in self._robots & targets.keys():
+            columns = self._readers[name][3]
+            target = np.asarray(targets[name], np.float32)
+            clipped = np.minimum(np.maximum(target, self._low[columns]), self._high[columns])
+            self._ctrl[block(rows, columns)] = clipped
 
     # -- time ---------------------------------------------------------------------------------------
 
     @override
     def step(self, num_steps: int, env_ids: EnvIds = None) -> None:
         self._check_open()
-        rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
 
         def advance(row: int) -> None:
             world = self._worlds[row]
@@ -272,34 +272,36 @@ class MirroredHandler(Handler):
             world.step(num_steps)
             world.read(self._qpos[row], self._qvel[row])
 
-        self._advance(advance, rows)
+        self._advance(advance, env_ids)
 
     @override
     def step_towards(
         self, targets: Mapping[str, Tensor | np.ndarray], num_steps: int, env_ids: EnvIds = None
     ) -> None:
         self._check_open()
-        rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
         start = self._ctrl.copy()
-        self.set_joint_targets(targets, rows)
+        self.set_joint_targets(targets, env_ids)
 
         def advance(row: int) -> None:
             world = self._worlds[row]
             world.step_towards(start[row], self._ctrl[row], num_steps)
             world.read(self._qpos[row], self._qvel[row])
 
-        self._advance(advance, rows)
+        self._advance(advance, env_ids)
 
-    def _advance(self, advance: Callable[[int], None], rows: np.ndarray) -> None:
+    def _advance(self, advance: Callable[[int], None], env_ids: EnvIds) -> None:
+        rows = range(self.num_envs) if env_ids is None else np.asarray(env_ids).tolist()
         if self._pool is None or len(rows) == 1:
-            for row in rows.tolist():
+            for row in rows:
                 advance(row)
         else:
-            list(self._pool.map(advance, rows.tolist()))
-        if not np.isfinite(self._qpos[rows].sum()):
-            bad = rows[~np.isfinite(self._qpos[rows]).all(axis=1)]
+            list(self._pool.map(advance, rows))
+        if not math.isfinite(self._qpos.sum()):
+            bad = [row for row in rows if not np.isfinite(self._qpos[row]).all()]
+            if not bad:  # one that was not asked for, and was told before
+                return
             raise SimulatorError(
-                f"The state of environments {bad.tolist()} is no longer finite. "
+                f"The state of environments {bad} is no longer finite. "
                 "Check the actions, or give physics.timestep_s a smaller value."
             )
 

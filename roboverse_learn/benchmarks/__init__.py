@@ -29,9 +29,9 @@ BENCHMARKS.add(
     summary="simulator=mujoco_warp against bare mujoco_warp: physics and pictures (wants a GPU)",
 )
 BENCHMARKS.add(
-    "sapien",
-    "roboverse_learn.benchmarks.sapien",
-    summary="simulator=sapien against SAPIEN's own loop on the same scene; two processes against one",
+    "simulators",
+    "roboverse_learn.benchmarks.simulators",
+    summary="every installed simulator's handler against its own loop; two processes against one",
 )
 BENCHMARKS.add(
     "training",

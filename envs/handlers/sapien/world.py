@@ -1,6 +1,8 @@
 """One environment in PhysX: the trees of a scene as rigid bodies and articulations."""
 
+import math
 import threading
+from collections.abc import Sequence
 from typing import override
 
 import mujoco
@@ -206,13 +208,14 @@ class _Articulation(_Part):
         order = [specs[joint.name] for joint in joints]
         self._qpos = np.array([spec.qpos for spec in order], np.intp)
         self._dofs = np.array([spec.dof for spec in order], np.intp)
-        self._drives = [
+        drives = [
             (joint.set_drive_target, spec.actuator)
             for joint, spec in zip(joints, order, strict=True)
             if spec.actuator >= 0
         ]
-        self._last = np.full(len(self._drives), np.nan, np.float32)
-        self._ctrl = np.array([actuator for _, actuator in self._drives], np.intp)
+        self._setters = [set_target for set_target, _ in drives]
+        self._last = [math.nan] * len(drives)
+        self._ctrl = np.array([actuator for _, actuator in drives], np.intp)
         rubs = np.array([spec.friction > 0.0 for spec in order])
         driven = np.array([spec.actuator >= 0 for spec in order], bool)
         self._stiffness = np.where(rubs & ~driven, [spec.stiffness for spec in order], 0.0)
@@ -246,9 +249,10 @@ class _Articulation(_Part):
 
     @override
     def drive(self, ctrl: np.ndarray) -> None:
-        targets = ctrl[self._ctrl]
-        for index in np.flatnonzero(targets != self._last):
-            self._drives[index][0](float(targets[index]))
+        targets = ctrl[self._ctrl].tolist()
+        for set_target, target, last in zip(self._setters, targets, self._last, strict=True):
+            if target != last:
+                set_target(target)
         self._last = targets
 
     @override
@@ -271,26 +275,29 @@ class _Articulation(_Part):
 
 
 def _to_physx(rot: np.ndarray, lin: np.ndarray, ang: np.ndarray, centre: np.ndarray | None) -> tuple:
-    rot, speed = rot.astype(np.float64), lin.astype(np.float64)
-    turning = _turned(rot, ang.astype(np.float64))
+    turning = _turned(rot.tolist(), ang.tolist())
+    speed = lin.astype(np.float64)
     if centre is not None:
-        speed = speed + np.cross(turning, _turned(rot, centre))
-    return speed.astype(np.float32), turning.astype(np.float32)
+        speed = speed + np.cross(turning, _turned(rot.tolist(), centre.tolist()))
+    return speed.astype(np.float32), np.array(turning, np.float32)
 
 
 def _from_physx(rot: np.ndarray, lin: np.ndarray, ang: np.ndarray, centre: np.ndarray | None) -> tuple:
-    rot, speed, turning = rot.astype(np.float64), lin.astype(np.float64), ang.astype(np.float64)
+    turn = w, x, y, z = rot.tolist()
     if centre is not None:
-        speed = speed - np.cross(turning, _turned(rot, centre))
-    rot[1:] *= -1.0
-    return speed, _turned(rot, turning)
+        lin = lin - np.cross(ang.astype(np.float64), _turned(turn, centre.tolist()))
+    return lin, _turned((w, -x, -y, -z), ang.tolist())
 
 
-def _turned(rot: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Returns a vector (3,) turned by a quaternion (4,), float64, in a microsecond."""
-    out = np.empty(3)
-    mujoco.mju_rotVecQuat(out, vector, rot)
-    return out
+def _turned(rot: Sequence[float], vector: Sequence[float]) -> tuple[float, float, float]:
+    """Returns a vector (3,) turned by a quaternion (4,): three numbers are not worth an array."""
+    (w, x, y, z), (a, b, c) = rot, vector
+    p, q, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return (
+        a + w * p + y * r - z * q,
+        b + w * q + z * p - x * r,
+        c + w * r + x * q - y * p,
+    )
 
 
 class _Builder:

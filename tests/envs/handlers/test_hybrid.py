@@ -139,7 +139,7 @@ def test_what_is_moved_in_an_episode_is_drawn_where_it_is(pair):
 
 
 def test_a_simulators_own_renderers_make_no_pair():
-    assert set(HANDLERS.get("mujoco").own_renderers) == set(RENDERERS)
+    assert set(HANDLERS.get("mujoco").own_renderers) <= set(RENDERERS)
     for simulator in ("mujoco", "mujoco_warp"):
         assert drawing_simulator(simulator, "gl") == (simulator, "gl")
         assert drawing_simulator(simulator, simulator) == (simulator, "warp")

@@ -1,0 +1,81 @@
+"""``.ci/simulators``: what cannot be had is named with the reason, and fails no run."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PYTHON = f"""#!/bin/sh
+case "$*" in
+    *sapien.Scene*) exit 1 ;;
+    *"import sapien"*) exit "$SAPIEN" ;;
+    *) exec {sys.executable} "$@" ;;
+esac
+"""
+
+
+def program(path, text):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    path.chmod(0o755)
+
+
+@pytest.fixture
+def install(tmp_path):
+    """Runs it as ``.ci/run`` does, with programs that we give."""
+
+    def run(uv, *, sapien=1, apt="exit 0"):
+        program(tmp_path / "venv/bin/python", PYTHON)
+        program(tmp_path / "venv/bin/uv", f"#!/bin/sh\n{uv}\n")
+        program(tmp_path / "bin/apt-get", f"#!/bin/sh\n{apt}\n")
+        script = (
+            f'source .ci/simulators; install_simulators {tmp_path}/venv; echo "${{VK_DRIVER_FILES:-none}}"'
+        )
+        env = {key: value for key, value in os.environ.items() if not key.startswith("VK_")}
+        env |= {
+            "SAPIEN": str(sapien),
+            "ROBOVERSE_CI_CACHE": str(tmp_path / "cache"),
+            "PATH": f"{tmp_path}/bin:{os.environ['PATH']}",
+        }
+        done = subprocess.run(
+            ["bash", "-euo", "pipefail", "-c", script], cwd=ROOT, env=env, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    return run
+
+
+def test_without_a_network_everything_is_named_and_nothing_fails(install):
+    said = install("echo no route to host >&2; exit 1")
+    for name in ("sapien", "usd", "pybullet"):
+        assert f"{name:10} not installed: no route to host" in said
+    assert "Vulkan     not looked for: SAPIEN is not installed" in said
+    assert said.endswith("none\n")
+
+
+def test_a_wheel_that_was_built_is_not_built_again(install, tmp_path):
+    tag = "cp{}{}".format(*sys.version_info)
+    program(tmp_path / f"cache/wheels/pybullet-3.2.7-{tag}-{tag}-linux_x86_64.whl", "")
+    said = install("exit 0")
+    assert f"pybullet   installed, from {tmp_path}/cache/wheels" in said
+    assert "building" not in said
+
+
+@pytest.mark.parametrize("apt", ["exit 0", "echo E: no mirror answers; exit 100"])
+def test_without_a_driver_the_reason_is_given(install, apt):
+    said = install("exit 0", sapien=0, apt=apt)
+    assert "Vulkan     no driver that SAPIEN can draw with: " in said
+    assert any(
+        reason in said for reason in ("No mirror of", "No backports are known", "E: no mirror answers")
+    )
+    assert said.endswith("none\n")
+
+
+def test_only_what_the_project_offers_is_installed(install):
+    assert "genesis-of-nothing" not in install("exit 0")
+    script = (ROOT / ".ci/simulators").read_text()
+    assert "sudo" not in script and "://" not in script
