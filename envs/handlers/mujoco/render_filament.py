@@ -2,6 +2,7 @@
 
 import ctypes
 import ctypes.util
+import importlib
 from collections.abc import Mapping, Sequence
 from typing import Any, override
 
@@ -37,7 +38,8 @@ class FilamentRenderer(Renderer):
     def __init__(self, model, scenario, *, textures=None, num_threads: int = 0) -> None:
         super().__init__(model, scenario, textures=textures, num_threads=num_threads)
         _require_vulkan()
-        # The studio module brings Filament's compiled materials; without it a context aborts the process.
+        # The studio module brings Filament's compiled materials; without it a context ends the process.
+        importlib.import_module("mujoco.studio")
         from mujoco import mjrf
         from mujoco.rendering.filament import renderer as filament
 
