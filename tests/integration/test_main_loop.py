@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from benchmark.result_file import read_result
+from envs.errors import MissingExtraError
+from envs.handlers import HANDLERS
 from policies.checkpoint import WEIGHTS
 from roboverse_learn import cli
 from roboverse_learn.run import read_config, read_facts
@@ -63,6 +65,24 @@ def test_a_checkpoint_is_evaluated_alone(run: Path, capsys: pytest.CaptureFixtur
     assert result.run.startswith(run.name) and result.image_size == read_config(run).image_size == 32
     assert result.cells()[0].channels == ("task", "camera")
     assert cli.main(["leaderboard"]) == 0
+    path.unlink()
+
+
+@pytest.mark.parametrize("simulator", ["sapien", "pybullet"])
+def test_a_checkpoint_is_evaluated_in_another_simulator(run: Path, simulator: str) -> None:
+    try:
+        HANDLERS.get(simulator)
+    except MissingExtraError as error:
+        pytest.skip(str(error))
+    words = ["levels=[0]", "splits=[test]", "episodes=1", "videos=0", "device=cpu", "renderer=warp"]
+    assert cli.main(["evaluate", f"checkpoint={run}", f"simulator={simulator}", *words]) == 0
+    folder = Path("results/v2/PickCube/act")
+    (path,) = set(folder.glob("*.json")) - {folder / f"{run.name}.json"}
+    result, trained = read_result(path), read_result(folder / f"{run.name}.json")
+    assert (result.simulator, trained.simulator) == (simulator, "mujoco")
+    assert result.checkpoint == trained.checkpoint
+    assert cli.main(["leaderboard"]) == 0
+    assert simulator in Path("results/leaderboard.md").read_text()
     path.unlink()
 
 
