@@ -1,15 +1,21 @@
-"""Simulated scenes, their simulators, tasks and randomization, and Gymnasium environments made of them."""
+"""Simulated scenes, their simulators, tasks and randomization, and Gymnasium environments made of them.
+
+Importing it registers every task with Gymnasium, which imports none of them:
+``gymnasium.make("RoboVerse/PickCube-v0")``, or ``gymnasium.make("envs:RoboVerse/PickCube-v0")`` without an
+import.
+"""
 
 from typing import TYPE_CHECKING, Any
 
+from envs.registration import register_envs
+
 if TYPE_CHECKING:
-    from envs.gym_env import RoboVerseEnv, make_vec, register_envs
+    from envs.gym_env import RoboVerseEnv, make_vec
     from envs.vector_env import RoboVerseVectorEnv
 
 _HOMES = {
     "RoboVerseEnv": "envs.gym_env",
     "make_vec": "envs.gym_env",
-    "register_envs": "envs.gym_env",
     "RoboVerseVectorEnv": "envs.vector_env",
 }
 
@@ -22,3 +28,6 @@ def __getattr__(name: str) -> Any:
     import importlib
 
     return getattr(importlib.import_module(_HOMES[name]), name)
+
+
+register_envs()

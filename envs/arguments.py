@@ -6,9 +6,6 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
-import yaml
-from pydantic import TypeAdapter, ValidationError
-
 from envs.errors import ConfigError, unknown_name
 
 
@@ -27,6 +24,8 @@ def parse[T](command: str, settings: type[T], words: Sequence[str] | None = None
         ConfigError: if a word is no ``key=value``, or a value is of another kind.
         UnknownNameError: if a key is none of the settings'.
     """
+    from pydantic import TypeAdapter, ValidationError  # listings import this module, and are quick
+
     words = sys.argv[1:] if words is None else words
     if {"-h", "--help", "help"} & set(words):
         sys.stdout.write(f"{command} key=value …\n\n{inspect.getdoc(settings)}\n")
@@ -49,6 +48,8 @@ def parse[T](command: str, settings: type[T], words: Sequence[str] | None = None
 
 
 def _value(word: str, text: str) -> Any:
+    import yaml
+
     try:
         return yaml.safe_load(text)
     except yaml.YAMLError:

@@ -1,11 +1,10 @@
-"""The single-environment view for ``gymnasium.make``, and the functions that make envs."""
+"""The single-environment view for ``gymnasium.make``, and what ``gymnasium.make_vec`` makes."""
 
 from typing import Any
 
 import gymnasium
 import numpy as np
 
-from envs.tasks import TASKS
 from envs.vector_env import RoboVerseVectorEnv, row_of
 
 
@@ -79,27 +78,3 @@ class RoboVerseEnv(gymnasium.Env):
     def close(self) -> None:
         """Frees the simulator."""
         self.batch.close()
-
-
-def gym_id(task: str) -> str:
-    """Returns a task's name with Gymnasium, such as ``"RoboVerse/PickCube-v0"``; it knows one slash only."""
-    return f"RoboVerse/{task.replace('/', '-')}-v0"
-
-
-def register_envs() -> None:
-    """Registers every task with Gymnasium, as ``RoboVerse/<task>-v0``; see :func:`gym_id`."""
-    for name in TASKS:
-        env_id = gym_id(name)
-        if env_id not in gymnasium.registry:
-            gymnasium.register(
-                id=env_id,
-                entry_point="envs.gym_env:RoboVerseEnv",
-                vector_entry_point="envs.gym_env:make_vec",
-                kwargs={"task": name},
-                disable_env_checker=True,
-                order_enforce=False,
-            )
-
-
-# So that ``gymnasium.make("envs.gym_env:RoboVerse/PickCube-v0")`` works by itself, in workers too.
-register_envs()

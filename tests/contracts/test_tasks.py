@@ -12,8 +12,8 @@ from gymnasium.utils.env_checker import check_env
 import envs
 from envs.errors import MissingExtraError
 from envs.experts.rollout import ExpertRunner
-from envs.gym_env import gym_id
 from envs.randomization import channel_rng
+from envs.registration import gym_id
 from envs.state import State
 from envs.tasks import TASKS
 
@@ -51,7 +51,6 @@ def test_it_says_what_it_is(env):
 
 @pytest.mark.filterwarnings("ignore:.*symmetric and normalized space:UserWarning")
 def test_gymnasium_accepts_the_single_env(env):
-    envs.register_envs()
     single = gymnasium.make(gym_id(env.task.name), observation="state")
     check_env(single.unwrapped, skip_render_check=True)
     single.close()

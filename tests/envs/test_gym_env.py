@@ -10,7 +10,7 @@ import pytest
 
 import envs
 from envs.errors import ConfigError
-from envs.gym_env import gym_id, register_envs
+from envs.registration import gym_id, register_envs
 
 
 @pytest.fixture(scope="module")
@@ -101,13 +101,28 @@ def test_registering_twice_is_harmless():
     register_envs()
 
 
-def test_an_id_that_names_its_module_needs_nothing_else():
+@pytest.mark.parametrize(
+    ("imports", "env_id"),
+    [
+        ("import gymnasium", "envs:RoboVerse/PickCube-v0"),
+        ("import envs, gymnasium", "RoboVerse/PickCube-v0"),
+        ("import envs, gymnasium", "envs:RoboVerse/PickCube-v0"),
+    ],
+)
+def test_gymnasium_makes_tasks_after_one_import_at_most(imports, env_id):
     code = (
-        "import gymnasium\n"
-        "env = gymnasium.make('envs.gym_env:RoboVerse/PickCube-v0', observation='state')\n"
+        f"{imports}\n"
+        f"env = gymnasium.make({env_id!r}, observation='state')\n"
         "assert env.reset(seed=0)[0]['agent_pos'].shape == (9,)\n"
+        f"envs = gymnasium.make_vec({env_id!r}, num_envs=2, observation='state')\n"
+        "assert envs.reset(seed=0)[0]['agent_pos'].shape == (2, 9)\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[2])
+
+
+def test_a_task_that_is_not_there_is_gymnasiums_error_with_the_nearest():
+    with pytest.raises(gymnasium.error.NameNotFound, match=r"Did you mean: `PickCube`\?"):
+        gymnasium.make("RoboVerse/PickCub-v0")
 
 
 def test_the_package_names_what_it_does_not_have():

@@ -187,7 +187,6 @@ def test_the_horizon_truncates_and_does_not_terminate():
 
 
 def test_gymnasium_makes_both_kinds():
-    envs.register_envs()
     single = gymnasium.make("RoboVerse/PickCube-v0", image_size=32)
     observation, info = single.reset(seed=1)
     assert observation["pixels"]["front"].shape == (32, 32, 3)

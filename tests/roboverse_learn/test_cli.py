@@ -22,7 +22,6 @@ HEAVY = (
     "pydantic",
     "matplotlib",
     "rich",
-    "gymnasium",
     "scipy",
 )
 
@@ -82,7 +81,7 @@ def failure(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         (["evaluate"], "evaluate needs checkpoint=<folder>"),
         (["evaluate", "checkpoint=x", "levels=[]"], "evaluate needs a split and a level"),
         (["leaderboard", "task=PickCube"], "Unknown key 'task' of leaderboard. Valid: results_dir."),
-        (["trian"], "Unknown command 'trian'. Did you mean 'train'? Valid: benchmark, collect, evaluate"),
+        (["trian"], "Unknown command 'trian'. Did you mean 'train'? Valid: benchmark, collect, con"),
         (["benchmark", "stpe"], "Unknown benchmark 'stpe'"),
         (
             ["train", "task_kwargs.varient=lift"],
