@@ -1,6 +1,7 @@
 """MuJoCo on CPU: N environments of one model, stepped by native threads."""
 
 import functools
+import math
 from collections.abc import Mapping, Sequence
 from typing import Unpack, override
 
@@ -14,7 +15,7 @@ from envs.errors import ConfigError, SimulatorError, unknown_name
 from envs.handlers import RENDERERS
 from envs.handlers.base import MODALITIES, EnvIds, Handler, HandlerOptions
 from envs.handlers.mujoco.layout import EntityLayout, as_slice, block, layout_of
-from envs.handlers.mujoco.model import build_model
+from envs.handlers.mujoco.model import build_models
 from envs.handlers.mujoco.moments import Moment, ReadEntity, readers_of
 from envs.handlers.mujoco.objects import rest_joints
 from envs.handlers.mujoco.render import Renderer, RenderJob
@@ -32,6 +33,10 @@ class MujocoHandler(Handler):
         num_envs: Number of environments.
         simplify_meshes: Draw the robots with simplified meshes.
         **options: ``renderer``, ``num_threads``, ``textures``; see :class:`~envs.handlers.base.Handler`.
+
+    Attributes:
+        model: What is drawn.
+        physics_model: What is simulated: the same without what is only seen.
     """
 
     own_renderers = ("warp", "gl", "filament", "sapien")
@@ -52,10 +57,10 @@ class MujocoHandler(Handler):
 
     @override
     def launch(self) -> None:
-        self.model = build_model(self.scenario, simplify=self._simplify_meshes)
+        self.model, self.physics_model = build_models(self.scenario, simplify=self._simplify_meshes)
         # A state that has blown up must be seen, not replaced by the initial one.
-        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-        self._batch = Batch(self.model, self.num_envs, self.num_threads)
+        self.physics_model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        self._batch = Batch(self.physics_model, self.num_envs, self.num_threads)
         self._layout = layout_of(self.model, self.scenario)
         self._appearances = [self.scenario.appearance] * self.num_envs
         self._qpos, self._qvel = self._batch.qpos, self._batch.qvel
@@ -144,8 +149,8 @@ class MujocoHandler(Handler):
             target = targets.get(robot.name)
             if target is None:
                 continue
-            clipped = np.clip(np.asarray(target), self._low[columns], self._high[columns])
-            self._ctrl[block(rows, columns)] = clipped
+            raised = np.maximum(np.asarray(target), self._low[columns])  # np.clip takes thrice the time
+            self._ctrl[block(rows, columns)] = np.minimum(raised, self._high[columns])
 
     @override
     def step(self, num_steps: int, env_ids: EnvIds = None) -> None:
@@ -162,8 +167,8 @@ class MujocoHandler(Handler):
         rows = slice(None) if env_ids is None else np.asarray(env_ids)
         start = self._ctrl[rows].copy()
         self.set_joint_targets(targets, env_ids)
-        share = self._shares(num_steps)
-        way = start[:, None] * (1.0 - share) + self._ctrl[rows][:, None] * share  # (n, num_steps, nu)
+        left, made = _shares(num_steps)
+        way = start[:, None] * left + self._ctrl[rows][:, None] * made  # (n, num_steps, nu)
         try:
             self._running.rollout(num_steps, way, record=(), ids=env_ids)
             self._running.forward(env_ids, stage=_POSITION_STAGE)
@@ -171,16 +176,10 @@ class MujocoHandler(Handler):
             raise _stopped(error) from error
         self._check_finite(env_ids)
 
-    @staticmethod
-    @functools.cache
-    def _shares(num_steps: int) -> np.ndarray:
-        """Returns how much of its way a target has made in each step, (num_steps, 1)."""
-        return np.arange(1, num_steps + 1)[:, None] / num_steps
-
     def _check_finite(self, env_ids: EnvIds) -> None:
         rows = slice(None) if env_ids is None else np.asarray(env_ids)
         # The sum is finite exactly when every entry is (no overflow at physical magnitudes).
-        if not np.isfinite(self._qpos[rows].sum()):
+        if not math.isfinite(self._qpos[rows].sum()):
             bad = np.flatnonzero(~np.isfinite(self._qpos).all(axis=1))
             raise SimulatorError(
                 f"The state of environments {bad.tolist()} is no longer finite. "
@@ -266,3 +265,10 @@ class MujocoHandler(Handler):
 
 def _stopped(error: SimulationError) -> SimulatorError:
     return SimulatorError(f"MuJoCo stopped in environments {error.ids.tolist()}: {error}")
+
+
+@functools.cache
+def _shares(num_steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns how much of its way a target has left and has made in each step, both (num_steps, 1)."""
+    made = np.arange(1, num_steps + 1)[:, None] / num_steps
+    return 1.0 - made, made

@@ -9,10 +9,11 @@ import pytest
 from envs.errors import ConfigError
 from envs.handlers.mujoco.layout import as_slice, block, layout_of
 from envs.handlers.mujoco.meshes import VISUAL_GROUP
-from envs.handlers.mujoco.model import MAX_LIGHTS, OBJECT_MATERIAL, build_model
+from envs.handlers.mujoco.model import MAX_LIGHTS, OBJECT_MATERIAL, build_model, build_models
 from envs.handlers.mujoco.objects import SCENE_GROUP
 from envs.robots.franka import FRANKA
 from envs.scenario import SURFACES, GeomCfg, ObjectCfg, PhysicsCfg, ScenarioCfg
+from envs.tasks import TASKS
 from envs.tasks.pick_cube import PickCube
 
 SCENARIO = PickCube().scenario
@@ -201,3 +202,17 @@ def test_a_block_is_every_row_in_every_column(rows, columns):
     np.testing.assert_array_equal(values[block(rows, columns)], expected)
     values[block(rows, columns)] = -1.0
     assert (values == -1.0).sum() == expected.size
+
+
+@pytest.mark.parametrize("task", ["PickCube", "CloseBox", "humanoid/sit_hard"])
+def test_what_is_only_seen_changes_no_bit_of_what_is_simulated(task):
+    drawn, simulated = build_models(TASKS.get(task)().scenario)
+    assert simulated.ngeom < drawn.ngeom and simulated.nmat == 0
+    for field in ("body_mass", "body_inertia", "body_mocapid", "site_bodyid", "sensor_adr", "qpos0"):
+        np.testing.assert_array_equal(getattr(simulated, field), getattr(drawn, field))
+    ends = []
+    for model in (drawn, simulated):
+        data = mujoco.MjData(model)
+        mujoco.mj_step(model, data, 50)
+        ends.append(np.concatenate([data.qpos, data.qvel, data.sensordata, data.site_xpos.ravel()]))
+    np.testing.assert_array_equal(*ends)
