@@ -3,7 +3,6 @@
 Shapes: N environments, D entries of an observation, A entries of an action, K initial states.
 """
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
 
@@ -110,7 +109,7 @@ class TorchVectorEnv:
         protocol_seed: Seed of the episodes.
         bank_size: K, initial states that are drawn.
         num_threads: Threads of the simulator; 0 means one per core.
-        simulator_settings: Replaces keys of the scenario's block of settings of this simulator.
+        simulator_settings: Settings of the simulator that replace the scenario's.
     """
 
     def __init__(
@@ -134,10 +133,7 @@ class TorchVectorEnv:
             raise ConfigError(f"num_envs must be at least 1, given {num_envs}.")
         self.task = TASKS.get(task)(**(task_kwargs or {}))
         self.num_envs = num_envs
-        scenario = self.task.scenario
-        if simulator_settings:
-            block = {**scenario.simulators.get(simulator, {}), **simulator_settings}
-            scenario = dataclasses.replace(scenario, simulators={**scenario.simulators, simulator: block})
+        scenario = self.task.scenario.tuned(simulator, simulator_settings or {})
         self.handler = HANDLERS.get(simulator)(scenario, num_envs, num_threads=num_threads)
         self.handler.launch()
         self.controller = self.task.rl_controller

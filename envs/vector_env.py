@@ -60,6 +60,8 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         num_threads: Threads of the simulator; 0 means one per core.
         autoreset_mode: Gymnasium's: what ``step`` does with an environment whose episode is over.
         task_kwargs: Options of the task.
+        simulator_settings: Settings of the simulator that replace the scenario's, such as ``impratio`` of
+            MuJoCo.
         actions: ``"task"`` for those of the task's ``controller``, ``"rl"`` for those of its
             ``rl_controller``.
     """
@@ -82,6 +84,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         num_threads: int = 0,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         task_kwargs: Mapping[str, Any] | None = None,
+        simulator_settings: Mapping[str, Any] | None = None,
         actions: Literal["task", "rl"] = "task",
     ) -> None:
         if num_envs < 1:
@@ -94,7 +97,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         self.num_envs, self.observation = num_envs, observation
         self.simulator, self.renderer = simulator, renderer
         self.channels, self.protocol_seed = channels_of(level, only), protocol_seed
-        scenario = self.task.scenario.seen_by(cameras, image_size)
+        scenario = self.task.scenario.seen_by(cameras, image_size).tuned(simulator, simulator_settings or {})
         library = MaterialLibrary.built_in() if materials is None else MaterialLibrary.from_folder(materials)
         self.split = load_split(split, library)
         self.randomizer = Randomizer(

@@ -158,6 +158,11 @@ class ScenarioCfg:
             chosen = [replace(camera, width=image_size, height=image_size) for camera in chosen]
         return replace(self, cameras=tuple(chosen))
 
+    def tuned(self, simulator: str, settings: Mapping[str, Any]) -> "ScenarioCfg":
+        """Returns this scene with some of one simulator's settings replaced; the simulator checks them."""
+        block = {**self.simulators.get(simulator, {}), **settings}
+        return replace(self, simulators={**self.simulators, simulator: block})
+
     def object(self, name: str) -> ObjectCfg:
         """Returns the object called ``name``."""
         return next(item for item in self.objects if item.name == name)

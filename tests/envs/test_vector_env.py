@@ -199,6 +199,16 @@ def test_gymnasium_makes_both_kinds():
     batched.close()
 
 
+def test_settings_of_the_simulator_replace_the_scenarios():
+    env = envs.make_vec("PickCube", 1, observation="state", simulator_settings={"impratio": 5.0})
+    assert env.handler.physics_model.opt.impratio == 5.0
+    env.close()
+    with pytest.raises(
+        UnknownNameError, match=r"Unknown setting of mujoco 'impratoi'. Did you mean 'impratio'"
+    ):
+        envs.make_vec("PickCube", 1, observation="state", simulator_settings={"impratoi": 5.0})
+
+
 def test_mistakes_are_told_in_words():
     with pytest.raises(UnknownNameError, match=r"Unknown task 'PickKube'. Did you mean 'PickCube'"):
         envs.make_vec("PickKube", 1, split="train")
