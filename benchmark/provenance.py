@@ -26,6 +26,8 @@ PACKAGES = (
     "gymnasium",
     "numpy",
     "robosuite",
+    "sapien",
+    "pybullet",
 )
 """Packages whose version can change the outcome of an episode."""
 

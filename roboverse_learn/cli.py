@@ -72,10 +72,24 @@ def _dispatch(words: list[str]) -> int:
         chosen = [word.removeprefix("policy=") for word in rest if word.startswith("policy=")]
         print(texts.command_help(command, (chosen or ["act"])[-1]))
         return 0
-    config = compose(command, rest)
+    config = compose(command, _settings(rest) if command == "convert" else rest)
     _start_logging()
     _run(command, config)
     return 0
+
+
+def _settings(words: list[str]) -> list[str]:
+    """Takes ``robot.urdf --to mjcf`` for ``robot=robot.urdf to=mjcf``, as converters are called elsewhere."""
+    settings: list[str] = []
+    for word in words:
+        if settings and settings[-1].endswith("=") and "=" not in word:
+            settings[-1] += word
+        elif word.startswith("--"):
+            name = word.removeprefix("--")
+            settings.append(name if "=" in name else f"{name}=")
+        else:
+            settings.append(word if "=" in word else f"robot={word}")
+    return settings
 
 
 def _run(command: str, config: Any) -> None:

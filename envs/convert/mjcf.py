@@ -1,12 +1,21 @@
 """MJCF of what MuJoCo read: the way back from URDF, and a robot with its gripper in one file."""
 
+import ctypes
+import logging
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import mujoco
 
 from envs.convert.source import Loaded
 from envs.errors import ConfigError
+
+logger = logging.getLogger(__name__)
+
+DIGITS = 17
+"""Of a number that is read back as the same double; MuJoCo writes 6, which moves links by micrometres."""
 
 
 def write_mjcf(loaded: Loaded, folder: Path) -> Path:
@@ -43,6 +52,34 @@ def write_mjcf(loaded: Loaded, folder: Path) -> Path:
         mesh.file = str(meshes / name)
     path = folder / f"{loaded.name}.xml"
     # MuJoCo reads the meshes once more to write; then their folder is written as this file's own.
-    path.write_text(spec.to_xml().replace(f'"{meshes}/', '"meshes/'), encoding="utf-8")
+    with all_digits():
+        text = spec.to_xml()
+    path.write_text(text.replace(f'"{meshes}/', '"meshes/'), encoding="utf-8")
     mujoco.MjSpec.from_file(str(path))  # what was written can be read
     return path
+
+
+@contextmanager
+def all_digits() -> Iterator[None]:
+    """Lets MuJoCo write XML with :data:`DIGITS` digits meanwhile.
+
+    Its Python package has no word for that, but its library exports the switch.
+    """
+    folder = Path(mujoco.__file__).parent
+    try:
+        library = ctypes.CDLL(str(next(file for file in sorted(folder.iterdir()) if _is_library(file))))
+        get, put = library._mjPRIVATE__get_xml_precision, library._mjPRIVATE__set_xml_precision
+    except (StopIteration, OSError, AttributeError):
+        logger.warning("MuJoCo %s writes numbers with 6 digits, not all of them.", mujoco.__version__)
+        yield
+        return
+    before = get()
+    put(DIGITS)
+    try:
+        yield
+    finally:
+        put(before)
+
+
+def _is_library(file: Path) -> bool:
+    return file.name.startswith(("libmujoco.", "mujoco.dll"))

@@ -5,8 +5,9 @@ Each reader takes a file of :func:`envs.convert.convert` and answers two questio
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import override
+from typing import Any, override
 
 import mujoco
 import numpy as np
@@ -118,6 +119,22 @@ class PybulletReader(Reader):
         self._bullet.disconnect(self._client)
 
 
+Pose = tuple[np.ndarray, np.ndarray]
+_ORIGIN: Pose = (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _UsdJoint:
+    """A joint of UsdPhysics: its bodies' paths, its frame in the parent, and the child's in that frame."""
+
+    name: str
+    kind: str
+    parent: Any
+    child: Any
+    frame: Pose
+    back: Pose
+
+
 class UsdReader(Reader):
     """Our own reading of UsdPhysics: joints by their frames, as its specification says they move."""
 
@@ -136,22 +153,21 @@ class UsdReader(Reader):
         }
         self._rest = {prim.GetPath(): _pose_of(cache, prim) for prim in self._links.values()}
         self._joints = [
-            UsdPhysics.Joint(prim) for prim in self._stage.Traverse() if prim.IsA(UsdPhysics.Joint)
+            self._read_joint(UsdPhysics.Joint(prim))
+            for prim in self._stage.Traverse()
+            if prim.IsA(UsdPhysics.Joint)
         ]
 
     @override
     def poses(self, joints: Mapping[str, float]) -> Poses:
-        placed = {path: pose for path, pose in self._rest.items()}
+        placed = dict(self._rest)
         moved = set()
         for joint in self._joints:  # parents first, as they were written
-            (child,) = joint.GetBody1Rel().GetTargets()
-            parents = joint.GetBody0Rel().GetTargets()
-            origin = placed[parents[0]] if parents else (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
-            turn, shift = self._motion(joint, joints.get(joint.GetPrim().GetDisplayName(), 0.0))
-            frame0 = _frame(joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr())
-            frame1 = _frame(joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr())
-            placed[child] = _compose(_compose(origin, frame0), _compose((shift, turn), _inverse(frame1)))
-            moved.add(child)
+            origin = placed[joint.parent] if joint.parent else _ORIGIN
+            turn, shift = _motion(joint.kind, joints.get(joint.name, 0.0))
+            at = _compose(_compose(origin, joint.frame), (shift, turn))
+            placed[joint.child] = _compose(at, joint.back)
+            moved.add(joint.child)
         for prim in self._links.values():  # frames of a rigid body move with it
             path, carrier = prim.GetPath(), prim.GetPath()
             while carrier not in moved and carrier.GetParentPath() in placed:
@@ -161,13 +177,17 @@ class UsdReader(Reader):
                 placed[path] = _compose(placed[carrier], offset)
         return {name: placed[prim.GetPath()] for name, prim in self._links.items()}
 
-    def _motion(self, joint, position: float) -> tuple[np.ndarray, np.ndarray]:
-        axis = np.array([1.0, 0.0, 0.0])
-        if joint.GetPrim().IsA(self._physics.RevoluteJoint):
-            return np.array([np.cos(position / 2), *(np.sin(position / 2) * axis)]), np.zeros(3)
-        if joint.GetPrim().IsA(self._physics.PrismaticJoint):
-            return np.array([1.0, 0.0, 0.0, 0.0]), position * axis
-        return np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
+    def _read_joint(self, joint) -> "_UsdJoint":
+        (child,), parents = joint.GetBody1Rel().GetTargets(), joint.GetBody0Rel().GetTargets()
+        kinds = {"revolute": self._physics.RevoluteJoint, "prismatic": self._physics.PrismaticJoint}
+        return _UsdJoint(
+            name=joint.GetPrim().GetDisplayName(),
+            kind=next((name for name, kind in kinds.items() if joint.GetPrim().IsA(kind)), "fixed"),
+            parent=parents[0] if parents else None,
+            child=child,
+            frame=_frame(joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr()),
+            back=_inverse(_frame(joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr())),
+        )
 
     @override
     def inertials(self) -> dict[str, Inertial]:
@@ -186,7 +206,12 @@ class UsdReader(Reader):
         return found
 
 
-Pose = tuple[np.ndarray, np.ndarray]
+def _motion(kind: str, position: float) -> Pose:
+    """What a joint adds along the X axis of its frame: a turn (wxyz) and a shift."""
+    if kind == "revolute":
+        return np.array([np.cos(position / 2), np.sin(position / 2), 0.0, 0.0]), np.zeros(3)
+    shift = position if kind == "prismatic" else 0.0
+    return np.array([1.0, 0.0, 0.0, 0.0]), np.array([shift, 0.0, 0.0])
 
 
 def _pose_of(cache, prim) -> Pose:

@@ -31,12 +31,37 @@ def test_a_folder_can_be_chosen_and_is_not_written_over(tmp_path, capsys):
     assert "exists already and is not an empty folder" in capsys.readouterr().err
 
 
+URDF = """<robot name="arm">
+  <link name="base"><inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>
+    </inertial></link>
+  <link name="tip"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>
+    </inertial></link>
+  <joint name="turn" type="revolute"><parent link="base"/><child link="tip"/><origin xyz="0 0 0.5"/>
+    <axis xyz="0 1 0"/><limit lower="-1" upper="2" effort="10" velocity="3"/></joint>
+</robot>"""
+
+
+@pytest.mark.parametrize("words", [["{file}", "--to", "mjcf"], ["--to=mjcf", "robot={file}"]])
+def test_a_urdf_becomes_mjcf_in_the_words_of_other_converters(words, tmp_path, capsys):
+    import mujoco
+
+    file = tmp_path / "arm.urdf"
+    file.write_text(URDF)
+    out = tmp_path / "mjcf"
+    assert main(["convert", *(word.format(file=file) for word in words), "--out", str(out)]) == 0
+    assert Path(capsys.readouterr().out.strip()) == out / "arm.xml"
+    model = mujoco.MjModel.from_xml_path(str(out / "arm.xml"))
+    assert model.joint("turn").range.tolist() == [-1.0, 2.0]
+    assert model.body("tip").mass == 1.0 and model.body("tip").pos.tolist() == [0.0, 0.0, 0.5]
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (["to=udf"], "Unknown format 'udf'. Did you mean 'urdf'?"),
         (["robot=frnka"], "Unknown robot 'frnka'. Did you mean 'franka'?"),
         (["robot=absent/robot.xml"], "The asset 'absent/robot.xml' does not exist"),
+        (["frnka", "--to", "usd"], "Unknown robot 'frnka'. Did you mean 'franka'?"),
         (["robt=franka"], "Unknown key 'robt' of convert. Did you mean 'robot'?"),
     ],
 )

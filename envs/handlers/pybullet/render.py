@@ -1,7 +1,8 @@
 """Pictures of MuJoCo models by PyBullet's TinyRenderer, a rasterizer in software that needs no driver.
 
 It knows one distant light, and how strong its diffuse, ambient and specular parts are in the whole picture:
-the first distant light of a draw is that light; every other one brightens all surfaces alike.
+the first distant light of a draw is that light; every other one brightens all surfaces alike. What lies in
+the shadow keeps 40 % of its colour, whatever the light, so shadows are paler than other renderers'.
 """
 
 import shutil

@@ -48,7 +48,8 @@ def trees_of(model: mujoco.MjModel) -> tuple[Tree, ...]:
     """Writes every robot and object of a scene that moves or is touched.
 
     Raises:
-        SimulatorError: if a joint is a ball joint, or an actuator does not drive a joint to a position.
+        SimulatorError: if a joint is a ball joint, an actuator does not drive a joint to a position, or
+            there is an equality constraint or a tendon.
     """
     _check(model)
     folder = cache_dir("pybullet") / _digest(model)
@@ -122,6 +123,16 @@ def _check(model: mujoco.MjModel) -> None:
                 f"simulator=pybullet has no ball joint such as '{model.joint(joint).name}'. "
                 "Take simulator=mujoco, or give the body three hinges."
             )
+    if model.neq:
+        first, second = _tied(model)
+        raise SimulatorError(
+            f"simulator=pybullet has no equality constraint such as that of '{first}' and '{second}'. "
+            "Take simulator=mujoco."
+        )
+    if model.ntendon:
+        raise SimulatorError(
+            f"simulator=pybullet has no tendon such as '{model.tendon(0).name}'. Take simulator=mujoco."
+        )
     for index in range(model.nu):
         position = model.actuator_biastype[index] == mujoco.mjtBias.mjBIAS_AFFINE
         if model.actuator_trntype[index] != mujoco.mjtTrn.mjTRN_JOINT or not position:
@@ -129,6 +140,17 @@ def _check(model: mujoco.MjModel) -> None:
                 f"The actuator '{model.actuator(index).name}' does not drive a joint to a position, which is "
                 "all that simulator=pybullet does. Take simulator=mujoco."
             )
+
+
+def _tied(model: mujoco.MjModel) -> tuple[str, str]:
+    """Names what the first equality constraint ties together."""
+    accessor = model.body
+    if model.eq_type[0] == mujoco.mjtEq.mjEQ_JOINT:
+        accessor = model.joint
+    elif model.eq_type[0] == mujoco.mjtEq.mjEQ_TENDON:
+        accessor = model.tendon
+    first, second = (int(ids[0]) for ids in (model.eq_obj1id, model.eq_obj2id))
+    return accessor(first).name, accessor(second).name if second >= 0 else "a constant"
 
 
 def _digest(model: mujoco.MjModel) -> str:

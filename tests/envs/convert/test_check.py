@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from envs.convert import check as module
-from envs.convert.check import Errors, Row, compare, installed, page, robosuite_files, table
+from envs.convert.check import check, compare, installed, robosuite_files
 from envs.convert.conversion import convert, describe_loaded
+from envs.convert.page import Errors, Row, merged, page, read_rows, table, write_rows
 from envs.convert.readers import MujocoReader
 from envs.convert.source import load
 
@@ -48,42 +49,80 @@ class Shifted(MujocoReader):
         return {**found, "base": heavier}
 
 
-def test_a_link_that_lies_or_weighs_wrong_is_found(hard_robot):
+def test_a_link_that_lies_or_weighs_wrong_is_found_and_named(hard_robot):
     loaded = load(hard_robot)
     description = describe_loaded(loaded)
     path = convert(hard_robot)
-    right = compare(loaded, description, MujocoReader(path), 5)
-    wrong = compare(loaded, description, Shifted(path), 5)
-    assert right.passed and not wrong.passed
+    right, nothing = compare(loaded, description, MujocoReader(path), 5)
+    wrong, note = compare(loaded, description, Shifted(path), 5)
+    assert right.passed and nothing == ""
+    assert not wrong.passed
     assert wrong.position_m == pytest.approx(0.005)
     assert wrong.mass == pytest.approx(1.0 / loaded.model.body_mass.sum())
     assert wrong.inertia == right.inertia
+    assert note.startswith("'finger' is off by up to 0.005 m. 'base' is of another mass: ")
 
 
-def test_all_that_robosuite_ships_is_checked():
+def test_all_that_robosuite_and_robosuite_models_ship_is_checked():
     names = [path.parent.name if path.stem == "robot" else path.stem for path in robosuite_files()]
+    assert len(set(names)) == len(names)
     assert {"panda", "sawyer", "ur5e", "gr1"} <= set(names[:11])
     assert {"panda_gripper", "robotiq_gripper_140", "omron_mobile_base"} <= set(names)
     assert "MuJoCo" in installed()
+    pytest.importorskip("robosuite_models")
+    assert {"h1", "g1", "pr2", "umi_gripper", "aloha_mount"} <= set(names)
 
 
-def test_the_page_counts_and_tells_why():
-    rows = [
-        Row("arm", "MuJoCo", SMALL, links=3, joints=2),
-        Row("hand", "MuJoCo", None, "repeated name | in mesh"),
-    ]
-    written = page(rows, 1000, "the command")
-    assert "**1 of 2 pass.**" in written and "`the command`" in written and "1,000" in written
-    assert table(rows).splitlines()[2] == ("| arm | 3, 2 | MuJoCo | 1e-07 | 1e-07 | 0 | 1e-09 | pass |  |")
-    assert table(rows).splitlines()[3].endswith("| fail | repeated name / in mesh |")
+@pytest.mark.parametrize(("program", "module"), [("PyBullet", "pybullet"), ("SAPIEN", "sapien")])
+def test_simulators_read_a_hard_robot_as_it_is(hard_robot, program, module):
+    pytest.importorskip(module)
+    (row,) = check(hard_robot, programs=[program], postures=20)
+    assert row.verdict == "pass", row
+    assert row.version and row.postures == 20
+
+
+ROWS = (
+    Row("arm", "MuJoCo", SMALL, links=3, joints=2, postures=1000, version="4.0"),
+    Row("arm", "SAPIEN", dataclasses.replace(SMALL, mass=0.5), "'tip' is of another mass.", ("No ropes.",)),
+    Row("hand", "MuJoCo", None, "repeated name | in mesh"),
+    Row("hand", "SAPIEN", None, "repeated name | in mesh"),
+)
+
+
+def test_the_table_has_a_line_per_robot_and_tells_why_it_fails():
+    lines = table(ROWS).splitlines()
+    assert lines[0] == "| robot | links, joints | MuJoCo | SAPIEN | note |"
+    assert lines[2] == (
+        "| arm | 3, 2 | 1e-07 m, 1e-09 | **fail**: 1e-07 m, 5e-01 "
+        "| SAPIEN: 'tip' is of another mass. No ropes. |"
+    )
+    assert lines[3] == "| hand |  | **fail** | **fail** | repeated name / in mesh |"
+    assert "not run" in table(ROWS[:3]).splitlines()[3]
+
+
+def test_the_page_counts_by_program():
+    written = page(ROWS, "the command", "rows.json")
+    assert "| MuJoCo 4.0 | 1 | 1 |" in written and "| SAPIEN | 0 | 2 |" in written
+    assert "`the command`" in written and "1,000 random postures" in written
+
+
+def test_rows_are_kept_and_a_new_one_takes_the_place_of_its_old_one(tmp_path):
+    kept = tmp_path / "rows.json"
+    assert read_rows(kept) == []
+    write_rows(kept, ROWS)
+    assert read_rows(kept) == list(ROWS)
+    better = Row("hand", "MuJoCo", SMALL)
+    rows = merged(read_rows(kept), [better])
+    assert len(rows) == 4 and rows[2] == better
 
 
 def test_the_program_writes_the_page_and_fails_where_a_robot_does(hard_robot, tmp_path, monkeypatch):
     kept = tmp_path / "page.md"
     words = [str(hard_robot), "--programs", "MuJoCo", "--postures", "3"]
     assert module.main([*words, "--write", str(kept)]) == 0
-    assert "| hard | 6, 6 | MuJoCo |" in kept.read_text()
-    monkeypatch.setitem(module.READERS, "MuJoCo", ("urdf", "mujoco", Shifted))
+    assert "| hard | 6, 6 |" in kept.read_text()
+    assert [row.robot for row in read_rows(tmp_path / "page.json")] == ["hard"]
+    monkeypatch.setitem(module.READERS, "MuJoCo", ("urdf", "mujoco", "mujoco", Shifted))
     assert module.main(words) == 1
 
 

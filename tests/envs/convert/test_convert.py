@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from envs.convert import convert
-from envs.convert.check import check
-from envs.convert.conversion import describe
+from envs.convert.check import check, compare
+from envs.convert.conversion import describe, describe_loaded
 from envs.convert.obj import mesh_files
+from envs.convert.readers import MujocoReader
 from envs.convert.shapes import convex_hull
+from envs.convert.source import load
 from envs.convert.urdf import roll_pitch_yaw
 from envs.errors import ConfigError, UnknownNameError
 from envs.robots.franka import FRANKA
@@ -216,6 +218,9 @@ def test_a_urdf_comes_back_as_mjcf(hard_robot, tmp_path):
     joints = [there.joint(index).name for index in range(there.njnt)]
     assert sorted(joints) == sorted(back.joint(index).name for index in range(back.njnt))
     assert back.body_mass.sum() == pytest.approx(there.body_mass.sum(), abs=1e-6)
+    loaded = load(hard_robot)
+    errors, note = compare(loaded, describe_loaded(loaded), MujocoReader(mjcf), 50)
+    assert errors.passed, note
 
 
 def test_a_robot_with_its_gripper_is_one_mjcf_file(tmp_path):

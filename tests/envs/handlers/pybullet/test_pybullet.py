@@ -14,6 +14,7 @@ from envs.handlers.pybullet.handler import PybulletHandler
 from envs.handlers.pybullet.meshes import triangles_of
 from envs.handlers.pybullet.render import _one_light
 from envs.handlers.pybullet.settings import PybulletSettings
+from envs.handlers.pybullet.trees import trees_of
 from envs.scenario import GeomCfg, LightCfg, LinkCfg, ObjectCfg, ObjectJointCfg, PhysicsCfg, ScenarioCfg
 from envs.tasks.pick_cube import PickCube
 
@@ -109,15 +110,36 @@ def test_after_close_nothing_runs():
         handler.step(1)
 
 
-def test_a_ball_joint_is_refused(tmp_path):
-    file = tmp_path / "ball.xml"
-    file.write_text(
-        "<mujoco><worldbody><body name='arm'><joint name='shoulder' type='ball'/><geom size='.1'/></body>"
-        "</worldbody></mujoco>"
-    )
-    thing = ObjectCfg(name="thing", mjcf=str(file), kind="fixed")
-    with pytest.raises(SimulatorError, match=r"no ball joint such as 'thing/shoulder'.*simulator=mujoco"):
-        launched(PybulletHandler, ScenarioCfg(objects=(thing,)))
+HINGE = "<joint name='{}' axis='0 1 0'/><geom size='.1'/>"
+TWO = (
+    "<mujoco><worldbody><body name='arm'>" + HINGE.format("shoulder") + "<body name='hand' pos='1 0 0'>"
+    + HINGE.format("wrist") + "</body></body></worldbody>{}</mujoco>"
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("mjcf", "said"),
+    [
+        (
+            "<mujoco><worldbody><body name='arm'><joint name='shoulder' type='ball'/><geom size='.1'/></body>"
+            "</worldbody></mujoco>",
+            r"no ball joint such as 'shoulder'.*simulator=mujoco",
+        ),
+        (
+            TWO.format("<equality><joint joint1='shoulder' joint2='wrist'/></equality>"),
+            r"no equality constraint such as that of 'shoulder' and 'wrist'.*simulator=mujoco",
+        ),
+        (
+            TWO.format("<tendon><fixed name='cord'><joint joint='shoulder' coef='1'/></fixed></tendon>"),
+            r"no tendon such as 'cord'.*simulator=mujoco",
+        ),
+    ],
+)
+def test_what_bullet_has_not_is_refused_by_name(mjcf, said):
+    import mujoco
+
+    with pytest.raises(SimulatorError, match=said):
+        trees_of(mujoco.MjModel.from_xml_string(mjcf))
 
 
 def test_many_launches_leave_no_client_behind():
