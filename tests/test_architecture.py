@@ -127,6 +127,17 @@ def test_prints_are_in_the_command_line_alone(path: Path) -> None:
     assert not calls or name(path) in PRINTS_MAY_BE_IN, f"{name(path)}:{calls}: log, or return what to print."
 
 
+@pytest.mark.parametrize("path", SOURCES, ids=name)
+def test_the_compiler_is_given_the_options_that_keep_gradients_right(path: Path) -> None:
+    for node in ast.walk(tree(path)):
+        if not isinstance(node, ast.Call):
+            continue
+        given = {keyword.arg: ast.unparse(keyword.value) for keyword in node.keywords}
+        if "fullgraph" in given or ast.unparse(node.func) == "torch.compile":
+            where = f"{name(path)}:{node.lineno}"
+            assert "INDUCTOR_OPTIONS" in given.get("options", ""), f"{where}: see policies/compilation.py"
+
+
 @pytest.mark.parametrize("path", ALL, ids=name)
 def test_no_bare_except_no_blanket_ignore_no_loose_end(path: Path) -> None:
     text = path.read_text(encoding="utf-8")

@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from policies.compilation import compiled
 from policies.cuda_graphs import recorded
 from policies.fasttd3.config import FastTd3Config
 from policies.fasttd3.networks import Actor, Critics, RunningNorm, project
@@ -47,8 +48,8 @@ class Updater:
         options |= {"lr": config.lr, "weight_decay": config.weight_decay}
         self.critic_optimizer = torch.optim.AdamW(critics.parameters(), **options)
         self.actor_optimizer = torch.optim.AdamW(actor.parameters(), **options)
-        self._critic_loss = torch.compile(self.critic_loss, fullgraph=True) if compile else self.critic_loss
-        self._actor_loss = torch.compile(self.actor_loss, fullgraph=True) if compile else self.actor_loss
+        self._critic_loss = compiled(self.critic_loss) if compile else self.critic_loss
+        self._actor_loss = compiled(self.actor_loss) if compile else self.actor_loss
         record = recorded if cuda_graphs else lambda function: function
         self._both, self._critic = record(self.step), record(self.critic_step)
         self.updates = 0

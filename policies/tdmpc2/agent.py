@@ -5,6 +5,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from policies.compilation import compiled
 from policies.cuda_graphs import recorded
 from policies.tdmpc2.config import Tdmpc2Config
 from policies.tdmpc2.planner import improved, plan, shifted
@@ -36,7 +37,7 @@ class Tdmpc2Agent:
         self.config, self.model, self.discount = config, model, discount
         self.device = model.action_masks.device
         self.mean = torch.zeros(num_envs, config.horizon, model.action_size, device=self.device)
-        self._improve: Any = torch.compile(improved, fullgraph=True) if compile else improved
+        self._improve: Any = compiled(improved) if compile else improved
         self._plan: Any = self.plan
         if cuda_graphs:
             self._plan = recorded(self.plan)

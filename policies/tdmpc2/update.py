@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from policies.compilation import compiled
 from policies.cuda_graphs import recorded
 from policies.tdmpc2.config import Tdmpc2Config
 from policies.tdmpc2.scale import RunningScale
@@ -72,8 +73,8 @@ class Updater:
         groups = [{"params": encoder, "lr": config.lr * config.enc_lr_scale}, {"params": rest}]
         self.optimizer = torch.optim.Adam(groups, config.lr, **options)
         self.prior_optimizer = torch.optim.Adam(self._prior_parameters, config.lr, eps=_PRIOR_EPS, **options)
-        self._world_loss = torch.compile(self.world_loss, fullgraph=True) if compile else self.world_loss
-        self._prior_loss = torch.compile(self.prior_loss, fullgraph=True) if compile else self.prior_loss
+        self._world_loss = compiled(self.world_loss) if compile else self.world_loss
+        self._prior_loss = compiled(self.prior_loss) if compile else self.prior_loss
         self._step: Any = self.step
         if cuda_graphs:
             self._step = recorded(self.step)

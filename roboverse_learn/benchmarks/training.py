@@ -145,6 +145,7 @@ def _our_step(policy: Any, frames: Frames, compiled: bool) -> Callable[[int], An
     import torch
     from torch._inductor import config as inductor
 
+    from policies.compilation import INDUCTOR_OPTIONS
     from roboverse_learn.training.config import TrainConfig
     from roboverse_learn.training.imitation import make_optimizer
 
@@ -153,7 +154,7 @@ def _our_step(policy: Any, frames: Frames, compiled: bool) -> Callable[[int], An
     if compiled:
         # Dropout and noise as in eager code, so that the losses can be compared.
         inductor.fallback_random = True
-        objective.compile(fullgraph=True, dynamic=False)
+        objective.compile(fullgraph=True, dynamic=False, options=INDUCTOR_OPTIONS)
     optimizer = make_optimizer(policy, TrainConfig())
 
     def take(step: int) -> Any:

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from envs.errors import RoboVerseError
+from policies.compilation import INDUCTOR_OPTIONS
 from policies.lerobot_policy import LeRobotPolicy
 from policies.objective import Loss
 from roboverse_learn.data.info import DatasetInfo
@@ -145,7 +146,7 @@ class _Trainer:
         policy.begin_training()
         objective = policy.objective()
         if config.compile or (config.compile is None and policy.device.type == "cuda"):
-            objective.compile(fullgraph=True, dynamic=False)
+            objective.compile(fullgraph=True, dynamic=False, options=INDUCTOR_OPTIONS)
         # Every process starts from the weights of the first: DDP broadcasts them.
         self.objective, self.optimizer = self.accelerator.prepare(objective, make_optimizer(policy, config))
         self.ema = self._make_ema()
@@ -325,8 +326,10 @@ class _Trainer:
         limit = self.config.time_limit_s
         if limit is None:
             return False
-        over = torch.tensor(float(self._elapsed() >= limit), device=self.policy.device)
+        if self.world == 1:
+            return self._elapsed() >= limit
         # Clocks differ; processes that stop at different steps would wait for each other forever.
+        over = torch.tensor(float(self._elapsed() >= limit), device=self.policy.device)
         return bool(self.accelerator.reduce(over, "sum") > 0)
 
     def _samples_per_s(self) -> float | None:
