@@ -72,7 +72,7 @@ def _dispatch(words: list[str]) -> int:
         chosen = [word.removeprefix("policy=") for word in rest if word.startswith("policy=")]
         print(texts.command_help(command, (chosen or ["act"])[-1]))
         return 0
-    config = compose(command, _settings(rest) if command == "convert" else rest)
+    config = _read(command, rest)
     _start_logging()
     _run(command, config)
     return 0
@@ -92,12 +92,25 @@ def _settings(words: list[str]) -> list[str]:
     return settings
 
 
+def _read(command: str, words: list[str]) -> Any:
+    """Returns what the words after a command mean."""
+    if command == "sweep":
+        from roboverse_learn.sweep import plan
+
+        return plan(words)
+    return compose(command, _settings(words) if command == "convert" else words)
+
+
 def _run(command: str, config: Any) -> None:
     """Calls the command's module; heavy imports begin here."""
     if command == "train":
         from roboverse_learn.train import train
 
         _show(train(config))
+    elif command == "sweep":
+        from roboverse_learn.sweep import sweep
+
+        _show(sweep(config))
     elif command == "collect":
         from roboverse_learn.collect import collect
 

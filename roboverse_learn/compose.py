@@ -21,12 +21,14 @@ from roboverse_learn.config import (
     EvaluateConfig,
     LeaderboardConfig,
     ReplayConfig,
+    SweepConfig,
     TrainRunConfig,
 )
 
 COMMANDS: dict[str, type] = {
     "collect": CollectConfig,
     "train": TrainRunConfig,
+    "sweep": SweepConfig,
     "evaluate": EvaluateConfig,
     "leaderboard": LeaderboardConfig,
     "convert": ConvertConfig,
@@ -102,6 +104,27 @@ def compose(command: str, words: Sequence[str]) -> Any:
     if saved and saved["policy_name"] == values["policy_name"]:
         values = _overlay(saved, values, set(full))
     return from_values(command, values)
+
+
+def values_of_key(word: str) -> list[str]:
+    """Returns the words that one word stands for: ``level=0,1`` is ``level=0`` and ``level=1``.
+
+    Several values are written as for Hydra's own sweeps: with commas, or as ``range(4)``.
+
+    Raises:
+        ConfigError: The word is not ``key=value``.
+    """
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.errors import HydraException
+
+    key, _ = _split(word)
+    try:
+        override = OverridesParser.create().parse_override(word)
+    except HydraException:  # a path, which is one value; what is wrong with it is said when it is read
+        return [word]
+    if not override.is_sweep_override():
+        return [word]
+    return [f"{key}={value}" for value in override.sweep_string_iterator()]
 
 
 def from_values(command: str, values: Mapping[str, Any]) -> Any:

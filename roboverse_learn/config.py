@@ -190,6 +190,22 @@ class TrainRunConfig(CollectConfig):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class SweepConfig:
+    """``roboverse sweep``: a run of ``train`` for every combination of the values that its keys are given.
+
+    Attributes:
+        jobs_per_gpu: Runs that share a GPU; on a machine without one, runs at the same time.
+        dry_run: Print the commands instead of running them.
+    """
+
+    jobs_per_gpu: int = 1
+    dry_run: bool = False
+
+    def __post_init__(self) -> None:
+        _positive(jobs_per_gpu=self.jobs_per_gpu)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class EvaluateConfig:
     """``roboverse evaluate``: one checkpoint over levels and splits.
 

@@ -15,6 +15,7 @@ from roboverse_learn.compose import COMMANDS, default_values, flat_keys, policy_
 SUMMARIES = {
     "train": "collect what is missing, train, evaluate over the levels, write the leaderboard",
     "collect": "collect demonstrations of the expert into a LeRobot dataset",
+    "sweep": "train once for every combination of several values, over the GPUs of this machine",
     "evaluate": "evaluate a checkpoint over levels and splits",
     "replay": "replay recorded states and controls in another simulator, and say how far apart they are",
     "conservation": "measure what each simulator keeps of momentum, angular momentum and kinetic energy",
@@ -31,6 +32,11 @@ EXAMPLES = {
         "roboverse train run=runs/PickCube/act/<run>   (continues a run)",
     ),
     "collect": ("roboverse collect task=PickCube num_demos=200 level=0",),
+    "sweep": (
+        "roboverse sweep policy=act,diffusion task=PickCube,StackCube level=0,3 preset=gpu",
+        "roboverse sweep policy=act task=PickCube seed=range(3) num_demos=50,200,1000 dry_run=true",
+        "Any key of train may be given, with one value or with several.",
+    ),
     "evaluate": (
         "roboverse evaluate checkpoint=runs/PickCube/act/<run> levels=[0,1,2,3] episodes=100",
         "roboverse evaluate checkpoint=… levels=[] alone=[camera,lighting] splits=[test]",

@@ -1,0 +1,259 @@
+"""``roboverse sweep policy=act,diffusion task=PickCube,StackCube level=0,3``: a run for every combination.
+
+The runs share the GPUs of the machine, and what several of them learn from is collected once. A run that is
+complete is left alone, so the same command finishes a sweep that was stopped.
+"""
+
+import itertools
+import logging
+import os
+import queue
+import shlex
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from pathlib import Path
+
+import policies
+from envs.errors import RoboVerseError
+from roboverse_learn.collect import dataset_folder
+from roboverse_learn.compose import compose, flat_keys, to_values, values_of_key
+from roboverse_learn.config import CollectConfig, SweepConfig, TrainRunConfig
+from roboverse_learn.run import CONFIG_FILE, default_folder, read_config, read_facts
+
+log = logging.getLogger(__name__)
+
+_LOGS = "sweep-logs"
+
+
+class SweepError(RoboVerseError):
+    """Some runs of a sweep failed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One process of a sweep.
+
+    Attributes:
+        name: Unique among the jobs of a sweep.
+        words: Command and its ``key=value`` words.
+        after: The job that must have succeeded before, or None.
+    """
+
+    name: str
+    words: tuple[str, ...]
+    after: str | None = None
+
+    @property
+    def command(self) -> str:
+        """What a user would type."""
+        return shlex.join(["roboverse", *self.words])
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """A sweep, every word of which has been checked.
+
+    Attributes:
+        config: How it runs.
+        runs: Words of ``roboverse train`` and what they mean, in the order given.
+    """
+
+    config: SweepConfig
+    runs: tuple[tuple[tuple[str, ...], TrainRunConfig], ...]
+
+
+def plan(words: Sequence[str]) -> Sweep:
+    """Reads the words of a command line: keys of the sweep, and keys of ``train`` with one or more values.
+
+    Raises:
+        RoboVerseError: as :func:`roboverse_learn.compose.compose`, for any of the runs.
+    """
+    own = flat_keys(to_values(SweepConfig()))
+    is_own = [word.partition("=")[0] in own for word in words]
+    config = compose("sweep", [word for word, mine in zip(words, is_own, strict=True) if mine])
+    choices = [values_of_key(word) for word, mine in zip(words, is_own, strict=True) if not mine]
+    combinations = dict.fromkeys(itertools.product(*choices))
+    return Sweep(config, tuple((each, compose("train", each)) for each in combinations))
+
+
+def sweep(the_sweep: Sweep) -> str:
+    """Does every run that is not complete; returns a printable report.
+
+    Raises:
+        SweepError: Runs failed; the others were done all the same.
+    """
+    jobs, complete = make_jobs(the_sweep)
+    if the_sweep.config.dry_run:
+        lines = [f"# complete: {folder}" for folder in complete] + [job.command for job in jobs]
+        return "\n".join(lines)
+    slots = gpu_slots(the_sweep.config.jobs_per_gpu)
+    _, first = the_sweep.runs[0]
+    logs = Path(first.runs_dir) / _LOGS
+    logs.mkdir(parents=True, exist_ok=True)
+    started, ended = time.monotonic(), itertools.count(1)
+    log.info("%d processes, %d at a time. Their logs: %s", len(jobs), len(slots), logs)
+
+    def on_end(job: Job, code: int | None) -> None:
+        what = "was left out" if code is None else "done" if code == 0 else f"FAILED with code {code}"
+        minutes = (time.monotonic() - started) / 60.0
+        log.info("%3d of %d, %.1f min: %s %s", next(ended), len(jobs), minutes, job.name, what)
+
+    def start(job: Job, slot: Mapping[str, str]) -> int:
+        return _start(job, slot, logs / f"{job.name}.log", len(slots))
+
+    codes = run_jobs(jobs, slots, start, on_end)
+    if Path(first.results_dir).is_dir():  # runs that end together may each have missed the other's result
+        from roboverse_learn.leaderboard import write_leaderboard
+
+        write_leaderboard(Path(first.results_dir))
+    bad = [job for job in jobs if codes[job.name] != 0]
+    if bad:
+        rows = [f"{job.name}: {_last_line(logs / f'{job.name}.log')}" for job in bad]
+        raise SweepError(f"{len(bad)} of {len(jobs)} processes failed. The same command tries them again.\n"
+                         + "\n".join(rows))  # fmt: skip
+    return f"{len(the_sweep.runs)} runs are complete, {len(complete)} of them were before."
+
+
+def make_jobs(the_sweep: Sweep) -> tuple[list[Job], list[Path]]:
+    """Returns the processes that are still to do, collections first, and the folders of complete runs."""
+    collections: dict[Path, Job] = {}
+    trainings: list[Job] = []
+    complete = []
+    for words, config in the_sweep.runs:
+        folder = default_folder(config)
+        if _is_complete(folder, config):
+            complete.append(folder)
+            continue
+        after = None
+        if policies.learns_from(config.policy_name) == "dataset":
+            dataset = dataset_folder(config)
+            name = f"collect-{config.task}-{dataset.name}".replace("/", "-")
+            job = collections.setdefault(dataset, Job(name, ("collect", *_collect_words(config))))
+            after = job.name
+        name = f"train-{config.task}-{config.policy_name}-{folder.name}".replace("/", "-")
+        trainings.append(Job(name, ("train", *words), after))
+    return [*collections.values(), *trainings], complete
+
+
+def run_jobs(
+    jobs: Sequence[Job],
+    slots: Sequence[Mapping[str, str]],
+    start: Callable[[Job, Mapping[str, str]], int],
+    on_end: Callable[[Job, int | None], None],
+) -> dict[str, int | None]:
+    """Runs jobs, as many at once as there are slots, each after the one that it waits for.
+
+    Args:
+        jobs: What to run.
+        slots: Environment variables that give a process its place.
+        start: Runs one job in one slot and returns its exit code.
+        on_end: Hears of every job and its code.
+
+    Returns:
+        Exit code by name; None of those whose predecessor failed.
+    """
+    free: queue.SimpleQueue[Mapping[str, str]] = queue.SimpleQueue()
+    for slot in slots:
+        free.put(slot)
+
+    def in_a_slot(job: Job) -> int:
+        slot = free.get()
+        try:
+            return start(job, slot)
+        finally:
+            free.put(slot)
+
+    waiting, codes = list(jobs), {}
+    running: dict[Future[int], Job] = {}
+    with ThreadPoolExecutor(len(slots)) as pool:
+        try:
+            while waiting or running:
+                for job in [job for job in waiting if job.after is None or job.after in codes]:
+                    waiting.remove(job)
+                    if job.after is not None and codes[job.after] != 0:
+                        codes[job.name] = None
+                        on_end(job, None)
+                    else:
+                        running[pool.submit(in_a_slot, job)] = job
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    job = running.pop(future)
+                    codes[job.name] = future.result()
+                    on_end(job, codes[job.name])
+        except BaseException:  # an interruption reaches the processes as well; no other is to start
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return codes
+
+
+def gpu_slots(jobs_per_gpu: int) -> list[dict[str, str]]:
+    """Returns one slot per GPU and process on it; on a machine without a GPU, one per ``jobs_per_gpu``."""
+    import torch
+
+    visible = os.environ.get("CUDA_VISIBLE_DEVICES")
+    names = visible.split(",") if visible else [str(index) for index in range(torch.cuda.device_count())]
+    gpus = [{"CUDA_VISIBLE_DEVICES": name} for name in names] if torch.cuda.is_available() else [{}]
+    return [slot for _ in range(jobs_per_gpu) for slot in gpus]
+
+
+def _start(job: Job, slot: Mapping[str, str], log_file: Path, at_once: int) -> int:
+    """Runs one job as a process that writes to a log."""
+    threads = max(1, len(os.sched_getaffinity(0)) // at_once)
+    environment = {"OMP_NUM_THREADS": str(threads)} | dict(os.environ) | dict(slot)
+    with log_file.open("ab") as output:
+        return subprocess.run(
+            [sys.executable, "-m", "roboverse_learn.cli", *job.words],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env=environment,
+            check=False,
+        ).returncode
+
+
+def _is_complete(folder: Path, config: TrainRunConfig) -> bool:
+    """Whether a run was evaluated as this configuration wants it."""
+    if not (folder / CONFIG_FILE).exists():
+        return False
+    facts = read_facts(folder, "evaluate")
+    same = to_values(read_config(folder)) == to_values(config)
+    return same and facts.get("status") == "done" and Path(str(facts.get("result", ""))).is_file()
+
+
+def _collect_words(config: TrainRunConfig) -> list[str]:
+    """Returns the words of the collection that a run begins with."""
+    values, defaults = to_values(config), to_values(CollectConfig())
+    words = []
+    for key in flat_keys(defaults):
+        if key == "preset":  # what it says, and what overrides it, follows by itself
+            continue
+        section, _, last = key.rpartition(".")
+        value = values[section][last] if section else values[key]
+        default = defaults[section][last] if section else defaults[key]
+        if isinstance(value, dict):
+            words += [f"{key}.{name}={_text(item)}" for name, item in value.items()]
+        elif value != default:
+            words.append(f"{key}={_text(value)}")
+    return words
+
+
+def _text(value: object) -> str:
+    """A value as the command line reads it."""
+    if isinstance(value, list):
+        return f"[{','.join(map(_text, value))}]"
+    if value is None:
+        return "null"
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _last_line(log_file: Path) -> str:
+    """The last line of a log, and where the rest is."""
+    try:
+        lines = log_file.read_text(errors="replace").replace("\r", "\n").split("\n")
+    except OSError:
+        return "it did not start"
+    last = next((line for line in reversed(lines) if line.strip()), "no output")
+    return f"{last.strip()} ({log_file})"
