@@ -1,11 +1,14 @@
 """From the words of the command line to a checkpoint that the benchmark's runner evaluates."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import envs
 import policies
 from benchmark.runner import evaluate_cell
+from envs.errors import ConfigError, RoboVerseError
 from envs.tasks.pick_cube import PickCube
 from roboverse_learn.compose import compose
 from roboverse_learn.training.learners import learner_of
@@ -23,6 +26,13 @@ WORDS = {
         "buffer_size=400", "steps=24",
     ),
 }  # fmt: skip
+
+
+SHOWN = [
+    line.split()[1:]
+    for line in (Path(__file__).parents[3] / "docs/agents.md").read_text(encoding="utf-8").splitlines()
+    if line.startswith("roboverse ")
+]
 
 
 class Short(PickCube):
@@ -47,6 +57,38 @@ def test_a_run_ends_with_a_policy(trained):
     assert result.loss is not None and np.isfinite(result.loss)
     assert [row["step"] for row in read_metrics(folder)][-1] == 24
     assert type(policies.load(folder)) is policies.policy_class(name)
+
+
+@pytest.mark.parametrize("words", SHOWN, ids=" ".join)
+def test_the_commands_of_the_docs_are_commands(words):
+    command, *keys = words
+    assert compose(command, keys) is not None
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "message"),
+    [
+        ("tdmpc2", "policy.model_size=6", "model_size.*6"),
+        ("tdmpc2", "policy.horizn=3", "Did you mean 'policy.horizon'"),
+        ("fasttd3", "policy.num_steps=0", "policy.num_steps must be above 0, given 0"),
+        ("fasttd3", "policy.batch_size=many", "batch_size"),
+    ],
+)
+def test_words_that_cannot_be_are_errors(name, key, message):
+    with pytest.raises(RoboVerseError, match=message):
+        compose("train", [f"policy={name}", "task=PickCube", key])
+
+
+def test_a_buffer_that_is_too_small_is_an_error(tmp_path):
+    words = [
+        "policy=fasttd3",
+        "task=control/cartpole",
+        "simulator=mujoco",
+        "policy.num_envs=4",
+        "buffer_size=4",
+    ]
+    with pytest.raises(ConfigError, match=r"policy.buffer_size=4 holds 1 step.*Take 8 at least"):
+        learner_of("fasttd3")(compose("train", words), tmp_path, "cpu", 0, Reporter())
 
 
 def test_a_run_that_is_complete_is_not_run_again(trained):
