@@ -44,7 +44,7 @@ def test_the_program_measures_the_parts_that_it_is_asked_for(tmp_path, monkeypat
 
 
 @pytest.mark.long
-@pytest.mark.filterwarnings("ignore")  # of the compiler, at its first use
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning")  # of the compiler
 def test_compiled_on_a_cpu_it_runs_too():
     update, _, fasttd3 = measure(TINY, "cpu", compiled=True)
     assert update.ratio > 0 < fasttd3.ratio

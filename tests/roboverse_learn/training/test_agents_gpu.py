@@ -20,7 +20,8 @@ from tests.policies.test_agents_compiled import FASTTD3, SIZES, TDMPC2, sequence
 pytestmark = [
     pytest.mark.gpu,
     pytest.mark.skipif(not torch.cuda.is_available(), reason="needs an NVIDIA GPU"),
-    pytest.mark.filterwarnings("ignore"),  # of the compiler and of recording, at their first use
+    # Of the compiler and of the recording of graphs, at their first use.
+    pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning", "ignore::FutureWarning"),
 ]
 
 CALLS = 12
