@@ -86,7 +86,7 @@ def build_row(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
     key = row_key(first)
     del key["policy_config"]
     return {
-        "label": first.policy,
+        "label": _name(first),
         **key,
         "episodes_per_cell": first.protocol.episodes,
         "seeds": [result.seed for _, result in entries],
@@ -96,6 +96,13 @@ def build_row(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
         "runs": [_run(path, result) for path, result in entries],
         "videos": [video for path, _ in entries for video in _videos(results_dir, path)],
     }
+
+
+def _name(result: Result) -> str:
+    """Returns the policy's name, and whose implementation of it was trained where there are several."""
+    own = result.config.get("policy")
+    backend = own.get("backend") if isinstance(own, Mapping) else None
+    return f"{result.policy} by {backend}" if backend else result.policy
 
 
 def _run(path: str, result: Result) -> dict[str, Any]:

@@ -40,6 +40,16 @@ class Controller(ABC):
     def hold(self, state: State) -> np.ndarray:
         """Returns actions (N, A) that keep the robot where it is in ``state``."""
 
+    def as_task_actions(self, state: State, actions: np.ndarray) -> np.ndarray:
+        """Returns what a task's own controller has to be told for these actions (N, A) to happen.
+
+        Args:
+            state: States in which the actions are taken.
+            actions: Actions of this controller; it is the task's ``rl_controller``.
+        """
+        del state
+        return actions
+
 
 class JointPositionController(Controller):
     """An action is where the position target of every joint of one robot is when the step ends, rad and m.
@@ -95,7 +105,24 @@ class JointDeltaController(Controller):
 
     @override
     def apply(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None) -> None:
-        last = handler.get_joint_targets(self._robot, env_ids)
+        targets = self._targets(handler.get_joint_targets(self._robot, env_ids), actions)
+        handler.set_joint_targets({self._robot: targets}, env_ids)
+
+    @override
+    def advance(
+        self, handler: Handler, actions: np.ndarray | Tensor, num_steps: int, env_ids: EnvIds = None
+    ) -> None:
+        targets = self._targets(handler.get_joint_targets(self._robot, env_ids), actions)
+        handler.step_towards({self._robot: targets}, num_steps, env_ids)
+
+    @override
+    def as_task_actions(self, state: State, actions: np.ndarray) -> np.ndarray:
+        last = state.robots[self._robot].joint_target
+        assert last is not None, "a simulator gives every robot's targets"
+        return self._targets(last, actions).cpu().numpy()
+
+    def _targets(self, last: Tensor, actions: np.ndarray | Tensor) -> Tensor:
+        """Returns where the targets of the driven joints are to be, from where they are, (n, J)."""
         given = torch.as_tensor(actions, device=last.device).to(last.dtype).clamp(-1.0, 1.0)
         self._middle, self._half = self._middle.to(last), self._half.to(last)
         parts = [last[:, self._arm] + self._delta * given[:, : len(self._arm)]]
@@ -105,7 +132,7 @@ class JointDeltaController(Controller):
         targets = torch.cat(parts, dim=-1)
         if order != sorted(order):
             targets = targets[:, [order.index(index) for index in range(len(order))]]
-        handler.set_joint_targets({self._robot: targets}, env_ids)
+        return targets
 
     @override
     def hold(self, state: State) -> np.ndarray:

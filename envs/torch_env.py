@@ -172,8 +172,8 @@ class TorchVectorEnv:
     @torch.no_grad()
     def step(self, actions: Tensor) -> EnvStep:
         """Steps every environment by one control step; ``actions`` (N, A) in [-1, 1]."""
-        self.controller.apply(self.handler, actions.detach().clamp(-1.0, 1.0).to(self.handler.device))
-        self.handler.step(self._substeps)
+        given = actions.detach().clamp(-1.0, 1.0).to(self.handler.device)
+        self.controller.advance(self.handler, given, self._substeps)
         states = self.handler.get_states()
         judged = outcome(self.task, states)
         reward, terminated, success = (values.to(self.device) for values in judged)
@@ -225,7 +225,8 @@ class TorchVectorEnv:
 
     def state_dict(self) -> dict[str, Tensor]:
         """Returns where every environment is, which :meth:`load_state_dict` takes back."""
-        flat = {f"states/{key}": value for key, value in self.handler.get_states().flatten().items()}
+        states = self.handler.get_states().flatten()
+        flat = {f"states/{key}": value.clone() for key, value in states.items()}  # some may share memory
         return flat | {"elapsed_steps": self.elapsed_steps.clone(), "returns": self.returns.clone()}
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> Tensor:

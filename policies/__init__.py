@@ -57,6 +57,12 @@ _LEARNED = {
         "TD-MPC2, planning in the latent space of a world model (arXiv:2310.16828)",
         learns_from="env",
     ),
+    "ppo": _Entry(
+        "policies.ppo.config:PpoConfig",
+        "policies.ppo.policy:PpoPolicy",
+        "Proximal policy optimization by rsl_rl, Stable-Baselines3 or TorchRL (arXiv:1707.06347)",
+        learns_from="env",
+    ),
 }
 _SCRIPTED = {
     "zero": "every action is zero",

@@ -1,6 +1,7 @@
 """``python roboverse_learn/collect.py task=PickCube``: demonstrations of the expert into a dataset.
 
-With ``source=<format> path=<file or folder>`` they are those of a file, replayed in our environment.
+With ``source=policy checkpoint=<run>`` they are those of a policy that learned the task by reward, and
+with ``source=<format> path=<file or folder>`` those of a file, replayed in our environment.
 """
 
 import sys
@@ -20,8 +21,10 @@ from roboverse_learn.config import CollectConfig
 if TYPE_CHECKING:
     from roboverse_learn.data.collection import CollectionSummary
     from roboverse_learn.data.importers.verdicts import ImportSummary
+    from roboverse_learn.data.policy_source import Demonstrator
 
 EXPERT_SOURCE = "roboverse_learn.data.expert_source:make_expert_source"
+POLICY_SOURCE = "roboverse_learn.data.policy_source:make_policy_source"
 IMPORT_SOURCE = "roboverse_learn.data.importers.import_source:make_import_source"
 
 
@@ -43,7 +46,9 @@ def dataset_folder(config: CollectConfig) -> Path:
     varied = f"{config.only}-alone" if config.only else f"level{config.level}"
     size, demos = f"{config.image_size}px", f"{config.collect.num_demos}demos"
     name = "-".join([varied, config.simulator, config.renderer, *config.cameras, size, demos])
-    if config.source != "expert":
+    if config.source == "policy":
+        name += f"-{_demonstrator(config).policy}-{_demonstrator(config).weights[:8]}"
+    elif config.source != "expert":
         name += f"-{config.source}-{Path(config.path).name.partition('.')[0]}-by-{config.replay}"
     # Of a folder, its name alone: where it lies is this machine's affair.
     options = [f"{key}={Path(str(value)).name}" for key, value in sorted(config.task_kwargs.items())]
@@ -53,6 +58,8 @@ def dataset_folder(config: CollectConfig) -> Path:
 
 def collect_dataset(config: CollectConfig) -> "CollectionSummary":
     """Makes sure that the dataset of a configuration is complete, with a progress bar."""
+    if config.source == "policy":
+        return _collect_episodes(config, None)
     if config.source == "expert":
         _demand_expert(config)
         return _collect_episodes(config, None)
@@ -73,6 +80,13 @@ def _demand_expert(config: CollectConfig) -> None:
             f"{config.task} has no scripted expert to collect from. Learn it by reward, as in: "
             f"roboverse train policy=ppo task={config.task}"
         )
+
+
+def _demonstrator(config: CollectConfig) -> "Demonstrator":
+    """Returns the policy that demonstrates."""
+    from roboverse_learn.data.policy_source import find_demonstrator
+
+    return find_demonstrator(config.checkpoint, config.task)
 
 
 def _judge(config: CollectConfig) -> "ImportSummary":
@@ -103,6 +117,16 @@ def _collect_episodes(config: CollectConfig, imported: "ImportSummary | None") -
     kwargs: dict[str, Any] = scene | {"num_envs": config.collect.num_envs}
     source, settings, target = EXPERT_SOURCE, scene, config.collect.num_demos
     candidates = [int(index) for index in load_split("train").episodes]
+    if config.source == "policy":
+        from roboverse_learn.training.device import resolve_device
+
+        demonstrator = _demonstrator(config)
+        source, settings = POLICY_SOURCE, scene | demonstrator.identity()
+        kwargs |= {
+            "checkpoint": str(demonstrator.checkpoint),
+            "identity": demonstrator.identity(),
+            "device": resolve_device("auto"),
+        }
     if imported is not None:
         passing = imported.chosen()
         source, candidates = IMPORT_SOURCE, [verdict.episode for verdict in passing]

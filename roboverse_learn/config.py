@@ -15,8 +15,8 @@ Channel = Literal["environment", "camera", "lighting"]
 Split = Literal["train", "test"]
 Replay = Literal["states", "controls"]
 
-SOURCES = ("expert", "maniskill", "robosuite", "roboverse")
-"""The task's expert, and the formats of :data:`roboverse_learn.data.importers.IMPORTERS`."""
+SOURCES = ("expert", "policy", "maniskill", "robosuite", "roboverse")
+"""The task's expert, what learned by reward, and the formats of :mod:`roboverse_learn.data.importers`."""
 
 
 def _positive(**values: float) -> None:
@@ -128,10 +128,12 @@ class SceneKeys:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CollectConfig(SceneKeys):
-    """``roboverse collect``: demonstrations of the expert, or of a file, into a LeRobot dataset.
+    """``roboverse collect``: demonstrations of the expert, a policy or a file into a LeRobot dataset.
 
     Attributes:
-        source: Where demonstrations come from: the task's expert, or files of this format in ``path``.
+        source: Where demonstrations come from: the task's expert, the policy of ``checkpoint``, which learned
+            the task by reward, or files of this format in ``path``.
+        checkpoint: Folder of that policy, or of its run.
         path: File of demonstrations, or a folder of them; of files, num_demos is the most that is taken.
         replay: How a file's demonstrations become ours: by recorded states, or by controls in our physics.
         dataset: Folder of the dataset; empty for one named after the configuration.
@@ -139,6 +141,7 @@ class CollectConfig(SceneKeys):
     """
 
     source: str = "expert"
+    checkpoint: str = ""
     path: str = ""
     replay: Replay = "states"
     dataset: str = ""
@@ -149,13 +152,23 @@ class CollectConfig(SceneKeys):
         SceneKeys.__post_init__(self)
         if self.source not in SOURCES:
             raise unknown_name("source of demonstrations", self.source, SOURCES)
-        if self.source == "expert" and self.path:
+        if self.source in ("expert", "policy") and self.path:
             raise ConfigError(
-                f"path={self.path} was given, and source=expert reads no file. Name its format, as in "
+                f"path={self.path} was given, and source={self.source} reads no file. Name its format, as in "
                 "source=maniskill."
             )
-        if self.source != "expert" and not self.path:
+        if self.source not in ("expert", "policy") and not self.path:
             raise ConfigError(f"source={self.source} needs path=<file or folder>.")
+        if self.source == "policy" and not self.checkpoint:
+            raise ConfigError(
+                "source=policy needs checkpoint=<folder>: that of a run of a policy that learned by reward, "
+                "as in checkpoint=runs/PickCube/ppo/<run>."
+            )
+        if self.source != "policy" and self.checkpoint:
+            raise ConfigError(
+                f"checkpoint={self.checkpoint} was given, and source={self.source} asks no policy. Add "
+                "source=policy."
+            )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

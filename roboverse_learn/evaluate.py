@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from benchmark.protocol import Cell, Protocol
+from envs.errors import CheckpointError
 from roboverse_learn.config import EvaluateConfig, EvaluationConfig
 from roboverse_learn.subject import Subject, protocol_of, step_of, subject_of
 
@@ -80,6 +81,7 @@ def evaluate_subject(
         return Evaluation(path=path, result=earlier, videos=_videos(path), reused=True)
 
     policy = policies.load(subject.checkpoint, subject.device)
+    check_task(policy, subject)
     checkpoint = Checkpoint(step=step_of(subject.checkpoint), hash=weights)
     for old in _videos(path):
         old.unlink()
@@ -87,6 +89,20 @@ def evaluate_subject(
     assert path == result_path(results_dir, result)
     write_result(path, result)
     return Evaluation(path=path, result=result, videos=_videos(path))
+
+
+def check_task(policy: Any, subject: Subject) -> None:
+    """Refuses an agent that learned another task by reward, whose observations mean something else.
+
+    Raises:
+        CheckpointError: if it did.
+    """
+    learned = getattr(policy, "task", subject.task)
+    if learned != subject.task:
+        raise CheckpointError(
+            f"Checkpoint '{subject.checkpoint}' of policy '{policy.name}' learned the task {learned}, and "
+            f"{subject.task} was asked for. Leave out task=, or train it on {subject.task}."
+        )
 
 
 def _run_cells(
@@ -100,7 +116,8 @@ def _run_cells(
     from benchmark.records import Result
 
     facts: dict[str, Any] = {}
-    view = {"observation": "full", "actions": "rl"} if policies.learns_from(name) == "env" else {}
+    sees = policies.learns_from(name) == "dataset"
+    view = {} if sees else {"observation": "full", "actions": "rl"}
 
     def make_env(cell: Cell) -> Any:
         env = envs.make_vec(
@@ -117,7 +134,7 @@ def _run_cells(
             task_kwargs=subject.task_kwargs,
             **view,
         )
-        facts.update(cameras=env.camera_names)
+        facts.update(cameras=env.camera_names if sees else ())
         facts.update(max_episode_steps=env.task.max_episode_steps, control_hz=float(env.control_hz))
         return env
 
@@ -148,7 +165,7 @@ def _run_cells(
         simulator=subject.simulator,
         renderer=subject.renderer,
         cameras=facts["cameras"],
-        image_size=subject.image_size,
+        image_size=subject.image_size if sees else None,
         checkpoint=checkpoint,
         dataset_hash=subject.dataset_hash,
         demonstrations=subject.demonstrations,
@@ -189,7 +206,8 @@ def _earlier(path: Path, weights: str, protocol: Protocol, subject: Subject) -> 
     now = (weights, protocol.hash, package_versions())
     then = (result.checkpoint.hash, result.protocol.hash, dict(result.versions))
     keys = ("task_kwargs", "simulator", "renderer", "image_size")
-    scene = all(getattr(result, key) == getattr(subject, key) for key in keys)
+    known = [key for key in keys if getattr(result, key) is not None]  # no size: it saw no pictures
+    scene = all(getattr(result, key) == getattr(subject, key) for key in known)
     return result if scene and now == then else None
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from envs.experts.planner import Planner
 from envs.randomization import channel_rng
 from envs.vector_env import RoboVerseVectorEnv
 
@@ -67,11 +68,12 @@ class ExpertRunner:
 
     Args:
         env: The env; with pixel observations the pictures are recorded.
+        planner: Asked for plans; the task's by default.
     """
 
-    def __init__(self, env: RoboVerseVectorEnv) -> None:
+    def __init__(self, env: RoboVerseVectorEnv, planner: Planner | None = None) -> None:
         self._env = env
-        self._planner = env.task.planner
+        self._planner = env.task.planner if planner is None else planner
 
     def rollout(self, episodes: Sequence[int]) -> Iterator[Rollout]:
         """Yields one rollout per episode, in order, as many at once as the env has environments."""
@@ -136,11 +138,13 @@ class ExpertRunner:
         )
 
 
-def rollout(env: RoboVerseVectorEnv, episodes: Sequence[int]) -> Iterator[Rollout]:
-    """Yields the expert's rollouts of these episodes, in order."""
+def rollout(
+    env: RoboVerseVectorEnv, episodes: Sequence[int], planner: Planner | None = None
+) -> Iterator[Rollout]:
+    """Yields the rollouts of the expert, or of what another planner says, of these episodes, in order."""
     if env.handler.steps_together:
         from envs.experts.batched_rollout import BatchedExpertRunner
 
-        yield from BatchedExpertRunner(env).rollout(episodes)
+        yield from BatchedExpertRunner(env, planner).rollout(episodes)
     else:
-        yield from ExpertRunner(env).rollout(episodes)
+        yield from ExpertRunner(env, planner).rollout(episodes)

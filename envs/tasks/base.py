@@ -32,6 +32,7 @@ class Task(ABC):
         success_return: The return from which on an episode counts as solved, which is decided when it is
             over; None leaves that to :meth:`success`.
         has_expert: Whether :meth:`expert` knows a way; demonstrations come from elsewhere if not.
+        has_reward: Whether :meth:`reward` tells better states from worse ones.
     """
 
     name: ClassVar[str]
@@ -40,6 +41,7 @@ class Task(ABC):
     ends_on_success: ClassVar[bool] = True
     success_return: ClassVar[float | None] = None
     has_expert: ClassVar[bool] = True
+    has_reward: ClassVar[bool] = True
 
     @property
     def description(self) -> str:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 LEARNERS: dict[str, str] = {
     "fasttd3": "roboverse_learn.training.fasttd3:learn",
     "tdmpc2": "roboverse_learn.training.tdmpc2:learn",
+    "ppo": "roboverse_learn.training.ppo.learner:learn",
 }
 """Policy to ``"module:function"``."""
 

@@ -132,7 +132,6 @@ def test_no_environments_are_an_error():
 
 def test_a_picture_can_be_had():
     env = make(num_envs=1)
-    env.task.scenario.cameras[0]
     assert env.picture().ndim == 3
     env.close()
 

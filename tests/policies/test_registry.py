@@ -10,7 +10,7 @@ from tests.policies.examples import CONFIGS, FEATURES, stats
 
 
 def test_names():
-    assert policies.names() == ["act", "diffusion", "fasttd3", "tdmpc2"]
+    assert policies.names() == ["act", "diffusion", "fasttd3", "ppo", "tdmpc2"]
     assert policies.scripted_names() == ["hold", "random", "zero"]
 
 

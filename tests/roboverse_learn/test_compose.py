@@ -78,6 +78,12 @@ def another(key: str, value: Any) -> Any:
         "policy.noise_scheduler_type": "DDIM",
         "policy.num_train_timesteps": 50,
         "policy.num_inference_steps": 5,
+        "policy.backend": "sb3",
+        "policy.num_minibatches": 16,
+        "policy.hidden_dims": [64, 64],
+        "policy.activation": "tanh",
+        "policy.schedule": "fixed",
+        "policy.max_episode_steps": 50,
         "policy.prediction_type": "sample",
     }
     if key in chosen:
@@ -108,6 +114,7 @@ def test_every_key_can_be_set_and_survives_the_saved_configuration(
     value = another(key, at(default_values(command, policy), key))
     words = [*REQUIRED.get(command, []), *([f"policy={policy}"] if command == "train" else [])]
     words += {"source": ["path=recorded.h5"], "path": ["source=robosuite"]}.get(key, [])
+    words += ["source=policy"] if key == "checkpoint" and command != "evaluate" else []
     config = compose(command, [*words, f"{key}={typed(value)}"])
     assert at(to_values(config), key) == value
     saved = yaml.safe_load(yaml.safe_dump(to_values(config)))

@@ -1,0 +1,144 @@
+"""Trains PPO on the task of a run, by the backend that the configuration names."""
+
+import importlib
+import importlib.util
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+
+from envs.errors import ConfigError, MissingExtraError
+from policies.ppo.config import PpoConfig
+from policies.ppo.policy import PpoPolicy
+from roboverse_learn.training import off_policy
+from roboverse_learn.training.config import TrainConfig
+from roboverse_learn.training.ppo.algorithm import PpoAlgorithm
+
+if TYPE_CHECKING:
+    from roboverse_learn.config import TrainRunConfig
+    from roboverse_learn.training.reporter import Reporter, TrainResult
+
+OBSERVATION = "observation.environment_state"
+"""The key that holds the whole observation when the policy is evaluated."""
+
+_FOLDER = "roboverse_learn.training.ppo"
+_CLASSES = {"rsl_rl": "RslRlPpo", "sb3": "Sb3Ppo", "torchrl": "TorchRlPpo"}
+_PACKAGES = {"rsl_rl": "rsl_rl", "sb3": "stable_baselines3", "torchrl": "torchrl"}
+_EXTRAS = {"rsl_rl": "rsl-rl", "sb3": "sb3", "torchrl": "torchrl"}
+
+
+def learn(
+    config: "TrainRunConfig", run_dir: Path, device: str, seed: int, reporter: "Reporter"
+) -> "TrainResult":
+    """Trains PPO; see :class:`roboverse_learn.training.learners.Learner`."""
+    own: PpoConfig = config.policy
+    check_installed(own.backend)
+    check_reward(config.task, config.task_kwargs)
+    env = make_env(config, own, seed, device)
+    try:
+        return train(own, env, config.train, run_dir, config.task, seed=seed, reporter=reporter)
+    finally:
+        env.close()
+
+
+def train(
+    config: PpoConfig,
+    env: Any,
+    train_config: TrainConfig,
+    run_dir: Path,
+    task: str,
+    *,
+    seed: int = 0,
+    reporter: "Reporter | None" = None,
+) -> "TrainResult":
+    """Trains PPO on an env.
+
+    Args:
+        config: Settings of PPO.
+        env: A :class:`~envs.torch_env.TorchVectorEnv`, or what has its interface.
+        train_config: How long to train, how often to log and save; rounded up to whole rollouts.
+        run_dir: Where checkpoints, metrics and plots go.
+        task: Name of the task.
+        seed: Root of all randomness.
+        reporter: Hears of the progress.
+    """
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        policy = PpoPolicy(config, {OBSERVATION: env.observation_size}, env.action_size, task, env.device)
+        algorithm = make_algorithm(policy, env, train_config)
+    if config.stagger and hasattr(env, "stagger"):
+        env.stagger()
+    return off_policy.run(
+        algorithm,
+        env,
+        whole_rollouts(train_config, config.rollout_size),
+        run_dir,
+        seed=seed,
+        reporter=reporter,
+        settings={"task": task, "backend": config.backend, "num_steps": config.num_steps},
+    )
+
+
+def make_algorithm(policy: PpoPolicy, env: Any, train_config: TrainConfig) -> PpoAlgorithm:
+    """Makes the PPO of the backend that the policy's configuration names."""
+    backend = policy.config.backend
+    module = importlib.import_module(f"{_FOLDER}.{backend}")
+    return getattr(module, _CLASSES[backend])(policy, env, train_config)
+
+
+def make_env(config: "TrainRunConfig", own: PpoConfig, seed: int, device: str) -> Any:
+    """Makes the env of a run."""
+    from envs.torch_env import TorchVectorEnv
+
+    return TorchVectorEnv(
+        config.task,
+        own.num_envs,
+        simulator=config.simulator,
+        device=device,
+        seed=seed,
+        max_episode_steps=own.max_episode_steps,
+        task_kwargs=config.task_kwargs,
+    )
+
+
+def whole_rollouts(config: TrainConfig, size: int) -> TrainConfig:
+    """Returns the configuration with steps between events rounded up to multiples of a rollout."""
+
+    def up(steps: int) -> int:
+        return math.ceil(steps / size) * size
+
+    return replace(
+        config, steps=up(config.steps), save_every=up(config.save_every), log_every=up(config.log_every)
+    )
+
+
+def check_installed(backend: str) -> None:
+    """Checks that a backend's package is there.
+
+    Raises:
+        MissingExtraError: if not; it says how to install it.
+    """
+    if importlib.util.find_spec(_PACKAGES[backend]) is None:
+        there = [name for name, package in _PACKAGES.items() if importlib.util.find_spec(package)]
+        raise MissingExtraError(
+            f"policy.backend={backend} needs the package '{_PACKAGES[backend]}', which is not installed. "
+            f"Install it with: pip install 'roboverse-learn[{_EXTRAS[backend]}]'. "
+            f"Installed backends: {', '.join(there) or 'none'}."
+        )
+
+
+def check_reward(task: str, task_kwargs: dict[str, Any]) -> None:
+    """Checks that a task pays a reward.
+
+    Raises:
+        ConfigError: if it does not.
+    """
+    from envs.tasks import TASKS
+
+    if not TASKS.get(task)(**task_kwargs).has_reward:
+        raise ConfigError(
+            f"Task '{task}' pays no reward, which policy=ppo learns from. Learn it from demonstrations, as "
+            "with policy=act, or take another task, such as PickCube."
+        )
