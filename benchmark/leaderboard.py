@@ -52,16 +52,18 @@ def build(results_dir: Path) -> dict[str, Any]:
 
 
 def write(results_dir: Path) -> dict[str, Path]:
-    """Writes ``leaderboard.json``, ``.md``, ``.html`` and the level curves into a folder of results.
+    """Writes ``leaderboard.json``, ``.md``, ``.html`` and the plots into a folder of results.
 
     Returns:
-        What was written: ``json``, ``markdown``, ``html``, and ``plot <section>`` for every curve.
+        What was written: ``json``, ``markdown``, ``html``, ``plot <section>`` of success over the levels,
+        and ``learning <section>`` where agents learned by reward.
 
     Raises:
         ResultError: As :func:`build`; nothing is written then.
     """
+    from benchmark.curves import published
     from benchmark.page import render_html, render_markdown
-    from benchmark.plots import plot_levels
+    from benchmark.plots import plot_learning, plot_levels
 
     board = build(results_dir)
     contents = {
@@ -77,6 +79,10 @@ def write(results_dir: Path) -> dict[str, Path]:
         path = results_dir / "plots" / f"{section['id']}.png"
         plot_levels(section["rows"], path, section["title"])
         written[f"plot {section['id']}"] = path
+        if any(row["curve"] for row in section["rows"]):
+            path = results_dir / "plots" / f"{section['id']}-learning.png"
+            plot_learning(section["rows"], path, section["title"], published(section["task"]))
+            written[f"learning {section['id']}"] = path
     return written
 
 

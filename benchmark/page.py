@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from benchmark.curve_chart import curve_charts
 from benchmark.plots import COLORS
 
 LEVELS = {
@@ -77,6 +78,7 @@ def _layout(section: Mapping[str, Any], reference: Mapping[str, Any]) -> dict[st
         "papers": papers,
         "hidden": hidden,
         "chart": _chart(section["rows"], levels),
+        "learning": curve_charts(section["task"], section["rows"]),
         "iqm": any(row["iqm_test"] for row in section["rows"]),
     }
 

@@ -94,6 +94,47 @@ def plot_losses(rows: Sequence[Mapping[str, float]], path: Path, title: str = "T
     save_figure(figure, path)
 
 
+def plot_learning(
+    rows: Sequence[Mapping[str, Any]], path: Path, title: str = "", others: Sequence[Mapping[str, Any]] = ()
+) -> None:
+    """Draws return and success over environment steps: interquartile mean over seeds, and its 95 % interval.
+
+    Args:
+        rows: Rows of one section of the leaderboard; those without a ``curve`` are left out.
+        path: The ``.png`` (or ``.svg``) file.
+        title: Title.
+        others: What others published of the task, from :func:`benchmark.curves.published`.
+
+    Raises:
+        ResultError: The file cannot be written.
+    """
+    from matplotlib.ticker import EngFormatter
+
+    figure, both = new_figure((9.0, 3.6), columns=2)
+    for axes, (name, label) in zip(both, _LEARNED.items(), strict=True):
+        for index, row in enumerate(rows):
+            if row["curve"] is None:
+                continue
+            steps, measure, color = row["curve"]["steps"], row["curve"][name], COLORS[index % len(COLORS)]
+            seeds = f"{len(row['seeds'])} seed{'s' * (len(row['seeds']) > 1)}"
+            axes.plot(steps, measure["mid"], color=color, linewidth=1.8, label=f"{row['label']}, {seeds}")
+            if measure["low"] is not None:
+                axes.fill_between(steps, measure["low"], measure["high"], color=color, alpha=0.2, linewidth=0)
+        axes.set(xlabel="environment steps", ylabel=label)
+        axes.locator_params(axis="x", nbins=5)
+        axes.xaxis.set_major_formatter(EngFormatter(sep=""))
+    for other, marker in zip(others, "*Xdsv^", strict=False):
+        name = f"{other['method']}, published"
+        both[0].plot([other["steps"]], [other["episode_return"]], marker, color="#7f7f7f", label=name)
+    both[1].set_ylim(-0.03, 1.03)
+    both[0].set_title(title, fontsize=11, loc="left")
+    both[0].legend(frameon=False, fontsize=8)
+    save_figure(figure, path)
+
+
+_LEARNED = {"episode_return": "return of an episode", "success_rate": "success in training"}
+
+
 def _smooth(values: Sequence[float]) -> list[float]:
     """Exponential moving average over about a thirtieth of the run, without the start's bias."""
     weight = 1.0 - 1.0 / max(1.0, len(values) / 30.0)

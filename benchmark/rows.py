@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmark.curves import over_seeds, read_curve
 from benchmark.protocol import Cell, canonical_json
 from benchmark.records import EpisodeRecord, Result
 from benchmark.result_file import video_dir
@@ -94,8 +95,16 @@ def build_row(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
         "mean_test": dict(zip(("success_rate", "ci_low", "ci_high"), mean, strict=True)) if mean else None,
         "iqm_test": _iqm_over_runs([result for _, result in entries]),
         "runs": [_run(path, result) for path, result in entries],
+        "curve": _curve([results_dir / path for path, _ in entries]),
         "videos": [video for path, _ in entries for video in _videos(results_dir, path)],
     }
+
+
+def _curve(paths: list[Path]) -> dict[str, Any] | None:
+    """Returns the learning curve over the runs, or None where a run has none."""
+    curves = [read_curve(path) for path in paths]
+    known = [curve for curve in curves if curve is not None]
+    return over_seeds(known) if known and len(known) == len(curves) else None
 
 
 def _name(result: Result) -> str:

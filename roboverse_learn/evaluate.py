@@ -88,7 +88,18 @@ def evaluate_subject(
     result = _run_cells(policy, name, subject, config, protocol, checkpoint, command, video_dir(path))
     assert path == result_path(results_dir, result)
     write_result(path, result)
+    _write_curve(path, subject)
     return Evaluation(path=path, result=result, videos=_videos(path))
+
+
+def _write_curve(path: Path, subject: Subject) -> None:
+    """Puts the learning curve of a run that learned by reward beside its results file."""
+    from benchmark.curves import write_curve
+    from roboverse_learn.training.metrics import METRICS_FILE, read_metrics
+
+    run = next((each for each in subject.checkpoint.parents if (each / METRICS_FILE).is_file()), None)
+    if run is not None:
+        write_curve(path, read_metrics(run))
 
 
 def check_task(policy: Any, subject: Subject) -> None:
@@ -111,13 +122,11 @@ def _run_cells(
 ) -> "Result":  # fmt: skip
     """Evaluates every cell and puts the result together."""
     import envs
-    import policies
     from benchmark import provenance, runner, videos
     from benchmark.records import Result
 
     facts: dict[str, Any] = {}
-    sees = policies.learns_from(name) == "dataset"
-    view = {} if sees else {"observation": "full", "actions": "rl"}
+    sees, view = _view_of(name)
 
     def make_env(cell: Cell) -> Any:
         env = envs.make_vec(
@@ -134,7 +143,7 @@ def _run_cells(
             task_kwargs=subject.task_kwargs,
             **view,
         )
-        facts.update(cameras=env.camera_names if sees else ())
+        facts["cameras"] = env.camera_names if sees else ()
         facts.update(max_episode_steps=env.task.max_episode_steps, control_hz=float(env.control_hz))
         return env
 
@@ -176,6 +185,14 @@ def _run_cells(
         versions=provenance.package_versions(),
         records=tuple(records),
     )
+
+
+def _view_of(policy: str) -> tuple[bool, dict[str, Any]]:
+    """Returns whether a policy sees pictures, and the options of its env that follow from that."""
+    import policies
+
+    sees = policies.learns_from(policy) == "dataset"
+    return sees, {} if sees else {"observation": "full", "actions": "rl"}
 
 
 def command_words() -> list[str]:

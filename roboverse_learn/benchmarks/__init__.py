@@ -39,6 +39,11 @@ BENCHMARKS.add(
     summary="a gradient step of ACT and Diffusion Policy, against LeRobot's, and their losses (wants a GPU)",
 )
 BENCHMARKS.add(
+    "rl",
+    "roboverse_learn.benchmarks.rl",
+    summary="PPO on our env against bare mujoco_warp, adapters, seconds to solve PickCube (wants a GPU)",
+)
+BENCHMARKS.add(
     "startup",
     "roboverse_learn.benchmarks.startup",
     summary="roboverse list, against an empty Python program",

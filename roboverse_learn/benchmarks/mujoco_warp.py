@@ -60,7 +60,7 @@ def measure_physics(scale: Scale, device: str = "auto") -> Measurement:
     """
     import mujoco_warp as mjw
 
-    handler, scenario = _handler(scale.physics_worlds, device)
+    handler, scenario = make_handler(scale.physics_worlds, device)
     on, settings = handler.on, handler.settings
     with on.scope():
         model = mjw.put_model(handler.model)
@@ -127,7 +127,7 @@ def measure_render(
     from envs.handlers.mujoco.render import Stage
     from envs.handlers.mujoco.render_warp import create_context, ready_for_tracing
 
-    handler, scenario = _handler(scale.render_worlds, device, image_size)
+    handler, scenario = make_handler(scale.render_worlds, device, image_size)
     on, cameras = handler.on, tuple(camera.name for camera in scenario.cameras)
     drawn = handler.model if simplified else build_model(scenario, simplify=False)
     stage = Stage(drawn, scenario)
@@ -166,7 +166,7 @@ def measure_render(
     return _measurement(name, np.array(times) / scale.pictures, goal)
 
 
-def _handler(num_envs: int, device: str, image_size: int | None = None) -> tuple[Any, Any]:
+def make_handler(num_envs: int, device: str, image_size: int | None = None) -> tuple[Any, Any]:
     """Returns a launched handler at the task's initial states, and its scenario with one camera."""
     from envs.handlers import HANDLERS
     from envs.tasks import TASKS

@@ -10,6 +10,8 @@ pytest.importorskip("stable_baselines3")
 pytest.importorskip("torchrl")
 
 import policies
+from benchmark.curves import read_curve
+from envs.errors import CheckpointError, ConfigError
 from envs.tasks.pick_cube import PickCube
 from policies.ppo.config import BACKENDS
 from roboverse_learn.compose import compose
@@ -119,3 +121,30 @@ def test_it_learns_in_mujoco_warp_and_goes_on_there(tmp_path):
     run(tmp_path, *words)
     (result,) = results_of(tmp_path)
     assert (result["simulator"], result["config"]["policy"]["backend"]) == ("mujoco_warp", "rsl_rl")
+
+
+def test_a_checkpoint_of_another_task_is_refused(finished):
+    folder = next((finished / "runs" / "PickCube" / "ppo").iterdir())
+    words = [f"checkpoint={folder}", "task=StackCube", "device=cpu", f"results_dir={finished}/elsewhere"]
+    with pytest.raises(
+        CheckpointError, match=r"'ppo' learned the task PickCube, and StackCube was asked for"
+    ):
+        evaluate(compose("evaluate", words))
+
+
+def test_a_task_without_reward_and_an_unknown_backend_are_refused(tmp_path, monkeypatch):
+    with pytest.raises(ConfigError, match=r"policy.backend: .* 'rsl_rl', 'sb3' or 'torchrl', given 'jax'"):
+        compose("train", ["policy=ppo", "backend=jax"])
+    monkeypatch.setattr(PickCube, "has_reward", False)
+    with pytest.raises(ConfigError, match="Task 'PickCube' pays no reward, which policy=ppo learns from"):
+        run(tmp_path)
+    assert not list(tmp_path.rglob("*.safetensors"))
+
+
+def test_the_curve_lies_beside_the_result_and_on_the_page(finished):
+    for path in (finished / "results").glob("*/PickCube/ppo/*.json"):
+        curve = read_curve(path)
+        assert curve[:, 0].tolist() == [16.0, 32.0, 48.0] and np.isfinite(curve).all()
+    written = write_leaderboard(finished / "results")
+    assert "Learning by reward" in written["html"].read_text()
+    assert any(name.startswith("learning") for name in written)
