@@ -22,7 +22,9 @@ from envs.handlers.mujoco.render import (
     specular_strength,
     texture_of,
 )
-from envs.scenario import Appearance, LightCfg, SurfaceMaterial
+from envs.handlers.mujoco.render_warp import WarpRenderer
+from envs.scenario import Appearance, GeomCfg, LightCfg, SurfaceMaterial
+from envs.scenario.places import places_of
 from envs.tasks.pick_cube import PickCube
 
 SCENARIO = dataclasses.replace(
@@ -177,6 +179,33 @@ def test_two_threads_draw_what_one_draws(handler):
         drawn = list(pool.map(lambda _: handler.render_jobs(jobs)["front"]["rgb"], range(4)))
     for pictures in drawn:
         np.testing.assert_array_equal(pictures, together)
+
+
+def test_furniture_that_comes_and_goes_leaves_no_trace(handler):
+    """Rooms with and without furniture have trees and textures of their own."""
+    (bare,) = handler.snapshot([0])
+    stool = GeomCfg(shape="box", size=(0.2, 0.2, 0.3), pos=(0.0, 0.0, 0.3), rgba=(0.9, 0.1, 0.9, 1.0))
+    room = PickCube().scenario.room
+    assert room is not None
+    looks = dataclasses.replace(
+        bare.appearance,
+        furniture={place: (stool,) for place in places_of(room.half_size_m)},
+        materials={"table": SurfaceMaterial(texture="any")},
+    )
+    furnished = dataclasses.replace(bare, appearance=looks)
+    renderer = WarpRenderer(handler.model, SCENARIO, textures=_noise, num_threads=1)
+    cameras = tuple(camera.name for camera in SCENARIO.cameras)
+    drawn = [renderer.render([job], cameras, ("rgb",)) for job in (bare, furnished, bare, furnished)]
+    for camera in cameras:
+        first, second, third, fourth = (pictures[camera]["rgb"] for pictures in drawn)
+        np.testing.assert_array_equal(first, third)
+        np.testing.assert_array_equal(second, fourth)
+    assert any((drawn[0][camera]["rgb"] != drawn[1][camera]["rgb"]).any() for camera in cameras)
+    renderer.close()
+
+
+def _noise(name, size):
+    return np.random.default_rng(0).integers(0, 255, (size, size, 3), dtype=np.uint8)
 
 
 def test_a_snapshot_is_of_its_moment(handler):
