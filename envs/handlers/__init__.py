@@ -26,6 +26,12 @@ HANDLERS.add(
     extra="sapien",
     summary="SAPIEN 3: PhysX on CPU, environments stepped by threads; its own Vulkan renderer",
 )
+HANDLERS.add(
+    "newton",
+    "envs.handlers.newton.handler:NewtonHandler",
+    extra="newton",
+    summary="Newton 1.8: its MuJoCo solver on CPU, one model for each environment",
+)
 
 HANDLERS.add(
     "pybullet",

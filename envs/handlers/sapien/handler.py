@@ -5,8 +5,8 @@ from typing import override
 import mujoco
 
 from envs.handlers.base import TextureSource
+from envs.handlers.description import SceneSpec, describe
 from envs.handlers.mirrored import MirroredHandler
-from envs.handlers.sapien.description import SceneSpec, describe
 from envs.handlers.sapien.settings import SIMULATOR, SapienSettings
 from envs.handlers.sapien.world import SapienWorld
 from envs.scenario import ScenarioCfg
@@ -43,5 +43,5 @@ class SapienHandler(MirroredHandler):
     @override
     def make_world(self, model: mujoco.MjModel) -> SapienWorld:
         if self._spec is None:
-            self._spec = describe(model)
+            self._spec = describe(model, SIMULATOR)
         return SapienWorld(model, self._spec, self.settings)

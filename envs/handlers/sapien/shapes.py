@@ -5,7 +5,7 @@ import numpy as np
 from sapien import Pose, physx
 
 from envs.errors import SimulatorError
-from envs.handlers.sapien.description import Frame, compose
+from envs.handlers.description import Frame, compose
 
 Z_FROM_X = np.array([0.5**0.5, 0.0, -(0.5**0.5), 0.0])
 """Turns the x axis, along which PhysX's cylinders, capsules and planes point, to MuJoCo's z."""

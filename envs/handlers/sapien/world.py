@@ -10,8 +10,8 @@ import numpy as np
 import sapien
 from sapien import Pose, physx
 
+from envs.handlers.description import JointSpec, LinkSpec, SceneSpec, TreeSpec
 from envs.handlers.mirrored import World
-from envs.handlers.sapien.description import JointSpec, LinkSpec, SceneSpec, TreeSpec
 from envs.handlers.sapien.settings import SapienSettings
 from envs.handlers.sapien.shapes import ShapeFactory, pose_of
 

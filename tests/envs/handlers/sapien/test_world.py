@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("sapien", reason="SAPIEN is not installed: pip install 'roboverse-learn[sapien]'")
 
-from envs.handlers.sapien.description import describe
+from envs.handlers.description import describe
 from envs.handlers.sapien.settings import SapienSettings
 from envs.handlers.sapien.world import SapienWorld
 
@@ -30,7 +30,7 @@ class Bench:
 
     def __init__(self, xml):
         self.model = mujoco.MjModel.from_xml_string(xml)
-        self.world = SapienWorld(self.model, describe(self.model), SapienSettings())
+        self.world = SapienWorld(self.model, describe(self.model, "sapien"), SapienSettings())
         self.qpos, self.qvel = self.model.qpos0.astype(np.float32), np.zeros(self.model.nv, np.float32)
         self.ctrl = np.zeros(self.model.nu, np.float32)
 

@@ -1,4 +1,4 @@
-"""A compiled MuJoCo model as trees of rigid links: what PhysX needs to know of it.
+"""A compiled MuJoCo model as trees of rigid links: what another simulator needs to know of it.
 
 Bodies that no joint parts are one link, with their common mass, centre and inertia. The frame of a link is
 that of its uppermost body. A body with several joints becomes a chain of links, all but the last of them
@@ -140,14 +140,18 @@ class SceneSpec:
     trees: tuple[TreeSpec, ...] = field(default=())
 
 
-def describe(model: mujoco.MjModel) -> SceneSpec:
+def describe(model: mujoco.MjModel, simulator: str) -> SceneSpec:
     """Reads a compiled model.
+
+    Args:
+        model: The scene.
+        simulator: Who is to simulate it, for messages.
 
     Raises:
         SimulatorError: if it has a ball joint, an equality constraint, or an actuator that is not one of a
             joint's position.
     """
-    _check(model)
+    _check(model, simulator)
     heads = _heads(model)
     frames = _frames_in(model, heads)
     of_head: dict[int, list[int]] = {}
@@ -161,17 +165,17 @@ def describe(model: mujoco.MjModel) -> SceneSpec:
     return SceneSpec(_geoms(model, of_head[0], frames), tuple(trees))
 
 
-def _check(model: mujoco.MjModel) -> None:
+def _check(model: mujoco.MjModel, simulator: str) -> None:
     for joint in range(model.njnt):
         if model.jnt_type[joint] == _BALL:
             raise SimulatorError(
-                f"SAPIEN has no ball joint such as '{model.joint(joint).name}'. Take simulator=mujoco, "
-                "or give the body three hinges."
+                f"simulator={simulator} has no ball joint such as '{model.joint(joint).name}'. Take "
+                "simulator=mujoco, or give the body three hinges."
             )
     if model.neq:
         first, second = (model.body(int(bodies[0])).name for bodies in (model.eq_obj1id, model.eq_obj2id))
         raise SimulatorError(
-            f"An equality constraint ('{first}' and '{second}') is not simulated by SAPIEN. "
+            f"simulator={simulator} has no equality constraint such as that of '{first}' and '{second}'. "
             "Take simulator=mujoco."
         )
     for index in range(model.nu):
@@ -179,7 +183,7 @@ def _check(model: mujoco.MjModel) -> None:
         if model.actuator_trntype[index] != mujoco.mjtTrn.mjTRN_JOINT or not position:
             raise SimulatorError(
                 f"The actuator '{model.actuator(index).name}' does not drive a joint to a position, which is "
-                "all that simulator=sapien does. Take simulator=mujoco."
+                f"all that simulator={simulator} does. Take simulator=mujoco."
             )
 
 

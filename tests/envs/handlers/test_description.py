@@ -1,12 +1,12 @@
-"""A compiled model as rigid links; nothing here needs SAPIEN."""
+"""A compiled model as rigid links; nothing here needs another simulator."""
 
 import mujoco
 import numpy as np
 import pytest
 
 from envs.errors import SimulatorError
+from envs.handlers.description import compose, describe, inverse
 from envs.handlers.mujoco.model import build_model
-from envs.handlers.sapien.description import compose, describe, inverse
 from envs.rotations import from_euler, to_matrix
 from envs.tasks.close_box import CloseBox
 from envs.tasks.pick_cube import PickCube
@@ -53,7 +53,7 @@ def model():
 
 @pytest.fixture(scope="module")
 def scene(model):
-    return describe(model)
+    return describe(model, "sapien")
 
 
 def tree(scene, name):
@@ -127,7 +127,7 @@ def test_a_joint_against_the_world_gets_a_root_that_never_moves(scene):
 def test_forward_kinematics_agrees_with_mujoco(make):
     """Links placed by their joints alone are where MuJoCo has them, in random postures."""
     model = make()
-    scene, data, rng = describe(model), mujoco.MjData(model), np.random.default_rng(0)
+    scene, data, rng = describe(model, "sapien"), mujoco.MjData(model), np.random.default_rng(0)
     for _ in range(5):
         data.qpos[:] = model.qpos0
         for joint in range(model.njnt):
@@ -157,13 +157,13 @@ def test_an_equality_is_refused_by_name():
     xml = """<mujoco><worldbody><body name="a"><freejoint/><geom size=".1"/></body>
       <body name="b"><freejoint/><geom size=".1"/></body></worldbody>
       <equality><weld body1="a" body2="b"/></equality></mujoco>"""
-    with pytest.raises(SimulatorError, match=r"An equality constraint \('a' and 'b'\) is not simulated"):
-        describe(mujoco.MjModel.from_xml_string(xml))
+    with pytest.raises(SimulatorError, match=r"simulator=newton has no equality constraint .* 'a' and 'b'"):
+        describe(mujoco.MjModel.from_xml_string(xml), "newton")
 
 
 def test_the_robots_mass_is_all_there():
     model = build_model(PickCube().scenario)
-    spec = next(spec for spec in describe(model).trees if len(spec.links) > 1)
+    spec = next(spec for spec in describe(model, "sapien").trees if len(spec.links) > 1)
     ours = sum(link.inertia.mass for link in spec.links if link.inertia is not None)
     root = model.body("franka/base").id
     assert ours == pytest.approx(model.body_subtreemass[root], rel=1e-9)
@@ -177,9 +177,9 @@ def test_the_robots_mass_is_all_there():
         (None, r"The actuator 'push' does not drive a joint to a position"),
     ],
 )
-def test_what_physx_has_not_is_refused_by_name(part, message):
+def test_what_only_mujoco_has_is_refused_by_name(part, message):
     slide = '<body><joint name="s" type="slide"/><geom size=".1"/></body>'
     motor = '<actuator><motor name="push" joint="s"/></actuator>'
     xml = f"<mujoco><worldbody>{part or slide}</worldbody>{'' if part else motor}</mujoco>"
     with pytest.raises(SimulatorError, match=message):
-        describe(mujoco.MjModel.from_xml_string(xml))
+        describe(mujoco.MjModel.from_xml_string(xml), "newton")

@@ -1,0 +1,49 @@
+"""What a scenario may say about Newton's solver: its block ``simulators["newton"]``."""
+
+from dataclasses import dataclass, fields
+
+from envs.errors import ConfigError, unknown_name
+from envs.handlers.mujoco.options import CONES, INTEGRATORS
+from envs.scenario import ScenarioCfg
+
+SIMULATOR = "newton"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class NewtonSettings:
+    """Options of Newton's ``SolverMuJoCo``: a scenario's block ``simulators["newton"]``.
+
+    Attributes:
+        integrator: ``euler``, ``implicit``, ``implicitfast`` or ``rk4``.
+        cone: ``elliptic`` or ``pyramidal`` friction cones.
+        impratio: Ratio of frictional to normal constraint impedance.
+        iterations: Largest number of the solver's iterations.
+        tolerance: Improvement of the cost at which it stops.
+    """
+
+    integrator: str = "implicitfast"
+    cone: str = "elliptic"
+    impratio: float = 10.0
+    iterations: int = 100
+    tolerance: float = 1e-8
+
+    def __post_init__(self) -> None:
+        for name, valid in (("integrator", INTEGRATORS), ("cone", CONES)):
+            if getattr(self, name) not in valid:
+                raise unknown_name(f"{name} of {SIMULATOR}", str(getattr(self, name)), valid)
+        if self.iterations < 1:
+            raise ConfigError(f"iterations of {SIMULATOR} must be at least 1, given {self.iterations}.")
+
+    @classmethod
+    def of(cls, scenario: ScenarioCfg) -> "NewtonSettings":
+        """Reads a scenario's block.
+
+        Raises:
+            UnknownNameError: if it has a setting that there is not.
+        """
+        block = scenario.simulators.get(SIMULATOR, {})
+        known = [field.name for field in fields(cls)]
+        for name in block:
+            if name not in known:
+                raise unknown_name(f"setting of {SIMULATOR}", name, known)
+        return cls(**block)

@@ -1,0 +1,112 @@
+"""The Newton handler beyond the contract: agreement with MuJoCo, settings, tasks, launches."""
+
+import dataclasses
+import gc
+import resource
+
+import numpy as np
+import pytest
+import torch
+
+pytest.importorskip("newton", reason="Newton is not installed: pip install 'roboverse-learn[newton]'")
+
+from envs.errors import ConfigError, UnknownNameError
+from envs.experts.check import check_expert
+from envs.handlers import HANDLERS
+from envs.handlers.newton.settings import NewtonSettings
+from envs.scenario import GeomCfg, ObjectCfg, ScenarioCfg
+from envs.tasks.close_box import CloseBox
+from envs.tasks.pick_cube import PickCube
+
+
+def launched(scenario, num_envs=1, simulator="newton", **options):
+    handler = HANDLERS.get(simulator)(scenario, num_envs, renderer="warp", **options)
+    handler.launch()
+    return handler
+
+
+def start(task, num_envs=1):
+    return task.initial_state([np.random.default_rng(i) for i in range(num_envs)])
+
+
+def test_the_arm_moves_as_in_mujoco():
+    """The same model, told another way: 1e-4 rad all along a half-second reach."""
+    task = PickCube()
+    ways = []
+    for simulator in ("mujoco", "newton"):
+        with launched(task.scenario, simulator=simulator) as handler:
+            states = start(task)
+            handler.set_states(states)
+            target = states.robots["franka"].joint_pos.clone()
+            target += torch.tensor([0.3, -0.2, 0.15, 0.1, -0.15, 0.1, 0.2, -0.02, -0.02])
+            handler.set_joint_targets({"franka": target})
+            way = []
+            for _ in range(10):
+                handler.step(25)
+                way.append(handler.get_states().robots["franka"].joint_pos.double())
+            ways.append(torch.stack(way))
+    assert (ways[0] - ways[1]).abs().max() < 1e-4
+
+
+def test_the_lid_of_the_box_is_held_by_friction_where_it_was_put():
+    task = CloseBox()
+    with launched(task.scenario) as handler:
+        states = start(task)
+        handler.set_states(states)
+        before = handler.get_states().objects
+        name = next(name for name, entity in before.items() if entity.joint_pos.shape[1])
+        handler.step(100)
+        after = handler.get_states().objects[name]
+        assert torch.equal(after.pos, before[name].pos)
+        torch.testing.assert_close(after.joint_pos, before[name].joint_pos, atol=2e-2, rtol=0.0)
+
+
+@pytest.mark.parametrize("task", ["PickCube", "CloseBox"])
+def test_the_expert_succeeds_in_newtons_physics(task):
+    report = check_expert(task, "train", 2, num_envs=2, num_threads=1, simulator="newton")
+    assert report.success_rate == 1.0
+
+
+def test_settings_are_read_and_unknown_ones_refused():
+    scenario = PickCube().scenario
+    block = dataclasses.replace(scenario, simulators={"newton": {"iterations": 20}})
+    assert NewtonSettings.of(block).iterations == 20
+    wrong = dataclasses.replace(scenario, simulators={"newton": {"iteration": 20}})
+    with pytest.raises(UnknownNameError, match=r"Unknown setting of newton 'iteration'.*Did you mean"):
+        HANDLERS.get("newton")(wrong, 1)
+    with pytest.raises(ConfigError, match="iterations of newton must be at least 1, given 0"):
+        NewtonSettings(iterations=0)
+    with pytest.raises(UnknownNameError, match=r"Unknown cone of newton 'round'.*Valid: "):
+        NewtonSettings(cone="round")
+
+
+def small_scene():
+    ball = ObjectCfg(
+        name="ball", geoms=(GeomCfg(shape="sphere", size=(0.05,), mass_kg=0.1),), pos=(0, 0, 0.2)
+    )
+    return ScenarioCfg(objects=(ball,), room=None)
+
+
+def launch_and_drop(times):
+    for _ in range(times):
+        with launched(small_scene()) as handler:
+            handler.step(5)
+
+
+def test_a_few_launches_leave_nothing_behind():
+    launch_and_drop(10)
+    assert grown_by(lambda: launch_and_drop(30)) < 16
+
+
+@pytest.mark.long
+def test_a_thousand_launches_leave_nothing_behind():
+    launch_and_drop(20)
+    assert grown_by(lambda: launch_and_drop(1000)) < 32
+
+
+def grown_by(run):
+    """Returns the growth of this process's peak memory, MiB."""
+    gc.collect()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    run()
+    return (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
