@@ -68,3 +68,9 @@ RENDERERS.add(
     extra="pybullet",
     summary="PyBullet's software rasterizer: one light, no reflections; needs no driver",
 )
+RENDERERS.add(
+    "newton",
+    "envs.handlers.newton.render:NewtonRenderer",
+    extra="newton",
+    summary="Newton's ray tracer on CPU: every light and its shadows, no reflections; needs no driver",
+)

@@ -18,7 +18,7 @@ from envs.tasks.tabletop import TABLETOP_LOOKS
 
 ALL = ("top", "slant", "high")
 MODALITIES = ("rgb", "depth", "segmentation")
-EXACT = ("warp", "gl", "pybullet")
+EXACT = ("warp", "gl", "pybullet", "newton")
 """Renderers whose pictures depend on the job alone, to the bit."""
 
 DITHER = 0.8

@@ -1,4 +1,4 @@
-"""Newton on CPU: every environment is a Newton model of its own; pictures are a renderer's."""
+"""Newton on CPU: every environment is a Newton model of its own; pictures are its ray tracer's."""
 
 import warnings
 from typing import override
@@ -22,14 +22,14 @@ class NewtonHandler(MirroredHandler):
     armature, dry friction, impedances, and which shapes touch. Equality constraints are refused by name.
     """
 
-    own_renderers = ("warp", "gl", "filament", "sapien")
+    own_renderers = (SIMULATOR, "warp", "gl", "filament")
 
     def __init__(
         self,
         scenario: ScenarioCfg,
         num_envs: int,
         *,
-        renderer: str = "warp",
+        renderer: str = SIMULATOR,
         num_threads: int = 0,
         textures: TextureSource | None = None,
     ) -> None:

@@ -19,6 +19,12 @@ def transform(frame: Frame) -> Any:
     return wp.transform(wp.vec3(px, py, pz), wp.quat(x, y, z, w))
 
 
+def view(array: "wp.array | None") -> np.ndarray:
+    """Returns an array of Newton's on the CPU as one that writes into it; nothing is copied."""
+    assert array is not None, "a finalized model has it"
+    return array.numpy()
+
+
 class ShapeFactory:
     """Adds the geoms of one model to a builder, with their friction, impedance and what they touch."""
 

@@ -9,6 +9,7 @@ import numpy as np
 from envs.handlers.mirrored import World
 from envs.handlers.newton.scene import FreeRoot, Scene
 from envs.handlers.newton.settings import NewtonSettings
+from envs.handlers.newton.shapes import view
 from envs.rotations import conjugate, rotate
 
 _XYZW = [1, 2, 3, 0]
@@ -41,12 +42,12 @@ class NewtonWorld(World):
         )
         self._now, self._next = self._newton.state(), self._newton.state()
         self._control = self._newton.control()
-        self._targets = self._control.joint_target_q.numpy()
+        self._targets = view(self._control.joint_target_q)
 
     @override
     def put(self, qpos: np.ndarray, qvel: np.ndarray, ctrl: np.ndarray) -> None:
         scene = self._scene
-        q, qd = self._now.joint_q.numpy(), self._now.joint_qd.numpy()  # views: on a CPU nothing is copied
+        q, qd = view(self._now.joint_q), view(self._now.joint_qd)
         q[scene.q], qd[scene.qd] = qpos[scene.qpos], qvel[scene.dof]
         for root in scene.roots:
             if root.qpos >= 0:
@@ -60,7 +61,7 @@ class NewtonWorld(World):
 
     @override
     def place(self, mocap_pos: np.ndarray, mocap_quat: np.ndarray) -> None:
-        q, qd = self._now.joint_q.numpy(), self._now.joint_qd.numpy()
+        q, qd = view(self._now.joint_q), view(self._now.joint_qd)
         for root in self._scene.roots:
             if root.mocap >= 0:
                 q[root.q : root.q + 7] = _pose(
@@ -81,7 +82,7 @@ class NewtonWorld(World):
     @override
     def read(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
         scene = self._scene
-        q, qd = self._now.joint_q.numpy(), self._now.joint_qd.numpy()
+        q, qd = view(self._now.joint_q), view(self._now.joint_qd)
         qpos[scene.qpos], qvel[scene.dof] = q[scene.q], qd[scene.qd]
         for root in scene.roots:
             if root.qpos >= 0:
