@@ -114,6 +114,29 @@ class ShapeFactory:
         return self._meshes[mesh]
 
 
+def check_pairs(model: mujoco.MjModel, theirs: mujoco.MjModel) -> None:
+    """Compares who touches whom to the model that Newton's solver has made of its own.
+
+    Newton fits pairs into bits, which it gives up without a word when a scene has too many shapes.
+
+    Args:
+        model: The compiled scene.
+        theirs: The solver's.
+
+    Raises:
+        SimulatorError: if a pair is not the same.
+    """
+    places = np.arange(theirs.ngeom)
+    geoms = np.array([int(theirs.geom(i).name[4:].split("_")[0]) for i in places.tolist()], np.intp)
+    wrong = np.argwhere(touching(model, geoms) != touching(theirs, places))
+    if len(wrong):
+        one, other = (model.geom(int(geoms[index])).name for index in wrong[0])
+        raise SimulatorError(
+            f"Newton does not tell apart which of this scene's {len(geoms)} shapes touch, as '{one}' and "
+            f"'{other}'. Take simulator=mujoco."
+        )
+
+
 def touching(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
     """Returns which geoms touch which, (G, G) bool, by MuJoCo's rules for bits, parents, pairs, exclusions.
 

@@ -9,7 +9,7 @@ import numpy as np
 from envs.handlers.mirrored import World
 from envs.handlers.newton.scene import FreeRoot, Scene
 from envs.handlers.newton.settings import NewtonSettings
-from envs.handlers.newton.shapes import view
+from envs.handlers.newton.shapes import check_pairs, view
 from envs.rotations import conjugate, rotate
 
 _XYZW = [1, 2, 3, 0]
@@ -23,6 +23,9 @@ class NewtonWorld(World):
         model: The compiled MuJoCo model that the scene was built from.
         scene: The builder and the addresses.
         settings: Options of the solver.
+
+    Raises:
+        SimulatorError: if the solver's model has other pairs of shapes that touch.
     """
 
     def __init__(self, model: mujoco.MjModel, scene: Scene, settings: NewtonSettings) -> None:
@@ -40,6 +43,7 @@ class NewtonWorld(World):
             iterations=settings.iterations,
             tolerance=settings.tolerance,
         )
+        check_pairs(model, self._solver.mj_model)
         self._now, self._next = self._newton.state(), self._newton.state()
         self._control = self._newton.control()
         self._targets = view(self._control.joint_target_q)

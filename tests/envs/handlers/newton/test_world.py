@@ -8,6 +8,7 @@ pytest.importorskip("newton", reason="Newton is not installed: pip install 'robo
 
 from envs.errors import SimulatorError
 from envs.handlers.description import describe
+from envs.handlers.newton import shapes
 from envs.handlers.newton.scene import build
 from envs.handlers.newton.settings import NewtonSettings
 from envs.handlers.newton.shapes import touching
@@ -210,6 +211,26 @@ def test_who_touches_whom_is_what_mujoco_says():
         frozenset((names[i], names[j])) for i, j in np.argwhere(table) if i < j and (i or names[j] != "foot")
     }
     assert told == found
+
+
+def crowd(count):
+    """Pebbles that all touch but for each with its neighbour."""
+    bodies = "".join(
+        f'<body name="p{i}" pos="{i} 0 0"><freejoint/><geom name="g{i}" size=".1"/></body>'
+        for i in range(count)
+    )
+    rest = "".join(f'<exclude body1="p{i}" body2="p{i + 1}"/>' for i in range(0, count - 1, 2))
+    return Bench(bodies, f"<contact>{rest}</contact>")
+
+
+def test_pairs_that_newton_cannot_tell_apart_are_refused(monkeypatch):
+    crowd(6)
+    original = shapes.touching
+    monkeypatch.setattr(
+        shapes, "touching", lambda model, geoms: original(model, geoms) & bool(model.geom(0).name == "g0")
+    )
+    with pytest.raises(SimulatorError, match=r"which of this scene's 6 shapes touch, as 'g0' and 'g2'"):
+        crowd(6)
 
 
 def test_a_shape_that_newton_does_not_get_is_refused_by_name():
