@@ -18,6 +18,7 @@ HANDLERS.add(
     "mujoco_warp",
     "envs.handlers.mujoco_warp.handler:MujocoWarpHandler",
     summary="MuJoCo Warp: all environments on one GPU (also on CPU, slowly)",
+    info={"cannot": "states are float32; a CPU steps it slowly"},
 )
 
 HANDLERS.add(
@@ -25,12 +26,17 @@ HANDLERS.add(
     "envs.handlers.sapien.handler:SapienHandler",
     extra="sapien",
     summary="SAPIEN 3: PhysX on CPU, environments stepped by threads; its own Vulkan renderer",
+    info={
+        "cannot": "no welds, coupled or ball joints, nor torques; friction of two things is the mean of "
+        "theirs; float32"
+    },
 )
 HANDLERS.add(
     "newton",
     "envs.handlers.newton.handler:NewtonHandler",
     extra="newton",
     summary="Newton 1.8: its MuJoCo solver on CPU, one model for each environment",
+    info={"cannot": "no welds, coupled or ball joints, nor torques; up to about 250 shapes; float32"},
 )
 
 HANDLERS.add(
@@ -38,6 +44,10 @@ HANDLERS.add(
     "envs.handlers.pybullet.handler:PybulletHandler",
     extra="pybullet",
     summary="Bullet by PyBullet on CPU, one client per environment; its own software rasterizer",
+    info={
+        "cannot": "no ball joints nor torques; welds and coupled joints have no effect; friction of two "
+        "things is the product of theirs; hulls are 1 mm thicker; float32"
+    },
 )
 
 RENDERERS: "Registry[type[Renderer]]" = Registry("renderer")
@@ -45,32 +55,38 @@ RENDERERS.add(
     "warp",
     "envs.handlers.mujoco.render_warp:WarpRenderer",
     summary="batch ray tracer of mujoco_warp, needs no system package (default)",
+    info={"cannot": "metallic, lamp_shape"},
 )
 RENDERERS.add(
     "gl",
     "envs.handlers.mujoco.render_gl:GlRenderer",
     summary="MuJoCo's OpenGL rasterizer; needs libegl1 and libgl1, or libosmesa6",
+    info={"cannot": "metallic, lamp_shape"},
 )
 RENDERERS.add(
     "filament",
     "envs.handlers.mujoco.render_filament:FilamentRenderer",
     summary="physically based rendering by Filament; needs a Vulkan driver",
+    info={"cannot": "lamp_shape"},
 )
 RENDERERS.add(
     "sapien",
     "envs.handlers.sapien.render:SapienRenderer",
     extra="sapien",
     summary="SAPIEN's physically based rasterizer; needs a Vulkan driver (Mesa 25 where there is no GPU)",
+    info={"cannot": "lamp_shape"},
 )
 RENDERERS.add(
     "pybullet",
     "envs.handlers.pybullet.render:TinyRenderer",
     extra="pybullet",
     summary="PyBullet's software rasterizer: one light, no reflections; needs no driver",
+    info={"cannot": "roughness, specular, metallic, object_reflection, lamp_shape, lamp_direction"},
 )
 RENDERERS.add(
     "newton",
     "envs.handlers.newton.render:NewtonRenderer",
     extra="newton",
     summary="Newton's ray tracer on CPU: every light and its shadows, no reflections; needs no driver",
+    info={"cannot": "roughness, specular, metallic, object_reflection, lamp_shape, lamp_direction"},
 )
