@@ -5,6 +5,7 @@ the first distant light of a draw is that light; every other one brightens all s
 the shadow keeps 40 % of its colour, whatever the light, so shadows are paler than other renderers'.
 """
 
+import functools
 import shutil
 import tempfile
 from collections.abc import Sequence
@@ -142,10 +143,10 @@ class TinyRenderer(Renderer):
     def _shape(self, triangles: Triangles, uvs: np.ndarray, rgba: tuple[float, ...]) -> int:
         return pybullet.createVisualShape(
             pybullet.GEOM_MESH,
-            vertices=triangles.vertices.tolist(),
-            indices=triangles.faces.ravel().tolist(),
-            normals=triangles.normals.tolist(),
-            uvs=uvs.tolist(),
+            vertices=_lists(triangles.vertices),
+            indices=_lists(triangles.faces.ravel()),
+            normals=_lists(triangles.normals),
+            uvs=_lists(uvs),
             rgbaColor=list(rgba),
             specularColor=[0.0, 0.0, 0.0],
             physicsClientId=self._client,
@@ -227,6 +228,16 @@ class TinyRenderer(Renderer):
             pybullet.disconnect(self._client)
             shutil.rmtree(self._folder, ignore_errors=True)
         self._client = -1
+
+
+def _lists(array: np.ndarray) -> list:
+    return _same_lists(array.shape, array.dtype.str, array.tobytes())
+
+
+@functools.lru_cache(maxsize=512)
+def _same_lists(shape: tuple[int, ...], kind: str, content: bytes) -> list:
+    """Returns an array as lists, the same ones every time: Bullet never lets go of a list it was given."""
+    return np.frombuffer(content, kind).reshape(shape).tolist()
 
 
 def _one_light(lights: Sequence[LightCfg]) -> dict:
