@@ -5,7 +5,6 @@ the first distant light of a draw is that light; every other one brightens all s
 the shadow keeps 40 % of its colour, whatever the light, so shadows are paler than other renderers'.
 """
 
-import functools
 import shutil
 import tempfile
 from collections.abc import Sequence
@@ -38,6 +37,9 @@ FINE, SMALL_PIXELS = 3, 128 * 128
 """A small picture is drawn three times as fine: TinyRenderer leaves triangles out that are smaller than a
 hundredth of a pixel."""
 
+SHAPES_KEPT = 512
+"""Bullet keeps the files of at most so many shapes."""
+
 BACKGROUND = (153, 166, 178)
 
 _RGB = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
@@ -57,6 +59,7 @@ class TinyRenderer(Renderer):
             raise SimulatorError("PyBullet has no further physics client: it holds 1,024.")
         self._folder = Path(tempfile.mkdtemp(prefix="roboverse-pybullet-"))
         self._loaded: dict[str, int] = {}
+        self._count = 0
         self._bodies: dict[int, int] = {}
         self._looks: dict[int, tuple] = {}
         self._segments = np.full(1, -1, np.int32)
@@ -141,16 +144,26 @@ class TinyRenderer(Renderer):
         self._bodies[geom] = unique
 
     def _shape(self, triangles: Triangles, uvs: np.ndarray, rgba: tuple[float, ...]) -> int:
-        return pybullet.createVisualShape(
-            pybullet.GEOM_MESH,
-            vertices=_lists(triangles.vertices),
-            indices=_lists(triangles.faces.ravel()),
-            normals=_lists(triangles.normals),
-            uvs=_lists(uvs),
-            rgbaColor=list(rgba),
-            specularColor=[0.0, 0.0, 0.0],
-            physicsClientId=self._client,
-        )
+        """Loads a shape from a file: vertices that are handed over PyBullet never frees."""
+        self._count += 1  # a name of its own, so that no other file is taken for it
+        path = self._folder / f"{self._count}.obj"
+        path.write_text(_obj(triangles, uvs), encoding="ascii")
+        try:
+            return pybullet.createVisualShape(
+                pybullet.GEOM_MESH,
+                fileName=str(path),
+                rgbaColor=list(rgba),
+                specularColor=[0.0, 0.0, 0.0],
+                physicsClientId=self._client,
+            )
+        finally:
+            path.unlink()
+            if self._count % SHAPES_KEPT == 0:
+                self._forget_files()
+
+    def _forget_files(self) -> None:
+        """Frees what Bullet keeps of files that it loaded; worlds let it keep files again when they load."""
+        pybullet.setPhysicsEngineParameter(enableFileCaching=0, physicsClientId=self._client)
 
     def _own_texture(self, geom: int) -> int | None:
         """The picture of an object's mesh."""
@@ -225,19 +238,10 @@ class TinyRenderer(Renderer):
     @override
     def close(self) -> None:
         if self._client >= 0:
+            self._forget_files()
             pybullet.disconnect(self._client)
             shutil.rmtree(self._folder, ignore_errors=True)
         self._client = -1
-
-
-def _lists(array: np.ndarray) -> list:
-    return _same_lists(array.shape, array.dtype.str, array.tobytes())
-
-
-@functools.lru_cache(maxsize=512)
-def _same_lists(shape: tuple[int, ...], kind: str, content: bytes) -> list:
-    """Returns an array as lists, the same ones every time: Bullet never lets go of a list it was given."""
-    return np.frombuffer(content, kind).reshape(shape).tolist()
 
 
 def _one_light(lights: Sequence[LightCfg]) -> dict:
@@ -261,3 +265,12 @@ def _one_light(lights: Sequence[LightCfg]) -> dict:
         "lightSpecularCoeff": 0.0,
         "shadow": int(lights[main].cast_shadow),
     }
+
+
+def _obj(triangles: Triangles, uvs: np.ndarray) -> str:
+    """Returns a Wavefront OBJ, with as many digits as a float has."""
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in triangles.vertices.tolist()]
+    lines += [f"vt {u:.9g} {v:.9g}" for u, v in uvs.tolist()]
+    lines += [f"vn {x:.9g} {y:.9g} {z:.9g}" for x, y, z in triangles.normals.tolist()]
+    lines += [f"f {a}/{a}/{a} {b}/{b}/{b} {c}/{c}/{c}" for a, b, c in (triangles.faces + 1).tolist()]
+    return "\n".join(lines) + "\n"
