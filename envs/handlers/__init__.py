@@ -45,8 +45,8 @@ HANDLERS.add(
     extra="pybullet",
     summary="Bullet by PyBullet on CPU, one client per environment; its own software rasterizer",
     info={
-        "cannot": "no ball joints nor torques; welds and coupled joints have no effect; friction of two "
-        "things is the product of theirs; hulls are 1 mm thicker; float32"
+        "cannot": "no welds, coupled or ball joints, nor torques; friction of two things is the product of "
+        "theirs; hulls are 1 mm thicker; float32"
     },
 )
 
