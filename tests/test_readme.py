@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmark.protocol import LEVELS
+from roboverse_learn import sweep
 from roboverse_learn.compose import compose
 from roboverse_learn.help import SUMMARIES
 
@@ -45,7 +46,7 @@ def test_a_command_takes_the_words_it_is_shown_with(text: str) -> None:
     assert command in SUMMARIES
     words = [word for word in words if "=" in word]
     if words:
-        compose(command, words)
+        sweep.plan(words) if command == "sweep" else compose(command, words)
 
 
 def test_every_command_is_in_the_readme() -> None:
