@@ -85,6 +85,15 @@ def another(key: str, value: Any) -> Any:
         "policy.schedule": "fixed",
         "policy.max_episode_steps": 50,
         "policy.prediction_type": "sample",
+        "policy.actor_dim": 256,
+        "policy.critic_dim": 512,
+        "policy.model_size": 19,
+        "policy.latent_dim": 256,
+        "policy.simnorm_dim": 16,
+        "policy.discount_max": 0.99,
+        "policy.compile": False,
+        "policy.cuda_graphs": False,
+        "policy.bf16": False,
     }
     if key in chosen:
         return chosen[key]
@@ -126,7 +135,7 @@ def test_every_key_can_be_set_and_survives_the_saved_configuration(
 @QUICK
 @given(
     key=st.from_regex(r"[a-z_]{1,12}(\.[a-z_]{1,12}){0,2}", fullmatch=True),
-    command=st.sampled_from(list(COMMANDS)),
+    command=st.sampled_from([name for name in COMMANDS if name != "sweep"]),  # which takes train's keys
 )
 def test_any_unknown_key_is_one_line_and_exit_code_2(key: str, command: str) -> None:
     import contextlib

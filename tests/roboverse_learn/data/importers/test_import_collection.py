@@ -51,7 +51,7 @@ def folder(tmp_path, played):
 
 
 def test_the_command_line_knows_every_format():
-    assert sorted(SOURCES) == sorted(["expert", *IMPORTERS])
+    assert sorted(SOURCES) == sorted(["expert", "policy", *IMPORTERS])
     for ask in (lambda: IMPORTERS.get("manskill"), lambda: compose("collect", ["source=manskill", "path=x"])):
         with pytest.raises(UnknownNameError, match=r"demonstrations 'manskill'\. Did you mean 'mani"):
             ask()
