@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from envs.errors import unknown_name
 from envs.scenario import Appearance, ScenarioCfg
 from envs.state import State
 
@@ -136,7 +137,6 @@ class Handler(ABC):
     def set_appearance(self, appearance: Appearance, env_id: int) -> None:
         """Says how the environment ``env_id`` looks from now on."""
 
-    @abstractmethod
     def render(
         self,
         cameras: Sequence[str] | None = None,
@@ -150,6 +150,25 @@ class Handler(ABC):
             along the optical axis, 0 where there is nothing; ``segmentation`` (n, H, W) int32, an index
             into :attr:`segmentation_names`, or -1.
         """
+        return self.render_jobs(self.snapshot(env_ids), cameras, modalities)
+
+    def checked_names(
+        self, cameras: Sequence[str] | None, modalities: Sequence[str]
+    ) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Returns which cameras (None: all of them) and modalities are to be drawn.
+
+        Raises:
+            UnknownNameError: if the scenario has no such camera, or there is no such modality.
+        """
+        valid = [camera.name for camera in self.scenario.cameras]
+        names = valid if cameras is None else list(cameras)
+        for name in names:
+            if name not in valid:
+                raise unknown_name("camera", name, valid)
+        for modality in modalities:
+            if modality not in MODALITIES:
+                raise unknown_name("modality", modality, MODALITIES)
+        return tuple(names), tuple(modalities)
 
     @abstractmethod
     def snapshot(self, env_ids: EnvIds = None) -> Sequence[Any]:

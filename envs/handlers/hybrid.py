@@ -14,7 +14,7 @@ from torch import Tensor
 
 from envs.errors import SimulatorError, unknown_name
 from envs.handlers import HANDLERS, RENDERERS
-from envs.handlers.base import MODALITIES, EnvIds, Handler, TextureSource
+from envs.handlers.base import EnvIds, Handler, TextureSource
 from envs.scenario import Appearance, ScenarioCfg
 from envs.state import State
 
@@ -210,29 +210,13 @@ class HybridHandler(Handler):
         return Moments(self.physics.get_states(env_ids), tuple(self._appearances[i] for i in ids))
 
     @override
-    def render(
-        self,
-        cameras: Sequence[str] | None = None,
-        modalities: Sequence[str] = ("rgb",),
-        env_ids: EnvIds = None,
-    ) -> dict[str, dict[str, np.ndarray]]:
-        return self.render_jobs(self.snapshot(env_ids), cameras, modalities)
-
-    @override
     def render_jobs(
         self,
         jobs: Sequence[Moments],
         cameras: Sequence[str] | None = None,
         modalities: Sequence[str] = ("rgb",),
     ) -> dict[str, dict[str, np.ndarray]]:
-        valid = [camera.name for camera in self.scenario.cameras]
-        names = valid if cameras is None else list(cameras)
-        for name in names:
-            if name not in valid:
-                raise unknown_name("camera", name, valid)
-        for modality in modalities:
-            if modality not in MODALITIES:
-                raise unknown_name("modality", modality, MODALITIES)
+        names, modalities = self.checked_names(cameras, modalities)
         count, at_once = len(jobs), self.drawing.num_envs
         if not count:
             jobs = self.snapshot([0])  # for the shapes of what is not there

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from envs.errors import ConfigError, SimulatorError, unknown_name
 from envs.handlers import RENDERERS
-from envs.handlers.base import MODALITIES, EnvIds, Handler, TextureSource
+from envs.handlers.base import EnvIds, Handler, TextureSource
 from envs.handlers.mujoco.layout import EntityLayout, as_slice, block, layout_of
 from envs.handlers.mujoco.model import build_model
 from envs.handlers.mujoco.objects import rest_joints
@@ -325,30 +325,13 @@ class MirroredHandler(Handler):
         ]
 
     @override
-    def render(
-        self,
-        cameras: Sequence[str] | None = None,
-        modalities: Sequence[str] = ("rgb",),
-        env_ids: EnvIds = None,
-    ) -> dict[str, dict[str, np.ndarray]]:
-        return self.render_jobs(self.snapshot(env_ids), cameras, modalities)
-
-    @override
     def render_jobs(
         self,
         jobs: Sequence[RenderJob],
         cameras: Sequence[str] | None = None,
         modalities: Sequence[str] = ("rgb",),
     ) -> dict[str, dict[str, np.ndarray]]:
-        valid = [camera.name for camera in self.scenario.cameras]
-        names = valid if cameras is None else list(cameras)
-        for name in names:
-            if name not in valid:
-                raise unknown_name("camera", name, valid)
-        for modality in modalities:
-            if modality not in MODALITIES:
-                raise unknown_name("modality", modality, MODALITIES)
-        return self.renderer.render(jobs, tuple(names), tuple(modalities))
+        return self.renderer.render(jobs, *self.checked_names(cameras, modalities))
 
     @property
     def renderer(self) -> Renderer:

@@ -21,7 +21,7 @@ from torch import Tensor
 
 from envs.errors import ConfigError, RoboVerseError, SimulatorError, unknown_name
 from envs.handlers import HANDLERS
-from envs.handlers.base import MODALITIES, EnvIds, Handler, TextureSource
+from envs.handlers.base import EnvIds, Handler, TextureSource
 from envs.handlers.workers import SharedState, Worker
 from envs.scenario import Appearance, ScenarioCfg
 from envs.state import State
@@ -184,7 +184,7 @@ class ProcessHandler(Handler):
         modalities: Sequence[str] = ("rgb",),
         env_ids: EnvIds = None,
     ) -> dict[str, dict[str, np.ndarray]]:
-        names = self._check_names(cameras, modalities)
+        names, modalities = self.checked_names(cameras, modalities)
         return _joined(self._ask("render", env_ids, names, tuple(modalities)))
 
     @override
@@ -194,7 +194,7 @@ class ProcessHandler(Handler):
         cameras: Sequence[str] | None = None,
         modalities: Sequence[str] = ("rgb",),
     ) -> dict[str, dict[str, np.ndarray]]:
-        names = self._check_names(cameras, modalities)
+        names, modalities = self.checked_names(cameras, modalities)
         cuts = [round(len(jobs) * index / self.num_processes) for index in range(self.num_processes + 1)]
         asked = []
         self._check_open()
@@ -203,16 +203,6 @@ class ProcessHandler(Handler):
                 worker.send("render_jobs", list(jobs[first:last]), names, tuple(modalities))
                 asked.append(worker)
         return _joined(_gather(asked))
-
-    def _check_names(self, cameras: Sequence[str] | None, modalities: Sequence[str]) -> list[str]:
-        valid = [camera.name for camera in self.scenario.cameras]
-        for name in cameras or ():
-            if name not in valid:
-                raise unknown_name("camera", name, valid)
-        for modality in modalities:
-            if modality not in MODALITIES:
-                raise unknown_name("modality", modality, MODALITIES)
-        return valid if cameras is None else list(cameras)
 
     def _fact(self, name: str) -> Any:
         if name not in self._known:

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from envs.errors import ConfigError, SimulatorError, unknown_name
 from envs.handlers import RENDERERS
-from envs.handlers.base import MODALITIES, EnvIds, Handler, HandlerOptions
+from envs.handlers.base import EnvIds, Handler, HandlerOptions
 from envs.handlers.mujoco.layout import EntityLayout, as_slice, block, layout_of
 from envs.handlers.mujoco.model import build_models
 from envs.handlers.mujoco.moments import Moment, ReadEntity, readers_of
@@ -211,15 +211,6 @@ class MujocoHandler(Handler):
             for row in rows
         ]
 
-    @override
-    def render(
-        self,
-        cameras: Sequence[str] | None = None,
-        modalities: Sequence[str] = ("rgb",),
-        env_ids: EnvIds = None,
-    ) -> dict[str, dict[str, np.ndarray]]:
-        return self.render_jobs(self.snapshot(env_ids), cameras, modalities)
-
     def render_jobs(
         self,
         jobs: Sequence[RenderJob],
@@ -227,15 +218,7 @@ class MujocoHandler(Handler):
         modalities: Sequence[str] = ("rgb",),
     ) -> dict[str, dict[str, np.ndarray]]:
         """Draws snapshots; see :meth:`render`."""
-        valid = [camera.name for camera in self.scenario.cameras]
-        names = valid if cameras is None else list(cameras)
-        for name in names:
-            if name not in valid:
-                raise unknown_name("camera", name, valid)
-        for modality in modalities:
-            if modality not in MODALITIES:
-                raise unknown_name("modality", modality, MODALITIES)
-        return self.renderer.render(jobs, tuple(names), tuple(modalities))
+        return self.renderer.render(jobs, *self.checked_names(cameras, modalities))
 
     @property
     def renderer(self) -> Renderer:

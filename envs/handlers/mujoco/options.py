@@ -1,11 +1,11 @@
 """What a scenario may say about MuJoCo's solver: its block ``simulators["mujoco"]``."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import mujoco
 
 from envs.errors import unknown_name
-from envs.scenario import ScenarioCfg
+from envs.handlers.settings import SimulatorSettings
 
 SIMULATOR = "mujoco"
 
@@ -26,7 +26,7 @@ JACOBIANS = {
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class MujocoSettings:
+class MujocoSettings(SimulatorSettings):
     """Options of the solver; see MuJoCo's documentation, "XML reference: option".
 
     Attributes:
@@ -39,6 +39,8 @@ class MujocoSettings:
         tolerance: Improvement of the cost at which it stops.
     """
 
+    simulator = SIMULATOR
+
     integrator: str = "implicitfast"
     cone: str = "elliptic"
     impratio: float = 10.0
@@ -50,20 +52,6 @@ class MujocoSettings:
         for name, valid in (("integrator", INTEGRATORS), ("cone", CONES), ("jacobian", JACOBIANS)):
             if getattr(self, name) not in valid:
                 raise unknown_name(f"{name} of {SIMULATOR}", str(getattr(self, name)), valid)
-
-    @classmethod
-    def of(cls, scenario: ScenarioCfg) -> "MujocoSettings":
-        """Reads a scenario's block.
-
-        Raises:
-            UnknownNameError: if it has a setting that there is not, or an unknown value of one.
-        """
-        block = scenario.simulators.get(SIMULATOR, {})
-        known = [field.name for field in fields(cls)]
-        for name in block:
-            if name not in known:
-                raise unknown_name(f"setting of {SIMULATOR}", name, known)
-        return cls(**block)
 
     def write(self, option: mujoco.MjOption) -> None:
         """Writes them into a model's options."""

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from envs.errors import ConfigError, SimulatorError, unknown_name
 from envs.handlers import RENDERERS
-from envs.handlers.base import MODALITIES, EnvIds, Handler, HandlerOptions
+from envs.handlers.base import EnvIds, Handler, HandlerOptions
 from envs.handlers.mujoco.layout import EntityLayout, as_slice, layout_of
 from envs.handlers.mujoco.model import build_model
 from envs.handlers.mujoco.objects import rest_joints
@@ -303,15 +303,6 @@ class MujocoWarpHandler(Handler):
             )
 
     @override
-    def render(
-        self,
-        cameras: Sequence[str] | None = None,
-        modalities: Sequence[str] = ("rgb",),
-        env_ids: EnvIds = None,
-    ) -> dict[str, dict[str, np.ndarray]]:
-        return self.render_jobs(self.snapshot(env_ids), cameras, modalities)
-
-    @override
     def render_jobs(
         self,
         jobs: Sequence[RenderJob],
@@ -319,7 +310,7 @@ class MujocoWarpHandler(Handler):
         modalities: Sequence[str] = ("rgb",),
     ) -> dict[str, dict[str, np.ndarray]]:
         if self.renderer_name != _TRACED:
-            names, kinds = self._checked(cameras, modalities)
+            names, kinds = self.checked_names(cameras, modalities)
             return self._cpu_renderer.render(list(jobs), names, kinds)
         pictures = self.render_tensors(jobs, cameras, modalities)
         return {
@@ -347,24 +338,11 @@ class MujocoWarpHandler(Handler):
         """
         if self.renderer_name != _TRACED:
             return super().render_tensors(jobs, cameras, modalities)
-        names, kinds = self._checked(cameras, modalities)
+        names, kinds = self.checked_names(cameras, modalities)
         shots = Snapshots.of(self.snapshot() if jobs is None else jobs, self.device)
         return self.tracer.draw(
             shots.qpos, shots.mocap_pos, shots.mocap_quat, shots.appearances, names, kinds, out
         )
-
-    def _checked(
-        self, cameras: Sequence[str] | None, modalities: Sequence[str]
-    ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        valid = [camera.name for camera in self.scenario.cameras]
-        names = valid if cameras is None else list(cameras)
-        for name in names:
-            if name not in valid:
-                raise unknown_name("camera", name, valid)
-        for modality in modalities:
-            if modality not in MODALITIES:
-                raise unknown_name("modality", modality, MODALITIES)
-        return tuple(names), tuple(modalities)
 
     @property
     def tracer(self) -> BatchTracer:

@@ -1,16 +1,16 @@
 """What a scenario may say about Newton's solver: its block ``simulators["newton"]``."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from envs.errors import ConfigError, unknown_name
 from envs.handlers.mujoco.options import CONES, INTEGRATORS
-from envs.scenario import ScenarioCfg
+from envs.handlers.settings import SimulatorSettings
 
 SIMULATOR = "newton"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class NewtonSettings:
+class NewtonSettings(SimulatorSettings):
     """Options of Newton's ``SolverMuJoCo``: a scenario's block ``simulators["newton"]``.
 
     Attributes:
@@ -20,6 +20,8 @@ class NewtonSettings:
         iterations: Largest number of the solver's iterations.
         tolerance: Improvement of the cost at which it stops.
     """
+
+    simulator = SIMULATOR
 
     integrator: str = "implicitfast"
     cone: str = "elliptic"
@@ -33,17 +35,3 @@ class NewtonSettings:
                 raise unknown_name(f"{name} of {SIMULATOR}", str(getattr(self, name)), valid)
         if self.iterations < 1:
             raise ConfigError(f"iterations of {SIMULATOR} must be at least 1, given {self.iterations}.")
-
-    @classmethod
-    def of(cls, scenario: ScenarioCfg) -> "NewtonSettings":
-        """Reads a scenario's block.
-
-        Raises:
-            UnknownNameError: if it has a setting that there is not.
-        """
-        block = scenario.simulators.get(SIMULATOR, {})
-        known = [field.name for field in fields(cls)]
-        for name in block:
-            if name not in known:
-                raise unknown_name(f"setting of {SIMULATOR}", name, known)
-        return cls(**block)

@@ -1,15 +1,15 @@
 """What a scenario may say about Bullet's solver: its block ``simulators["pybullet"]``."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
-from envs.errors import ConfigError, unknown_name
-from envs.scenario import ScenarioCfg
+from envs.errors import ConfigError
+from envs.handlers.settings import SimulatorSettings
 
 SIMULATOR = "pybullet"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class PybulletSettings:
+class PybulletSettings(SimulatorSettings):
     """Options of the solver; see the PyBullet Quickstart Guide, ``setPhysicsEngineParameter``.
 
     Attributes:
@@ -18,6 +18,8 @@ class PybulletSettings:
         contact_margin_m: Distance below which two things are looked at for contact.
     """
 
+    simulator = SIMULATOR
+
     iterations: int = 100
     erp: float = 0.2
     contact_margin_m: float = 0.02
@@ -25,17 +27,3 @@ class PybulletSettings:
     def __post_init__(self) -> None:
         if self.iterations < 1 or not 0 < self.erp <= 1 or self.contact_margin_m <= 0:
             raise ConfigError(f"{SIMULATOR} needs iterations ≥ 1, 0 < erp ≤ 1, contact_margin_m > 0: {self}.")
-
-    @classmethod
-    def of(cls, scenario: ScenarioCfg) -> "PybulletSettings":
-        """Reads a scenario's block.
-
-        Raises:
-            UnknownNameError: if it has a setting that there is not.
-        """
-        block = scenario.simulators.get(SIMULATOR, {})
-        known = [field.name for field in fields(cls)]
-        for name in block:
-            if name not in known:
-                raise unknown_name(f"setting of {SIMULATOR}", name, known)
-        return cls(**block)

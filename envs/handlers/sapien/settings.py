@@ -1,18 +1,18 @@
 """What a scenario may say about PhysX: its block ``simulators["sapien"]``."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from sapien import physx
 
-from envs.errors import ConfigError, unknown_name
-from envs.scenario import ScenarioCfg
+from envs.errors import ConfigError
+from envs.handlers.settings import SimulatorSettings
 
 SIMULATOR = "sapien"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class SapienSettings:
+class SapienSettings(SimulatorSettings):
     """Options of PhysX: a scenario's block ``simulators["sapien"]``.
 
     Attributes:
@@ -21,6 +21,8 @@ class SapienSettings:
         contact_offset_m: Distance at which contacts begin to be looked for.
         bounce_threshold: Speed, m/s, below which nothing bounces.
     """
+
+    simulator = SIMULATOR
 
     position_iterations: int = 15
     velocity_iterations: int = 1
@@ -31,20 +33,6 @@ class SapienSettings:
         for name in ("position_iterations", "velocity_iterations"):
             if not 0 < getattr(self, name) < 256:
                 raise ConfigError(f"{name} of {SIMULATOR} is 1 to 255, given {getattr(self, name)}.")
-
-    @classmethod
-    def of(cls, scenario: ScenarioCfg) -> "SapienSettings":
-        """Reads a scenario's block.
-
-        Raises:
-            UnknownNameError: if it has a setting that there is not.
-        """
-        block = scenario.simulators.get(SIMULATOR, {})
-        known = [field.name for field in fields(cls)]
-        for name in block:
-            if name not in known:
-                raise unknown_name(f"setting of {SIMULATOR}", name, known)
-        return cls(**block)
 
     def apply(self, gravity: np.ndarray) -> None:
         """Makes them PhysX's options for what is made from now on, in this process."""
