@@ -7,6 +7,7 @@ seed are one row.
 
 import json
 import re
+from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.resources import files
 from itertools import combinations
@@ -41,9 +42,9 @@ def build(results_dir: Path) -> dict[str, Any]:
         ResultError: The folder is absent, or a file in it is not a valid result in its place; every
             such file is named.
     """
-    groups: dict[str, list[Entry]] = {}
+    groups: dict[tuple[str, ...], list[Entry]] = {}
     for path, result in _load(results_dir):
-        groups.setdefault(canonical_json(_section_key(result)), []).append((path, result))
+        groups.setdefault(_section_order(_section_key(result)), []).append((path, result))
     return {
         "schema_version": SCHEMA_VERSION,
         "reference": json.loads(files("benchmark").joinpath("reference/paper.json").read_text()),
@@ -124,6 +125,12 @@ def _section_key(result: Result) -> dict[str, Any]:
         "simulator": result.simulator,
         "renderer": result.renderer,
     }
+
+
+def _section_order(key: Mapping[str, Any]) -> tuple[str, ...]:
+    """Returns what tells sections apart and orders them: all of a task stand together."""
+    first = ("protocol", "task", "task_kwargs", "simulator", "renderer")
+    return *(canonical_json(key[name]) for name in first), canonical_json(dict(key))
 
 
 def _section(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:

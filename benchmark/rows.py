@@ -25,6 +25,7 @@ _DISTINGUISHING = {
     "train_only": "trained on {} alone",
     "demonstrations": "{} demonstrations",
     "training_steps": "{} steps",
+    "training_time_s": "{:g} s of training",
     "cameras": "seen by {}",
     "image_size": "{} px",
     "episodes_per_cell": "{} episodes a cell",
@@ -42,16 +43,34 @@ def row_key(result: Result) -> dict[str, Any]:
         "cameras": " and ".join(result.cameras) or None,
         "image_size": result.image_size,
         "demonstrations": result.demonstrations,
-        "training_steps": result.checkpoint.step,
+        **_training_length(result),
         "protocol_hash": result.protocol.hash,
         "policy_config": result.config.get("policy"),
     }
 
 
+def _training_length(result: Result) -> dict[str, Any]:
+    """Returns how long the policy was trained: seeds that stop by the clock stop after different steps."""
+    train = _trained_with(result).get("train")
+    limit = train.get("time_limit_s") if isinstance(train, Mapping) else None
+    by_clock = (
+        isinstance(train, Mapping) and limit is not None and result.checkpoint.step != train.get("steps")
+    )
+    return {
+        "training_steps": None if by_clock else result.checkpoint.step,
+        "training_time_s": limit if by_clock else None,
+    }
+
+
+def _trained_with(result: Result) -> Mapping[str, Any]:
+    """Returns the configuration of the training, which a later evaluation keeps under ``run``."""
+    run = result.config.get("run")
+    return run if isinstance(run, Mapping) else result.config
+
+
 def transferred_from(result: Result) -> str | None:
     """Returns where the policy was trained, ``"mujoco, drawn by warp"``, if it was tested somewhere else."""
-    run = result.config.get("run")
-    trained = run if isinstance(run, Mapping) else result.config
+    trained = _trained_with(result)
     simulator, renderer = trained.get("simulator"), trained.get("renderer")
     if not simulator or not renderer or (simulator, renderer) == (result.simulator, result.renderer):
         return None

@@ -52,6 +52,34 @@ def test_seeds_are_one_row_and_other_methods_are_not(publish, tmp_path):
     assert found == {"act, 2000 steps": [0, 1, 2], "act, 9000 steps": [7], "diffusion": [0]}
 
 
+def test_seeds_that_the_clock_stopped_are_one_row(publish, tmp_path):
+    """They have different numbers of steps, and are the same method all the same."""
+    config = {"policy": {}, "train": {"steps": 20_000, "time_limit_s": 480.0}}
+    for seed, step in enumerate((1774, 1801)):
+        publish(seed=seed, checkpoint=Checkpoint(step=step), config=config)
+    publish(seed=2, run="all", checkpoint=Checkpoint(step=20_000), config=config)
+    publish(seed=3, run="tested", checkpoint=Checkpoint(step=1790), config={"policy": {}, "run": config})
+    found = {row["label"]: row["seeds"] for row in rows(tmp_path)}
+    assert found == {"act": [0, 1, 3], "act, 20000 steps": [2]}
+
+
+def test_sections_of_a_task_stand_together(publish, tmp_path):
+    for task, simulator, horizon in (
+        ("PickCube", "sapien", 200),
+        ("CloseBox", "sapien", 50),
+        ("PickCube", "mujoco", 100),
+        ("CloseBox", "mujoco", 300),
+    ):
+        publish(run=simulator, task=task, simulator=simulator, max_episode_steps=horizon)
+    sections = leaderboard.build(tmp_path)["sections"]
+    assert [(section["task"], section["simulator"]) for section in sections] == [
+        ("CloseBox", "mujoco"),
+        ("CloseBox", "sapien"),
+        ("PickCube", "mujoco"),
+        ("PickCube", "sapien"),
+    ]
+
+
 def test_the_same_seed_twice_is_no_new_sample(publish, tmp_path):
     publish(run="first")
     publish(run="again", created="2026-04-01T00:00:00Z")

@@ -12,6 +12,7 @@ from tests.policies.examples import FEATURES, IMAGE, SIZE, stats
 pytestmark = [
     pytest.mark.gpu,
     pytest.mark.filterwarnings("ignore::DeprecationWarning"),  # of the compiler itself
+    pytest.mark.filterwarnings("ignore:TensorFloat32 tensor cores:UserWarning"),  # fp32 is what is compared
     pytest.mark.skipif(not torch.cuda.is_available(), reason="needs an NVIDIA GPU"),
 ]
 BATCH, BATCHES = 32, 12
