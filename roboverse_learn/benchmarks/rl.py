@@ -106,8 +106,8 @@ def _learning(env: Any, config: PpoConfig) -> Callable[[], None]:
 
     policy = PpoPolicy(config, {learner.OBSERVATION: env.observation_size}, env.action_size, TASK, env.device)
     algorithm = learner.make_algorithm(policy, env, TrainConfig(lr=3e-4, grad_clip=1.0))
-    env.stagger()
     now = [env.reset(), torch.ones(env.num_envs, dtype=torch.bool, device=env.device)]
+    env.stagger()
 
     def step() -> None:
         action = algorithm.act(*now)

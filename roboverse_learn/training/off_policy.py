@@ -77,6 +77,7 @@ def run(
     reporter: Reporter | None = None,
     settings: Mapping[str, Any] | None = None,
     resume: bool = True,
+    stagger: bool = False,
 ) -> TrainResult:
     """Trains until ``config.steps`` environment steps or ``config.time_limit_s`` seconds are over.
 
@@ -89,6 +90,8 @@ def run(
         reporter: Hears of the progress.
         settings: Whatever must be the same for a run to be gone on with.
         resume: Go on from the last checkpoint of ``run_dir``, if there is one.
+        stagger: Let the first episodes end at different times, if the env can (``stagger``). Without it
+            every rollout that is shorter than an episode sees one part of the episodes alone.
 
     Raises:
         CheckpointError: if the checkpoint to go on from is damaged or of another configuration, or if a
@@ -102,6 +105,7 @@ def run(
         torch.set_float32_matmul_precision("high" if devices else precision)
         try:
             loop = _Loop(algorithm, env, config, Path(run_dir), seed, reporter or Reporter(), settings or {})
+            loop.stagger = stagger and hasattr(env, "stagger")
             return loop.run(resume)
         finally:
             torch.set_float32_matmul_precision(precision)
@@ -127,6 +131,7 @@ class _Loop:
         self.updates, self.first_update = 0, 0
         self.sums: dict[str, Tensor] = {}
         self.pending, self.logged_at = 0, -1
+        self.stagger = False
         self.episodes: Any = None
         self.means: dict[str, float] = {}
         self.observation, self.first = torch.empty(0), torch.empty(0)
@@ -180,8 +185,7 @@ class _Loop:
         """Starts anew, or where a checkpoint left off."""
         if directory is None:
             self._seed()
-            self.observation = self.env.reset()
-            self.first = torch.ones(self.env.num_envs, dtype=torch.bool, device=self.observation.device)
+            self._restart_env()
             return
         state = agent_checkpoint.load_agent(directory, self.settings)
         numbers = state.numbers
@@ -203,8 +207,14 @@ class _Loop:
             self.observation = self.env.load_state_dict(tensors)
             self.first = first.to(self.observation.device)
         else:
-            self.observation = self.env.reset()
-            self.first = torch.ones_like(first, device=self.observation.device)
+            self._restart_env()
+
+    def _restart_env(self) -> None:
+        """Begins new episodes everywhere; staggering comes after, for a reset undoes it."""
+        self.observation = self.env.reset()
+        self.first = torch.ones(self.env.num_envs, dtype=torch.bool, device=self.observation.device)
+        if self.stagger:
+            self.env.stagger()
 
     def _save(self) -> None:
         """Writes a checkpoint, and goes on from exactly what it holds."""

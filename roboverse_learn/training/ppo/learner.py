@@ -68,8 +68,6 @@ def train(
         torch.manual_seed(seed)
         policy = PpoPolicy(config, {OBSERVATION: env.observation_size}, env.action_size, task, env.device)
         algorithm = make_algorithm(policy, env, train_config)
-    if config.stagger and hasattr(env, "stagger"):
-        env.stagger()
     return off_policy.run(
         algorithm,
         env,
@@ -78,6 +76,7 @@ def train(
         seed=seed,
         reporter=reporter,
         settings={"task": task, "backend": config.backend, "num_steps": config.num_steps},
+        stagger=config.stagger,
     )
 
 

@@ -3,6 +3,7 @@
 import importlib.util
 
 import pytest
+import torch
 
 from envs.errors import ConfigError, MissingExtraError
 from envs.tasks.pick_cube import PickCube
@@ -11,6 +12,7 @@ from policies.ppo.config import PpoConfig
 from roboverse_learn.compose import compose
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.ppo import learner
+from tests.roboverse_learn.training.ppo.reach import Reach
 
 
 def test_a_backend_that_is_not_installed_names_its_extra(monkeypatch):
@@ -53,3 +55,27 @@ def test_the_command_line_reaches_ppo():
 def test_wrong_settings_are_named(changes, message):
     with pytest.raises(PolicyError, match=message):
         PpoConfig(**changes)
+
+
+class Staggered(Reach):
+    """Notes in which steps episodes end."""
+
+    def __init__(self, num_envs: int) -> None:
+        super().__init__(num_envs)
+        self.ends: list[int] = []
+
+    def stagger(self) -> None:
+        self.elapsed_steps = torch.arange(self.num_envs) % self.max_episode_steps
+
+    def step(self, actions):
+        step = super().step(actions)
+        self.ends.append(int(step.truncated.sum()))
+        return step
+
+
+@pytest.mark.parametrize("stagger", [True, False])
+def test_the_first_episodes_end_at_different_times_if_asked(tmp_path, stagger):
+    config = PpoConfig(backend="torchrl", num_envs=30, num_steps=4, num_minibatches=2, stagger=stagger)
+    env = Staggered(30)
+    learner.train(config, env, TrainConfig(steps=30 * 20, save_every=10**6), tmp_path, "PickCube")
+    assert any(env.ends) == stagger and max(env.ends) <= 1
