@@ -85,42 +85,56 @@ def command_help(command: str, policy: str = "act") -> str:
     return "\n\n".join(parts)
 
 
-def listing(datasets_dir: str | None = None) -> str:
+def listing(datasets_dir: str | None = None, kinds: Sequence[str] = ()) -> str:
     """Returns what has a name; with a folder of datasets, with all facts of the tasks.
 
     Args:
         datasets_dir: Where demonstrations are counted, or None for names and summaries alone.
+        kinds: Those of :data:`KINDS` that are wanted; empty is all.
     """
-    handlers = importlib.import_module("envs.handlers")
-    tasks = importlib.import_module("roboverse_learn.task_list")
-    kinds = {
-        "Simulators": handlers.HANDLERS,
-        "Renderers": handlers.RENDERERS,
-        "Robots": importlib.import_module("envs.robots").ROBOTS,
-    }
-    sections = {
-        kind: [(name, registry.entry(name).summary) for name in registry] for kind, registry in kinds.items()
-    }
-    sections["Policies"] = [(name, policies.summary(name)) for name in policies.names()]
-    sections["Presets"] = [(name, PRESETS.get(name, "")) for name in preset_names()]
-    shown = tasks.tasks_in_short() if datasets_dir is None else tasks.tasks_in_detail(Path(datasets_dir))
-    order = ("Policies", "Simulators", "Renderers", "Robots", "Presets")
-    return "\n".join([f"Tasks:\n{shown}", *(f"{kind}:\n{_rows(sections[kind])}" for kind in order)])
+    return "\n".join(f"{kind.capitalize()}:\n{_named(kind, datasets_dir)}" for kind in kinds or KINDS)
 
 
 def list_command(words: Sequence[str]) -> str:
-    """Returns the text of ``roboverse list [datasets_dir=<folder>]``.
+    """Returns the text of ``roboverse list [kind ...] [datasets_dir=<folder>]``.
 
     Raises:
-        UnknownNameError: if another key is given.
+        UnknownNameError: if another kind or key is given.
     """
-    folder = "datasets"
+    folder, kinds = "datasets", []
     for word in words:
-        key, _, value = word.partition("=")
-        if key != "datasets_dir":
+        key, is_setting, value = word.partition("=")
+        if is_setting and key != "datasets_dir":
             raise unknown_name("key of list", key, ("datasets_dir",))
-        folder = value or folder
-    return listing(folder)
+        if is_setting:
+            folder = value or folder
+        elif word in KINDS:
+            kinds.append(word)
+        else:
+            raise unknown_name("kind of thing to list", word, KINDS)
+    return listing(folder, kinds)
+
+
+KINDS = ("tasks", "policies", "simulators", "renderers", "robots", "presets")
+"""What ``roboverse list`` shows, in this order."""
+
+
+def _named(kind: str, datasets_dir: str | None) -> str:
+    """Returns the lines of one kind, without its heading."""
+    if kind == "tasks":
+        tasks = importlib.import_module("roboverse_learn.task_list")
+        return tasks.tasks_in_short() if datasets_dir is None else tasks.tasks_in_detail(Path(datasets_dir))
+    if kind == "policies":
+        return _rows([(name, policies.summary(name)) for name in policies.names()])
+    if kind == "presets":
+        return _rows([(name, PRESETS.get(name, "")) for name in preset_names()])
+    handlers = importlib.import_module("envs.handlers")
+    registries = {
+        "simulators": handlers.HANDLERS,
+        "renderers": handlers.RENDERERS,
+        "robots": importlib.import_module("envs.robots").ROBOTS,
+    }
+    return _rows([(name, registries[kind].entry(name).summary) for name in registries[kind]])
 
 
 PRESETS = {

@@ -63,7 +63,24 @@ def test_the_command_counts_in_the_folder_it_is_given(tmp_path, capsys):
     assert "  4321  " in said and "\nPolicies:\n" in said
 
 
-@pytest.mark.parametrize("word", ["dataset_dir=x", "verbose"])
-def test_another_key_of_list_is_a_mistake(word, capsys):
+def test_the_command_lists_the_kinds_it_is_given(tmp_path, capsys):
+    dataset(tmp_path, "PickCube", "level0", 4321)
+    assert cli.main(["list", "tasks", f"datasets_dir={tmp_path}"]) == 0
+    said = capsys.readouterr().out
+    assert "  4321  " in said and "Policies:" not in said
+    assert cli.main(["list", "robots", "policies"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("Robots:\n") and "\nPolicies:\n" in said and "Tasks:" not in said
+
+
+@pytest.mark.parametrize(
+    ("word", "message"),
+    [
+        ("dataset_dir=x", "Unknown key of list 'dataset_dir'. Did you mean 'datasets_dir'?"),
+        ("task", "Unknown kind of thing to list 'task'. Did you mean 'tasks'?"),
+        ("verbose", "Valid: policies, presets, renderers, robots, simulators, tasks."),
+    ],
+)
+def test_another_word_of_list_is_a_mistake(word, message, capsys):
     assert cli.main(["list", word]) == 2
-    assert f"Unknown key of list '{word.partition('=')[0]}'" in capsys.readouterr().err
+    assert message in capsys.readouterr().err
