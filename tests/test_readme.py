@@ -1,5 +1,6 @@
 """What the README shows works as it stands: its Python, its commands' words, its numbers of levels."""
 
+import json
 import re
 import shlex
 import tomllib
@@ -51,6 +52,34 @@ def test_a_command_takes_the_words_it_is_shown_with(text: str) -> None:
 
 def test_every_command_is_in_the_readme() -> None:
     assert {text.split()[1] for text in shown_commands()} >= set(SUMMARIES)
+
+
+def test_the_table_of_results_is_that_of_the_leaderboard() -> None:
+    board = json.loads((ROOT / "results/leaderboard.json").read_text())
+    reported = {
+        (row["policy"], row["task"]): 100 * row["success_rate"]["0"] for row in board["reference"]["rows"]
+    }
+    measured = {}
+    for section in board["sections"]:
+        for row in section["rows"]:
+            for cell in row["cells"]:
+                if cell["split"] == "test" and cell["episodes"] == 100:
+                    key = (
+                        section["task"],
+                        section["simulator"],
+                        row["policy"],
+                        row["train_level"],
+                        cell["level"],
+                    )
+                    measured[key] = f"{100 * cell['success_rate']:.0f}"
+    table = [[cell.strip() for cell in line.split("|")[1:-1]] for line in README.splitlines()]
+    rows = [cells for cells in table if len(cells) == 7 and ("act", cells[0]) in reported]
+    assert len(rows) == 6
+    columns = (("mujoco", "act", 0, 0), ("mujoco_warp", "act", 0, 0), ("mujoco_warp", "diffusion", 0, 0),
+               ("mujoco_warp", "act", 3, 3))  # fmt: skip
+    for task, *cells in rows:
+        assert cells[:4] == [measured.get((task, *column), "") for column in columns]
+        assert cells[4:] == [f"{reported[policy, task]:.1f}" for policy in ("act", "diffusion")]
 
 
 def test_every_level_has_a_row() -> None:
