@@ -11,8 +11,8 @@ unwritten the gradients that are slices of one tensor: the biases of an attentio
 (PyTorch issue 193061). They hold what lay in memory before. That is the likely cause of what was seen on an
 H100 with PyTorch 2.11: compiled ACT in bf16 had gradients of norm 6,568 where eager code in fp32 has 55, at
 the same loss, and learned more slowly or turned into NaN. With the fusion off, the losses of 20 steps on an
-H200 are within 0.6 % of eager ones (4.7 % before; ``roboverse benchmark training``). To be removed once the oldest PyTorch of
-``pyproject.toml`` has the repair (PyTorch pull request 193103).
+H200 are within 0.6 % of eager ones (4.7 % before; ``roboverse benchmark training``). To be removed once the
+oldest PyTorch of ``pyproject.toml`` has the repair (PyTorch pull request 193103).
 """
 
 
