@@ -2,8 +2,7 @@
 
 from typing import NamedTuple
 
-from torch import Tensor
-
+from envs.arrays import Array, filled
 from envs.state import State
 from envs.tasks.base import Task
 
@@ -17,23 +16,23 @@ class Outcome(NamedTuple):
         success: Whether the state is a success; see :func:`solved` for tasks that judge the return.
     """
 
-    reward: Tensor
-    terminated: Tensor
-    success: Tensor
+    reward: Array
+    terminated: Array
+    success: Array
 
 
 def outcome(task: Task, state: State) -> Outcome:
-    """Judges the states after a step."""
+    """Judges the states after a step, in arrays where the state is of arrays."""
     success, reward = task.success(state), task.reward(state)
     if task.ends_on_success:
-        reward = reward.masked_fill(success, 1.0)  # a third of the time of torch.where
-        if type(task).failure is Task.failure:  # nothing is ever lost: saves a tenth of judging one state
-            return Outcome(reward, success, success)
+        reward = filled(reward, success, 1.0)
+    if type(task).failure is Task.failure:  # nothing is ever lost: saves a tenth of judging one state
+        return Outcome(reward, success if task.ends_on_success else success & False, success)
     failed = task.failure(state) & ~success
     return Outcome(reward, success | failed if task.ends_on_success else failed, success)
 
 
-def solved(task: Task, success: Tensor, over: Tensor, returns: Tensor) -> Tensor:
+def solved(task: Task, success: Array, over: Array, returns: Array) -> Array:
     """Returns whether episodes are solved, (N,) bool.
 
     Args:

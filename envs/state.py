@@ -67,6 +67,12 @@ class EntityState:
             joint_vel=torch.zeros(joints.shape, dtype=torch.float64),
         )
 
+    def arrays(self) -> "EntityState":
+        """Returns the same numbers as numpy arrays; from tensors on the CPU, without a copy."""
+        values: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        arrays: dict[str, Any] = {k: None if v is None else v.numpy() for k, v in values.items()}
+        return EntityState(**arrays)
+
     def select(self, env_ids: Tensor) -> "EntityState":
         """Returns the rows ``env_ids`` as new tensors."""
         values: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
@@ -99,6 +105,13 @@ class State:
     def entities(self) -> dict[str, EntityState]:
         """Returns robots and objects by name."""
         return {**self.robots, **self.objects}
+
+    def arrays(self) -> "State":
+        """Returns the same state in numpy arrays, for what takes them too: see :mod:`envs.arrays`."""
+        return State(
+            {name: entity.arrays() for name, entity in self.robots.items()},
+            {name: entity.arrays() for name, entity in self.objects.items()},
+        )
 
     def to(self, device: torch.device | str, dtype: torch.dtype = torch.float64) -> "State":
         """Returns the state on another device, in another precision; itself where nothing changes."""

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from envs.arrays import concatenate
 from envs.errors import ConfigError
 from envs.scenario import ScenarioCfg
 from envs.state import State
@@ -33,6 +34,9 @@ class Task(ABC):
             over; None leaves that to :meth:`success`.
         has_expert: Whether :meth:`expert` knows a way; demonstrations come from elsewhere if not.
         has_reward: Whether :meth:`reward` tells better states from worse ones.
+        takes_arrays: Whether :meth:`success`, :meth:`failure`, :meth:`reward` and :meth:`observe` also take
+            a state of numpy arrays, and then return arrays (see :mod:`envs.arrays`), which is quicker for few
+            environments.
     """
 
     name: ClassVar[str]
@@ -42,6 +46,7 @@ class Task(ABC):
     success_return: ClassVar[float | None] = None
     has_expert: ClassVar[bool] = True
     has_reward: ClassVar[bool] = True
+    takes_arrays: ClassVar[bool] = False
 
     @property
     def description(self) -> str:
@@ -116,8 +121,10 @@ class Task(ABC):
         """
         robot = state.robots[self.scenario.robots[0].name]
         assert robot.joint_target is not None, "a simulator gives every robot's targets"
-        known = self.observe(state).to(robot.joint_pos)
-        return torch.cat((robot.joint_pos, robot.joint_vel, robot.joint_target, known), dim=-1)
+        known = self.observe(state)
+        if isinstance(known, Tensor):
+            known = known.to(robot.joint_pos)
+        return concatenate((robot.joint_pos, robot.joint_vel, robot.joint_target, known))
 
     @property
     def planner(self) -> "Planner":

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal, override
 
 import numpy as np
-import torch
 from torch import Tensor
 
+from envs.arrays import at_least, concatenate, norm, stack
 from envs.errors import unknown_name
 from envs.experts.waypoints import Waypoint, grasp_yaw, miss
 from envs.rotations import from_yaw, yaw_of
@@ -62,6 +62,7 @@ class PickCube(Task):
         "grasp the cube and bring it to the green marker",
     )
     max_episode_steps: ClassVar[int] = 100
+    takes_arrays: ClassVar[bool] = True
 
     variant: Literal["goal", "lift"] = "goal"
 
@@ -119,19 +120,18 @@ class PickCube(Task):
 
     @override
     def success(self, state: State) -> Tensor:
-        cube = state.objects["cube"].pos
         if self.variant == "lift":
-            return cube[:, 2] >= CUBE_HALF_SIZE_M + LIFT_HEIGHT_M
+            return state.objects["cube"].pos[:, 2] >= CUBE_HALF_SIZE_M + LIFT_HEIGHT_M
         still = arm_speed(state.robots[_ROBOT.name]) <= STATIC_SPEED_RAD_S
-        return (self._to_goal(state) <= GOAL_TOLERANCE_M) & still
+        return (self._left(state) <= GOAL_TOLERANCE_M) & still
 
     def reward(self, state: State) -> Tensor:
         """Returns ManiSkill's normalized dense reward: reach, grasp, place, be still."""
-        robot, cube = state.robots[_ROBOT.name], state.objects["cube"].pos
-        reach = distance(ee_pos(robot), cube)
-        left = self._to_goal(state) if self.variant == "goal" else (0.12 - cube[:, 2]).clamp(min=0.0)
-        speed = torch.linalg.vector_norm(robot.joint_vel[:, :7], dim=-1)
-        reached, near, still = nearness(torch.stack((reach, left, speed)))
+        left = self._left(state)
+        robot = state.robots[_ROBOT.name]
+        reach = distance(ee_pos(robot), state.objects["cube"].pos)
+        speed = norm(robot.joint_vel[:, :7])
+        reached, near, still = nearness(stack((reach, left, speed)))
         grasped = (reach < CUBE_HALF_SIZE_M) & grips_something(robot, 1.5 * CUBE_HALF_SIZE_M)
         placed = left <= GOAL_TOLERANCE_M
         return 0.2 * (reached + grasped * (1.0 + near) + placed * still)
@@ -144,7 +144,7 @@ class PickCube(Task):
         if self.variant == "goal":
             goal = state.objects["goal"].pos
             parts += [goal, goal - cube.pos]
-        return torch.cat(parts, dim=-1)
+        return concatenate(parts)
 
     @override
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
@@ -173,5 +173,9 @@ class PickCube(Task):
             Waypoint(pos=target, yaw=yaw, gripper=grip, duration_s=home, hold_s=1.0),
         ]
 
-    def _to_goal(self, state: State) -> Tensor:
-        return distance(state.objects["cube"].pos, state.objects["goal"].pos)
+    def _left(self, state: State) -> Tensor:
+        """Returns how far the cube still has to go, (N,), m."""
+        cube = state.objects["cube"].pos
+        if self.variant == "lift":
+            return at_least(0.12 - cube[:, 2], 0.0)
+        return distance(cube, state.objects["goal"].pos)

@@ -3,9 +3,9 @@
 import dataclasses
 
 import numpy as np
-import torch
 from torch import Tensor
 
+from envs.arrays import largest, norm, tanh
 from envs.robots.franka import FRANKA
 from envs.rotations import yaw_of
 from envs.scenario import Appearance, CameraCfg, LightCfg, PhysicsCfg, SurfaceMaterial
@@ -62,26 +62,26 @@ def hand_yaw(robot: EntityState) -> float:
 
 def arm_speed(robot: EntityState) -> Tensor:
     """Returns the largest speed of an arm joint of a Franka, (N,), rad/s."""
-    return robot.joint_vel[:, :7].abs().amax(-1)
+    return largest(abs(robot.joint_vel[:, :7]))
 
 
 def finger_gap(robot: EntityState) -> Tensor:
     """Returns the distance between a Franka's fingertips, (N,), m."""
-    return robot.joint_pos[:, 7:9].sum(-1)
+    return robot.joint_pos[:, 7] + robot.joint_pos[:, 8]
 
 
 def grips_something(robot: EntityState, min_gap_m: float) -> Tensor:
     """Returns whether closing fingers are kept apart, (N,): targets below a gap of at least ``min_gap_m``."""
     assert robot.joint_target is not None, "a simulator gives every robot's targets"
-    gap = finger_gap(robot)
-    return (robot.joint_target[:, 7:9].sum(-1) < gap - 0.005) & (gap > min_gap_m)
+    gap, target = finger_gap(robot), robot.joint_target
+    return (target[:, 7] + target[:, 8] < gap - 0.005) & (gap > min_gap_m)
 
 
 def distance(a: Tensor, b: Tensor) -> Tensor:
     """Returns the Euclidean distance of points (N, 3), (N,)."""
-    return torch.linalg.vector_norm(a - b, dim=-1)
+    return norm(a - b)
 
 
 def nearness(distance_m: Tensor, scale: float = 5.0) -> Tensor:
     """Returns ManiSkill's reward of being near, ``1 - tanh(scale * distance)``, in (0, 1]."""
-    return 1.0 - torch.tanh(scale * distance_m)
+    return 1.0 - tanh(scale * distance_m)

@@ -66,26 +66,26 @@ class MujocoHandler(Handler):
         self._qpos, self._qvel = self._batch.qpos, self._batch.qvel
         self._ctrl, self._mocap_pos = self._batch.ctrl, self._batch.mocap_pos
         self._mocap_quat, self._warmstart = self._batch.mocap_quat, self._batch.qacc_warmstart
-        self._arrays = {name: self._batch.bind(name) for name in Moment.__slots__}
+        self._arrays = [self._batch.bind(name) for name in Moment.__slots__]
         self._robots, self._objects = (
             {entity.name: readers_of(entity, len(entity.qpos)) for entity in entities}
             for entities in (self._layout.robots, self._layout.objects)
         )
-        self._readers = [
-            (entity, as_slice(entity.qpos), as_slice(entity.qvel), as_slice(entity.ctrl))
-            for entity in (*self._layout.robots, *self._layout.objects)
-        ]
         for robot, cfg in zip(self._layout.robots, self.scenario.robots, strict=True):
             self._qpos[:, robot.qpos] = cfg.default_qpos
             self._ctrl[:, robot.ctrl] = [cfg.joints[index].rest_target for index in cfg.driven]
         for layout, item in zip(self._layout.objects, self.scenario.objects, strict=True):
             self._qpos[:, layout.qpos] = rest_joints(item)
-        self._low, self._high = self.model.actuator_ctrlrange.T.copy()
+        low, high = self.model.actuator_ctrlrange.T.copy()
+        self._drives = {  # robot to the columns of its targets, and their limits
+            robot.name: (columns := as_slice(robot.ctrl), low[columns], high[columns])
+            for robot in self._layout.robots
+        }
         self._batch.forward(stage=_POSITION_STAGE)
 
     @override
     def get_states(self, env_ids: EnvIds = None) -> State:
-        moment = Moment.of(self._arrays, slice(None) if env_ids is None else np.asarray(env_ids))
+        moment = Moment.of(self._arrays, None if env_ids is None else np.asarray(env_ids))
         return State(
             {name: ReadEntity(moment, readers) for name, readers in self._robots.items()},
             {name: ReadEntity(moment, readers) for name, readers in self._objects.items()},
@@ -94,7 +94,7 @@ class MujocoHandler(Handler):
     @override
     def set_states(self, states: State, env_ids: EnvIds = None) -> None:
         rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
-        layouts = {entity.name: entity for entity, *_ in self._readers}
+        layouts = {entity.name: entity for entity in (*self._layout.robots, *self._layout.objects)}
         for name, entity in states.entities().items():
             if name not in layouts:
                 raise unknown_name("robot or object", name, layouts)
@@ -139,18 +139,17 @@ class MujocoHandler(Handler):
     @override
     def get_joint_targets(self, robot: str, env_ids: EnvIds = None) -> Tensor:
         rows = slice(None) if env_ids is None else np.asarray(env_ids)
-        columns = next(reader[3] for reader in self._readers if reader[0].name == robot)
-        return torch.from_numpy(self._ctrl[block(rows, columns)].copy())
+        return torch.from_numpy(self._ctrl[block(rows, self._drives[robot][0])].copy())
 
     @override
     def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:
         rows = slice(None) if env_ids is None else np.asarray(env_ids)
-        for robot, *_, columns in self._readers:
-            target = targets.get(robot.name)
-            if target is None:
-                continue
-            raised = np.maximum(np.asarray(target), self._low[columns])  # np.clip takes thrice the time
-            self._ctrl[block(rows, columns)] = np.minimum(raised, self._high[columns])
+        for robot, target in targets.items():
+            if robot not in self._drives:
+                raise unknown_name("robot", robot, self._drives)
+            columns, low, high = self._drives[robot]
+            raised = np.maximum(np.asarray(target), low)  # np.clip takes thrice the time
+            self._ctrl[block(rows, columns)] = np.minimum(raised, high)
 
     @override
     def step(self, num_steps: int, env_ids: EnvIds = None) -> None:
@@ -165,10 +164,10 @@ class MujocoHandler(Handler):
         self, targets: Mapping[str, Tensor | np.ndarray], num_steps: int, env_ids: EnvIds = None
     ) -> None:
         rows = slice(None) if env_ids is None else np.asarray(env_ids)
-        start = self._ctrl[rows].copy()
-        self.set_joint_targets(targets, env_ids)
         left, made = _shares(num_steps)
-        way = start[:, None] * left + self._ctrl[rows][:, None] * made  # (n, num_steps, nu)
+        way = self._ctrl[rows][:, None] * left  # (n, num_steps, nu)
+        self.set_joint_targets(targets, env_ids)
+        way += self._ctrl[rows][:, None] * made
         try:
             self._running.rollout(num_steps, way, record=(), ids=env_ids)
             self._running.forward(env_ids, stage=_POSITION_STAGE)
@@ -177,9 +176,9 @@ class MujocoHandler(Handler):
         self._check_finite(env_ids)
 
     def _check_finite(self, env_ids: EnvIds) -> None:
-        rows = slice(None) if env_ids is None else np.asarray(env_ids)
+        qpos = self._qpos if env_ids is None else self._qpos[np.asarray(env_ids)]
         # The sum is finite exactly when every entry is (no overflow at physical magnitudes).
-        if not math.isfinite(self._qpos[rows].sum()):
+        if not math.isfinite(np.add.reduce(qpos, axis=None)):
             bad = np.flatnonzero(~np.isfinite(self._qpos).all(axis=1))
             raise SimulatorError(
                 f"The state of environments {bad.tolist()} is no longer finite. "

@@ -6,6 +6,7 @@ import torch
 
 from envs.handlers.mujoco.handler import MujocoHandler
 from envs.tasks import TASKS
+from envs.tasks.base import Task
 
 OURS = [name for name in TASKS.names() if "/" not in name]
 """Tasks of a family compute what its library computes, with numpy."""
@@ -28,6 +29,19 @@ def test_single_precision_decides_as_double_does(name, states):
     assert torch.equal(task.success(single), task.success(state))
     np.testing.assert_allclose(task.reward(single), task.reward(state), atol=1e-4)
     np.testing.assert_allclose(task.observe(single), task.observe(state), atol=1e-5)
+
+
+@pytest.mark.parametrize("name", [name for name in OURS if TASKS.get(name).takes_arrays])
+def test_arrays_are_judged_as_tensors_are_and_a_row_as_its_batch(name, states):
+    task, state = states(name)
+    for function in (task.success, task.failure, task.reward, task.observe):
+        if function.__func__ is Task.failure:
+            continue  # never asked
+        found = function(state.arrays())
+        assert isinstance(found, np.ndarray)
+        np.testing.assert_allclose(found, function(state), rtol=1e-14)
+        rows = [function(state.select([row]).arrays()) for row in range(state.num_envs)]
+        np.testing.assert_array_equal(np.concatenate(rows), found)
 
 
 @pytest.fixture(scope="module")
