@@ -1,6 +1,6 @@
 """N environments of one task, stepped together: a handler, a task and a randomizer."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import gymnasium
@@ -274,29 +274,19 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
     def _advance(self, env_ids: np.ndarray | None, actions: np.ndarray) -> StepResult:
         self.controller.advance(self.handler, actions, self._substeps, env_ids)
         self._states = states = self._present(env_ids)
-        reward, terminated, success = self._judged(states)
-        if env_ids is None:
-            self.elapsed_steps += 1
-            self.returns += reward
-            elapsed, returns = self.elapsed_steps, self.returns
-        else:
-            elapsed = self.elapsed_steps[env_ids] = self.elapsed_steps[env_ids] + 1
-            returns = self.returns[env_ids] = self.returns[env_ids] + reward
-        cut_off = elapsed >= self.task.max_episode_steps
-        success = solved(self.task, success, terminated | cut_off, returns)
+        with torch.inference_mode():  # a third less time per operation, which counts with few environments
+            reward, terminated, success = map(to_numpy, outcome(self.task, states))
+        rows = slice(None) if env_ids is None else env_ids
+        self.elapsed_steps[rows] += 1
+        self.returns[rows] += reward
+        cut_off = self.elapsed_steps[rows] >= self.task.max_episode_steps
+        success = solved(self.task, success, terminated | cut_off, self.returns[rows])
         return StepResult(reward.astype(np.float64, copy=False), terminated, cut_off & ~terminated, success)
 
     def _present(self, env_ids: np.ndarray | None = None) -> State:
         """Returns the states as the task takes them with least effort: in arrays, where it can."""
         states = self.handler.get_states(env_ids)
         return states.arrays() if self._in_arrays else states
-
-    def _judged(self, states: State) -> Iterable[np.ndarray]:
-        """Returns reward, whether episodes ended, and success."""
-        if self._in_arrays:
-            return map(to_numpy, outcome(self.task, states))
-        with torch.inference_mode():  # a third less time per operation, which counts with few environments
-            return [to_numpy(values) for values in outcome(self.task, states)]
 
     # -- Gymnasium ----------------------------------------------------------------------------------
 
@@ -371,8 +361,6 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
 
     def _known(self, states: State) -> np.ndarray:
         observe = self.task.rl_observation if self.observation == "full" else self.task.observe
-        if self._in_arrays:
-            return to_numpy(observe(states)).astype(np.float32)
         with torch.inference_mode():
             return to_numpy(observe(states)).astype(np.float32)
 
