@@ -1,8 +1,9 @@
 """The page of tasks, made from the registry, the classes and the experts' records.
 
-``python -m envs.tasks.gallery`` writes ``docs/tasks.md`` and, for each task that has no picture yet, a strip
-of how an episode begins and how the expert ends it, or where half a second of random actions leads where
-there is no expert; ``redraw=[PickCube]`` draws one anew.
+``python -m envs.tasks.gallery`` writes ``docs/tasks.md`` and, for each task that has no picture yet (but for
+those of Meta-World that are adapted as they are), a strip of how an episode begins and how the expert ends
+it, or where half a second of random actions leads where there is no expert; ``redraw=[PickCube]`` draws one
+anew.
 """
 
 import inspect
@@ -121,9 +122,15 @@ def family_section(name: str, members: Sequence[Entry], records: Mapping[str, Ex
         "| task | what to do | expert |",
         "|---|---|---|",
     ]
-    return "\n".join(
-        lines + [f"| {e.name} | {e.summary} | {described(records.get(e.name))} |" for e in members]
-    )
+    lines += [f"| {e.name} | {e.summary} | {described(records.get(e.name))} |" for e in members]
+    shown = [e.name for e in members if is_drawn(e)]
+    pictures = [f"{name}:\n\n![{name}: start and success]({picture_path(name).as_posix()})" for name in shown]
+    return "\n\n".join(["\n".join(lines), *pictures])
+
+
+def is_drawn(entry: Entry) -> bool:
+    """Whether the page shows a task: all but those that an adapter takes over as they are."""
+    return "adapted" not in entry.tags
 
 
 def described(record: ExpertRecord | None) -> str:
@@ -183,7 +190,7 @@ def draw_strip(name: str, *, renderer: str = "warp") -> np.ndarray:
 
 def _solved(name: str) -> tuple[int, np.ndarray]:
     """Returns an episode that the expert solves, and its actions up to there."""
-    from envs.experts.rollout import rollout
+    from envs.experts.rollout import TAIL_STEPS, rollout
     from envs.vector_env import RoboVerseVectorEnv
 
     states = RoboVerseVectorEnv(name, 1, split="train", observation="state", num_threads=1)
@@ -194,7 +201,7 @@ def _solved(name: str) -> tuple[int, np.ndarray]:
         states.close()
     if solved is None:
         raise ConfigError(f"The expert of {name} solves none of the episodes {episodes}: nothing to show.")
-    return solved.episode, solved.actions[: int(np.argmax(solved.rewards == 1.0)) + 1]
+    return solved.episode, solved.actions[:-TAIL_STEPS]
 
 
 def _drawn(name: str, renderer: str, solution: tuple[int, np.ndarray] | None) -> np.ndarray:
@@ -278,8 +285,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         write(args.out / "tasks.md", page().encode())
         for name in TASKS.names():
             path = args.out / picture_path(name)
-            alone = "family" not in TASKS.entry(name).info
-            if name in args.redraw or (alone and not path.is_file()):
+            if name in args.redraw or (is_drawn(TASKS.entry(name)) and not path.is_file()):
                 write(path, encode(draw_strip(name, renderer=args.renderer)))
     except RoboVerseError as error:
         logger.error("%s", error)

@@ -12,7 +12,7 @@ from envs.tasks import TASKS, gallery
 from envs.tasks.pick_cube import PickCube
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
-ALONE = [name for name in TASKS if "family" not in TASKS.entry(name).info]
+DRAWN = [name for name in TASKS if "adapted" not in TASKS.entry(name).tags]
 RECORD = ExpertRecord(
     {"train": SplitRecord(500, 0.998, 60.25), "test": SplitRecord(400, 1.0, 61.0)}, "", None
 )
@@ -59,6 +59,13 @@ def test_a_family_is_one_table():
     assert text.startswith("## Cubes\n\n2 tasks of ManiSkill 3 ([arXiv:2410.00425]")
     assert f"| StackCube | {TASKS.entry('StackCube').summary} | train: 99.8 % of 500" in text
     assert "| PickCube | grasp a 4 cm cube and hold it at the green marker | not measured |" in text
+    assert text.endswith("StackCube:\n\n![StackCube: start and success](tasks/StackCube.jpg)")
+
+
+def test_adapted_tasks_are_named_and_not_shown():
+    text = gallery.page(["DoorClose", "metaworld/assembly"])
+    assert "| metaworld/assembly | " in text
+    assert text.count("![") == 1 and "![DoorClose: start and success](tasks/DoorClose.jpg)" in text
 
 
 def test_the_page_in_the_repository_is_the_one_that_is_made():
@@ -67,7 +74,7 @@ def test_the_page_in_the_repository_is_the_one_that_is_made():
     )
 
 
-@pytest.mark.parametrize("name", ALONE)
+@pytest.mark.parametrize("name", DRAWN)
 def test_every_task_has_a_small_picture_of_its_start_and_success(name):
     path = DOCS / gallery.picture_path(name)
     assert path.stat().st_size <= gallery.MAX_BYTES
@@ -94,7 +101,7 @@ def test_only_what_lacks_a_picture_is_drawn(tmp_path, monkeypatch):
     monkeypatch.setattr(gallery, "draw_strip", draw)
     monkeypatch.setattr(gallery, "page", lambda: "# Tasks\n")
     assert gallery.main([f"out={tmp_path}"]) == 0
-    assert [name for name, _ in drawn] == sorted(ALONE)
+    assert [name for name, _ in drawn] == sorted(DRAWN)
     assert (tmp_path / "tasks.md").read_text() == "# Tasks\n"
     drawn.clear()
     assert gallery.main([f"out={tmp_path}", "redraw=[PickCube]", "renderer=gl"]) == 0
