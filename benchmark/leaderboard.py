@@ -115,6 +115,7 @@ def _load(results_dir: Path) -> list[Entry]:
 
 def _section_key(result: Result) -> dict[str, Any]:
     """Returns what two results must share for their numbers to be compared."""
+    tuned = {"simulator_settings": dict(result.simulator_settings)} if result.simulator_settings else {}
     return {
         "protocol": result.protocol.version,
         "protocol_seed": result.protocol.seed,
@@ -124,6 +125,7 @@ def _section_key(result: Result) -> dict[str, Any]:
         "control_hz": result.control_hz,
         "simulator": result.simulator,
         "renderer": result.renderer,
+        **tuned,
     }
 
 
@@ -149,7 +151,8 @@ def _section(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
                 f"{unlike} test episodes of {labels['a']} and {labels['b']} begin differently, although they "
                 "have the same index; they are left out of the paired comparison."
             )
-    kwargs = ", ".join(f"{name}={value}" for name, value in sorted(key["task_kwargs"].items()))
+    changed = [*sorted(key["task_kwargs"].items()), *sorted(key.get("simulator_settings", {}).items())]
+    kwargs = ", ".join(f"{name}={value}" for name, value in changed)
     title = f"{key['task']}" + (f" ({kwargs})" if kwargs else "")
     name = "-".join([key["protocol"], key["task"], kwargs, key["simulator"], key["renderer"]])
     unusual = [f"seed{key['protocol_seed']}"] if key["protocol_seed"] else []

@@ -145,6 +145,7 @@ class Result:
         train_only: The channel that varied alone in training, or None.
         seed: Seed of the training run.
         simulator: Physics.
+        simulator_settings: Settings of the simulator that replaced the scene's.
         renderer: Pictures.
         cameras: What the policy saw through, in order; empty where the file does not say.
         image_size: Pixels a side, or None for a policy that sees no pictures.
@@ -171,6 +172,7 @@ class Result:
     train_only: str | None = None
     seed: int
     simulator: str
+    simulator_settings: Mapping[str, Any] = field(default_factory=dict)
     renderer: str
     cameras: tuple[str, ...] = ()
     image_size: int | None

@@ -128,6 +128,8 @@ def _to_document(result: Result) -> dict[str, Any]:
         "git": asdict(result.git) if result.git else None,
         "machine": asdict(result.machine),
     }
+    if not values["simulator_settings"]:  # the scene's own: nothing to say
+        del values["simulator_settings"]
     records = values.pop("records")
     document = {"schema_version": SCHEMA_VERSION, **values, "protocol_hash": result.protocol.hash}
     document["cells"] = [summary.to_json() for summary in result.cells()]

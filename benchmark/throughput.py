@@ -4,13 +4,12 @@ A time says as much of the machine as of the code; a ratio of two times, taken i
 one machine, says something of the code.
 """
 
-import argparse
 import ctypes.util
 import logging
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from statistics import median
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from envs.arguments import run_program
 from envs.errors import RoboVerseError, SimulatorError
 
 if TYPE_CHECKING:
@@ -26,6 +26,19 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 IMAGE_SIZE = 128
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ThroughputBenchmark:
+    """``python -m benchmark.throughput``: env.step and a picture, each against its baseline.
+
+    Attributes:
+        task: Registered task.
+        turns: How often either of two is timed.
+    """
+
+    task: str = "PickCube"
+    turns: int = 15
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -193,12 +206,12 @@ def _in_turns(
     return seconds[0], seconds[1]
 
 
-def main() -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Prints every measurement, or why it could not be taken."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--task", default="PickCube")
-    parser.add_argument("--turns", type=int, default=15)
-    arguments = parser.parse_args()
+    return run_program("python -m benchmark.throughput", ThroughputBenchmark, _measure_all, words)
+
+
+def _measure_all(given: ThroughputBenchmark) -> int:
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
     # Both are read once, when MuJoCo and its threads start: set them before the first import.
     os.environ.setdefault("MUJOCO_GL", "osmesa")
@@ -207,7 +220,7 @@ def main() -> int:
     measures = (measure_step, partial(measure_step, visuals=False), measure_render)
     for measure in measures:
         try:
-            logger.info("%s", measure(arguments.task, turns=arguments.turns))
+            logger.info("%s", measure(given.task, turns=given.turns))
         except RoboVerseError as error:
             failed = True
             name = measure.func.__name__ if isinstance(measure, partial) else measure.__name__

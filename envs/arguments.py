@@ -2,11 +2,31 @@
 
 import inspect
 import sys
-from collections.abc import Sequence
-from dataclasses import fields
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
-from envs.errors import ConfigError, unknown_name
+from envs.errors import ConfigError, RoboVerseError, unknown_name
+
+
+@dataclass(frozen=True, slots=True)
+class NoSettings:
+    """It takes no words."""
+
+
+def run_program[T](
+    command: str, settings: type[T], run: Callable[[T], int], words: Sequence[str] | None = None
+) -> int:
+    """Runs a program with the settings that its words give; see :func:`parse`.
+
+    Returns:
+        Its exit code; 2, after one line that says what to do, for a mistake that the user can mend.
+    """
+    try:
+        return run(parse(command, settings, words))
+    except RoboVerseError as error:
+        sys.stderr.write(f"error: {error}\n")
+        return 2
 
 
 def parse[T](command: str, settings: type[T], words: Sequence[str] | None = None) -> T:
@@ -33,6 +53,8 @@ def parse[T](command: str, settings: type[T], words: Sequence[str] | None = None
     valid = [field.name for field in fields(settings)]  # type: ignore[arg-type]
     values: dict[str, Any] = {}
     for word in words:
+        if not valid:
+            raise ConfigError(f"{command} takes no words, given '{word}'.")
         key, equals, text = word.partition("=")
         if not equals:
             raise ConfigError(f"'{word}' is no key=value. Keys of {command}: {', '.join(valid)}.")

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from envs.errors import RoboVerseError, unknown_name
+from envs.errors import ConfigError, RoboVerseError, unknown_name
 from policies import PolicyError
 from roboverse_learn import help as texts
 from roboverse_learn.compose import compose
@@ -140,14 +140,25 @@ def _run(command: str, config: Any) -> None:
 def _benchmark(words: list[str]) -> int:
     from roboverse_learn.benchmarks import BENCHMARKS, run
 
+    names = [word for word in words if "=" not in word and word not in HELP]
+    settings = [word for word in words if "=" in word]
+    if len(names) == 1 and len(words) > 1 and words[-1] in HELP:
+        return run(names[0], ["--help"])
     if any(word in HELP for word in words):
         rows = "\n".join(f"  {name:<12} {BENCHMARKS.entry(name).summary}" for name in BENCHMARKS)
-        print(f"Usage: roboverse benchmark [name ...]\n\n{rows}")
+        print(
+            "Usage: roboverse benchmark [name ...]\n       roboverse benchmark name key=value ...\n\n"
+            f"{rows}\n\nroboverse benchmark name --help tells what it can be told."
+        )
         return 0
-    names = words or BENCHMARKS.names()
     for name in names:
         BENCHMARKS.entry(name)  # every name is checked before the first one runs
-    return max(run(name) for name in names)
+    if settings and len(names) != 1:
+        raise ConfigError(
+            f"'{settings[0]}' is for one benchmark, and {len(names) or 'none'} were named. Valid: "
+            f"{', '.join(BENCHMARKS.names())}."
+        )
+    return max(run(name, settings) for name in names or BENCHMARKS.names())
 
 
 def _show(report: Any) -> None:

@@ -51,7 +51,8 @@ def dataset_folder(config: CollectConfig) -> Path:
     elif config.source != "expert":
         name += f"-{config.source}-{Path(config.path).name.partition('.')[0]}-by-{config.replay}"
     # Of a folder, its name alone: where it lies is this machine's affair.
-    options = [f"{key}={Path(str(value)).name}" for key, value in sorted(config.task_kwargs.items())]
+    changed = [*sorted(config.task_kwargs.items()), *sorted(config.simulator_settings.items())]
+    options = [f"{key}={Path(str(value)).name}" for key, value in changed]
     options += [Path(config.materials).name] if config.materials else []
     return Path(config.datasets_dir) / config.task / "-".join([name, *options])
 
@@ -94,7 +95,7 @@ def _judge(config: CollectConfig) -> "ImportSummary":
     import envs
     from roboverse_learn.data.importers.verdicts import find_files, judge, known_summary
 
-    conditions = {key: getattr(config, key) for key in ("task", "task_kwargs", "simulator")}
+    conditions = {key: getattr(config, key) for key in ("task", "task_kwargs", "simulator")} | _tuning(config)
     given = {"source": config.source, "path": Path(config.path), "replay": config.replay}
     find_files(config.source, Path(config.path))  # a wrong path is told before a simulator starts
     known = known_summary(dataset_folder(config), **given, conditions=conditions)
@@ -114,6 +115,7 @@ def _collect_episodes(config: CollectConfig, imported: "ImportSummary | None") -
 
     keys = ("task", "task_kwargs", "level", "only", "simulator", "renderer", "cameras", "image_size")
     scene = {key: getattr(config, key) for key in keys} | {"materials": config.materials or None}
+    scene |= _tuning(config)
     kwargs: dict[str, Any] = scene | {"num_envs": config.collect.num_envs}
     source, settings, target = EXPERT_SOURCE, scene, config.collect.num_demos
     candidates = [int(index) for index in load_split("train").episodes]
@@ -156,6 +158,11 @@ def _collect_episodes(config: CollectConfig, imported: "ImportSummary | None") -
             show(now.num_episodes, target, text)
 
         return collect_episodes(collection, report)
+
+
+def _tuning(config: CollectConfig) -> dict[str, Any]:
+    """Returns the simulator's settings, where there are any: a dataset without them says nothing of them."""
+    return {"simulator_settings": config.simulator_settings} if config.simulator_settings else {}
 
 
 @contextlib.contextmanager

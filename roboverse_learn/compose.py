@@ -14,6 +14,7 @@ from typing import Any
 
 import policies
 from envs.errors import ConfigError, UnknownNameError, suggest, unknown_name
+from envs.handlers.settings import check_settings
 from roboverse_learn.config import (
     CollectConfig,
     ConservationConfig,
@@ -39,8 +40,8 @@ COMMANDS: dict[str, type] = {
 
 _WORD = re.compile(r"(?P<key>[A-Za-z_][\w.]*)=(?P<value>.*)", re.DOTALL)
 _GROUPS = ("policy", "preset")
-_OPEN = "task_kwargs"
-"""The one section whose keys are not ours: they are the fields of the task's dataclass."""
+_OPEN = ("task_kwargs", "simulator_settings")
+"""The sections whose keys are not ours: they are fields of the task's dataclass, and of the simulator's."""
 
 
 def configs_folder() -> Path:
@@ -88,7 +89,7 @@ def compose(command: str, words: Sequence[str]) -> Any:
     texts = {key: value for key, value in given.items() if key not in _GROUPS and _is_text(defaults, key)}
     groups = [f"{group}={name}" for group, name in choices.items()]
     overrides = [
-        f"{'++' if key.startswith(f'{_OPEN}.') else ''}{key}={value}"
+        f"{'++' if _in_open_section(key) else ''}{key}={value}"
         for key, value in given.items()
         if key not in (*texts, *_GROUPS)
     ]
@@ -198,7 +199,9 @@ def check_names(config: Any) -> None:
     for name in getattr(config, "simulators", ()):
         if name not in registries["simulator"]:
             raise unknown_name("simulator", name, registries["simulator"].names())
-    if getattr(config, _OPEN, None) and config.task:
+    if getattr(config, "simulator", ""):
+        check_settings(config.simulator, getattr(config, "simulator_settings", {}))
+    if getattr(config, "task_kwargs", None) and config.task:
         task = registries["task"].get(config.task)
         options = [item.name for item in dataclasses.fields(task)]
         for key in config.task_kwargs:
@@ -211,7 +214,7 @@ def flat_keys(values: Mapping[str, Any], prefix: str = "") -> list[str]:
     """Returns the dotted key of every leaf."""
     keys: list[str] = []
     for name, value in values.items():
-        nested = isinstance(value, Mapping) and f"{prefix}{name}" != _OPEN
+        nested = isinstance(value, Mapping) and f"{prefix}{name}" not in _OPEN
         keys += flat_keys(value, f"{prefix}{name}.") if nested else [f"{prefix}{name}"]
     return keys
 
@@ -266,7 +269,7 @@ def _overlay(
     """Returns ``saved`` with those leaves of ``values`` whose dotted key is ``given``."""
     return {
         name: _overlay(saved[name], value, given, f"{prefix}{name}.")
-        if isinstance(value, Mapping) and name != _OPEN
+        if isinstance(value, Mapping) and name not in _OPEN
         else (value if f"{prefix}{name}" in given or name not in saved else saved[name])
         for name, value in values.items()
     }
@@ -285,7 +288,7 @@ def _split(word: str) -> tuple[str, str]:
 def _full_key(command: str, key: str, keys: Iterable[str]) -> str:
     """Returns the dotted key that ``key`` stands for, whole or shortened."""
     names = _settable(keys)
-    if (key in names and key != _OPEN) or (key.startswith(f"{_OPEN}.") and _OPEN in names):
+    if (key in names and key not in _OPEN) or (_in_open_section(key) and key.partition(".")[0] in names):
         return key
     matches = [full for full in names if full.endswith(f".{key}")]
     if len(matches) > 1:
@@ -293,6 +296,12 @@ def _full_key(command: str, key: str, keys: Iterable[str]) -> str:
     if not matches:
         raise _unknown_key(command, key, names)
     return matches[0]
+
+
+def _in_open_section(key: str) -> bool:
+    """Whether a dotted key names an option of a task or a setting of a simulator."""
+    section, dot, _ = key.partition(".")
+    return bool(dot) and section in _OPEN
 
 
 def _settable(keys: Iterable[str]) -> list[str]:

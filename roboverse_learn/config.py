@@ -99,6 +99,8 @@ class SceneKeys:
         task_kwargs: Options of the task, such as task_kwargs.variant=lift of PickCube.
         preset: Named set of values from ``configs/preset``.
         simulator: Registered simulator.
+        simulator_settings: Settings of the simulator that replace the scene's, such as
+            simulator_settings.njmax=768 of mujoco_warp.
         renderer: Registered renderer, or another simulator that draws the pictures.
         cameras: Cameras that are observed, as in cameras=[front,wrist]; empty takes the task's first.
         image_size: Height and width of every picture, pixels.
@@ -112,6 +114,7 @@ class SceneKeys:
     task_kwargs: dict[str, Any] = field(default_factory=dict)
     preset: str = "full"
     simulator: str = "mujoco"
+    simulator_settings: dict[str, Any] = field(default_factory=dict)
     renderer: str = "warp"
     cameras: tuple[str, ...] = ()
     image_size: int = 256
@@ -228,6 +231,8 @@ class EvaluateConfig:
         task_kwargs: Options of the task; empty for those that the checkpoint was trained on.
         preset: Named set of values from ``configs/preset``.
         simulator: Registered simulator; empty for that of the demonstrations.
+        simulator_settings: Settings of the simulator that replace the scene's; empty for those of the
+            demonstrations, where it is the same simulator.
         renderer: Registered renderer or simulator that draws; empty for that of the demonstrations.
         cameras: Cameras that are observed; empty for those of the demonstrations.
         image_size: Height and width of every picture, pixels; 0 for that of the demonstrations.
@@ -241,6 +246,7 @@ class EvaluateConfig:
     task_kwargs: dict[str, Any] = field(default_factory=dict)
     preset: str = "full"
     simulator: str = ""
+    simulator_settings: dict[str, Any] = field(default_factory=dict)
     renderer: str = ""
     cameras: tuple[str, ...] = ()
     image_size: int = 0

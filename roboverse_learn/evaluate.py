@@ -141,6 +141,7 @@ def _run_cells(
             image_size=subject.image_size,
             protocol_seed=protocol.seed,
             task_kwargs=subject.task_kwargs,
+            simulator_settings=subject.simulator_settings,
             **view,
         )
         facts["cameras"] = env.camera_names if sees else ()
@@ -172,6 +173,7 @@ def _run_cells(
         train_only=subject.train_only,
         seed=subject.seed,
         simulator=subject.simulator,
+        simulator_settings=subject.simulator_settings,
         renderer=subject.renderer,
         cameras=facts["cameras"],
         image_size=subject.image_size if sees else None,
@@ -222,7 +224,7 @@ def _earlier(path: Path, weights: str, protocol: Protocol, subject: Subject) -> 
     result = read_result(path)
     now = (weights, protocol.hash, package_versions())
     then = (result.checkpoint.hash, result.protocol.hash, dict(result.versions))
-    keys = ("task_kwargs", "simulator", "renderer", "image_size")
+    keys = ("task_kwargs", "simulator", "simulator_settings", "renderer", "image_size")
     known = [key for key in keys if getattr(result, key) is not None]  # no size: it saw no pictures
     scene = all(getattr(result, key) == getattr(subject, key) for key in known)
     return result if scene and now == then else None

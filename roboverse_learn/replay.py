@@ -49,6 +49,9 @@ def replay_recordings(recordings: "list[Recording]", config: ReplayConfig) -> di
         observation="state",
         protocol_seed=first.get("protocol_seed", 0),
         task_kwargs=first.get("task_kwargs", {}),
+        simulator_settings=first.get("simulator_settings")
+        if config.simulator == first["simulator"]
+        else None,
     )
     if len(env.controller.names) != recordings[0].actions.shape[1]:
         env.close()

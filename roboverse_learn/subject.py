@@ -7,6 +7,7 @@ from typing import Any
 
 from benchmark.protocol import Protocol
 from envs.errors import ConfigError
+from envs.handlers.settings import check_settings
 from roboverse_learn.config import EvaluateConfig, EvaluationConfig, TrainRunConfig
 
 
@@ -19,6 +20,7 @@ class Subject:
         run: Name of its run.
         task: Task.
         task_kwargs: Options of the task.
+        simulator_settings: Settings of the simulator that replace the scene's.
         simulator: Physics.
         renderer: Pictures.
         cameras: Cameras that are observed; empty is the task's first.
@@ -43,6 +45,7 @@ class Subject:
     train_only: str | None = None
     seed: int = 0
     task_kwargs: dict[str, Any] = field(default_factory=dict)
+    simulator_settings: dict[str, Any] = field(default_factory=dict)
     cameras: tuple[str, ...] = ()
     dataset_hash: str | None = None
     demonstrations: int | None = None
@@ -79,14 +82,18 @@ def subject_of(config: EvaluateConfig) -> Subject:
     trained = read_config(folder)
     # What it was trained on need not be what it is evaluated on: a GPU's run is evaluated anywhere.
     subject = subject_of_run(folder, replace(trained, device=config.device), checkpoint)
+    simulator = config.simulator or trained.simulator
+    inherited = trained.simulator_settings if simulator == trained.simulator else {}
     differs = {
         "task": config.task or trained.task,
         "task_kwargs": config.task_kwargs or trained.task_kwargs,
-        "simulator": config.simulator or trained.simulator,
+        "simulator": simulator,
+        "simulator_settings": config.simulator_settings or inherited,
         "renderer": config.renderer or trained.renderer,
         "cameras": config.cameras or trained.cameras,
         "image_size": config.image_size or trained.image_size,
     }
+    check_settings(simulator, differs["simulator_settings"])
     changed = [_in_name(value) for key, value in differs.items() if value != getattr(trained, key)]
     protocol = protocol_of(config.evaluate)
     if protocol.hash != protocol_of(trained.evaluate).hash:
@@ -121,6 +128,7 @@ def subject_of_run(folder: Path, config: TrainRunConfig, checkpoint: Path) -> Su
         task=config.task,
         task_kwargs=config.task_kwargs,
         simulator=config.simulator,
+        simulator_settings=config.simulator_settings,
         renderer=config.renderer,
         cameras=config.cameras,
         image_size=config.image_size,
@@ -146,6 +154,7 @@ def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
             f"Checkpoint '{checkpoint}' lies in no run of ours, which would say what it was trained on: add "
             "task=<name>."
         )
+    check_settings(config.simulator or "mujoco", config.simulator_settings)
     values = read_json(checkpoint / CONFIG)
     sizes = _image_sizes(checkpoint / CONFIG, values)
     if not config.image_size and len(set(sizes.values())) != 1:
@@ -160,6 +169,7 @@ def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
         task=config.task,
         task_kwargs=config.task_kwargs,
         simulator=config.simulator or "mujoco",
+        simulator_settings=config.simulator_settings,
         renderer=config.renderer or "warp",
         cameras=config.cameras or tuple(sizes),
         image_size=config.image_size or set(sizes.values()).pop(),

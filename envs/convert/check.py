@@ -2,20 +2,21 @@
 
 ``python -m envs.convert.check`` converts every robot, gripper and base that robosuite and robosuite_models
 ship, and our own, reads each file back by every program that is installed, and prints a table;
-``--write docs/conversion.md`` keeps it, and beside it the rows, which another run may add to.
+``write=docs/conversion.md`` keeps it, and beside it the rows, which another run may add to.
 """
 
-import argparse
 import importlib.metadata
 import importlib.util
 import logging
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from envs.arguments import run_program
 from envs.convert.conversion import convert, describe_loaded
 from envs.convert.description import Description, Inertial, Link
 from envs.convert.page import (
@@ -32,12 +33,13 @@ from envs.convert.page import (
 from envs.convert.readers import MujocoReader, PybulletReader, Reader, UsdReader
 from envs.convert.simulator_readers import GenesisReader, SapienReader
 from envs.convert.source import Loaded, load
-from envs.errors import RoboVerseError
+from envs.errors import RoboVerseError, unknown_name
 from envs.robots import ROBOTS
 from envs.rotations import conjugate, multiply, rotate, to_matrix
 
 logger = logging.getLogger(__name__)
 
+_COMMAND = "python -m envs.convert.check"
 POSTURES = 1000
 _UNLIMITED_RANGE = (-3.0, 3.0)
 
@@ -209,18 +211,38 @@ def _source_name(loaded: Loaded, joint: str) -> str | int:
     return full if full in names else int(joint.removeprefix("joint"))
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CheckSettings:
+    """``python -m envs.convert.check``: converts robots and reads them back.
+
+    Attributes:
+        robots: Registered robots or files; empty takes all that are shipped.
+        programs: Programs that read them, as in programs=[MuJoCo]; empty takes all that are installed.
+        postures: Random postures in which each is compared.
+        write: Markdown file to write.
+    """
+
+    robots: tuple[str, ...] = ()
+    programs: tuple[str, ...] = ()
+    postures: int = POSTURES
+    write: Path | None = None
+
+    def __post_init__(self) -> None:
+        for name in self.programs:
+            if name not in READERS:
+                raise unknown_name("program that reads robots", name, READERS)
+
+
+def main(words: Sequence[str] | None = None) -> int:
     """Checks robots; the exit code is 1 where a robot that MuJoCo can read fails."""
-    parser = argparse.ArgumentParser(prog="python -m envs.convert.check", description=main.__doc__)
-    parser.add_argument("sources", nargs="*", help="robots or files; all that are shipped by default")
-    parser.add_argument("--programs", nargs="+", choices=tuple(READERS), help="those installed by default")
-    parser.add_argument("--postures", type=int, default=POSTURES)
-    parser.add_argument("--write", type=Path, help="Markdown file to write")
-    args = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
+    return run_program(_COMMAND, CheckSettings, _check_all, words)
+
+
+def _check_all(args: CheckSettings) -> int:
     rows: list[Row] = []
-    for source in args.sources or (*ROBOTS.names(), *robosuite_files()):
-        new = check(source, programs=args.programs or (), postures=args.postures)
+    for source in args.robots or (*ROBOTS.names(), *robosuite_files()):
+        new = check(source, programs=args.programs, postures=args.postures)
         rows += new
         for row in new:
             logger.info("%s %s by %s: %s %s", row.verdict, row.robot, row.program, row.errors or "", row.note)
@@ -228,7 +250,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         kept = args.write.with_suffix(".json")
         rows_of_page = merged(read_rows(kept), rows)
         write_rows(kept, rows_of_page)
-        words = f"python -m envs.convert.check --write {args.write}"
+        words = f"{_COMMAND} write={args.write}"
         args.write.write_text(page(rows_of_page, words, kept.name), encoding="utf-8")
     else:
         logger.info("\n%s", table(rows))

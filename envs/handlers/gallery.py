@@ -1,19 +1,20 @@
 """One scene as every renderer and simulator that is installed draws it.
 
-``python -m envs.handlers.gallery --out docs/renderers.png`` draws the same moment of the same episodes, with
+``python -m envs.handlers.gallery out=docs/renderers.png`` draws the same moment of the same episodes, with
 physics of one simulator; what cannot run here is left out and named.
 """
 
-import argparse
 import logging
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from envs.errors import MissingExtraError, RoboVerseError, SimulatorError
+from envs.arguments import run_program
+from envs.errors import MissingExtraError, SimulatorError
 from envs.handlers import HANDLERS, RENDERERS
 from envs.randomization.gallery import contact_sheet, save
 
@@ -110,22 +111,34 @@ def coloured(segmentation: np.ndarray) -> np.ndarray:
     return (255 * np.array(palette)).astype(np.uint8)[(segmentation + 1) % len(palette)]
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Draws one scene in every renderer and simulator that is installed; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m envs.handlers.gallery", description=main.__doc__)
-    parser.add_argument("--out", type=Path, default=Path("docs/renderers.png"), help="the picture")
-    parser.add_argument("--task", default="PickCube")
-    parser.add_argument("--simulator", default="mujoco", help="physics")
-    parser.add_argument("--renderers", nargs="*", help="these, instead of all")
-    parser.add_argument("--image-size", type=int, default=192)
-    args = parser.parse_args(argv)
+@dataclass(frozen=True, kw_only=True, slots=True)
+class GallerySettings:
+    """``python -m envs.handlers.gallery``: one scene in every renderer and simulator that is installed.
+
+    Attributes:
+        out: The picture.
+        task: Registered task.
+        simulator: Whose physics.
+        renderers: These instead of all, as in renderers=[warp,gl].
+        image_size: Height and width of each cell, pixels.
+    """
+
+    out: Path = Path("docs/renderers.png")
+    task: str = "PickCube"
+    simulator: str = "mujoco"
+    renderers: tuple[str, ...] = ()
+    image_size: int = 192
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Draws the picture; returns the exit code."""
     logging.basicConfig(level=logging.INFO, format="%(message)s")
-    try:
-        chosen = args.renderers or names(args.simulator)
-        save(draw(args.task, chosen, simulator=args.simulator, image_size=args.image_size), args.out)
-    except RoboVerseError as error:
-        logger.error("%s", error)
-        return 2
+    return run_program("python -m envs.handlers.gallery", GallerySettings, _draw, words)
+
+
+def _draw(given: GallerySettings) -> int:
+    chosen = given.renderers or names(given.simulator)
+    save(draw(given.task, chosen, simulator=given.simulator, image_size=given.image_size), given.out)
     return 0
 
 

@@ -1,10 +1,50 @@
 """What a scenario says about one simulator, as that simulator's settings."""
 
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, ClassVar, Self
 
-from envs.errors import unknown_name
+from envs.errors import ConfigError, unknown_name
+from envs.registry import Registry
 from envs.scenario import ScenarioCfg
+
+SETTINGS: Registry[type] = Registry("simulator")
+"""Simulator to the dataclass of its settings, which is imported when it is first used."""
+
+SETTINGS.add("mujoco", "envs.handlers.mujoco.options:MujocoSettings")
+SETTINGS.add("mujoco_warp", "envs.handlers.mujoco_warp.settings:WarpSettings")
+SETTINGS.add("newton", "envs.handlers.newton.settings:NewtonSettings", extra="newton")
+SETTINGS.add("pybullet", "envs.handlers.pybullet.settings:PybulletSettings", extra="pybullet")
+SETTINGS.add("sapien", "envs.handlers.sapien.settings:SapienSettings", extra="sapien")
+
+
+def check_settings(simulator: str, values: Mapping[str, Any]) -> None:
+    """Checks settings of a simulator without starting it.
+
+    Raises:
+        ConfigError: if a setting has a value that it may not have.
+        UnknownNameError: if there is no such setting, or no such value of one.
+    """
+    if not values:
+        return
+    from pydantic import TypeAdapter, ValidationError
+
+    settings = SETTINGS.get(simulator)
+    known = [field.name for field in fields(settings)]
+    for name in values:
+        if name not in known:
+            raise unknown_name(f"setting of simulator={simulator}", name, known)
+    try:
+        TypeAdapter(settings).validate_python(dict(values))
+    except ValidationError as error:
+        first = error.errors()[0]
+        cause = first.get("ctx", {}).get("error")
+        if isinstance(cause, ConfigError):
+            raise cause from None
+        where = ".".join(["simulator_settings", *map(str, first["loc"])])
+        raise ConfigError(
+            f"{where}: {first['msg'][0].lower()}{first['msg'][1:]}, given {first['input']!r}."
+        ) from None
 
 
 class SimulatorSettings:

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from collections.abc import Sequence
 
 from envs.registry import Registry
 
@@ -50,11 +51,12 @@ BENCHMARKS.add(
 )
 
 
-def run(name: str) -> int:
+def run(name: str, words: Sequence[str] = ()) -> int:
     """Runs one benchmark in a process of its own, which prints what it measured.
 
     Args:
         name: Registered benchmark.
+        words: ``key=value`` words that it reads.
 
     Returns:
         Its exit code: 1 where a goal was missed or something could not be measured.
@@ -63,4 +65,4 @@ def run(name: str) -> int:
         UnknownNameError: if there is no such benchmark.
     """
     module = str(BENCHMARKS.entry(name).target)
-    return subprocess.run([sys.executable, "-m", module], check=False).returncode
+    return subprocess.run([sys.executable, "-m", module, *words], check=False).returncode

@@ -16,7 +16,7 @@ from statistics import median
 from typing import Any
 
 from benchmark.throughput import Measurement
-from envs.arguments import parse
+from envs.arguments import run_program
 from envs.errors import unknown_name
 
 log = logging.getLogger(__name__)
@@ -207,13 +207,16 @@ def _time(call: Callable[[], Any], count: int, device: str) -> float:
     return (time.perf_counter() - started) / count
 
 
-def main(words: list[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Logs every measurement; the exit code is 1 where TD-MPC2's update misses its goal on a GPU."""
+    return run_program("python -m roboverse_learn.benchmarks.agents", AgentsBenchmark, _measure_all, words)
+
+
+def _measure_all(given: AgentsBenchmark) -> int:
     import torch
 
     from roboverse_learn.training.device import resolve_device
 
-    given = parse("python -m roboverse_learn.benchmarks.agents", AgentsBenchmark, words)
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stdout)
     log.setLevel(logging.INFO)
     device = resolve_device(given.device)
@@ -225,7 +228,9 @@ def main(words: list[str] | None = None) -> int:
         log.info("  %.1f per second; plain torch %.1f", 1 / measurement.ours_s, 1 / measurement.baseline_s)
     if given.out:
         rows = [asdict(measurement) for measurement in measurements]
-        Path(given.out).write_text(json.dumps({"device": device, "rows": rows}, indent=2), encoding="utf-8")
+        out = Path(given.out)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(json.dumps({"device": device, "rows": rows}, indent=2), encoding="utf-8")
     updates = [each for each in measurements if each.name.startswith("TD-MPC2, update")]
     return int(on_gpu and any(each.ratio < GOAL for each in updates))
 

@@ -10,10 +10,12 @@ import os
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from benchmark.throughput import Measurement
+from envs.arguments import NoSettings, run_program
 from envs.errors import SimulatorError
 
 log = logging.getLogger(__name__)
@@ -99,8 +101,12 @@ def _time_ours(env: Any, policy: Any, episodes: list[int]) -> tuple[float, list[
     return time.perf_counter() - started, records
 
 
-def main() -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Logs the measurement; the exit code is 1 where the goal is missed."""
+    return run_program("python -m roboverse_learn.benchmarks.evaluation", NoSettings, _measure_all, words)
+
+
+def _measure_all(_: NoSettings) -> int:
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stdout)
     log.setLevel(logging.INFO)
     os.environ.setdefault("HF_HUB_OFFLINE", "1")

@@ -4,18 +4,18 @@ On a GPU both replay CUDA graphs, physics with 8,192 worlds and pictures with 1,
 show that the program works; a CPU is not what either is for.
 """
 
-import argparse
 import dataclasses
 import logging
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from statistics import median
 from typing import Any
 
 import numpy as np
 
 from benchmark.throughput import Measurement
+from envs.arguments import run_program
 from envs.errors import SimulatorError
 
 log = logging.getLogger(__name__)
@@ -216,15 +216,29 @@ def _measurement(name: str, times: np.ndarray, goal: float = GOAL) -> Measuremen
     )
 
 
-def main() -> int:
+@dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
+class WarpBenchmark:
+    """``python -m roboverse_learn.benchmarks.mujoco_warp``: our handler against bare mujoco_warp.
+
+    Attributes:
+        device: ``auto``, ``cpu``, ``cuda``, ``cuda:1``.
+        physics_worlds: Worlds that are stepped; 0 takes what suits the device.
+        render_worlds: Worlds that are drawn; 0 takes what suits the device.
+    """
+
+    device: str = "auto"
+    physics_worlds: int = 0
+    render_worlds: int = 0
+
+
+def main(words: Sequence[str] | None = None) -> int:
     """Logs every measurement; the exit code is 1 where a GPU misses a goal."""
+    return run_program("python -m roboverse_learn.benchmarks.mujoco_warp", WarpBenchmark, _measure_all, words)
+
+
+def _measure_all(arguments: WarpBenchmark) -> int:
     from envs.handlers.mujoco_warp.device import Device
 
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--device", default="auto", help="auto, cpu, cuda, cuda:1")
-    parser.add_argument("--physics-worlds", type=int)
-    parser.add_argument("--render-worlds", type=int)
-    arguments = parser.parse_args()
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stdout)
     log.setLevel(logging.INFO)
     on_gpu = Device(arguments.device).is_cuda

@@ -11,7 +11,7 @@ import logging
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from statistics import median
@@ -20,7 +20,7 @@ from typing import Any
 import torch
 
 from benchmark.throughput import Measurement
-from envs.arguments import parse
+from envs.arguments import run_program
 from envs.errors import unknown_name
 from envs.torch_env import TorchVectorEnv
 from policies.ppo.config import PpoConfig
@@ -217,11 +217,14 @@ def _random_actions(env: Any) -> torch.Tensor:
     return drawn.to(env.device)
 
 
-def main(words: list[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Logs every measurement; the exit code is 1 where a GPU misses a goal."""
+    return run_program("python -m roboverse_learn.benchmarks.rl", RlBenchmark, _measure_all, words)
+
+
+def _measure_all(given: RlBenchmark) -> int:
     from envs.handlers.mujoco_warp.device import Device
 
-    given = parse("python -m roboverse_learn.benchmarks.rl", RlBenchmark, words)
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stdout)
     log.setLevel(logging.INFO)
     on_gpu = Device(given.device).is_cuda

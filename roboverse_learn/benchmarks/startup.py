@@ -4,9 +4,11 @@ import logging
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from statistics import median
 
 from benchmark.throughput import Measurement
+from envs.arguments import NoSettings, run_program
 
 log = logging.getLogger(__name__)
 
@@ -37,8 +39,12 @@ def _time(*arguments: str) -> float:
     return time.perf_counter() - started
 
 
-def main() -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Logs both measurements; the exit code is 1 where a goal is missed."""
+    return run_program("python -m roboverse_learn.benchmarks.startup", NoSettings, _measure_all, words)
+
+
+def _measure_all(_: NoSettings) -> int:
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
     measurements = [measure_startup(words) for words in (("list",), ("--help",))]
     for measurement in measurements:

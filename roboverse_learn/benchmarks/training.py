@@ -6,18 +6,21 @@ its processors, its policy's forward, backward, clipping, optimizer, and the los
 its batch on the device already, so what its loader costs is left out, in its favour.
 """
 
-import argparse
 import dataclasses
 import logging
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from statistics import median
 from typing import Any
 
 from benchmark.throughput import Measurement
+from envs.arguments import run_program
+from envs.errors import unknown_name
 
 log = logging.getLogger(__name__)
+
+POLICIES = ("act", "diffusion")
 
 GOAL = 2.0
 SAME_LOSS = 0.02
@@ -208,19 +211,39 @@ def _time(take: Callable[[int], Any], scale: Scale, device: str, first: int) -> 
     return (time.perf_counter() - started) / scale.steps
 
 
-def main() -> int:
+@dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
+class TrainingBenchmark:
+    """``python -m roboverse_learn.benchmarks.training``: a gradient step, against LeRobot's.
+
+    Attributes:
+        policies: Policies that are trained, as in policies=[act].
+        device: ``auto``, ``cpu``, ``cuda``.
+    """
+
+    policies: tuple[str, ...] = POLICIES
+    device: str = "auto"
+
+    def __post_init__(self) -> None:
+        for name in self.policies:
+            if name not in POLICIES:
+                raise unknown_name("policy of this benchmark", name, POLICIES)
+
+
+def main(words: Sequence[str] | None = None) -> int:
     """Logs every measurement; the exit code is 1 where a GPU misses a goal or the losses differ."""
+    return run_program(
+        "python -m roboverse_learn.benchmarks.training", TrainingBenchmark, _measure_all, words
+    )
+
+
+def _measure_all(arguments: TrainingBenchmark) -> int:
     from roboverse_learn.training.device import resolve_device
 
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--device", default="auto", help="auto, cpu, cuda")
-    parser.add_argument("--policy", choices=["act", "diffusion"], action="append")
-    arguments = parser.parse_args()
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stdout)
     log.setLevel(logging.INFO)
     device = resolve_device(arguments.device)
     on_gpu, missed = device == "cuda", False
-    for name in arguments.policy or ("act", "diffusion"):
+    for name in arguments.policies:
         measurement, apart = measure(name, GPU if on_gpu else CPU, device, ours_compiled=on_gpu)
         log.info("%s", measurement)
         log.info("  losses of the first steps differ by at most %.3f %%", 100 * apart)

@@ -8,7 +8,6 @@ encoder at the same codec settings as ours. Batches are an ACT training step's: 
 100 actions, in the same random order for both readers, one thread each, from the same dataset.
 """
 
-import argparse
 import logging
 import sys
 import tempfile
@@ -20,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from envs.arguments import run_program
 from envs.errors import DatasetError
 from roboverse_learn.data.reader import ResidentDataset
 from roboverse_learn.data.schema import IMAGE_PREFIX, EpisodeData, make_features
@@ -215,16 +215,33 @@ def _report(title: str, unit: str, rates: Sequence[Rate], goal: float) -> bool:
     return reached
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DatasetBenchmark:
+    """``python -m roboverse_learn.data.benchmark``: writing and reading, against LeRobot's own.
+
+    Attributes:
+        episodes: Episodes that are written.
+        length: Frames of each.
+        size: Height and width of a frame, pixels.
+        batch_size: Frames of a batch that is read.
+        batches: Batches that are read.
+        frames_from: A dataset whose frames are used instead of drawn ones.
+    """
+
+    episodes: int = 3
+    length: int = 100
+    size: int = 256
+    batch_size: int = 16
+    batches: int = 20
+    frames_from: Path | None = None
+
+
+def main(words: Sequence[str] | None = None) -> int:
     """Runs the comparison; the exit code is 1 where a goal is missed."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--episodes", type=int, default=3)
-    parser.add_argument("--length", type=int, default=100, help="frames per episode")
-    parser.add_argument("--size", type=int, default=256, help="image height and width")
-    parser.add_argument("--batch-size", type=int, default=16)
-    parser.add_argument("--batches", type=int, default=20)
-    parser.add_argument("--frames-from", type=Path, help="a dataset whose frames to use instead")
-    options = parser.parse_args(arguments)
+    return run_program("python -m roboverse_learn.data.benchmark", DatasetBenchmark, _compare, words)
+
+
+def _compare(options: DatasetBenchmark) -> int:
     logging.disable(logging.WARNING)
     if options.frames_from:
         episodes = episodes_of(options.frames_from, options.episodes)

@@ -22,6 +22,7 @@ class ExpertSource:
         cameras: Cameras that are observed; empty is the task's first.
         image_size: Pixels a side.
         materials: Folder of pictures that replace the built-in materials, or None.
+        simulator_settings: Settings of the simulator that replace the scene's.
     """
 
     def __init__(
@@ -37,6 +38,7 @@ class ExpertSource:
         cameras: Sequence[str],
         image_size: int,
         materials: str | None = None,
+        simulator_settings: dict[str, Any] | None = None,
     ) -> None:
         import envs
 
@@ -52,6 +54,7 @@ class ExpertSource:
             image_size=image_size,
             task_kwargs=task_kwargs,
             materials=materials,
+            simulator_settings=simulator_settings,
             num_threads=1,  # the processes of a collection share the cores
         )
         self._metadata = {
@@ -67,6 +70,8 @@ class ExpertSource:
             "protocol_seed": self._env.protocol_seed,
             "versions": package_versions(),
         }
+        if simulator_settings:
+            self._metadata["simulator_settings"] = simulator_settings
 
     def attempts(self, indices: Iterator[int]) -> Iterator[tuple[int, EpisodeData | None]]:
         """Runs the expert on the pool episodes that ``indices`` names, a batch at a time."""

@@ -104,6 +104,7 @@ def test_only_three_runs_have_an_interquartile_mean(publish, tmp_path):
         {"renderer": "gl"},
         {"simulator": "sapien"},
         {"task_kwargs": {"success": "lift"}},
+        {"simulator_settings": {"impratio": 5}},
         {"max_episode_steps": 100},
     ],
 )

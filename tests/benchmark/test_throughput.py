@@ -39,7 +39,7 @@ def test_a_missing_library_is_named(monkeypatch):
 
 def test_an_unknown_task_ends_with_its_message():
     done = subprocess.run(
-        [sys.executable, "-m", "benchmark.throughput", "--task", "PickCub", "--turns", "1"],
+        [sys.executable, "-m", "benchmark.throughput", "task=PickCub", "turns=1"],
         capture_output=True,
         text=True,
         cwd=Path(throughput.__file__).parents[1],

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from envs.arguments import parse
+from envs.arguments import NoSettings, parse, run_program
 from envs.errors import ConfigError, UnknownNameError
 
 
@@ -52,6 +52,19 @@ def test_a_value_of_another_kind_says_which():
         read("draws=many")
     with pytest.raises(ConfigError, match=r"The value of 'redraw=\[A' cannot be read"):
         read("redraw=[A")
+
+
+def test_a_mistake_ends_a_program_with_one_line(capsys):
+    assert run_program("python -m a.b", Settings, lambda given: given.draws, ["draws=5"]) == 5
+    assert run_program("python -m a.b", Settings, lambda given: given.draws, ["drows=5"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: Unknown key of python -m a.b 'drows'.") and said.count("\n") == 1
+
+
+def test_a_program_without_settings_takes_no_words(capsys):
+    assert run_program("python -m a.b", NoSettings, lambda _: 0, []) == 0
+    assert run_program("python -m a.b", NoSettings, lambda _: 0, ["a=1"]) == 2
+    assert capsys.readouterr().err == "error: python -m a.b takes no words, given 'a=1'.\n"
 
 
 def test_help_is_the_docstring(capsys):

@@ -83,6 +83,7 @@ def failure(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         (["leaderboard", "task=PickCube"], "Unknown key 'task' of leaderboard. Valid: results_dir."),
         (["trian"], "Unknown command 'trian'. Did you mean 'train'? Valid: benchmark, collect, con"),
         (["benchmark", "stpe"], "Unknown benchmark 'stpe'"),
+        (["benchmark", "turns=2"], "'turns=2' is for one benchmark, and none were named. Valid: dataset"),
         (
             ["train", "task_kwargs.varient=lift"],
             "Unknown option of PickCube 'varient'. Did you mean 'variant'?",
@@ -107,6 +108,13 @@ def test_the_errors_of_every_part_are_told_alike(
 
     monkeypatch.setattr(cli, "_run", fail)
     assert failure(["leaderboard"], capsys) == f"error: {error}\n"
+
+
+def test_a_benchmark_is_given_its_words(capfd: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["benchmark", "startup", "turns=2"]) == 2
+    assert "roboverse_learn.benchmarks.startup takes no words, given 'turns=2'." in capfd.readouterr().err
+    assert cli.main(["benchmark", "dataset", "--help"]) == 0
+    assert "python -m roboverse_learn.data.benchmark key=value" in capfd.readouterr().out
 
 
 def test_a_full_disk_is_told_and_the_same_command_continues(

@@ -112,7 +112,7 @@ ALL_KEYS = [
     for command in COMMANDS
     for policy in (policies.names() if command == "train" else ["act"])
     for key in flat_keys(default_values(command, policy))
-    if key not in ("policy_name", "task_kwargs", "preset", "run")
+    if key not in ("policy_name", "task_kwargs", "simulator_settings", "preset", "run")
 ]
 
 
@@ -142,7 +142,7 @@ def test_any_unknown_key_is_one_line_and_exit_code_2(key: str, command: str) -> 
     import io
 
     known = flat_keys(default_values(command))
-    assume(key != "policy" and not key.startswith("task_kwargs."))
+    assume(key != "policy" and not key.startswith(("task_kwargs.", "simulator_settings.")))
     assume(not any(full == key or full.endswith(f".{key}") for full in known))
     said = io.StringIO()
     with contextlib.redirect_stderr(said):
@@ -221,6 +221,37 @@ def test_a_preset_does_not_change_the_scene_that_a_checkpoint_is_evaluated_in() 
 
 def test_options_of_a_task_pass_through() -> None:
     assert compose("collect", ["task_kwargs.variant=lift"]).task_kwargs == {"variant": "lift"}
+
+
+@pytest.mark.parametrize("command", ["collect", "train", "evaluate"])
+def test_settings_of_a_simulator_pass_through(command: str) -> None:
+    words = [*REQUIRED.get(command, []), "simulator=mujoco_warp", "simulator_settings.njmax=768"]
+    config = compose(command, words)
+    assert config.simulator_settings == {"njmax": 768}
+    assert from_values(command, yaml.safe_load(yaml.safe_dump(to_values(config)))) == config
+
+
+@pytest.mark.parametrize(
+    ("words", "error", "message"),
+    [
+        (["simulator=mujoco_warp", "simulator_settings.njmx=9"], UnknownNameError, "Did you mean 'njmax'"),
+        (["simulator_settings.njmax=9"], UnknownNameError, "setting of simulator=mujoco 'njmax'"),
+        (["simulator_settings.cone=round"], UnknownNameError, "cone of mujoco 'round'"),
+        (
+            ["simulator=mujoco_warp", "simulator_settings.njmax=many"],
+            ConfigError,
+            r"simulator_settings\.njmax: input should be a valid integer, .* given 'many'",
+        ),
+        (
+            ["simulator=mujoco_warp", "simulator_settings.nconmax=0"],
+            ConfigError,
+            "nconmax must be at least 1, given 0",
+        ),
+    ],
+)
+def test_a_wrong_setting_of_a_simulator_is_told_before_it_starts(words, error, message) -> None:
+    with pytest.raises(error, match=message):
+        compose("collect", words)
 
 
 def test_a_saved_configuration_with_an_unknown_key_is_refused() -> None:

@@ -43,6 +43,7 @@ def config(*words: str) -> TrainRunConfig:
         "num_demos=50",
         "lr=0.5",
         "policy.chunk_size=80",
+        "simulator_settings.impratio=5",
         "renderer=gl",
         "materials=m",
     ],

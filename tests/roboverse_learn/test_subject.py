@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from envs.errors import ConfigError
+from envs.errors import ConfigError, UnknownNameError
 from policies import PolicyError
 from policies.checkpoint import CONFIG, WEIGHTS
 from roboverse_learn.compose import compose
@@ -83,6 +83,7 @@ def test_the_folder_of_a_run_stands_for_its_last_checkpoint(run: Path) -> None:
         ["renderer=gl"],
         ["image_size=64"],
         ["task_kwargs.variant=lift"],
+        ["simulator_settings.impratio=5"],
         ["levels=[0]"],
         ["episodes=7"],
         ["splits=[test]"],
@@ -95,6 +96,12 @@ def test_whatever_is_evaluated_differently_has_a_results_file_of_its_own(run: Pa
     changed = subject(run, *words).run
     assert changed != run.name and changed.startswith(f"{run.name}-")
     assert Path(changed).name == changed  # it is the name of a file
+
+
+def test_settings_of_a_simulator_are_checked_against_that_of_the_demonstrations(run: Path) -> None:
+    assert subject(run, "simulator_settings.impratio=5").simulator_settings == {"impratio": 5}
+    with pytest.raises(UnknownNameError, match=r"setting of simulator=mujoco 'impratoi'.*'impratio'"):
+        subject(run, "simulator_settings.impratoi=5")
 
 
 @pytest.mark.parametrize("words", [["num_envs=3"], ["videos=0"], ["results_dir=elsewhere"]], ids=" ".join)

@@ -95,6 +95,7 @@ class TestJobs:
             ["preset=quick", "num_demos=1000"],
             ["preset=gpu", "cameras=[front]"],
             ["task=PickCube", "task_kwargs.variant=lift", "only=camera", "materials=my-pictures"],
+            ["simulator=mujoco_warp", "simulator_settings.njmax=768"],
         ],
     )
     def test_the_collection_is_that_of_the_run(self, words):

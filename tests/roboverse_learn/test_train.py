@@ -56,6 +56,7 @@ def test_a_dataset_is_named_after_what_is_in_it() -> None:
         "num_demos=21",
         "image_size=64",
         "task_kwargs.variant=lift",
+        "simulator_settings.impratio=5",
         "materials=photos",
     ]
     folders = {dataset_folder(compose("collect", ["num_demos=20", "image_size=96", word])) for word in others}

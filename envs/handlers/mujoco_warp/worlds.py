@@ -241,9 +241,9 @@ def _overflow_message(full: Tensor, settings: WarpSettings) -> str:
     advice = []
     for name in dict.fromkeys(setting for flag, setting in _SETTING_OF.items() if bits & flag):
         size = getattr(settings, name) or settings.nconmax or 0
-        advice.append(f"simulators['{SIMULATOR}']['{name}'] = {2 * size} (it is {size})")
+        advice.append(f"simulator_settings.{name}={2 * size} (it is {size})")
     shown = ", ".join(map(str, ids[:8])) + ("…" if len(ids) > 8 else "")
     return (
         f"A buffer of mujoco_warp was too small for environments {shown}; the step lost contacts. "
-        f"In the scenario, set {' and '.join(advice)}."
+        f"Add {' and '.join(advice)} to the command, or say so in the scenario's simulators['{SIMULATOR}']."
     )

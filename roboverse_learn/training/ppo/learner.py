@@ -99,6 +99,7 @@ def make_env(config: "TrainRunConfig", own: PpoConfig, seed: int, device: str) -
         seed=seed,
         max_episode_steps=own.max_episode_steps,
         task_kwargs=config.task_kwargs,
+        simulator_settings=config.simulator_settings,
     )
 
 

@@ -118,12 +118,20 @@ def test_rows_are_kept_and_a_new_one_takes_the_place_of_its_old_one(tmp_path):
 
 def test_the_program_writes_the_page_and_fails_where_a_robot_does(hard_robot, tmp_path, monkeypatch):
     kept = tmp_path / "page.md"
-    words = [str(hard_robot), "--programs", "MuJoCo", "--postures", "3"]
-    assert module.main([*words, "--write", str(kept)]) == 0
+    words = [f"robots=[{hard_robot}]", "programs=[MuJoCo]", "postures=3"]
+    assert module.main([*words, f"write={kept}"]) == 0
     assert "| hard | 6, 6 |" in kept.read_text()
     assert [row.robot for row in read_rows(tmp_path / "page.json")] == ["hard"]
     monkeypatch.setitem(module.READERS, "MuJoCo", ("urdf", "mujoco", "mujoco", Shifted))
     assert module.main(words) == 1
+
+
+def test_a_program_that_reads_no_robot_is_named(capsys):
+    assert module.main(["programs=[MuJoCoo]"]) == 2
+    assert (
+        "error: Unknown program that reads robots 'MuJoCoo'. Did you mean 'MuJoCo'?"
+        in capsys.readouterr().err
+    )
 
 
 def test_postures_stay_within_the_ranges(hard_robot):

@@ -19,7 +19,7 @@ def test_everything_that_draws_is_there_once():
 
 def test_a_row_is_the_scene_at_two_levels_its_depth_and_its_parts(tmp_path):
     path = tmp_path / "renderers.png"
-    words = ["--out", str(path), "--image-size", "32", "--renderers", "warp", "mujoco_warp"]
+    words = [f"out={path}", "image_size=32", "renderers=[warp, mujoco_warp]"]
     assert gallery.main(words) == 0
     with Image.open(path) as image:
         sheet = np.asarray(image).astype(int)
@@ -51,11 +51,11 @@ def test_what_cannot_run_is_left_out_and_named(monkeypatch, caplog):
         gallery.draw("PickCube", ["gl"], simulator="mujoco", image_size=32)
 
 
-def test_mistakes_end_with_a_sentence(tmp_path, caplog):
-    assert gallery.main(["--task", "PickCub", "--out", str(tmp_path / "a.png")]) == 2
-    assert "Did you mean 'PickCube'?" in caplog.text
-    assert gallery.main(["--renderers", "wrap", "--out", str(tmp_path / "a.png")]) == 2
-    assert "Unknown renderer 'wrap'. Did you mean 'warp'?" in caplog.text
+def test_mistakes_end_with_a_sentence(tmp_path, capsys):
+    assert gallery.main(["task=PickCub", f"out={tmp_path / 'a.png'}"]) == 2
+    assert "Did you mean 'PickCube'?" in capsys.readouterr().err
+    assert gallery.main(["renderers=[wrap]", f"out={tmp_path / 'a.png'}"]) == 2
+    assert "Unknown renderer 'wrap'. Did you mean 'warp'?" in capsys.readouterr().err
 
 
 def test_depth_and_parts_are_told_apart():

@@ -103,7 +103,9 @@ def test_a_buffer_that_is_too_small_is_an_error_that_names_it(setting, size):
     with MujocoWarpHandler(scene(**({"njmax": 64} | {setting: size})), 2) as small:
         small.launch()
         small.set_states(starts(2))
-        wanted = rf"set simulators\['mujoco_warp'\]\['{setting}'\] = {2 * size} \(it is {size}\)\.$"
+        wanted = (
+            rf"Add simulator_settings\.{setting}={2 * size} \(it is {size}\) to the command, or say so in"
+        )
         with pytest.raises(SimulatorError, match=rf"too small for environments .*{wanted}"):
             small.step(20)
 
