@@ -127,6 +127,8 @@ def _run_cells(
 
     facts: dict[str, Any] = {}
     sees, view = _view_of(name)
+    keys = ("task_kwargs", "simulator", "simulator_settings", "renderer")
+    scene: dict[str, Any] = {key: getattr(subject, key) for key in keys}
 
     def make_env(cell: Cell) -> Any:
         env = envs.make_vec(
@@ -135,13 +137,10 @@ def _run_cells(
             level=0 if cell.level is None else cell.level,
             only=cell.only,
             split=cell.split,
-            simulator=subject.simulator,
-            renderer=subject.renderer,
             cameras=subject.cameras,
             image_size=subject.image_size,
             protocol_seed=protocol.seed,
-            task_kwargs=subject.task_kwargs,
-            simulator_settings=subject.simulator_settings,
+            **scene,
             **view,
         )
         facts["cameras"] = env.camera_names if sees else ()
@@ -165,16 +164,13 @@ def _run_cells(
         created=provenance.now(),
         protocol=protocol,
         task=subject.task,
-        task_kwargs=subject.task_kwargs,
         max_episode_steps=facts["max_episode_steps"],
         control_hz=facts["control_hz"],
         policy=name,
         train_level=subject.train_level,
         train_only=subject.train_only,
         seed=subject.seed,
-        simulator=subject.simulator,
-        simulator_settings=subject.simulator_settings,
-        renderer=subject.renderer,
+        **scene,
         cameras=facts["cameras"],
         image_size=subject.image_size if sees else None,
         checkpoint=checkpoint,
