@@ -4,6 +4,7 @@ Shapes: N environments, D entries of an observation, A entries of an action, K i
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -110,6 +111,8 @@ class TorchVectorEnv:
         bank_size: K, initial states that are drawn.
         num_threads: Threads of the simulator; 0 means one per core.
         simulator_settings: Settings of the simulator that replace the scenario's.
+        substeps: Physics steps per control step; the task's by default. Fewer are longer, faster to
+            simulate, and coarser.
     """
 
     def __init__(
@@ -128,12 +131,15 @@ class TorchVectorEnv:
         bank_size: int = BANK_SIZE,
         num_threads: int = 0,
         simulator_settings: Mapping[str, Any] | None = None,
+        substeps: int | None = None,
     ) -> None:
         if num_envs < 1:
             raise ConfigError(f"num_envs must be at least 1, given {num_envs}.")
         self.task = TASKS.get(task)(**(task_kwargs or {}))
         self.num_envs = num_envs
         scenario = self.task.scenario.tuned(simulator, simulator_settings or {})
+        if substeps is not None:
+            scenario = replace(scenario, physics=scenario.physics.divided(substeps))
         self.handler = HANDLERS.get(simulator)(scenario, num_envs, num_threads=num_threads)
         self.handler.launch()
         self.controller = self.task.rl_controller

@@ -97,6 +97,17 @@ class PhysicsCfg:
         """Control steps per second."""
         return 1.0 / (self.timestep_s * self.decimation)
 
+    def divided(self, decimation: int) -> "PhysicsCfg":
+        """Returns the physics of the same control steps with another number of physics steps in each.
+
+        Raises:
+            ConfigError: if that number is below 1.
+        """
+        if decimation < 1:
+            raise ConfigError(f"A control step needs at least 1 physics step, given {decimation}.")
+        longer = self.timestep_s * self.decimation / decimation
+        return replace(self, timestep_s=longer, decimation=decimation)
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ScenarioCfg:

@@ -37,6 +37,8 @@ class PpoConfig:
         init_std: First standard deviation of the actions, which does not depend on the state.
         stagger: Let the first episodes end at different times.
         max_episode_steps: Control steps of a training episode; null for the task's.
+        substeps: Physics steps per control step in training; null for the task's. Tests always take the
+            task's.
     """
 
     backend: Backend = "rsl_rl"
@@ -56,6 +58,7 @@ class PpoConfig:
     init_std: float = 0.6
     stagger: bool = True
     max_episode_steps: int | None = None
+    substeps: int | None = None
 
     def __post_init__(self) -> None:
         if self.backend not in BACKENDS:

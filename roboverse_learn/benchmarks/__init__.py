@@ -45,6 +45,11 @@ BENCHMARKS.add(
     summary="PPO on our env against bare mujoco_warp, adapters, seconds to solve PickCube (wants a GPU)",
 )
 BENCHMARKS.add(
+    "physics",
+    "roboverse_learn.benchmarks.physics",
+    summary="where the time of mujoco_warp's steps goes: with one thing changed, and by kernel (wants a GPU)",
+)
+BENCHMARKS.add(
     "startup",
     "roboverse_learn.benchmarks.startup",
     summary="roboverse list, against an empty Python program",

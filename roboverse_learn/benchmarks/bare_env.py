@@ -32,7 +32,7 @@ class BareEnv:
         # Ours builds the model and draws the initial states; none of it steps.
         handler, scenario = make_handler(num_envs, device)
         self._on, self.num_envs, self.device = handler.on, num_envs, handler.on.torch
-        model, settings = handler.model, handler.settings
+        model, settings = handler.physics_model, handler.settings
         with self._on.scope():
             self._model = mjw.put_model(model)
             self._model.opt.warn_overflow = 0

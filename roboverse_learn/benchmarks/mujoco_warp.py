@@ -63,10 +63,10 @@ def measure_physics(scale: Scale, device: str = "auto") -> Measurement:
     handler, scenario = make_handler(scale.physics_worlds, device)
     on, settings = handler.on, handler.settings
     with on.scope():
-        model = mjw.put_model(handler.model)
+        model = mjw.put_model(handler.physics_model)
         model.opt.warn_overflow = 0
         data = mjw.make_data(
-            handler.model, nworld=handler.num_envs, nconmax=settings.nconmax, njmax=settings.njmax
+            handler.physics_model, nworld=handler.num_envs, nconmax=settings.nconmax, njmax=settings.njmax
         )
     step = on.capture(lambda: mjw.step(model, data))
     views = {name: on.tensor(getattr(data, name)) for name in _COPIED}

@@ -73,7 +73,7 @@ def solve(
     import policies
     from roboverse_learn.training.ppo import learner
 
-    env = make_env(config.num_envs, device, seed=seed)
+    env = make_env(config.num_envs, device, seed=seed, substeps=config.substeps)
     test = make_env(min(config.num_envs, TEST_EPISODES), device, split="test")
     curve: list[tuple[float, int, float]] = []
     reached = None
@@ -121,9 +121,16 @@ def success_on(env: TorchVectorEnv, policy: Any) -> float:
     return float(solved.float().mean())
 
 
-def make_env(num_envs: int, device: str, *, split: str = "train", seed: int = 0) -> TorchVectorEnv:
+def make_env(
+    num_envs: int, device: str, *, split: str = "train", seed: int = 0, substeps: int | None = None
+) -> TorchVectorEnv:
     """Makes the env that is measured."""
-    settings = {"device": device}
     return TorchVectorEnv(
-        TASK, num_envs, simulator="mujoco_warp", split=split, seed=seed, simulator_settings=settings
+        TASK,
+        num_envs,
+        simulator="mujoco_warp",
+        split=split,
+        seed=seed,
+        simulator_settings={"device": device},
+        substeps=substeps,
     )

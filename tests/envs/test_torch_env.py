@@ -149,3 +149,13 @@ def test_it_goes_on_from_a_saved_state(simulator):
     for expected in after:
         torch.testing.assert_close(env.step(torch.full((N, 8), 0.5)).obs, expected, atol=1e-5, rtol=1e-5)
     env.close()
+
+
+def test_a_control_step_can_have_fewer_and_longer_physics_steps():
+    few, all_of_them = make(num_envs=1, substeps=5), make(num_envs=1)
+    assert few.handler.scenario.physics.timestep_s == pytest.approx(0.01)
+    step, other = few.step(torch.ones(1, 8)), all_of_them.step(torch.ones(1, 8))
+    torch.testing.assert_close(step.obs[:, 18:27], other.obs[:, 18:27])  # targets
+    torch.testing.assert_close(step.obs[:, :9], other.obs[:, :9], atol=0.04, rtol=0.0)
+    with pytest.raises(ConfigError, match="A control step needs at least 1 physics step, given 0"):
+        make(num_envs=1, substeps=0)

@@ -12,7 +12,7 @@ from envs.errors import ConfigError, SimulatorError, unknown_name
 from envs.handlers import RENDERERS
 from envs.handlers.base import EnvIds, Handler, HandlerOptions
 from envs.handlers.mujoco.layout import EntityLayout, as_slice, layout_of
-from envs.handlers.mujoco.model import build_model
+from envs.handlers.mujoco.model import build_models
 from envs.handlers.mujoco.objects import rest_joints
 from envs.handlers.mujoco.render import Renderer, RenderJob
 from envs.handlers.mujoco_warp.device import Device
@@ -49,6 +49,8 @@ class MujocoWarpHandler(Handler):
 
     Attributes:
         settings: Sizes of the buffers.
+        model: What is drawn.
+        physics_model: What is simulated: the same without what is only seen.
         on: The device, once launched.
     """
 
@@ -76,9 +78,9 @@ class MujocoWarpHandler(Handler):
     def launch(self) -> None:
         self.on = device = Device(self.settings.device)
         self.device = device.torch
-        self.model = build_model(self.scenario, simplify=self._simplify_meshes)
+        self.model, self.physics_model = build_models(self.scenario, simplify=self._simplify_meshes)
         self._layout = layout_of(self.model, self.scenario)
-        self._worlds = Worlds(self.model, self.num_envs, device, self.settings)
+        self._worlds = Worlds(self.physics_model, self.num_envs, device, self.settings)
         self._appearances = [self.scenario.appearance] * self.num_envs
         self._entities = (*self._layout.robots, *self._layout.objects)
         self._columns = {

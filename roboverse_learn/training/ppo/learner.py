@@ -98,6 +98,7 @@ def make_env(config: "TrainRunConfig", own: PpoConfig, seed: int, device: str) -
         device=device,
         seed=seed,
         max_episode_steps=own.max_episode_steps,
+        substeps=own.substeps,
         task_kwargs=config.task_kwargs,
         simulator_settings=config.simulator_settings,
     )

@@ -11,6 +11,7 @@ from envs.handlers.mujoco.render_warp import WarpRenderer
 from envs.handlers.mujoco_warp.handler import MujocoWarpHandler
 from envs.handlers.mujoco_warp.settings import WarpSettings
 from envs.handlers.mujoco_warp.snapshots import Snapshots
+from envs.tasks.nut_assembly import NutAssembly
 from tests.envs.handlers.mujoco_warp.conftest import NUM_ENVS, pictures_of, scene, starts
 
 
@@ -28,6 +29,16 @@ def test_buffers_are_sized_by_what_moves():
     given = WarpSettings.of(scene(nconmax=10))
     assert (given.nconmax, given.njmax) == (10, 40)
     assert WarpSettings.of(scene(njmax=7)).njmax == 7
+
+
+def test_what_a_file_describes_may_touch_in_more_places():
+    sized = WarpSettings.of(NutAssembly().scenario)
+    assert (sized.nconmax, sized.njmax) == (160, 640)
+
+
+def test_what_is_only_seen_is_not_simulated(handler):
+    assert handler.physics_model.ngeom < handler.model.ngeom
+    assert handler.physics_model.nq == handler.model.nq
 
 
 def test_a_snapshot_is_a_sequence_of_jobs(handler):
