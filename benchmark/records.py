@@ -61,6 +61,17 @@ class EpisodeRecord:
         """Returns every field as plain JSON values: one line of a log of records."""
         return asdict(self) | {"channels": list(self.channels), "not_shown": list(self.not_shown)}
 
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> "EpisodeRecord":
+        """Returns the record of :meth:`to_json`.
+
+        Raises:
+            KeyError: A list is absent.
+            TypeError: A field is absent, or there is one too many.
+        """
+        lists = {name: tuple(values[name]) for name in ("channels", "not_shown")}
+        return cls(**{**values, **lists})
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CellSummary:

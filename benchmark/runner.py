@@ -8,7 +8,7 @@ depends on the episode alone, never on how many envs run beside it.
 
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 from zlib import crc32
@@ -84,6 +84,7 @@ def evaluate(
     policy_name: str,
     on_episode: OnEpisode | None = None,
     on_cell: Callable[[Cell, EvaluatedEnv, list[EpisodeRecord]], None] | None = None,
+    known: Mapping[Cell, Sequence[EpisodeRecord]] | None = None,
 ) -> list[EpisodeRecord]:
     """Evaluates a policy on every cell of a protocol.
 
@@ -94,6 +95,7 @@ def evaluate(
         policy_name: Name of the policy in the records.
         on_episode: Called with every record as soon as its episode is over.
         on_cell: Called when a cell is done, before its env is closed (for instance to film episodes).
+        known: Records of cells that were evaluated before; they are not evaluated again.
 
     Returns:
         The records, cell after cell, ordered by episode as the split is.
@@ -102,8 +104,11 @@ def evaluate(
         ConfigError: A split has fewer episodes than the protocol asks for.
         CheckpointError: The policy returned actions that cannot be executed.
     """
-    records = []
+    records: list[EpisodeRecord] = []
     for cell in protocol.cells():
+        if known and cell in known:
+            records += known[cell]
+            continue
         env = make_env(cell)
         try:
             of_cell = evaluate_cell(

@@ -7,7 +7,7 @@ if __name__ == "__main__":  # as a script: this folder's `data` or `run` must no
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
 import logging
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 from benchmark.protocol import Cell, Protocol
@@ -16,7 +16,8 @@ from roboverse_learn.config import EvaluateConfig, EvaluationConfig
 from roboverse_learn.subject import Subject, protocol_of, step_of, subject_of
 
 if TYPE_CHECKING:
-    from benchmark.records import EpisodeRecord, Result
+    from benchmark.finished import FinishedCells
+    from benchmark.records import Checkpoint, EpisodeRecord, Result
 
 log = logging.getLogger(__name__)
 
@@ -66,6 +67,7 @@ def evaluate_subject(
         command: The command of ours that runs, as it is recorded.
     """
     import policies
+    from benchmark.finished import FinishedCells
     from benchmark.provenance import file_hash
     from benchmark.records import Checkpoint
     from benchmark.result_file import result_path, video_dir, write_result
@@ -83,11 +85,17 @@ def evaluate_subject(
     policy = policies.load(subject.checkpoint, subject.device)
     check_task(policy, subject)
     checkpoint = Checkpoint(step=step_of(subject.checkpoint), hash=weights)
-    for old in _videos(path):
-        old.unlink()
-    result = _run_cells(policy, name, subject, config, protocol, checkpoint, command, video_dir(path))
+    finished = FinishedCells(path, _deciding(subject, protocol, weights))
+    if finished.records:
+        log.info("Evaluated before: %s", ", ".join(map(str, finished.records)))
+    else:
+        for old in _videos(path):
+            old.unlink()
+    records, facts = _run_cells(policy, name, subject, config, protocol, video_dir(path), finished)
+    result = _result(subject, name, protocol, checkpoint, command, records, facts)
     assert path == result_path(results_dir, result)
     write_result(path, result)
+    finished.remove()
     _write_curve(path, subject)
     return Evaluation(path=path, result=result, videos=_videos(path))
 
@@ -116,19 +124,34 @@ def check_task(policy: Any, subject: Subject) -> None:
         )
 
 
-def _run_cells(
-    policy: Any, name: str, subject: Subject, config: EvaluationConfig, protocol: Protocol, checkpoint: Any,
-    command: str, video_folder: Path,
-) -> "Result":  # fmt: skip
-    """Evaluates every cell and puts the result together."""
-    import envs
-    from benchmark import provenance, runner, videos
-    from benchmark.records import Result
+def _deciding(subject: Subject, protocol: Protocol, weights: str) -> dict[str, Any]:
+    """Returns what an evaluation that goes on must share with the one before: all that decides an episode."""
+    from benchmark import provenance
 
-    facts: dict[str, Any] = {}
+    apart = ("checkpoint", "config", "cameras")
+    values = {item.name: getattr(subject, item.name) for item in fields(subject) if item.name not in apart}
+    git = provenance.git_state()
+    return values | {
+        "cameras": list(subject.cameras),
+        "weights": weights,
+        "protocol": protocol.to_json(),
+        "git": None if git is None else asdict(git),
+        "versions": dict(provenance.package_versions()),
+    }
+
+
+def _run_cells(
+    policy: Any, name: str, subject: Subject, config: EvaluationConfig, protocol: Protocol,
+    video_folder: Path, finished: "FinishedCells",
+) -> tuple[list["EpisodeRecord"], dict[str, Any]]:  # fmt: skip
+    """Evaluates every cell that is not finished; returns all records, and facts of the env."""
+    import envs
+    from benchmark import runner, videos
+
     sees, view = _view_of(name)
     keys = ("task_kwargs", "simulator", "simulator_settings", "renderer")
     scene: dict[str, Any] = {key: getattr(subject, key) for key in keys}
+    facts = dict(scene)
 
     def make_env(cell: Cell) -> Any:
         env = envs.make_vec(
@@ -147,32 +170,50 @@ def _run_cells(
         facts.update(max_episode_steps=env.task.max_episode_steps, control_hz=float(env.control_hz))
         return env
 
-    def film(cell: Cell, env: Any, records: list["EpisodeRecord"]) -> None:
+    def end_cell(cell: Cell, env: Any, records: list["EpisodeRecord"]) -> None:
         bar.console.print(f"{cell}: {sum(record.success for record in records)} of {len(records)} succeeded")
         if cell.split == "test" and config.videos:
             videos.film_cell(
                 policy, env, records, video_folder, control_hz=facts["control_hz"], count=config.videos
             )
+        finished.add(cell, records)
 
+    cells = protocol.cells()
+    if all(cell in finished.records for cell in cells):  # killed just before the results file was written
+        make_env(cells[0]).close()
     with _progress_bar() as bar:
-        task = bar.add_task("evaluating", total=len(protocol.cells()) * protocol.episodes)
+        done = sum(map(len, finished.records.values()))
+        task = bar.add_task("evaluating", total=len(cells) * protocol.episodes, completed=done)
         records = runner.evaluate(
-            policy, make_env, protocol, policy_name=name, on_episode=lambda _: bar.advance(task), on_cell=film
+            policy,
+            make_env,
+            protocol,
+            policy_name=name,
+            on_episode=lambda _: bar.advance(task),
+            on_cell=end_cell,
+            known=dict(finished.records),
         )
+    return records, facts
+
+
+def _result(
+    subject: Subject, name: str, protocol: Protocol, checkpoint: "Checkpoint", command: str,
+    records: list["EpisodeRecord"], facts: dict[str, Any],
+) -> "Result":  # fmt: skip
+    """Puts the result together."""
+    from benchmark import provenance
+    from benchmark.records import Result
+
     return Result(
         run=subject.run,
         created=provenance.now(),
         protocol=protocol,
         task=subject.task,
-        max_episode_steps=facts["max_episode_steps"],
-        control_hz=facts["control_hz"],
         policy=name,
         train_level=subject.train_level,
         train_only=subject.train_only,
         seed=subject.seed,
-        **scene,
-        cameras=facts["cameras"],
-        image_size=subject.image_size if sees else None,
+        image_size=subject.image_size if _view_of(name)[0] else None,
         checkpoint=checkpoint,
         dataset_hash=subject.dataset_hash,
         demonstrations=subject.demonstrations,
@@ -182,6 +223,7 @@ def _run_cells(
         machine=provenance.machine(subject.device),
         versions=provenance.package_versions(),
         records=tuple(records),
+        **facts,
     )
 
 

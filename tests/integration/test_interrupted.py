@@ -75,7 +75,7 @@ class Interrupted:
             "running": [name for name, facts in manifest["stages"].items() if facts["status"] == "running"],
             "episodes": len(list(self.folder.glob("datasets/PickCube/*/raw/episode_*.safetensors"))),
             "steps": [row["step"] for row in read_metrics(run)],
-            "results": list(self.folder.glob("results/**/*.json")),
+            "results": list(self.folder.glob("results/**/[!.]*.json")),
         }
 
     def _first_episode_is_committed(self) -> bool:
@@ -85,7 +85,7 @@ class Interrupted:
         return any(self.folder.glob("runs/PickCube/act/*/checkpoints/000004"))
 
     def _first_cell_is_evaluated(self) -> bool:
-        return "level 0, test split:" in self._log.read_text()
+        return any(self.folder.glob("results/v2/PickCube/act/.*.cells.json"))
 
 
 @pytest.fixture(scope="module")
@@ -106,6 +106,9 @@ def test_every_kill_came_in_the_middle_of_its_stage(interrupted: Interrupted) ->
 def test_the_same_command_finishes(interrupted: Interrupted) -> None:
     assert interrupted.code == 0, interrupted.log
     assert "level 3" in interrupted.log and "Traceback" not in interrupted.log
+    assert "Evaluated before: level 0, test split" in interrupted.log
+    assert "level 0, test split: " not in interrupted.log  # a finished cell is not evaluated again
+    assert not any(interrupted.folder.glob("results/**/.*.json"))
     run = MainRun.at(interrupted.folder).run
     manifest = json.loads((run / "manifest.json").read_text())
     assert manifest["status"] == "done" and len(manifest["starts"]) == 4

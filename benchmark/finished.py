@@ -1,0 +1,67 @@
+"""The finished cells of an evaluation, kept until its results file is whole.
+
+A killed evaluation goes on with its next cell. The file lies hidden beside the results file, and counts only
+for the very same evaluation: what decides an episode is in its key.
+"""
+
+import hashlib
+import json
+import logging
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmark.files import write_bytes
+from benchmark.protocol import Cell, canonical_json
+from benchmark.records import EpisodeRecord
+
+log = logging.getLogger(__name__)
+
+
+class FinishedCells:
+    """Records of the cells that are done.
+
+    Args:
+        path: The results file that they will be in.
+        key: Plain values: everything that decides what an episode is and does.
+
+    Attributes:
+        records: The records of every finished cell, ordered by episode as the split is.
+    """
+
+    def __init__(self, path: Path, key: Mapping[str, Any]) -> None:
+        self.path = path.with_name(f".{path.stem}.cells.json")
+        self._key = hashlib.sha256(canonical_json(dict(key)).encode()).hexdigest()
+        self.records: dict[Cell, list[EpisodeRecord]] = self._read()
+
+    def add(self, cell: Cell, records: Sequence[EpisodeRecord]) -> None:
+        """Keeps a cell, atomically.
+
+        Raises:
+            ResultError: The file cannot be written.
+        """
+        self.records[cell] = list(records)
+        rows = [record.to_json() for records in self.records.values() for record in records]
+        write_bytes(self.path, json.dumps({"key": self._key, "records": rows}).encode())
+
+    def remove(self) -> None:
+        """Forgets them all: the results file is whole."""
+        self.path.unlink(missing_ok=True)
+
+    def _read(self) -> dict[Cell, list[EpisodeRecord]]:
+        try:
+            document = json.loads(self.path.read_bytes())
+            if document["key"] != self._key:
+                return {}
+            records = [EpisodeRecord.from_json(row) for row in document["records"]]
+        except FileNotFoundError:
+            return {}
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            log.warning(
+                "The finished cells in '%s' cannot be read (%s); they are evaluated again.", self.path, error
+            )
+            return {}
+        cells: dict[Cell, list[EpisodeRecord]] = {}
+        for record in records:
+            cells.setdefault(record.cell, []).append(record)
+        return cells
