@@ -50,6 +50,14 @@ HANDLERS.add(
     },
 )
 
+HANDLERS.add(
+    "genesis",
+    "envs.handlers.genesis.handler:GenesisHandler",
+    extra="genesis",
+    summary="Genesis 1.4 on CPU: all environments are one batch; compiles for a minute or more at its first use",
+    info={"cannot": "no welds, coupled or ball joints, nor torques; friction is at least 0.01; float32"},
+)
+
 RENDERERS: "Registry[type[Renderer]]" = Registry("renderer")
 RENDERERS.add(
     "warp",

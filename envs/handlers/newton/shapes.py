@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from envs.errors import SimulatorError
+from envs.handlers.collision import touching
 from envs.handlers.description import Frame
 
 _SHAPES = mujoco.mjtGeom
@@ -135,27 +136,3 @@ def check_pairs(model: mujoco.MjModel, theirs: mujoco.MjModel) -> None:
             f"Newton does not tell apart which of this scene's {len(geoms)} shapes touch, as '{one}' and "
             f"'{other}'. Take simulator=mujoco."
         )
-
-
-def touching(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
-    """Returns which geoms touch which, (G, G) bool, by MuJoCo's rules for bits, parents, pairs, exclusions.
-
-    Args:
-        model: The compiled scene.
-        geoms: Ids, (G,).
-    """
-    kind, with_kind = model.geom_contype[geoms], model.geom_conaffinity[geoms]
-    body = model.geom_bodyid[geoms]
-    weld = model.body_weldid[body]
-    parent = model.body_weldid[model.body_parentid[weld]]
-    touch = ((kind[:, None] & with_kind) | (with_kind[:, None] & kind)) != 0
-    touch &= weld[:, None] != weld
-    jointed = (parent[:, None] == weld) | (weld[:, None] == parent)
-    touch &= ~(jointed & (weld[:, None] != 0) & (weld != 0))
-    excluded = np.isin((body[:, None] << 16) + body, model.exclude_signature)
-    touch &= ~(excluded | excluded.T)
-    where = {int(geom): index for index, geom in enumerate(geoms)}
-    for one, other in zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True):
-        if one in where and other in where:
-            touch[where[one], where[other]] = touch[where[other], where[one]] = True
-    return touch

@@ -5,6 +5,7 @@ import numpy as np
 from sapien import Pose, physx
 
 from envs.errors import SimulatorError
+from envs.handlers.collision import hull_of
 from envs.handlers.description import Frame, compose
 
 Z_FROM_X = np.array([0.5**0.5, 0.0, -(0.5**0.5), 0.0])
@@ -82,7 +83,7 @@ class ShapeFactory:
         if kind == _SHAPES.mjGEOM_CYLINDER:
             return physx.PhysxCollisionShapeCylinder(float(size[0]), float(size[1]), material), True
         if kind in (_SHAPES.mjGEOM_MESH, _SHAPES.mjGEOM_ELLIPSOID):
-            points = self._hull(geom) if kind == _SHAPES.mjGEOM_MESH else sphere_points(SPHERE_POINTS) * size
+            points = hull_of(self._model, geom) if kind == _SHAPES.mjGEOM_MESH else sphere_points(SPHERE_POINTS) * size
             one = np.ones(3, np.float32)
             return physx.PhysxCollisionShapeConvexMesh(points.astype(np.float32), one, material), False
         name = self._model.geom(geom).name or f"number {geom}"
@@ -90,17 +91,6 @@ class ShapeFactory:
             f"SAPIEN has no collision shape for the geom '{name}' ({_SHAPES(kind).name}). "
             "Take simulator=mujoco."
         )
-
-    def _hull(self, geom: int) -> np.ndarray:
-        """Returns the vertices of a mesh's convex hull, (V, 3); MuJoCo has found them already."""
-        model, mesh = self._model, int(self._model.geom_dataid[geom])
-        first = model.mesh_vertadr[mesh]
-        vertices = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
-        graph = model.mesh_graphadr[mesh]
-        if graph < 0:
-            return vertices
-        count = model.mesh_graph[graph]
-        return vertices[model.mesh_graph[graph + 2 + count : graph + 2 + 2 * count]]
 
 
 def _excluded(model: mujoco.MjModel) -> np.ndarray:

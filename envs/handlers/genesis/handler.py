@@ -1,0 +1,109 @@
+"""Genesis on CPU: all environments are one batch of its rigid solver; other renderers draw them."""
+
+from collections.abc import Mapping
+from typing import override
+
+import mujoco
+import numpy as np
+from torch import Tensor
+
+from envs.handlers.base import EnvIds, TextureSource
+from envs.handlers.description import describe
+from envs.handlers.genesis.batch import Batch
+from envs.handlers.genesis.settings import SIMULATOR, GenesisSettings
+from envs.handlers.mirrored import MirroredHandler, World
+from envs.scenario import ScenarioCfg
+
+
+class GenesisWorld(World):
+    """One environment of a batch."""
+
+    def __init__(self, batch: Batch, row: int) -> None:
+        self._batch, self._row = batch, row
+
+    @override
+    def put(self, qpos: np.ndarray, qvel: np.ndarray, ctrl: np.ndarray) -> None:
+        self._batch.put(self._row, qpos, qvel, ctrl)
+
+    @override
+    def place(self, mocap_pos: np.ndarray, mocap_quat: np.ndarray) -> None:
+        self._batch.place(self._row, mocap_pos, mocap_quat)
+
+    @override
+    def drive(self, ctrl: np.ndarray) -> None:
+        self._ctrl = ctrl.copy()
+        self._batch.drive(self._row, ctrl)
+
+    @override
+    def step(self, num_steps: int) -> None:
+        self.step_towards(self._ctrl, self._ctrl, num_steps)
+
+    @override
+    def step_towards(self, start: np.ndarray, end: np.ndarray, num_steps: int) -> None:
+        self._batch.step([self._row], start[None], end[None], num_steps)
+
+    @override
+    def read(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        self._batch.read(self._row, qpos, qvel)
+
+    @override
+    def close(self) -> None:
+        if self._row == 0:
+            self._batch.close()
+
+
+class GenesisHandler(MirroredHandler):
+    """Genesis's rigid solver, which is made after MuJoCo's: impedances, cones and drives mean the same.
+
+    Every link, joint and shape is told to Genesis as the compiled model has it. What differs: a contact's
+    friction is at least 0.01, priorities of contacts are not known, and meshes meet by another algorithm.
+    Genesis's own pictures are not offered, since it cannot change materials without building a scene anew.
+    """
+
+    steps_together = True
+    own_renderers = ("warp", "gl", "filament")
+
+    def __init__(
+        self,
+        scenario: ScenarioCfg,
+        num_envs: int,
+        *,
+        renderer: str = "warp",
+        num_threads: int = 0,
+        textures: TextureSource | None = None,
+    ) -> None:
+        super().__init__(scenario, num_envs, renderer=renderer, num_threads=num_threads, textures=textures)
+        self.settings = GenesisSettings.of(scenario)
+
+    @override
+    def launch(self) -> None:
+        self._batch: Batch | None = None
+        self._made = 0
+        super().launch()
+
+    @override
+    def make_world(self, model: mujoco.MjModel) -> GenesisWorld:
+        if self._batch is None:
+            self._batch = Batch(model, describe(model, SIMULATOR), self.settings, self.num_envs)
+        self._made += 1
+        return GenesisWorld(self._batch, self._made - 1)
+
+    @override
+    def step(self, num_steps: int, env_ids: EnvIds = None) -> None:
+        self._check_open()
+        self._together(self._ctrl, num_steps, env_ids)
+
+    @override
+    def step_towards(
+        self, targets: Mapping[str, Tensor | np.ndarray], num_steps: int, env_ids: EnvIds = None
+    ) -> None:
+        self._check_open()
+        start = self._ctrl.copy()
+        self.set_joint_targets(targets, env_ids)
+        self._together(start, num_steps, env_ids)
+
+    def _together(self, start: np.ndarray, num_steps: int, env_ids: EnvIds) -> None:
+        assert self._batch is not None, "there is a batch once it is launched"
+        rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
+        self._batch.step(rows, start[rows], self._ctrl[rows], num_steps)
+        self._advance(lambda row: self._worlds[row].read(self._qpos[row], self._qvel[row]), env_ids)
