@@ -173,7 +173,7 @@ def _check(model: mujoco.MjModel, simulator: str) -> None:
                 "simulator=mujoco, or give the body three hinges."
             )
     if model.neq:
-        first, second = (model.body(int(bodies[0])).name for bodies in (model.eq_obj1id, model.eq_obj2id))
+        first, second = tied(model)
         raise SimulatorError(
             f"simulator={simulator} has no equality constraint such as that of '{first}' and '{second}'. "
             "Take simulator=mujoco."
@@ -185,6 +185,19 @@ def _check(model: mujoco.MjModel, simulator: str) -> None:
                 f"The actuator '{model.actuator(index).name}' does not drive a joint to a position, which is "
                 f"all that simulator={simulator} does. Take simulator=mujoco."
             )
+
+
+def tied(model: mujoco.MjModel) -> tuple[str, str]:
+    """Returns the names of what the first equality constraint of a model ties together."""
+    accessor = model.body
+    if model.eq_type[0] == mujoco.mjtEq.mjEQ_JOINT:
+        accessor = model.joint
+    elif model.eq_type[0] == mujoco.mjtEq.mjEQ_TENDON:
+        accessor = model.tendon
+    elif model.eq_objtype[0] == mujoco.mjtObj.mjOBJ_SITE:
+        accessor = model.site
+    first, second = (int(ids[0]) for ids in (model.eq_obj1id, model.eq_obj2id))
+    return accessor(first).name, accessor(second).name if second >= 0 else "a constant"
 
 
 def _heads(model: mujoco.MjModel) -> np.ndarray:

@@ -5,12 +5,19 @@ from collections.abc import Collection
 import mujoco
 
 from envs.assets import resolve
+from envs.errors import ConfigError
 
 
-def read(scene: mujoco.MjSpec, reference: str, sites: Collection[str] = ()) -> mujoco.MjSpec:
+_BY_BODIES = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
+_SITE = mujoco.mjtObj.mjOBJ_SITE
+
+
+def read(
+    scene: mujoco.MjSpec, reference: str, sites: Collection[str] = (), *, equalities: bool = False
+) -> mujoco.MjSpec:
     """Reads a file, but none of what drives or watches its bodies, and only the named sites.
 
-    The scene says how it is simulated and drawn; what the file says of that is forgotten, or MuJoCo would
+    Equality constraints, and the sites that they tie, stay where ``equalities`` says so. The scene says how it is simulated and drawn; what the file says of that is forgotten, or MuJoCo would
     warn of each difference when it is attached.
     """
     spec = mujoco.MjSpec.from_file(str(resolve(reference)))
@@ -20,8 +27,12 @@ def read(scene: mujoco.MjSpec, reference: str, sites: Collection[str] = ()) -> m
         for name in dir(own):
             if not name.startswith("_") and not callable(getattr(own, name)):
                 setattr(own, name, getattr(other, name))
-    others = [site for site in spec.sites if site.name not in sites]
-    for item in (*spec.cameras, *spec.lights, *spec.sensors, *spec.actuators, *spec.equalities, *others):
+    kept = {*sites}
+    for tie in spec.equalities if equalities else ():
+        kept |= {tie.name1, tie.name2} if tie.objtype == _SITE else set()
+    others = [site for site in spec.sites if site.name not in kept]
+    ties = [] if equalities else spec.equalities
+    for item in (*spec.cameras, *spec.lights, *spec.sensors, *spec.actuators, *ties, *others):
         spec.delete(item)
     return spec
 
@@ -31,18 +42,46 @@ def keep_only(spec: mujoco.MjSpec, body) -> None:
 
     What is attached to a scene brings all of its file's, used or not.
     """
-    kept = {body.name}
+    kept, last = {body.name}, body
     while body.parent is not None:
         body = body.parent
         kept.add(body.name)
     for other in list(spec.worldbody.bodies):
         if other.name not in kept:
             spec.delete(other)
+    _delete_ties_to_others(spec, last)
     geoms = list(spec.geoms)
     _delete_others(spec, spec.meshes, {geom.meshname for geom in geoms})
     _delete_others(spec, spec.materials, {geom.material for geom in geoms})
     pictures = {name for material in spec.materials for name in material.textures}
     _delete_others(spec, spec.textures, pictures)
+
+
+def _delete_ties_to_others(spec: mujoco.MjSpec, root) -> None:
+    """Deletes equality constraints with what is not part of a body.
+
+    Raises:
+        ConfigError: if one ties a part of it to the world.
+    """
+    bodies = [root]
+    for body in bodies:
+        bodies += body.bodies
+    joints = {joint.name for body in bodies for joint in body.joints}
+    sites = {site.name for body in bodies for site in body.sites}
+    own = {body.name for body in bodies}
+    for tie in list(spec.equalities):
+        if tie.type in _BY_BODIES:
+            parts = sites if tie.objtype == _SITE else own
+        else:
+            parts = joints if tie.type == mujoco.mjtEq.mjEQ_JOINT else {item.name for item in spec.tendons}
+        ends = [name for name in (tie.name1, tie.name2) if name not in ("", "world")]
+        if not all(name in parts for name in ends):
+            spec.delete(tie)
+        elif tie.type in _BY_BODIES and len(ends) < 2:
+            raise ConfigError(
+                f"The object's file ties '{ends[0]}' to the world; an object is put elsewhere, and takes what "
+                f"it is tied to along. Tie it to the object's root, '{root.name}'."
+            )
 
 
 def _delete_others(spec: mujoco.MjSpec, items: list, used: set[str]) -> None:

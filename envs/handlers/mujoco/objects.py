@@ -149,7 +149,7 @@ def _add_picture(spec, name: str, reference: str) -> None:
 
 def _load(scene: mujoco.MjSpec, item: ObjectCfg, reference: str) -> tuple:
     """Returns the file's model, which must outlive it, and the body that is the object, at the origin."""
-    spec = read(scene, reference)
+    spec = read(scene, reference, equalities=True)
     if item.mjcf_radians:
         spec.compiler.degree = False
     for index, body in enumerate(spec.bodies):

@@ -15,6 +15,7 @@ from envs.convert.description import Description, Link
 from envs.convert.read import read_model
 from envs.convert.urdf import write_urdf
 from envs.errors import SimulatorError
+from envs.handlers.description import tied
 
 _VERSION = 2
 
@@ -124,7 +125,7 @@ def _check(model: mujoco.MjModel) -> None:
                 "Take simulator=mujoco, or give the body three hinges."
             )
     if model.neq:
-        first, second = _tied(model)
+        first, second = tied(model)
         raise SimulatorError(
             f"simulator=pybullet has no equality constraint such as that of '{first}' and '{second}'. "
             "Take simulator=mujoco."
@@ -140,17 +141,6 @@ def _check(model: mujoco.MjModel) -> None:
                 f"The actuator '{model.actuator(index).name}' does not drive a joint to a position, which is "
                 "all that simulator=pybullet does. Take simulator=mujoco."
             )
-
-
-def _tied(model: mujoco.MjModel) -> tuple[str, str]:
-    """Names what the first equality constraint ties together."""
-    accessor = model.body
-    if model.eq_type[0] == mujoco.mjtEq.mjEQ_JOINT:
-        accessor = model.joint
-    elif model.eq_type[0] == mujoco.mjtEq.mjEQ_TENDON:
-        accessor = model.tendon
-    first, second = (int(ids[0]) for ids in (model.eq_obj1id, model.eq_obj2id))
-    return accessor(first).name, accessor(second).name if second >= 0 else "a constant"
 
 
 def _digest(model: mujoco.MjModel) -> str:

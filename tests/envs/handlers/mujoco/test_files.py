@@ -234,3 +234,72 @@ def test_a_table_may_be_seen_or_touched_alone():
     unseen = build_model(ScenarioCfg(table=TableCfg(visible=False)))
     assert unseen.geom("table").group == HIDDEN_GROUP
     assert unseen.geom("table_collision").contype == 1
+
+
+GATE = """
+<mujoco>
+  <worldbody>
+    <body name="gate">
+      <geom type="box" size=".1 .1 .1" mass="1"/>
+      <site name="hook" pos="0 0 .2"/>
+      <body name="left" pos="0 .2 0">
+        <joint name="left" type="slide" axis="0 1 0"/>
+        <geom type="sphere" size=".02" mass="1" contype="0" conaffinity="0"/>
+      </body>
+      <body name="right" pos="0 -.2 0">
+        <joint name="right" type="slide" axis="0 1 0"/>
+        <geom type="sphere" size=".02" mass="1" contype="0" conaffinity="0"/>
+        <site name="eye"/>
+      </body>
+      <site name="unused"/>
+    </body>
+    <body name="other"><joint name="other"/><geom size=".01"/></body>
+  </worldbody>
+  <equality>
+    <joint joint1="left" joint2="right" polycoef="0 -1 0 0 0"/>
+    <joint joint1="left" joint2="other"/>
+    <weld body1="right" body2="other"/>
+    {}
+  </equality>
+</mujoco>
+"""
+
+
+def gate(tmp_path, more=""):
+    path = tmp_path / "gate.xml"
+    path.write_text(GATE.format(more))
+    joints = ("left", "right")
+    return ObjectCfg(name="gate", mjcf=str(path), mjcf_root="gate", mjcf_joints=joints, kind="fixed")
+
+
+def test_an_object_keeps_the_equality_constraints_of_its_own_parts(tmp_path):
+    model = model_of(gate(tmp_path))
+    assert model.neq == 1  # what its file ties to other bodies is not there
+    assert [model.joint(int(ids[0])).name for ids in (model.eq_obj1id, model.eq_obj2id)] == [
+        "gate/left",
+        "gate/right",
+    ]
+    data = mujoco.MjData(model)
+    data.joint("gate/right").qvel[0] = 0.5
+    mujoco.mj_step(model, data, 200)
+    assert abs(data.joint("gate/right").qpos[0]) > 0.05
+    np.testing.assert_allclose(data.joint("gate/left").qpos, -data.joint("gate/right").qpos, atol=2e-3)
+
+
+def test_the_sites_that_an_object_is_tied_at_come_along_and_no_others(tmp_path):
+    model = model_of(gate(tmp_path, '<connect site1="hook" site2="eye"/>'))
+    assert model.neq == 2
+    assert {model.site(i).name for i in range(model.nsite)} == {"gate/hook", "gate/eye"}
+
+
+def test_an_object_that_its_file_ties_to_the_world_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match=r"ties 'left' to the world; .*Tie it to the object's root, 'gate'"):
+        model_of(gate(tmp_path, '<connect body1="left" anchor="0 0 0"/>'))
+
+
+def test_a_simulator_without_equality_constraints_names_the_joints_that_one_ties(tmp_path):
+    from envs.errors import SimulatorError
+    from envs.handlers.description import describe
+
+    with pytest.raises(SimulatorError, match=r"equality constraint .* 'gate/left' and 'gate/right'"):
+        describe(model_of(gate(tmp_path)), "newton")
