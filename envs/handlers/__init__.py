@@ -54,7 +54,7 @@ HANDLERS.add(
     "genesis",
     "envs.handlers.genesis.handler:GenesisHandler",
     extra="genesis",
-    summary="Genesis 1.4 on CPU: all environments are one batch; compiles for a minute or more at its first use",
+    summary="Genesis 1.4 on CPU: all environments are one batch; its first use compiles for minutes",
     info={"cannot": "no welds, coupled or ball joints, nor torques; friction is at least 0.01; float32"},
 )
 

@@ -175,10 +175,40 @@ class NewtonLoop(Loop):
         return self._now.joint_q.numpy()[self._joints]
 
 
+class GenesisLoop(Loop):
+    """``Scene.step`` with the drives' targets set before each, and what the solver says of joints and links.
+
+    What a drive at its limit is told, :mod:`envs.handlers.genesis.batch`, is part of the physics.
+    """
+
+    @override
+    def find(self) -> None:
+        self._batch = batch = self._handler._batch
+        self._scene, self._solver = batch._scene, batch._solver
+        self._row, self._alone = np.zeros(self._handler.model.nu), np.array([0])
+        order = dict(zip(batch._actuators.tolist(), batch._driven.tolist(), strict=True))
+        self._driven = [order[int(actuator)] for actuator in self._ctrl]
+
+    @override
+    def run(self, target: np.ndarray, num_steps: int) -> None:
+        solver, scene, batch = self._solver, self._scene, self._batch
+        self._row[self._ctrl] = target
+        targets = self._row[batch._actuators][:, None]
+        for _ in range(num_steps):
+            batch._aim(self._alone, targets)
+            scene.step(update_visualizer=False, refresh_visualizer=False)
+        self._last = (solver.get_qpos(), solver.get_dofs_velocity(), solver.get_links_pos())
+
+    @override
+    def joints(self) -> np.ndarray:
+        return self._solver.get_dofs_position(self._driven).numpy()[0]
+
+
 LOOPS: dict[str, type[Loop]] = {
     "mujoco": MujocoLoop,
     "sapien": SapienLoop,
     "pybullet": PybulletLoop,
     "newton": NewtonLoop,
+    "genesis": GenesisLoop,
 }
 """Simulators to their own loops; ``roboverse benchmark mujoco_warp`` measures the one that is missing."""

@@ -69,7 +69,13 @@ def launch(name, times, *, draw=False):
     return Use(*(min(getattr(use, field) for use in uses) for field in Use.__annotations__))
 
 
-@pytest.fixture(params=HANDLERS.names())
+SLOW = {"genesis"}
+"""Simulators whose launches take seconds, and are made only when asked for."""
+
+
+@pytest.fixture(
+    params=[pytest.param(name, marks=pytest.mark.long) if name in SLOW else name for name in HANDLERS.names()]
+)
 def name(request):
     try:
         HANDLERS.get(request.param)

@@ -1,8 +1,8 @@
 """N environments as one batch of a Genesis scene, and what one of them is in its arrays.
 
-Genesis steps all environments of a batch together. Everything that a step reads of the step before, warm starts
-and contacts among it, is in arrays with one column for each environment: a column is put back where an
-environment was not to be stepped, and made as it was at the start where a state is set.
+Genesis steps all environments of a batch together. Everything that a step reads of the step before, warm
+starts and contacts among it, is in arrays with one column for each environment: a column is put back where
+an environment was not to be stepped, and made as it was at the start where a state is set.
 """
 
 from collections.abc import Sequence
@@ -15,9 +15,9 @@ import numpy as np
 from envs.errors import SimulatorError
 from envs.handlers.collision import touching
 from envs.handlers.description import JointSpec, SceneSpec, TreeSpec, compose
-from envs.handlers.genesis.process import start
+from envs.handlers.genesis.process import part, start
 from envs.handlers.genesis.settings import INTEGRATORS, GenesisSettings
-from envs.handlers.genesis.trees import geom_of, joint_name, write_still, write_tree
+from envs.handlers.genesis.trees import Text, joint_name, write_still, write_tree
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +57,7 @@ class Batch:
         self._model, self.num_envs = model, num_envs
         self._bases: list[_Base] = []
         self._joints: list[tuple[int, int, JointSpec]] = []
+        self._added: list[tuple[Any, Text]] = []
         self._scene = gs.Scene(
             show_viewer=False,
             sim_options=gs.options.SimOptions(
@@ -113,11 +114,11 @@ class Batch:
         self._keep_apart()
         self._take_arrays()
 
-    def _add(self, text: str, *, weightless: bool = False) -> Any:
+    def _add(self, text: Text, *, weightless: bool = False) -> Any:
         gs = self._gs
-        return self._scene.add_entity(
+        entity = self._scene.add_entity(
             gs.morphs.MJCF(
-                file=text,
+                file=text.mjcf,
                 convexify=True,
                 decimate=False,
                 decompose_object_error_threshold=float("inf"),
@@ -128,6 +129,8 @@ class Batch:
             ),
             material=gs.materials.Rigid(gravity_compensation=1.0 if weightless else 0.0),
         )
+        self._added.append((entity, text))
+        return entity
 
     def _find(self, entity: Any, tree: TreeSpec) -> None:
         """Notes where a tree's joints are in Genesis's arrays."""
@@ -145,8 +148,11 @@ class Batch:
 
     def _keep_apart(self) -> None:
         """Lets only those touch each other that do in MuJoCo."""
-        names = [geom.metadata["name"] for geom in self._solver.geoms]
-        geoms = np.array([geom_of(name) for name in names], np.intp)
+        geoms = np.zeros(len(self._solver.geoms), np.intp)
+        for entity, text in self._added:
+            for link in entity.links:
+                for geom, number in zip(link.geoms, text.geoms.get(link.name, ()), strict=True):
+                    geoms[geom.idx] = number
         if not len(geoms):
             return
         pairs = self._solver.collider.collider_info.collision_pair_idx
@@ -163,9 +169,7 @@ class Batch:
 
     def _take_arrays(self) -> None:
         """Finds the columns of environments in Genesis's arrays, as views, and keeps those of the start."""
-        from genesis.utils import array_class
-        from genesis.utils.misc import data_to_array
-
+        array_class, data_to_array = part("utils.array_class"), part("utils.misc").data_to_array
         kinds, solver = (array_class.DataKind.STATE, array_class.DataKind.DERIVED), self._solver
         driven = [(dof, spec.actuator) for _, dof, spec in self._joints if spec.actuator >= 0]
         self._driven = np.array([dof for dof, _ in driven], np.intp)
@@ -194,6 +198,7 @@ class Batch:
         dofs = solver.dyn_state.dofs
         self._targets, self._forces = view_of(dofs.ctrl_pos), view_of(dofs.ctrl_force)
         self._modes = view_of(dofs.ctrl_mode)
+        self._rows = self._scene._envs_idx
         links = solver.dyn_state.links
         self._link_pos, self._link_quat = view_of(links.pos), view_of(links.quat)
         self._q = np.array([q for q, _, _ in self._joints], np.intp)
@@ -205,21 +210,20 @@ class Batch:
 
     def put(self, row: int, qpos: np.ndarray, qvel: np.ndarray, ctrl: np.ndarray) -> None:
         """Puts joints and free bodies of an environment where MuJoCo's arrays say, and forgets its past."""
-        placed = [(self._link_pos[base.link, row].copy(), self._link_quat[base.link, row].copy())
-                  for base in self._bases]
+        placed = [base.link for base in self._bases if base.tree.root == "mocap"]
+        pos, quat = self._link_pos[placed, row].copy(), self._link_quat[placed, row].copy()
         for column, fresh in zip(self._columns, self._fresh, strict=True):
             column[row] = fresh
         self._qpos[self._q, row] = qpos[self._mujoco_q]
         self._qvel[self._dof, row] = qvel[self._mujoco_dof]
-        for base, (pos, quat) in zip(self._bases, placed, strict=True):
+        for base in self._bases:
             tree = base.tree
             if tree.root == "free":
                 self._qpos[base.q : base.q + 7, row] = qpos[tree.qpos : tree.qpos + 7]
                 self._qvel[base.dof : base.dof + 6, row] = qvel[tree.dof : tree.dof + 6]
-            else:
-                self._link_pos[base.link, row], self._link_quat[base.link, row] = pos, quat
+        self._link_pos[placed, row], self._link_quat[placed, row] = pos, quat
         self.drive(row, ctrl)
-        self._outdate()
+        self._move_shapes(row)
 
     def place(self, row: int, mocap_pos: np.ndarray, mocap_quat: np.ndarray) -> None:
         """Moves what stands where it is put."""
@@ -227,7 +231,7 @@ class Batch:
             if base.tree.root == "mocap":
                 self._link_pos[base.link, row] = mocap_pos[base.tree.mocap]
                 self._link_quat[base.link, row] = mocap_quat[base.tree.mocap]
-        self._outdate()
+        self._move_shapes(row)
 
     def drive(self, row: int, ctrl: np.ndarray) -> None:
         """Sets the targets of the driven joints."""
@@ -242,12 +246,27 @@ class Batch:
                 qpos[tree.qpos : tree.qpos + 7] = self._qpos[base.q : base.q + 7, row]
                 qvel[tree.dof : tree.dof + 6] = self._qvel[base.dof : base.dof + 6, row]
 
+    def _move_shapes(self, row: int) -> None:
+        """Takes the shapes of what stands where it is put along; a step moves those alone that can move."""
+        solver = self._solver
+        if any(base.tree.root == "mocap" for base in self._bases):
+            part("engine.solvers.rigid.rigid_solver").kernel_forward_kinematics_links_geoms(
+                self._rows[row : row + 1],
+                solver.dyn_state,
+                solver.dyn_info,
+                solver.rigid_info,
+                solver.rigid_config,
+            )
+        self._outdate()
+
     def _outdate(self) -> None:
         self._solver._is_forward_pos_updated = self._solver._is_forward_vel_updated = False
 
     # -- time ---------------------------------------------------------------------------------------
 
-    def step(self, rows: Sequence[int] | np.ndarray, start: np.ndarray, end: np.ndarray, num_steps: int) -> None:
+    def step(
+        self, rows: Sequence[int] | np.ndarray, start: np.ndarray, end: np.ndarray, num_steps: int
+    ) -> None:
         """Advances environments while their targets move evenly; the others stay as they are.
 
         Args:
@@ -267,6 +286,7 @@ class Batch:
             for index in range(1, num_steps + 1):
                 self._aim(moving, first + (last - first) * np.float32(index / num_steps))
                 self._scene.step(update_visualizer=False, refresh_visualizer=False)
+            self._check(moving)
         except self._gs.GenesisException as error:
             raise SimulatorError(f"Genesis does not go on: {error}") from error
         finally:
@@ -275,11 +295,21 @@ class Batch:
             if len(others):
                 self._outdate()
 
+    def _check(self, rows: np.ndarray) -> None:
+        """Asks Genesis whether it could step environments; by itself it tells so some steps later."""
+        failed = self._solver.get_error_envs_mask().numpy()[rows]
+        if failed.any():
+            try:
+                self._solver.check_errno()
+            except self._gs.GenesisException as error:
+                bad = rows[failed].tolist()
+                raise SimulatorError(f"Genesis cannot go on with the environments {bad}: {error}") from error
+
     def _aim(self, rows: np.ndarray, targets: np.ndarray) -> None:
         """Sets targets (A, n), and a force where an actuator gives all that it has.
 
-        Genesis integrates the damping of a position drive implicitly even while its force is at the limit, where
-        the force does not depend on the velocity; MuJoCo does not, and the joint would be slowed down.
+        Genesis integrates the damping of a position drive implicitly even while its force is at the limit,
+        where the force does not depend on the velocity; MuJoCo does not. The joint would be slowed down.
         """
         if not len(self._driven):
             return
@@ -294,7 +324,7 @@ class Batch:
 
     def close(self) -> None:
         """Frees the scene."""
-        self._columns, self._bases, self._joints = [], [], []
+        self._columns, self._bases, self._joints, self._added = [], [], [], []
         self._scene.destroy()
 
 

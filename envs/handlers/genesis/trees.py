@@ -5,7 +5,8 @@ in the compiled model, and a mesh as the vertices of its convex hull.
 """
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -30,22 +31,25 @@ _NAMES = {
 }
 
 
+@dataclass(frozen=True, slots=True)
+class Text:
+    """What Genesis makes one entity of.
+
+    Attributes:
+        mjcf: The text.
+        geoms: Name of a link to the ids of its geoms, in their order.
+    """
+
+    mjcf: str
+    geoms: Mapping[str, Sequence[int]]
+
+
 def joint_name(joint: JointSpec) -> str:
     """Returns the name of a joint in the text."""
     return f"joint{joint.dof}"
 
 
-def geom_name(geom: int) -> str:
-    """Returns the name of a geom in the text."""
-    return f"geom{geom}"
-
-
-def geom_of(name: str) -> int:
-    """Returns the id of the geom of this name."""
-    return int(name.removeprefix("geom"))
-
-
-def write_still(model: mujoco.MjModel, geoms: Iterable[tuple[int, Frame]]) -> str:
+def write_still(model: mujoco.MjModel, geoms: Iterable[tuple[int, Frame]]) -> Text:
     """Returns the MJCF of what never moves.
 
     Args:
@@ -60,7 +64,7 @@ def write_still(model: mujoco.MjModel, geoms: Iterable[tuple[int, Frame]]) -> st
     return writer.text()
 
 
-def write_tree(model: mujoco.MjModel, tree: TreeSpec, *, bare_root: bool, whole: bool = True) -> str:
+def write_tree(model: mujoco.MjModel, tree: TreeSpec, *, bare_root: bool, whole: bool = True) -> Text:
     """Returns the MJCF of a tree. A root that is put in place is written at the origin.
 
     Args:
@@ -107,10 +111,11 @@ class _Writer:
         self.world = ET.SubElement(self._root, "worldbody")
         self._actuators = ET.SubElement(self._root, "actuator")
         self._meshes: set[int] = set()
+        self._placed: dict[str, list[int]] = {}
 
-    def text(self) -> str:
+    def text(self) -> Text:
         """Returns it."""
-        return ET.tostring(self._root, encoding="unicode")
+        return Text(ET.tostring(self._root, encoding="unicode"), self._placed)
 
     def body(
         self, parent: ET.Element, name: str, pose: Frame, link: LinkSpec, *, bare: bool = False
@@ -168,8 +173,9 @@ class _Writer:
 
     def geoms(self, body: ET.Element, geoms: Iterable[tuple[int, Frame]]) -> None:
         """Adds the shapes of a link. Genesis is to let all touch; who does is decided after it is built."""
-        model = self._model
+        model, placed = self._model, self._placed.setdefault(body.get("name", "world"), [])
         for geom, frame in geoms:
+            placed.append(geom)
             kind = _NAMES.get(int(model.geom_type[geom]))
             if kind is None:
                 name = model.geom(geom).name or f"number {geom}"
@@ -180,7 +186,6 @@ class _Writer:
             element = ET.SubElement(
                 body,
                 "geom",
-                name=geom_name(geom),
                 type=kind,
                 pos=_words(frame[0]),
                 quat=_words(frame[1]),

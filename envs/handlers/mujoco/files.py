@@ -7,7 +7,6 @@ import mujoco
 from envs.assets import resolve
 from envs.errors import ConfigError
 
-
 _BY_BODIES = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
 _SITE = mujoco.mjtObj.mjOBJ_SITE
 
@@ -17,8 +16,9 @@ def read(
 ) -> mujoco.MjSpec:
     """Reads a file, but none of what drives or watches its bodies, and only the named sites.
 
-    Equality constraints, and the sites that they tie, stay where ``equalities`` says so. The scene says how it is simulated and drawn; what the file says of that is forgotten, or MuJoCo would
-    warn of each difference when it is attached.
+    Equality constraints, and the sites that they tie, stay where ``equalities`` says so. The scene says how
+    it is simulated and drawn; what the file says of that is forgotten, or MuJoCo would warn of each
+    difference when it is attached.
     """
     spec = mujoco.MjSpec.from_file(str(resolve(reference)))
     visual, ours = spec.visual, scene.visual
@@ -79,8 +79,8 @@ def _delete_ties_to_others(spec: mujoco.MjSpec, root) -> None:
             spec.delete(tie)
         elif tie.type in _BY_BODIES and len(ends) < 2:
             raise ConfigError(
-                f"The object's file ties '{ends[0]}' to the world; an object is put elsewhere, and takes what "
-                f"it is tied to along. Tie it to the object's root, '{root.name}'."
+                f"The object's file ties '{ends[0]}' to the world; an object is put elsewhere, and takes what it "
+                f"is tied to along. Tie it to the object's root, '{root.name}'."
             )
 
 

@@ -83,7 +83,11 @@ class ShapeFactory:
         if kind == _SHAPES.mjGEOM_CYLINDER:
             return physx.PhysxCollisionShapeCylinder(float(size[0]), float(size[1]), material), True
         if kind in (_SHAPES.mjGEOM_MESH, _SHAPES.mjGEOM_ELLIPSOID):
-            points = hull_of(self._model, geom) if kind == _SHAPES.mjGEOM_MESH else sphere_points(SPHERE_POINTS) * size
+            points = (
+                hull_of(self._model, geom)
+                if kind == _SHAPES.mjGEOM_MESH
+                else sphere_points(SPHERE_POINTS) * size
+            )
             one = np.ones(3, np.float32)
             return physx.PhysxCollisionShapeConvexMesh(points.astype(np.float32), one, material), False
         name = self._model.geom(geom).name or f"number {geom}"
