@@ -79,8 +79,8 @@ def _delete_ties_to_others(spec: mujoco.MjSpec, root) -> None:
             spec.delete(tie)
         elif tie.type in _BY_BODIES and len(ends) < 2:
             raise ConfigError(
-                f"The object's file ties '{ends[0]}' to the world; an object is put elsewhere, and takes what it "
-                f"is tied to along. Tie it to the object's root, '{root.name}'."
+                f"The object's file ties '{ends[0]}' to the world; an object is put elsewhere, and takes "
+                f"what it is tied to along. Tie it to the object's root, '{root.name}'."
             )
 
 

@@ -14,7 +14,7 @@ from envs.handlers.genesis.settings import GenesisSettings
 from envs.scenario import GeomCfg, ObjectCfg, ScenarioCfg
 from envs.tasks.close_box import CloseBox
 from envs.tasks.pick_cube import PickCube
-from tests.envs.handlers.common import launched, reach, start, with_block
+from tests.envs.handlers.reaching import launched, reach, start, with_block
 
 pytestmark = pytest.mark.slow
 
