@@ -10,6 +10,9 @@ from envs.errors import ConfigError
 from envs.handlers.settings import check_settings
 from roboverse_learn.config import EvaluateConfig, EvaluationConfig, TrainRunConfig
 
+_VIDEO_PX = 256
+"""Pictures of an agent that sees none: its videos."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Subject:
@@ -145,7 +148,8 @@ def subject_of_run(folder: Path, config: TrainRunConfig, checkpoint: Path) -> Su
 def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
     """The subject of a checkpoint that lies in no run of ours, such as one of ``lerobot-train``."""
     from benchmark.provenance import file_hash
-    from policies.checkpoint import CONFIG, WEIGHTS, read_json
+    from policies import names
+    from policies.checkpoint import CONFIG, WEIGHTS, policy_type, read_json
     from roboverse_learn.compose import to_values
     from roboverse_learn.training.device import resolve_device
 
@@ -156,7 +160,9 @@ def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
         )
     check_settings(config.simulator or "mujoco", config.simulator_settings)
     values = read_json(checkpoint / CONFIG)
-    sizes = _image_sizes(checkpoint / CONFIG, values)
+    # What learned by reward sees no pictures.
+    sees = policy_type(checkpoint) in names("dataset")
+    sizes = _image_sizes(checkpoint / CONFIG, values) if sees else {"none": _VIDEO_PX}
     if not config.image_size and len(set(sizes.values())) != 1:
         raise ConfigError(
             f"Checkpoint '{checkpoint}' has images of sizes {sorted(set(sizes.values()))}: "
@@ -171,7 +177,7 @@ def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
         simulator=config.simulator or "mujoco",
         simulator_settings=config.simulator_settings,
         renderer=config.renderer or "warp",
-        cameras=config.cameras or tuple(sizes),
+        cameras=config.cameras or (tuple(sizes) if sees else ()),
         image_size=config.image_size or set(sizes.values()).pop(),
         device=resolve_device(config.device),
         config={"command": to_values(config), "policy": values},

@@ -122,6 +122,15 @@ def test_a_checkpoint_of_nobody_tells_its_pictures(tmp_path: Path) -> None:
     assert found.run.startswith("their-run-")
 
 
+@pytest.mark.parametrize("name", ["ppo", "fasttd3", "tdmpc2"])
+def test_an_agent_of_nobody_sees_no_pictures(tmp_path: Path, name: str) -> None:
+    content = {"type": name, "config": {}, "observation": {"observation.environment_state": 51}}
+    folder = write_checkpoint(tmp_path / "their run/model", content)
+    found = subject(folder, "task=humanoid/walk", "simulator=newton")
+    assert (found.task, found.simulator, found.cameras) == ("humanoid/walk", "newton", ())
+    assert found.image_size == 256
+
+
 def test_two_checkpoints_of_nobody_do_not_share_a_results_file(tmp_path: Path) -> None:
     names = {
         subject(write_checkpoint(tmp_path / str(n) / "run/model", weights=bytes([n])), "task=PickCube").run
