@@ -61,12 +61,14 @@ class Variant:
         settings: Settings of the simulator.
         substeps: Physics steps per control step, or None for the task's.
         drawn: Simulate the model that is drawn.
+        pruned: Do not look for contacts of links that cannot touch.
         edit: Changes the compiled model.
     """
 
     settings: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     substeps: int | None = None
     drawn: bool = False
+    pruned: bool = True
     edit: Callable[[mujoco.MjModel], None] = lambda model: None
 
 
@@ -89,7 +91,7 @@ def _no_links(model: mujoco.MjModel) -> None:
 
 
 def _no_meshes(model: mujoco.MjModel) -> None:
-    meshes = model.geom_type == mujoco.mjtGeom.mjGEOM_MESH
+    meshes = model.geom_type == int(mujoco.mjtGeom.mjGEOM_MESH)
     model.geom_contype[meshes] = model.geom_conaffinity[meshes] = 0
 
 
@@ -100,6 +102,7 @@ def _no_contacts(model: mujoco.MjModel) -> None:
 VARIANTS = {
     "as it is": Variant(),
     "the drawn model": Variant(drawn=True),
+    "looks at all links": Variant(pruned=False),
     "at most 10 iterations": Variant(edit=_iterations(10)),
     "1 iteration (wrong)": Variant(edit=_iterations(1)),
     "128 rows": Variant(settings={"njmax": 128}),
@@ -123,6 +126,7 @@ class Loop:
 
     def __init__(self, given: PhysicsBenchmark, variant: Variant, num_envs: int) -> None:
         from envs.handlers import HANDLERS
+        from envs.handlers.mujoco.model import build_models
         from envs.handlers.mujoco_warp.worlds import Worlds
         from envs.tasks import TASKS
 
@@ -135,7 +139,10 @@ class Loop:
         self.handler = build(scenario, num_envs)
         self.handler.launch()
         model = self.handler.model if variant.drawn else self.handler.physics_model
+        if not variant.pruned:
+            model = build_models(scenario)[1]
         variant.edit(model)
+        self.model = model
         self.handler._worlds = Worlds(model, num_envs, self.handler.on, self.handler.settings)
         self.decimation = scenario.physics.decimation
         self.controller = self.task.rl_controller

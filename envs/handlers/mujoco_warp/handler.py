@@ -78,7 +78,9 @@ class MujocoWarpHandler(Handler):
     def launch(self) -> None:
         self.on = device = Device(self.settings.device)
         self.device = device.torch
-        self.model, self.physics_model = build_models(self.scenario, simplify=self._simplify_meshes)
+        self.model, self.physics_model = build_models(
+            self.scenario, simplify=self._simplify_meshes, prune=True
+        )
         self._layout = layout_of(self.model, self.scenario)
         self._worlds = Worlds(self.physics_model, self.num_envs, device, self.settings)
         self._appearances = [self.scenario.appearance] * self.num_envs

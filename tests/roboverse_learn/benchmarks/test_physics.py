@@ -19,6 +19,7 @@ def test_a_variant_changes_the_model_that_is_stepped():
     loop.run(1)
     assert loop.solver()["rows, largest"] == 0.0
     loop = Loop(GIVEN, VARIANTS["10 longer steps"], 1)
+    assert Loop(GIVEN, VARIANTS["looks at all links"], 1).model.nexclude == 0 < loop.model.nexclude
     assert loop.decimation == 10 and loop.handler.physics_model.opt.timestep == pytest.approx(0.005)
 
 
