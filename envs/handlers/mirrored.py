@@ -23,6 +23,7 @@ from envs.handlers.mujoco.layout import EntityLayout, as_slice, block, layout_of
 from envs.handlers.mujoco.model import build_model
 from envs.handlers.mujoco.objects import rest_joints
 from envs.handlers.mujoco.render import Renderer, RenderJob
+from envs.handlers.settings import SimulatorSettings
 from envs.scenario import Appearance, ScenarioCfg
 from envs.state import EntityState, State
 
@@ -61,36 +62,43 @@ class World(ABC):
         """Frees the environment."""
 
 
-class MirroredHandler(Handler):
+class MirroredHandler[Settings: SimulatorSettings](Handler):
     """N worlds and the mirror of their states.
 
-    Subclasses say how a world is made; threads step several at once where ``steps_in_threads``.
+    Subclasses say how worlds are made; threads step several at once where ``steps_in_threads``.
 
     Attributes:
+        settings_class: What reads the scenario's block of settings.
+        settings: What it says, where there is such a class.
         model: The compiled scene, once launched.
     """
 
     dtype = torch.float32
     steps_in_threads: bool = False
+    settings_class: type[Settings] | None = None
+    settings: Settings
 
     def __init__(
         self,
         scenario: ScenarioCfg,
         num_envs: int,
         *,
-        renderer: str = "warp",
+        renderer: str | None = None,
         num_threads: int = 0,
         textures: TextureSource | None = None,
     ) -> None:
-        super().__init__(scenario, num_envs, renderer=renderer, num_threads=num_threads, textures=textures)
-        self._renderer_class: type[Renderer] = RENDERERS.get(renderer)
+        name = renderer or next(iter(self.own_renderers), "warp")
+        super().__init__(scenario, num_envs, renderer=name, num_threads=num_threads, textures=textures)
+        if self.settings_class is not None:
+            self.settings = self.settings_class.of(scenario)
+        self._renderer_class: type[Renderer] = RENDERERS.get(name)
         self._renderer: Renderer | None = None
         self._worlds: list[World] = []
         self._pool: ThreadPoolExecutor | None = None
 
     @abstractmethod
-    def make_world(self, model: mujoco.MjModel) -> World:
-        """Builds one environment."""
+    def make_worlds(self, model: mujoco.MjModel) -> Sequence[World]:
+        """Builds the environments."""
 
     @override
     def launch(self) -> None:
@@ -113,7 +121,7 @@ class MirroredHandler(Handler):
         self._low, self._high = model.actuator_ctrlrange.astype(np.float32).T.copy()
         self._rest_rows()
         self._appearances = [self.scenario.appearance] * self.num_envs
-        self._worlds = [self.make_world(model) for _ in range(self.num_envs)]
+        self._worlds = [*self.make_worlds(model)]
         if self.steps_in_threads and self.num_threads != 1 and self.num_envs > 1:
             self._pool = ThreadPoolExecutor(self.num_threads or None, thread_name_prefix="step")
         for row in range(self.num_envs):

@@ -1,18 +1,17 @@
 """Genesis on CPU: all environments are one batch of its rigid solver; other renderers draw them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import override
 
 import mujoco
 import numpy as np
 from torch import Tensor
 
-from envs.handlers.base import EnvIds, TextureSource
+from envs.handlers.base import EnvIds
 from envs.handlers.description import describe
 from envs.handlers.genesis.batch import Batch
 from envs.handlers.genesis.settings import SIMULATOR, GenesisSettings
 from envs.handlers.mirrored import MirroredHandler, World
-from envs.scenario import ScenarioCfg
 
 
 class GenesisWorld(World):
@@ -52,7 +51,7 @@ class GenesisWorld(World):
             self._batch.close()
 
 
-class GenesisHandler(MirroredHandler):
+class GenesisHandler(MirroredHandler[GenesisSettings]):
     """Genesis's rigid solver, which is made after MuJoCo's: impedances, cones and drives mean the same.
 
     Every link, joint and shape is told to Genesis as the compiled model has it. What differs: a contact's
@@ -62,31 +61,12 @@ class GenesisHandler(MirroredHandler):
 
     steps_together = True
     own_renderers = ("warp", "gl", "filament")
-
-    def __init__(
-        self,
-        scenario: ScenarioCfg,
-        num_envs: int,
-        *,
-        renderer: str = "warp",
-        num_threads: int = 0,
-        textures: TextureSource | None = None,
-    ) -> None:
-        super().__init__(scenario, num_envs, renderer=renderer, num_threads=num_threads, textures=textures)
-        self.settings = GenesisSettings.of(scenario)
+    settings_class = GenesisSettings
 
     @override
-    def launch(self) -> None:
-        self._batch: Batch | None = None
-        self._made = 0
-        super().launch()
-
-    @override
-    def make_world(self, model: mujoco.MjModel) -> GenesisWorld:
-        if self._batch is None:
-            self._batch = Batch(model, describe(model, SIMULATOR), self.settings, self.num_envs)
-        self._made += 1
-        return GenesisWorld(self._batch, self._made - 1)
+    def make_worlds(self, model: mujoco.MjModel) -> Sequence[GenesisWorld]:
+        self._batch = Batch(model, describe(model, SIMULATOR), self.settings, self.num_envs)
+        return [GenesisWorld(self._batch, row) for row in range(self.num_envs)]
 
     @override
     def step(self, num_steps: int, env_ids: EnvIds = None) -> None:
@@ -103,7 +83,6 @@ class GenesisHandler(MirroredHandler):
         self._together(start, num_steps, env_ids)
 
     def _together(self, start: np.ndarray, num_steps: int, env_ids: EnvIds) -> None:
-        assert self._batch is not None, "there is a batch once it is launched"
         rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
         self._batch.step(rows, start[rows], self._ctrl[rows], num_steps)
         self._advance(lambda row: self._worlds[row].read(self._qpos[row], self._qvel[row]), env_ids)

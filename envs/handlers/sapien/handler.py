@@ -1,18 +1,17 @@
 """SAPIEN 3 on CPU: every environment is a PhysX scene of its own, and all share one renderer."""
 
+from collections.abc import Sequence
 from typing import override
 
 import mujoco
 
-from envs.handlers.base import TextureSource
-from envs.handlers.description import SceneSpec, describe
+from envs.handlers.description import describe
 from envs.handlers.mirrored import MirroredHandler
 from envs.handlers.sapien.settings import SIMULATOR, SapienSettings
 from envs.handlers.sapien.world import SapienWorld
-from envs.scenario import ScenarioCfg
 
 
-class SapienHandler(MirroredHandler):
+class SapienHandler(MirroredHandler[SapienSettings]):
     """PhysX (CPU) by SAPIEN; see :mod:`envs.handlers.sapien.world` for what stands for what of MuJoCo.
 
     The robot is built from the compiled MuJoCo model, not from a URDF: its principal inertias, armature,
@@ -22,26 +21,9 @@ class SapienHandler(MirroredHandler):
 
     steps_in_threads = True
     own_renderers = (SIMULATOR, "warp", "gl", "filament")
-
-    def __init__(
-        self,
-        scenario: ScenarioCfg,
-        num_envs: int,
-        *,
-        renderer: str = SIMULATOR,
-        num_threads: int = 0,
-        textures: TextureSource | None = None,
-    ) -> None:
-        super().__init__(scenario, num_envs, renderer=renderer, num_threads=num_threads, textures=textures)
-        self.settings = SapienSettings.of(scenario)
+    settings_class = SapienSettings
 
     @override
-    def launch(self) -> None:
-        self._spec: SceneSpec | None = None
-        super().launch()
-
-    @override
-    def make_world(self, model: mujoco.MjModel) -> SapienWorld:
-        if self._spec is None:
-            self._spec = describe(model, SIMULATOR)
-        return SapienWorld(model, self._spec, self.settings)
+    def make_worlds(self, model: mujoco.MjModel) -> Sequence[SapienWorld]:
+        spec = describe(model, SIMULATOR)
+        return [SapienWorld(model, spec, self.settings) for _ in range(self.num_envs)]

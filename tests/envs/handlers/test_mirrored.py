@@ -41,8 +41,8 @@ class Ledger(World):
 
 
 class LedgerHandler(MirroredHandler):
-    def make_world(self, model):
-        return Ledger()
+    def make_worlds(self, model):
+        return [Ledger() for _ in range(self.num_envs)]
 
 
 def launched(scenario, kind=LedgerHandler):

@@ -1,10 +1,8 @@
 """The Newton handler beyond the contract: agreement with MuJoCo, settings, tasks, launches."""
 
-import dataclasses
 import gc
 import resource
 
-import numpy as np
 import pytest
 import torch
 
@@ -16,41 +14,18 @@ from envs.handlers import HANDLERS
 from envs.handlers.newton.settings import NewtonSettings
 from envs.scenario import GeomCfg, ObjectCfg, ScenarioCfg
 from envs.tasks.close_box import CloseBox
-from envs.tasks.pick_cube import PickCube
-
-
-def launched(scenario, num_envs=1, simulator="newton", **options):
-    handler = HANDLERS.get(simulator)(scenario, num_envs, renderer="warp", **options)
-    handler.launch()
-    return handler
-
-
-def start(task, num_envs=1):
-    return task.initial_state([np.random.default_rng(i) for i in range(num_envs)])
+from tests.envs.handlers.reaching import launched, reach, start, with_block
 
 
 def test_the_arm_moves_as_in_mujoco():
     """The same model, told another way: 1e-4 rad all along a half-second reach."""
-    task = PickCube()
-    ways = []
-    for simulator in ("mujoco", "newton"):
-        with launched(task.scenario, simulator=simulator) as handler:
-            states = start(task)
-            handler.set_states(states)
-            target = states.robots["franka"].joint_pos.clone()
-            target += torch.tensor([0.3, -0.2, 0.15, 0.1, -0.15, 0.1, 0.2, -0.02, -0.02])
-            handler.set_joint_targets({"franka": target})
-            way = []
-            for _ in range(10):
-                handler.step(25)
-                way.append(handler.get_states().robots["franka"].joint_pos.double())
-            ways.append(torch.stack(way))
+    ways = [reach("mujoco"), reach("newton")]
     assert (ways[0] - ways[1]).abs().max() < 1e-4
 
 
 def test_the_lid_of_the_box_is_held_by_friction_where_it_was_put():
     task = CloseBox()
-    with launched(task.scenario) as handler:
+    with launched("newton", task.scenario) as handler:
         states = start(task)
         handler.set_states(states)
         before = handler.get_states().objects
@@ -68,12 +43,9 @@ def test_the_expert_succeeds_in_newtons_physics(task):
 
 
 def test_settings_are_read_and_unknown_ones_refused():
-    scenario = PickCube().scenario
-    block = dataclasses.replace(scenario, simulators={"newton": {"iterations": 20}})
-    assert NewtonSettings.of(block).iterations == 20
-    wrong = dataclasses.replace(scenario, simulators={"newton": {"iteration": 20}})
+    assert NewtonSettings.of(with_block("newton", iterations=20)).iterations == 20
     with pytest.raises(UnknownNameError, match=r"Unknown setting of newton 'iteration'.*Did you mean"):
-        HANDLERS.get("newton")(wrong, 1)
+        HANDLERS.get("newton")(with_block("newton", iteration=20), 1)
     with pytest.raises(ConfigError, match="iterations of newton must be at least 1, given 0"):
         NewtonSettings(iterations=0)
     with pytest.raises(UnknownNameError, match=r"Unknown cone of newton 'round'.*Valid: "):
@@ -89,7 +61,7 @@ def small_scene():
 
 def launch_and_drop(times):
     for _ in range(times):
-        with launched(small_scene()) as handler:
+        with launched("newton", small_scene()) as handler:
             handler.step(5)
 
 

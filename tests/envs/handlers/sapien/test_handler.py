@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import numpy as np
 import pytest
 import torch
 
@@ -13,41 +12,19 @@ from envs.handlers import HANDLERS
 from envs.handlers.sapien.settings import SapienSettings
 from envs.tasks.close_box import CloseBox
 from envs.tasks.pick_cube import PickCube
-
-
-def launched(scenario, num_envs=1, simulator="sapien", **options):
-    handler = HANDLERS.get(simulator)(scenario, num_envs, renderer="warp", **options)
-    handler.launch()
-    return handler
-
-
-def start(task, num_envs=1):
-    return task.initial_state([np.random.default_rng(i) for i in range(num_envs)])
+from tests.envs.handlers.reaching import launched, reach, start, with_block
 
 
 def test_the_arm_moves_as_in_mujoco():
     """Same gains, limits and inertias: within a third of a degree all the way of a half-second reach."""
-    task = PickCube()
-    ways = []
-    for simulator in ("mujoco", "sapien"):
-        with launched(task.scenario, simulator=simulator) as handler:
-            states = start(task)
-            handler.set_states(states)
-            target = states.robots["franka"].joint_pos.clone()
-            target += torch.tensor([0.3, -0.2, 0.15, 0.1, -0.15, 0.1, 0.2, -0.02, -0.02])
-            handler.set_joint_targets({"franka": target})
-            way = []
-            for _ in range(10):
-                handler.step(25)
-                way.append(handler.get_states().robots["franka"].joint_pos.double())
-            ways.append(torch.stack(way))
+    ways = [reach("mujoco"), reach("sapien")]
     assert (ways[0] - ways[1])[..., :7].abs().max() < 6e-3
     assert (ways[0] - ways[1])[..., 7:].abs().max() < 1e-3
 
 
 def test_the_lid_of_the_box_moves_with_the_box_and_stays_where_friction_holds_it():
     task = CloseBox()
-    with launched(task.scenario) as handler:
+    with launched("sapien", task.scenario) as handler:
         states = start(task)
         handler.set_states(states)
         before = handler.get_states().objects
@@ -63,7 +40,7 @@ def test_threads_change_nothing():
     task = PickCube()
     ends = []
     for num_threads in (1, 2):
-        with launched(task.scenario, 3, num_threads=num_threads) as handler:
+        with launched("sapien", task.scenario, 3, num_threads=num_threads) as handler:
             handler.set_states(start(task, 3))
             handler.step(30)
             ends.append(handler.get_states().flatten())
@@ -75,8 +52,8 @@ def test_two_handlers_keep_their_own_gravity():
     task = PickCube()
     physics = dataclasses.replace(task.scenario.physics, gravity=(0.0, 0.0, 0.0))
     with (
-        launched(task.scenario) as heavy,
-        launched(dataclasses.replace(task.scenario, physics=physics)) as light,
+        launched("sapien", task.scenario) as heavy,
+        launched("sapien", dataclasses.replace(task.scenario, physics=physics)) as light,
     ):
         for handler, falls in ((heavy, True), (light, False), (heavy, True)):
             states = start(task)
@@ -88,12 +65,9 @@ def test_two_handlers_keep_their_own_gravity():
 
 
 def test_settings_are_read_and_unknown_ones_refused():
-    scenario = PickCube().scenario
-    block = dataclasses.replace(scenario, simulators={"sapien": {"position_iterations": 20}})
-    assert SapienSettings.of(block).position_iterations == 20
-    wrong = dataclasses.replace(scenario, simulators={"sapien": {"iterations": 20}})
+    assert SapienSettings.of(with_block("sapien", position_iterations=20)).position_iterations == 20
     with pytest.raises(UnknownNameError, match=r"Unknown setting of sapien 'iterations'.*Did you mean"):
-        HANDLERS.get("sapien")(wrong, 1)
+        HANDLERS.get("sapien")(with_block("sapien", iterations=20), 1)
     with pytest.raises(ConfigError, match="velocity_iterations of sapien is 1 to 255, given 0"):
         SapienSettings(velocity_iterations=0)
 
@@ -110,7 +84,7 @@ def test_nothing_runs_before_launch_or_after_close():
 
 def test_joints_of_another_number_are_refused():
     task = PickCube()
-    with launched(task.scenario) as handler:
+    with launched("sapien", task.scenario) as handler:
         states = start(task)
         states.robots["franka"].joint_pos = torch.zeros((1, 3))
         with pytest.raises(ConfigError, match="'franka' has 9 joints; the state gives 3"):
