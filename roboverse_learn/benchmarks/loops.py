@@ -186,8 +186,6 @@ class GenesisLoop(Loop):
         self._batch = batch = self._handler._batch
         self._scene, self._solver = batch._scene, batch._solver
         self._row, self._alone = np.zeros(self._handler.model.nu), np.array([0])
-        order = dict(zip(batch._actuators.tolist(), batch._driven.tolist(), strict=True))
-        self._driven = [order[int(actuator)] for actuator in self._ctrl]
 
     @override
     def run(self, target: np.ndarray, num_steps: int) -> None:
@@ -201,7 +199,7 @@ class GenesisLoop(Loop):
 
     @override
     def joints(self) -> np.ndarray:
-        return self._solver.get_dofs_position(self._driven).numpy()[0]
+        return self._solver.get_qpos().numpy()[0][self._batch._driven_q]
 
 
 LOOPS: dict[str, type[Loop]] = {
