@@ -84,6 +84,7 @@ def another(key: str, value: Any) -> Any:
         "policy.activation": "tanh",
         "policy.schedule": "fixed",
         "policy.max_episode_steps": 50,
+        "policy.substeps": 5,
         "policy.prediction_type": "sample",
         "policy.actor_dim": 256,
         "policy.critic_dim": 512,
