@@ -128,11 +128,10 @@ def _deciding(subject: Subject, protocol: Protocol, weights: str) -> dict[str, A
     """Returns what an evaluation that goes on must share with the one before: all that decides an episode."""
     from benchmark import provenance
 
-    apart = ("checkpoint", "config", "cameras")
+    apart = ("checkpoint", "config")
     values = {item.name: getattr(subject, item.name) for item in fields(subject) if item.name not in apart}
     git = provenance.git_state()
     return values | {
-        "cameras": list(subject.cameras),
         "weights": weights,
         "protocol": protocol.to_json(),
         "git": None if git is None else asdict(git),
@@ -191,7 +190,7 @@ def _run_cells(
             policy_name=name,
             on_episode=lambda _: bar.advance(task),
             on_cell=end_cell,
-            known=dict(finished.records),
+            known=finished.records,
         )
     return records, facts
 

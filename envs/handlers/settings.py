@@ -30,10 +30,7 @@ def check_settings(simulator: str, values: Mapping[str, Any]) -> None:
     from pydantic import TypeAdapter, ValidationError
 
     settings = SETTINGS.get(simulator)
-    known = [field.name for field in fields(settings)]
-    for name in values:
-        if name not in known:
-            raise unknown_name(f"setting of simulator={simulator}", name, known)
+    _check_names(simulator, settings, values)
     try:
         TypeAdapter(settings).validate_python(dict(values))
     except ValidationError as error:
@@ -45,6 +42,13 @@ def check_settings(simulator: str, values: Mapping[str, Any]) -> None:
         raise ConfigError(
             f"{where}: {first['msg'][0].lower()}{first['msg'][1:]}, given {first['input']!r}."
         ) from None
+
+
+def _check_names(simulator: str, settings: type, values: Mapping[str, Any]) -> None:
+    known = [field.name for field in fields(settings)]
+    for name in values:
+        if name not in known:
+            raise unknown_name(f"setting of simulator={simulator}", name, known)
 
 
 class SimulatorSettings:
@@ -59,15 +63,16 @@ class SimulatorSettings:
 
     @classmethod
     def of(cls, scenario: ScenarioCfg) -> Self:
-        """Reads a scenario's block.
+        """Reads a scenario's block, and sizes what it leaves open.
 
         Raises:
             ConfigError: if a setting has a value that it may not have.
             UnknownNameError: if there is no such setting, or no such value of one.
         """
         block: dict[str, Any] = dict(scenario.simulators.get(cls.simulator, {}))
-        known = [field.name for field in fields(cls)]  # type: ignore[arg-type]
-        for name in block:
-            if name not in known:
-                raise unknown_name(f"setting of {cls.simulator}", name, known)
-        return cls(**block)
+        _check_names(cls.simulator, cls, block)
+        return cls(**block).sized(scenario)
+
+    def sized(self, scenario: ScenarioCfg) -> Self:
+        """Returns these settings with a size in place of what depends on the scene."""
+        return self

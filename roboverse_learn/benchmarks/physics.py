@@ -11,7 +11,7 @@ import json
 import logging
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 import torch
 
-from envs.arguments import parse
+from envs.arguments import run_program
 from envs.scenario import ScenarioCfg
 
 log = logging.getLogger(__name__)
@@ -200,11 +200,14 @@ class Loop:
         }
 
 
-def main(words: list[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Logs every variant, then the kernels."""
+    return run_program("python -m roboverse_learn.benchmarks.physics", PhysicsBenchmark, _measure_all, words)
+
+
+def _measure_all(given: PhysicsBenchmark) -> int:
     from envs.handlers.mujoco_warp.device import Device
 
-    given = parse("python -m roboverse_learn.benchmarks.physics", PhysicsBenchmark, words)
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stdout)
     log.setLevel(logging.INFO)
     on_gpu = Device(given.device).is_cuda

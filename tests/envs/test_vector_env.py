@@ -204,7 +204,7 @@ def test_settings_of_the_simulator_replace_the_scenarios():
     assert env.handler.physics_model.opt.impratio == 5.0
     env.close()
     with pytest.raises(
-        UnknownNameError, match=r"Unknown setting of mujoco 'impratoi'. Did you mean 'impratio'"
+        UnknownNameError, match=r"Unknown setting of simulator=mujoco 'impratoi'. Did you mean 'impratio'"
     ):
         envs.make_vec("PickCube", 1, observation="state", simulator_settings={"impratoi": 5.0})
 

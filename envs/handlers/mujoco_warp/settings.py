@@ -1,8 +1,10 @@
 """What a scenario may say about this simulator: its block ``simulators["mujoco_warp"]``."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from typing import override
 
-from envs.errors import ConfigError, unknown_name
+from envs.errors import ConfigError
+from envs.handlers.settings import SimulatorSettings
 from envs.scenario import ScenarioCfg
 
 SIMULATOR = "mujoco_warp"
@@ -19,7 +21,7 @@ ROWS_PER_CONTACT = 4
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class WarpSettings:
+class WarpSettings(SimulatorSettings):
     """Sizes of buffers that are allocated once, and where.
 
     Attributes:
@@ -35,6 +37,8 @@ class WarpSettings:
         num_textures: Pictures of materials that are kept on the device, 256 KiB each.
     """
 
+    simulator = SIMULATOR
+
     device: str = "auto"
     nconmax: int | None = None
     njmax: int | None = None
@@ -49,20 +53,9 @@ class WarpSettings:
             if value is not None and value < 1:
                 raise ConfigError(f"{SIMULATOR}: {name} must be at least 1, given {value}.")
 
-    @classmethod
-    def of(cls, scenario: ScenarioCfg) -> "WarpSettings":
-        """Reads a scenario's block, and sizes what it leaves open.
-
-        Raises:
-            UnknownNameError: if it has another key.
-        """
-        block = scenario.simulators.get(SIMULATOR, {})
-        valid = [field.name for field in fields(cls)]
-        for key in block:
-            if key not in valid:
-                raise unknown_name(f"setting of simulator={SIMULATOR}", key, valid)
-        given = cls(**block)
+    @override
+    def sized(self, scenario: ScenarioCfg) -> "WarpSettings":
         moving = [item for item in scenario.objects if item.kind == "free" or item.joint_names]
         parts = sum(1 if item.mjcf is None else PARTS_OF_A_FILE for item in moving)
-        nconmax = given.nconmax or CONTACTS_PER_OBJECT * (1 + parts)
-        return replace(given, nconmax=nconmax, njmax=given.njmax or ROWS_PER_CONTACT * nconmax)
+        nconmax = self.nconmax or CONTACTS_PER_OBJECT * (1 + parts)
+        return replace(self, nconmax=nconmax, njmax=self.njmax or ROWS_PER_CONTACT * nconmax)

@@ -8,6 +8,7 @@ pytest.importorskip("stable_baselines3")
 
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import CallbackList
+from stable_baselines3.common.logger import Logger
 
 from envs.adapters.sb3 import Sb3VecEnv
 from tests.envs.adapters.chain import GAMMA, Chain, value_of
@@ -22,6 +23,7 @@ def estimated(env: Chain, lam: float, steps: int = 6) -> tuple[torch.Tensor, np.
     with torch.no_grad():
         model.policy.value_net.weight.copy_(torch.tensor([[1.0, GAMMA]]) / (1 - GAMMA**2))
         model.policy.value_net.bias.zero_()
+    model.set_logger(Logger(folder=None, output_formats=[]))  # its default leaves a folder in /tmp
     model._setup_learn(100)
     callback = CallbackList([])
     callback.init_callback(model)

@@ -36,6 +36,13 @@ def test_a_robot_that_ignores_itself_still_touches_the_rest():
     assert not touch(link, hand) and touch(link, cube) and touch(cube, hand)
 
 
+def test_a_mistyped_word_is_one_line_that_says_what_was_meant(capsys):
+    assert physics.main(["wrlds=2"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and error.count("\n") == 1
+    assert "wrlds" in error and "Did you mean 'worlds'?" in error
+
+
 def test_what_is_measured_is_written(tmp_path, monkeypatch):
     monkeypatch.setattr(physics, "VARIANTS", {"as it is": VARIANTS["as it is"]})
     out = tmp_path / "physics.json"

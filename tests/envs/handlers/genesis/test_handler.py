@@ -58,7 +58,9 @@ def test_the_lid_of_the_box_is_held_by_friction_where_it_was_put():
 
 def test_settings_are_read_and_unknown_ones_refused():
     assert GenesisSettings.of(with_block("genesis", iterations=20)).iterations == 20
-    with pytest.raises(UnknownNameError, match=r"Unknown setting of genesis 'iteration'.*Did you mean"):
+    with pytest.raises(
+        UnknownNameError, match=r"Unknown setting of simulator=genesis 'iteration'.*Did you mean"
+    ):
         HANDLERS.get("genesis")(with_block("genesis", iteration=20), 1)
     with pytest.raises(ConfigError, match="max_pairs of genesis must be at least 1, given 0"):
         GenesisSettings(max_pairs=0)

@@ -222,7 +222,9 @@ def test_the_solvers_settings_are_the_scenarios():
     assert option.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
     assert option.jacobian == mujoco.mjtJacobian.mjJAC_DENSE
     assert (option.impratio, option.iterations, option.tolerance) == (2.0, 7, 1e-8)
-    with pytest.raises(UnknownNameError, match=r"setting of mujoco 'iteration'.*Did you mean 'iterations'"):
+    with pytest.raises(
+        UnknownNameError, match=r"setting of simulator=mujoco 'iteration'.*Did you mean 'iterations'"
+    ):
         build_model(ScenarioCfg(simulators={"mujoco": {"iteration": 7}}))
     with pytest.raises(UnknownNameError, match=r"cone of mujoco 'conic'.*Valid: elliptic, pyramidal"):
         build_model(ScenarioCfg(simulators={"mujoco": {"cone": "conic"}}))

@@ -44,7 +44,9 @@ def test_the_expert_succeeds_in_newtons_physics(task):
 
 def test_settings_are_read_and_unknown_ones_refused():
     assert NewtonSettings.of(with_block("newton", iterations=20)).iterations == 20
-    with pytest.raises(UnknownNameError, match=r"Unknown setting of newton 'iteration'.*Did you mean"):
+    with pytest.raises(
+        UnknownNameError, match=r"Unknown setting of simulator=newton 'iteration'.*Did you mean"
+    ):
         HANDLERS.get("newton")(with_block("newton", iteration=20), 1)
     with pytest.raises(ConfigError, match="iterations of newton must be at least 1, given 0"):
         NewtonSettings(iterations=0)

@@ -96,7 +96,8 @@ def test_a_grip_holds_with_the_force_of_its_gain():
 
 def test_settings_are_checked():
     with pytest.raises(
-        UnknownNameError, match=r"Unknown setting of pybullet 'iteratons'.*Did you mean 'iterations'"
+        UnknownNameError,
+        match=r"setting of simulator=pybullet 'iteratons'.*Did you mean 'iterations'",
     ):
         PybulletSettings.of(ScenarioCfg(simulators={"pybullet": {"iteratons": 3}}))
     with pytest.raises(ConfigError, match="iterations ≥ 1"):

@@ -66,7 +66,9 @@ def test_two_handlers_keep_their_own_gravity():
 
 def test_settings_are_read_and_unknown_ones_refused():
     assert SapienSettings.of(with_block("sapien", position_iterations=20)).position_iterations == 20
-    with pytest.raises(UnknownNameError, match=r"Unknown setting of sapien 'iterations'.*Did you mean"):
+    with pytest.raises(
+        UnknownNameError, match=r"Unknown setting of simulator=sapien 'iterations'.*Did you mean"
+    ):
         HANDLERS.get("sapien")(with_block("sapien", iterations=20), 1)
     with pytest.raises(ConfigError, match="velocity_iterations of sapien is 1 to 255, given 0"):
         SapienSettings(velocity_iterations=0)

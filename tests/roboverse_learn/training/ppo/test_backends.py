@@ -52,6 +52,15 @@ def test_a_run_leaves_metrics_curves_and_a_policy_that_acts(backend, tmp_path):
     assert not list(tmp_path.rglob("*.pt"))
 
 
+def test_nothing_is_left_outside_the_run_folder(tmp_path, monkeypatch):
+    temporary, folder = tmp_path / "temporary", tmp_path / "run"
+    temporary.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(temporary))
+    monkeypatch.chdir(temporary)
+    run("sb3", folder, train=optimization(steps=32))  # its own logger makes a folder, even to write nothing
+    assert (folder / "metrics.jsonl").is_file() and not list(temporary.iterdir())
+
+
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_run_goes_on_where_it_was_stopped(backend, tmp_path):
     run(backend, tmp_path, train=optimization(steps=64))
