@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from envs.convert.description import Material, Mesh, Shape
+from envs.handlers.mujoco.looks import picture_of, rgba_of
 from envs.rotations import conjugate, rotate
 
 logger = logging.getLogger(__name__)
@@ -24,8 +25,6 @@ _MESH, _ELLIPSOID = int(_GEOM.mjGEOM_MESH), int(_GEOM.mjGEOM_ELLIPSOID)
 
 _RGB = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
 _FLAT_TEXTURE = int(mujoco.mjtTexture.mjTEXTURE_2D)
-_DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
-"""A geom of this colour takes its material's (MuJoCo, ``engine_vis_visualize.c``, ``setMaterial``)."""
 
 _ELLIPSOID_SUBDIVISIONS = 3
 
@@ -174,7 +173,7 @@ class ShapeReader:
         model, rgba, texture = self._model, self._rgba(geom), self._texture(geom)
         picture = None
         if texture is not None:
-            picture = _picture(model, texture)
+            picture = picture_of(model, texture)
             if not self._can_lie_on(mesh, texture):
                 if seen:
                     self._lose(self._why_not(geom, mesh, texture))
@@ -212,9 +211,8 @@ class ShapeReader:
         )
 
     def _rgba(self, geom: int) -> tuple[float, float, float, float]:
-        own, material = self._model.geom_rgba[geom], int(self._model.geom_matid[geom])
-        chosen = own if material < 0 or tuple(own) != _DEFAULT_RGBA else self._model.mat_rgba[material]
-        red, green, blue, alpha = (round(float(value), 6) for value in chosen)
+        colour = rgba_of(self._model, np.array([geom]))[0]
+        red, green, blue, alpha = (round(float(value), 6) for value in colour)
         return red, green, blue, alpha
 
     def _lose(self, sentence: str) -> None:
@@ -247,13 +245,6 @@ def _shown_groups(model: mujoco.MjModel) -> set[int]:
     seen_only = (model.geom_contype == 0) & (model.geom_conaffinity == 0)
     groups = {int(group) for group in model.geom_group[seen_only & (model.geom_rgba[:, 3] > 0)]}
     return groups or {0, 1, 2}
-
-
-def _picture(model: mujoco.MjModel, texture: int) -> np.ndarray:
-    height, width = int(model.tex_height[texture]), int(model.tex_width[texture])
-    channels, first = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
-    pixels = model.tex_data[first : first + height * width * channels].reshape(height, width, channels)
-    return np.repeat(pixels, 3, axis=-1) if channels == 1 else pixels[..., :3].copy()
 
 
 def _mesh_name(model: mujoco.MjModel, index: int) -> str:

@@ -7,7 +7,7 @@ way the simulator stores it, and so that every renderer of MuJoCo models can dra
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import override
 
@@ -17,14 +17,13 @@ import torch
 from torch import Tensor
 
 from envs.errors import ConfigError, SimulatorError, unknown_name
-from envs.handlers import RENDERERS
-from envs.handlers.base import EnvIds, Handler, TextureSource
+from envs.handlers.base import EnvIds, TextureSource
+from envs.handlers.modelled import ModelHandler, not_running
 from envs.handlers.mujoco.layout import EntityLayout, as_slice, block, layout_of
 from envs.handlers.mujoco.model import build_model
 from envs.handlers.mujoco.objects import rest_joints
-from envs.handlers.mujoco.render import Renderer, RenderJob
 from envs.handlers.settings import SimulatorSettings
-from envs.scenario import Appearance, ScenarioCfg
+from envs.scenario import ScenarioCfg
 from envs.state import EntityState, State
 
 
@@ -62,7 +61,7 @@ class World(ABC):
         """Frees the environment."""
 
 
-class MirroredHandler[Settings: SimulatorSettings](Handler):
+class MirroredHandler[Settings: SimulatorSettings](ModelHandler):
     """N worlds and the mirror of their states.
 
     Subclasses say how worlds are made; threads step several at once where ``steps_in_threads``.
@@ -91,8 +90,6 @@ class MirroredHandler[Settings: SimulatorSettings](Handler):
         super().__init__(scenario, num_envs, renderer=name, num_threads=num_threads, textures=textures)
         if self.settings_class is not None:
             self.settings = self.settings_class.of(scenario)
-        self._renderer_class: type[Renderer] = RENDERERS.get(name)
-        self._renderer: Renderer | None = None
         self._worlds: list[World] = []
         self._pool: ThreadPoolExecutor | None = None
 
@@ -120,7 +117,6 @@ class MirroredHandler[Settings: SimulatorSettings](Handler):
         self._resting: dict[int, tuple] = {}
         self._low, self._high = model.actuator_ctrlrange.astype(np.float32).T.copy()
         self._rest_rows()
-        self._appearances = [self.scenario.appearance] * self.num_envs
         self._worlds = [*self.make_worlds(model)]
         if self.steps_in_threads and self.num_threads != 1 and self.num_envs > 1:
             self._pool = ThreadPoolExecutor(self.num_threads or None, thread_name_prefix="step")
@@ -273,14 +269,7 @@ class MirroredHandler[Settings: SimulatorSettings](Handler):
     @override
     def step(self, num_steps: int, env_ids: EnvIds = None) -> None:
         self._check_open()
-
-        def advance(row: int) -> None:
-            world = self._worlds[row]
-            world.drive(self._ctrl[row])
-            world.step(num_steps)
-            world.read(self._qpos[row], self._qvel[row])
-
-        self._advance(advance, env_ids)
+        self._advance(None, num_steps, env_ids)
 
     @override
     def step_towards(
@@ -289,21 +278,11 @@ class MirroredHandler[Settings: SimulatorSettings](Handler):
         self._check_open()
         start = self._ctrl.copy()
         self.set_joint_targets(targets, env_ids)
+        self._advance(start, num_steps, env_ids)
 
-        def advance(row: int) -> None:
-            world = self._worlds[row]
-            world.step_towards(start[row], self._ctrl[row], num_steps)
-            world.read(self._qpos[row], self._qvel[row])
-
-        self._advance(advance, env_ids)
-
-    def _advance(self, advance: Callable[[int], None], env_ids: EnvIds) -> None:
-        rows = range(self.num_envs) if env_ids is None else np.asarray(env_ids).tolist()
-        if self._pool is None or len(rows) == 1:
-            for row in rows:
-                advance(row)
-        else:
-            list(self._pool.map(advance, rows))
+    def _advance(self, start: np.ndarray | None, num_steps: int, env_ids: EnvIds) -> None:
+        rows = list(range(self.num_envs)) if env_ids is None else np.asarray(env_ids).tolist()
+        self.step_worlds(rows, start, num_steps)
         if not math.isfinite(self._qpos.sum()):
             bad = [row for row in rows if not np.isfinite(self._qpos[row]).all()]
             if not bad:  # one that was not asked for, and was told before
@@ -313,65 +292,38 @@ class MirroredHandler[Settings: SimulatorSettings](Handler):
                 "Check the actions, or give physics.timestep_s a smaller value."
             )
 
-    # -- pictures -----------------------------------------------------------------------------------
+    def step_worlds(self, rows: Sequence[int], start: np.ndarray | None, num_steps: int) -> None:
+        """Advances environments to their present targets, and mirrors their states.
+
+        Args:
+            rows: Environments.
+            start: Targets from which those of all environments move evenly, (N, nu); None if they stand.
+            num_steps: Physics steps.
+        """
+
+        def advance(row: int) -> None:
+            world = self._worlds[row]
+            if start is None:
+                world.drive(self._ctrl[row])
+                world.step(num_steps)
+            else:
+                world.step_towards(start[row], self._ctrl[row], num_steps)
+            world.read(self._qpos[row], self._qvel[row])
+
+        if self._pool is None or len(rows) == 1:
+            for row in rows:
+                advance(row)
+        else:
+            list(self._pool.map(advance, rows))
 
     @override
-    def set_appearance(self, appearance: Appearance, env_id: int) -> None:
-        self._appearances[env_id] = appearance
-
-    @override
-    def snapshot(self, env_ids: EnvIds = None) -> list[RenderJob]:
-        rows: Iterable[int] = range(self.num_envs) if env_ids is None else env_ids
-        return [
-            RenderJob(
-                qpos=self._qpos[row].copy(),
-                mocap_pos=self._mocap_pos[row].copy(),
-                mocap_quat=self._mocap_quat[row].copy(),
-                appearance=self._appearances[row],
-            )
-            for row in rows
-        ]
-
-    @override
-    def render_jobs(
-        self,
-        jobs: Sequence[RenderJob],
-        cameras: Sequence[str] | None = None,
-        modalities: Sequence[str] = ("rgb",),
-    ) -> dict[str, dict[str, np.ndarray]]:
-        return self.renderer.render(jobs, *self.checked_names(cameras, modalities))
-
-    @property
-    def renderer(self) -> Renderer:
-        """The renderer, made at the first picture."""
-        self._check_open()
-        if self._renderer is None:
-            self._renderer = self._renderer_class(
-                self.model, self.scenario, textures=self.textures, num_threads=self.num_threads
-            )
-        return self._renderer
-
-    @property
-    @override
-    def segmentation_names(self) -> tuple[str, ...]:
-        return self.renderer.segmentation_names
-
-    @property
-    @override
-    def not_shown(self) -> tuple[str, ...]:
-        return self._renderer_class.not_shown
-
     def _check_open(self) -> None:
         if not self._worlds:
-            raise SimulatorError(
-                "The simulator does not run: call launch() first, and nothing after close()."
-            )
+            raise not_running()
 
     @override
     def close(self) -> None:
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        super().close()
         if self._pool is not None:
             self._pool.shutdown()
             self._pool = None

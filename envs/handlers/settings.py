@@ -13,6 +13,7 @@ SETTINGS: Registry[type] = Registry("simulator")
 
 SETTINGS.add("mujoco", "envs.handlers.mujoco.options:MujocoSettings")
 SETTINGS.add("mujoco_warp", "envs.handlers.mujoco_warp.settings:WarpSettings")
+SETTINGS.add("genesis", "envs.handlers.genesis.settings:GenesisSettings", extra="genesis")
 SETTINGS.add("newton", "envs.handlers.newton.settings:NewtonSettings", extra="newton")
 SETTINGS.add("pybullet", "envs.handlers.pybullet.settings:PybulletSettings", extra="pybullet")
 SETTINGS.add("sapien", "envs.handlers.sapien.settings:SapienSettings", extra="sapien")

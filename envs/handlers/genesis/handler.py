@@ -1,13 +1,11 @@
 """Genesis on CPU: all environments are one batch of its rigid solver; other renderers draw them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import override
 
 import mujoco
 import numpy as np
-from torch import Tensor
 
-from envs.handlers.base import EnvIds
 from envs.handlers.description import describe
 from envs.handlers.genesis.batch import Batch
 from envs.handlers.genesis.settings import SIMULATOR, GenesisSettings
@@ -35,11 +33,7 @@ class GenesisWorld(World):
 
     @override
     def step(self, num_steps: int) -> None:
-        self.step_towards(self._ctrl, self._ctrl, num_steps)
-
-    @override
-    def step_towards(self, start: np.ndarray, end: np.ndarray, num_steps: int) -> None:
-        self._batch.step([self._row], start[None], end[None], num_steps)
+        self._batch.step([self._row], self._ctrl[None], self._ctrl[None], num_steps)
 
     @override
     def read(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
@@ -69,20 +63,8 @@ class GenesisHandler(MirroredHandler[GenesisSettings]):
         return [GenesisWorld(self._batch, row) for row in range(self.num_envs)]
 
     @override
-    def step(self, num_steps: int, env_ids: EnvIds = None) -> None:
-        self._check_open()
-        self._together(self._ctrl, num_steps, env_ids)
-
-    @override
-    def step_towards(
-        self, targets: Mapping[str, Tensor | np.ndarray], num_steps: int, env_ids: EnvIds = None
-    ) -> None:
-        self._check_open()
-        start = self._ctrl.copy()
-        self.set_joint_targets(targets, env_ids)
-        self._together(start, num_steps, env_ids)
-
-    def _together(self, start: np.ndarray, num_steps: int, env_ids: EnvIds) -> None:
-        rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
-        self._batch.step(rows, start[rows], self._ctrl[rows], num_steps)
-        self._advance(lambda row: self._worlds[row].read(self._qpos[row], self._qvel[row]), env_ids)
+    def step_worlds(self, rows: Sequence[int], start: np.ndarray | None, num_steps: int) -> None:
+        ends = self._ctrl[rows]
+        self._batch.step(rows, ends if start is None else start[rows], ends, num_steps)
+        for row in rows:
+            self._batch.read(row, self._qpos[row], self._qvel[row])

@@ -2,7 +2,7 @@
 
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Unpack, override
 
 import mujoco
@@ -12,20 +12,19 @@ from mujoco.batch import Batch, SimulationError
 from torch import Tensor
 
 from envs.errors import ConfigError, SimulatorError, unknown_name
-from envs.handlers import RENDERERS
-from envs.handlers.base import EnvIds, Handler, HandlerOptions
+from envs.handlers.base import EnvIds, HandlerOptions
+from envs.handlers.modelled import ModelHandler, not_running
 from envs.handlers.mujoco.layout import EntityLayout, as_slice, block, layout_of
 from envs.handlers.mujoco.model import build_models
 from envs.handlers.mujoco.moments import Moment, ReadEntity, readers_of
 from envs.handlers.mujoco.objects import rest_joints
-from envs.handlers.mujoco.render import Renderer, RenderJob
-from envs.scenario import Appearance, ScenarioCfg
+from envs.scenario import ScenarioCfg
 from envs.state import EntityState, State
 
 _POSITION_STAGE = int(mujoco.mjtStage.mjSTAGE_POS)
 
 
-class MujocoHandler(Handler):
+class MujocoHandler(ModelHandler):
     """One ``mujoco.batch.Batch``: the result is the same for any number of environments and threads.
 
     Args:
@@ -50,9 +49,7 @@ class MujocoHandler(Handler):
         **options: Unpack[HandlerOptions],
     ) -> None:
         super().__init__(scenario, num_envs, **options)
-        self._renderer_class: type[Renderer] = RENDERERS.get(self.renderer_name)
         self._simplify_meshes = simplify_meshes
-        self._renderer: Renderer | None = None
         self._batch: Batch | None = None
 
     @override
@@ -62,7 +59,6 @@ class MujocoHandler(Handler):
         self.physics_model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self._batch = Batch(self.physics_model, self.num_envs, self.num_threads)
         self._layout = layout_of(self.model, self.scenario)
-        self._appearances = [self.scenario.appearance] * self.num_envs
         self._qpos, self._qvel = self._batch.qpos, self._batch.qvel
         self._ctrl, self._mocap_pos = self._batch.ctrl, self._batch.mocap_pos
         self._mocap_quat, self._warmstart = self._batch.mocap_quat, self._batch.qacc_warmstart
@@ -185,64 +181,20 @@ class MujocoHandler(Handler):
                 "Check the actions, or give physics.timestep_s a smaller value."
             )
 
-    @override
-    def set_appearance(self, appearance: Appearance, env_id: int) -> None:
-        self._appearances[env_id] = appearance
-
     @property
     def _running(self) -> Batch:
         if self._batch is None:
-            raise SimulatorError(
-                "The simulator does not run: call launch() first, and nothing after close()."
-            )
+            raise not_running()
         return self._batch
 
-    def snapshot(self, env_ids: EnvIds = None) -> list[RenderJob]:
-        """Returns what is needed to draw the environments as they are now, later."""
-        rows = range(self.num_envs) if env_ids is None else env_ids
-        return [
-            RenderJob(
-                qpos=self._qpos[row].copy(),
-                mocap_pos=self._mocap_pos[row].copy(),
-                mocap_quat=self._mocap_quat[row].copy(),
-                appearance=self._appearances[row],
-            )
-            for row in rows
-        ]
-
-    def render_jobs(
-        self,
-        jobs: Sequence[RenderJob],
-        cameras: Sequence[str] | None = None,
-        modalities: Sequence[str] = ("rgb",),
-    ) -> dict[str, dict[str, np.ndarray]]:
-        """Draws snapshots; see :meth:`render`."""
-        return self.renderer.render(jobs, *self.checked_names(cameras, modalities))
-
-    @property
-    def renderer(self) -> Renderer:
-        """The renderer, made at the first picture."""
-        if self._renderer is None:
-            self._renderer = self._renderer_class(
-                self.model, self.scenario, textures=self.textures, num_threads=self.num_threads
-            )
-        return self._renderer
-
-    @property
     @override
-    def segmentation_names(self) -> tuple[str, ...]:
-        return self.renderer.segmentation_names
-
-    @property
-    @override
-    def not_shown(self) -> tuple[str, ...]:
-        return self._renderer_class.not_shown
+    def _check_open(self) -> None:
+        self._running  # noqa: B018 (says so when nothing runs)
 
     @override
     def close(self) -> None:
-        if self._renderer is not None:
-            self._renderer.close()
-        self._renderer = self._batch = None
+        super().close()
+        self._batch = None
 
 
 def _stopped(error: SimulationError) -> SimulatorError:

@@ -3,7 +3,7 @@
 import ctypes
 import ctypes.util
 import importlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, override
 
 import mujoco
@@ -11,15 +11,9 @@ import numpy as np
 
 from envs.errors import SimulatorError
 from envs.handlers.mujoco.model import MAX_LIGHTS
-from envs.handlers.mujoco.render import (
-    Renderer,
-    RenderJob,
-    Stage,
-    fixed_view,
-    metres_of_reversed_depth,
-    texture_of,
-)
-from envs.scenario import SURFACES, GeomCfg
+from envs.handlers.mujoco.render import fixed_view, metres_of_reversed_depth, texture_of
+from envs.handlers.mujoco.staged import StagedRenderer
+from envs.scenario import SURFACES, Appearance, GeomCfg
 
 LUX_PER_INTENSITY = 60_000.0
 """Illuminance of a distant light of intensity 1: Filament's default exposure shows white as white."""
@@ -30,7 +24,7 @@ CANDELA_PER_INTENSITY = 600_000.0
 _SCENE = "scene"
 
 
-class FilamentRenderer(Renderer):
+class FilamentRenderer(StagedRenderer):
     """One Vulkan context; materials follow an appearance, textures and furniture by a new scene."""
 
     not_shown = ("lamp_shape",)
@@ -47,7 +41,6 @@ class FilamentRenderer(Renderer):
         config = mjrf.ContextConfig()
         config.graphics_api = mjrf.GraphicsApi.GRAPHICS_API_VULKAN
         self._context = mjrf.Context(config)
-        self._stage = Stage(model, scenario)
         self._option, self._camera = fixed_view()
         self._uploaded: dict[str, str | None] | None = None
         self._furnished: Mapping[str, tuple[GeomCfg, ...]] = {}
@@ -55,22 +48,18 @@ class FilamentRenderer(Renderer):
         self._buffers: dict[tuple[str, str], np.ndarray] = {}
 
     @override
-    def render(
-        self, jobs: Sequence[RenderJob], cameras: tuple[str, ...], modalities: tuple[str, ...]
-    ) -> dict[str, dict[str, np.ndarray]]:
-        out = self.empty(len(jobs), cameras, modalities)
-        for index, job in enumerate(jobs):
-            if self._stage.pose(job):
-                self._dress()
-            _, _, lights, geometry = self._drawn
-            lights.update(self._stage.data)
-            geometry.update(self._stage.data)
-            for camera in cameras:
-                for modality in modalities:
-                    out[camera][modality][index] = self._draw(camera, modality)
-        return out
+    def pose(self, cameras: tuple[str, ...]) -> None:
+        _, _, lights, geometry = self._drawn
+        lights.update(self._stage.data)
+        geometry.update(self._stage.data)
 
-    def _dress(self) -> None:
+    @override
+    def draw(self, camera: str, out: dict[str, np.ndarray], index: int) -> None:
+        for modality, pictures in out.items():
+            pictures[index] = self._drawing(camera, modality)
+
+    @override
+    def dress(self, appearance: Appearance) -> None:
         model = self._stage.model
         for slot in range(MAX_LIGHTS):
             distant = model.light_type[slot] == int(mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
@@ -104,7 +93,7 @@ class FilamentRenderer(Renderer):
         geometry.set_options(self._option)
         self._drawn = (resources, scene, lights, geometry)
 
-    def _draw(self, camera: str, modality: str) -> np.ndarray:
+    def _drawing(self, camera: str, modality: str) -> np.ndarray:
         modes, formats = self._mjrf.DrawMode, self._mjrf.PixelFormat
         model = self._stage.model
         self._camera.fixedcamid = model.camera(camera).id

@@ -9,27 +9,20 @@ import mujoco
 import numpy as np
 
 from envs.errors import SimulatorError
-from envs.handlers.mujoco.render import (
-    Renderer,
-    RenderJob,
-    Stage,
-    fixed_view,
-    metres_of_reversed_depth,
-    texture_of,
-)
-from envs.scenario import SURFACES
+from envs.handlers.mujoco.render import RenderJob, fixed_view, metres_of_reversed_depth, texture_of
+from envs.handlers.mujoco.staged import StagedRenderer
+from envs.scenario import SURFACES, Appearance
 
 _SEGMENT_FLAGS = (int(mujoco.mjtRndFlag.mjRND_SEGMENT), int(mujoco.mjtRndFlag.mjRND_IDCOLOR))
 
 
-class GlRenderer(Renderer):
+class GlRenderer(StagedRenderer):
     """One OpenGL context, which belongs to the thread that draws first."""
 
     not_shown = ("metallic", "lamp_shape")
 
     def __init__(self, model, scenario, *, textures=None, num_threads: int = 0) -> None:
         super().__init__(model, scenario, textures=textures, num_threads=num_threads)
-        self._stage = Stage(model, scenario)
         view = self._stage.model.vis.global_
         view.offwidth = max(camera.width for camera in scenario.cameras)
         view.offheight = max(camera.height for camera in scenario.cameras)
@@ -47,15 +40,10 @@ class GlRenderer(Renderer):
         self, jobs: Sequence[RenderJob], cameras: tuple[str, ...], modalities: tuple[str, ...]
     ) -> dict[str, dict[str, np.ndarray]]:
         self._gl.make_current()
-        out = self.empty(len(jobs), cameras, modalities)
-        for index, job in enumerate(jobs):
-            if self._stage.pose(job):
-                self._upload_textures()
-            for camera in cameras:
-                self._draw(camera, out[camera], index)
-        return out
+        return super().render(jobs, cameras, modalities)
 
-    def _upload_textures(self) -> None:
+    @override
+    def dress(self, appearance: Appearance) -> None:
         model = self._stage.model
         for surface in SURFACES:
             name = self._stage.surface_textures[surface]
@@ -67,7 +55,12 @@ class GlRenderer(Renderer):
                 mujoco.mjr_uploadTexture(model, self._context, texture.id)
                 self._uploaded[surface] = name
 
-    def _draw(self, camera: str, out: dict[str, np.ndarray], index: int) -> None:
+    @override
+    def pose(self, cameras: tuple[str, ...]) -> None:
+        pass  # the stage's own data is drawn
+
+    @override
+    def draw(self, camera: str, out: dict[str, np.ndarray], index: int) -> None:
         stage, scene = self._stage, self._scene
         self._camera.fixedcamid = stage.model.camera(camera).id
         everything = int(mujoco.mjtCatBit.mjCAT_ALL)

@@ -10,6 +10,8 @@ import itertools
 import mujoco
 import numpy as np
 
+from envs.handlers.collision import touching
+
 MAX_JOINTS = 2
 """Joints between two bodies up to which all their postures are tried."""
 
@@ -32,20 +34,23 @@ def untouched(model: mujoco.MjModel) -> list[tuple[str, str]]:
         model: The compiled scene; not written to.
     """
     data, found = mujoco.MjData(model), []
-    solid = [body for body in range(1, model.nbody) if _geoms(model, body)]
-    for one, other in itertools.combinations(solid, 2):
+    for (one, other), pairs in _tested(model).items():
         joints = _joints_between(model, one, other)
-        if joints is None or not 1 <= len(joints) <= MAX_JOINTS or _is_skipped(model, one, other):
+        if joints is None or not 1 <= len(joints) <= MAX_JOINTS:
             continue
-        if _stay_apart(model, data, one, other, joints):
+        if _stay_apart(model, data, pairs, joints):
             found.append((model.body(one).name, model.body(other).name))
     return found
 
 
-def _geoms(model: mujoco.MjModel, body: int) -> list[int]:
-    first = int(model.body_geomadr[body])
-    geoms = range(first, first + int(model.body_geomnum[body]))
-    return [geom for geom in geoms if model.geom_contype[geom] or model.geom_conaffinity[geom]]
+def _tested(model: mujoco.MjModel) -> dict[tuple[int, int], list[tuple[int, int]]]:
+    """Returns pairs of bodies to the pairs of their geoms that MuJoCo tests; the world is left out."""
+    geoms = np.flatnonzero((model.geom_contype | model.geom_conaffinity) * model.geom_bodyid)
+    tested: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for one, other in geoms[np.argwhere(np.triu(touching(model, geoms)))].tolist():
+        bodies = int(model.geom_bodyid[one]), int(model.geom_bodyid[other])
+        tested.setdefault(bodies, []).append((one, other))
+    return tested
 
 
 def _joints_between(model: mujoco.MjModel, one: int, other: int) -> list[int] | None:
@@ -70,16 +75,9 @@ def _chain(model: mujoco.MjModel, body: int) -> list[int]:
     return chain
 
 
-def _is_skipped(model: mujoco.MjModel, one: int, other: int) -> bool:
-    """Whether MuJoCo does not test them anyway: welded together, or parent and child."""
-    welded = [int(model.body_weldid[body]) for body in (one, other)]
-    parents = [int(model.body_weldid[model.body_parentid[weld]]) for weld in welded]
-    child = (welded[0] and parents[1] == welded[0]) or (welded[1] and parents[0] == welded[1])
-    return welded[0] == welded[1] or bool(child)
-
-
-def _stay_apart(model: mujoco.MjModel, data: mujoco.MjData, one: int, other: int, joints: list[int]) -> bool:
-    pairs = list(itertools.product(_geoms(model, one), _geoms(model, other)))
+def _stay_apart(
+    model: mujoco.MjModel, data: mujoco.MjData, pairs: list[tuple[int, int]], joints: list[int]
+) -> bool:
     data.qpos[:] = model.qpos0
     for posture in itertools.product(*(_positions(model, joint) for joint in joints)):
         data.qpos[model.jnt_qposadr[joints]] = posture

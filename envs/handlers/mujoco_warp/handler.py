@@ -8,20 +8,20 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from envs.errors import ConfigError, SimulatorError, unknown_name
-from envs.handlers import RENDERERS
-from envs.handlers.base import EnvIds, Handler, HandlerOptions
+from envs.errors import ConfigError, unknown_name
+from envs.handlers.base import EnvIds, HandlerOptions
+from envs.handlers.modelled import ModelHandler, not_running
 from envs.handlers.mujoco.layout import EntityLayout, as_slice, layout_of
 from envs.handlers.mujoco.model import build_models
 from envs.handlers.mujoco.objects import rest_joints
-from envs.handlers.mujoco.render import Renderer, RenderJob
+from envs.handlers.mujoco.render import RenderJob
 from envs.handlers.mujoco_warp.device import Device
 from envs.handlers.mujoco_warp.settings import WarpSettings
 from envs.handlers.mujoco_warp.snapshots import Snapshots
 from envs.handlers.mujoco_warp.tracer import BatchTracer, Pictures
 from envs.handlers.mujoco_warp.worlds import Worlds, WorldViews
 from envs.rotations import from_matrix
-from envs.scenario import Appearance, ScenarioCfg
+from envs.scenario import ScenarioCfg
 from envs.state import EntityState, State
 
 logger = logging.getLogger(__name__)
@@ -30,7 +30,7 @@ _TRACED = "warp"
 """The renderer that draws where the physics is; every other one gets its snapshots on the CPU."""
 
 
-class MujocoWarpHandler(Handler):
+class MujocoWarpHandler(ModelHandler):
     """Every world steps with every other one.
 
     On a CPU a world is the same to the bit whatever their number is. On a GPU contacts are found in any
@@ -67,12 +67,10 @@ class MujocoWarpHandler(Handler):
         **options: Unpack[HandlerOptions],
     ) -> None:
         super().__init__(scenario, num_envs, **options)
-        self._renderer_class: type[Renderer] = RENDERERS.get(self.renderer_name)
         self.settings = WarpSettings.of(scenario)
         self._simplify_meshes = simplify_meshes
         self._worlds: Worlds | None = None
         self._tracer: BatchTracer | None = None
-        self._renderer: Renderer | None = None
 
     @override
     def launch(self) -> None:
@@ -83,7 +81,6 @@ class MujocoWarpHandler(Handler):
         )
         self._layout = layout_of(self.model, self.scenario)
         self._worlds = Worlds(self.physics_model, self.num_envs, device, self.settings)
-        self._appearances = [self.scenario.appearance] * self.num_envs
         self._entities = (*self._layout.robots, *self._layout.objects)
         self._columns = {
             entity.name: tuple(self._index(part) for part in (entity.qpos, entity.qvel, entity.ctrl))
@@ -115,10 +112,12 @@ class MujocoWarpHandler(Handler):
     @property
     def _running(self) -> Worlds:
         if self._worlds is None:
-            raise SimulatorError(
-                "The simulator does not run: call launch() first, and nothing after close()."
-            )
+            raise not_running()
         return self._worlds
+
+    @override
+    def _check_open(self) -> None:
+        self._running  # noqa: B018 (says so when nothing runs)
 
     @property
     def views(self) -> WorldViews:
@@ -291,10 +290,6 @@ class MujocoWarpHandler(Handler):
     # -- pictures -----------------------------------------------------------------------------------
 
     @override
-    def set_appearance(self, appearance: Appearance, env_id: int) -> None:
-        self._appearances[env_id] = appearance
-
-    @override
     def snapshot(self, env_ids: EnvIds = None) -> Snapshots:
         views, rows = self._running.views, self.on.rows(env_ids)
         ids = range(self.num_envs) if env_ids is None else [int(env_id) for env_id in env_ids]
@@ -314,8 +309,7 @@ class MujocoWarpHandler(Handler):
         modalities: Sequence[str] = ("rgb",),
     ) -> dict[str, dict[str, np.ndarray]]:
         if self.renderer_name != _TRACED:
-            names, kinds = self.checked_names(cameras, modalities)
-            return self._cpu_renderer.render(list(jobs), names, kinds)
+            return super().render_jobs(list(jobs), cameras, modalities)
         pictures = self.render_tensors(jobs, cameras, modalities)
         return {
             camera: {modality: picture.cpu().numpy() for modality, picture in kinds.items()}
@@ -352,36 +346,22 @@ class MujocoWarpHandler(Handler):
     def tracer(self) -> BatchTracer:
         """The ray tracer, made at the first picture."""
         if self._tracer is None:
-            self._running  # noqa: B018 (says so when there is nothing to draw)
+            self._check_open()
             self._tracer = BatchTracer(
                 self.model, self.scenario, self.on, self.settings, self.num_envs, self.textures
             )
         return self._tracer
 
     @property
-    def _cpu_renderer(self) -> Renderer:
-        if self._renderer is None:
-            self._renderer = self._renderer_class(
-                self.model, self.scenario, textures=self.textures, num_threads=self.num_threads
-            )
-        return self._renderer
-
-    @property
     @override
     def segmentation_names(self) -> tuple[str, ...]:
         traced = self.renderer_name == _TRACED
-        return self.tracer.segmentation_names if traced else self._cpu_renderer.segmentation_names
-
-    @property
-    @override
-    def not_shown(self) -> tuple[str, ...]:
-        return self._renderer_class.not_shown
+        return self.tracer.segmentation_names if traced else super().segmentation_names
 
     @override
     def close(self) -> None:
-        if self._renderer is not None:
-            self._renderer.close()
-        self._renderer = self._tracer = self._worlds = None
+        super().close()
+        self._tracer = self._worlds = None
 
 
 def _put(target: Tensor, rows: slice | Tensor, columns: slice | Tensor, values: Tensor) -> None:

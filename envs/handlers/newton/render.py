@@ -16,9 +16,11 @@ import warp as wp
 from newton.sensors import SensorCamera
 
 from envs.errors import SimulatorError
+from envs.handlers.mujoco.looks import picture_of, rgba_of, surfaces_of, texture_id
 from envs.handlers.mujoco.meshes import VISUAL_GROUP
 from envs.handlers.mujoco.objects import SCENE_GROUP
-from envs.handlers.mujoco.render import AMBIENT_FRACTION, Renderer, RenderJob, Stage, texture_of
+from envs.handlers.mujoco.render import AMBIENT_FRACTION, texture_of
+from envs.handlers.mujoco.staged import StagedRenderer
 from envs.handlers.mujoco_warp.device import quiet_start
 from envs.handlers.newton.shapes import view
 from envs.handlers.newton.surfaces import SurfacePictures, brightened
@@ -38,12 +40,9 @@ FADING_PER_M2 = 0.02
 """A lamp of Newton fades by 1 / (1 + FADING_PER_M2 · d²)."""
 
 _GEOM = mujoco.mjtGeom
-_RGB = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
-_DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
-"""MuJoCo's colour of a geom that has none of its own; then its material's counts."""
 
 
-class NewtonRenderer(Renderer):
+class NewtonRenderer(StagedRenderer):
     """A Newton model of what is seen, without joints, posed and dressed for one job after the other."""
 
     not_shown = ("roughness", "specular", "metallic", "object_reflection", "lamp_shape", "lamp_direction")
@@ -51,13 +50,7 @@ class NewtonRenderer(Renderer):
     def __init__(self, model, scenario, *, textures=None, num_threads: int = 0) -> None:
         super().__init__(model, scenario, textures=textures, num_threads=num_threads)
         quiet_start()
-        self._stage = Stage(model, scenario)
-        materials = {self._stage.model.material(surface).id: surface for surface in SURFACES}
-        self._surface_of = {
-            geom: materials[int(model.geom_matid[geom])]
-            for geom in range(model.ngeom)
-            if int(model.geom_matid[geom]) in materials
-        }
+        self._surface_of = surfaces_of(model)
         self._geoms = _shown(model)
         self._slots = np.flatnonzero(np.isin(self._geoms, self._stage.furniture.geoms))
         self._newton = self._build()
@@ -113,33 +106,17 @@ class NewtonRenderer(Renderer):
 
     def _own_texture(self, geom: int) -> np.ndarray | None:
         """The picture of an object's mesh, (H, W, 3) uint8."""
-        model, material = self._stage.model, int(self._stage.model.geom_matid[geom])
-        texture = int(model.mat_texid[material, _RGB]) if material >= 0 else -1
+        texture = texture_id(self._stage.model, geom)
         if texture < 0 or geom in self._surface_of:
             return None
-        height, width = int(model.tex_height[texture]), int(model.tex_width[texture])
-        channels, first = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
-        pixels = model.tex_data[first : first + height * width * channels].reshape(height, width, channels)
-        picture = np.repeat(pixels, 3, axis=-1) if channels == 1 else pixels[..., :3]
-        return np.rint(255.0 * brightened(picture / 255.0)).astype(np.uint8)
+        picture = picture_of(self._stage.model, texture) / 255.0
+        return np.rint(255.0 * brightened(picture)).astype(np.uint8)
 
     @override
-    def render(
-        self, jobs: Sequence[RenderJob], cameras: tuple[str, ...], modalities: tuple[str, ...]
-    ) -> dict[str, dict[str, np.ndarray]]:
-        out = self.empty(len(jobs), cameras, modalities)
-        for index, job in enumerate(jobs):
-            if self._stage.pose(job):
-                self._dress(job.appearance)
-            self._pose()
-            for name in cameras:
-                self._draw(name, out[name], index)
-        return out
-
-    def _dress(self, appearance: Appearance) -> None:
+    def dress(self, appearance: Appearance) -> None:
         stage = self._stage
         model, base = stage.model, self.scenario.appearance
-        view(self._newton.shape_color)[:] = brightened(_colours(model, self._geoms))
+        view(self._newton.shape_color)[:] = brightened(rgba_of(model, self._geoms)[:, :3])
         scale = view(self._newton.shape_scale)
         for shape in self._slots.tolist():
             geom = int(self._geoms[shape])
@@ -175,7 +152,8 @@ class NewtonRenderer(Renderer):
         total = sum((light.intensity * np.asarray(light.color) for light in lights), start=np.zeros(3))
         self._sensor.set_ambient_light((AMBIENT_FRACTION * total).tolist())
 
-    def _pose(self) -> None:
+    @override
+    def pose(self, cameras: tuple[str, ...]) -> None:
         data = self._stage.data
         poses = view(self._newton.shape_transform)
         poses[:, :3] = data.geom_xpos[self._geoms]
@@ -183,17 +161,18 @@ class NewtonRenderer(Renderer):
         poses[:, 3:] = turns[:, [1, 2, 3, 0]]
         self._newton.bvh_refit_shapes(self._state)
 
-    def _draw(self, name: str, out: dict[str, np.ndarray], index: int) -> None:
+    @override
+    def draw(self, camera: str, out: dict[str, np.ndarray], index: int) -> None:
         stage = self._stage
-        camera = stage.model.camera(name).id
-        width, height = (int(size) for size in stage.model.cam_resolution[camera])
-        if name not in self._rays:
-            fov = float(np.radians(stage.model.cam_fovy[camera]))
-            self._rays[name] = SensorCamera.compute_camera_rays_pinhole(
+        index_of = stage.model.camera(camera).id
+        width, height = (int(size) for size in stage.model.cam_resolution[index_of])
+        if camera not in self._rays:
+            fov = float(np.radians(stage.model.cam_fovy[index_of]))
+            self._rays[camera] = SensorCamera.compute_camera_rays_pinhole(
                 width, height, camera_fov=fov, device="cpu"
             )
-        quat = from_matrix(stage.data.cam_xmat[camera].reshape(3, 3))[[1, 2, 3, 0]]
-        pose = np.concatenate([stage.data.cam_xpos[camera], quat]).astype(np.float32)
+        quat = from_matrix(stage.data.cam_xmat[index_of].reshape(3, 3))[[1, 2, 3, 0]]
+        pose = np.concatenate([stage.data.cam_xpos[index_of], quat]).astype(np.float32)
         sensor = self._sensor
         wanted = {"shape_index_image": sensor.allocate_image_shape_index(1, width, height)}
         if "rgb" in out:
@@ -203,7 +182,7 @@ class NewtonRenderer(Renderer):
         sensor.update(
             self._state,
             wp.array(pose[None], dtype=wp.transformf, device="cpu"),
-            self._rays[name],
+            self._rays[camera],
             render_config=self._config,
             **wanted,
         )
@@ -231,7 +210,7 @@ class NewtonRenderer(Renderer):
 def _shown(model: mujoco.MjModel) -> np.ndarray:
     """Returns the ids of the geoms that are drawn, (n,)."""
     everyone = np.arange(model.ngeom)
-    drawn = np.isin(model.geom_group, (VISUAL_GROUP, SCENE_GROUP)) & (_rgba(model, everyone)[:, 3] > 0.0)
+    drawn = np.isin(model.geom_group, (VISUAL_GROUP, SCENE_GROUP)) & (rgba_of(model, everyone)[:, 3] > 0.0)
     kinds = [_GEOM.mjGEOM_HFIELD, _GEOM.mjGEOM_SDF]
     odd = np.flatnonzero(drawn & np.isin(model.geom_type, [int(kind) for kind in kinds]))
     if len(odd):
@@ -241,17 +220,6 @@ def _shown(model: mujoco.MjModel) -> np.ndarray:
             "Take renderer=warp."
         )
     return everyone[drawn]
-
-
-def _rgba(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
-    """Returns the colours of geoms, (n, 4), by MuJoCo's rule."""
-    own, material = model.geom_rgba[geoms], model.geom_matid[geoms]
-    bare = (material >= 0) & np.isclose(own, _DEFAULT_RGBA).all(axis=1)
-    return np.where(bare[:, None], model.mat_rgba[material], own)
-
-
-def _colours(model: mujoco.MjModel, geoms: np.ndarray) -> np.ndarray:
-    return _rgba(model, geoms)[:, :3]
 
 
 def _scale(kind: int, size: np.ndarray) -> tuple[float, float, float]:

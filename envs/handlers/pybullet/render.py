@@ -11,16 +11,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import override
 
-import mujoco
 import numpy as np
 import pybullet
 from PIL import Image
 
 from envs.errors import SimulatorError
 from envs.handlers.mujoco.furniture import FURNITURE
+from envs.handlers.mujoco.looks import picture_of, rgba_of, surfaces_of, texture_id
 from envs.handlers.mujoco.meshes import VISUAL_GROUP
 from envs.handlers.mujoco.objects import SCENE_GROUP
-from envs.handlers.mujoco.render import AMBIENT_FRACTION, Renderer, RenderJob, Stage, texture_of
+from envs.handlers.mujoco.render import AMBIENT_FRACTION, texture_of
+from envs.handlers.mujoco.staged import StagedRenderer
 from envs.handlers.pybullet.meshes import Triangles, triangles_of
 from envs.rotations import from_matrix
 from envs.scenario import SURFACES, Appearance, LightCfg, SurfaceMaterial
@@ -42,18 +43,14 @@ SHAPES_KEPT = 512
 
 BACKGROUND = (153, 166, 178)
 
-_RGB = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
-_DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
 
-
-class TinyRenderer(Renderer):
+class TinyRenderer(StagedRenderer):
     """A physics client with nothing but visual shapes, posed and dressed for one job after the other."""
 
     not_shown = ("roughness", "specular", "metallic", "object_reflection", "lamp_shape", "lamp_direction")
 
     def __init__(self, model, scenario, *, textures=None, num_threads: int = 0) -> None:
         super().__init__(model, scenario, textures=textures, num_threads=num_threads)
-        self._stage = Stage(model, scenario)
         self._client = pybullet.connect(pybullet.DIRECT)
         if self._client < 0:
             raise SimulatorError("PyBullet has no further physics client: it holds 1,024.")
@@ -63,29 +60,12 @@ class TinyRenderer(Renderer):
         self._bodies: dict[int, int] = {}
         self._looks: dict[int, tuple] = {}
         self._segments = np.full(1, -1, np.int32)
-        materials = {self._stage.model.material(surface).id: surface for surface in SURFACES}
-        self._surface = {
-            geom: materials[int(model.geom_matid[geom])]
-            for geom in range(model.ngeom)
-            if int(model.geom_matid[geom]) in materials
-        }
+        self._surface = surfaces_of(model)
         furniture = self.segmentation_names.index(FURNITURE)
         self._slots = {geom for geom in range(model.ngeom) if self._segmentation_of_geom[geom] == furniture}
 
     @override
-    def render(
-        self, jobs: Sequence[RenderJob], cameras: tuple[str, ...], modalities: tuple[str, ...]
-    ) -> dict[str, dict[str, np.ndarray]]:
-        out = self.empty(len(jobs), cameras, modalities)
-        for index, job in enumerate(jobs):
-            if self._stage.pose(job):
-                self._dress(job.appearance)
-            self._pose()
-            for name in cameras:
-                self._draw(name, out[name], index)
-        return out
-
-    def _dress(self, appearance: Appearance) -> None:
+    def dress(self, appearance: Appearance) -> None:
         """Builds what looks otherwise than before anew, and sets the light."""
         base, model = self.scenario.appearance, self._stage.model
         materials = {
@@ -93,8 +73,9 @@ class TinyRenderer(Renderer):
             for surface in SURFACES
         }
         changed = False
-        for geom in range(model.ngeom):
-            look = self._look(geom, materials)
+        colours = rgba_of(model, np.arange(model.ngeom)).tolist()
+        for geom, rgba in enumerate(colours):
+            look = self._look(geom, rgba, materials)
             if look != self._looks.get(geom):
                 self._build(geom, look)
                 changed = True
@@ -104,10 +85,9 @@ class TinyRenderer(Renderer):
                 self._segments[unique] = self._segmentation_of_geom[geom]
         self._light = _one_light(appearance.lights or base.lights or (LightCfg(cast_shadow=True),))
 
-    def _look(self, geom: int, materials: dict[str, SurfaceMaterial]) -> tuple | None:
+    def _look(self, geom: int, rgba: Sequence[float], materials: dict[str, SurfaceMaterial]) -> tuple | None:
         """What a geom's picture depends on, its pose aside; None for one that is not drawn."""
         model = self._stage.model
-        rgba = self._rgba(geom)
         if int(model.geom_group[geom]) not in (VISUAL_GROUP, SCENE_GROUP) or rgba[3] <= 0.0:
             return None
         surface = self._surface.get(geom)
@@ -117,13 +97,6 @@ class TinyRenderer(Renderer):
         if geom in self._slots:
             return (None, int(model.geom_type[geom]), *rgba, *model.geom_size[geom])
         return (None, 1.0, *rgba)
-
-    def _rgba(self, geom: int) -> tuple[float, ...]:
-        model, material = self._stage.model, int(self._stage.model.geom_matid[geom])
-        own = model.geom_rgba[geom]
-        if material >= 0 and np.allclose(own, _DEFAULT_RGBA):
-            own = model.mat_rgba[material]
-        return tuple(float(value) for value in own)
 
     def _build(self, geom: int, look: tuple | None) -> None:
         self._looks[geom] = look  # pyright: ignore[reportArgumentType]
@@ -167,14 +140,10 @@ class TinyRenderer(Renderer):
 
     def _own_texture(self, geom: int) -> int | None:
         """The picture of an object's mesh."""
-        model, material = self._stage.model, int(self._stage.model.geom_matid[geom])
-        texture = int(model.mat_texid[material, _RGB]) if material >= 0 else -1
+        texture = texture_id(self._stage.model, geom)
         if texture < 0 or geom in self._surface:
             return None
-        height, width = int(model.tex_height[texture]), int(model.tex_width[texture])
-        channels, first = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
-        pixels = model.tex_data[first : first + height * width * channels].reshape(height, width, channels)
-        return self._load(f"own/{texture}", np.repeat(pixels, 3, -1) if channels == 1 else pixels[..., :3])
+        return self._load(f"own/{texture}", picture_of(self._stage.model, texture))
 
     def _load(self, name: str, picture: np.ndarray) -> int:
         if name not in self._loaded:
@@ -184,7 +153,8 @@ class TinyRenderer(Renderer):
             path.unlink()
         return self._loaded[name]
 
-    def _pose(self) -> None:
+    @override
+    def pose(self, cameras: tuple[str, ...]) -> None:
         data, client = self._stage.data, self._client
         places = data.geom_xpos.tolist()
         turns = from_matrix(data.geom_xmat.reshape(-1, 3, 3))[:, [1, 2, 3, 0]].tolist()
@@ -193,14 +163,16 @@ class TinyRenderer(Renderer):
                 unique, places[geom], turns[geom], physicsClientId=client
             )
 
-    def _draw(self, name: str, out: dict[str, np.ndarray], index: int) -> None:
+    @override
+    def draw(self, camera: str, out: dict[str, np.ndarray], index: int) -> None:
         stage = self._stage
-        camera = stage.model.camera(name).id
-        width, height = (int(size) for size in stage.model.cam_resolution[camera])
+        index_of = stage.model.camera(camera).id
+        width, height = (int(size) for size in stage.model.cam_resolution[index_of])
         fine = FINE if width * height <= SMALL_PIXELS else 1
-        eye, axes = stage.data.cam_xpos[camera], stage.data.cam_xmat[camera].reshape(3, 3)
+        eye, axes = stage.data.cam_xpos[index_of], stage.data.cam_xmat[index_of].reshape(3, 3)
         view = pybullet.computeViewMatrix(eye.tolist(), (eye - axes[:, 2]).tolist(), axes[:, 1].tolist())
-        rgb, depth, ids = self._take(fine * width, fine * height, view, float(stage.model.cam_fovy[camera]))
+        fovy_deg = float(stage.model.cam_fovy[index_of])
+        rgb, depth, ids = self._take(fine * width, fine * height, view, fovy_deg)
         nothing = depth >= 1.0
         middle = (slice(fine // 2, None, fine),) * 2
         if "rgb" in out:

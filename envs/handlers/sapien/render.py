@@ -17,17 +17,12 @@ import sapien
 from sapien import Pose
 
 from envs.errors import SimulatorError
+from envs.handlers.mujoco.looks import rgba_of
 from envs.handlers.mujoco.meshes import VISUAL_GROUP
 from envs.handlers.mujoco.objects import SCENE_GROUP
-from envs.handlers.mujoco.render import (
-    AMBIENT_FRACTION,
-    LAMP_CUTOFF_DEG,
-    Renderer,
-    RenderJob,
-    Stage,
-    texture_of,
-)
-from envs.handlers.sapien.visuals import VisualFactory, with_alpha
+from envs.handlers.mujoco.render import AMBIENT_FRACTION, LAMP_CUTOFF_DEG, texture_of
+from envs.handlers.mujoco.staged import StagedRenderer
+from envs.handlers.sapien.visuals import VisualFactory
 from envs.rotations import multiply
 from envs.scenario import SURFACES, Appearance, LightCfg, SurfaceMaterial
 
@@ -55,14 +50,13 @@ _CAMERA_AXES = np.array([0.5, -0.5, 0.5, 0.5])
 """SAPIEN's camera axes (x forward, y left, z up) in MuJoCo's (x right, y up, z backward), wxyz."""
 
 
-class SapienRenderer(Renderer):
+class SapienRenderer(StagedRenderer):
     """One scene of visuals, posed and dressed for one job after the other; it has no physics."""
 
     not_shown = ("lamp_shape",)
 
     def __init__(self, model, scenario, *, textures=None, num_threads: int = 0) -> None:
         super().__init__(model, scenario, textures=textures, num_threads=num_threads)
-        self._stage = Stage(model, scenario)
         try:
             sapien.render.set_log_level("error")
             self._scene = sapien.Scene([sapien.render.RenderSystem()])
@@ -107,31 +101,24 @@ class SapienRenderer(Renderer):
         """Returns the geoms that are drawn, by their body and what the segmentation calls them."""
         model, groups = self.model, (VISUAL_GROUP, SCENE_GROUP)
         out: dict[tuple[int, int], list[int]] = {}
+        alphas = rgba_of(model, np.arange(model.ngeom))[:, 3]
         for geom in range(model.ngeom):
-            if model.geom_group[geom] in groups and with_alpha(model, geom)[3] > 0.0:
+            if model.geom_group[geom] in groups and alphas[geom] > 0.0:
                 key = (int(model.geom_bodyid[geom]), int(self._segmentation_of_geom[geom]))
                 out.setdefault(key, []).append(geom)
         return out
 
     @override
-    def render(
-        self, jobs: Sequence[RenderJob], cameras: tuple[str, ...], modalities: tuple[str, ...]
-    ) -> dict[str, dict[str, np.ndarray]]:
-        out = self.empty(len(jobs), cameras, modalities)
-        for index, job in enumerate(jobs):
-            if self._stage.pose(job):
-                self._dress(job.appearance)
-            data = self._stage.data
-            for (body, _), entity in self._entities.items():
-                entity.pose = Pose(data.xpos[body], data.xquat[body])
-            for name in cameras:
-                self._place(name)
-            self._scene.update_render()
-            for name in cameras:
-                self._draw(name, out[name], index)
-        return out
+    def pose(self, cameras: tuple[str, ...]) -> None:
+        data = self._stage.data
+        for (body, _), entity in self._entities.items():
+            entity.pose = Pose(data.xpos[body], data.xquat[body])
+        for name in cameras:
+            self._place(name)
+        self._scene.update_render()
 
-    def _dress(self, appearance: Appearance) -> None:
+    @override
+    def dress(self, appearance: Appearance) -> None:
         base = self.scenario.appearance
         for surface in SURFACES:
             material = appearance.materials.get(surface) or base.materials.get(surface) or SurfaceMaterial()
@@ -183,12 +170,13 @@ class SapienRenderer(Renderer):
         mujoco.mju_mat2Quat(quat, stage.data.cam_xmat[index])
         camera.entity.pose = Pose(stage.data.cam_xpos[index], multiply(quat, _CAMERA_AXES))
 
-    def _draw(self, name: str, out: dict[str, np.ndarray], index: int) -> None:
-        camera = self._cameras[name]
-        camera.take_picture()
-        position = camera.get_picture("Position") if len(out) > 1 or "rgb" not in out else None
+    @override
+    def draw(self, camera: str, out: dict[str, np.ndarray], index: int) -> None:
+        sensor = self._cameras[camera]
+        sensor.take_picture()
+        position = sensor.get_picture("Position") if len(out) > 1 or "rgb" not in out else None
         if "rgb" in out:
-            colour = camera.get_picture("Color")
+            colour = sensor.get_picture("Color")
             light = np.clip(colour[..., :3], 0.0, 1.0) ** GAMMA
             nothing = colour[..., 3:] == 0.0
             shown = np.where(nothing, np.array(BACKGROUND, np.float32), light)
@@ -197,7 +185,7 @@ class SapienRenderer(Renderer):
             depth = -position[..., 2]
             out["depth"][index] = np.where((position[..., 3] < 1.0) & (depth > 0.0), depth, 0.0)
         if "segmentation" in out:
-            ids = camera.get_picture("Segmentation")[..., 1]
+            ids = sensor.get_picture("Segmentation")[..., 1]
             out["segmentation"][index] = self._segment_of[np.minimum(ids, len(self._segment_of) - 1)]
 
     @override

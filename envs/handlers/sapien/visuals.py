@@ -8,23 +8,13 @@ import sapien
 from sapien import Pose
 
 from envs.errors import SimulatorError
+from envs.handlers.mujoco.looks import picture_of, rgba_of, texture_id
 from envs.handlers.mujoco.model import OBJECT_MATERIAL
 from envs.handlers.sapien.shapes import Z_FROM_X, sphere_points
 from envs.rotations import multiply
 from envs.scenario import SURFACES
 
 _SHAPES = mujoco.mjtGeom
-_RGB = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
-_DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
-"""MuJoCo's colour of a geom that has none of its own; then its material's counts."""
-
-
-def with_alpha(model: mujoco.MjModel, geom: int) -> np.ndarray:
-    """Returns a geom's colour, (4,), by MuJoCo's rule."""
-    rgba, material = model.geom_rgba[geom], int(model.geom_matid[geom])
-    if material >= 0 and np.allclose(rgba, _DEFAULT_RGBA):
-        return model.mat_rgba[material]
-    return rgba
 
 
 class VisualFactory:
@@ -94,8 +84,8 @@ class VisualFactory:
 
     def _material(self, geom: int, fresh: bool):
         model, index = self._model, int(self._model.geom_matid[geom])
-        texture = int(model.mat_texid[index, _RGB]) if index >= 0 else -1
-        rgba = tuple(float(value) for value in with_alpha(model, geom))
+        texture = texture_id(model, geom)
+        rgba = tuple(rgba_of(model, np.array([geom]))[0].tolist())
         own = -1 if index < 0 or index == model.material(OBJECT_MATERIAL).id else index
         key = (rgba, texture, own)
         if fresh or key not in self._materials:
@@ -114,12 +104,9 @@ class VisualFactory:
         return self._materials[key]
 
     def _texture(self, texture: int, rgba: tuple[float, ...]):
-        model = self._model
-        height, width = int(model.tex_height[texture]), int(model.tex_width[texture])
-        channels, first = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
-        pixels = model.tex_data[first : first + height * width * channels].reshape(height, width, channels)
-        picture = np.full((height, width, 4), 255, np.uint8)
-        picture[..., :3] = np.rint(pixels[..., :3] * np.asarray(rgba[:3]))
+        pixels = picture_of(self._model, texture)
+        picture = np.full((*pixels.shape[:2], 4), 255, np.uint8)
+        picture[..., :3] = np.rint(pixels * np.asarray(rgba[:3]))
         return sapien.render.RenderTexture2D(picture, "R8G8B8A8Unorm", srgb=False)
 
     def _mesh_of(self, geom: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -12,7 +11,7 @@ from envs.errors import SimulatorError
 from envs.handlers import RENDERERS
 from envs.handlers.mujoco.model import build_model
 from envs.handlers.mujoco.render import RenderJob
-from envs.handlers.sapien.visuals import VisualFactory, with_alpha
+from envs.handlers.sapien.visuals import VisualFactory
 from envs.scenario import CameraCfg, GeomCfg, LightCfg, ObjectCfg
 from envs.tasks.pick_cube import PickCube
 from envs.tasks.tabletop import TABLETOP_LOOKS
@@ -103,14 +102,6 @@ def test_a_lamp_is_as_bright_at_the_table_as_it_says(renderer, model):
     )
     middle = draw(renderer, model, looks)["rgb"][0][22:26, 46:50].mean() / 255
     assert middle == pytest.approx(0.5 * 0.5 * 1.3, rel=0.15)
-
-
-def test_colours_follow_mujocos_rule():
-    xml = """<mujoco><asset><material name="m" rgba="1 0 0 1"/></asset><worldbody>
-      <geom size=".1" material="m"/><geom size=".1" material="m" rgba="0 1 0 1"/></worldbody></mujoco>"""
-    model = mujoco.MjModel.from_xml_string(xml)
-    assert with_alpha(model, 0).tolist() == [1, 0, 0, 1]
-    assert with_alpha(model, 1).tolist() == [0, 1, 0, 1]
 
 
 def test_closing_twice_is_harmless(model, renderer):
