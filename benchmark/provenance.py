@@ -28,6 +28,9 @@ PACKAGES = (
     "robosuite",
     "sapien",
     "pybullet",
+    "newton",
+    "genesis-world",
+    "metaworld",
 )
 """Packages whose version can change the outcome of an episode."""
 
