@@ -1,14 +1,25 @@
 """Keeps the tests offline, quiet and on few threads, and begins with the longest files."""
 
+import gc
 import os
+import sys
 
 import pytest
 
 os.environ.setdefault("HF_HUB_OFFLINE", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# Many processes import the same libraries: without their bytecode, every one compiles them for seconds.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files with a slow test come first: begun last, one would keep a single core busy at the end."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
+
+
+def pytest_collection_finish() -> None:
+    """What has been imported by now stays: a million objects that no collection need look at again."""
+    gc.collect()
+    gc.freeze()

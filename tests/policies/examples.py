@@ -1,7 +1,11 @@
 """Tiny policies and the features they are made for."""
 
+from dataclasses import replace
+
 import numpy as np
 import torch
+import torchvision
+from torchvision.models.resnet import BasicBlock, ResNet
 
 import policies
 from policies.act.config import ActConfig
@@ -26,6 +30,31 @@ CONFIGS = {
 }  # fmt: skip
 
 
+NARROW = "resnet18_narrow"
+
+
+class NarrowResNet(ResNet):
+    """A ResNet18 with a quarter of the channels: of a tiny policy's time, nearly all is the backbone's."""
+
+    def __init__(self, **kwargs) -> None:
+        super().__init__(BasicBlock, [2, 2, 2, 2], **kwargs)
+        self.fc = torch.nn.Linear(512 // 4, 1000)
+
+    def _make_layer(self, block, planes, *args, **kwargs):
+        return super()._make_layer(block, planes // 4, *args, **kwargs)
+
+
+def _narrow(weights=None, **kwargs) -> NarrowResNet:
+    assert weights is None
+    return NarrowResNet(**kwargs)
+
+
+setattr(torchvision.models, NARROW, _narrow)  # where LeRobot looks the name up
+
+NARROW_CONFIGS = {name: replace(config, vision_backbone=NARROW) for name, config in CONFIGS.items()}
+"""For tests of what is done with a policy: how it is trained, saved, gone on with."""
+
+
 def stats() -> dict:
     rng = np.random.default_rng(3)
     low = rng.uniform(-1.0, 0.0, 9).astype(np.float32)
@@ -36,8 +65,6 @@ def stats() -> dict:
 
 
 def make(name: str, **changes):
-    from dataclasses import replace
-
     return policies.create(name, FEATURES, stats(), replace(CONFIGS[name], **changes))
 
 

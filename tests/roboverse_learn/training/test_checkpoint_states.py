@@ -21,9 +21,9 @@ from roboverse_learn.training.checkpoint import (
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.ema import Ema
 from roboverse_learn.training.imitation import make_optimizer
-from tests.policies.examples import CONFIGS, FEATURES, stats
+from tests.policies.examples import FEATURES, NARROW_CONFIGS, stats
 
-SMALL = replace(CONFIGS["act"], dim_model=8, dim_feedforward=8, n_heads=1, use_vae=False)
+SMALL = replace(NARROW_CONFIGS["act"], dim_model=8, dim_feedforward=8, n_heads=1, use_vae=False)
 SETTINGS = {"policy": "act", "seed": 0}
 
 

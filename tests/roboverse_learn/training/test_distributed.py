@@ -10,11 +10,11 @@ from envs.errors import ConfigError
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.imitation import train
 from roboverse_learn.training.metrics import read_metrics
-from tests.policies.examples import CONFIGS
+from tests.policies.examples import NARROW_CONFIGS
 from tests.roboverse_learn.training.frames import SquareFrames
 
 # Nothing that depends on which process a sample is in: no dropout, no batch statistics, no padding.
-POLICY = replace(CONFIGS["act"], chunk_size=1, n_action_steps=1, use_vae=False, backbone_norm="frozen")
+POLICY = replace(NARROW_CONFIGS["act"], chunk_size=1, n_action_steps=1, use_vae=False, backbone_norm="frozen")
 CONFIG = TrainConfig(
     steps=4, batch_size=8, warmup_steps=0, precision="fp32", num_threads=1, save_every=4, log_every=1
 )

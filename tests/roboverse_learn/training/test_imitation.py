@@ -17,7 +17,7 @@ from roboverse_learn.training.estimate import estimate_training_s
 from roboverse_learn.training.imitation import TrainingDivergedError, train
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
-from tests.policies.examples import CONFIGS, IMAGE, generators
+from tests.policies.examples import IMAGE, NARROW_CONFIGS, generators
 from tests.roboverse_learn.training.frames import SquareFrames
 
 DATA = SquareFrames()
@@ -29,7 +29,7 @@ CONFIG = TrainConfig(
 
 
 def make(name, **changes):
-    return policies.create(name, DATA.features, DATA.stats, replace(CONFIGS[name], **changes))
+    return policies.create(name, DATA.features, DATA.stats, replace(NARROW_CONFIGS[name], **changes))
 
 
 def losses(run_dir):

@@ -12,12 +12,12 @@ from roboverse_learn.training.config import AugmentConfig, TrainConfig
 from roboverse_learn.training.imitation import train
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
-from tests.policies.examples import CONFIGS
+from tests.policies.examples import NARROW_CONFIGS
 from tests.roboverse_learn.training.frames import SquareFrames
 
 STEPS = 18
 # Dropout, augmentation and the VAE all draw from the global generator.
-POLICY = replace(CONFIGS["act"], dropout=0.1)
+POLICY = replace(NARROW_CONFIGS["act"], dropout=0.1)
 CONFIG = TrainConfig(
     steps=STEPS, batch_size=4, lr=1e-3, warmup_steps=2, precision="fp32", num_threads=1, save_every=6,
     log_every=1, ema=True, augment=AugmentConfig(shift_px=2, brightness=0.2),

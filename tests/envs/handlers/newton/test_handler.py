@@ -1,7 +1,4 @@
-"""The Newton handler beyond the contract: agreement with MuJoCo, settings, tasks, launches."""
-
-import gc
-import resource
+"""The Newton handler beyond the contract: agreement with MuJoCo, settings, tasks."""
 
 import pytest
 import torch
@@ -12,7 +9,6 @@ from envs.errors import ConfigError, UnknownNameError
 from envs.experts.check import check_expert
 from envs.handlers import HANDLERS
 from envs.handlers.newton.settings import NewtonSettings
-from envs.scenario import GeomCfg, ObjectCfg, ScenarioCfg
 from envs.tasks.close_box import CloseBox
 from tests.envs.handlers.reaching import launched, reach, start, with_block
 
@@ -52,35 +48,3 @@ def test_settings_are_read_and_unknown_ones_refused():
         NewtonSettings(iterations=0)
     with pytest.raises(UnknownNameError, match=r"Unknown cone of newton 'round'.*Valid: "):
         NewtonSettings(cone="round")
-
-
-def small_scene():
-    ball = ObjectCfg(
-        name="ball", geoms=(GeomCfg(shape="sphere", size=(0.05,), mass_kg=0.1),), pos=(0, 0, 0.2)
-    )
-    return ScenarioCfg(objects=(ball,), room=None)
-
-
-def launch_and_drop(times):
-    for _ in range(times):
-        with launched("newton", small_scene()) as handler:
-            handler.step(5)
-
-
-def test_a_few_launches_leave_nothing_behind():
-    launch_and_drop(10)
-    assert grown_by(lambda: launch_and_drop(30)) < 16
-
-
-@pytest.mark.long
-def test_a_thousand_launches_leave_nothing_behind():
-    launch_and_drop(20)
-    assert grown_by(lambda: launch_and_drop(1000)) < 32
-
-
-def grown_by(run):
-    """Returns the growth of this process's peak memory, MiB."""
-    gc.collect()
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    run()
-    return (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
