@@ -22,6 +22,9 @@ QUANTITIES = {
 }
 
 _LEAST_SHOWN = 1e-16
+_WIDEST_LINE = 5.0
+"""Points; simulators that agree lie on each other, so each line is thinner than the one below it."""
+
 _KEYS = {"simulator", "timestep_s", "experiments"}
 
 
@@ -121,15 +124,22 @@ def plot(results: Sequence[Mapping[str, Any]], name: str, path: Path) -> None:
     """
     figure, axes = new_figure((10.0, 3.0), len(EXPERIMENTS))
     for each, experiment in zip(axes, EXPERIMENTS, strict=True):
-        for result, color in zip(results, COLORS, strict=False):
+        for number, (result, color) in enumerate(zip(results, COLORS, strict=False)):
             found = result["experiments"].get(experiment.name, {})
             if name in found:
                 values = np.maximum(np.abs(found[name]), _LEAST_SHOWN)
-                each.plot(found["seconds"], values, color=color, linewidth=1.5, label=result["simulator"])
+                width = _WIDEST_LINE * (1.0 - number / (len(results) + 1))
+                each.plot(found["seconds"], values, color=color, linewidth=width, label=result["simulator"])
         each.set(xlabel="time, s", yscale="log", ylim=(_LEAST_SHOWN, 10.0))
         each.set_title(experiment.name, fontsize=9, loc="left")
     axes[0].set_ylabel("relative deviation")
     if axes[0].get_lines():
-        axes[0].legend(frameon=False, fontsize=8)
+        figure.legend(
+            *axes[0].get_legend_handles_labels(),
+            loc="outside lower center",
+            ncols=len(results),
+            frameon=False,
+            fontsize=8,
+        )
     figure.suptitle(f"{QUANTITIES[name].capitalize()} without gravity", fontsize=10)
     save_figure(figure, path)

@@ -65,7 +65,8 @@ class ModelHandler(Handler):
         cameras: Sequence[str] | None = None,
         modalities: Sequence[str] = ("rgb",),
     ) -> dict[str, dict[str, np.ndarray]]:
-        return self.renderer.render(jobs, *self.checked_names(cameras, modalities))
+        names, modalities = self.checked_names(cameras, modalities)
+        return self.renderer.render(jobs, names, modalities)
 
     @property
     def renderer(self) -> Renderer:
