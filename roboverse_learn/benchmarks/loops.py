@@ -185,7 +185,7 @@ class GenesisLoop(Loop):
     def find(self) -> None:
         self._batch = batch = self._handler._batch
         self._scene, self._solver = batch._scene, batch._solver
-        self._row, self._alone = np.zeros(self._handler.model.nu), np.array([0])
+        self._row, self._drives = np.zeros(self._handler.model.nu), batch.drives_of(np.array([0]))
 
     @override
     def run(self, target: np.ndarray, num_steps: int) -> None:
@@ -193,7 +193,7 @@ class GenesisLoop(Loop):
         self._row[self._ctrl] = target
         targets = self._row[batch._actuators][:, None]
         for _ in range(num_steps):
-            batch._aim(self._alone, targets)
+            batch.aim(self._drives, targets)
             scene.step(update_visualizer=False, refresh_visualizer=False)
         self._last = (solver.get_qpos(), solver.get_dofs_velocity(), solver.get_links_pos())
 

@@ -18,6 +18,7 @@ from envs.handlers.description import JointSpec, SceneSpec, TreeSpec, compose
 from envs.handlers.genesis.process import part, start
 from envs.handlers.genesis.settings import INTEGRATORS, GenesisSettings
 from envs.handlers.genesis.trees import Text, joint_name, write_still, write_tree
+from envs.handlers.mujoco.layout import as_slice, block
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +36,19 @@ class _Base:
     q: int
     dof: int
     tree: TreeSpec
+
+
+@dataclass(frozen=True, slots=True)
+class Drives:
+    """Where the driven joints of some environments are in Genesis's arrays.
+
+    Attributes:
+        q: Index of their positions.
+        dof: Index of their velocities, targets, forces and modes.
+    """
+
+    q: tuple
+    dof: tuple
 
 
 class Batch:
@@ -279,12 +293,14 @@ class Batch:
             SimulatorError: if Genesis cannot go on.
         """
         moving = np.asarray(rows, np.intp)
+        drives = self.drives_of(moving)
         others = np.setdiff1d(np.arange(self.num_envs), moving)
         kept = [column[others].copy() for column in self._columns] if len(others) else []
         first, last = (values[:, self._actuators].T for values in (start, end))
+        way = last - first
         try:
             for index in range(1, num_steps + 1):
-                self._aim(moving, first + (last - first) * np.float32(index / num_steps))
+                self.aim(drives, first + way * np.float32(index / num_steps))
                 self._scene.step(update_visualizer=False, refresh_visualizer=False)
             self._check(moving)
         except self._gs.GenesisException as error:
@@ -305,22 +321,26 @@ class Batch:
                 bad = rows[failed].tolist()
                 raise SimulatorError(f"Genesis cannot go on with the environments {bad}: {error}") from error
 
-    def _aim(self, rows: np.ndarray, targets: np.ndarray) -> None:
-        """Sets targets (A, n), and a force where an actuator gives all that it has.
+    def drives_of(self, rows: np.ndarray) -> Drives:
+        """Finds the driven joints of environments (A,)."""
+        columns = as_slice(rows)
+        return Drives(block(as_slice(self._driven_q), columns), block(as_slice(self._driven), columns))
+
+    def aim(self, drives: Drives, targets: np.ndarray) -> None:
+        """Sets targets (n, A), and a force where an actuator gives all that it has.
 
         Genesis integrates the damping of a position drive implicitly even while its force is at the limit,
         where the force does not depend on the velocity; MuJoCo does not. The joint would be slowed down.
         """
         if not len(self._driven):
             return
-        places = np.ix_(self._driven, rows)
-        position, speed = self._qpos[np.ix_(self._driven_q, rows)], self._qvel[places]
-        asked = self._kp * (targets - position) - self._kd * speed
-        full = np.abs(asked) >= self._limit
-        self._targets[places] = targets
-        self._forces[places] = np.clip(asked, -self._limit, self._limit)
+        dofs, limit = drives.dof, self._limit
+        asked = self._kp * (targets - self._qpos[drives.q]) - self._kd * self._qvel[dofs]
+        given = np.minimum(np.maximum(asked, -limit), limit)  # np.clip takes thrice the time
+        self._targets[dofs] = targets
+        self._forces[dofs] = given
         modes = self._gs.CTRL_MODE
-        self._modes[places] = np.where(full, int(modes.FORCE), int(modes.POSITION))
+        self._modes[dofs] = np.where(np.abs(asked) >= limit, int(modes.FORCE), int(modes.POSITION))
 
     def close(self) -> None:
         """Frees the scene."""
