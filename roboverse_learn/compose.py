@@ -135,7 +135,7 @@ def from_values(command: str, values: Mapping[str, Any]) -> Any:
         UnknownNameError: A name is not registered.
         ConfigError: A key is unknown or missing its type, or a value is out of range.
     """
-    from pydantic import TypeAdapter, ValidationError
+    from pydantic import ValidationError
 
     policy_name = values.get("policy_name", "act")
     defaults = default_values(command, policy_name)
@@ -145,12 +145,20 @@ def from_values(command: str, values: Mapping[str, Any]) -> Any:
     plain = dict(values)
     try:
         if "policy" in plain:
-            plain["policy"] = TypeAdapter(policy_config(policy_name)).validate_python(plain["policy"])
-        config = TypeAdapter(COMMANDS[command]).validate_python(plain)
+            plain["policy"] = _adapter(policy_config(policy_name)).validate_python(plain["policy"])
+        config = _adapter(COMMANDS[command]).validate_python(plain)
     except ValidationError as error:
         raise _readable(error, policy_name if "policy" in plain else None) from error
     check_names(config)
     return config
+
+
+@cache
+def _adapter(settings: type) -> Any:
+    """What checks the values of a dataclass; to make it takes longer than to use it."""
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(settings)
 
 
 def to_values(config: Any) -> dict[str, Any]:

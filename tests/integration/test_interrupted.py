@@ -1,13 +1,13 @@
 """``train.py`` killed in every stage: the same command finishes the same run."""
 
 import json
-import os
+import multiprocessing
+import runpy
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import pytest
@@ -23,6 +23,14 @@ from tests.integration.main_run import TINY, MainRun
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
+IMPORTED = multiprocessing.get_context("forkserver")
+"""Its processes begin with what the main command imports, which takes longer than all the rest of it."""
+IMPORTED.set_forkserver_preload(
+    [
+        *("roboverse_learn.cli", "roboverse_learn.training.imitation", "lerobot.policies.act.modeling_act"),
+        *("envs.handlers.mujoco.handler", "mujoco_warp", "benchmark.runner", "matplotlib.pyplot"),
+    ]
+)
 LOSSES = ("step", "loss", "lr", "grad_norm")
 
 
@@ -42,33 +50,34 @@ class Interrupted:
         self._kill("collect", self._first_episode_is_committed)
         self._kill("train", self._first_checkpoint_is_written)
         self._kill("evaluate", self._first_cell_is_evaluated)
-        with self._start() as process:
-            self.code = process.wait(timeout=300)
+        process = self._start()
+        process.join(timeout=300)
+        self.code = process.exitcode
         self.log = self._log.read_text()
 
     @property
     def _log(self) -> Path:
         return self.folder / "log.txt"
 
-    def _start(self) -> subprocess.Popen[bytes]:
-        with self._log.open("wb") as log:
-            return subprocess.Popen(
-                [sys.executable, ROOT / "roboverse_learn/train.py", *TINY],
-                cwd=self.folder,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                env=os.environ | {"OMP_NUM_THREADS": "1"},
-            )
+    def _start(self) -> BaseProcess:
+        words = [str(ROOT / "roboverse_learn/train.py"), *TINY]
+        given = {"words": words, "folder": str(self.folder), "log": str(self._log)}
+        script = str(Path(__file__).with_name("started.py"))
+        process = IMPORTED.Process(target=runpy.run_path, args=(script, {"start": given}))
+        process.start()
+        return process
 
     def _kill(self, stage: str, reached: Callable[[], bool]) -> None:
         """Starts the command and kills it as soon as ``reached`` says so."""
-        with self._start() as process:
-            until = time.monotonic() + 240
-            while not reached():
-                assert process.poll() is None, f"ended before the kill in {stage}: {self._log.read_text()}"
-                assert time.monotonic() < until, f"{stage} was not reached: {self._log.read_text()}"
-                time.sleep(0.005)
-            process.send_signal(signal.SIGKILL)
+        process = self._start()
+        until = time.monotonic() + 240
+        while not reached():
+            assert process.is_alive(), f"ended before the kill in {stage}: {self._log.read_text()}"
+            assert time.monotonic() < until, f"{stage} was not reached: {self._log.read_text()}"
+            time.sleep(0.01)
+        process.kill()
+        process.join()
+        assert process.exitcode == -signal.SIGKILL
         (run,) = (self.folder / "runs/PickCube/act").iterdir()
         manifest = json.loads((run / "manifest.json").read_text())
         self.found[stage] = {

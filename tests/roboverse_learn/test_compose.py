@@ -24,7 +24,7 @@ from roboverse_learn.compose import (
 )
 
 REQUIRED = {"evaluate": ["checkpoint=runs/x"], "replay": ["dataset=datasets/x"]}
-QUICK = settings(max_examples=40, deadline=None)
+QUICK = settings(max_examples=25, deadline=None)
 
 
 def at(values: Any, key: str) -> Any:
@@ -114,6 +114,7 @@ ALL_KEYS = [
     for policy in (policies.names() if command == "train" else ["act"])
     for key in flat_keys(default_values(command, policy))
     if key not in ("policy_name", "task_kwargs", "simulator_settings", "preset", "run")
+    and (policy == "act" or key.startswith("policy."))  # the others are the same for every policy
 ]
 
 
@@ -196,11 +197,19 @@ def test_a_preset_of_a_policy_wins_over_the_policy() -> None:
 
 @pytest.mark.parametrize("preset", preset_names())
 @pytest.mark.parametrize("policy", policies.names())
+def test_every_yaml_composes(policy: str, preset: str) -> None:
+    compose("train", [f"preset={preset}", f"policy={policy}"])
+
+
+@pytest.mark.parametrize("preset", preset_names())
+@pytest.mark.parametrize("command", [name for name in COMMANDS if "preset" in default_values(name)])
+def test_every_command_that_has_presets_takes_all_of_them(command: str, preset: str) -> None:
+    compose(command, [*REQUIRED.get(command, []), f"preset={preset}"])
+
+
 @pytest.mark.parametrize("command", list(COMMANDS))
-def test_every_yaml_composes(command: str, policy: str, preset: str) -> None:
-    words = [f"preset={preset}"] if "preset" in default_values(command) else []
-    words += [f"policy={policy}"] if command == "train" else []
-    compose(command, [*REQUIRED.get(command, []), *words])
+def test_every_command_composes(command: str) -> None:
+    assert type(compose(command, REQUIRED.get(command, []))) is COMMANDS[command]
 
 
 def test_every_yaml_is_reachable() -> None:
