@@ -3,16 +3,26 @@
 from collections.abc import Callable
 from typing import Any, cast
 
-INDUCTOR_OPTIONS: dict[str, bool] = {"triton.mix_order_reduction": False}
+INDUCTOR_OPTIONS: dict[str, bool | int] = {"triton.mix_order_reduction": False}
 """``options=`` of every ``torch.compile``.
 
 From PyTorch 2.10 on, the compiler fuses reductions over rows with those over columns, and then leaves
 unwritten the gradients that are slices of one tensor: the biases of an attention's queries, keys and values
-(PyTorch issue 193061). They hold what lay in memory before. That is the likely cause of what was seen on an
-H100 with PyTorch 2.11: compiled ACT in bf16 had gradients of norm 6,568 where eager code in fp32 has 55, at
-the same loss, and learned more slowly or turned into NaN. With the fusion off, the losses of 20 steps on an
-H200 are within 0.6 % of eager ones (4.7 % before; ``roboverse benchmark training``). To be removed once the
-oldest PyTorch of ``pyproject.toml`` has the repair (PyTorch pull request 193103).
+(PyTorch issue 193061). They hold what lay in memory before. To be removed once the oldest PyTorch of
+``pyproject.toml`` has the repair (PyTorch pull request 193103).
+"""
+
+OBJECTIVE_OPTIONS = INDUCTOR_OPTIONS | {
+    "epilogue_fusion": False,
+    "max_fusion_size": 1,
+    "fallback_random": True,
+}
+"""Those of a loss with a backbone of pictures: nothing is fused, and noise is that of eager code.
+
+With PyTorch 2.11 on an H200, compiled ACT with a trained batch normalization in bf16 has gradients that are
+NaN from the second batch on, in its whole backbone, at the right loss. Of nine other settings of the
+compiler (softmax, split and persistent reductions, layouts, patterns, buffers) none changes that; without
+fusion every gradient is that of eager code. :mod:`roboverse_learn.training.compiled_objective` checks it.
 """
 
 
@@ -21,3 +31,8 @@ def compiled[**P, T](function: Callable[P, T]) -> Callable[P, T]:
     import torch
 
     return torch.compile(function, fullgraph=True, options=cast(Any, INDUCTOR_OPTIONS))
+
+
+def compile_objective(objective: Any) -> None:
+    """Compiles a loss, a module, as one graph for batches of one shape; it is compiled when first called."""
+    objective.compile(fullgraph=True, dynamic=False, options=OBJECTIVE_OPTIONS)

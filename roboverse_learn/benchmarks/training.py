@@ -146,18 +146,15 @@ def measure(name: str, scale: Scale, device: str, *, ours_compiled: bool) -> tup
 def _our_step(policy: Any, frames: Frames, compiled: bool) -> Callable[[int], Any]:
     """Returns a step of :mod:`roboverse_learn.training.imitation`."""
     import torch
-    from torch._inductor import config as inductor
 
-    from policies.compilation import INDUCTOR_OPTIONS
+    from policies.compilation import compile_objective
     from roboverse_learn.training.config import TrainConfig
     from roboverse_learn.training.imitation import make_optimizer
 
     policy.begin_training()
     objective = policy.objective()
     if compiled:
-        # Dropout and noise as in eager code, so that the losses can be compared.
-        inductor.fallback_random = True
-        objective.compile(fullgraph=True, dynamic=False, options=INDUCTOR_OPTIONS)
+        compile_objective(objective)
     optimizer = make_optimizer(policy, TrainConfig())
 
     def take(step: int) -> Any:

@@ -61,7 +61,8 @@ class TrainConfig:
         ema_max_decay: Largest decay of the average.
         precision: ``bf16`` computes under autocast; ``auto`` takes it where the processor has
             instructions for it. Weights, optimizer and evaluation stay float32.
-        compile: Compile the network with ``torch.compile``; None compiles on a GPU only.
+        compile: Compile the network with ``torch.compile``; None compiles on a GPU only. It is used if the
+            gradients of the first batches are those of eager code, and left out with a warning otherwise.
         num_threads: Threads of a CPU run; 0 takes one per core.
         save_every: Steps between checkpoints; the last step is always saved.
         log_every: Steps between logged metrics.

@@ -16,13 +16,13 @@ import torch
 from torch import Tensor
 
 from envs.errors import RoboVerseError
-from policies.compilation import INDUCTOR_OPTIONS
 from policies.lerobot_policy import LeRobotPolicy
-from policies.objective import Loss
+from policies.objective import Loss, Objective
 from roboverse_learn.data.info import DatasetInfo
 from roboverse_learn.data.sampler import EpisodeAwareSampler
 from roboverse_learn.training import checkpoint
 from roboverse_learn.training.augment import augment
+from roboverse_learn.training.compiled_objective import NUM_BATCHES, compiled_objective
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.device import cpu_threads, resolve_precision
 from roboverse_learn.training.ema import Ema
@@ -144,9 +144,7 @@ class _Trainer:
         )
         self.keys = list(policy.features)
         policy.begin_training()
-        objective = policy.objective()
-        if config.compile or (config.compile is None and policy.device.type == "cuda"):
-            objective.compile(fullgraph=True, dynamic=False, options=INDUCTOR_OPTIONS)
+        objective = self._compiled() if self._compiles() else policy.objective()
         # Every process starts from the weights of the first: DDP broadcasts them.
         self.objective, self.optimizer = self.accelerator.prepare(objective, make_optimizer(policy, config))
         self.ema = self._make_ema()
@@ -155,6 +153,16 @@ class _Trainer:
         self.loss: float | None = None
         self.grad_norm: Tensor | float = 0.0
         self.start = time.perf_counter()
+
+    def _compiles(self) -> bool:
+        wanted = self.config.compile
+        return self.policy.device.type == "cuda" if wanted is None else wanted
+
+    def _compiled(self) -> Objective:
+        start = self.sampler.state_dict()
+        batches = [self._batch() for _ in range(NUM_BATCHES)]
+        self.sampler.load_state_dict(start)
+        return compiled_objective(self.policy, batches, self.precision)
 
     def run(self, resume: bool) -> TrainResult:
         """Trains to the end."""
@@ -184,6 +192,8 @@ class _Trainer:
             for writer in writers:
                 writer.close()
         self.accelerator.wait_for_everyone()
+        if self.world > 1:
+            self.accelerator.end_training()  # leaves the process group, which NCCL asks for
         return self._finish()
 
     def _gradient_step(self) -> None:

@@ -1,0 +1,110 @@
+"""A compiled loss is used where its gradients are those of eager code.
+
+A compiler's fault shows in no loss and stops nothing: the network learns from wrong gradients. So the first
+batches are computed both ways before training begins.
+"""
+
+import logging
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+from policies.compilation import compile_objective
+from policies.lerobot_policy import LeRobotPolicy
+from policies.objective import Objective
+
+logger = logging.getLogger(__name__)
+
+type Batch = dict[str, Tensor]
+
+NUM_BATCHES = 3
+"""Batches that are compared. A gradient that is left unwritten is often right in the first."""
+
+RELATIVE_TOLERANCE = 0.05
+"""Of a parameter's gradient, by its norm, beyond the rounding of the precision that is trained in."""
+
+ABSOLUTE_TOLERANCE = 1e-3
+"""Of the norm of all gradients together: a gradient smaller than this is rounding."""
+
+
+def compiled_objective(policy: LeRobotPolicy, batches: Sequence[Batch], precision: str) -> Objective:
+    """Returns a policy's loss, compiled if that changes no gradient and as it is otherwise.
+
+    The parameters' gradients are cleared; running statistics are left as they were.
+
+    Args:
+        policy: A policy that is ready for training.
+        batches: Batches as training has them, at least two.
+        precision: ``"bf16"`` or ``"fp32"``: what training computes in.
+    """
+    eager, compiled = policy.objective(), policy.objective()
+    compile_objective(compiled)
+    wrong = first_disagreement(policy.model, eager, compiled, batches, precision, policy.device.type)
+    if wrong is None:
+        return compiled
+    logger.warning(
+        "torch.compile of PyTorch %s changes the gradient of '%s' of policy=%s: training goes on without it, "
+        "more slowly. train.compile=false does not try.",
+        torch.__version__,
+        wrong,
+        policy.name,
+    )
+    return eager
+
+
+def first_disagreement(
+    model: nn.Module,
+    eager: nn.Module,
+    compiled: nn.Module,
+    batches: Sequence[Batch],
+    precision: str,
+    device: str,
+) -> str | None:
+    """Returns the first parameter of which the compiled loss has another gradient, or None.
+
+    The measure is eager code in fp32: a gradient in bf16 may be as far from it as twice what eager code in
+    bf16 is, and :data:`RELATIVE_TOLERANCE` of it.
+
+    Args:
+        model: Whose parameters are trained.
+        eager: Raw frames to loss.
+        compiled: The same, compiled.
+        batches: Raw frames.
+        precision: ``"bf16"`` or ``"fp32"``.
+        device: Type of the device.
+    """
+    kept = {name: buffer.clone() for name, buffer in model.named_buffers()}
+    try:
+        for seed, batch in enumerate(batches):
+            exact = _gradients(model, eager, batch, "fp32", device, seed)
+            plain = exact if precision == "fp32" else _gradients(model, eager, batch, precision, device, seed)
+            given = _gradients(model, compiled, batch, precision, device, seed)
+            scale = torch.stack([gradient.norm() for gradient in exact.values()]).norm()
+            for name, gradient in exact.items():
+                rounding = 2.0 * (plain[name] - gradient).norm()
+                allowed = rounding + RELATIVE_TOLERANCE * gradient.norm() + ABSOLUTE_TOLERANCE * scale
+                if name not in given or not (given[name] - gradient).norm() <= allowed:  # NaN is not <=
+                    return name
+        return None
+    finally:
+        with torch.no_grad():
+            for name, buffer in model.named_buffers():
+                buffer.copy_(kept[name])
+        model.zero_grad(set_to_none=True)
+
+
+def _gradients(
+    model: nn.Module, objective: nn.Module, batch: Batch, precision: str, device: str, seed: int
+) -> dict[str, Tensor]:
+    """Returns the gradient of each parameter, in fp32; what is random is drawn from ``seed``."""
+    model.zero_grad(set_to_none=True)
+    torch.manual_seed(seed)
+    with torch.autocast(device, torch.bfloat16, enabled=precision == "bf16"):
+        loss, _terms = objective(batch)
+    loss.backward()
+    return {
+        name: parameter.grad.float().clone()
+        for name, parameter in model.named_parameters()
+        if parameter.grad is not None
+    }
