@@ -12,7 +12,8 @@ from tests.policies.examples import FEATURES, IMAGE, stats
 
 pytestmark = [
     pytest.mark.gpu,
-    pytest.mark.filterwarnings("ignore"),  # of the compiler itself, which are many
+    pytest.mark.filterwarnings("ignore::DeprecationWarning"),  # of the compiler itself
+    pytest.mark.filterwarnings("ignore::UserWarning:torch"),  # what it could not make faster
     pytest.mark.skipif(not torch.cuda.is_available(), reason="needs an NVIDIA GPU"),
 ]
 BATCH, BATCHES, SIZE = 64, 6, 128
