@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -50,6 +51,25 @@ def name(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
 
 
+def holds_of(paths: list[Path]) -> Callable[[Callable[[Path], None]], Callable[[], None]]:
+    """Makes one test of a rule for files: it names all that break it. A thousand tests would take longer."""
+
+    def decorate(rule: Callable[[Path], None]) -> Callable[[], None]:
+        def test() -> None:
+            broken = []
+            for path in paths:
+                try:
+                    rule(path)
+                except AssertionError as error:
+                    told = str(error).splitlines()[0]
+                    broken.append(told if name(path) in told else f"{name(path)}: {told}")
+            assert not broken, "\n".join(broken)
+
+        return test
+
+    return decorate
+
+
 @cache
 def tree(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
@@ -77,7 +97,7 @@ def _is_module(dotted: str) -> bool:
     return path.with_suffix(".py").is_file() or (path / "__init__.py").is_file()
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=name)
+@holds_of(SOURCES)
 def test_imports_point_one_way(path: Path) -> None:
     package = path.relative_to(ROOT).parts[0]
     ours = {module.partition(".")[0] for module in imports(path)} & set(PACKAGES)
@@ -91,7 +111,7 @@ def test_nothing_imports_the_tests() -> None:
     assert not [name(path) for path in SOURCES if any(m.split(".")[0] == "tests" for m in imports(path))]
 
 
-@pytest.mark.parametrize("path", ALL, ids=name)
+@holds_of(ALL)
 def test_files_and_functions_are_short(path: Path) -> None:
     limit = MAX_HANDLER_LINES if "handlers" in path.parts else MAX_FILE_LINES
     lines = len(path.read_text(encoding="utf-8").splitlines())
@@ -112,7 +132,7 @@ def test_a_third_of_the_code_is_tests() -> None:
     assert share >= MIN_TEST_SHARE, f"Tests are {100 * share:.0f} % of the lines of Python."
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=name)
+@holds_of(SOURCES)
 def test_nothing_pickles(path: Path) -> None:
     assert not {module.partition(".")[0] for module in imports(path)} & PICKLES
     for node in ast.walk(tree(path)):
@@ -125,7 +145,7 @@ def test_nothing_pickles(path: Path) -> None:
         assert not refused, f"{name(path)}:{node.lineno}: {owner}.{node.func.attr} reads or writes pickles."
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=name)
+@holds_of(SOURCES)
 def test_prints_are_in_the_command_line_alone(path: Path) -> None:
     calls = [
         node.lineno
@@ -135,7 +155,7 @@ def test_prints_are_in_the_command_line_alone(path: Path) -> None:
     assert not calls or name(path) in PRINTS_MAY_BE_IN, f"{name(path)}:{calls}: log, or return what to print."
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=name)
+@holds_of(SOURCES)
 def test_the_compiler_is_given_the_options_that_keep_gradients_right(path: Path) -> None:
     for node in ast.walk(tree(path)):
         if not isinstance(node, ast.Call):
@@ -148,7 +168,7 @@ def test_the_compiler_is_given_the_options_that_keep_gradients_right(path: Path)
             assert re.search("(INDUCTOR|OBJECTIVE)_OPTIONS", options), f"{where}: see policies/compilation.py"
 
 
-@pytest.mark.parametrize("path", ALL, ids=name)
+@holds_of(ALL)
 def test_no_bare_except_no_blanket_ignore_no_loose_end(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     for node in ast.walk(tree(path)):
@@ -158,7 +178,7 @@ def test_no_bare_except_no_blanket_ignore_no_loose_end(path: Path) -> None:
     assert not re.search(rf"\b({marks})\b", text), f"{name(path)} has a loose end."
 
 
-@pytest.mark.parametrize("path", ALL, ids=name)
+@holds_of(ALL)
 def test_names_say_something(path: Path) -> None:
     assert path.stem not in {"utils", "util", "helpers", "helper", "misc", "common"}
     assert not re.search(r"_v\d+$", path.stem)
