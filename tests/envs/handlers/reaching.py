@@ -1,9 +1,12 @@
 """What the tests of several simulators do with a handler of each."""
 
 import numpy as np
+import pytest
 import torch
 
+from envs.errors import UnknownNameError
 from envs.handlers import HANDLERS
+from envs.tasks.close_box import CloseBox
 from envs.tasks.pick_cube import PickCube
 
 
@@ -32,6 +35,32 @@ def reach(simulator):
             handler.step(25)
             way.append(handler.get_states().robots["franka"].joint_pos.double())
     return torch.stack(way)
+
+
+def lid_left_alone(simulator):
+    """CloseBox's box as it begins, as it was put into a simulator, and 100 steps later."""
+    task = CloseBox()
+    with launched(simulator, task.scenario) as handler:
+        states = start(task)
+        handler.set_states(states)
+        before = handler.get_states().objects
+        name = next(name for name, entity in before.items() if entity.joint_pos.shape[1])
+        handler.step(100)
+        return states.objects[name], before[name], handler.get_states().objects[name]
+
+
+def assert_friction_holds_the_lid(simulator):
+    """The box stays where it is, and its lid all but so."""
+    _, before, after = lid_left_alone(simulator)
+    assert torch.equal(after.pos, before.pos)
+    torch.testing.assert_close(after.joint_pos, before.joint_pos, atol=2e-2, rtol=0.0)
+
+
+def assert_refused(simulator, setting):
+    """A setting that a simulator does not have is named, and the nearest one."""
+    message = rf"Unknown setting of simulator={simulator} '{setting}'.*Did you mean"
+    with pytest.raises(UnknownNameError, match=message):
+        HANDLERS.get(simulator)(with_block(simulator, **{setting: 20}), 1)
 
 
 def with_block(simulator, **settings):

@@ -12,9 +12,15 @@ from envs.experts.check import check_expert
 from envs.handlers import HANDLERS
 from envs.handlers.genesis.settings import GenesisSettings
 from envs.scenario import GeomCfg, ObjectCfg, ScenarioCfg
-from envs.tasks.close_box import CloseBox
 from envs.tasks.pick_cube import PickCube
-from tests.envs.handlers.reaching import launched, reach, start, with_block
+from tests.envs.handlers.reaching import (
+    assert_friction_holds_the_lid,
+    assert_refused,
+    launched,
+    reach,
+    start,
+    with_block,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -45,23 +51,12 @@ def test_the_expert_succeeds_in_genesis_physics(task):
 
 
 def test_the_lid_of_the_box_is_held_by_friction_where_it_was_put():
-    task = CloseBox()
-    with launched("genesis", task.scenario) as handler:
-        handler.set_states(start(task))
-        before = handler.get_states().objects
-        name = next(name for name, entity in before.items() if entity.joint_pos.shape[1])
-        handler.step(100)
-        after = handler.get_states().objects[name]
-        assert torch.equal(after.pos, before[name].pos)
-        torch.testing.assert_close(after.joint_pos, before[name].joint_pos, atol=2e-2, rtol=0.0)
+    assert_friction_holds_the_lid("genesis")
 
 
 def test_settings_are_read_and_unknown_ones_refused():
     assert GenesisSettings.of(with_block("genesis", iterations=20)).iterations == 20
-    with pytest.raises(
-        UnknownNameError, match=r"Unknown setting of simulator=genesis 'iteration'.*Did you mean"
-    ):
-        HANDLERS.get("genesis")(with_block("genesis", iteration=20), 1)
+    assert_refused("genesis", "iteration")
     with pytest.raises(ConfigError, match="max_pairs of genesis must be at least 1, given 0"):
         GenesisSettings(max_pairs=0)
     with pytest.raises(UnknownNameError, match=r"cone of genesis 'round'.*Valid: elliptic, pyramidal"):

@@ -1,16 +1,13 @@
 """The Newton handler beyond the contract: agreement with MuJoCo, settings, tasks."""
 
 import pytest
-import torch
 
 pytest.importorskip("newton", reason="Newton is not installed: pip install 'roboverse-learn[newton]'")
 
 from envs.errors import ConfigError, UnknownNameError
 from envs.experts.check import check_expert
-from envs.handlers import HANDLERS
 from envs.handlers.newton.settings import NewtonSettings
-from envs.tasks.close_box import CloseBox
-from tests.envs.handlers.reaching import launched, reach, start, with_block
+from tests.envs.handlers.reaching import assert_friction_holds_the_lid, assert_refused, reach, with_block
 
 
 def test_the_arm_moves_as_in_mujoco():
@@ -20,16 +17,7 @@ def test_the_arm_moves_as_in_mujoco():
 
 
 def test_the_lid_of_the_box_is_held_by_friction_where_it_was_put():
-    task = CloseBox()
-    with launched("newton", task.scenario) as handler:
-        states = start(task)
-        handler.set_states(states)
-        before = handler.get_states().objects
-        name = next(name for name, entity in before.items() if entity.joint_pos.shape[1])
-        handler.step(100)
-        after = handler.get_states().objects[name]
-        assert torch.equal(after.pos, before[name].pos)
-        torch.testing.assert_close(after.joint_pos, before[name].joint_pos, atol=2e-2, rtol=0.0)
+    assert_friction_holds_the_lid("newton")
 
 
 @pytest.mark.parametrize("task", ["PickCube", "CloseBox"])
@@ -40,10 +28,7 @@ def test_the_expert_succeeds_in_newtons_physics(task):
 
 def test_settings_are_read_and_unknown_ones_refused():
     assert NewtonSettings.of(with_block("newton", iterations=20)).iterations == 20
-    with pytest.raises(
-        UnknownNameError, match=r"Unknown setting of simulator=newton 'iteration'.*Did you mean"
-    ):
-        HANDLERS.get("newton")(with_block("newton", iteration=20), 1)
+    assert_refused("newton", "iteration")
     with pytest.raises(ConfigError, match="iterations of newton must be at least 1, given 0"):
         NewtonSettings(iterations=0)
     with pytest.raises(UnknownNameError, match=r"Unknown cone of newton 'round'.*Valid: "):

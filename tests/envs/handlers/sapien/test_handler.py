@@ -7,12 +7,11 @@ import torch
 
 pytest.importorskip("sapien", reason="SAPIEN is not installed: pip install 'roboverse-learn[sapien]'")
 
-from envs.errors import ConfigError, SimulatorError, UnknownNameError
+from envs.errors import ConfigError, SimulatorError
 from envs.handlers import HANDLERS
 from envs.handlers.sapien.settings import SapienSettings
-from envs.tasks.close_box import CloseBox
 from envs.tasks.pick_cube import PickCube
-from tests.envs.handlers.reaching import launched, reach, start, with_block
+from tests.envs.handlers.reaching import assert_refused, launched, lid_left_alone, reach, start, with_block
 
 
 def test_the_arm_moves_as_in_mujoco():
@@ -23,17 +22,10 @@ def test_the_arm_moves_as_in_mujoco():
 
 
 def test_the_lid_of_the_box_moves_with_the_box_and_stays_where_friction_holds_it():
-    task = CloseBox()
-    with launched("sapien", task.scenario) as handler:
-        states = start(task)
-        handler.set_states(states)
-        before = handler.get_states().objects
-        name = next(name for name, entity in before.items() if entity.joint_pos.shape[1])
-        assert before[name].pos[0].tolist() == states.objects[name].pos[0].float().tolist()
-        handler.step(100)
-        after = handler.get_states().objects[name]
-        assert torch.equal(after.pos, before[name].pos)
-        assert torch.isfinite(after.joint_pos).all()
+    begun, before, after = lid_left_alone("sapien")
+    assert before.pos[0].tolist() == begun.pos[0].float().tolist()
+    assert torch.equal(after.pos, before.pos)
+    assert torch.isfinite(after.joint_pos).all()
 
 
 def test_threads_change_nothing():
@@ -66,10 +58,7 @@ def test_two_handlers_keep_their_own_gravity():
 
 def test_settings_are_read_and_unknown_ones_refused():
     assert SapienSettings.of(with_block("sapien", position_iterations=20)).position_iterations == 20
-    with pytest.raises(
-        UnknownNameError, match=r"Unknown setting of simulator=sapien 'iterations'.*Did you mean"
-    ):
-        HANDLERS.get("sapien")(with_block("sapien", iterations=20), 1)
+    assert_refused("sapien", "iterations")
     with pytest.raises(ConfigError, match="velocity_iterations of sapien is 1 to 255, given 0"):
         SapienSettings(velocity_iterations=0)
 
