@@ -8,7 +8,6 @@
 """
 
 import json
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,11 +18,9 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from envs.errors import CheckpointError
-from policies.atomic import atomic_directory
-from roboverse_learn.training.checkpoint import PRETRAINED, STATE, point_last_at, write_errors
+from roboverse_learn.training.checkpoint import ADVICE, PRETRAINED, STATE, check_same, newest
 
 _TENSORS, _STATE_FILE, _FORMAT = "state.safetensors", "state.json", 1
-_ADVICE = "Go on with the configuration that the run was begun with, or begin a new run (resume=false)."
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -56,10 +53,8 @@ def save_agent(run_dir: Path, policy: Any, state: AgentState) -> Path:
             are unchanged.
     """
     directory = run_dir / "checkpoints" / f"{state.step:09d}"
-    with write_errors(directory), atomic_directory(directory) as staging:
-        policy.save(staging / PRETRAINED)
-        inner = staging / STATE
-        inner.mkdir()
+    with newest(directory) as (pretrained, inner):
+        policy.save(pretrained)
         tensors = {key: value.detach().cpu().contiguous() for key, value in state.tensors.items()}
         save_file(tensors, inner / _TENSORS)
         content = {
@@ -70,11 +65,6 @@ def save_agent(run_dir: Path, policy: Any, state: AgentState) -> Path:
             "numbers": dict(state.numbers),
         }
         (inner / _STATE_FILE).write_text(json.dumps(content, indent=2), encoding="utf-8")
-    with write_errors(directory):
-        point_last_at(directory)
-    for old in directory.parent.glob(f"[0-9]*/{STATE}"):
-        if old.parent.name != directory.name:
-            shutil.rmtree(old, ignore_errors=True)
     return directory / PRETRAINED
 
 
@@ -98,15 +88,8 @@ def load_agent(directory: Path, settings: Mapping[str, Any]) -> AgentState:
         tensors = load_file(directory / STATE / _TENSORS)
         saved, state = content["settings"], {key: content[key] for key in ("step", "elapsed_s", "numbers")}
     except (OSError, ValueError, KeyError, TypeError, SafetensorError) as error:
-        raise CheckpointError(f"'{path.parent}' cannot be read ({error}). {_ADVICE}") from error
-    given = json.loads(json.dumps(dict(settings)))
-    changed = [
-        f"{key} was {saved.get(key)} and is {given.get(key)}"
-        for key in sorted(saved.keys() | given.keys())
-        if saved.get(key) != given.get(key)
-    ]
-    if changed:
-        raise CheckpointError(f"Cannot resume from '{directory}': {'; '.join(changed)}. {_ADVICE}")
+        raise CheckpointError(f"'{path.parent}' cannot be read ({error}). {ADVICE}") from error
+    check_same(directory, saved, settings)
     return AgentState(settings=saved, tensors=tensors, **state)
 
 

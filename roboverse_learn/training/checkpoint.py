@@ -71,10 +71,8 @@ def save_checkpoint(
             are unchanged.
     """
     directory = run_dir / "checkpoints" / f"{state.step:06d}"
-    with write_errors(directory), atomic_directory(directory) as staging:
-        policy.save(staging / PRETRAINED, weights=None if ema is None else ema.average)
-        inner = staging / STATE
-        inner.mkdir()
+    with newest(directory) as (pretrained, inner):
+        policy.save(pretrained, weights=None if ema is None else ema.average)
         moments, groups = _flatten(optimizer.state_dict())
         save_file(moments, inner / "optimizer.safetensors")
         if ema is not None:
@@ -90,12 +88,27 @@ def save_checkpoint(
             "param_groups": groups,
         }
         (inner / "state.json").write_text(json.dumps(content, indent=2), encoding="utf-8")
+    return directory / PRETRAINED
+
+
+@contextlib.contextmanager
+def newest(directory: Path) -> Iterator[tuple[Path, Path]]:
+    """Makes a checkpoint, whole or not at all, which ``last`` then leads to; earlier ones lose their state.
+
+    Yields:
+        Where the policy is to be saved, and an empty folder for what it takes to go on.
+
+    Raises:
+        CheckpointError: if the disk is full or the folder cannot be written.
+    """
+    with write_errors(directory), atomic_directory(directory) as staging:
+        (staging / STATE).mkdir()
+        yield staging / PRETRAINED, staging / STATE
     with write_errors(directory):
         point_last_at(directory)
     for old in directory.parent.glob(f"[0-9]*/{STATE}"):
         if old.parent.name != directory.name:
             shutil.rmtree(old, ignore_errors=True)
-    return directory / PRETRAINED
 
 
 def remove_leftovers(run_dir: Path) -> None:
@@ -142,7 +155,8 @@ def load_checkpoint(
     """
     inner = directory / STATE
     content = _read_state(inner / "state.json")
-    _check_settings(directory, content, settings, ema)
+    saved = content["settings"] | {"ema": content["ema_updates"] is not None}
+    check_same(directory, saved, dict(settings) | {"ema": ema is not None})
     saved_policy = directory / PRETRAINED / "model.safetensors"
     raw = saved_policy if ema is None else inner / "weights.safetensors"
     load_weights(policy.model, _read(raw), raw)
@@ -172,7 +186,7 @@ def _restore(
     """Puts an optimizer back; moments take the memory layout of their parameters, as fused kernels need."""
     parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
     if sum(len(group["params"]) for group in groups) != len(parameters):
-        raise CheckpointError(f"'{path}' is of a model with another number of parameters. {_ADVICE}")
+        raise CheckpointError(f"'{path}' is of a model with another number of parameters. {ADVICE}")
     state: dict[int, dict[str, Tensor]] = {}
     for key, value in tensors.items():
         index, _, name = key.partition(".")
@@ -182,24 +196,26 @@ def _restore(
     optimizer.load_state_dict({"state": state, "param_groups": groups})
 
 
-_ADVICE = (
+ADVICE = (
     "Go on with the configuration that the run was begun with, "
     "or begin a new run (another folder, or resume=false)."
 )
 
 
-def _check_settings(
-    directory: Path, content: Mapping[str, Any], settings: Mapping[str, Any], ema: Ema | None
-) -> None:
-    saved = content["settings"] | {"ema": content["ema_updates"] is not None}
-    given = json.loads(json.dumps(dict(settings))) | {"ema": ema is not None}
+def check_same(directory: Path, saved: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+    """Refuses to go on with other settings than those that a checkpoint was begun with.
+
+    Raises:
+        CheckpointError: which names all that changed.
+    """
+    given = json.loads(json.dumps(dict(given)))
     changed = [
         f"{key} was {saved.get(key)} and is {given.get(key)}"
         for key in sorted(saved.keys() | given.keys())
         if saved.get(key) != given.get(key)
     ]
     if changed:
-        raise CheckpointError(f"Cannot resume from '{directory}': {'; '.join(changed)}. {_ADVICE}")
+        raise CheckpointError(f"Cannot resume from '{directory}': {'; '.join(changed)}. {ADVICE}")
 
 
 def _read_state(path: Path) -> dict[str, Any]:
@@ -208,11 +224,11 @@ def _read_state(path: Path) -> dict[str, Any]:
         version = content["format"]
         absent = {"step", "elapsed_s", "sampler", "ema_updates", "settings", "param_groups"} - content.keys()
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise CheckpointError(f"'{path}' cannot be read ({error}). {_ADVICE}") from error
+        raise CheckpointError(f"'{path}' cannot be read ({error}). {ADVICE}") from error
     if version != _FORMAT:
-        raise CheckpointError(f"'{path}' has format {version}, valid is {_FORMAT}. {_ADVICE}")
+        raise CheckpointError(f"'{path}' has format {version}, valid is {_FORMAT}. {ADVICE}")
     if absent:
-        raise CheckpointError(f"'{path}' lacks {', '.join(sorted(absent))}. {_ADVICE}")
+        raise CheckpointError(f"'{path}' lacks {', '.join(sorted(absent))}. {ADVICE}")
     return content
 
 
@@ -220,7 +236,7 @@ def _read(path: Path) -> dict[str, Tensor]:
     try:
         return load_file(path)
     except (OSError, SafetensorError) as error:
-        raise CheckpointError(f"'{path}' is absent, truncated or damaged ({error}). {_ADVICE}") from error
+        raise CheckpointError(f"'{path}' is absent, truncated or damaged ({error}). {ADVICE}") from error
 
 
 def point_last_at(directory: Path) -> None:
