@@ -87,16 +87,24 @@ class JointDeltaController(Controller):
     Apache-2.0): an entry of 1 moves a joint's last target by ``delta_rad``; the last entry is absolute, -1
     closes and 1 opens. Every entry lies in [-1, 1]; what lies beyond is clipped, and so are targets.
 
+    A target is never further from its joint than ``lead_rad``. Without that bound, an arm that is pressed
+    against the table goes on pressing for as long as its targets need to come back, tens of steps, and an
+    agent that explores never learns to lift what it holds.
+
     Args:
         robot: A robot with position actuators.
         delta_rad: Way of a target at an action of 1, rad (m for a slide joint).
+        lead_rad: Largest distance of a target from where its joint is, rad (m for a slide joint); twice
+            ``delta_rad`` by default, which is what a free arm of ours lags behind at full speed.
     """
 
-    def __init__(self, robot: RobotCfg, delta_rad: float = 0.1) -> None:
+    def __init__(self, robot: RobotCfg, delta_rad: float = 0.1, lead_rad: float | None = None) -> None:
         driven = [robot.joints[index] for index in robot.driven]
         fingers = [index for index, joint in enumerate(driven) if joint.name in robot.gripper_joints]
         self._arm = [index for index in range(len(driven)) if index not in fingers]
         self._fingers, self._robot, self._delta = fingers, robot.name, delta_rad
+        self._lead = 2.0 * delta_rad if lead_rad is None else lead_rad
+        self._joints = [robot.driven[index] for index in self._arm]
         self.names = (*(driven[index].name for index in self._arm), *(["gripper"] if fingers else []))
         self.low, self.high = -np.ones(len(self.names), np.float32), np.ones(len(self.names), np.float32)
         limits = [driven[index].target_range or driven[index].range for index in fingers]
@@ -105,27 +113,32 @@ class JointDeltaController(Controller):
 
     @override
     def apply(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None) -> None:
-        targets = self._targets(handler.get_joint_targets(self._robot, env_ids), actions)
-        handler.set_joint_targets({self._robot: targets}, env_ids)
+        handler.set_joint_targets({self._robot: self._next(handler, actions, env_ids)}, env_ids)
 
     @override
     def advance(
         self, handler: Handler, actions: np.ndarray | Tensor, num_steps: int, env_ids: EnvIds = None
     ) -> None:
-        targets = self._targets(handler.get_joint_targets(self._robot, env_ids), actions)
+        targets = self._next(handler, actions, env_ids)
         handler.step_towards({self._robot: targets}, num_steps, env_ids)
 
     @override
     def as_task_actions(self, state: State, actions: np.ndarray) -> np.ndarray:
-        last = state.robots[self._robot].joint_target
-        assert last is not None, "a simulator gives every robot's targets"
-        return self._targets(last, actions).cpu().numpy()
+        robot = state.robots[self._robot]
+        assert robot.joint_target is not None, "a simulator gives every robot's targets"
+        return self._targets(robot.joint_target, robot.joint_pos, actions).cpu().numpy()
 
-    def _targets(self, last: Tensor, actions: np.ndarray | Tensor) -> Tensor:
-        """Returns where the targets of the driven joints are to be, from where they are, (n, J)."""
+    def _next(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds) -> Tensor:
+        last = handler.get_joint_targets(self._robot, env_ids)
+        return self._targets(last, handler.get_joint_positions(self._robot, env_ids), actions)
+
+    def _targets(self, last: Tensor, joints: Tensor, actions: np.ndarray | Tensor) -> Tensor:
+        """Returns the next targets (n, J) of the driven joints, from the last ones and where joints are."""
         given = torch.as_tensor(actions, device=last.device).to(last.dtype).clamp(-1.0, 1.0)
         self._middle, self._half = self._middle.to(last), self._half.to(last)
-        parts = [last[:, self._arm] + self._delta * given[:, : len(self._arm)]]
+        here = joints[:, self._joints].to(last)
+        wanted = last[:, self._arm] + self._delta * given[:, : len(self._arm)]
+        parts = [wanted.clamp(here - self._lead, here + self._lead)]
         order = [*self._arm, *self._fingers]
         if self._fingers:
             parts.append(self._middle + self._half * given[:, -1:])

@@ -96,6 +96,10 @@ class Handler(ABC):
         assert targets is not None, "a simulator gives every robot's targets"
         return targets
 
+    def get_joint_positions(self, robot: str, env_ids: EnvIds = None) -> Tensor:
+        """Returns the present positions (n, Q) of all joints of a robot, in a copy."""
+        return self.get_states(env_ids).robots[robot].joint_pos
+
     @abstractmethod
     def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:
         """Sets the position targets (n, J) of the named robots, clipped to the joints' ranges."""

@@ -84,6 +84,24 @@ def test_joint_deltas_add_to_the_last_targets_and_the_gripper_is_absolute(franka
     assert torch.equal(franka.get_joint_targets("franka", [1]), after[1:])
 
 
+def test_targets_that_are_moved_by_deltas_stay_near_their_joints(franka):
+    """However long an arm presses against something, it is free of it after a step or two."""
+    controller = JointDeltaController(FRANKA, delta_rad=0.1, lead_rad=0.15)
+    here = franka.get_states().robots["franka"].joint_pos
+    press = torch.zeros(2, 8)
+    press[:, 0] = torch.tensor([1.0, -1.0])
+    for _ in range(20):
+        controller.apply(franka, press)
+    targets = franka.get_joint_targets("franka")
+    torch.testing.assert_close(targets[:, 0] - here[:, 0], torch.tensor([0.15, -0.15], dtype=targets.dtype))
+    assert ((targets - here)[:, :7].abs() <= 0.15 + 1e-6).all()
+    controller.apply(franka, -press)
+    torch.testing.assert_close(
+        franka.get_joint_targets("franka")[:, 0] - here[:, 0],
+        torch.tensor([0.05, -0.05], dtype=targets.dtype),
+    )
+
+
 def test_holding_by_joint_deltas_changes_no_target(franka):
     controller = JointDeltaController(FRANKA)
     actions = np.zeros((2, 8), np.float32)

@@ -245,6 +245,10 @@ class MujocoWarpHandler(ModelHandler):
         return self._running.views.ctrl[self.on.rows(env_ids)][:, self._columns[robot][2]].clone()
 
     @override
+    def get_joint_positions(self, robot: str, env_ids: EnvIds = None) -> Tensor:
+        return self._running.views.qpos[self.on.rows(env_ids)][:, self._columns[robot][0]].clone()
+
+    @override
     def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:
         rows, ctrl = self.on.rows(env_ids), self._running.views.ctrl
         with self.on.scope():
