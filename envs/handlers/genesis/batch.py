@@ -15,7 +15,7 @@ import numpy as np
 from envs.errors import SimulatorError
 from envs.handlers.collision import touching
 from envs.handlers.description import JointSpec, SceneSpec, TreeSpec, compose
-from envs.handlers.genesis.process import part, start
+from envs.handlers.genesis.process import end, forget, part, start
 from envs.handlers.genesis.settings import INTEGRATORS, GenesisSettings
 from envs.handlers.genesis.trees import Text, joint_name, write_still, write_tree
 from envs.handlers.mujoco.layout import as_slice, block
@@ -72,6 +72,8 @@ class Batch:
         self._bases: list[_Base] = []
         self._joints: list[tuple[int, int, JointSpec]] = []
         self._added: list[tuple[Any, Text]] = []
+        self._solver: Any = None
+        self._closed = False
         self._scene = gs.Scene(
             show_viewer=False,
             sim_options=gs.options.SimOptions(
@@ -97,6 +99,9 @@ class Batch:
         except gs.GenesisException as error:
             self.close()
             raise SimulatorError(f"Genesis does not build this scene: {error}") from error
+        except SimulatorError:
+            self.close()
+            raise
 
     # -- building -----------------------------------------------------------------------------------
 
@@ -122,7 +127,7 @@ class Batch:
         if not added and not still:
             raise SimulatorError("There is nothing in this scene that Genesis could simulate.")
         self._scene.build(n_envs=self.num_envs)
-        self._solver: Any = self._scene.sim.rigid_solver
+        self._solver = self._scene.sim.rigid_solver
         for entity, tree in added:
             self._find(entity, tree)
         self._keep_apart()
@@ -344,8 +349,15 @@ class Batch:
 
     def close(self) -> None:
         """Frees the scene."""
+        if self._closed:
+            return
+        self._closed = True
         self._columns, self._bases, self._joints, self._added = [], [], [], []
+        if self._solver is not None:
+            forget(self._solver.dyn_state)
+            self._solver = None
         self._scene.destroy()
+        end()
 
 
 def _weightless(tree: TreeSpec) -> bool:

@@ -1,7 +1,8 @@
-"""Genesis belongs to a process: it is started once, with one precision, and stays."""
+"""Genesis belongs to a process: it is started once, with one precision, and stays for many scenes."""
 
 import importlib
 import importlib.util
+from dataclasses import dataclass
 from typing import Any
 
 if importlib.util.find_spec("genesis") is None:  # importing it takes ten seconds, finding it none
@@ -16,9 +17,66 @@ def part(name: str) -> Any:
     return importlib.import_module(f"genesis.{name}")
 
 
+SCENES_KEPT = 50
+"""Genesis compiles its kernels for each scene and keeps them, 1.5 MiB of a small one: after so many scenes,
+and when none is open, it is started anew, which takes seven seconds."""
+
+
+@dataclass(slots=True)
+class _Process:
+    """What this process has of Genesis.
+
+    Attributes:
+        is_ours: Whether it was started here.
+        built: Scenes since the start.
+        open: Scenes that are not closed.
+    """
+
+    is_ours: bool = False
+    built: int = 0
+    open: int = 0
+
+
+_PROCESS = _Process()
+
+
 def start() -> Any:
-    """Returns the module ``genesis``, started on the CPU unless somebody has started it before."""
+    """Returns the module ``genesis`` for one more scene, started on the CPU unless somebody has done so."""
     gs: Any = importlib.import_module("genesis")
+    if gs._initialized and _PROCESS.is_ours and not _PROCESS.open and _PROCESS.built >= SCENES_KEPT:
+        gs.destroy()
     if not gs._initialized:
         gs.init(backend=gs.cpu, precision=PRECISION, logging_level="error", seed=0)
+        _PROCESS.is_ours, _PROCESS.built = True, 0
+    _PROCESS.built += 1
+    _PROCESS.open += 1
     return gs
+
+
+def end() -> None:
+    """Says that a scene is closed for which Genesis was started."""
+    _PROCESS.open -= 1
+
+
+_VIEWS = ("_tc", "_T_tc", "_np", "_T_np")
+
+
+def forget(state: object) -> None:
+    """Lets go of the arrays of a scene that is about to be destroyed, 2 MiB of a small one.
+
+    What picks the fastest of its kernels keeps the arguments of every scene's calls. And the view of an array
+    that an array keeps keeps the array, a circle that no collector sees; views are made again when asked for.
+
+    Args:
+        state: ``dyn_state`` of the scene's rigid solver.
+    """
+    picker = part("engine.solvers.rigid.constraint.solver").func_solve_body
+    for kept in vars(picker).values():
+        if isinstance(kept, dict | set):
+            calls = [call for call in kept if isinstance(call, tuple) and any(each is state for each in call)]
+            for call in calls:
+                kept.pop(call) if isinstance(kept, dict) else kept.discard(call)
+    picker._cached_args = picker._cached_kwargs = picker._cached_impl = None
+    for array in tuple(importlib.import_module("quadrants.lang.impl").get_runtime().ndarrays):
+        for view in _VIEWS:
+            vars(array).pop(view, None)
