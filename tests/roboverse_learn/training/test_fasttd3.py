@@ -28,7 +28,7 @@ def train(run_dir, *, steps=640, config=TINY, seed=0, **options):
 
 
 def test_it_learns(tmp_path):
-    train(tmp_path, steps=11_200, log_every=1600, save_every=16_000)
+    train(tmp_path, steps=6400, log_every=1600, save_every=16_000)
     rows = read_metrics(tmp_path)
     assert rows[0]["episode_return"] < 12.0
     policy = FastTd3Policy.load(tmp_path)
