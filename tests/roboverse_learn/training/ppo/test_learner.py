@@ -77,5 +77,6 @@ class Staggered(Reach):
 def test_the_first_episodes_end_at_different_times_if_asked(tmp_path, stagger):
     config = PpoConfig(backend="torchrl", num_envs=30, num_steps=4, num_minibatches=2, stagger=stagger)
     env = Staggered(30)
-    learner.train(config, env, TrainConfig(steps=30 * 20, save_every=10**6), tmp_path, "PickCube")
+    train = TrainConfig(steps=30 * 20, save_every=10**6, num_threads=1)
+    learner.train(config, env, train, tmp_path, "PickCube")
     assert any(env.ends) == stagger and max(env.ends) <= 1
