@@ -81,30 +81,27 @@ class JointPositionController(Controller):
 
 
 class JointDeltaController(Controller):
-    """An action moves the position target of every joint of an arm, and sets the opening of its gripper.
+    """An action puts the position target of every joint of an arm near it, and sets the opening of its gripper.
 
-    This is ManiSkill 3's ``pd_joint_target_delta_pos`` (``mani_skill/agents/robots/panda/panda.py``,
-    Apache-2.0): an entry of 1 moves a joint's last target by ``delta_rad``; the last entry is absolute, -1
-    closes and 1 opens. Every entry lies in [-1, 1]; what lies beyond is clipped, and so are targets.
+    This is ManiSkill 3's ``pd_joint_delta_pos`` (``mani_skill/agents/robots/panda/panda.py``, Apache-2.0): an
+    entry of 1 puts a target ``delta_rad`` from where its joint is; the last entry is absolute, -1 closes and
+    1 opens. Every entry lies in [-1, 1]; what lies beyond is clipped, and so are targets.
 
-    A target is never further from its joint than ``lead_rad``. Without that bound, an arm that is pressed
-    against the table goes on pressing for as long as its targets need to come back, tens of steps, and an
-    agent that explores never learns to lift what it holds.
+    Deltas from the last target, ManiSkill's ``pd_joint_target_delta_pos``, wind up: an arm that presses onto
+    the table goes on pressing for as many steps as its targets need to come back, and an agent that explores
+    never learns to lift what it holds.
 
     Args:
-        robot: A robot with position actuators.
-        delta_rad: Way of a target at an action of 1, rad (m for a slide joint).
-        lead_rad: Largest distance of a target from where its joint is, rad (m for a slide joint); twice
-            ``delta_rad`` by default, which is what a free arm of ours lags behind at full speed.
+        robot: A robot with position actuators, its gravity compensated: it stays where it is at rest.
+        delta_rad: Distance of a target from its joint at an action of 1, rad (m for a slide joint).
     """
 
-    def __init__(self, robot: RobotCfg, delta_rad: float = 0.1, lead_rad: float | None = None) -> None:
+    def __init__(self, robot: RobotCfg, delta_rad: float = 0.1) -> None:
         driven = [robot.joints[index] for index in robot.driven]
         fingers = [index for index, joint in enumerate(driven) if joint.name in robot.gripper_joints]
         self._arm = [index for index in range(len(driven)) if index not in fingers]
-        self._fingers, self._robot, self._delta = fingers, robot.name, delta_rad
-        self._lead = 2.0 * delta_rad if lead_rad is None else lead_rad
         self._joints = [robot.driven[index] for index in self._arm]
+        self._fingers, self._robot, self._delta = fingers, robot.name, delta_rad
         self.names = (*(driven[index].name for index in self._arm), *(["gripper"] if fingers else []))
         self.low, self.high = -np.ones(len(self.names), np.float32), np.ones(len(self.names), np.float32)
         limits = [driven[index].target_range or driven[index].range for index in fingers]
@@ -113,32 +110,25 @@ class JointDeltaController(Controller):
 
     @override
     def apply(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None) -> None:
-        handler.set_joint_targets({self._robot: self._next(handler, actions, env_ids)}, env_ids)
+        targets = self._targets(handler.get_joint_positions(self._robot, env_ids), actions)
+        handler.set_joint_targets({self._robot: targets}, env_ids)
 
     @override
     def advance(
         self, handler: Handler, actions: np.ndarray | Tensor, num_steps: int, env_ids: EnvIds = None
     ) -> None:
-        targets = self._next(handler, actions, env_ids)
+        targets = self._targets(handler.get_joint_positions(self._robot, env_ids), actions)
         handler.step_towards({self._robot: targets}, num_steps, env_ids)
 
     @override
     def as_task_actions(self, state: State, actions: np.ndarray) -> np.ndarray:
-        robot = state.robots[self._robot]
-        assert robot.joint_target is not None, "a simulator gives every robot's targets"
-        return self._targets(robot.joint_target, robot.joint_pos, actions).cpu().numpy()
+        return self._targets(state.robots[self._robot].joint_pos, actions).cpu().numpy()
 
-    def _next(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds) -> Tensor:
-        last = handler.get_joint_targets(self._robot, env_ids)
-        return self._targets(last, handler.get_joint_positions(self._robot, env_ids), actions)
-
-    def _targets(self, last: Tensor, joints: Tensor, actions: np.ndarray | Tensor) -> Tensor:
-        """Returns the next targets (n, J) of the driven joints, from the last ones and where joints are."""
-        given = torch.as_tensor(actions, device=last.device).to(last.dtype).clamp(-1.0, 1.0)
-        self._middle, self._half = self._middle.to(last), self._half.to(last)
-        here = joints[:, self._joints].to(last)
-        wanted = last[:, self._arm] + self._delta * given[:, : len(self._arm)]
-        parts = [wanted.clamp(here - self._lead, here + self._lead)]
+    def _targets(self, joints: Tensor, actions: np.ndarray | Tensor) -> Tensor:
+        """Returns where the targets of the driven joints are to be, from where the joints are, (n, J)."""
+        given = torch.as_tensor(actions, device=joints.device).to(joints.dtype).clamp(-1.0, 1.0)
+        self._middle, self._half = self._middle.to(joints), self._half.to(joints)
+        parts = [joints[:, self._joints] + self._delta * given[:, : len(self._arm)]]
         order = [*self._arm, *self._fingers]
         if self._fingers:
             parts.append(self._middle + self._half * given[:, -1:])

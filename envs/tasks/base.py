@@ -106,7 +106,7 @@ class Task(ABC):
     def rl_controller(self) -> "Controller":
         """What an action of an agent that learns by reward means; every entry lies in [-1, 1].
 
-        By default changes of joint targets, where the task's own actions are joint targets.
+        By default joint targets near the joints, where the task's own actions are joint targets.
         """
         from envs.controllers import JointDeltaController, JointPositionController
 

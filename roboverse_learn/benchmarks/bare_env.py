@@ -70,7 +70,7 @@ class BareEnv:
         """Steps every environment."""
         views, given = self._views, actions.detach().clamp(-1.0, 1.0)
         fingers = (_OPENING_M / 2 * (given[:, -1:] + 1.0)).expand(-1, 2)
-        targets = torch.cat((views["ctrl"][:, :7] + _DELTA_RAD * given[:, :7], fingers), -1)
+        targets = torch.cat((views["qpos"][:, :7] + _DELTA_RAD * given[:, :7], fingers), -1)
         with self._on.scope():
             views["ctrl"].copy_(targets.clamp(self._low, self._high))
             self._graph.launch(self._decimation)

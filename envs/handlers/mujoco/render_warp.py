@@ -185,7 +185,9 @@ def _compiled_without_nan() -> Iterator[None]:
     import warp as wp
 
     flags = wp.config.cpu_compiler_flags
-    wp.config.cpu_compiler_flags = f"{'-march=native' if flags is None else flags} -menable-no-nans -Wno-nan-infinity-disabled"
+    wp.config.cpu_compiler_flags = (
+        f"{'-march=native' if flags is None else flags} -menable-no-nans -Wno-nan-infinity-disabled"
+    )
     try:
         yield
     finally:
