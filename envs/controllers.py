@@ -81,7 +81,7 @@ class JointPositionController(Controller):
 
 
 class JointDeltaController(Controller):
-    """An action puts the position target of every joint of an arm near it, and sets the opening of its gripper.
+    """An action puts the targets of an arm's joints near the joints, and sets the opening of its gripper.
 
     This is ManiSkill 3's ``pd_joint_delta_pos`` (``mani_skill/agents/robots/panda/panda.py``, Apache-2.0): an
     entry of 1 puts a target ``delta_rad`` from where its joint is; the last entry is absolute, -1 closes and
