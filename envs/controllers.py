@@ -88,8 +88,7 @@ class JointDeltaController(Controller):
     1 opens. Every entry lies in [-1, 1]; what lies beyond is clipped, and so are targets.
 
     Deltas from the last target, ManiSkill's ``pd_joint_target_delta_pos``, wind up: an arm that presses onto
-    the table goes on pressing for as many steps as its targets need to come back, and an agent that explores
-    never learns to lift what it holds.
+    the table goes on pressing for as many steps as its targets need to come back.
 
     Args:
         robot: A robot with position actuators, its gravity compensated: it stays where it is at rest.

@@ -20,9 +20,10 @@ OBJECTIVE_OPTIONS = INDUCTOR_OPTIONS | {
 """Those of a loss with a backbone of pictures: nothing is fused, and noise is that of eager code.
 
 With PyTorch 2.11 on an H200, compiled ACT with a trained batch normalization in bf16 has gradients that are
-NaN from the second batch on, in its whole backbone, at the right loss. Of nine other settings of the
-compiler (softmax, split and persistent reductions, layouts, patterns, buffers) none changes that; without
-fusion every gradient is that of eager code. :mod:`roboverse_learn.training.compiled_objective` checks it.
+NaN from the second batch on, in its whole backbone, at the right loss. Of seven other settings of the
+compiler (softmax, split and persistent reductions, layouts, patterns, buffers, recomputation) none changes
+that; without fusion every gradient is that of eager code.
+:mod:`roboverse_learn.training.compiled_objective` checks it.
 """
 
 

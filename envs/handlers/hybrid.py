@@ -181,10 +181,6 @@ class HybridHandler(Handler):
         self.physics.set_poses(poses, env_ids)
 
     @override
-    def get_joint_targets(self, robot: str, env_ids: EnvIds = None) -> Tensor:
-        return self.physics.get_joint_targets(robot, env_ids)
-
-    @override
     def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:
         self.physics.set_joint_targets(targets, env_ids)
 

@@ -251,11 +251,6 @@ class MirroredHandler[Settings: SimulatorSettings](ModelHandler):
             self._worlds[row].place(self._mocap_pos[row], self._mocap_quat[row])
 
     @override
-    def get_joint_targets(self, robot: str, env_ids: EnvIds = None) -> Tensor:
-        rows = slice(None) if env_ids is None else np.asarray(env_ids)
-        return torch.from_numpy(self._ctrl[block(rows, self._readers[robot][3])].copy())
-
-    @override
     def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:
         rows = slice(None) if env_ids is None else np.asarray(env_ids)
         for name in self._robots & targets.keys():

@@ -133,11 +133,6 @@ class MujocoHandler(ModelHandler):
             self._mocap_quat[rows, placed[name].mocap] = np.asarray(rot)
 
     @override
-    def get_joint_targets(self, robot: str, env_ids: EnvIds = None) -> Tensor:
-        rows = slice(None) if env_ids is None else np.asarray(env_ids)
-        return torch.from_numpy(self._ctrl[block(rows, self._drives[robot][0])].copy())
-
-    @override
     def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:
         rows = slice(None) if env_ids is None else np.asarray(env_ids)
         for robot, target in targets.items():

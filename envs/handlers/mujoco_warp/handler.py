@@ -241,10 +241,6 @@ class MujocoWarpHandler(ModelHandler):
                 self._place(placed[name], pos, rot, rows)
 
     @override
-    def get_joint_targets(self, robot: str, env_ids: EnvIds = None) -> Tensor:
-        return self._running.views.ctrl[self.on.rows(env_ids)][:, self._columns[robot][2]].clone()
-
-    @override
     def get_joint_positions(self, robot: str, env_ids: EnvIds = None) -> Tensor:
         return self._running.views.qpos[self.on.rows(env_ids)][:, self._columns[robot][0]].clone()
 
