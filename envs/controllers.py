@@ -1,7 +1,7 @@
 """What an action means: how a row of numbers becomes something a simulator is told."""
 
 from abc import ABC, abstractmethod
-from typing import override
+from typing import TYPE_CHECKING, override
 
 import numpy as np
 import torch
@@ -10,6 +10,9 @@ from torch import Tensor
 from envs.handlers.base import EnvIds, Handler
 from envs.scenario import Quat, RobotCfg, Vec3
 from envs.state import State
+
+if TYPE_CHECKING:
+    from envs.experts.batched_ik import BatchedInverseKinematics
 
 
 class Controller(ABC):
@@ -80,71 +83,105 @@ class JointPositionController(Controller):
         return state.robots[self._robot].joint_pos.cpu().numpy()
 
 
-class JointDeltaController(Controller):
-    """An action puts the targets of an arm's joints near the joints, and sets the opening of its gripper.
+_SQUEEZE = 0.25
+"""What closing goes on beyond closed, per stroke: 1 cm of 4, as of ManiSkill 3's Panda, so that noise in the
+actions of an agent that explores does not open a hand that holds something."""
 
-    This is ManiSkill 3's ``pd_joint_delta_pos`` (``mani_skill/agents/robots/panda/panda.py``, Apache-2.0): an
-    entry of 1 puts a target ``delta_rad`` from where its joint is; the last entry is absolute, -1 closes and
-    1 opens. Every entry lies in [-1, 1]; what lies beyond is clipped, and so are targets.
 
-    Deltas from the last target, ManiSkill's ``pd_joint_target_delta_pos``, wind up: an arm that presses onto
-    the table goes on pressing for as many steps as its targets need to come back.
+class HandDeltaController(Controller):
+    """An action moves the hand and turns it about the vertical, and sets the opening of its gripper.
+
+    The entries are x, y, z, yaw, and gripper if there is one. An entry of 1 puts the hand's target
+    ``delta_m`` (``delta_rad``) from where the hand *is*; what it is otherwise tilted from its posture at rest
+    is taken back. The gripper is absolute: -0.6 and less close it, 1 opens it. Every entry lies in [-1, 1];
+    what lies beyond is clipped. This is ManiSkill 3's ``pd_ee_delta_pos`` and a turn
+    (``mani_skill/agents/robots/panda/panda.py``, Apache-2.0); targets of the joints come from one step of
+    inverse kinematics.
 
     Args:
         robot: A robot with position actuators, its gravity compensated: it stays where it is at rest.
-        delta_rad: Distance of a target from its joint at an action of 1, rad (m for a slide joint).
+        delta_m: Way of the hand's target at an action of 1.
+        delta_rad: Turn of the hand's target at an action of 1.
     """
 
-    def __init__(self, robot: RobotCfg, delta_rad: float = 0.1) -> None:
-        driven = [robot.joints[index] for index in robot.driven]
-        fingers = [index for index, joint in enumerate(driven) if joint.name in robot.gripper_joints]
-        self._arm = [index for index in range(len(driven)) if index not in fingers]
-        self._joints = [robot.driven[index] for index in self._arm]
-        self._fingers, self._robot, self._delta = fingers, robot.name, delta_rad
-        self.names = (*(driven[index].name for index in self._arm), *(["gripper"] if fingers else []))
+    def __init__(self, robot: RobotCfg, delta_m: float = 0.05, delta_rad: float = 0.2) -> None:
+        self.names = ("x", "y", "z", "yaw", *(["gripper"] if robot.gripper_joints else []))
         self.low, self.high = -np.ones(len(self.names), np.float32), np.ones(len(self.names), np.float32)
-        limits = [driven[index].target_range or driven[index].range for index in fingers]
-        self._middle = torch.tensor([(low + high) / 2 for low, high in limits])
-        self._half = torch.tensor([(high - low) / 2 for low, high in limits])
+        self._robot, self._delta_m, self._delta_rad = robot, delta_m, delta_rad
+        self._driven = list(robot.driven)
+        self._fingers = [robot.joint_names.index(name) for name in robot.gripper_joints]
+        fingers = [robot.joints[index] for index in self._fingers]
+        limits = [joint.target_range or joint.range for joint in fingers]
+        self._closed = torch.tensor([low for low, _ in limits])
+        self._stroke = torch.tensor([high - low for low, high in limits])
+        self._ik: BatchedInverseKinematics | None = None
+        self._upright = torch.eye(3)
 
     @override
     def apply(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None) -> None:
-        targets = self._targets(handler.get_joint_positions(self._robot, env_ids), actions)
-        handler.set_joint_targets({self._robot: targets}, env_ids)
+        name = self._robot.name
+        targets = self._targets(handler.get_joint_positions(name, env_ids), actions)
+        handler.set_joint_targets({name: targets}, env_ids)
 
     @override
     def advance(
         self, handler: Handler, actions: np.ndarray | Tensor, num_steps: int, env_ids: EnvIds = None
     ) -> None:
-        targets = self._targets(handler.get_joint_positions(self._robot, env_ids), actions)
-        handler.step_towards({self._robot: targets}, num_steps, env_ids)
+        name = self._robot.name
+        targets = self._targets(handler.get_joint_positions(name, env_ids), actions)
+        handler.step_towards({name: targets}, num_steps, env_ids)
 
     @override
     def as_task_actions(self, state: State, actions: np.ndarray) -> np.ndarray:
-        return self._targets(state.robots[self._robot].joint_pos, actions).cpu().numpy()
+        return self._targets(state.robots[self._robot.name].joint_pos, actions).cpu().numpy()
 
     def _targets(self, joints: Tensor, actions: np.ndarray | Tensor) -> Tensor:
-        """Returns where the targets of the driven joints are to be, from where the joints are, (n, J)."""
-        given = torch.as_tensor(actions, device=joints.device).to(joints.dtype).clamp(-1.0, 1.0)
-        self._middle, self._half = self._middle.to(joints), self._half.to(joints)
-        parts = [joints[:, self._joints] + self._delta * given[:, : len(self._arm)]]
-        order = [*self._arm, *self._fingers]
+        """Returns where the targets of the driven joints are to be, from where all joints are, (n, J)."""
+        ik = self._kinematics(joints.device)
+        given = torch.as_tensor(actions, device=joints.device).double().clamp(-1.0, 1.0)
+        targets = joints.to(torch.float64, copy=True)
+        q = targets[:, ik.chain.columns]
+        now = ik.chain(q)
+        yaw = _yaw(now.rot @ self._upright.T) + self._delta_rad * given[:, 3]
+        pos = now.pos + self._delta_m * given[:, :3]
+        targets[:, ik.chain.columns] = q + ik.change(q, pos, _about_z(yaw) @ self._upright)
         if self._fingers:
-            parts.append(self._middle + self._half * given[:, -1:])
-        targets = torch.cat(parts, dim=-1)
-        if order != sorted(order):
-            targets = targets[:, [order.index(index) for index in range(len(order))]]
-        return targets
+            opening = (1.0 + _SQUEEZE) * (given[:, 4:5] + 1.0) / 2 - _SQUEEZE
+            targets[:, self._fingers] = self._closed + self._stroke * opening.clamp(min=0.0)
+        return targets[:, self._driven].to(joints.dtype)
+
+    def _kinematics(self, device: torch.device) -> "BatchedInverseKinematics":
+        """Returns the robot's kinematics on a device; its first use there compiles the robot's model."""
+        if self._ik is None or self._ik.rest.device != device:
+            from envs.experts.batched_ik import BatchedInverseKinematics
+
+            self._ik = BatchedInverseKinematics(self._robot, device)
+            self._upright = self._ik.chain(self._ik.rest[None]).rot[0]
+            self._closed, self._stroke = self._closed.to(self._ik.rest), self._stroke.to(self._ik.rest)
+        return self._ik
 
     @override
     def hold(self, state: State) -> np.ndarray:
-        target = state.robots[self._robot].joint_target
+        target = state.robots[self._robot.name].joint_target
         assert target is not None, "a simulator gives every robot's targets"
         still = torch.zeros((len(target), len(self.names)), dtype=target.dtype)
         if self._fingers:
-            finger = target[:, self._fingers[0]].cpu()
-            still[:, -1] = (finger - self._middle[0].cpu()) / self._half[0].cpu()
+            finger = target[:, self._driven.index(self._fingers[0])].cpu()
+            opening = (finger - self._closed[0].cpu()) / self._stroke[0].cpu()
+            still[:, 4] = 2.0 * (opening + _SQUEEZE) / (1.0 + _SQUEEZE) - 1.0
         return still.numpy()
+
+
+def _yaw(rot: Tensor) -> Tensor:
+    """Returns the turn about z (N,) that is nearest to rotation matrices (N, 3, 3), rad."""
+    return torch.atan2(rot[:, 1, 0] - rot[:, 0, 1], rot[:, 0, 0] + rot[:, 1, 1])
+
+
+def _about_z(yaw: Tensor) -> Tensor:
+    """Returns rotation matrices (N, 3, 3) of turns about z (N,), rad."""
+    cosine, sine, zero, one = torch.cos(yaw), torch.sin(yaw), torch.zeros_like(yaw), torch.ones_like(yaw)
+    rows = (cosine, -sine, zero, sine, cosine, zero, zero, zero, one)
+    return torch.stack(rows, -1).view(-1, 3, 3)
 
 
 class NormalizedPositionController(Controller):

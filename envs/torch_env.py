@@ -5,6 +5,7 @@ Shapes: N environments, D entries of an observation, A entries of an action, K i
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import cycle, islice
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -85,6 +86,14 @@ class BatchedEnv(Protocol):
         ...
 
 
+def _spread(split: str, size: int) -> list[int]:
+    """Returns at most ``size`` episodes from all over a split."""
+    episodes = load_split(split).episodes
+    if size < len(episodes):
+        episodes = episodes[:: len(episodes) // size][:size]
+    return [int(episode) for episode in episodes]
+
+
 class TorchVectorEnv:
     """A task for an agent that learns by reward: tensors in, tensors out, on the simulator's device.
 
@@ -113,6 +122,11 @@ class TorchVectorEnv:
         simulator_settings: Settings of the simulator that replace the scenario's.
         substeps: Physics steps per control step; the task's by default. Fewer are longer, faster to
             simulate, and coarser.
+        overshoot_cost: What the agent pays for each entry of an action, per square of what lies beyond
+            [-1, 1]. Clipped actions are alike: without a cost nothing brings a mean back from so far
+            outside that noise no longer changes what is done.
+        expert_starts: Share of the episodes that begin somewhere on the expert's way; see
+            :mod:`envs.experts.starts`.
     """
 
     def __init__(
@@ -132,9 +146,13 @@ class TorchVectorEnv:
         num_threads: int = 0,
         simulator_settings: Mapping[str, Any] | None = None,
         substeps: int | None = None,
+        overshoot_cost: float = 0.0,
+        expert_starts: float = 0.0,
     ) -> None:
         if num_envs < 1:
             raise ConfigError(f"num_envs must be at least 1, given {num_envs}.")
+        if not 0.0 <= expert_starts <= 1.0:
+            raise ConfigError(f"expert_starts is a share from 0 to 1, given {expert_starts}.")
         self.task = TASKS.get(task)(**(task_kwargs or {}))
         self.num_envs = num_envs
         scenario = self.task.scenario.tuned(simulator, simulator_settings or {})
@@ -147,9 +165,12 @@ class TorchVectorEnv:
         self.action_size = len(self.controller.names)
         self.max_episode_steps = max_episode_steps or self.task.max_episode_steps
         self._substeps = scenario.physics.decimation
+        self._overshoot_cost = overshoot_cost
         self._shift = 1.0 if shift_reward and self.task.ends_on_success else 0.0
-        self._bank = self._draw_bank(split, protocol_seed, bank_size)
-        self._bank_size = self._bank.num_envs
+        self._bank, self._late = self._draw_bank(split, protocol_seed, bank_size), None
+        if expert_starts:
+            self._late = self._draw_late(split, protocol_seed)
+        self._late_share = expert_starts
         zeros = torch.zeros(num_envs, device=self.device)
         self.elapsed_steps, self.returns = zeros.long(), zeros.clone()
         self._sums = torch.zeros(4, device=self.device, dtype=torch.float64)
@@ -157,11 +178,24 @@ class TorchVectorEnv:
         self.observation_size = self.reset().shape[-1]
 
     def _draw_bank(self, split: str, protocol_seed: int, size: int) -> State:
-        episodes = load_split(split).episodes
-        if size < len(episodes):
-            episodes = episodes[:: len(episodes) // size][:size]
-        rngs = [channel_rng(protocol_seed, "task", int(episode)) for episode in episodes]
+        rngs = [channel_rng(protocol_seed, "task", episode) for episode in _spread(split, size)]
         return self.task.initial_state(rngs).to(self.handler.device, self.handler.dtype)
+
+    def _draw_late(self, split: str, protocol_seed: int) -> State:
+        """Draws states on the expert's way, of an episode in each environment."""
+        from envs.experts.starts import states_on_the_way
+
+        episodes = list(islice(cycle(_spread(split, self.num_envs)), self.num_envs))
+        initial = self.task.initial_state([channel_rng(protocol_seed, "task", e) for e in episodes])
+        rngs = [channel_rng(protocol_seed, "expert", episode) for episode in episodes]
+        return states_on_the_way(
+            self.task,
+            self.handler,
+            initial.to(self.handler.device, self.handler.dtype),
+            rngs,
+            substeps=self._substeps,
+            moments=max(1, BANK_SIZE // self.num_envs),
+        )
 
     def seed(self, seed: int) -> None:
         """Seeds which initial states are drawn from now on."""
@@ -193,6 +227,9 @@ class TorchVectorEnv:
         if self._shift:
             left = (self.max_episode_steps - self.elapsed_steps) * (terminated & ~success)
             reward = reward - 1.0 - left
+        if self._overshoot_cost:
+            beyond = (actions.detach().abs() - 1.0).clamp(min=0.0).to(reward)
+            reward = reward - self._overshoot_cost * beyond.square().sum(-1)
         self._count(over, success)
         ids = over.nonzero()[:, 0]  # the one place where the host waits for the device
         obs = final_obs
@@ -215,12 +252,25 @@ class TorchVectorEnv:
 
     def _restart(self, ids: Tensor) -> None:
         device = self.handler.device
-        rows = torch.randint(self._bank_size, (len(ids),), generator=self._generator, device=device)
-        where: Any = ids.cpu().numpy() if device.type == "cpu" else ids
-        self.handler.set_states(self._bank.select(rows), where)
+        if self._late is None:
+            self._place(ids, self._bank)
+        else:
+            draws = torch.rand(len(ids), generator=self._generator, device=device)
+            late = (draws < self._late_share).to(ids.device)
+            self._place(ids[~late], self._bank)
+            self._place(ids[late], self._late)
         ids = ids.to(self.device)
         self.elapsed_steps[ids] = 0
         self.returns[ids] = 0.0
+
+    def _place(self, ids: Tensor, bank: State) -> None:
+        """Puts environments to states of a bank."""
+        if not len(ids):
+            return
+        device = self.handler.device
+        rows = torch.randint(bank.num_envs, (len(ids),), generator=self._generator, device=device)
+        where: Any = ids.cpu().numpy() if device.type == "cpu" else ids
+        self.handler.set_states(bank.select(rows), where)
 
     def stagger(self) -> None:
         """Lets every environment be somewhere in its episode, so that not all of them end at once."""

@@ -35,6 +35,59 @@ class BatchedTargets:
     lengths: np.ndarray
 
 
+class BatchedInverseKinematics:
+    """Changes of posture that bring end effectors to where they are to be.
+
+    Shapes: N postures, K joints between the world and the end effector.
+
+    Args:
+        robot: The robot.
+        device: Where to compute.
+
+    Attributes:
+        chain: Forward kinematics.
+        rest: The posture that decides what the end effector leaves open, (K,) rad.
+    """
+
+    def __init__(self, robot: RobotCfg, device: torch.device | str = "cpu") -> None:
+        self.chain = KinematicChain(robot, device)
+        rest = torch.tensor(robot.default_qpos, dtype=torch.float64, device=device)
+        self.rest = rest[self.chain.columns]
+        costs = torch.tensor([1.0] * 3 + [ORIENTATION_COST] * 3, dtype=torch.float64, device=device)
+        self._weights = costs.square()
+
+    def change(self, q: Tensor, pos: Tensor, rot: Tensor) -> Tensor:
+        """Returns the change (N, K) of the postures ``q`` (N, K) towards the targets, inside the limits.
+
+        It is one step of Gauss and Newton: the way to a target 5 cm away is met within a few mm.
+
+        Args:
+            q: Postures, float64.
+            pos: Positions to reach, m, (N, 3).
+            rot: Orientations to reach, (N, 3, 3).
+        """
+        chain = self.chain
+        now = chain(q)
+        error = torch.cat([pos - now.pos, rotation_vector(rot @ now.rot.transpose(1, 2))], -1)  # (N, 6)
+        weighted = now.jacobian.transpose(1, 2) * self._weights  # (N, K, 6)
+        # Levenberg-Marquardt: the farther away, the more damped.
+        damping = DAMPING + DAMPING * (error.square() * self._weights).sum(-1, keepdim=True)
+        hessian = weighted @ now.jacobian
+        gradient = (weighted @ error[..., None])[..., 0] + POSTURE_COST**2 * (self.rest - q)
+        diagonal = (damping + POSTURE_COST**2).expand_as(q)
+        change = _solve(hessian, diagonal, gradient)
+        inside = torch.minimum(torch.maximum(change, chain.low - q), chain.high - q)
+        stuck = inside != change
+        if not change.is_cuda and not stuck.any():  # where looking is cheaper than solving again
+            return change
+        # Those at their limits move there and no farther; the others make up for it.
+        held = torch.where(stuck, inside, torch.zeros_like(inside))
+        rest = gradient - (hessian @ held[..., None])[..., 0]
+        free = _solve(hessian, diagonal + _FIXED * stuck, torch.where(stuck, torch.zeros_like(rest), rest))
+        change = torch.where(stuck, inside, free)
+        return torch.minimum(torch.maximum(change, chain.low - q), chain.high - q)
+
+
 class BatchedPathFollower:
     """Turns waypoints into joint targets, for as many paths at once as there are.
 
@@ -47,11 +100,9 @@ class BatchedPathFollower:
     def __init__(self, robot: RobotCfg, control_hz: float, device: torch.device | str = "cpu") -> None:
         self._robot, self._control_hz = robot, control_hz
         self._device = torch.device(device)
-        self._chain = KinematicChain(robot, device)
+        self._ik = BatchedInverseKinematics(robot, device)
+        self._chain = self._ik.chain
         self._fingers = [robot.joint_names.index(name) for name in robot.gripper_joints]
-        self._rest = self._tensor(np.array(robot.default_qpos))[self._chain.columns]
-        costs = [1.0] * 3 + [ORIENTATION_COST] * 3
-        self._weights = self._tensor(np.square(costs))
         _, rot = self.end_effectors(np.array([robot.default_qpos]))
         self._down = rot[0]
 
@@ -95,33 +146,10 @@ class BatchedPathFollower:
         out = torch.empty((*pos.shape[:2], q.shape[-1]), dtype=q.dtype, device=q.device)
         for step in range(pos.shape[1]):
             for _ in range(ITERATIONS_PER_STEP):
-                q = q + self._change(q, pos[:, step], rot[:, step])
+                q = q + self._ik.change(q, pos[:, step], rot[:, step])
             q = q.clamp(self._chain.low, self._chain.high)
             out[:, step] = q
         return out
-
-    def _change(self, q: Tensor, pos: Tensor, rot: Tensor) -> Tensor:
-        """Returns the change of posture (N, K) towards the targets that stays inside the limits."""
-        chain = self._chain
-        now = chain(q)
-        error = torch.cat([pos - now.pos, rotation_vector(rot @ now.rot.transpose(1, 2))], -1)  # (N, 6)
-        weighted = now.jacobian.transpose(1, 2) * self._weights  # (N, K, 6)
-        # Levenberg-Marquardt: the farther away, the more damped.
-        damping = DAMPING + DAMPING * (error.square() * self._weights).sum(-1, keepdim=True)
-        hessian = weighted @ now.jacobian
-        gradient = (weighted @ error[..., None])[..., 0] + POSTURE_COST**2 * (self._rest - q)
-        diagonal = (damping + POSTURE_COST**2).expand_as(q)
-        change = _solve(hessian, diagonal, gradient)
-        inside = torch.minimum(torch.maximum(change, chain.low - q), chain.high - q)
-        stuck = inside != change
-        if not change.is_cuda and not stuck.any():  # where looking is cheaper than solving again
-            return change
-        # Those at their limits move there and no farther; the others make up for it.
-        held = torch.where(stuck, inside, torch.zeros_like(inside))
-        rest = gradient - (hessian @ held[..., None])[..., 0]
-        free = _solve(hessian, diagonal + _FIXED * stuck, torch.where(stuck, torch.zeros_like(rest), rest))
-        change = torch.where(stuck, inside, free)
-        return torch.minimum(torch.maximum(change, chain.low - q), chain.high - q)
 
 
 def _solve(matrix: Tensor, diagonal: Tensor, right: Tensor) -> Tensor:

@@ -106,13 +106,13 @@ class Task(ABC):
     def rl_controller(self) -> "Controller":
         """What an action of an agent that learns by reward means; every entry lies in [-1, 1].
 
-        By default joint targets near the joints, where the task's own actions are joint targets.
+        By default ways of the hand, where the task's own actions are targets of an arm's joints.
         """
-        from envs.controllers import JointDeltaController, JointPositionController
+        from envs.controllers import HandDeltaController, JointPositionController
 
         own = self.controller
         robot = self.scenario.robots[0]
-        return JointDeltaController(robot) if isinstance(own, JointPositionController) else own
+        return HandDeltaController(robot) if isinstance(own, JointPositionController) else own
 
     def rl_observation(self, state: State) -> Tensor:
         """Returns what an agent that learns by reward sees, (N, D).

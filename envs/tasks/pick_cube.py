@@ -132,7 +132,7 @@ class PickCube(Task):
         reach = distance(ee_pos(robot), state.objects["cube"].pos)
         speed = norm(robot.joint_vel[:, :7])
         reached, near, still = nearness(stack((reach, left, speed)))
-        grasped = (reach < CUBE_HALF_SIZE_M) & grips_something(robot, 1.5 * CUBE_HALF_SIZE_M)
+        grasped = self._grasped(robot, reach)
         placed = left <= GOAL_TOLERANCE_M
         return 0.2 * (reached + grasped * (1.0 + near) + placed * still)
 
@@ -145,6 +145,16 @@ class PickCube(Task):
             goal = state.objects["goal"].pos
             parts += [goal, goal - cube.pos]
         return concatenate(parts)
+
+    @override
+    def rl_observation(self, state: State) -> Tensor:
+        """Returns joints, what :meth:`observe` gives, and whether the cube is grasped (ManiSkill), (N, D).
+
+        Without the last an agent that descends with an open gripper opens it whenever its hand rises.
+        """
+        robot = state.robots[_ROBOT.name]
+        grasped = self._grasped(robot, distance(ee_pos(robot), state.objects["cube"].pos))
+        return concatenate((super().rl_observation(state), 1.0 * grasped[:, None]))
 
     @override
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
@@ -172,6 +182,10 @@ class PickCube(Task):
             Waypoint(pos=near, yaw=yaw, gripper=grip, duration_s=carry),
             Waypoint(pos=target, yaw=yaw, gripper=grip, duration_s=home, hold_s=1.0),
         ]
+
+    def _grasped(self, robot: EntityState, reach_m: Tensor) -> Tensor:
+        """Returns whether the fingers hold the cube, whose centre is ``reach_m`` (N,) away, (N,)."""
+        return (reach_m < CUBE_HALF_SIZE_M) & grips_something(robot, 1.5 * CUBE_HALF_SIZE_M)
 
     def _left(self, state: State) -> Tensor:
         """Returns how far the cube still has to go, (N,), m."""

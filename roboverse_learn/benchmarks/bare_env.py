@@ -1,7 +1,7 @@
 """PickCube for agents, written by hand on bare ``mujoco_warp``: what our env is compared with.
 
-It has the scene, the actions, the size of the observation and the length of the episodes, and nothing
-more: no checks, no success, and the simplest reward. Shapes: N environments.
+It has the scene, the size of the observation and the length of the episodes, and nothing more: no checks,
+no success, joint targets near the joints for actions, and the simplest reward. Shapes: N environments.
 """
 
 from typing import Any

@@ -73,7 +73,8 @@ def solve(
     import policies
     from roboverse_learn.training.ppo import learner
 
-    env = make_env(config.num_envs, device, seed=seed, substeps=config.substeps)
+    options = ("substeps", "overshoot_cost", "expert_starts")
+    env = make_env(config.num_envs, device, seed=seed, **{name: getattr(config, name) for name in options})
     test = make_env(min(config.num_envs, TEST_EPISODES), device, split="test")
     curve: list[tuple[float, int, float]] = []
     reached = None
@@ -122,9 +123,9 @@ def success_on(env: TorchVectorEnv, policy: Any) -> float:
 
 
 def make_env(
-    num_envs: int, device: str, *, split: str = "train", seed: int = 0, substeps: int | None = None
+    num_envs: int, device: str, *, split: str = "train", seed: int = 0, **options: Any
 ) -> TorchVectorEnv:
-    """Makes the env that is measured."""
+    """Makes the env that is measured; ``options`` are those of the env."""
     return TorchVectorEnv(
         TASK,
         num_envs,
@@ -132,5 +133,5 @@ def make_env(
         split=split,
         seed=seed,
         simulator_settings={"device": device},
-        substeps=substeps,
+        **options,
     )

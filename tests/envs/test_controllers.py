@@ -7,11 +7,12 @@ import pytest
 import torch
 
 from envs.controllers import (
-    JointDeltaController,
+    HandDeltaController,
     JointPositionController,
     NormalizedPositionController,
     PulledHandController,
 )
+from envs.experts.kinematics import KinematicChain, rotation_vector
 from envs.handlers.mujoco.handler import MujocoHandler
 from envs.robots.franka import FRANKA
 from envs.scenario import GeomCfg, ObjectCfg, ScenarioCfg
@@ -65,36 +66,81 @@ def test_joint_positions_are_targets_and_holding_is_staying(franka):
     np.testing.assert_allclose(targets[0], state.robots["franka"].joint_target[0])
 
 
-def test_joint_deltas_start_where_the_joints_are_and_the_gripper_is_absolute(franka):
-    controller = JointDeltaController(FRANKA, delta_rad=0.1)
-    assert controller.names == (*FRANKA.joint_names[:7], "gripper")
+def settled(handler, controller, actions, steps):
+    """Takes control steps of 50 ms from rest; returns where the end effectors were and are."""
+    rest = handler.get_states()
+    qpos = np.tile(FRANKA.default_qpos, (2, 1))
+    rest.robots["franka"] = EntityState.at_rest(FRANKA.pos, np.tile(FRANKA.rot, (2, 1)), qpos)
+    handler.set_states(rest)
+    before = handler.get_states().robots["franka"]
+    for _ in range(steps):
+        controller.advance(handler, actions, 25)
+    return before, handler.get_states().robots["franka"]
+
+
+def test_an_action_puts_the_hands_target_from_where_the_hand_is(franka):
+    controller = HandDeltaController(FRANKA, delta_m=0.02, delta_rad=0.2)
+    assert controller.names == ("x", "y", "z", "yaw", "gripper")
     assert (controller.low == -1).all() and (controller.high == 1).all()
+    state = franka.get_states()
+    actions = np.array([[1.0, -0.5, 9.0, 1.0, -1.0], [0.0, 0.0, 0.0, 0.0, 1.0]], np.float32)  # 9 is clipped
+    targets = torch.from_numpy(controller.as_task_actions(state, actions))
+    chain = KinematicChain(FRANKA)
+    now = chain(state.robots["franka"].joint_pos[:, chain.columns])
+    then = chain(targets[:, chain.columns])
+    way = torch.tensor([[0.02, -0.01, 0.02], [0.0, 0.0, 0.0]], dtype=torch.float64)
+    torch.testing.assert_close(then.pos - now.pos, way, atol=2e-3, rtol=0.0)
+    turn = rotation_vector(then.rot @ now.rot.transpose(1, 2))
+    angles = torch.tensor([[0.0, 0.0, 0.2], [0.0, 0.0, 0.0]], dtype=torch.float64)
+    torch.testing.assert_close(turn, angles, atol=0.02, rtol=0.0)
+    torch.testing.assert_close(targets[:, 7:], torch.tensor([[0.0, 0.0], [0.04, 0.04]]).double())
+
+
+def test_nothing_adds_up_and_other_environments_are_left_alone(franka):
+    controller = HandDeltaController(FRANKA)
     before = franka.get_states().robots["franka"]
-    action = torch.zeros(1, 8)
-    action[0, 0], action[0, 1], action[0, 7] = 0.5, -7.0, -1.0  # what lies beyond 1 is clipped
-    for _ in range(2):  # nothing adds up: an arm that presses is free of what it presses on in the next step
-        controller.apply(franka, action, [1])
-    after = franka.get_states().robots["franka"].joint_target
-    expected = before.joint_pos[1].clone()
-    expected[0] += 0.05
-    expected[1] -= 0.1
-    expected[7:] = 0.0
-    torch.testing.assert_close(after[1], expected)
-    assert torch.equal(after[0], before.joint_target[0])
-    assert torch.equal(franka.get_joint_targets("franka", [1]), after[1:])
-    assert torch.equal(franka.get_joint_positions("franka", [1]), before.joint_pos[1:])
+    action = np.array([[0.0, 0.0, -1.0, 0.0, 0.0]])
+    controller.apply(franka, action, [1])
+    first = franka.get_states().robots["franka"].joint_target
+    controller.apply(franka, action, [1])
+    assert torch.equal(franka.get_joint_targets("franka", [1]), first[1:])
+    assert torch.equal(first[0], before.joint_target[0])
+    assert torch.equal(franka.get_joint_positions("franka"), before.joint_pos)
 
 
-def test_holding_by_joint_deltas_keeps_joints_where_they_are_and_the_gripper(franka):
-    controller = JointDeltaController(FRANKA)
-    actions = np.zeros((2, 8), np.float32)
-    actions[:, 7] = [0.5, -0.25]
-    controller.apply(franka, actions)
-    before = franka.get_states()
-    controller.apply(franka, controller.hold(before))
-    after = franka.get_states().robots["franka"].joint_target
-    torch.testing.assert_close(after[:, :7], before.robots["franka"].joint_pos[:, :7])
-    torch.testing.assert_close(after[:, 7:], before.robots["franka"].joint_target[:, 7:])
+@pytest.mark.parametrize("entry", range(3))
+def test_the_hand_moves_along_one_axis_and_stays_upright(franka, entry):
+    controller = HandDeltaController(FRANKA, delta_m=0.05)
+    actions = np.zeros((2, 5))
+    actions[:, entry] = 1.0, -1.0
+    before, after = settled(franka, controller, actions, 10)
+    way = (after.ee_pos - before.ee_pos).numpy()
+    assert way[0, entry] > 0.05 and way[1, entry] < -0.05
+    assert np.abs(np.delete(way, entry, axis=1)).max() < 0.1 * np.abs(way[:, entry]).min()
+    assert (after.ee_rot * before.ee_rot).sum(-1).abs().min() > np.cos(np.deg2rad(5) / 2)
+
+
+def test_a_tilted_hand_is_put_upright(franka):
+    controller = HandDeltaController(FRANKA)
+    tilted = torch.tensor([FRANKA.default_qpos] * 2, dtype=torch.float64)
+    tilted[0, 5] += 0.3
+    tilted[1, 4] -= 0.3
+    state = franka.get_states()
+    state.robots["franka"].joint_pos = tilted
+    targets = torch.from_numpy(controller.as_task_actions(state, np.zeros((2, 5))))
+    chain = KinematicChain(FRANKA)
+    approach = chain(targets[:, chain.columns]).rot[:, :, 2]
+    assert approach[:, 2].max() < -np.cos(np.deg2rad(3))
+    assert torch.equal(state.robots["franka"].joint_pos, tilted)
+
+
+def test_holding_by_the_hand_stays_and_keeps_the_gripper(franka):
+    controller = HandDeltaController(FRANKA)
+    before, _ = settled(franka, controller, np.array([[0.0] * 4 + [0.5], [0.0] * 4 + [-0.25]]), 1)
+    actions = controller.hold(franka.get_states())
+    np.testing.assert_allclose(actions, [[0.0] * 4 + [0.5], [0.0] * 4 + [-0.25]], atol=1e-6)
+    _, after = settled(franka, controller, actions, 20)
+    torch.testing.assert_close(after.ee_pos, before.ee_pos, atol=2e-3, rtol=0.0)
 
 
 def test_an_action_of_one_moves_the_hand_by_a_step(sawyer):

@@ -1,0 +1,68 @@
+"""Episodes may begin on the expert's way."""
+
+import numpy as np
+import pytest
+import torch
+
+from envs.errors import ConfigError
+from envs.experts.starts import states_on_the_way
+from envs.handlers.mujoco.handler import MujocoHandler
+from envs.tasks.pick_cube import PickCube
+from envs.torch_env import TorchVectorEnv
+
+N, MOMENTS = 4, 20
+
+
+@pytest.fixture(scope="module")
+def kept():
+    task = PickCube()
+    with MujocoHandler(task.scenario, N, num_threads=1) as handler:
+        handler.launch()
+        initial = task.initial_state([np.random.default_rng(row) for row in range(N)])
+        rngs = [np.random.default_rng(100 + row) for row in range(N)]
+        found = states_on_the_way(task, handler, initial, rngs, substeps=25, moments=MOMENTS)
+    return task, initial, found
+
+
+def test_states_are_of_the_whole_way_and_none_is_solved(kept):
+    task, _, found = kept
+    assert 0.3 * N * MOMENTS < found.num_envs <= N * MOMENTS
+    height = found.objects["cube"].pos[:, 2]
+    assert (height < 0.03).any() and (height > 0.05).any()
+    robot = found.robots["franka"]
+    gap = robot.joint_pos[:, 7] + robot.joint_pos[:, 8]
+    assert (gap > 0.07).any() and (gap < 0.05).any()
+    assert not task.success(found).any()
+
+
+def test_the_same_generators_give_the_same_states(kept):
+    task, initial, found = kept
+    with MujocoHandler(task.scenario, N, num_threads=1) as handler:
+        handler.launch()
+        rngs = [np.random.default_rng(100 + row) for row in range(N)]
+        again = states_on_the_way(task, handler, initial, rngs, substeps=25, moments=MOMENTS)
+    for key, value in found.flatten().items():
+        assert torch.equal(value, again.flatten()[key]), key
+
+
+def test_a_share_of_the_episodes_begins_there():
+    env = TorchVectorEnv(
+        "PickCube", 8, num_threads=1, bank_size=8, substeps=5, expert_starts=0.5, max_episode_steps=1
+    )
+    begun = [env.handler.get_states().objects["cube"].pos[:, 2].clone()]
+    for _ in range(12):  # each step ends every episode
+        env.step(torch.zeros(8, 5))
+        begun.append(env.handler.get_states().objects["cube"].pos[:, 2].clone())
+    lifted = (torch.cat(begun) > 0.03).double().mean()
+    assert 0.05 < float(lifted) < 0.5
+    env.close()
+
+
+def test_a_share_is_from_0_to_1():
+    with pytest.raises(ConfigError, match=r"expert_starts is a share from 0 to 1, given 1\.5"):
+        TorchVectorEnv("PickCube", 1, expert_starts=1.5)
+
+
+def test_a_task_without_an_expert_says_so():
+    with pytest.raises(ConfigError, match="has no scripted expert"):
+        TorchVectorEnv("control/cartpole", 1, num_threads=1, bank_size=1, expert_starts=0.5)
