@@ -122,9 +122,6 @@ class TorchVectorEnv:
         simulator_settings: Settings of the simulator that replace the scenario's.
         substeps: Physics steps per control step; the task's by default. Fewer are longer, faster to
             simulate, and coarser.
-        overshoot_cost: What the agent pays for each entry of an action, per square of what lies beyond
-            [-1, 1]. Clipped actions are alike: without a cost nothing brings a mean back from so far
-            outside that noise no longer changes what is done.
         expert_starts: Share of the episodes that begin somewhere on the expert's way; see
             :mod:`envs.experts.starts`.
     """
@@ -146,7 +143,6 @@ class TorchVectorEnv:
         num_threads: int = 0,
         simulator_settings: Mapping[str, Any] | None = None,
         substeps: int | None = None,
-        overshoot_cost: float = 0.0,
         expert_starts: float = 0.0,
     ) -> None:
         if num_envs < 1:
@@ -165,7 +161,6 @@ class TorchVectorEnv:
         self.action_size = len(self.controller.names)
         self.max_episode_steps = max_episode_steps or self.task.max_episode_steps
         self._substeps = scenario.physics.decimation
-        self._overshoot_cost = overshoot_cost
         self._shift = 1.0 if shift_reward and self.task.ends_on_success else 0.0
         self._bank, self._late = self._draw_bank(split, protocol_seed, bank_size), None
         if expert_starts:
@@ -227,9 +222,6 @@ class TorchVectorEnv:
         if self._shift:
             left = (self.max_episode_steps - self.elapsed_steps) * (terminated & ~success)
             reward = reward - 1.0 - left
-        if self._overshoot_cost:
-            beyond = (actions.detach().abs() - 1.0).clamp(min=0.0).to(reward)
-            reward = reward - self._overshoot_cost * beyond.square().sum(-1)
         self._count(over, success)
         ids = over.nonzero()[:, 0]  # the one place where the host waits for the device
         obs = final_obs

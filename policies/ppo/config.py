@@ -39,7 +39,6 @@ class PpoConfig:
         max_episode_steps: Control steps of a training episode; null for the task's.
         substeps: Physics steps per control step in training; null for the task's. Tests always take the
             task's.
-        overshoot_cost: Reward that each entry of an action costs per square of what lies beyond [-1, 1].
         expert_starts: Share of the training episodes that begin somewhere on the way of the task's expert.
     """
 
@@ -61,7 +60,6 @@ class PpoConfig:
     stagger: bool = True
     max_episode_steps: int | None = None
     substeps: int | None = None
-    overshoot_cost: float = 0.0
     expert_starts: float = 0.0
 
     def __post_init__(self) -> None:
@@ -78,9 +76,6 @@ class PpoConfig:
         ):
             if getattr(self, name) <= 0:
                 raise PolicyError(f"policy.{name} must be above 0, given {getattr(self, name)}.")
-        for name in ("entropy_coef", "overshoot_cost"):
-            if getattr(self, name) < 0:
-                raise PolicyError(f"policy.{name} must be 0 or more, given {getattr(self, name)}.")
         for name in ("gamma", "lam", "expert_starts"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise PolicyError(f"policy.{name} must be from 0 to 1, given {getattr(self, name)}.")

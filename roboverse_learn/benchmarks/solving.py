@@ -73,8 +73,8 @@ def solve(
     import policies
     from roboverse_learn.training.ppo import learner
 
-    options = ("substeps", "overshoot_cost", "expert_starts")
-    env = make_env(config.num_envs, device, seed=seed, **{name: getattr(config, name) for name in options})
+    agent = {"substeps": config.substeps, "expert_starts": config.expert_starts}
+    env = make_env(config.num_envs, device, seed=seed, **agent)
     test = make_env(min(config.num_envs, TEST_EPISODES), device, split="test")
     curve: list[tuple[float, int, float]] = []
     reached = None

@@ -6,6 +6,7 @@ batches are computed both ways before training begins.
 
 import logging
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -28,6 +29,20 @@ ABSOLUTE_TOLERANCE = 1e-3
 """Of the norm of all gradients together: a gradient smaller than this is rounding."""
 
 
+class Disagreement(NamedTuple):
+    """A gradient that the compiled loss changes.
+
+    Attributes:
+        parameter: Of which it is.
+        error: How far it is from that of eager code in fp32, per norm of the latter; NaN if it is NaN.
+        allowed: How far it may be.
+    """
+
+    parameter: str
+    error: float
+    allowed: float
+
+
 def compiled_objective(policy: LeRobotPolicy, batches: Sequence[Batch], precision: str) -> Objective:
     """Returns a policy's loss, compiled if that changes no gradient and as it is otherwise.
 
@@ -44,11 +59,13 @@ def compiled_objective(policy: LeRobotPolicy, batches: Sequence[Batch], precisio
     if wrong is None:
         return compiled
     logger.warning(
-        "torch.compile of PyTorch %s changes the gradient of '%s' of policy=%s: training goes on without it, "
-        "more slowly. train.compile=false does not try.",
+        "torch.compile of PyTorch %s changes the gradient of '%s' of policy=%s by %.0f %%, where %.0f %% is "
+        "rounding: training goes on without it, more slowly. train.compile=false does not try.",
         torch.__version__,
-        wrong,
+        wrong.parameter,
         policy.name,
+        100.0 * wrong.error,
+        100.0 * wrong.allowed,
     )
     return eager
 
@@ -60,8 +77,8 @@ def first_disagreement(
     batches: Sequence[Batch],
     precision: str,
     device: str,
-) -> str | None:
-    """Returns the first parameter of which the compiled loss has another gradient, or None.
+) -> Disagreement | None:
+    """Returns the first gradient that the compiled loss changes, or None.
 
     The measure is eager code in fp32: a gradient in bf16 may be as far from it as twice what eager code in
     bf16 is, and :data:`RELATIVE_TOLERANCE` of it.
@@ -84,8 +101,12 @@ def first_disagreement(
             for name, gradient in exact.items():
                 rounding = 2.0 * (plain[name] - gradient).norm()
                 allowed = rounding + RELATIVE_TOLERANCE * gradient.norm() + ABSOLUTE_TOLERANCE * scale
-                if name not in given or not (given[name] - gradient).norm() <= allowed:  # NaN is not <=
-                    return name
+                error = (
+                    (given[name] - gradient).norm() if name in given else torch.full_like(scale, torch.nan)
+                )
+                if not error <= allowed:  # NaN is not <=
+                    norm = gradient.norm().clamp(min=ABSOLUTE_TOLERANCE * scale)
+                    return Disagreement(name, float(error / norm), float(allowed / norm))
         return None
     finally:
         with torch.no_grad():

@@ -125,17 +125,6 @@ def test_what_an_agent_is_paid(monkeypatch, outcome, shift, paid):
     env.close()
 
 
-def test_what_lies_beyond_the_bounds_of_an_action_costs_its_square(monkeypatch):
-    env = Pays("PickCube", 2, bank_size=2, num_threads=1, shift_reward=False, overshoot_cost=0.1)
-    env.judge(monkeypatch)
-    actions = torch.zeros(2, 5)
-    actions[0, 0], actions[0, 1], actions[1, 0] = 1.5, -3.0, 1.0
-    step = env.step(actions)
-    assert step.reward.tolist() == pytest.approx([0.25 - 0.1 * (0.25 + 4.0), 0.25])
-    assert float(env.returns[0]) == 0.25  # the task's own reward knows nothing of it
-    env.close()
-
-
 def test_no_environments_are_an_error():
     with pytest.raises(ConfigError, match="num_envs must be at least 1, given 0"):
         make(num_envs=0)

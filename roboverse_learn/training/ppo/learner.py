@@ -99,7 +99,6 @@ def make_env(config: "TrainRunConfig", own: PpoConfig, seed: int, device: str) -
         seed=seed,
         max_episode_steps=own.max_episode_steps,
         substeps=own.substeps,
-        overshoot_cost=own.overshoot_cost,
         expert_starts=own.expert_starts,
         task_kwargs=config.task_kwargs,
         simulator_settings=config.simulator_settings,
