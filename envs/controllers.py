@@ -120,7 +120,7 @@ class HandDeltaController(Controller):
     @override
     def apply(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None) -> None:
         name = self._robot.name
-        targets = self._targets(handler.get_joint_positions(name, env_ids), actions)
+        targets = self.targets(handler.get_joint_positions(name, env_ids), actions)
         handler.set_joint_targets({name: targets}, env_ids)
 
     @override
@@ -128,15 +128,23 @@ class HandDeltaController(Controller):
         self, handler: Handler, actions: np.ndarray | Tensor, num_steps: int, env_ids: EnvIds = None
     ) -> None:
         name = self._robot.name
-        targets = self._targets(handler.get_joint_positions(name, env_ids), actions)
+        targets = self.targets(handler.get_joint_positions(name, env_ids), actions)
         handler.step_towards({name: targets}, num_steps, env_ids)
 
     @override
     def as_task_actions(self, state: State, actions: np.ndarray) -> np.ndarray:
-        return self._targets(state.robots[self._robot.name].joint_pos, actions).cpu().numpy()
+        return self.targets(state.robots[self._robot.name].joint_pos, actions).cpu().numpy()
 
-    def _targets(self, joints: Tensor, actions: np.ndarray | Tensor) -> Tensor:
-        """Returns where the targets of the driven joints are to be, from where all joints are, (n, J)."""
+    def targets(self, joints: Tensor, actions: np.ndarray | Tensor) -> Tensor:
+        """Returns what actions make of the targets of the driven joints.
+
+        Args:
+            joints: Where all joints are, rad and m, (n, J).
+            actions: (n, A).
+
+        Returns:
+            Targets of the driven joints, of the type of ``joints``.
+        """
         ik = self._kinematics(joints.device)
         given = torch.as_tensor(actions, device=joints.device).double().clamp(-1.0, 1.0)
         targets = joints.to(torch.float64, copy=True)

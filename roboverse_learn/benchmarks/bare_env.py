@@ -1,7 +1,7 @@
 """PickCube for agents, written by hand on bare ``mujoco_warp``: what our env is compared with.
 
-It has the scene, the size of the observation and the length of the episodes, and nothing more: no checks,
-no success, joint targets near the joints for actions, and the simplest reward. Shapes: N environments.
+It has the scene, the actions, the size of the observation and the length of the episodes, and nothing
+more: no checks, no success, and the simplest reward. Shapes: N environments.
 """
 
 from typing import Any
@@ -9,10 +9,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from envs.controllers import HandDeltaController
 from envs.torch_env import EnvStep, EpisodeStatistics
 from roboverse_learn.benchmarks.mujoco_warp import make_handler
 
-_DELTA_RAD, _OPENING_M = 0.1, 0.04
 _HORIZON = 100
 
 
@@ -24,7 +24,7 @@ class BareEnv:
         device: Torch device, or ``auto``.
     """
 
-    action_size, max_episode_steps = 8, _HORIZON
+    action_size, max_episode_steps = 5, _HORIZON
 
     def __init__(self, num_envs: int, device: str = "auto") -> None:
         import mujoco_warp as mjw
@@ -45,6 +45,7 @@ class BareEnv:
         limits = torch.from_numpy(model.actuator_ctrlrange.T.copy()).to(views["ctrl"])
         self._low, self._high, self._decimation = limits[0], limits[1], scenario.physics.decimation
         robot = scenario.robots[0]
+        self._controller = HandDeltaController(robot)
         self._hand = model.site(f"{robot.name}/{robot.ee_site}").id
         self.elapsed_steps = torch.zeros(num_envs, dtype=torch.long, device=self.device)
         self.observation_size = self.reset().shape[-1]
@@ -68,9 +69,8 @@ class BareEnv:
 
     def step(self, actions: Tensor) -> EnvStep:
         """Steps every environment."""
-        views, given = self._views, actions.detach().clamp(-1.0, 1.0)
-        fingers = (_OPENING_M / 2 * (given[:, -1:] + 1.0)).expand(-1, 2)
-        targets = torch.cat((views["qpos"][:, :7] + _DELTA_RAD * given[:, :7], fingers), -1)
+        views = self._views
+        targets = self._controller.targets(views["qpos"][:, :9], actions.detach())
         with self._on.scope():
             views["ctrl"].copy_(targets.clamp(self._low, self._high))
             self._graph.launch(self._decimation)
@@ -94,7 +94,8 @@ class BareEnv:
 
     def _observe(self) -> Tensor:
         views: Any = self._views
-        parts = (views["qpos"], views["qvel"], views["ctrl"], views["mocap_pos"][:, 0])
+        gap = views["qpos"][:, 7:9].sum(-1, keepdim=True)
+        parts = (views["qpos"], views["qvel"], views["ctrl"], views["mocap_pos"][:, 0], gap)
         return torch.cat((*parts, views["site_xpos"][:, self._hand]), -1)
 
 

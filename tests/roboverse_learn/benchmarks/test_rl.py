@@ -25,20 +25,20 @@ def test_both_envs_look_alike_to_an_agent():
     ours, bare = solving.make_env(2, "cpu"), BareEnv(2, "cpu")
     names = ("num_envs", "observation_size", "action_size", "max_episode_steps")
     assert all(getattr(ours, name) == getattr(bare, name) for name in names)
-    actions = torch.zeros(2, 8)
+    actions = torch.zeros(2, 5)
     for env in (ours, bare):
         step = env.step(actions)
-        assert isinstance(step, EnvStep) and step.obs.shape == (2, 46) and step.obs.isfinite().all()
+        assert isinstance(step, EnvStep) and step.obs.shape == (2, 47) and step.obs.isfinite().all()
     ours.close()
 
 
 def test_the_bare_env_moves_its_arm_and_begins_anew():
     env = BareEnv(2, "cpu")
     first = env.reset().clone()
-    moved = env.step(torch.ones(2, 8)).obs
+    moved = env.step(torch.ones(2, 5)).obs
     assert not torch.equal(moved[:, :9], first[:, :9])
     env.elapsed_steps[0] = env.max_episode_steps - 1
-    step = env.step(torch.ones(2, 8))
+    step = env.step(torch.ones(2, 5))
     assert step.truncated.tolist() == [True, False] and not step.terminated.any()
     torch.testing.assert_close(step.obs[0, :16], first[0, :16])
     assert not torch.equal(step.final_obs[0, :16], step.obs[0, :16])
@@ -64,7 +64,7 @@ class Never:
 
     @staticmethod
     def model(seen):
-        return torch.zeros(len(seen), 8)
+        return torch.zeros(len(seen), 5)
 
 
 def test_an_idle_policy_solves_nothing():

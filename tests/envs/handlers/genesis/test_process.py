@@ -60,6 +60,24 @@ def test_it_is_started_anew_after_many_scenes_but_not_while_one_is_open(monkeypa
     assert not process._PROCESS.open
 
 
+def test_starting_anew_forgets_what_kernels_know_of_arguments(monkeypatch):
+    monkeypatch.setattr(process, "SCENES_KEPT", 0)
+    monkeypatch.setattr(process._PROCESS, "is_ours", True)
+    known = []
+    for _ in range(3):
+        with launched("genesis", SCENE) as handler:
+            handler.step(3)
+        known.append(
+            {
+                name: sum(len(getattr(kernel, name)) for kernel in process._runtime().kernels)
+                for name in process._KINDS
+            }
+        )
+        known[-1]["mapping"] = sum(len(kernel.mapper.mapping) for kernel in process._runtime().kernels)
+    assert known[0]["mapping"] > 0
+    assert known[1] == known[2]
+
+
 def test_a_scene_that_is_not_built_is_not_counted_as_open():
     model = mujoco.MjModel.from_xml_string("<mujoco/>")
     with pytest.raises(SimulatorError, match="nothing in this scene that Genesis could simulate"):
