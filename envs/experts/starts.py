@@ -11,7 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
+from envs.errors import ConfigError
 from envs.experts.batched_rollout import plan_all
+from envs.experts.planner import Planner
 from envs.handlers.base import Handler
 from envs.state import State
 from envs.tasks.base import Task
@@ -34,13 +36,13 @@ def states_on_the_way(
         initial: Where the experts begin, N rows.
         rngs: N generators: of what the expert does, and of when its state is kept.
         substeps: Physics steps per control step.
-        moments: How many states of an expert are kept at most; those of a task that is solved are not.
+        moments: How many states are kept, on average, of an expert that takes a whole episode.
 
     Returns:
-        At most N × ``moments`` states, on the handler's device.
+        States in which the task is not solved, on the handler's device.
 
     Raises:
-        ConfigError: if the task has no expert.
+        ConfigError: if the task has no expert, or nothing was kept.
     """
     planner, controller = task.planner, task.controller
     handler.set_states(initial)
@@ -64,13 +66,18 @@ def states_on_the_way(
             actions[row] = plans[row].pop(0)
         controller.advance(handler, actions, substeps)
         states = handler.get_states()
+    if not kept:
+        raise ConfigError(
+            f"The expert of {task.name} left no state to begin at: it gave up or was done at once in all of "
+            f"{len(rngs)} environments. Take more environments, or expert_starts=0."
+        )
     return State.unflatten({key: torch.cat([rows[key] for rows in kept]) for key in kept[0]})
 
 
 def _extend(
     plans: list[list[np.ndarray]],
     goes_on: np.ndarray,
-    planner,
+    planner: Planner,
     states: State,
     rngs: Sequence[np.random.Generator],
 ) -> None:
