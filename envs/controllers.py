@@ -115,7 +115,6 @@ class HandDeltaController(Controller):
         self._closed = torch.tensor([low for low, _ in limits])
         self._stroke = torch.tensor([high - low for low, high in limits])
         self._ik: BatchedInverseKinematics | None = None
-        self._upright = torch.eye(3)
 
     @override
     def apply(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None) -> None:
@@ -150,9 +149,9 @@ class HandDeltaController(Controller):
         targets = joints.to(torch.float64, copy=True)
         q = targets[:, ik.chain.columns]
         now = ik.chain(q)
-        yaw = _yaw(now.rot @ self._upright.T) + self._delta_rad * given[:, 3]
+        yaw = _yaw(now.rot @ ik.upright.T) + self._delta_rad * given[:, 3]
         pos = now.pos + self._delta_m * given[:, :3]
-        targets[:, ik.chain.columns] = q + ik.change(q, pos, _about_z(yaw) @ self._upright)
+        targets[:, ik.chain.columns] = q + ik.change(q, now, pos, _about_z(yaw) @ ik.upright)
         if self._fingers:
             opening = (1.0 + _SQUEEZE) * (given[:, 4:5] + 1.0) / 2 - _SQUEEZE
             targets[:, self._fingers] = self._closed + self._stroke * opening.clamp(min=0.0)
@@ -164,7 +163,6 @@ class HandDeltaController(Controller):
             from envs.experts.batched_ik import BatchedInverseKinematics
 
             self._ik = BatchedInverseKinematics(self._robot, device)
-            self._upright = self._ik.chain(self._ik.rest[None]).rot[0]
             self._closed, self._stroke = self._closed.to(self._ik.rest), self._stroke.to(self._ik.rest)
         return self._ik
 

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from envs.experts.ik import DAMPING, ITERATIONS_PER_STEP, ORIENTATION_COST, POSTURE_COST
-from envs.experts.kinematics import KinematicChain, rotation_vector
+from envs.experts.kinematics import KinematicChain, Poses, rotation_vector
 from envs.experts.waypoints import Path, Waypoint, interpolate
 from envs.rotations import conjugate, from_euler, from_matrix, multiply, to_euler, to_matrix
 from envs.scenario import RobotCfg
@@ -47,27 +47,29 @@ class BatchedInverseKinematics:
     Attributes:
         chain: Forward kinematics.
         rest: The posture that decides what the end effector leaves open, (K,) rad.
+        upright: Orientation of the end effector at rest, (3, 3).
     """
 
     def __init__(self, robot: RobotCfg, device: torch.device | str = "cpu") -> None:
         self.chain = KinematicChain(robot, device)
         rest = torch.tensor(robot.default_qpos, dtype=torch.float64, device=device)
         self.rest = rest[self.chain.columns]
+        self.upright = self.chain(self.rest[None]).rot[0]
         costs = torch.tensor([1.0] * 3 + [ORIENTATION_COST] * 3, dtype=torch.float64, device=device)
         self._weights = costs.square()
 
-    def change(self, q: Tensor, pos: Tensor, rot: Tensor) -> Tensor:
+    def change(self, q: Tensor, now: Poses, pos: Tensor, rot: Tensor) -> Tensor:
         """Returns the change (N, K) of the postures ``q`` (N, K) towards the targets, inside the limits.
 
         It is one step of Gauss and Newton: the way to a target 5 cm away is met within a few mm.
 
         Args:
             q: Postures, float64.
+            now: What the chain makes of them.
             pos: Positions to reach, m, (N, 3).
             rot: Orientations to reach, (N, 3, 3).
         """
         chain = self.chain
-        now = chain(q)
         error = torch.cat([pos - now.pos, rotation_vector(rot @ now.rot.transpose(1, 2))], -1)  # (N, 6)
         weighted = now.jacobian.transpose(1, 2) * self._weights  # (N, K, 6)
         # Levenberg-Marquardt: the farther away, the more damped.
@@ -103,8 +105,7 @@ class BatchedPathFollower:
         self._ik = BatchedInverseKinematics(robot, device)
         self._chain = self._ik.chain
         self._fingers = [robot.joint_names.index(name) for name in robot.gripper_joints]
-        _, rot = self.end_effectors(np.array([robot.default_qpos]))
-        self._down = rot[0]
+        self._down = from_matrix(self._ik.upright.cpu().numpy())
 
     def _tensor(self, values: np.ndarray) -> Tensor:
         return torch.as_tensor(values, dtype=torch.float64, device=self._device)
@@ -146,7 +147,7 @@ class BatchedPathFollower:
         out = torch.empty((*pos.shape[:2], q.shape[-1]), dtype=q.dtype, device=q.device)
         for step in range(pos.shape[1]):
             for _ in range(ITERATIONS_PER_STEP):
-                q = q + self._ik.change(q, pos[:, step], rot[:, step])
+                q = q + self._ik.change(q, self._chain(q), pos[:, step], rot[:, step])
             q = q.clamp(self._chain.low, self._chain.high)
             out[:, step] = q
         return out

@@ -41,7 +41,7 @@ class BatchedExpertRunner:
     def _wave(self, episodes: np.ndarray) -> Iterator[Rollout]:
         env, everyone = self._env, np.arange(len(episodes))
         env.reset_envs(everyone, episodes)
-        progress = _Progress(
+        progress = Progress(
             [channel_rng(env.protocol_seed, "expert", int(e)) for e in episodes], self._planner
         )
         film = _Film(self._states())
@@ -60,7 +60,7 @@ class BatchedExpertRunner:
     def _states(self) -> "_FlatStates":
         return _FlatStates(self._env.get_states())
 
-    def _rollout(self, env_id: int, progress: "_Progress", film: "_Film") -> Rollout:
+    def _rollout(self, env_id: int, progress: "Progress", film: "_Film") -> Rollout:
         steps = int(progress.lengths[env_id])
         raw = film.raw(env_id, steps)
         return Rollout(
@@ -108,7 +108,7 @@ class _FlatStates:
         )
 
 
-class _Progress:
+class Progress:
     """Plans and outcomes of N episodes."""
 
     def __init__(self, rngs: Sequence[np.random.Generator], planner: Planner) -> None:

@@ -101,9 +101,7 @@ def first_disagreement(
             for name, gradient in exact.items():
                 rounding = 2.0 * (plain[name] - gradient).norm()
                 allowed = rounding + RELATIVE_TOLERANCE * gradient.norm() + ABSOLUTE_TOLERANCE * scale
-                error = (
-                    (given[name] - gradient).norm() if name in given else torch.full_like(scale, torch.nan)
-                )
+                error = (given.get(name, torch.nan) - gradient).norm()
                 if not error <= allowed:  # NaN is not <=
                     norm = gradient.norm().clamp(min=ABSOLUTE_TOLERANCE * scale)
                     return Disagreement(name, float(error / norm), float(allowed / norm))
