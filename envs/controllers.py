@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from envs.handlers.base import EnvIds, Handler
+from envs.rotations import from_yaw, to_matrix
 from envs.scenario import Quat, RobotCfg, Vec3
 from envs.state import State
 
@@ -151,7 +152,8 @@ class HandDeltaController(Controller):
         now = ik.chain(q)
         yaw = _yaw(now.rot @ ik.upright.T) + self._delta_rad * given[:, 3]
         pos = now.pos + self._delta_m * given[:, :3]
-        targets[:, ik.chain.columns] = q + ik.change(q, now, pos, _about_z(yaw) @ ik.upright)
+        rot = to_matrix(from_yaw(yaw)) @ ik.upright
+        targets[:, ik.chain.columns] = q + ik.change(q, now, pos, rot)
         if self._fingers:
             opening = (1.0 + _SQUEEZE) * (given[:, 4:5] + 1.0) / 2 - _SQUEEZE
             targets[:, self._fingers] = self._closed + self._stroke * opening.clamp(min=0.0)
@@ -181,13 +183,6 @@ class HandDeltaController(Controller):
 def _yaw(rot: Tensor) -> Tensor:
     """Returns the turn about z (N,) that is nearest to rotation matrices (N, 3, 3), rad."""
     return torch.atan2(rot[:, 1, 0] - rot[:, 0, 1], rot[:, 0, 0] + rot[:, 1, 1])
-
-
-def _about_z(yaw: Tensor) -> Tensor:
-    """Returns rotation matrices (N, 3, 3) of turns about z (N,), rad."""
-    cosine, sine, zero, one = torch.cos(yaw), torch.sin(yaw), torch.zeros_like(yaw), torch.ones_like(yaw)
-    rows = (cosine, -sine, zero, sine, cosine, zero, zero, zero, one)
-    return torch.stack(rows, -1).view(-1, 3, 3)
 
 
 class NormalizedPositionController(Controller):

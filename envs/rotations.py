@@ -52,10 +52,14 @@ def rotate(q: Array, v: Array) -> Array:
 
 
 def from_yaw(yaw: Array) -> Array:
-    """Returns the quaternion (..., 4) of a turn by ``yaw`` radians about z."""
-    half = 0.5 * np.asarray(yaw, dtype=np.float64)
-    zero = np.zeros_like(half)
-    return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1)
+    """Returns the quaternion (..., 4) of a turn by ``yaw`` radians about z; of a plain number, as numpy."""
+    if isinstance(yaw, np.ndarray | np.generic | float | int):
+        half = 0.5 * np.asarray(yaw, dtype=np.float64)
+        zero = np.zeros_like(half)
+        return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1)
+    half = 0.5 * yaw
+    zero = half.new_zeros(half.shape)
+    return _stack([half.cos(), zero, zero, half.sin()])
 
 
 def from_euler(angles: np.ndarray) -> np.ndarray:
@@ -96,16 +100,13 @@ def yaw_of(q: Array) -> Array:
 def to_matrix(q: Array) -> Array:
     """Returns rotation matrices (..., 3, 3) of unit quaternions ``q`` (..., 4)."""
     w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
-    rows = [
-        _stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)]),
-        _stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]),
-        _stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]),
+    wx, wy, wz, xx, xy, xz, yy, yz, zz = w * x, w * y, w * z, x * x, x * y, x * z, y * y, y * z, z * z
+    halves = [
+        *(0.5 - (yy + zz), xy - wz, xz + wy),
+        *(xy + wz, 0.5 - (xx + zz), yz - wx),
+        *(xz - wy, yz + wx, 0.5 - (xx + yy)),
     ]
-    if isinstance(q, np.ndarray | np.generic):
-        return np.stack(rows, axis=-2)
-    import torch
-
-    return torch.stack(rows, dim=-2)
+    return (2 * _stack(halves)).reshape(*q.shape[:-1], 3, 3)
 
 
 def from_matrix(matrix: Array) -> Array:

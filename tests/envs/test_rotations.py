@@ -37,6 +37,15 @@ def test_torch_and_numpy_agree():
     np.testing.assert_allclose(r.multiply(tp, tp).numpy(), r.multiply(p, p), atol=1e-14)
     np.testing.assert_allclose(r.yaw_of(tp).numpy(), r.yaw_of(p), atol=1e-14)
     np.testing.assert_allclose(r.to_matrix(tp).numpy(), r.to_matrix(p), atol=1e-14)
+    yaw = np.linspace(-4.0, 4.0, 12).reshape(3, 4)
+    np.testing.assert_allclose(r.from_yaw(torch.from_numpy(yaw)).numpy(), r.from_yaw(yaw), atol=1e-14)
+
+
+def test_a_turn_stays_on_its_device_and_keeps_its_type():
+    """The meta device has no values: whoever waits for one fails there."""
+    yaw = torch.zeros(5, dtype=torch.float32, device="meta")
+    matrix = r.to_matrix(r.from_yaw(yaw))
+    assert (matrix.device.type, matrix.dtype, matrix.shape) == ("meta", torch.float32, (5, 3, 3))
 
 
 def test_a_camera_looks_along_minus_z_with_the_world_upright():
