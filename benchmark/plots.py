@@ -9,6 +9,9 @@ from benchmark.files import atomic_path
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f", "#000000")
 """Okabe & Ito's palette, which stays apart for colour-blind readers."""
 
+_MARKERS = "osD^v*X"
+_LINES = ("-", "--", "-.", ":")
+
 
 def plot_levels(rows: Sequence[Mapping[str, Any]], path: Path, title: str = "") -> None:
     """Draws success over the levels: the test split solid with its 95 % interval, the train split dashed.
@@ -26,7 +29,8 @@ def plot_levels(rows: Sequence[Mapping[str, Any]], path: Path, title: str = "") 
         0.06, 0.4 / max(1, len(rows))
     )  # levels are whole numbers: intervals of several policies would hide each other
     for index, row in enumerate(rows):
-        color = COLORS[index % len(COLORS)]
+        color, marker = COLORS[index % len(COLORS)], _in_its_round(_MARKERS, index)
+        again = index >= len(COLORS)  # its colour is another row's, too
         offset = shift * (index - (len(rows) - 1) / 2)
         for split, style in (("test", "-"), ("train", "--")):
             cells = [cell for cell in row["cells"] if cell["split"] == split and cell["level"] is not None]
@@ -45,8 +49,9 @@ def plot_levels(rows: Sequence[Mapping[str, Any]], path: Path, title: str = "") 
                 yerr=bars if test else None,
                 linestyle=style,
                 color=color,
-                marker="o" if test else None,
-                markersize=4,
+                marker=marker if test or again else None,
+                markersize=(5.5 if again else 4) if test else 3.5,
+                markerfacecolor="white" if again else color,
                 linewidth=1.8 if test else 1.1,
                 capsize=3,
                 alpha=1.0 if test else 0.6,
@@ -116,8 +121,10 @@ def plot_learning(
             if row["curve"] is None:
                 continue
             steps, measure, color = row["curve"]["steps"], row["curve"][name], COLORS[index % len(COLORS)]
+            line = _in_its_round(_LINES, index)
             seeds = f"{len(row['seeds'])} seed{'s' * (len(row['seeds']) > 1)}"
-            axes.plot(steps, measure["mid"], color=color, linewidth=1.8, label=f"{row['label']}, {seeds}")
+            legend = f"{row['label']}, {seeds}"
+            axes.plot(steps, measure["mid"], line, color=color, linewidth=1.8, label=legend)
             if measure["low"] is not None:
                 axes.fill_between(steps, measure["low"], measure["high"], color=color, alpha=0.2, linewidth=0)
         axes.set(xlabel="environment steps", ylabel=label)
@@ -133,6 +140,11 @@ def plot_learning(
 
 
 _LEARNED = {"episode_return": "return of an episode", "success_rate": "success in training"}
+
+
+def _in_its_round(styles: Sequence[str], index: int) -> str:
+    """Returns the style of a row's round of the colours: rows of one colour look different."""
+    return styles[index // len(COLORS) % len(styles)]
 
 
 def _smooth(values: Sequence[float]) -> list[float]:

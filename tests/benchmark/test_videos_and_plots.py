@@ -5,10 +5,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from benchmark.plots import plot_levels, plot_losses
+from benchmark import plots
+from benchmark.plots import plot_learning, plot_levels, plot_losses
 from benchmark.runner import evaluate_cell
 from benchmark.videos import choose_episodes, film_cell, record_episode, write_video
 from envs.errors import ConfigError, ResultError
+
+MEASURE = {"mid": [0.0, 0.5], "low": None, "high": None}
 
 
 @pytest.fixture
@@ -90,6 +93,25 @@ def test_level_curves(tmp_path):
     picture = np.asarray(Image.open(tmp_path / "l.png").convert("RGB"))
     assert picture.shape[1] > 900
     assert (np.abs(picture.astype(int) - (0x00, 0x72, 0xB2)).max(axis=2) < 8).sum() > 500
+
+
+def test_rows_beyond_the_colours_look_different(monkeypatch, tmp_path):
+    figures = []
+    monkeypatch.setattr(plots, "save_figure", lambda figure, path: figures.append(figure))
+    cells = [
+        {"level": level, "only": None, "split": split, "success_rate": 0.5, "ci_low": 0.4, "ci_high": 0.6}
+        for split in ("train", "test")
+        for level in (0, 1)
+    ]
+    rows = [{"label": str(number), "cells": cells} for number in range(20)]
+    plot_levels(rows, tmp_path / "l.png")
+    lines = [line for line in figures[0].axes[0].get_lines() if len(line.get_xdata())]
+    lines = [line for line in lines if line.get_linestyle() != "None"]  # the ends of intervals
+    looks = {(line.get_color(), line.get_linestyle(), line.get_marker()) for line in lines}
+    curve = {"steps": [1, 2], "episode_return": MEASURE, "success_rate": MEASURE}
+    plot_learning([row | {"seeds": [0], "curve": curve} for row in rows], tmp_path / "c.png")
+    drawn = {(line.get_color(), line.get_linestyle()) for line in figures[1].axes[0].get_lines()}
+    assert (len(looks), len(drawn)) == (40, 20)
 
 
 def test_loss_curves(tmp_path):
