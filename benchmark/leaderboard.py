@@ -18,7 +18,7 @@ from benchmark.files import write_bytes
 from benchmark.protocol import canonical_json
 from benchmark.records import Result
 from benchmark.result_file import read_result, result_path
-from benchmark.rows import Entry, build_row, group_runs, name_rows, rank
+from benchmark.rows import Entry, build_row, group_runs, name_rows, rank, row_key
 from benchmark.statistics import compare
 from envs.errors import ResultError
 
@@ -139,7 +139,7 @@ def _section(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
     key = _section_key(entries[0][1])
     groups = group_runs(entries)
     rows = [build_row(results_dir, group) for group in groups]
-    name_rows(rows)
+    name_rows(rows, [row_key(group[0][1])["settings"] for group in groups])
     order = sorted(range(len(rows)), key=lambda index: rank(rows[index]))
     comparisons, notes = [], []
     for first, second in combinations(order, 2):

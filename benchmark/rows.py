@@ -12,6 +12,7 @@ from benchmark.curves import over_seeds, read_curve
 from benchmark.protocol import Cell, canonical_json
 from benchmark.records import EpisodeRecord, Result
 from benchmark.result_file import video_dir
+from benchmark.settings import differing, learned_settings, said
 from benchmark.statistics import iqm, mean_of_rates, rate_of_runs, stratified_bootstrap
 
 Entry = tuple[str, Result]
@@ -45,7 +46,7 @@ def row_key(result: Result) -> dict[str, Any]:
         "demonstrations": result.demonstrations,
         **_training_length(result),
         "protocol_hash": result.protocol.hash,
-        "policy_config": result.config.get("policy"),
+        "settings": learned_settings(result.config.get("policy"), _trained_with(result).get("train")),
     }
 
 
@@ -104,7 +105,7 @@ def build_row(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
     test = [cell for cell in cells if cell["split"] == "test" and cell["level"] is not None]
     mean = mean_of_rates([_interval(cell) for cell in test]) if test else None
     key = row_key(first)
-    del key["policy_config"]
+    del key["settings"]
     return {
         "label": _name(first),
         **key,
@@ -206,23 +207,44 @@ def _videos(results_dir: Path, path: str) -> list[dict[str, Any]]:
     return found
 
 
-def name_rows(rows: Sequence[dict[str, Any]]) -> None:
-    """Names every row in place: policy, where it was transferred from, and what else tells it apart."""
+def name_rows(rows: Sequence[dict[str, Any]], settings: Sequence[Mapping[str, Any]]) -> None:
+    """Names every row in place: policy, where it was transferred from, and what else tells it apart.
+
+    Args:
+        rows: Rows of one section.
+        settings: The settings that decided what each of them learned.
+    """
     for row in rows:
         if row["transferred_from"] is not None:
             row["label"] += f", trained in {row['transferred_from']}"
     for name, text in _DISTINGUISHING.items():
-        same: dict[str, list[dict[str, Any]]] = {}
-        for row in rows:
-            same.setdefault(row["label"], []).append(row)
-        for group in same.values():
-            if len({row[name] for row in group}) > 1:
-                for row in group:
+        for group in _of_one_label(rows):
+            if len({rows[index][name] for index in group}) > 1:
+                for row in (rows[index] for index in group):
                     row["label"] += ", " + text.format(row[name]) if row[name] is not None else ""
-    labels = [row["label"] for row in rows]
-    for row in rows:
-        if labels.count(row["label"]) > 1:
+    for group in _of_one_label(rows):
+        _name_by_settings([rows[index] for index in group], [settings[index] for index in group])
+    for group in _of_one_label(rows):
+        for row in (rows[index] for index in group):
             row["label"] += f", {row['runs'][0]['run']}"
+
+
+def _of_one_label(rows: Sequence[Mapping[str, Any]]) -> list[list[int]]:
+    """Returns the rows that have their label in common with others, together."""
+    same: dict[str, list[int]] = {}
+    for index, row in enumerate(rows):
+        same.setdefault(row["label"], []).append(index)
+    return [group for group in same.values() if len(group) > 1]
+
+
+def _name_by_settings(rows: Sequence[dict[str, Any]], settings: Sequence[Mapping[str, Any]]) -> None:
+    """Tells rows of one label apart by as few of their settings as do it."""
+    candidates = differing(settings)
+    for key in candidates:
+        for group in _of_one_label(rows):
+            if key in differing([settings[index] for index in group]):
+                for index in group:
+                    rows[index]["label"] += ", " + said(key, settings[index][key], candidates)
 
 
 def rank(row: Mapping[str, Any]) -> tuple[Any, ...]:

@@ -63,6 +63,43 @@ def test_seeds_that_the_clock_stopped_are_one_row(publish, tmp_path):
     assert found == {"act": [0, 1, 3], "act, 20000 steps": [2]}
 
 
+def settings_of(chunk=20, shift=0, **train):
+    return {"policy": {"chunk_size": chunk}, "train": {"lr": 1e-4, "augment": {"shift_px": shift}, **train}}
+
+
+def test_rows_are_told_apart_by_the_setting_that_differs(publish, tmp_path):
+    """Also where both have the same seed, or where each is the only run of its seed."""
+    publish(run="plain", config=settings_of())
+    publish(run="shifted", config={"policy": {"chunk_size": 20}, "run": settings_of(shift=4)})
+    publish(run="both", seed=1, config=settings_of(shift=4, chunk=10))
+    found = {row["label"]: [run["run"] for run in row["runs"]] for row in rows(tmp_path)}
+    assert found == {
+        "act, chunk_size 20, shift_px 0": ["plain"],
+        "act, chunk_size 20, shift_px 4": ["shifted"],
+        "act, chunk_size 10": ["both"],
+    }
+
+
+def test_settings_of_one_name_are_told_apart_by_their_keys(publish, tmp_path):
+    for lr in (1, 2):
+        for batch in (8, 16):
+            config = {"policy": {"lr": lr}, "train": {"lr": batch, "name": "x"}}
+            publish(run=f"{lr}-{batch}", config=config)
+    assert {row["label"] for row in rows(tmp_path)} == {
+        f"act, policy.lr {lr}, train.lr {batch}" for lr in (1, 2) for batch in (8, 16)
+    }
+
+
+def test_what_decides_nothing_tells_no_rows_apart(publish, tmp_path):
+    """Nor does a setting that an older run does not tell of: it may have had it."""
+    publish(run="first", config=settings_of(save_every=5, num_threads=1))
+    publish(run="again", config=settings_of(save_every=7, num_threads=2), created="2026-04-01T00:00:00Z")
+    publish(run="other", seed=1, config=settings_of(log_every=3, compile=True))
+    publish(run="newer", seed=2, config=settings_of(ema=True))
+    found = {row["label"]: row["seeds"] for row in rows(tmp_path)}
+    assert found == {"act, first": [0, 1], "act, again": [0], "act, newer": [2]}
+
+
 def test_sections_of_a_task_stand_together(publish, tmp_path):
     for task, simulator, horizon in (
         ("PickCube", "sapien", 200),

@@ -1,0 +1,40 @@
+"""Settings of a run that decide what its policy learned, as flat keys such as ``train.augment.shift_px``."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from benchmark.protocol import canonical_json
+
+_FREE = {
+    *("train.steps", "train.time_limit_s"),  # how long it was trained is told from the checkpoint
+    *("train.save_every", "train.log_every", "train.wandb", "train.num_threads", "train.compile"),
+    *("policy.compile", "policy.cuda_graphs", "policy.save_replay"),
+}
+"""Settings of how a run is computed, saved and watched."""
+
+
+def learned_settings(policy: Any, train: Any) -> dict[str, Any]:
+    """Returns the settings of a policy and of its training that decide what is learned, by flat key."""
+    flat = dict([*_flat("policy", policy), *_flat("train", train)])
+    return {key: value for key, value in flat.items() if key not in _FREE}
+
+
+def _flat(key: str, value: Any) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, Mapping):
+        for name, inner in value.items():
+            yield from _flat(f"{key}.{name}", inner)
+    elif key not in ("policy", "train"):  # a result need not tell its settings
+        yield key, value
+
+
+def differing(settings: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Returns the keys that all of several settings have, and not all with the same value."""
+    shared = [key for key in settings[0] if all(key in other for other in settings)]
+    return [key for key in shared if len({canonical_json(other[key]) for other in settings}) > 1]
+
+
+def said(key: str, value: Any, among: Sequence[str]) -> str:
+    """Returns a setting for people: ``shift_px 4``; by its whole key where ``among`` has that name twice."""
+    name = key.rpartition(".")[2]
+    unique = sum(other.rpartition(".")[2] == name for other in among) < 2
+    return f"{name if unique else key} {value if isinstance(value, str) else canonical_json(value)}"
