@@ -4,24 +4,30 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from benchmark.curves import published
-from benchmark.plots import COLORS
+from benchmark.plots import COLORS, LESS_WHEN_SOLVED
 
 _WIDTH, _HEIGHT = 560, 260
 _LEFT, _RIGHT, _TOP, _BOTTOM = 60, 20, 16, 40
 _TITLES = {"episode_return": "return of an episode", "success_rate": "success in training, with exploration"}
 
 
-def curve_charts(task: str, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def curve_charts(
+    task: str, rows: Sequence[Mapping[str, Any]], *, ends_when_solved: bool = False
+) -> list[dict[str, Any]]:
     """Returns one chart per measure, of all rows of a section that have a learning curve; none without any.
 
     Args:
         task: Task of the section; returns that others published of it are marked.
         rows: Rows of the section.
+        ends_when_solved: Whether a solved episode is over; the title says then why the return falls.
     """
     drawn = [(index, row) for index, row in enumerate(rows) if row["curve"]]
-    return [
-        _chart(name, drawn, published(task) if name == "episode_return" else []) for name in _TITLES if drawn
-    ]
+    if not drawn:
+        return []
+    returns = _chart("episode_return", drawn, published(task))
+    if ends_when_solved:
+        returns["title"] += f" ({LESS_WHEN_SOLVED})"
+    return [returns, _chart("success_rate", drawn, [])]
 
 
 def _chart(

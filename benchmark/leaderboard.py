@@ -82,7 +82,8 @@ def write(results_dir: Path) -> dict[str, Path]:
         written[f"plot {section['id']}"] = path
         if any(row["curve"] for row in section["rows"]):
             path = results_dir / "plots" / f"{section['id']}-learning.png"
-            plot_learning(section["rows"], path, section["title"], published(section["task"]))
+            ends, others = bool(section["ends_when_solved"]), published(section["task"])
+            plot_learning(section["rows"], path, section["title"], others, ends_when_solved=ends)
             written[f"learning {section['id']}"] = path
     return written
 
@@ -160,10 +161,25 @@ def _section(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
         "id": re.sub(r"[^A-Za-z0-9]+", "-", "-".join([name, *unusual])).strip("-").lower(),
         "title": title,
         **key,
+        "ends_when_solved": _ends_when_solved(entries),
         "rows": [rows[index] for index in order],
         "comparisons": comparisons,
         "notes": notes,
     }
+
+
+def _ends_when_solved(entries: list[Entry]) -> bool | None:
+    """Returns whether most solved episodes were over before their time; None where none was solved.
+
+    Few are where the return decides: there an episode may fail late, and has been paid enough.
+    """
+    early = [
+        record.length < result.max_episode_steps
+        for _, result in entries
+        for record in result.records
+        if record.success
+    ]
+    return 2 * sum(early) > len(early) if early else None
 
 
 def _compare(a: Entry, b: Entry) -> tuple[list[dict[str, Any]], int]:

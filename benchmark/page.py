@@ -78,7 +78,9 @@ def _layout(section: Mapping[str, Any], reference: Mapping[str, Any]) -> dict[st
         "papers": papers,
         "hidden": hidden,
         "chart": _chart(section["rows"], levels),
-        "learning": curve_charts(section["task"], section["rows"]),
+        "learning": curve_charts(
+            section["task"], section["rows"], ends_when_solved=bool(section["ends_when_solved"])
+        ),
         "iqm": any(row["iqm_test"] for row in section["rows"]),
     }
 

@@ -9,6 +9,9 @@ from benchmark.files import atomic_path
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f", "#000000")
 """Okabe & Ito's palette, which stays apart for colour-blind readers."""
 
+LESS_WHEN_SOLVED = "it ends when solved, which pays less"
+"""Why returns fall while success rises, where a solved episode is over."""
+
 _MARKERS = "osD^v*X"
 _LINES = ("-", "--", "-.", ":")
 
@@ -100,7 +103,12 @@ def plot_losses(rows: Sequence[Mapping[str, float]], path: Path, title: str = "T
 
 
 def plot_learning(
-    rows: Sequence[Mapping[str, Any]], path: Path, title: str = "", others: Sequence[Mapping[str, Any]] = ()
+    rows: Sequence[Mapping[str, Any]],
+    path: Path,
+    title: str = "",
+    others: Sequence[Mapping[str, Any]] = (),
+    *,
+    ends_when_solved: bool = False,
 ) -> None:
     """Draws return and success over environment steps: interquartile mean over seeds, and its 95 % interval.
 
@@ -109,6 +117,7 @@ def plot_learning(
         path: The ``.png`` (or ``.svg``) file.
         title: Title.
         others: What others published of the task, from :func:`benchmark.curves.published`.
+        ends_when_solved: Whether a solved episode is over; the picture says then why the return falls.
 
     Raises:
         ResultError: The file cannot be written.
@@ -116,7 +125,11 @@ def plot_learning(
     from matplotlib.ticker import EngFormatter
 
     figure, both = new_figure((9.0, 3.6), columns=2)
-    for axes, (name, label) in zip(both, _LEARNED.items(), strict=True):
+    labels = {
+        "episode_return": "return of an episode" + f"\n({LESS_WHEN_SOLVED})" * ends_when_solved,
+        "success_rate": "success in training",
+    }
+    for axes, (name, label) in zip(both, labels.items(), strict=True):
         for index, row in enumerate(rows):
             if row["curve"] is None:
                 continue
@@ -137,9 +150,6 @@ def plot_learning(
     both[0].set_title(title, fontsize=11, loc="left")
     both[0].legend(frameon=False, fontsize=8)
     save_figure(figure, path)
-
-
-_LEARNED = {"episode_return": "return of an episode", "success_rate": "success in training"}
 
 
 def _in_its_round(styles: Sequence[str], index: int) -> str:

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from benchmark import leaderboard
+from benchmark import leaderboard, plots
 from benchmark.curve_chart import curve_charts, thousands
 from benchmark.curves import COLUMNS, curve_path, over_seeds, published, read_curve, write_curve
 from benchmark.plots import plot_learning
@@ -135,6 +135,31 @@ def test_a_picture_is_drawn(tmp_path):
         [row(), row((1.0, 2.0), "sac")], tmp_path / "a.png", "humanoid/run", published("humanoid/run")
     )
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_where_a_solved_episode_ends_the_picture_says_why_returns_fall(monkeypatch, tmp_path):
+    figures = []
+    monkeypatch.setattr(plots, "save_figure", lambda figure, path: figures.append(figure))
+    for ends in (True, False):
+        plot_learning([row()], tmp_path / "a.png", ends_when_solved=ends)
+        titles = [chart["title"] for chart in curve_charts("PickCube", [row()], ends_when_solved=ends)]
+        labels = [axes.get_ylabel() for axes in figures.pop().axes]
+        assert [("ends when solved" in text) for text in (*labels, *titles)] == [ends, False] * 2
+
+
+@pytest.mark.parametrize(("steps", "ends"), [(250, True), (60, False), (0, None)])
+def test_episodes_end_when_solved_if_most_solved_ones_were_shorter_than_their_time(
+    steps, ends, make_result, tmp_path
+):
+    solved = {"max_episode_steps": steps} if steps else {"rates": (0.0,) * 4}
+    result = make_result(policy="ppo", **solved)  # episodes that are solved take 40 to 119 steps
+    path = result_path(tmp_path, result)
+    write_result(path, result)
+    write_curve(path, rows())
+    written = leaderboard.write(tmp_path)
+    (section,) = json.loads(written["json"].read_text())["sections"]
+    assert section["ends_when_solved"] is ends
+    assert ("ends when solved" in written["html"].read_text()) is bool(ends)
 
 
 def test_the_page_shows_the_curves_of_a_section(make_result, tmp_path):
