@@ -12,12 +12,11 @@ unwritten the gradients that are slices of one tensor: the biases of an attentio
 ``pyproject.toml`` has the repair (PyTorch pull request 193103).
 """
 
-OBJECTIVE_OPTIONS = INDUCTOR_OPTIONS | {
-    "epilogue_fusion": False,
-    "max_fusion_size": 1,
-    "fallback_random": True,
-}
-"""Those of a loss with a backbone of pictures: nothing is fused, and noise is that of eager code.
+OBJECTIVE_OPTIONS = INDUCTOR_OPTIONS | {"fallback_random": True}
+"""Those of a loss: its noise is that of eager code."""
+
+UNFUSED_OBJECTIVE_OPTIONS = OBJECTIVE_OPTIONS | {"epilogue_fusion": False, "max_fusion_size": 1}
+"""Those of a loss with a batch normalization that is trained: nothing is fused.
 
 With PyTorch 2.11 on an H200, compiled ACT with a trained batch normalization in bf16 has gradients that are
 NaN from the second batch on, in its whole backbone, at the right loss. Of seven other settings of the
@@ -36,4 +35,11 @@ def compiled[**P, T](function: Callable[P, T]) -> Callable[P, T]:
 
 def compile_objective(objective: Any) -> None:
     """Compiles a loss, a module, as one graph for batches of one shape; it is compiled when first called."""
-    objective.compile(fullgraph=True, dynamic=False, options=OBJECTIVE_OPTIONS)
+    from torch.nn import BatchNorm2d
+
+    trains_norms = any(isinstance(module, BatchNorm2d) for module in objective.modules())
+    objective.compile(
+        fullgraph=True,
+        dynamic=False,
+        options=UNFUSED_OBJECTIVE_OPTIONS if trains_norms else OBJECTIVE_OPTIONS,
+    )

@@ -1,7 +1,7 @@
 """Waypoints of a gripper, and the smooth path through them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -61,6 +61,25 @@ def miss(rng: np.random.Generator, *, often_m: float = 0.015, seldom_m: float = 
     policy gets to by its own errors (DART, arXiv:1703.09327).
     """
     return seldom_m if rng.uniform() < 0.3 else often_m
+
+
+def approach(way: Waypoint, rng: np.random.Generator, seldom_m: float = 0.05) -> list[Waypoint]:
+    """Returns the way to a waypoint: at once, or three times in ten by a place beside it.
+
+    Args:
+        way: The waypoint.
+        rng: Source of the draw.
+        seldom_m: Standard deviation of how far beside, along x and y each.
+    """
+    aside = rng.normal(0.0, miss(rng, often_m=0.0, seldom_m=seldom_m), 2)
+    if not aside.any():
+        return [way]
+    return [replace(way, pos=way.pos + np.array([*aside, 0.0])), replace(way, duration_s=correction_s(aside))]
+
+
+def correction_s(aside: np.ndarray) -> float:
+    """Returns the time to come back from a place that is ``aside`` (n,) m off."""
+    return 0.1 + 2.0 * float(np.linalg.norm(aside))
 
 
 def minimum_jerk(count: int) -> np.ndarray:

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from envs.arrays import at_least, concatenate, norm, stack
 from envs.errors import unknown_name
-from envs.experts.waypoints import Waypoint, grasp_yaw, miss
+from envs.experts.waypoints import Waypoint, approach, grasp_yaw, miss
 from envs.rotations import from_yaw, yaw_of
 from envs.scenario import GeomCfg, ObjectCfg, ScenarioCfg, TableCfg
 from envs.state import EntityState, State
@@ -167,16 +167,14 @@ class PickCube(Task):
             target = position + np.array([0.0, 0.0, LIFT_HEIGHT_M + 0.05])
         # Both ends of the way are first missed: what comes next shows how to correct.
         above = position + np.array([*rng.normal(0.0, APPROACH_NOISE_M, 2), rng.uniform(0.06, 0.09)])
-        beside = above + np.array([*rng.normal(0.0, miss(rng, often_m=0.0), 2), 0.0])
-        aside = 2.0 * float(np.linalg.norm(beside - above))
+        hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
+        come = approach(Waypoint(pos=above, yaw=yaw, gripper=hold, duration_s=0.6), rng)
         near = target + rng.normal(0.0, miss(rng), 3)
         near[2] = max(near[2], CUBE_HALF_SIZE_M)
         carry = 0.25 + 1.3 * float(np.linalg.norm(near - position))
         home = 0.25 + 2.0 * max(0.0, float(np.linalg.norm(near - target)) - 0.03)
-        hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
         return [
-            Waypoint(pos=beside, yaw=yaw, gripper=hold, duration_s=0.6),
-            *([Waypoint(pos=above, yaw=yaw, gripper=hold, duration_s=0.1 + aside)] if aside else []),
+            *come,
             Waypoint(pos=position, yaw=yaw, gripper=hold, duration_s=0.3, hold_s=0.1),
             Waypoint(pos=position, yaw=yaw, gripper=grip, duration_s=0.2),
             Waypoint(pos=near, yaw=yaw, gripper=grip, duration_s=carry),

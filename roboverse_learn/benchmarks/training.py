@@ -12,7 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from statistics import median
-from typing import Any
+from typing import Any, NamedTuple
 
 from benchmark.throughput import Measurement
 from envs.arguments import run_program
@@ -25,6 +25,9 @@ POLICIES = ("act", "diffusion")
 GOAL = 2.0
 SAME_LOSS = 0.02
 """Largest relative difference of the two losses: bf16 has 8 bits, and a compiled kernel rounds elsewhere."""
+
+ROUNDING = 2.0
+"""... or so many times that of our own step uncompiled: what rounding alone has grown to in those steps."""
 
 CAMERA = "observation.images.front"
 
@@ -102,12 +105,28 @@ def features(image_size: int) -> dict[str, Any]:
     return {CAMERA: picture, "observation.state": vector, "action": vector}
 
 
-def measure(name: str, scale: Scale, device: str, *, ours_compiled: bool) -> tuple[Measurement, float]:
+class LossGap(NamedTuple):
+    """Largest relative differences from LeRobot's losses in the first steps, each training its own network.
+
+    Attributes:
+        ours: Of our step.
+        uncompiled: Of our step uncompiled.
+    """
+
+    ours: float
+    uncompiled: float
+
+    @property
+    def is_rounding(self) -> bool:
+        """Whether both sides train alike."""
+        return self.ours <= max(SAME_LOSS, ROUNDING * self.uncompiled)
+
+
+def measure(name: str, scale: Scale, device: str, *, ours_compiled: bool) -> tuple[Measurement, LossGap]:
     """Compares the steps of one policy.
 
     Returns:
-        Seconds per step, the ratio LeRobot's over ours; and the largest relative difference of the losses
-        of the first steps, each side training its own network.
+        Seconds per step, the ratio LeRobot's over ours; and how far the losses are apart.
     """
     import policies
     from roboverse_learn.train import plain_stats
@@ -116,18 +135,16 @@ def measure(name: str, scale: Scale, device: str, *, ours_compiled: bool) -> tup
     config = policies.config_class(name)(**({"backbone_norm": "frozen"} if name == "act" else {}))
     layout = features(scale.image_size)
     sides: dict[str, tuple[Callable[[int], Any], list[float]]] = {}
-    for side in ("ours", "lerobot"):
+    for side in ("ours", "lerobot", "uncompiled"):
         policy = policies.create(name, layout, plain_stats(layout), config, device)
         frames = Frames(scale, policy.delta_indices, device)
-        make = _our_step if side == "ours" else _lerobot_step
-        sides[side] = (make(policy, frames, ours_compiled), [])
+        make = _lerobot_step if side == "lerobot" else _our_step
+        sides[side] = (make(policy, frames, ours_compiled and side == "ours"), [])
     for step in range(scale.compared):
         for take, losses in sides.values():
             losses.append(float(take(step)))
-    apart = max(
-        abs(mine - theirs) / abs(theirs)
-        for mine, theirs in zip(sides["ours"][1], sides["lerobot"][1], strict=True)
-    )
+    theirs = sides["lerobot"][1]
+    gap = LossGap(_apart(sides["ours"][1], theirs), _apart(sides.pop("uncompiled")[1], theirs))
     times = [
         [_time(take, scale, device, scale.compared + turn * scale.steps) for take, _ in sides.values()]
         for turn in range(scale.turns)
@@ -140,7 +157,12 @@ def measure(name: str, scale: Scale, device: str, *, ours_compiled: bool) -> tup
         ratio=median(theirs / mine for mine, theirs in times),
         goal=f"goal ≥ {GOAL:.1f} on a GPU",
     )
-    return measurement, apart
+    return measurement, gap
+
+
+def _apart(losses: Sequence[float], theirs: Sequence[float]) -> float:
+    """Returns the largest relative difference."""
+    return max(abs(a - b) / abs(b) for a, b in zip(losses, theirs, strict=True))
 
 
 def _our_step(policy: Any, frames: Frames, compiled: bool) -> Callable[[int], Any]:
@@ -241,10 +263,14 @@ def _measure_all(arguments: TrainingBenchmark) -> int:
     device = resolve_device(arguments.device)
     on_gpu, missed = device == "cuda", False
     for name in arguments.policies:
-        measurement, apart = measure(name, GPU if on_gpu else CPU, device, ours_compiled=on_gpu)
+        measurement, gap = measure(name, GPU if on_gpu else CPU, device, ours_compiled=on_gpu)
         log.info("%s", measurement)
-        log.info("  losses of the first steps differ by at most %.3f %%", 100 * apart)
-        missed |= apart > SAME_LOSS or (on_gpu and measurement.ratio < GOAL)
+        log.info(
+            "  losses of the first steps differ by at most %.3f %%, and by %.3f %% uncompiled",
+            100 * gap.ours,
+            100 * gap.uncompiled,
+        )
+        missed |= not gap.is_rounding or (on_gpu and measurement.ratio < GOAL)
     return int(missed)
 
 

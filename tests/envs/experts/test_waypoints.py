@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from envs.experts.ik import PathFollower
-from envs.experts.waypoints import Waypoint, grasp_yaw, interpolate, minimum_jerk
+from envs.experts.waypoints import Waypoint, approach, correction_s, grasp_yaw, interpolate, minimum_jerk
 from envs.robots.franka import FRANKA
 
 
@@ -33,6 +33,27 @@ def test_holds_wait_and_fingers_move_at_once():
 )
 def test_a_cube_is_grasped_by_the_smallest_turn(angle, expected):
     assert grasp_yaw(angle) == pytest.approx(expected)
+
+
+def test_three_approaches_in_ten_come_from_beside():
+    way = Waypoint(pos=np.array([0.1, 0.2, 0.3]), yaw=0.5, gripper=0.04, duration_s=0.6, roll=0.1)
+    rngs = (np.random.default_rng(seed) for seed in range(1000))
+    ways = [approach(way, rng) for rng in rngs]
+    missed = [first for first, *rest in ways if rest]
+    assert 250 < len(missed) < 350
+    assert all(len(path) < 3 for path in ways)
+    for first, last in (path for path in ways if len(path) == 2):
+        np.testing.assert_array_equal(last.pos, way.pos)
+        np.testing.assert_array_equal(last.turn, way.turn)
+        assert first.pos[2] == way.pos[2]
+        assert last.duration_s == pytest.approx(0.1 + 2.0 * np.linalg.norm(first.pos - way.pos))
+    assert all(path == [way] for path in ways if len(path) == 1)
+    off = np.array([first.pos - way.pos for first in missed])[:, :2]
+    np.testing.assert_allclose(off.std(axis=0), 0.05, atol=0.006)
+
+
+def test_a_longer_way_back_takes_longer():
+    assert correction_s(np.array([0.03, 0.04])) == pytest.approx(0.2)
 
 
 def test_the_end_effector_follows_its_path_within_two_millimetres():
