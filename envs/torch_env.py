@@ -196,6 +196,14 @@ class TorchVectorEnv:
         """Seeds which initial states are drawn from now on."""
         self._generator = torch.Generator(self.handler.device).manual_seed(seed)
 
+    def random_state(self) -> Tensor:
+        """Returns which initial states are drawn next, which :meth:`set_random_state` takes back."""
+        return self._generator.get_state()
+
+    def set_random_state(self, state: Tensor) -> None:
+        """Goes on drawing initial states where :meth:`random_state` was."""
+        self._generator.set_state(state)
+
     @torch.no_grad()
     def reset(self, mask: Tensor | None = None) -> Tensor:
         """Starts new episodes everywhere, or where ``mask`` (N,) says so; returns observations (N, D)."""

@@ -1,7 +1,8 @@
 """The command line: ``roboverse <command> key=value ...``.
 
 It reads words, calls a command, prints what comes back, and turns errors into one message and an exit
-code: 0 done, 1 a bug (with its traceback), 2 a mistake that the user can mend, 130 interrupted.
+code: 0 done, 1 a bug (with its traceback), 2 a mistake that the user can mend, 130 interrupted (143 where
+training was, by SIGTERM).
 """
 
 import errno
@@ -15,6 +16,7 @@ from envs.errors import ConfigError, RoboVerseError, unknown_name
 from policies import PolicyError
 from roboverse_learn import help as texts
 from roboverse_learn.compose import compose
+from roboverse_learn.training.interruption import Interrupted
 
 HELP = ("-h", "--help", "help")
 
@@ -36,9 +38,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _dispatch(words)
     except (RoboVerseError, PolicyError) as error:
         return _fail(str(error))
-    except KeyboardInterrupt:
-        print("\nInterrupted. Nothing is lost: the same command continues.", file=sys.stderr)
-        return 130
+    except KeyboardInterrupt as interrupt:
+        print("\nInterrupted. What is saved stays: the same command continues from there.", file=sys.stderr)
+        return interrupt.exit_code if isinstance(interrupt, Interrupted) else 130
     except BrokenPipeError:  # the reader of our output went away, as in `roboverse list | head -1`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0

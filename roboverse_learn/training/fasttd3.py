@@ -72,6 +72,10 @@ class FastTd3Algorithm:
     def set_progress(self, fraction: float) -> None:
         """The learning rates stay as they are."""
 
+    def may_stop(self) -> bool:
+        """A step is stored as soon as it is made."""
+        return True
+
     def state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
         """Returns all that it takes to go on."""
         updater = self.updater

@@ -26,6 +26,7 @@ from roboverse_learn.training.compiled_objective import NUM_BATCHES, compiled_ob
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.device import cpu_threads, resolve_precision
 from roboverse_learn.training.ema import Ema
+from roboverse_learn.training.interruption import Interruption, signals_noted
 from roboverse_learn.training.metrics import (
     JsonlWriter,
     MetricsWriter,
@@ -68,7 +69,7 @@ def train(
     """Trains a policy, in one process or in each of those of ``accelerate launch``.
 
     A run that is killed goes on from its last checkpoint, to the same losses on a CPU (unless a time
-    limit ends its schedule).
+    limit ends its schedule). SIGINT and SIGTERM end it with a checkpoint.
 
     Args:
         policy: An untrained policy, on the device to train on; trained in place.
@@ -83,6 +84,7 @@ def train(
         CheckpointError: if the checkpoint to go on from is damaged or of another configuration, or if a
             new one cannot be written.
         ConfigError: if the batch cannot be divided among the processes.
+        Interrupted: after a checkpoint, if SIGINT or SIGTERM came.
         TrainingDivergedError: if the loss becomes infinite or NaN.
     """
     devices = [torch.cuda.current_device()] if policy.device.type == "cuda" else []
@@ -175,25 +177,26 @@ class _Trainer:
         writers = self._make_writers() if self.is_main else []
         self.start = time.perf_counter()
         saved_at = self.step if directory is not None else None
-        try:
-            self._report("on_start", self._progress(), self.policy)
-            while self.step < self.config.steps and not self._time_is_over():
-                self._gradient_step()
-                if self.step % self.config.log_every == 0 or self.step == self.config.steps:
+        with signals_noted() as interruption:
+            try:
+                self._report("on_start", self._progress(), self.policy)
+                while self.step < self.config.steps and not self._is_to_stop(interruption):
+                    self._gradient_step()
+                    if self.step % self.config.log_every == 0 or self.step == self.config.steps:
+                        self._log(writers)
+                    self._report("on_step", self._progress())
+                    if self.step % self.config.save_every == 0:
+                        self._save()
+                        saved_at = self.step
+                if saved_at != self.step:
                     self._log(writers)
-                self._report("on_step", self._progress())
-                if self.step % self.config.save_every == 0:
                     self._save()
-                    saved_at = self.step
-            if saved_at != self.step:
-                self._log(writers)
-                self._save()
-        finally:
-            for writer in writers:
-                writer.close()
-        self.accelerator.wait_for_everyone()
-        if self.world > 1:
-            self.accelerator.end_training()  # leaves the process group, which NCCL asks for
+            finally:
+                for writer in writers:
+                    writer.close()
+            self.accelerator.wait_for_everyone()
+            if self.world > 1:
+                self.accelerator.end_training()  # leaves the process group, which NCCL asks for
         return self._finish()
 
     def _gradient_step(self) -> None:
@@ -332,15 +335,21 @@ class _Trainer:
     def _elapsed(self) -> float:
         return self.elapsed_before + time.perf_counter() - self.start
 
-    def _time_is_over(self) -> bool:
+    def _is_to_stop(self, interruption: Interruption) -> bool:
+        """Whether time is over or a signal came, to any of the processes."""
         limit = self.config.time_limit_s
-        if limit is None:
-            return False
+        over = limit is not None and self._elapsed() >= limit
         if self.world == 1:
-            return self._elapsed() >= limit
-        # Clocks differ; processes that stop at different steps would wait for each other forever.
-        over = torch.tensor(float(self._elapsed() >= limit), device=self.policy.device)
-        return bool(self.accelerator.reduce(over, "sum") > 0)
+            return over or bool(interruption)
+        if limit is None and self.step % self.config.log_every:
+            return False  # asking all waits for the devices, as logging does
+        # Clocks differ, and a signal comes to one process before another; processes that stop at different
+        # steps would wait for each other forever.
+        asked = torch.tensor([float(over), float(bool(interruption))], device=self.policy.device)
+        over, interrupted = (self.accelerator.reduce(asked, "sum") > 0).tolist()
+        if interrupted:
+            interruption.hear_of_others()
+        return over or interrupted
 
     def _samples_per_s(self) -> float | None:
         taken = self.step - self.first_step

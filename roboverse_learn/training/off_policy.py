@@ -3,6 +3,7 @@
 The loop knows no loss and no network: an :class:`Algorithm` acts, stores and learns. On a CPU a run that
 is killed goes on as if it had not been: at every checkpoint the noise is seeded anew, and the env is put
 to exactly what is saved of it, if it can say where it is (``state_dict``); if not, its episodes begin anew.
+A checkpoint out of turn, where a run ends early, keeps where the random numbers were instead.
 """
 
 import logging
@@ -19,6 +20,7 @@ from roboverse_learn.training import agent_checkpoint, checkpoint
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.device import cpu_threads
 from roboverse_learn.training.imitation import TrainingDivergedError, step_seed
+from roboverse_learn.training.interruption import Interruption, signals_noted
 from roboverse_learn.training.metrics import (
     JsonlWriter,
     MetricsWriter,
@@ -26,6 +28,7 @@ from roboverse_learn.training.metrics import (
     WandbWriter,
     read_metrics,
 )
+from roboverse_learn.training.randomness import random_state, set_random_state
 from roboverse_learn.training.reporter import Progress, Reporter, TrainResult
 
 logger = logging.getLogger(__name__)
@@ -66,6 +69,10 @@ class Algorithm(Protocol):
         """Hears how much of the run is done, for schedules."""
         ...
 
+    def may_stop(self) -> bool:
+        """Whether :meth:`state` loses nothing now; a rollout that is under way is not saved."""
+        ...
+
 
 def run(
     algorithm: Algorithm,
@@ -96,6 +103,7 @@ def run(
     Raises:
         CheckpointError: if the checkpoint to go on from is damaged or of another configuration, or if a
             new one cannot be written.
+        Interrupted: after a checkpoint, if SIGINT or SIGTERM came.
         TrainingDivergedError: if a term of the loss or a weight becomes infinite or NaN.
     """
     device = algorithm.policy.device
@@ -146,24 +154,25 @@ class _Loop:
         writers = self._make_writers()
         self.start = time.perf_counter()
         saved_at = self.step if directory is not None else None
-        try:
-            self.reporter.on_start(self._progress(), self.algorithm.policy)
-            while self.step < self.config.steps and not self._time_is_over():
-                before = self.step
-                self._step()
-                if self._crossed(before, self.config.log_every) or self.step >= self.config.steps:
+        with signals_noted() as interruption:
+            try:
+                self.reporter.on_start(self._progress(), self.algorithm.policy)
+                while self.step < self.config.steps and not self._is_to_stop(interruption):
+                    before = self.step
+                    self._step()
+                    if self._crossed(before, self.config.log_every) or self.step >= self.config.steps:
+                        self._log(writers)
+                    self.reporter.on_step(self._progress())
+                    if self._crossed(before, self.config.save_every):
+                        self._log(writers)
+                        self._save(in_turn=True)
+                        saved_at = self.step
+                if saved_at != self.step:
                     self._log(writers)
-                self.reporter.on_step(self._progress())
-                if self._crossed(before, self.config.save_every):
-                    self._log(writers)
-                    self._save()
-                    saved_at = self.step
-            if saved_at != self.step:
-                self._log(writers)
-                self._save()
-        finally:
-            for writer in writers:
-                writer.close()
+                    self._save(in_turn=False)
+            finally:
+                for writer in writers:
+                    writer.close()
         return self._finish()
 
     def _step(self) -> None:
@@ -195,6 +204,7 @@ class _Loop:
         self.elapsed_before = state.elapsed_s
         self._seed()
         self._put_env(agent_checkpoint.part(state.tensors, "env"), state.tensors["first"])
+        set_random_state(agent_checkpoint.part(state.tensors, "random"), self.env)
         logger.info("Going on from step %d of '%s'.", self.step, directory)
 
     def _seed(self) -> None:
@@ -216,9 +226,10 @@ class _Loop:
         if self.stagger:
             self.env.stagger()
 
-    def _save(self) -> None:
-        """Writes a checkpoint, and goes on from exactly what it holds."""
+    def _save(self, *, in_turn: bool) -> None:
+        """Writes a checkpoint, and goes on from exactly what it holds; out of turn, as if there were none."""
         self._check_weights()
+        random = {} if in_turn else random_state(self.env)
         of_env: Mapping[str, Tensor] = self.env.state_dict() if hasattr(self.env, "state_dict") else {}
         tensors, numbers = self.algorithm.state()
         state = agent_checkpoint.AgentState(
@@ -228,12 +239,14 @@ class _Loop:
             numbers={"algorithm": numbers, "updates": self.updates},
             tensors=agent_checkpoint.named(tensors, "algorithm")
             | agent_checkpoint.named(of_env, "env")
+            | agent_checkpoint.named(random, "random")
             | {"first": self.first},
         )
         directory = agent_checkpoint.save_agent(self.run_dir, self.algorithm.policy, state)
-        self._seed()
-        if of_env:
-            self._put_env(of_env, self.first)
+        if in_turn:
+            self._seed()
+            if of_env:
+                self._put_env(of_env, self.first)
         self.reporter.on_checkpoint(self.step, directory)
 
     def _check_terms(self) -> None:
@@ -326,9 +339,10 @@ class _Loop:
     def _elapsed(self) -> float:
         return self.elapsed_before + time.perf_counter() - self.start
 
-    def _time_is_over(self) -> bool:
+    def _is_to_stop(self, interruption: Interruption) -> bool:
         limit = self.config.time_limit_s
-        return limit is not None and self._elapsed() >= limit
+        over = limit is not None and self._elapsed() >= limit
+        return over or (bool(interruption) and self.algorithm.may_stop())
 
     def _per_s(self, count: int) -> float | None:
         return count / (time.perf_counter() - self.start) if count else None

@@ -73,6 +73,10 @@ class Tdmpc2Algorithm:
     def set_progress(self, fraction: float) -> None:
         """TD-MPC2 has no schedule."""
 
+    def may_stop(self) -> bool:
+        """A step is stored as soon as it is made."""
+        return True
+
     def state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
         """Returns all that it takes to go on."""
         updater = self.updater

@@ -1,5 +1,6 @@
 """The command line: what it says, where it says it, and with which exit code."""
 
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ from envs.errors import DatasetError
 from policies import PolicyError
 from roboverse_learn import cli
 from roboverse_learn.compose import preset_names
+from roboverse_learn.training.interruption import Interrupted
 
 HEAVY = (
     "torch",
@@ -137,14 +139,21 @@ def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
         cli.main(["leaderboard"])
 
 
-def test_an_interrupt_says_that_nothing_is_lost(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("interrupt", "code"),
+    [(KeyboardInterrupt(), 130), (Interrupted(signal.SIGINT), 130), (Interrupted(signal.SIGTERM), 143)],
+)
+def test_an_interrupt_says_how_to_go_on(
+    interrupt: KeyboardInterrupt,
+    code: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
+    def run(*_: object) -> None:
+        raise interrupt
 
-    monkeypatch.setattr(cli, "_run", interrupt)
-    assert cli.main(["leaderboard"]) == 130
+    monkeypatch.setattr(cli, "_run", run)
+    assert cli.main(["leaderboard"]) == code
     assert "the same command continues" in capsys.readouterr().err
 
 

@@ -132,6 +132,10 @@ class PpoAlgorithm(ABC):
         """Hears how much of the run is done; PPO has no schedule over it."""
         del fraction
 
+    def may_stop(self) -> bool:
+        """Whether no rollout is under way, which a checkpoint would lose."""
+        return self.collected == 0
+
     def state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
         """Returns all that it takes to go on from an update on."""
         tensors = agent_checkpoint.named(self.policy.state_dict(), "policy")

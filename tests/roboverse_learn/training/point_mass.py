@@ -26,6 +26,12 @@ class PointMass:
     def seed(self, seed):
         self.generator = torch.Generator().manual_seed(seed)
 
+    def random_state(self):
+        return self.generator.get_state()
+
+    def set_random_state(self, state):
+        self.generator.set_state(state)
+
     def reset(self, mask=None):
         mask = torch.ones(self.num_envs, dtype=torch.bool) if mask is None else mask
         start = torch.rand(self.num_envs, generator=self.generator) * 2.0 - 1.0

@@ -41,8 +41,12 @@ def forked(work, *arguments) -> int:
     return child
 
 
-def launch(folder: str) -> list[int]:
-    """Trains in two processes with the environment that ``accelerate launch`` gives; returns exit codes."""
+def launch(folder: str, signal_at: int | None = None) -> list[int]:
+    """Trains in two processes with the environment that ``accelerate launch`` gives; returns exit codes.
+
+    At the step ``signal_at`` the first of them alone is asked to end.
+    """
+    from tests.roboverse_learn.training.signals import SignalAt
     from tests.roboverse_learn.training.test_distributed import run
 
     with socket.socket() as probe:
@@ -52,7 +56,7 @@ def launch(folder: str) -> list[int]:
     def rank(number: int) -> None:
         os.environ |= {"WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port)}
         os.environ |= {"ACCELERATE_USE_CPU": "true", "RANK": str(number), "LOCAL_RANK": str(number)}
-        run(Path(folder))
+        run(Path(folder), SignalAt(signal_at) if signal_at else None)
 
     children = [forked(rank, number) for number in (0, 1)]
     return [os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) for child in children]

@@ -7,9 +7,11 @@ import pytest
 
 import policies
 from envs.errors import ConfigError
+from roboverse_learn.training.checkpoint import last_checkpoint
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.imitation import train
 from roboverse_learn.training.metrics import read_metrics
+from roboverse_learn.training.reporter import Reporter
 from tests.policies.examples import NARROW_CONFIGS
 from tests.roboverse_learn.training.frames import SquareFrames
 
@@ -20,9 +22,10 @@ CONFIG = TrainConfig(
 )
 
 
-def run(folder: Path) -> None:
+def run(folder: Path, reporter: Reporter | None = None) -> None:
     data = SquareFrames()
-    train(policies.create("act", data.features, data.stats, POLICY), data, CONFIG, folder)
+    policy = policies.create("act", data.features, data.stats, POLICY)
+    train(policy, data, CONFIG, folder, reporter=reporter)
 
 
 @pytest.mark.slow
@@ -34,6 +37,15 @@ def test_two_processes_take_the_steps_of_one(tmp_path, processes):
     assert [row["step"] for row in two] == [1, 2, 3, 4]
     assert [row["loss"] for row in two] == pytest.approx([row["loss"] for row in one], rel=1e-3)
     assert policies.load(tmp_path / "two").name == "act"
+
+
+@pytest.mark.slow
+def test_a_signal_to_one_process_ends_both_with_a_checkpoint(tmp_path, processes):
+    processes.ask("launch", folder=str(tmp_path), signal_at=3)
+    assert processes.answer() == [1, 1], processes.errors()
+    assert last_checkpoint(tmp_path).name == "000003"
+    said = processes.errors()
+    assert said.count("Interrupted: SIGTERM") == 2, said
 
 
 def test_a_batch_that_cannot_be_divided_is_an_error(monkeypatch, tmp_path):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from envs.torch_env import TorchVectorEnv
 from policies.fasttd3.config import FastTd3Config
 from policies.fasttd3.policy import FastTd3Policy
 from roboverse_learn.training import off_policy
@@ -12,6 +13,7 @@ from roboverse_learn.training.fasttd3 import FastTd3Algorithm
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.off_policy import OBSERVATION
 from tests.roboverse_learn.training.point_mass import GOOD_RETURN, STEPS, PointMass
+from tests.roboverse_learn.training.signals import SignalAt
 
 TINY = FastTd3Config(
     actor_dim=32, critic_dim=64, v_min=0.0, v_max=25.0, num_atoms=51, lr=1e-3, weight_decay=0.0, std_max=0.8,
@@ -19,12 +21,13 @@ TINY = FastTd3Config(
 )  # fmt: skip
 
 
-def train(run_dir, *, steps=640, config=TINY, seed=0, **options):
-    policy = FastTd3Policy.create(config, {OBSERVATION: 2}, 1, seed=seed)
+def train(run_dir, *, steps=640, config=TINY, seed=0, env=None, reporter=None, **options):
+    env = env or PointMass(config.num_envs)
+    policy = FastTd3Policy.create(config, {OBSERVATION: env.observation_size}, env.action_size, seed=seed)
     options = {"log_every": 160, "save_every": 320, "num_threads": 1} | options
     settings = TrainConfig(steps=steps, **options)
     algorithm = FastTd3Algorithm(policy, config.num_envs)
-    return off_policy.run(algorithm, PointMass(config.num_envs), settings, run_dir, seed=seed), policy
+    return off_policy.run(algorithm, env, settings, run_dir, seed=seed, reporter=reporter), policy
 
 
 def test_it_learns(tmp_path):
@@ -53,6 +56,21 @@ def test_a_run_goes_on_to_the_same_weights(tmp_path):
     _, whole = train(tmp_path / "whole")
     train(tmp_path / "cut", steps=320)
     _, resumed = train(tmp_path / "cut")
+    assert weights(whole).equal(weights(resumed))
+
+
+def cartpole():
+    return TorchVectorEnv("control/cartpole", TINY.num_envs, max_episode_steps=15, bank_size=8, num_threads=1)
+
+
+@pytest.mark.parametrize("make_env", [lambda: PointMass(TINY.num_envs), cartpole])
+def test_a_signal_ends_a_run_with_a_checkpoint_that_goes_on_to_the_same_weights(make_env, tmp_path):
+    _, whole = train(tmp_path / "whole", env=make_env())
+    reporter = SignalAt(31 * 16)
+    with pytest.raises(KeyboardInterrupt, match="SIGTERM"):
+        train(tmp_path / "cut", env=make_env(), reporter=reporter)
+    assert reporter.checkpoints == [320, 496]
+    _, resumed = train(tmp_path / "cut", env=make_env())
     assert weights(whole).equal(weights(resumed))
 
 

@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import signal
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
 from tests.policies.examples import IMAGE, NARROW_CONFIGS, generators
 from tests.roboverse_learn.training.frames import SquareFrames
+from tests.roboverse_learn.training.signals import SignalAt
 
 DATA = SquareFrames()
 CONFIG = TrainConfig(
@@ -98,6 +100,31 @@ def test_a_killed_run_goes_on_to_the_same_losses_and_weights(name, ema, tmp_path
     straight = (tmp_path / "straight" / "checkpoints" / "last" / "pretrained_model").resolve()
     for name in ("model.safetensors", "config.json"):
         assert (result.checkpoint / name).read_bytes() == (straight / name).read_bytes()
+
+
+@pytest.mark.parametrize("log_every", [1, 4])
+def test_a_signal_ends_a_run_with_a_checkpoint_that_goes_on_to_the_same_weights(log_every, tmp_path):
+    config = replace(CONFIG, ema=True, steps=6, save_every=3, log_every=log_every)
+    train(make("act", dropout=0.1), DATA, config, tmp_path / "straight")
+    reporter = SignalAt(5)
+    with pytest.raises(KeyboardInterrupt, match="SIGTERM"):
+        train(make("act", dropout=0.1), DATA, config, tmp_path / "interrupted", reporter=reporter)
+    assert reporter.checkpoints == [3, 5]
+    assert read_metrics(tmp_path / "interrupted")[-1]["step"] == 5
+    heard = Heard()
+    result = train(make("act", dropout=0.1), DATA, config, tmp_path / "interrupted", reporter=heard)
+    assert heard.events[0] == ("start", 5)
+    straight = tmp_path / "straight" / "checkpoints" / "last" / "pretrained_model" / "model.safetensors"
+    assert (result.checkpoint / "model.safetensors").read_bytes() == straight.read_bytes()
+    if log_every == 1:
+        assert losses(tmp_path / "interrupted") == losses(tmp_path / "straight")
+
+
+def test_a_signal_at_a_checkpoint_writes_no_other(tmp_path):
+    reporter = SignalAt(3, signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt, match="SIGINT"):
+        train(make("act"), DATA, replace(CONFIG, save_every=3), tmp_path, reporter=reporter)
+    assert reporter.checkpoints == [3]
 
 
 LEARNABLE = {

@@ -16,7 +16,9 @@ from roboverse_learn.training.imitation import TrainingDivergedError
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.ppo import learner
 from tests.envs.adapters.chain import GAMMA, Chain
+from tests.roboverse_learn.training.point_mass import PointMass
 from tests.roboverse_learn.training.ppo.reach import Reach
+from tests.roboverse_learn.training.signals import SignalAt
 
 SMALL = {"num_envs": 8, "num_steps": 4, "num_epochs": 2, "num_minibatches": 2, "hidden_dims": (16,)}
 ROLLOUT = 32
@@ -70,6 +72,20 @@ def test_a_run_goes_on_where_it_was_stopped(backend, tmp_path):
     after = policies.load(tmp_path).state_dict()
     assert float(after["norm.count"]) == float(before["norm.count"]) * 2 == 128
     assert [row["step"] for row in read_metrics(tmp_path)] == [32, 64, 96, 128]
+
+
+@pytest.mark.parametrize("backend", ["rsl_rl", "torchrl"])  # sb3 draws from numpy, which no run seeds
+def test_a_signal_ends_a_run_after_the_rollout_and_it_goes_on_to_the_same_weights(backend, tmp_path):
+    def train(folder, **kwargs):
+        run(backend, folder, PointMass(8), train=optimization(steps=320, save_every=256), **kwargs)
+        return policies.load(folder).state_dict()
+
+    whole, reporter = train(tmp_path / "whole"), SignalAt(104)
+    with pytest.raises(KeyboardInterrupt, match="SIGTERM"):
+        train(tmp_path / "cut", reporter=reporter)
+    assert reporter.checkpoints == [128]
+    resumed = train(tmp_path / "cut")
+    assert all(value.equal(resumed[key]) for key, value in whole.items())
 
 
 def test_a_run_of_another_task_or_backend_is_not_gone_on_with(tmp_path):

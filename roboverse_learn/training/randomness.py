@@ -1,0 +1,27 @@
+"""Where the random numbers of a run are: what it takes to draw the next ones after a checkpoint."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from torch import Tensor
+
+
+def random_state(env: Any) -> dict[str, Tensor]:
+    """Returns the states of torch's generators, and of the env's if it tells (``random_state``)."""
+    states = {"cpu": torch.get_rng_state()}
+    if env.device.type == "cuda":
+        states["cuda"] = torch.cuda.get_rng_state(env.device)
+    if hasattr(env, "random_state"):
+        states["env"] = env.random_state()
+    return states
+
+
+def set_random_state(states: Mapping[str, Tensor], env: Any) -> None:
+    """Takes back what :func:`random_state` returned; generators that are not told of stay as they are."""
+    if "cpu" in states:
+        torch.set_rng_state(states["cpu"])
+    if "cuda" in states:
+        torch.cuda.set_rng_state(states["cuda"], env.device)
+    if "env" in states:
+        env.set_random_state(states["env"])
