@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from benchmark.curves import published
-from benchmark.plots import COLORS, LESS_WHEN_SOLVED
+from benchmark.plots import LESS_WHEN_SOLVED
+from benchmark.row_style import row_style
 
 _WIDTH, _HEIGHT = 560, 260
 _LEFT, _RIGHT, _TOP, _BOTTOM = 60, 20, 16, 40
@@ -59,7 +60,7 @@ def _chart(
             {
                 "label": row["label"],
                 "seeds": len(row["seeds"]),
-                "color": COLORS[index % len(COLORS)],
+                "style": row_style(index),
                 "line": list(zip(across, map(y, measure["mid"]), strict=True)),
                 "band": band,
             }

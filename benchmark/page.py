@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from benchmark.curve_chart import curve_charts
-from benchmark.plots import COLORS
+from benchmark.row_style import row_style
 
 LEVELS = {
     0: ("object poses", "Only the task space varies: where objects and goals are."),
@@ -42,7 +42,7 @@ def _render(template: str, board: Mapping[str, Any]) -> str:
     environment.filters |= {"percent": _percent, "interval": _interval, "p_value": _p_value}
     sections = [section | _layout(section, board["reference"]) for section in board["sections"]]
     return environment.get_template(template).render(
-        sections=sections, reference=board["reference"], levels=LEVELS, colors=COLORS
+        sections=sections, reference=board["reference"], levels=LEVELS, row_style=row_style
     )
 
 
@@ -122,7 +122,7 @@ def _chart(rows: Sequence[Mapping[str, Any]], levels: Sequence[int]) -> dict[str
                 points[cell["split"]].append(
                     {"x": x(cell["level"], index), "y": y(cell["success_rate"])} | ends
                 )
-        curves.append({"label": row["label"], "color": COLORS[index % len(COLORS)], **points})
+        curves.append({"label": row["label"], "style": row_style(index), **points})
     return {
         "width": _WIDTH,
         "height": _HEIGHT,

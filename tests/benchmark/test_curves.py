@@ -130,6 +130,13 @@ def test_charts_stay_within_their_frame_and_mark_what_is_published():
     assert returns["steps"][-1]["text"] == "2M" and success["steps"][-1]["text"] == "300"
 
 
+def test_lines_whose_colours_repeat_have_dashes():
+    returns, _ = curve_charts("PickCube", [row(label=str(index)) for index in range(10)])
+    styles = [line["style"] for line in returns["lines"]]
+    assert len(set(styles)) == 10 and styles[0].color == styles[8].color
+    assert [style.dash for style in styles] == [""] * 8 + ["9 3"] * 2
+
+
 def test_a_picture_is_drawn(tmp_path):
     plot_learning(
         [row(), row((1.0, 2.0), "sac")], tmp_path / "a.png", "humanoid/run", published("humanoid/run")

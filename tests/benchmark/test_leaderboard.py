@@ -310,6 +310,19 @@ def test_page_stands_alone(publish, tmp_path):
     assert sum(tag == "circle" for tag, _ in page.elements) == 8
 
 
+def test_rows_whose_colours_repeat_have_lines_and_marks_of_their_own(publish, tmp_path):
+    for number in range(9):
+        publish(policy=f"policy{number}")
+    page = parse(leaderboard.write(tmp_path)["html"])
+    lines = [attributes for tag, attributes in page.elements if attributes.get("class") == "test"]
+    assert [line.get("stroke-dasharray") for line in lines] == [None] * 8 + ["9 3"]
+    points = [attributes.get("class") for tag, attributes in page.elements if tag == "circle"]
+    assert points == [None] * 32 + ["hollow"] * 4
+    squares = [attributes for tag, attributes in page.elements if tag == "i"]
+    assert len({(square["style"], square.get("class")) for square in squares}) == 9
+    assert squares[0]["style"] == squares[8]["style"] and squares[8]["class"] == "round-1"
+
+
 def test_page_shows_videos_that_exist(publish, tmp_path):
     folder = video_dir(publish())
     folder.mkdir()
