@@ -1,5 +1,7 @@
 """The leaderboard: a pure function of the results files, so the same files give the same bytes.
 
+What a result does not tell, because the setting is younger than it is, was today's default.
+
 Rows stand in one section only when they are comparable: the same version and seed of the protocol, the
 same task and criterion, simulator, renderer and horizon. Runs that differ in nothing but their training
 seed are one row.
@@ -8,7 +10,7 @@ seed are one row.
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.resources import files
 from itertools import combinations
 from pathlib import Path
@@ -19,6 +21,7 @@ from benchmark.protocol import canonical_json
 from benchmark.records import Result
 from benchmark.result_file import read_result, result_path
 from benchmark.rows import Entry, build_row, group_runs, name_rows, rank, row_key
+from benchmark.settings import completed
 from benchmark.statistics import compare
 from envs.errors import ResultError
 
@@ -28,11 +31,12 @@ JSON_NAME, MARKDOWN_NAME, HTML_NAME = "leaderboard.json", "leaderboard.md", "lea
 _SHOWN_ERRORS = 10
 
 
-def build(results_dir: Path) -> dict[str, Any]:
+def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Builds the leaderboard of a folder of results.
 
     Args:
         results_dir: Folder of ``<protocol>/<task>/<policy>/<run>.json``.
+        train: Defaults of the training, for keys that a result is older than.
 
     Returns:
         Plain JSON values: ``schema_version``, ``reference`` and ``sections``, each with its ``rows``,
@@ -43,7 +47,8 @@ def build(results_dir: Path) -> dict[str, Any]:
             such file is named.
     """
     groups: dict[tuple[str, ...], list[Entry]] = {}
-    for path, result in _load(results_dir):
+    for path, told in _load(results_dir):
+        result = replace(told, config=completed(told.config, told.policy, train or {}))
         groups.setdefault(_section_order(_section_key(result)), []).append((path, result))
     return {
         "schema_version": SCHEMA_VERSION,
@@ -52,8 +57,12 @@ def build(results_dir: Path) -> dict[str, Any]:
     }
 
 
-def write(results_dir: Path) -> dict[str, Path]:
+def write(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str, Path]:
     """Writes ``leaderboard.json``, ``.md``, ``.html`` and the plots into a folder of results.
+
+    Args:
+        results_dir: The folder.
+        train: As :func:`build`.
 
     Returns:
         What was written: ``json``, ``markdown``, ``html``, ``plot <section>`` of success over the levels,
@@ -66,7 +75,7 @@ def write(results_dir: Path) -> dict[str, Path]:
     from benchmark.page import render_html, render_markdown
     from benchmark.plots import plot_learning, plot_levels
 
-    board = build(results_dir)
+    board = build(results_dir, train)
     contents = {
         "json": (JSON_NAME, json.dumps(board, indent=1, allow_nan=False) + "\n"),
         "markdown": (MARKDOWN_NAME, render_markdown(board)),

@@ -1,8 +1,10 @@
 """Settings of a run that decide what its policy learned, as flat keys such as ``train.augment.shift_px``."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
+import policies
 from benchmark.protocol import canonical_json
 
 _FREE = {
@@ -11,6 +13,33 @@ _FREE = {
     *("policy.compile", "policy.cuda_graphs", "policy.save_replay"),
 }
 """Settings of how a run is computed, saved and watched."""
+
+
+def completed(config: Mapping[str, Any], policy: str, train: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the configuration of a result with the defaults of keys that are younger than it is.
+
+    Args:
+        config: As :class:`benchmark.records.Result` has it.
+        policy: Name of the policy, whose own defaults are those of its dataclass.
+        train: Defaults of the training.
+    """
+    own = asdict(policies.config_class(policy)()) if policy in policies.names() else {}
+    filled = dict(config)
+    for key, defaults in (("policy", own), ("train", train)):
+        if isinstance(config.get(key), Mapping):
+            filled[key] = _filled(config[key], defaults)
+    run = config.get("run")
+    if isinstance(run, Mapping):  # a later evaluation keeps the configuration of the training there
+        filled["run"] = completed(run, policy, train)
+    return filled
+
+
+def _filled(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:
+    filled = {**defaults, **values}
+    for key, inner in defaults.items():
+        if isinstance(inner, Mapping) and isinstance(filled[key], Mapping):
+            filled[key] = _filled(filled[key], inner)
+    return filled
 
 
 def learned_settings(policy: Any, train: Any) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from pathlib import Path
 if __name__ == "__main__":  # as a script: this folder's `data` or `run` must not hide other packages
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
+from dataclasses import asdict
 from typing import Any
 
 from roboverse_learn.config import LeaderboardConfig
@@ -25,8 +26,9 @@ def leaderboard(config: LeaderboardConfig) -> Any:
 def write_leaderboard(results_dir: Path) -> dict[str, Path]:
     """Writes ``leaderboard.json``, ``.md``, ``.html`` and the plots; returns what was written."""
     from benchmark.leaderboard import write
+    from roboverse_learn.training.config import TrainConfig
 
-    return write(results_dir)
+    return write(results_dir, asdict(TrainConfig()))
 
 
 if __name__ == "__main__":

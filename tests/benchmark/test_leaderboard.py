@@ -90,6 +90,23 @@ def test_settings_of_one_name_are_told_apart_by_their_keys(publish, tmp_path):
     }
 
 
+def test_a_setting_that_is_younger_than_a_run_had_its_default(publish, tmp_path):
+    younger = settings_of()
+    younger["train"] |= {"ema": None, "betas": [0.9, 0.95]}
+    younger["train"]["augment"] |= {"contrast": 0.0}
+    younger["policy"] |= {"dropout": 0.1}
+    publish(seed=0, run="older", config=settings_of())
+    publish(seed=1, run="younger", config=younger)
+    publish(seed=2, run="tested", config={"policy": settings_of()["policy"], "run": younger})
+    publish(seed=3, run="other", config=settings_of(betas=[0.9, 0.99]))
+    train = {"ema": None, "betas": (0.9, 0.95), "augment": {"contrast": 0.0, "shift_px": 8}}
+    (section,) = leaderboard.build(tmp_path, train)["sections"]
+    assert {row["label"]: row["seeds"] for row in section["rows"]} == {
+        "act, betas [0.9,0.95]": [0, 1, 2],
+        "act, betas [0.9,0.99]": [3],
+    }
+
+
 def test_what_decides_nothing_tells_no_rows_apart(publish, tmp_path):
     """Nor does a setting that an older run does not tell of: it may have had it."""
     publish(run="first", config=settings_of(save_every=5, num_threads=1))
