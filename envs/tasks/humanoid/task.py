@@ -50,8 +50,8 @@ LOOKS = Appearance(
     lights=(LightCfg(kind="distant", direction=(-0.3, -0.4, -1.0), intensity=0.8, cast_shadow=True),),
 )
 
-GROUND_HALF_SIZE_M = 20.0
-"""``common/floor.xml``."""
+GROUND_HALF_SIZE_M = 200.0
+"""How far it is drawn: farther than a run of 20 s, where ``common/floor.xml`` has 20 m. It is felt everywhere."""
 
 
 @dataclass(frozen=True, kw_only=True)
