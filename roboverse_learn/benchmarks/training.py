@@ -12,7 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from statistics import median
-from typing import Any, NamedTuple
+from typing import Any
 
 from benchmark.throughput import Measurement
 from envs.arguments import run_program
@@ -25,9 +25,6 @@ POLICIES = ("act", "diffusion")
 GOAL = 2.0
 SAME_LOSS = 0.02
 """Largest relative difference of the two losses: bf16 has 8 bits, and a compiled kernel rounds elsewhere."""
-
-ROUNDING = 2.0
-"""... or so many times that of our own step uncompiled: what rounding alone has grown to in those steps."""
 
 CAMERA = "observation.images.front"
 
@@ -105,49 +102,21 @@ def features(image_size: int) -> dict[str, Any]:
     return {CAMERA: picture, "observation.state": vector, "action": vector}
 
 
-class LossGap(NamedTuple):
-    """Largest relative differences from LeRobot's losses in the first steps, each training its own network.
-
-    Attributes:
-        ours: Of our step.
-        uncompiled: Of our step uncompiled.
-    """
-
-    ours: float
-    uncompiled: float
-
-    @property
-    def is_rounding(self) -> bool:
-        """Whether both sides train alike."""
-        return self.ours <= max(SAME_LOSS, ROUNDING * self.uncompiled)
+type Side = Callable[[int], Any]
+"""Takes a step, whose number is given; returns its loss."""
 
 
-def measure(name: str, scale: Scale, device: str, *, ours_compiled: bool) -> tuple[Measurement, LossGap]:
+def measure(name: str, scale: Scale, device: str, *, ours_compiled: bool) -> tuple[Measurement, float]:
     """Compares the steps of one policy.
 
     Returns:
-        Seconds per step, the ratio LeRobot's over ours; and how far the losses are apart.
+        Seconds per step, the ratio LeRobot's over ours; and the largest relative difference of the losses
+        of the first steps, each side training its own network.
     """
-    import policies
-    from roboverse_learn.train import plain_stats
-
-    # Frozen norms, for LeRobot's trains them frozen; nothing random but what the loss draws.
-    config = policies.config_class(name)(**({"backbone_norm": "frozen"} if name == "act" else {}))
-    layout = features(scale.image_size)
-    sides: dict[str, tuple[Callable[[int], Any], list[float]]] = {}
-    for side in ("ours", "lerobot", "uncompiled"):
-        policy = policies.create(name, layout, plain_stats(layout), config, device)
-        frames = Frames(scale, policy.delta_indices, device)
-        make = _lerobot_step if side == "lerobot" else _our_step
-        sides[side] = (make(policy, frames, ours_compiled and side == "ours"), [])
-    for step in range(scale.compared):
-        for take, losses in sides.values():
-            losses.append(float(take(step)))
-    theirs = sides["lerobot"][1]
-    gap = LossGap(_apart(sides["ours"][1], theirs), _apart(sides.pop("uncompiled")[1], theirs))
+    apart = _losses_apart(name, scale, device, ours_compiled)
+    sides = _sides(name, scale, device, ours_compiled, {})
     times = [
-        [_time(take, scale, device, scale.compared + turn * scale.steps) for take, _ in sides.values()]
-        for turn in range(scale.turns)
+        [_time(take, scale, device, turn * scale.steps) for take in sides] for turn in range(scale.turns)
     ]
     measurement = Measurement(
         name=f"training step of {name}, batch {scale.batch_size}, {scale.image_size}×{scale.image_size}, "
@@ -157,15 +126,40 @@ def measure(name: str, scale: Scale, device: str, *, ours_compiled: bool) -> tup
         ratio=median(theirs / mine for mine, theirs in times),
         goal=f"goal ≥ {GOAL:.1f} on a GPU",
     )
-    return measurement, gap
+    return measurement, apart
 
 
-def _apart(losses: Sequence[float], theirs: Sequence[float]) -> float:
-    """Returns the largest relative difference."""
-    return max(abs(a - b) / abs(b) for a, b in zip(losses, theirs, strict=True))
+def _losses_apart(name: str, scale: Scale, device: str, ours_compiled: bool) -> float:
+    """Returns the largest relative difference of the losses of the first steps.
+
+    Without dropout: beside the noise of ACT's style, compiled code draws it in another order, and the loss
+    of a first step is then 4 % off.
+    """
+    sides = _sides(name, scale, device, ours_compiled, {"dropout": 0.0} if name == "act" else {})
+    losses = [[float(take(step)) for take in sides] for step in range(scale.compared)]
+    return max(abs(mine - theirs) / abs(theirs) for mine, theirs in losses)
 
 
-def _our_step(policy: Any, frames: Frames, compiled: bool) -> Callable[[int], Any]:
+def _sides(
+    name: str, scale: Scale, device: str, ours_compiled: bool, changes: Mapping[str, Any]
+) -> tuple[Side, Side]:
+    """Returns our step and LeRobot's, each with a network and frames of its own, from the same weights."""
+    import policies
+    from roboverse_learn.train import plain_stats
+
+    # Frozen norms, for LeRobot's trains them frozen.
+    norms = {"backbone_norm": "frozen"} if name == "act" else {}
+    config = policies.config_class(name)(**norms, **changes)
+    layout = features(scale.image_size)
+
+    def side(make: Callable[[Any, Frames, bool], Side]) -> Side:
+        policy = policies.create(name, layout, plain_stats(layout), config, device)
+        return make(policy, Frames(scale, policy.delta_indices, device), ours_compiled)
+
+    return side(_our_step), side(_lerobot_step)
+
+
+def _our_step(policy: Any, frames: Frames, compiled: bool) -> Side:
     """Returns a step of :mod:`roboverse_learn.training.imitation`."""
     import torch
 
@@ -192,7 +186,7 @@ def _our_step(policy: Any, frames: Frames, compiled: bool) -> Callable[[int], An
     return take
 
 
-def _lerobot_step(policy: Any, frames: Frames, _compiled: bool) -> Callable[[int], Any]:
+def _lerobot_step(policy: Any, frames: Frames, _compiled: bool) -> Side:
     """Returns the step of ``lerobot.scripts.lerobot_train.update_policy``, in bf16."""
     import torch
 
@@ -216,7 +210,7 @@ def _lerobot_step(policy: Any, frames: Frames, _compiled: bool) -> Callable[[int
     return take
 
 
-def _time(take: Callable[[int], Any], scale: Scale, device: str, first: int) -> float:
+def _time(take: Side, scale: Scale, device: str, first: int) -> float:
     """Returns the seconds of a step, over several that are waited for together."""
     import torch
 
@@ -263,14 +257,10 @@ def _measure_all(arguments: TrainingBenchmark) -> int:
     device = resolve_device(arguments.device)
     on_gpu, missed = device == "cuda", False
     for name in arguments.policies:
-        measurement, gap = measure(name, GPU if on_gpu else CPU, device, ours_compiled=on_gpu)
+        measurement, apart = measure(name, GPU if on_gpu else CPU, device, ours_compiled=on_gpu)
         log.info("%s", measurement)
-        log.info(
-            "  losses of the first steps differ by at most %.3f %%, and by %.3f %% uncompiled",
-            100 * gap.ours,
-            100 * gap.uncompiled,
-        )
-        missed |= not gap.is_rounding or (on_gpu and measurement.ratio < GOAL)
+        log.info("  losses of the first steps differ by at most %.3f %%", 100 * apart)
+        missed |= apart > SAME_LOSS or (on_gpu and measurement.ratio < GOAL)
     return int(missed)
 
 

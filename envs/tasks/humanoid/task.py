@@ -51,7 +51,7 @@ LOOKS = Appearance(
 )
 
 GROUND_HALF_SIZE_M = 200.0
-"""How far it is drawn: farther than a run of 20 s, where ``common/floor.xml`` has 20 m. It is felt everywhere."""
+"""How far it is drawn, farther than a run of 20 s; ``common/floor.xml`` has 20 m. It is felt everywhere."""
 
 
 @dataclass(frozen=True, kw_only=True)
