@@ -63,7 +63,7 @@ class TrainConfig:
             instructions for it. Weights, optimizer and evaluation stay float32.
         compile: Compile the network with ``torch.compile``; None compiles on a GPU only. It is used if the
             gradients of the first batches are those of eager code, and left out with a warning otherwise.
-        num_threads: Threads of a CPU run; 0 takes one per core.
+        num_threads: Threads of the CPU; 0 takes OMP_NUM_THREADS or one per core, and one beside a GPU.
         save_every: Steps between checkpoints; the last step is always saved.
         log_every: Steps between logged metrics.
         time_limit_s: Stop after so many seconds of training, if not done before, and let the schedule

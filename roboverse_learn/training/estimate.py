@@ -30,7 +30,7 @@ def estimate_training_s(policy: LeRobotPolicy, config: TrainConfig, num_timed_st
     """
     on_cpu = policy.device.type == "cpu"
     batch_size = min(config.batch_size, _LARGEST_TIMED_BATCH) if on_cpu else config.batch_size
-    with cpu_threads(config.num_threads), torch.random.fork_rng():
+    with cpu_threads(config.num_threads, policy.device.type), torch.random.fork_rng():
         policy.begin_training()
         optimizer = make_optimizer(policy, config)
         objective = policy.objective()

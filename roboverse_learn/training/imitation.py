@@ -88,7 +88,7 @@ def train(
         TrainingDivergedError: if the loss becomes infinite or NaN.
     """
     devices = [torch.cuda.current_device()] if policy.device.type == "cuda" else []
-    with cpu_threads(config.num_threads), torch.random.fork_rng(devices=devices):
+    with cpu_threads(config.num_threads, policy.device.type), torch.random.fork_rng(devices=devices):
         trainer = _Trainer(policy, dataset, config, Path(run_dir), seed, reporter or Reporter())
         return trainer.run(resume)
 

@@ -109,7 +109,7 @@ def run(
     device = algorithm.policy.device
     devices = [torch.cuda.current_device()] if device.type == "cuda" else []
     precision = torch.get_float32_matmul_precision()
-    with cpu_threads(config.num_threads), torch.random.fork_rng(devices=devices):
+    with cpu_threads(config.num_threads, device.type), torch.random.fork_rng(devices=devices):
         torch.set_float32_matmul_precision("high" if devices else precision)
         try:
             loop = _Loop(algorithm, env, config, Path(run_dir), seed, reporter or Reporter(), settings or {})

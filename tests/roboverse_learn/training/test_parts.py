@@ -1,5 +1,6 @@
 """The parts of the training loop, against closed forms."""
 
+import os
 from io import StringIO
 
 import pytest
@@ -123,6 +124,27 @@ def test_threads_are_given_back():
     with cpu_threads(before + 1):
         assert torch.get_num_threads() == before + 1
     assert torch.get_num_threads() == before
+
+
+@pytest.mark.parametrize(
+    ("given", "device", "variable", "expected"),
+    [
+        (3, "cpu", "2", 3),
+        (3, "cuda", None, 3),
+        (0, "cuda", "2", 1),
+        (0, "cpu", "2", 2),
+        (0, "cpu", "many", None),
+        (0, "cpu", None, None),
+    ],
+)
+def test_threads_are_those_asked_for_or_one_per_core_or_one_beside_a_gpu(
+    given, device, variable, expected, monkeypatch
+):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    if variable is not None:
+        monkeypatch.setenv("OMP_NUM_THREADS", variable)
+    with cpu_threads(given, device):
+        assert torch.get_num_threads() == (expected or len(os.sched_getaffinity(0)))
 
 
 def test_metrics_of_a_resumed_run_have_no_step_twice(tmp_path):
