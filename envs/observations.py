@@ -9,7 +9,7 @@ class LazyPixels(dict):
     """A dict from camera to picture that draws all of them when the first one is read.
 
     It shows the moment at which it was made, however many steps have been taken since, and is a plain
-    dict to everybody who checks, copies or compares it.
+    dict to everybody who checks, pickles or compares it.
 
     Args:
         cameras: Names of the cameras: the keys.
@@ -64,8 +64,12 @@ class LazyPixels(dict):
 
     __hash__ = None  # type: ignore[assignment]
 
-    def __deepcopy__(self, memo: dict) -> dict[str, np.ndarray]:
-        return {camera: picture.copy() for camera, picture in self.items()}
+    def __deepcopy__(self, memo: dict) -> "LazyPixels":
+        """Returns one whose pictures are drawn: Gymnasium's checker compares types, too."""
+        pictures = {camera: picture.copy() for camera, picture in self.items()}
+        drawn = LazyPixels(pictures, lambda: pictures)
+        drawn._materialize()
+        return drawn
 
     def __reduce__(self):
         return dict, (self.copy(),)

@@ -7,6 +7,7 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
 
 import envs
 from envs.errors import ConfigError
@@ -22,6 +23,14 @@ def env():
 
 def hold(env):
     return env.batch.get_states().robots["franka"].joint_pos[0].numpy().astype(np.float32)
+
+
+@pytest.mark.filterwarnings("ignore:.*symmetric and normalized space:UserWarning")
+@pytest.mark.parametrize("level", [0, 3])
+def test_gymnasium_accepts_pictures_and_rendering(level):
+    single = gymnasium.make(gym_id("PickCube"), level=level, image_size=32)
+    check_env(single.unwrapped)
+    single.close()
 
 
 def test_an_episode_can_be_named(env):
