@@ -203,7 +203,7 @@ def check_names(config: Any) -> None:
         name = getattr(config, key, "")
         drawn_by = registries["simulator"].names() if key == "renderer" else []
         if name and name not in registry and name not in drawn_by:
-            raise unknown_name(key, name, [*registry.names(), *drawn_by])
+            raise unknown_name(key, name, {*registry.names(), *drawn_by})
     for name in getattr(config, "simulators", ()):
         if name not in registries["simulator"]:
             raise unknown_name("simulator", name, registries["simulator"].names())

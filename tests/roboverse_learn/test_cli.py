@@ -55,7 +55,8 @@ def failure(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         (["train", "simulator=mujco"], "Unknown simulator 'mujco'. Did you mean 'mujoco'?"),
         (
             ["train", "renderer=wrap"],
-            "Unknown renderer 'wrap'. Did you mean 'warp'? Valid: filament, ",
+            "Unknown renderer 'wrap'. Did you mean 'warp'? Valid: filament, genesis, gl, mujoco, mujoco_warp, "
+            "newton, pybullet, sapien, warp.",
         ),
         (["train", "train.stpes=10"], "Unknown key 'train.stpes' of train. Did you mean 'train.steps'?"),
         (["train", "polcy=act"], "Unknown key 'polcy' of train. Did you mean 'policy'?"),
