@@ -10,18 +10,21 @@ import logging
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from envs.errors import ConfigError, RoboVerseError, unknown_name
 from policies import PolicyError
 from roboverse_learn import help as texts
 from roboverse_learn.compose import compose
+from roboverse_learn.folders import check_folders, file_in_place_of_folder, not_a_folder
 from roboverse_learn.training.interruption import Interrupted
 
 HELP = ("-h", "--help", "help")
 
 # A full disk, a spent quota, a limit on the size of files, a folder that may not be written.
 _MENDABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EROFS)
+_IN_THE_WAY = (errno.ENOTDIR, errno.EEXIST)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -45,6 +48,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:
+        if error.errno in _IN_THE_WAY and isinstance(error.filename, str | os.PathLike):
+            file = file_in_place_of_folder(Path(error.filename))
+            if file is not None:
+                return _fail(not_a_folder(file))
         if error.errno not in _MENDABLE:
             raise
         return _fail(
@@ -100,7 +107,9 @@ def _read(command: str, words: list[str]) -> Any:
         from roboverse_learn.sweep import plan
 
         return plan(words)
-    return compose(command, _settings(words) if command == "convert" else words)
+    config = compose(command, _settings(words) if command == "convert" else words)
+    check_folders(config)
+    return config
 
 
 def _run(command: str, config: Any) -> None:

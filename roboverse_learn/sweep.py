@@ -22,6 +22,7 @@ from envs.errors import RoboVerseError
 from roboverse_learn.collect import dataset_folder
 from roboverse_learn.compose import compose, flat_keys, to_values, values_of_key
 from roboverse_learn.config import CollectConfig, SweepConfig, TrainRunConfig
+from roboverse_learn.folders import check_folders
 from roboverse_learn.run import CONFIG_FILE, default_folder, read_config, read_facts
 
 log = logging.getLogger(__name__)
@@ -77,7 +78,10 @@ def plan(words: Sequence[str]) -> Sweep:
     config = compose("sweep", [word for word, mine in zip(words, is_own, strict=True) if mine])
     choices = [values_of_key(word) for word, mine in zip(words, is_own, strict=True) if not mine]
     combinations = dict.fromkeys(itertools.product(*choices))
-    return Sweep(config, tuple((each, compose("train", each)) for each in combinations))
+    runs = tuple((each, compose("train", each)) for each in combinations)
+    for _, run in runs:
+        check_folders(run)
+    return Sweep(config, runs)
 
 
 def sweep(the_sweep: Sweep) -> str:

@@ -146,12 +146,12 @@ def test_a_limit_on_the_size_of_files_stops_training(
     assert read_facts(run, "train")["status"] == "stopped"
 
 
-def test_a_folder_that_is_a_file_is_one_message(
+def test_results_that_are_a_file_are_told_before_an_episode_is_evaluated(
     main_run: MainRun, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "results").write_text("not a folder")
     words = ["levels=[0]", "splits=[test]", "episodes=1", "videos=0", "device=cpu"]
     command = ["evaluate", f"checkpoint={main_run.run}", f"results_dir={tmp_path / 'results'}", *words]
     assert cli.main(command) == 2
-    assert "Could not write" in one_message(capsys)
+    assert "is a file, not a folder" in one_message(capsys)
     assert (tmp_path / "results").read_text() == "not a folder"

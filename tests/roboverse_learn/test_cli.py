@@ -55,8 +55,8 @@ def failure(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         (["train", "simulator=mujco"], "Unknown simulator 'mujco'. Did you mean 'mujoco'?"),
         (
             ["train", "renderer=wrap"],
-            "Unknown renderer 'wrap'. Did you mean 'warp'? Valid: filament, genesis, gl, mujoco, mujoco_warp, "
-            "newton, pybullet, sapien, warp.",
+            "Unknown renderer 'wrap'. Did you mean 'warp'? Valid: filament, genesis, gl, mujoco, "
+            "mujoco_warp, newton, pybullet, sapien, warp.",
         ),
         (["train", "train.stpes=10"], "Unknown key 'train.stpes' of train. Did you mean 'train.steps'?"),
         (["train", "polcy=act"], "Unknown key 'polcy' of train. Did you mean 'policy'?"),
@@ -100,6 +100,47 @@ def test_a_mistake_is_one_line_and_exit_code_2(
 ) -> None:
     assert said in failure(words, capsys)
     assert not configurations
+
+
+@pytest.mark.parametrize("below", ["", "/new/folder"], ids=["itself", "above"])
+@pytest.mark.parametrize(
+    ("command", "key"),
+    [
+        *(("train", key) for key in ("dataset", "datasets_dir", "run", "runs_dir", "results_dir")),
+        *(("collect", "dataset"), ("collect", "datasets_dir"), ("leaderboard", "results_dir")),
+        *(("sweep", "runs_dir"), ("replay", "dataset"), ("conservation", "out"), ("convert", "out")),
+    ],
+)
+def test_a_folder_that_is_a_file_is_told_before_anything_begins(
+    command: str,
+    key: str,
+    below: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    configurations: list,
+) -> None:
+    file = tmp_path / "file"
+    file.write_text("not a folder")
+    said = failure([command, f"{key}={file}{below}"], capsys)
+    assert f"{key}={file}{below}: '{file}' is a file, not a folder. Name another folder" in said
+    assert not configurations
+    assert [path.name for path in tmp_path.iterdir()] == ["file"] and file.read_text() == "not a folder"
+
+
+def test_a_folder_below_the_given_one_that_is_a_file_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "PickCube"
+    file.write_text("not a folder")
+    for path in (file, file / "act"):
+        monkeypatch.setattr(cli, "_run", lambda *_, path=path: path.mkdir(parents=True))
+        assert f"'{file}' is a file, not a folder." in failure(["leaderboard"], capsys)
+
+
+def test_a_file_that_exists_and_should_not_is_a_bug(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cli, "_run", lambda *_: tmp_path.mkdir())
+    with pytest.raises(FileExistsError):
+        cli.main(["leaderboard"])
 
 
 @pytest.mark.parametrize("error", [DatasetError("no such dataset"), PolicyError("broken checkpoint")])
