@@ -12,6 +12,7 @@ from typing import Any
 
 from envs.errors import DatasetError
 from roboverse_learn.data.atomic import (
+    broken_file,
     lock_directory,
     remove_partial_files,
     write_file,
@@ -56,10 +57,13 @@ def repair(root: Path) -> int:
     rows = read_episodes(root)
     if rows and METADATA_COLUMN not in rows[0]:
         raise _foreign(root)
+    info, total = read_info(root), len(rows)
+    if info["total_episodes"] > total:  # no kill leaves this: a row is written before it is counted
+        raise broken_file(
+            root / "meta" / "episodes", f"{total} of {info['total_episodes']} episodes are listed"
+        )
     removed = _remove_leftovers(root, rows)
     _truncate_data(root, rows)
-    info = read_info(root)
-    total = len(rows)
     if info["total_episodes"] != total:
         info["total_episodes"], info["splits"] = total, {"train": f"0:{total}"}
         info["total_frames"] = rows[-1]["dataset_to_index"] if rows else 0

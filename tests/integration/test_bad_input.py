@@ -70,12 +70,13 @@ def error(capsys: pytest.CaptureFixture[str]) -> Iterator[Callable[[list[str]], 
         (remove("videos/**/*.mp4"), ".mp4"),
         (halve("data/**/*.parquet"), ".parquet"),
         (halve("meta/episodes/**/*.parquet"), ".parquet"),
+        (lambda root: shutil.rmtree(root / "meta/episodes"), "meta/episodes"),
         (halve("meta/info.json"), "info.json"),
         (change("meta/info.json", codebase_version="v2.1"), "v2.1"),
         (remove("raw/episode_000001.safetensors"), "episode_000001"),
         (halve("raw/episode_000001.safetensors"), "episode_000001"),
     ],
-    ids=["video", "no-video", "frames", "episodes", "info", "version", "no-raw", "raw"],
+    ids=["video", "no-video", "frames", "episodes", "no-episodes", "info", "version", "no-raw", "raw"],
 )
 def test_a_damaged_dataset_is_named(
     main_run: MainRun, tmp_path: Path, error: Callable[[list[str]], str], damage: Damage, named: str

@@ -137,6 +137,17 @@ def test_a_dataset_of_another_program_is_not_continued(tmp_path):
     assert len(ResidentDataset(root)) == episode(0).length
 
 
+@pytest.mark.parametrize("lost", ["meta/episodes", "meta/episodes/chunk-000/file-000.parquet"])
+def test_a_dataset_whose_episodes_are_no_longer_listed_is_kept(tmp_path, lost):
+    root = write(tmp_path / "d", range(2))
+    (shutil.rmtree if (root / lost).is_dir() else os.unlink)(root / lost)
+    before = {path: path.read_bytes() for path in root.rglob("*") if path.is_file()}
+    for opening in (recover, lambda root: DatasetWriter(root, fps=FPS, features=FEATURES)):
+        with pytest.raises(DatasetError, match=r"meta/episodes' .* \(0 of 2 episodes are listed\)\. Restore"):
+            opening(root)
+    assert {path: path.read_bytes() for path in root.rglob("*") if path.is_file()} == before
+
+
 def test_a_writer_that_could_not_open_gives_the_lock_back(tmp_path):
     root = write(tmp_path / "d", range(1))
     with pytest.raises(DatasetError, match="given were 7 fps"):
