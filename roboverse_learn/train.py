@@ -40,8 +40,8 @@ def train(config: TrainRunConfig) -> Any:
     Under ``accelerate launch`` the first process collects and evaluates, and all of them train.
 
     Raises:
-        ConfigError: The run would take very long on this machine, is open in another process, or was
-            started with another configuration.
+        ConfigError: The run would take very long on this machine, is open in another process, was started
+            with another configuration, or is to be logged to Weights & Biases and nobody is logged in.
     """
     from roboverse_learn.evaluate import command_words, evaluate_subject
     from roboverse_learn.leaderboard import write_leaderboard
@@ -49,12 +49,15 @@ def train(config: TrainRunConfig) -> Any:
     from roboverse_learn.run import Run
     from roboverse_learn.subject import subject_of_run
     from roboverse_learn.training.device import resolve_device
+    from roboverse_learn.training.metrics import check_wandb
 
     device = resolve_device(config.device)
     from_dataset = policies.learns_from(config.policy_name) == "dataset"
     if from_dataset and int(os.environ.get("RANK", "0")) > 0:
         return _train_along(config, device)
     refuse_long_run(config, device)
+    if config.train.wandb:
+        check_wandb()
     started = time.monotonic()
     with Run.open(config, ["roboverse", "train", *command_words()]) as run:
         log.info("Run: %s", run.folder)

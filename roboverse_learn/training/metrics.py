@@ -1,12 +1,13 @@
 """Where the numbers of a run go: always a JSON-lines file and TensorBoard, W&B on request."""
 
+import contextlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
-from envs.errors import MissingExtraError
+from envs.errors import ConfigError, MissingExtraError
 
 METRICS_FILE = "metrics.jsonl"
 
@@ -90,24 +91,19 @@ class WandbWriter:
 
     Raises:
         MissingExtraError: if the package is not installed.
+        ConfigError: if nobody is logged in, or the server refuses the run or cannot be reached.
     """
 
     def __init__(self, run_dir: Path, settings: Mapping[str, Any]) -> None:
-        try:
-            import wandb
-        except ImportError as error:
-            raise MissingExtraError(
-                "train.wandb=true needs the package 'wandb', which is not installed. "
-                "Install it with: pip install wandb. TensorBoard is written without it."
-            ) from error
-        self._run = wandb.init(
-            project="roboverse-learn",
-            name=run_dir.name,
-            id=run_dir.name,
-            resume="allow",
-            dir=str(run_dir),
-            config=dict(settings),
-        )
+        with _wandb() as wandb:
+            self._run = wandb.init(
+                project="roboverse-learn",
+                name=run_dir.name,
+                id=run_dir.name,
+                resume="allow",
+                dir=str(run_dir),
+                config=dict(settings),
+            )
 
     def write(self, step: int, row: Row) -> None:
         """Logs one row."""
@@ -116,6 +112,40 @@ class WandbWriter:
     def close(self) -> None:
         """Finishes the run."""
         self._run.finish()
+
+
+def check_wandb() -> None:
+    """Makes sure, before anything is computed, that a run can be logged to Weights & Biases.
+
+    On a terminal it asks for the key that is missing. It does nothing where ``WANDB_MODE`` asks for no login.
+
+    Raises:
+        MissingExtraError: if the package is not installed.
+        ConfigError: if nobody is logged in.
+    """
+    with _wandb() as wandb:
+        if os.environ.get("WANDB_MODE", "online") in ("online", "shared"):
+            wandb.login()
+
+
+@contextlib.contextmanager
+def _wandb() -> Iterator[Any]:
+    """Yields the package, and says what to do about its errors."""
+    try:
+        import wandb
+    except ImportError as error:
+        raise MissingExtraError(
+            "train.wandb=true needs the package 'wandb', which is not installed. "
+            "Install it with: pip install wandb. TensorBoard is written without it."
+        ) from error
+    try:
+        yield wandb
+    except wandb.Error as error:
+        raise ConfigError(
+            f"train.wandb=true, and Weights & Biases says: {' '.join(str(error).split())} Run `wandb login`, "
+            "or set WANDB_MODE=offline, or leave it out with train.wandb=false: TensorBoard is written all "
+            "the same."
+        ) from error
 
 
 def read_metrics(run_dir: Path) -> list[dict[str, float]]:

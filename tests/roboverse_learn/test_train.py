@@ -16,6 +16,7 @@ from roboverse_learn.data.collection import CollectionSummary
 from roboverse_learn.evaluate import Evaluation
 from roboverse_learn.report import clock, collection_report, evaluation_report, train_report
 from roboverse_learn.subject import protocol_of
+from roboverse_learn.training import metrics
 from roboverse_learn.training.reporter import TrainResult
 
 HOUR = 3600.0
@@ -44,6 +45,19 @@ def test_a_run_that_is_short_or_wanted_or_on_a_gpu_is_not_refused(monkeypatch: p
     command.refuse_long_run(compose("train", ["slow_ok=true"]), "cpu")
     command.refuse_long_run(compose("train", []), "cuda")
     command.refuse_long_run(compose("train", ["preset=quick"]), "cpu")
+
+
+def test_a_missing_login_is_told_before_anything_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail() -> None:
+        raise ConfigError("Run `wandb login`")
+
+    monkeypatch.setattr(metrics, "check_wandb", fail)
+    folders = [f"{key}={tmp_path / key}" for key in ("datasets_dir", "runs_dir", "results_dir")]
+    with pytest.raises(ConfigError, match="wandb login"):
+        command.train(compose("train", ["device=cpu", "slow_ok=true", "train.wandb=true", *folders]))
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_dataset_is_named_after_what_is_in_it() -> None:

@@ -2,7 +2,9 @@
 
 import json
 import math
+import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,11 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import policies
+from envs.errors import ConfigError
 from roboverse_learn.training.augment import augment, shift
 from roboverse_learn.training.config import AugmentConfig, TrainConfig
 from roboverse_learn.training.ema import Ema
 from roboverse_learn.training.imitation import make_optimizer, step_seed
-from roboverse_learn.training.metrics import JsonlWriter, read_metrics
+from roboverse_learn.training.metrics import JsonlWriter, WandbWriter, check_wandb, read_metrics
 from roboverse_learn.training.schedule import learning_rate_factor, progress
 from tests.policies.examples import CONFIGS, FEATURES, stats
 
@@ -201,3 +204,28 @@ class TestMetrics:
 
     def test_a_run_without_metrics_has_no_rows(self, tmp_path):
         assert read_metrics(tmp_path) == []
+
+
+class TestWandbWithoutALogin:
+    @pytest.fixture(autouse=True)
+    def logged_out(self, monkeypatch):
+        """The package where no key is configured: whatever needs one fails."""
+
+        class Error(Exception):
+            pass
+
+        def fail(**_):
+            raise Error("No API key configured.")
+
+        monkeypatch.setitem(sys.modules, "wandb", SimpleNamespace(Error=Error, init=fail, login=fail))
+        monkeypatch.delenv("WANDB_MODE", raising=False)
+
+    @pytest.mark.parametrize("start", [lambda folder: WandbWriter(folder, {}), lambda _: check_wandb()])
+    def test_the_message_says_what_to_do(self, tmp_path, start):
+        with pytest.raises(ConfigError, match=r"No API key .*`wandb login`.*WANDB_MODE=offline.*wandb=false"):
+            start(tmp_path)
+
+    @pytest.mark.parametrize("mode", ["offline", "disabled", "dryrun"])
+    def test_nothing_is_asked_of_a_run_that_needs_no_login(self, mode, monkeypatch):
+        monkeypatch.setenv("WANDB_MODE", mode)
+        check_wandb()
