@@ -59,6 +59,7 @@ def dataset_folder(config: CollectConfig) -> Path:
 
 def collect_dataset(config: CollectConfig) -> "CollectionSummary":
     """Makes sure that the dataset of a configuration is complete, with a progress bar."""
+    check_materials(config)
     if config.source == "policy":
         return _collect_episodes(config, None)
     if config.source == "expert":
@@ -70,6 +71,19 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
     summary = _collect_episodes(config, imported)
     write_summary(Path(summary.root), imported)
     return dataclasses.replace(summary, imported=imported)
+
+
+def check_materials(config: CollectConfig) -> None:
+    """Reads the folder of materials, so that a wrong one is told before anything is made.
+
+    Raises:
+        ConfigError: It does not exist, holds too few pictures, or one that cannot be read.
+    """
+    from envs.randomization.materials import MaterialLibrary
+    from envs.randomization.splits import load_split
+
+    if config.materials:
+        load_split("train", MaterialLibrary.from_folder(config.materials))
 
 
 def _demand_expert(config: CollectConfig) -> None:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from benchmark.protocol import LEVELS, SPLITS
 from envs.errors import ConfigError, unknown_name
+from envs.randomization.splits import load_split
 from roboverse_learn.training.config import TrainConfig
 
 Channel = Literal["environment", "camera", "lighting"]
@@ -31,6 +32,16 @@ def _not_negative(**values: float) -> None:
     for key, value in values.items():
         if value < 0:
             raise ConfigError(f"{key} must be 0 or more, given {value}.")
+
+
+def _within_split(split: str, **counts: int) -> None:
+    """Checks that a split has as many episodes as are asked for."""
+    size = len(load_split(split).episodes)
+    for key, count in counts.items():
+        if count > size:
+            raise ConfigError(
+                f"{key} must be at most {size:,}, the {split} split's episodes, given {count:,}."
+            )
 
 
 def _levels(*levels: int) -> None:
@@ -88,6 +99,8 @@ class EvaluationConfig:
         if not self.splits or not (self.levels or self.alone):
             raise ConfigError("evaluate needs a split and a level, as in splits=[test] levels=[0,1,2,3].")
         _not_negative(videos=self.videos, protocol_seed=self.protocol_seed)
+        for split in self.splits:
+            _within_split(split, episodes=self.episodes)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -172,6 +185,8 @@ class CollectConfig(SceneKeys):
                 f"checkpoint={self.checkpoint} was given, and source={self.source} asks no policy. Add "
                 "source=policy."
             )
+        if self.source in ("expert", "policy"):  # of files, num_demos is only the most that is taken
+            _within_split("train", num_demos=self.collect.num_demos)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

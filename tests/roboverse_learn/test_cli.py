@@ -12,7 +12,7 @@ from benchmark.protocol import LEVELS
 from envs.errors import DatasetError
 from policies import PolicyError
 from roboverse_learn import cli
-from roboverse_learn.compose import preset_names
+from roboverse_learn.compose import compose, preset_names
 from roboverse_learn.training.interruption import Interrupted
 
 HEAVY = (
@@ -80,9 +80,18 @@ def failure(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         (["train", "seed=1,2"], "The command line could not be read"),
         (["train", "image_size=4"], "image_size must be 16 to 2048 pixels, given 4."),
         (["collect", "num_demos=0"], "num_demos must be above 0, given 0."),
+        (
+            ["collect", "num_demos=20000"],
+            "num_demos must be at most 9,000, the train split's episodes, given 20,000.",
+        ),
         (["collect", "train.steps=5"], "Unknown key 'train.steps' of collect."),
         (["evaluate"], "evaluate needs checkpoint=<folder>"),
         (["evaluate", "checkpoint=x", "levels=[]"], "evaluate needs a split and a level"),
+        (
+            ["evaluate", "checkpoint=x", "episodes=5000"],
+            "episodes must be at most 1,000, the test split's episodes, given 5,000.",
+        ),
+        (["train", "splits=[train]", "episodes=9001"], "episodes must be at most 9,000, the train split's"),
         (["leaderboard", "task=PickCube"], "Unknown key 'task' of leaderboard. Valid: results_dir."),
         (["trian"], "Unknown command 'trian'. Did you mean 'train'? Valid: benchmark, collect, con"),
         (["benchmark", "stpe"], "Unknown benchmark 'stpe'"),
@@ -141,6 +150,23 @@ def test_a_file_that_exists_and_should_not_is_a_bug(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(cli, "_run", lambda *_: tmp_path.mkdir())
     with pytest.raises(FileExistsError):
         cli.main(["leaderboard"])
+
+
+def test_of_a_file_more_demonstrations_can_be_asked_for_than_the_split_has() -> None:
+    config = compose("collect", ["source=maniskill", "path=recorded.h5", "num_demos=20000"])
+    assert config.collect.num_demos == 20_000
+
+
+@pytest.mark.parametrize("command", ["collect", "train"])
+def test_a_wrong_folder_of_materials_is_told_before_anything_is_made(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["preset=quick", "materials=nowhere", *(["slow_ok=true"] if command == "train" else [])]
+    said = failure([command, *words], capsys)
+    assert said.startswith("error: No folder of materials at 'nowhere'. Give a folder")
+    assert "worker" not in said
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("error", [DatasetError("no such dataset"), PolicyError("broken checkpoint")])
