@@ -144,7 +144,7 @@ URDF or USD; handlers make the same call, and its result is cached by the conten
 
 This page is written by `{command}`, which runs every program of the table that
 is installed and keeps the rows of the others from `{rows}`. Each robot, gripper and base that
-robosuite and robosuite_models ship, and our own, was converted and read back. A cell says how far a link
+robosuite and robosuite_models ship, and our Franka, was converted and read back. A cell says how far a link
 lay from where MuJoCo has it, at most, in {postures} random postures, and how far masses (relative to the
 robot's), inertia matrices (relative to their largest entry) and centres of mass (in metres) are off. It
 passes within 1e-5 m and 1e-6. UsdPhysics is read back by the frames of its joints, through usd-core.

@@ -240,6 +240,10 @@ def test_help_lists_what_there_is_with_defaults(words: list[str], capsys: pytest
         "gl",
         "filament",
         "franka",
+        "h1",
+        "sawyer",
+        "ant",
+        "cartpole",
     ):
         assert f"  {name} " in said
     for line in ("seed=0", "level=0", "evaluate.levels=[0,1,2,3]", "collect.num_demos=1000", "resume=true"):

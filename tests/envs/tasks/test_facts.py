@@ -3,6 +3,7 @@
 import pytest
 
 from envs.errors import MissingExtraError
+from envs.robots import ROBOTS
 from envs.tasks import TASKS
 
 FACTS = {"source", "paper", "licence", "robot", "horizon"}
@@ -18,6 +19,11 @@ def test_the_registry_says_what_the_task_says(name):
         pytest.skip(str(error))
     assert info["horizon"] == str(task.max_episode_steps)
     assert info["robot"] == task.scenario.robots[0].name
+
+
+def test_every_robot_of_a_task_is_registered_under_its_name():
+    assert {TASKS.entry(name).info["robot"] for name in TASKS} == set(ROBOTS)
+    assert all(ROBOTS.get(name).name == name and ROBOTS.entry(name).summary for name in ROBOTS)
 
 
 @pytest.mark.parametrize("name", TASKS.names())
