@@ -224,6 +224,12 @@ def test_constraints_pin_every_requirement_and_name_no_host() -> None:
     assert names <= pins, f"not pinned: {sorted(names - pins)}"
 
 
+def test_the_hooks_have_their_program() -> None:
+    assert (ROOT / ".pre-commit-config.yaml").is_file()
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert any(item.startswith("pre-commit>=") for item in project["optional-dependencies"]["dev"])
+
+
 @pytest.mark.parametrize("script", ["train", "collect", "evaluate", "leaderboard", "replay", "conservation"])
 def test_a_script_hides_no_other_package(script: str) -> None:
     # Python puts the script's folder first on sys.path, where `data`, `run` and `config` would be found.
