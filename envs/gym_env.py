@@ -69,7 +69,7 @@ class RoboVerseEnv(gymnasium.Env):
         return row_of(observation, 0), float(reward[0]), bool(terminated[0]), bool(truncated[0]), told
 
     def _info(self, success: bool) -> dict[str, Any]:
-        return {"is_success": success, "episode_index": int(self.batch.episodes[0])}
+        return {"success": success, "is_success": success, "episode_index": int(self.batch.episodes[0])}
 
     def render(self) -> np.ndarray | None:
         """Returns the first camera's picture, (H, W, 3) uint8."""

@@ -58,7 +58,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         cameras: Names of the cameras that are observed; none or None is the task's first.
         image_size: Height and width of every camera, or None for the scenario's.
         protocol_seed: Seeds every draw.
-        materials: Folder of pictures that replace the built-in materials, or None.
+        materials: Folder of pictures in place of the built-in materials, with ``+`` before it beside them.
         num_threads: Threads of the simulator; 0 means one per core.
         autoreset_mode: Gymnasium's: what ``step`` does with an environment whose episode is over.
         task_kwargs: Options of the task.
@@ -100,7 +100,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         self.simulator, self.renderer = simulator, renderer
         self.channels, self.protocol_seed = channels_of(level, only), protocol_seed
         scenario = self.task.scenario.seen_by(cameras, image_size).tuned(simulator, simulator_settings or {})
-        library = MaterialLibrary.built_in() if materials is None else MaterialLibrary.from_folder(materials)
+        library = MaterialLibrary.chosen(materials)
         self.split = load_split(split, library)
         self.randomizer = Randomizer(
             scenario.appearance,
@@ -372,7 +372,8 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
 
     def _info(self, success: np.ndarray) -> dict[str, Any]:
         present = np.ones(self.num_envs, bool)
-        return {"is_success": success.copy(), "_is_success": present}
+        told = {key: success.copy() for key in ("success", "is_success")}  # LeRobot asks for the second
+        return told | {f"_{key}": present for key in told}
 
     def picture(self, env_id: int) -> np.ndarray:
         """Returns the first camera's picture of one environment, (H, W, 3) uint8, whatever is observed."""

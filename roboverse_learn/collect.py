@@ -53,7 +53,8 @@ def dataset_folder(config: CollectConfig) -> Path:
     # Of a folder, its name alone: where it lies is this machine's affair.
     changed = [*sorted(config.task_kwargs.items()), *sorted(config.simulator_settings.items())]
     options = [f"{key}={Path(str(value)).name}" for key, value in changed]
-    options += [Path(config.materials).name] if config.materials else []
+    if config.materials:
+        options.append("+" * config.materials.startswith("+") + Path(config.materials).name.removeprefix("+"))
     return Path(config.datasets_dir) / config.task / "-".join([name, *options])
 
 
@@ -83,7 +84,7 @@ def check_materials(config: CollectConfig) -> None:
     from envs.randomization.splits import load_split
 
     if config.materials:
-        load_split("train", MaterialLibrary.from_folder(config.materials))
+        load_split("train", MaterialLibrary.chosen(config.materials))
 
 
 def _demand_expert(config: CollectConfig) -> None:

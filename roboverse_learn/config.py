@@ -119,7 +119,8 @@ class SceneKeys:
         image_size: Height and width of every picture, pixels.
         level: Level of the demonstrations, hence of training.
         only: One channel to vary alone in the demonstrations, in place of the level.
-        materials: Folder of pictures that replace the built-in materials in the demonstrations.
+        materials: Folder of pictures that replace the built-in materials in the demonstrations; with a plus
+            before it, as in materials=+pictures, they are added to them.
         datasets_dir: Folder of datasets.
     """
 

@@ -42,6 +42,22 @@ class MaterialLibrary:
         return cls(MappingProxyType(names))
 
     @classmethod
+    def chosen(cls, materials: str | Path | None) -> "MaterialLibrary":
+        """Returns the library that a setting names.
+
+        Args:
+            materials: A folder of pictures that replace the built-in materials, ``+`` and a folder of
+                pictures that are added to them, or None or ``""`` for the built-in ones.
+
+        Raises:
+            ConfigError: as :meth:`from_folder`.
+        """
+        words = str(materials or "")
+        if not words:
+            return cls.built_in()
+        return cls.from_folder(words.removeprefix("+"), extend=words.startswith("+"))
+
+    @classmethod
     def from_folder(cls, path: str | Path, *, extend: bool = False) -> "MaterialLibrary":
         """Reads a folder of pictures.
 

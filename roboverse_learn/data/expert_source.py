@@ -21,7 +21,7 @@ class ExpertSource:
         renderer: Registered renderer.
         cameras: Cameras that are observed; empty is the task's first.
         image_size: Pixels a side.
-        materials: Folder of pictures that replace the built-in materials, or None.
+        materials: Folder of pictures in place of the built-in materials, with ``+`` before it beside them.
         simulator_settings: Settings of the simulator that replace the scene's.
     """
 

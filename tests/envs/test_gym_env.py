@@ -36,7 +36,7 @@ def test_gymnasium_accepts_pictures_and_rendering(level):
 def test_an_episode_can_be_named(env):
     episode = int(env.batch.split_indices[5])
     observation, info = env.reset(options={"episode": episode})
-    assert info == {"is_success": False, "episode_index": episode}
+    assert info == {"success": False, "is_success": False, "episode_index": episode}
     assert observation["agent_pos"].shape == (9,)
     assert observation["agent_pos"].dtype == np.float32
     assert env.task_description in env.batch.task.instructions
@@ -66,7 +66,7 @@ def test_a_step_gives_plain_numbers(env):
     assert type(reward) is float
     assert 0.0 <= reward < 1.0
     assert (type(terminated), type(truncated)) == (bool, bool)
-    assert info["is_success"] is False
+    assert info["success"] is info["is_success"] is False
     assert env.observation_space.contains(observation)
 
 

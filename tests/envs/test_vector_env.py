@@ -152,7 +152,7 @@ def test_next_step_autoreset_pays_nothing_and_starts_anew():
     env = make("NextStep")
     (_, reward, terminated, truncated, info), hold = play_to_the_end(env)
     assert (reward[0], terminated.tolist(), truncated.tolist()) == (1.0, [True, False], [False, False])
-    assert info["is_success"].tolist() == [True, False]
+    assert info["success"].tolist() == info["is_success"].tolist() == [True, False]
     before = env.episodes.copy()
     observation, reward, terminated, _, _ = env.step(np.stack([hold, hold]))
     assert reward[0] == 0.0

@@ -72,6 +72,7 @@ def test_a_dataset_is_named_after_what_is_in_it() -> None:
         "task_kwargs.variant=lift",
         "simulator_settings.impratio=5",
         "materials=photos",
+        "materials=+photos",
     ]
     folders = {dataset_folder(compose("collect", ["num_demos=20", "image_size=96", word])) for word in others}
     assert len(folders | {base}) == len(others) + 1

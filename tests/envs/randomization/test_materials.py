@@ -50,6 +50,17 @@ def test_a_flat_folder_serves_every_surface_and_its_pictures_are_cut_square(flat
     assert tuple(picture[5, 5]) == (30, 100, 200)
 
 
+def test_a_setting_names_what_is_taken_and_a_plus_adds(flat_folder):
+    built_in = MaterialLibrary.built_in().names["table"]
+    pictures = MaterialLibrary.from_folder(flat_folder).names["table"]
+    taken = {
+        words: MaterialLibrary.chosen(words).names["table"]
+        for words in ("", str(flat_folder), f"+{flat_folder}")
+    }
+    assert taken == {"": built_in, str(flat_folder): pictures, f"+{flat_folder}": (*built_in, *pictures)}
+    assert MaterialLibrary.chosen(None).names["table"] == built_in
+
+
 def test_subfolders_replace_only_their_own_surface(tmp_path):
     for i in range(3):
         save_picture(tmp_path / "wall" / f"{i}.webp", (i, i, i))
