@@ -4,6 +4,7 @@ import itertools
 import json
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -20,6 +21,7 @@ from envs.randomization import (
 )
 from envs.randomization.splits import load_split
 from envs.scenario import SURFACES, Appearance, CameraCfg, LightCfg, SurfaceMaterial
+from envs.tasks import TASKS
 
 BASE = Appearance(
     materials={"table": SurfaceMaterial(rgb=(0.5, 0.4, 0.3)), "ground": SurfaceMaterial(roughness=0.9)},
@@ -74,14 +76,19 @@ def test_no_test_draw_equals_a_train_draw(pool, path):
     assert not train & test
 
 
-def test_no_initial_state_is_drawn_in_both_splits():
-    """The task channel's numbers too are keyed by the index, and the indices are disjoint."""
-    first = {
-        split: {tuple(channel_rng(0, "task", int(i)).uniform(size=3)) for i in load_split(split).episodes}
-        for split in ("train", "test")
-    }
-    assert len(first["train"]) == 9000 and len(first["test"]) == 1000
-    assert not first["train"] & first["test"]
+@pytest.mark.parametrize(
+    "task", ["PickCube", "StackCube", "CloseBox", "MoveSliderLeft", "PickChocolatePudding", "NutAssembly"]
+)
+def test_no_initial_state_is_drawn_in_both_splits(task):
+    """In all that a state holds, of every episode of the pool."""
+    rows = {}
+    for split in ("train", "test"):
+        rngs = [channel_rng(0, "task", int(i)) for i in load_split(split).episodes]
+        flat = TASKS.get(task)().initial_state(rngs).flatten()
+        numbers = np.concatenate([value.flatten(1).numpy() for value in flat.values()], axis=1)
+        rows[split] = {row.tobytes() for row in numbers}
+    assert (len(rows["train"]), len(rows["test"])) == (9000, 1000), "every state is drawn once"
+    assert not rows["train"] & rows["test"]
 
 
 def test_every_material_and_camera_of_a_split_is_used(pool):
