@@ -21,7 +21,7 @@ from benchmark.protocol import canonical_json
 from benchmark.records import Result
 from benchmark.result_file import read_result, result_path
 from benchmark.rows import Entry, build_row, group_runs, name_rows, rank, row_key
-from benchmark.settings import completed
+from benchmark.settings import completed, flat
 from benchmark.statistics import compare
 from envs.errors import ResultError
 
@@ -125,7 +125,8 @@ def _load(results_dir: Path) -> list[Entry]:
 
 def _section_key(result: Result) -> dict[str, Any]:
     """Returns what two results must share for their numbers to be compared."""
-    tuned = {"simulator_settings": dict(result.simulator_settings)} if result.simulator_settings else {}
+    tuning = {"simulator_settings": result.simulator_settings, "scenario": result.scenario}
+    tuned = {name: dict(values) for name, values in tuning.items() if values}
     return {
         "protocol": result.protocol.version,
         "protocol_seed": result.protocol.seed,
@@ -161,8 +162,8 @@ def _section(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
                 f"{unlike} test episodes of {labels['a']} and {labels['b']} begin differently, although they "
                 "have the same index; they are left out of the paired comparison."
             )
-    changed = [*sorted(key["task_kwargs"].items()), *sorted(key.get("simulator_settings", {}).items())]
-    kwargs = ", ".join(f"{name}={value}" for name, value in changed)
+    changed = (key["task_kwargs"], key.get("simulator_settings", {}), flat(key.get("scenario", {})))
+    kwargs = ", ".join(f"{name}={value}" for values in changed for name, value in sorted(values.items()))
     title = f"{key['task']}" + (f" ({kwargs})" if kwargs else "")
     name = "-".join([key["protocol"], key["task"], kwargs, key["simulator"], key["renderer"]])
     unusual = [f"seed{key['protocol_seed']}"] if key["protocol_seed"] else []

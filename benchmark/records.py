@@ -157,6 +157,7 @@ class Result:
         seed: Seed of the training run.
         simulator: Physics.
         simulator_settings: Settings of the simulator that replaced the scene's.
+        scenario: What was changed of the task's scene.
         renderer: Pictures.
         cameras: What the policy saw through, in order; empty where the file does not say.
         image_size: Pixels a side, or None for a policy that sees no pictures.
@@ -184,6 +185,7 @@ class Result:
     seed: int
     simulator: str
     simulator_settings: Mapping[str, Any] = field(default_factory=dict)
+    scenario: Mapping[str, Any] = field(default_factory=dict)
     renderer: str
     cameras: tuple[str, ...] = ()
     image_size: int | None

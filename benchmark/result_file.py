@@ -128,8 +128,9 @@ def _to_document(result: Result) -> dict[str, Any]:
         "git": asdict(result.git) if result.git else None,
         "machine": asdict(result.machine),
     }
-    if not values["simulator_settings"]:  # the scene's own: nothing to say
-        del values["simulator_settings"]
+    for key in ("simulator_settings", "scenario"):
+        if not values[key]:  # the task's own: nothing to say
+            del values[key]
     records = values.pop("records")
     document = {"schema_version": SCHEMA_VERSION, **values, "protocol_hash": result.protocol.hash}
     document["cells"] = [summary.to_json() for summary in result.cells()]

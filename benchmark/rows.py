@@ -46,7 +46,19 @@ def row_key(result: Result) -> dict[str, Any]:
         "demonstrations": result.demonstrations,
         **_training_length(result),
         "protocol_hash": result.protocol.hash,
-        "settings": learned_settings(result.config.get("policy"), _trained_with(result).get("train")),
+        "settings": {
+            **learned_settings(result.config.get("policy"), _trained_with(result).get("train")),
+            **_trained_in(result),
+        },
+    }
+
+
+def _trained_in(result: Result) -> dict[str, Any]:
+    """Returns what was changed of the scene and the materials of the demonstrations."""
+    trained = _trained_with(result)
+    return {
+        "training materials": trained.get("materials") or "built-in",
+        "training scenario": trained.get("scenario") or "as it is",
     }
 
 

@@ -48,6 +48,17 @@ def learned_settings(policy: Any, train: Any) -> dict[str, Any]:
     return {key: value for key, value in flat.items() if key not in _FREE}
 
 
+def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Returns nested values by dotted key."""
+    return {
+        key: inner
+        for name, value in values.items()
+        for key, inner in (
+            flat(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {f"{prefix}{name}": value}
+        ).items()
+    }
+
+
 def _flat(key: str, value: Any) -> Iterator[tuple[str, Any]]:
     if isinstance(value, Mapping):
         for name, inner in value.items():

@@ -5,7 +5,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from envs.vector_env import RoboVerseVectorEnv, row_of
+from envs.observations import row_of
+from envs.vector_env import RoboVerseVectorEnv
 
 
 def make_vec(task: str, num_envs: int = 1, *, split: str = "train", **kwargs: Any) -> RoboVerseVectorEnv:

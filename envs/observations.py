@@ -1,6 +1,7 @@
 """Pictures that are drawn when somebody reads them."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -73,3 +74,14 @@ class LazyPixels(dict):
 
     def __reduce__(self):
         return dict, (self.copy(),)
+
+
+def row_of(observation: Mapping[str, Any], env_id: int) -> dict[str, Any]:
+    """Returns one environment's part of a batched observation; pictures stay undrawn."""
+    out: dict[str, Any] = {}
+    for key, value in observation.items():
+        if isinstance(value, LazyPixels):
+            out[key] = LazyPixels(value, lambda pixels=value: {c: p[env_id] for c, p in pixels.items()})
+        else:
+            out[key] = value[env_id]
+    return out

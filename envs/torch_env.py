@@ -17,7 +17,7 @@ from envs.handlers import HANDLERS
 from envs.outcomes import outcome, solved
 from envs.randomization import channel_rng, load_split
 from envs.state import State
-from envs.tasks import TASKS
+from envs.tasks.making import make_task
 
 BANK_SIZE = 4096
 """Initial states that are kept on the device; drawing one takes Python about 50 µs."""
@@ -120,6 +120,7 @@ class TorchVectorEnv:
         bank_size: K, initial states that are drawn.
         num_threads: Threads of the simulator; 0 means one per core.
         simulator_settings: Settings of the simulator that replace the scenario's.
+        scenario: What is changed of the task's scene; see :func:`envs.tasks.making.make_task`.
         substeps: Physics steps per control step; the task's by default. Fewer are longer, faster to
             simulate, and coarser.
         expert_starts: Share of the episodes that begin somewhere on the expert's way; see
@@ -142,6 +143,7 @@ class TorchVectorEnv:
         bank_size: int = BANK_SIZE,
         num_threads: int = 0,
         simulator_settings: Mapping[str, Any] | None = None,
+        scenario: Mapping[str, Any] | None = None,
         substeps: int | None = None,
         expert_starts: float = 0.0,
     ) -> None:
@@ -149,18 +151,18 @@ class TorchVectorEnv:
             raise ConfigError(f"num_envs must be at least 1, given {num_envs}.")
         if not 0.0 <= expert_starts <= 1.0:
             raise ConfigError(f"expert_starts is a share from 0 to 1, given {expert_starts}.")
-        self.task = TASKS.get(task)(**(task_kwargs or {}))
+        self.task = make_task(task, task_kwargs, scenario)
         self.num_envs = num_envs
-        scenario = self.task.scenario.tuned(simulator, simulator_settings or {})
+        scene = self.task.scenario.tuned(simulator, simulator_settings or {})
         if substeps is not None:
-            scenario = replace(scenario, physics=scenario.physics.divided(substeps))
-        self.handler = HANDLERS.get(simulator)(scenario, num_envs, num_threads=num_threads)
+            scene = replace(scene, physics=scene.physics.divided(substeps))
+        self.handler = HANDLERS.get(simulator)(scene, num_envs, num_threads=num_threads)
         self.handler.launch()
         self.controller = self.task.rl_controller
         self.device = torch.device(device) if device is not None else self.handler.device
         self.action_size = len(self.controller.names)
         self.max_episode_steps = max_episode_steps or self.task.max_episode_steps
-        self._substeps = scenario.physics.decimation
+        self._substeps = scene.physics.decimation
         self._shift = 1.0 if shift_reward and self.task.ends_on_success else 0.0
         self._bank, self._late = self._draw_bank(split, protocol_seed, bank_size), None
         if expert_starts:

@@ -14,12 +14,12 @@ from envs.arrays import to_numpy
 from envs.digest import episode_digest
 from envs.errors import ConfigError, unknown_name
 from envs.handlers.hybrid import make_handler
-from envs.observations import LazyPixels
+from envs.observations import LazyPixels, row_of
 from envs.outcomes import outcome, solved
 from envs.randomization import MaterialLibrary, Randomizer, channel_rng, channels_of, load_split
 from envs.scenario import Appearance
 from envs.state import State
-from envs.tasks import TASKS
+from envs.tasks.making import make_task
 
 OBSERVATIONS = ("pixels", "state", "full")
 
@@ -64,6 +64,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         task_kwargs: Options of the task.
         simulator_settings: Settings of the simulator that replace the scenario's, such as ``impratio`` of
             MuJoCo.
+        scenario: What is changed of the task's scene; see :func:`envs.tasks.making.make_task`.
         actions: ``"task"`` for those of the task's ``controller``, ``"rl"`` for those of its
             ``rl_controller``.
     """
@@ -87,6 +88,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         task_kwargs: Mapping[str, Any] | None = None,
         simulator_settings: Mapping[str, Any] | None = None,
+        scenario: Mapping[str, Any] | None = None,
         actions: Literal["task", "rl"] = "task",
     ) -> None:
         if num_envs < 1:
@@ -95,15 +97,15 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
             raise unknown_name("observation", str(observation), OBSERVATIONS)
         if actions not in ACTIONS:
             raise unknown_name("kind of actions", str(actions), ACTIONS)
-        self.task = TASKS.get(task)(**(task_kwargs or {}))
+        self.task = make_task(task, task_kwargs, scenario)
         self.num_envs, self.observation = num_envs, observation
         self.simulator, self.renderer = simulator, renderer
         self.channels, self.protocol_seed = channels_of(level, only), protocol_seed
-        scenario = self.task.scenario.seen_by(cameras, image_size).tuned(simulator, simulator_settings or {})
+        scene = self.task.scenario.seen_by(cameras, image_size).tuned(simulator, simulator_settings or {})
         library = MaterialLibrary.chosen(materials)
         self.split = load_split(split, library)
         self.randomizer = Randomizer(
-            scenario.appearance,
+            scene.appearance,
             self.task.scenario.cameras,  # drawn for all, so that an episode does not depend on who looks
             channels=self.channels,
             split=self.split,
@@ -113,17 +115,17 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         )
         self.handler = make_handler(
             simulator,
-            scenario,
+            scene,
             num_envs,
             renderer=renderer,
             num_threads=num_threads,
             textures=library.texture,
         )
         self.handler.launch()
-        self.scenario = scenario
+        self.scenario = scene
         self.controller = self.task.controller if actions == "task" else self.task.rl_controller
-        self._robot = scenario.robots[0]
-        self._substeps = scenario.physics.decimation
+        self._robot = scene.robots[0]
+        self._substeps = scene.physics.decimation
         self._in_arrays = self.task.takes_arrays and self.handler.device.type == "cpu"
         # An operation on tensors takes a third less time so; to enter it takes longer than one on arrays.
         self._judging = contextlib.nullcontext if self._in_arrays else torch.inference_mode
@@ -387,14 +389,3 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
     def close_extras(self, **_: Any) -> None:
         """Frees the simulator."""
         self.handler.close()
-
-
-def row_of(observation: Mapping[str, Any], env_id: int) -> dict[str, Any]:
-    """Returns one environment's part of a batched observation; pictures stay undrawn."""
-    out: dict[str, Any] = {}
-    for key, value in observation.items():
-        if isinstance(value, LazyPixels):
-            out[key] = LazyPixels(value, lambda pixels=value: {c: p[env_id] for c, p in pixels.items()})
-        else:
-            out[key] = value[env_id]
-    return out

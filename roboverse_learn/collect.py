@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from roboverse_learn.config import CollectConfig
+from roboverse_learn.scenario_keys import scenario_name
 
 if TYPE_CHECKING:
     from roboverse_learn.data.collection import CollectionSummary
@@ -53,6 +54,8 @@ def dataset_folder(config: CollectConfig) -> Path:
     # Of a folder, its name alone: where it lies is this machine's affair.
     changed = [*sorted(config.task_kwargs.items()), *sorted(config.simulator_settings.items())]
     options = [f"{key}={Path(str(value)).name}" for key, value in changed]
+    if config.scenario:
+        options.append(scenario_name(config.scenario))
     if config.materials:
         options.append("+" * config.materials.startswith("+") + Path(config.materials).name.removeprefix("+"))
     return Path(config.datasets_dir) / config.task / "-".join([name, *options])
@@ -176,8 +179,9 @@ def _collect_episodes(config: CollectConfig, imported: "ImportSummary | None") -
 
 
 def _tuning(config: CollectConfig) -> dict[str, Any]:
-    """Returns the simulator's settings, where there are any: a dataset without them says nothing of them."""
-    return {"simulator_settings": config.simulator_settings} if config.simulator_settings else {}
+    """Returns what is changed of the scene and the simulator: of neither, a dataset says nothing of them."""
+    tuning = {"simulator_settings": config.simulator_settings, "scenario": config.scenario}
+    return {key: values for key, values in tuning.items() if values}
 
 
 @contextlib.contextmanager
@@ -206,10 +210,10 @@ def _default_workers(config: CollectConfig) -> int:
 
 def dataset_layout(config: CollectConfig) -> tuple[dict[str, Any], int, str]:
     """Returns the features, the frames per second and the robot of a task's dataset."""
-    from envs.tasks import TASKS
+    from envs.tasks.making import make_task
     from roboverse_learn.data.schema import make_features
 
-    task = TASKS.get(config.task)(**config.task_kwargs)
+    task = make_task(config.task, config.task_kwargs, config.scenario)
     scenario = task.scenario.seen_by(config.cameras, config.image_size)
     robot = scenario.robots[0]
     cameras = {camera.name: (camera.height, camera.width) for camera in scenario.cameras}

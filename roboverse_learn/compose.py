@@ -15,6 +15,8 @@ from typing import Any
 import policies
 from envs.errors import ConfigError, UnknownNameError, suggest, unknown_name
 from envs.handlers.settings import check_settings
+from envs.scenario.changes import merged
+from roboverse_learn import scenario_keys
 from roboverse_learn.config import (
     CollectConfig,
     ConservationConfig,
@@ -40,8 +42,8 @@ COMMANDS: dict[str, type] = {
 
 _WORD = re.compile(r"(?P<key>[A-Za-z_][\w.]*)=(?P<value>.*)", re.DOTALL)
 _GROUPS = ("policy", "preset")
-_OPEN = ("task_kwargs", "simulator_settings")
-"""The sections whose keys are not ours: they are fields of the task's dataclass, and of the simulator's."""
+_OPEN = ("task_kwargs", "simulator_settings", scenario_keys.SECTION)
+"""The sections whose keys are not ours: fields of the task's dataclass, the simulator's and the scene's."""
 
 
 def configs_folder() -> Path:
@@ -216,6 +218,8 @@ def check_names(config: Any) -> None:
             if key not in options:
                 raise unknown_name(f"option of {config.task}", key, options)
         task(**config.task_kwargs)  # the task checks the values
+    if getattr(config, "scenario", None) and config.task:
+        scenario_keys.check_scenario(config.task, config.task_kwargs, config.scenario)
 
 
 def flat_keys(values: Mapping[str, Any], prefix: str = "") -> list[str]:
@@ -278,16 +282,24 @@ def _overlay(
     return {
         name: _overlay(saved[name], value, given, f"{prefix}{name}.")
         if isinstance(value, Mapping) and name not in _OPEN
-        else (value if f"{prefix}{name}" in given or name not in saved else saved[name])
+        else _one_of(saved.get(name, value), value, f"{prefix}{name}", given)
         for name, value in values.items()
     }
+
+
+def _one_of(saved: Any, value: Any, key: str, given: set[str]) -> Any:
+    """Returns a saved value, or what was given in its place; an open section may be given in part."""
+    if key in _OPEN and any(full.startswith(f"{key}.") for full in given):
+        return merged(saved, value)
+    return value if key in given else saved
 
 
 def _split(word: str) -> tuple[str, str]:
     match = _WORD.fullmatch(word)
     if match is None:
+        keys = flat_keys(default_values("train"))
         raise ConfigError(
-            f"'{word}' is not key=value.{suggest(word, flat_keys(default_values('train')))} "
+            f"'{word}' is not key=value.{suggest(word, [f'{key}=' for key in _settable(keys)])} "
             "Write words such as task=PickCube or train.steps=1000; --help lists every key."
         )
     return match["key"], match["value"]
@@ -298,7 +310,12 @@ def _full_key(command: str, key: str, keys: Iterable[str]) -> str:
     names = _settable(keys)
     if (key in names and key not in _OPEN) or (_in_open_section(key) and key.partition(".")[0] in names):
         return key
+    has_scene = scenario_keys.SECTION in names
+    if has_scene:
+        names = [name for name in names if name != scenario_keys.SECTION] + scenario_keys.typed_keys()
     matches = [full for full in names if full.endswith(f".{key}")]
+    if not matches and has_scene and (of_scene := scenario_keys.in_full(key)):
+        return of_scene  # whether there is such a camera, its task says
     if len(matches) > 1:
         raise ConfigError(f"'{key}' could be {' or '.join(matches)}: write the one that is meant.")
     if not matches:
@@ -307,7 +324,7 @@ def _full_key(command: str, key: str, keys: Iterable[str]) -> str:
 
 
 def _in_open_section(key: str) -> bool:
-    """Whether a dotted key names an option of a task or a setting of a simulator."""
+    """Whether a dotted key names an option of a task, a setting of a simulator or a part of the scene."""
     section, dot, _ = key.partition(".")
     return bool(dot) and section in _OPEN
 

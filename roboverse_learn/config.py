@@ -117,6 +117,8 @@ class SceneKeys:
         renderer: Registered renderer, or another simulator that draws the pictures.
         cameras: Cameras that are observed, as in cameras=[front,wrist]; empty takes the task's first.
         image_size: Height and width of every picture, pixels.
+        scenario: What is changed of the task's scene, as in scenario.physics.decimation=50,
+            scenario.cameras.front.fovy_deg=30 or scenario.lighting.array_shape=[3,4].
         level: Level of the demonstrations, hence of training.
         only: One channel to vary alone in the demonstrations, in place of the level.
         materials: Folder of pictures that replace the built-in materials in the demonstrations; with a plus
@@ -132,6 +134,7 @@ class SceneKeys:
     renderer: str = "warp"
     cameras: tuple[str, ...] = ()
     image_size: int = 256
+    scenario: dict[str, Any] = field(default_factory=dict)
     level: int = 0
     only: Channel | None = None
     materials: str = ""
@@ -252,6 +255,7 @@ class EvaluateConfig:
         renderer: Registered renderer or simulator that draws; empty for that of the demonstrations.
         cameras: Cameras that are observed; empty for those of the demonstrations.
         image_size: Height and width of every picture, pixels; 0 for that of the demonstrations.
+        scenario: What is changed of the task's scene, beside what was changed for the demonstrations.
         device: ``auto``, ``cpu``, ``cuda``.
         results_dir: Folder of results and of the leaderboard.
         evaluate: What the checkpoint is evaluated on.
@@ -266,6 +270,7 @@ class EvaluateConfig:
     renderer: str = ""
     cameras: tuple[str, ...] = ()
     image_size: int = 0
+    scenario: dict[str, Any] = field(default_factory=dict)
     device: str = "auto"
     results_dir: str = "results"
     evaluate: EvaluationConfig = field(default_factory=EvaluationConfig)

@@ -148,7 +148,7 @@ def _run_cells(
     from benchmark import runner, videos
 
     sees, view = _view_of(name)
-    keys = ("task_kwargs", "simulator", "simulator_settings", "renderer")
+    keys = ("task_kwargs", "simulator", "simulator_settings", "renderer", "scenario")
     scene: dict[str, Any] = {key: getattr(subject, key) for key in keys}
     facts = dict(scene)
 
@@ -261,7 +261,7 @@ def _earlier(path: Path, weights: str, protocol: Protocol, subject: Subject) -> 
     result = read_result(path)
     now = (weights, protocol.hash, package_versions())
     then = (result.checkpoint.hash, result.protocol.hash, dict(result.versions))
-    keys = ("task_kwargs", "simulator", "simulator_settings", "renderer", "image_size")
+    keys = ("task_kwargs", "simulator", "simulator_settings", "renderer", "scenario", "image_size")
     known = [key for key in keys if getattr(result, key) is not None]  # no size: it saw no pictures
     scene = all(getattr(result, key) == getattr(subject, key) for key in known)
     return result if scene and now == then else None

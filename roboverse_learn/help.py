@@ -11,6 +11,7 @@ from typing import Any
 import policies
 from envs.errors import unknown_name
 from roboverse_learn.compose import COMMANDS, default_values, flat_keys, policy_config, preset_names
+from roboverse_learn.scenario_keys import SECTION, scenario_keys
 
 SUMMARIES = {
     "train": "collect what is missing, train, evaluate over the levels, write the leaderboard",
@@ -157,19 +158,41 @@ def _key_rows(command: str, skip: tuple[str, ...] = (), policy: str = "act") -> 
             for part in key.split("."):
                 value = value[part]
             rows.append((f"{key}={_shown(value)}", about.get(key, "")))
+            rows += _scene_rows() if key == SECTION and not skip else []
+    return rows
+
+
+_LEFT_TO_THE_CODE = ("robots", "objects", "appearance.cameras", "appearance.furniture")
+"""Parts of a scene whose every key would fill pages."""
+
+
+def _scene_rows() -> list[tuple[str, str]]:
+    """Rows of what can be changed of a scene; what it is by default, the task says."""
+    rows = []
+    for key, (cls, field) in scenario_keys().items():
+        if not key.startswith(tuple(f"{SECTION}.{part}." for part in _LEFT_TO_THE_CODE)):
+            rows.append((f"{key}=", dict(_documented(cls)).get(field, "")))
+    rows += [
+        (f"{SECTION}.{part}.<name>.*=", "Every field, as in envs/scenario.") for part in _LEFT_TO_THE_CODE
+    ]
     return rows
 
 
 def _attributes(cls: type, values: Any, policy: str, prefix: str = "") -> Iterator[tuple[str, str]]:
     """Yields each dotted key with its line of the ``Attributes`` section."""
-    for base in reversed(cls.__mro__):
-        docstring = inspect.cleandoc(base.__doc__ or "")
-        for name, text in re.findall(r"^    (\w+): (.+(?:\n {8,}.+)*)", docstring, re.MULTILINE):
-            yield prefix + name, " ".join(text.replace("``", "").split())
+    yield from ((prefix + name, text) for name, text in _documented(cls))
     for name, field in getattr(cls, "__dataclass_fields__", {}).items():
         nested = policy_config(policy) if name == "policy" else field.type
         if is_dataclass(nested) and isinstance(nested, type):
             yield from _attributes(nested, values, policy, f"{prefix}{name}.")
+
+
+def _documented(cls: type) -> Iterator[tuple[str, str]]:
+    """Yields each attribute of a dataclass, and of its bases, with what its docstring says."""
+    for base in reversed(cls.__mro__):
+        docstring = inspect.cleandoc(base.__doc__ or "")
+        for name, text in re.findall(r"^    (\w+): (.+(?:\n {8,}.+)*)", docstring, re.MULTILINE):
+            yield name, " ".join(text.replace("``", "").split())
 
 
 def _shown(value: Any) -> str:

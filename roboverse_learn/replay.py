@@ -49,6 +49,7 @@ def replay_recordings(recordings: "list[Recording]", config: ReplayConfig) -> di
         observation="state",
         protocol_seed=first.get("protocol_seed", 0),
         task_kwargs=first.get("task_kwargs", {}),
+        scenario=first.get("scenario"),
         simulator_settings=first.get("simulator_settings")
         if config.simulator == first["simulator"]
         else None,

@@ -47,8 +47,9 @@ _STREAMS = ("training", "collection")
 def identity(config: TrainRunConfig) -> dict[str, Any]:
     """Returns the flat keys and values that decide what a run learns."""
     values = {key: value for key, value in to_values(config).items() if key not in _FREE}
-    if not values["simulator_settings"]:  # a younger key: without it a run keeps its name
-        del values["simulator_settings"]
+    for younger in ("simulator_settings", "scenario"):  # without it a run keeps its name
+        if not values[younger]:
+            del values[younger]
     return {key: _at(values, key) for key in flat_keys(values) if key not in _FREE_KEYS}
 
 

@@ -1,6 +1,8 @@
 """What is evaluated: a checkpoint, and what is known of how it came about."""
 
+import logging
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -8,7 +10,11 @@ from typing import Any
 from benchmark.protocol import Protocol
 from envs.errors import ConfigError
 from envs.handlers.settings import check_settings
+from envs.scenario.changes import merged
 from roboverse_learn.config import EvaluateConfig, EvaluationConfig, TrainRunConfig
+from roboverse_learn.scenario_keys import check_scenario, control_hz, scenario_name
+
+log = logging.getLogger(__name__)
 
 _VIDEO_PX = 256
 """Pictures of an agent that sees none: its videos."""
@@ -24,6 +30,7 @@ class Subject:
         task: Task.
         task_kwargs: Options of the task.
         simulator_settings: Settings of the simulator that replace the scene's.
+        scenario: What is changed of the task's scene.
         simulator: Physics.
         renderer: Pictures.
         cameras: Cameras that are observed; empty is the task's first.
@@ -49,6 +56,7 @@ class Subject:
     seed: int = 0
     task_kwargs: dict[str, Any] = field(default_factory=dict)
     simulator_settings: dict[str, Any] = field(default_factory=dict)
+    scenario: dict[str, Any] = field(default_factory=dict)
     cameras: tuple[str, ...] = ()
     dataset_hash: str | None = None
     demonstrations: int | None = None
@@ -95,9 +103,12 @@ def subject_of(config: EvaluateConfig) -> Subject:
         "renderer": config.renderer or trained.renderer,
         "cameras": config.cameras or trained.cameras,
         "image_size": config.image_size or trained.image_size,
+        "scenario": merged(trained.scenario, config.scenario),
     }
     check_settings(simulator, differs["simulator_settings"])
-    changed = [_in_name(value) for key, value in differs.items() if value != getattr(trained, key)]
+    check_scenario(differs["task"], differs["task_kwargs"], differs["scenario"])
+    _tell_control_rates(trained, differs)
+    changed = [_in_name(key, value) for key, value in differs.items() if value != getattr(trained, key)]
     protocol = protocol_of(config.evaluate)
     if protocol.hash != protocol_of(trained.evaluate).hash:
         changed.append(protocol.hash[:6])
@@ -132,6 +143,7 @@ def subject_of_run(folder: Path, config: TrainRunConfig, checkpoint: Path) -> Su
         task_kwargs=config.task_kwargs,
         simulator=config.simulator,
         simulator_settings=config.simulator_settings,
+        scenario=config.scenario,
         renderer=config.renderer,
         cameras=config.cameras,
         image_size=config.image_size,
@@ -159,6 +171,7 @@ def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
             "task=<name>."
         )
     check_settings(config.simulator or "mujoco", config.simulator_settings)
+    check_scenario(config.task, config.task_kwargs, config.scenario)
     values = read_json(checkpoint / CONFIG)
     # What learned by reward sees no pictures.
     sees = policy_type(checkpoint) in names("dataset")
@@ -176,6 +189,7 @@ def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
         task_kwargs=config.task_kwargs,
         simulator=config.simulator or "mujoco",
         simulator_settings=config.simulator_settings,
+        scenario=config.scenario,
         renderer=config.renderer or "warp",
         cameras=config.cameras or (tuple(sizes) if sees else ()),
         image_size=config.image_size or set(sizes.values()).pop(),
@@ -219,7 +233,21 @@ def step_of(checkpoint: Path) -> int | None:
     return int(name) if name.isdecimal() else None
 
 
-def _in_name(value: Any) -> str:
+def _tell_control_rates(trained: TrainRunConfig, evaluated: Mapping[str, Any]) -> None:
+    """Warns of a policy whose actions were meant to last longer or shorter than they now do."""
+    before = control_hz(trained.task, trained.task_kwargs, trained.scenario)
+    now = control_hz(evaluated["task"], evaluated["task_kwargs"], evaluated["scenario"])
+    if before != now:
+        log.warning(
+            "The policy learned at %g control steps per second and is evaluated at %g. "
+            "Leave out scenario.physics to evaluate it as it learned.",
+            *(before, now),
+        )
+
+
+def _in_name(key: str, value: Any) -> str:
     """A value as a part of the name of a file."""
+    if key == "scenario":
+        return scenario_name(value)
     text = "-".join(f"{key}={item}" for key, item in value.items()) if isinstance(value, dict) else str(value)
     return re.sub(r"[^A-Za-z0-9._+=-]+", "-", text)

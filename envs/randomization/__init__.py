@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from envs.randomization.cameras import CAMERA_POSES, CameraPose, place_camera
     from envs.randomization.levels import CHANNELS, LEVELS, channels_of, parse_level
-    from envs.randomization.lights import LightingCfg, temperature_to_rgb
+    from envs.randomization.lights import temperature_to_rgb
     from envs.randomization.materials import MaterialLibrary
     from envs.randomization.procedural import texture
     from envs.randomization.randomizer import Randomizer
     from envs.randomization.seeding import channel_rng
     from envs.randomization.splits import SPLITS, Split, load_split
+    from envs.scenario import LightingCfg
 
 _HOMES = {
     "CAMERA_POSES": "cameras",

@@ -1,8 +1,6 @@
 """Lighting and reflection: a distant light, an array of cylinder lamps, and how surfaces reflect.
 
-Intensities are relative: a light of intensity 1 that shines straight on a white chalky surface lights it
-to 1.0. The ranges keep the sum of all lights on the table between about 0.3 and 1.1, so that a picture
-is neither black nor burnt out with or without a renderer's ambient light.
+What is drawn from is :class:`envs.scenario.LightingCfg`.
 """
 
 import math
@@ -11,56 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from envs.errors import ConfigError
-from envs.scenario import LightCfg, Vec3
-
-Range = tuple[float, float]
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class LightingCfg:
-    """What the lighting channel draws from; RoboVerse's level 3 where it gives a range.
-
-    Attributes:
-        distant_intensity: Intensity of the distant light.
-        distant_polar_rad: Angle between the distant light and straight down.
-        array_shape: Lamps along world x and along world y.
-        array_spacing_m: Distance between neighbouring lamps.
-        array_height_m: Height of the lamps over the table.
-        array_intensity: Intensity of all lamps together.
-        radius_m: Radius of a lamp.
-        length_m: Length of a lamp.
-        temperature_k: Colour temperature of all lights, K.
-        cast_shadow: Whether the distant light casts shadows; the lamps, being soft, never do.
-    """
-
-    distant_intensity: Range = (0.3, 0.6)
-    distant_polar_rad: Range = (0.0, math.pi / 3)
-    array_shape: tuple[int, int] = (2, 3)
-    array_spacing_m: float = 2.0
-    array_height_m: float = 3.2
-    array_intensity: Range = (0.2, 0.6)
-    radius_m: Range = (0.05, 0.1)
-    length_m: Range = (0.5, 2.0)
-    temperature_k: Range = (4000.0, 8000.0)
-    cast_shadow: bool = True
-
-    def __post_init__(self) -> None:
-        ranges = {name: getattr(self, name) for name in _RANGES}
-        for name, (low, high) in ranges.items():
-            if not 0 <= low <= high:
-                raise ConfigError(f"LightingCfg.{name} is a range 0 <= low <= high, given ({low}, {high}).")
-        if min(self.array_shape) < 1:
-            raise ConfigError(f"LightingCfg.array_shape is two positive counts, given {self.array_shape}.")
-
-
-_RANGES = (
-    "distant_intensity",
-    "distant_polar_rad",
-    "array_intensity",
-    "radius_m",
-    "length_m",
-    "temperature_k",
-)
+from envs.scenario import LightCfg, LightingCfg, Vec3
+from envs.scenario.lighting import TEMPERATURES_K
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -164,8 +114,9 @@ def planckian_xy(temperature_k: float) -> tuple[float, float]:
         ConfigError: if the temperature is out of that range.
     """
     t = float(temperature_k)
-    if not 1667.0 <= t <= 25000.0:
-        raise ConfigError(f"A colour temperature is 1667 to 25000 K, given {temperature_k}.")
+    coldest, hottest = TEMPERATURES_K
+    if not coldest <= t <= hottest:
+        raise ConfigError(f"A colour temperature is {coldest:g} to {hottest:g} K, given {temperature_k}.")
     k = 1000.0 / t
     if t <= 4000.0:
         x = ((-0.2661239 * k - 0.2343589) * k + 0.8776956) * k + 0.179910

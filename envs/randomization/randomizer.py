@@ -10,7 +10,6 @@ from envs.randomization.cameras import place_camera
 from envs.randomization.furniture import Placement, draw_furniture, furnish
 from envs.randomization.levels import CHANNELS
 from envs.randomization.lights import (
-    LightingCfg,
     LightsDraw,
     Reflection,
     build_lights,
@@ -20,7 +19,7 @@ from envs.randomization.lights import (
 from envs.randomization.materials import MaterialLibrary
 from envs.randomization.seeding import channel_rng
 from envs.randomization.splits import Split, load_split
-from envs.scenario import SURFACES, Appearance, CameraCfg, ScenarioCfg, SurfaceMaterial
+from envs.scenario import SURFACES, Appearance, CameraCfg, LightingCfg, ScenarioCfg, SurfaceMaterial
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +65,7 @@ class Randomizer:
         split: ``"train"`` or ``"test"``, or a split that was loaded with the same library.
         seed: The protocol's seed.
         library: Materials; the procedural ones by default.
-        lighting: Ranges of the lighting channel.
+        lighting: Ranges of the lighting channel; by default those of ``scenario``.
         scenario: Whose room is furnished, with every camera that it may be seen through; without it the
             environment channel has no furniture.
 
@@ -95,7 +94,7 @@ class Randomizer:
         self.library = library or MaterialLibrary.built_in()
         self.split = split if isinstance(split, Split) else load_split(split, library)
         self.seed = seed
-        self.lighting = lighting or LightingCfg()
+        self.lighting = lighting or (scenario.lighting if scenario is not None else LightingCfg())
         self.scenario = scenario
 
     def appearance(self, episode: int) -> Appearance:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from envs.errors import ConfigError, unknown_name
+from envs.scenario.lighting import LightingCfg
 from envs.scenario.looks import SURFACES, Appearance, CameraCfg, LightCfg, SurfaceMaterial
 from envs.scenario.objects import GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg
 from envs.scenario.robots import BodyCfg, JointCfg, RobotCfg, SiteCfg
@@ -24,6 +25,7 @@ __all__ = [
     "GeomCfg",
     "JointCfg",
     "LightCfg",
+    "LightingCfg",
     "LinkCfg",
     "ObjectCfg",
     "ObjectJointCfg",
@@ -64,6 +66,13 @@ class TableCfg:
     collides: bool = True
     visible: bool = True
 
+    def __post_init__(self) -> None:
+        for name in ("thickness_m", "height_m"):
+            if not getattr(self, name) > 0:
+                raise ConfigError(f"TableCfg.{name} must be above 0 m, given {getattr(self, name)}.")
+        if not min(self.half_size) > 0:
+            raise ConfigError(f"TableCfg.half_size is two lengths above 0 m, given {self.half_size}.")
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RoomCfg:
@@ -76,6 +85,11 @@ class RoomCfg:
 
     half_size_m: float = 3.0
     height_m: float = 4.0
+
+    def __post_init__(self) -> None:
+        for name in ("half_size_m", "height_m"):
+            if not getattr(self, name) > 0:
+                raise ConfigError(f"RoomCfg.{name} must be above 0 m, given {getattr(self, name)}.")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -91,6 +105,15 @@ class PhysicsCfg:
     timestep_s: float = 0.005
     decimation: int = 10
     gravity: Vec3 = (0.0, 0.0, -9.81)
+
+    def __post_init__(self) -> None:
+        if not self.timestep_s > 0:
+            raise ConfigError(f"PhysicsCfg.timestep_s must be above 0 s, given {self.timestep_s}.")
+        if self.decimation < 1:
+            raise ConfigError(
+                f"PhysicsCfg.decimation, physics steps per control step, must be at least 1, given "
+                f"{self.decimation}."
+            )
 
     @property
     def control_hz(self) -> float:
@@ -118,6 +141,7 @@ class ScenarioCfg:
         objects: Objects.
         cameras: Cameras.
         appearance: Default materials and lights (level 0).
+        lighting: What the lighting channel draws from (level 3).
         table: The table, or None.
         room: The walls, or None.
         ground_half_size_m: How far the ground is drawn from the origin where there is no room.
@@ -129,6 +153,7 @@ class ScenarioCfg:
     objects: tuple[ObjectCfg, ...] = ()
     cameras: tuple[CameraCfg, ...] = ()
     appearance: Appearance = field(default_factory=Appearance)
+    lighting: LightingCfg = field(default_factory=LightingCfg)
     table: TableCfg | None = field(default_factory=TableCfg)
     room: RoomCfg | None = field(default_factory=RoomCfg)
     ground_half_size_m: float = 5.0

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from envs.errors import ConfigError
 from envs.scenario.objects import GeomCfg
 from envs.scenario.units import Vec3
 
@@ -42,6 +43,14 @@ class CameraCfg:
     orbit_pos: Vec3 = (0.0, 0.0, 0.0)
     orbit_yaw_rad: float = 0.0
 
+    def __post_init__(self) -> None:
+        if not 0 < self.fovy_deg < 180:
+            raise ConfigError(f"CameraCfg.fovy_deg is an angle of 0 to 180 degrees, given {self.fovy_deg}.")
+        if min(self.width, self.height) < 1:
+            raise ConfigError(f"A picture has pixels; given width {self.width} and height {self.height}.")
+        if tuple(self.pos) == tuple(self.look_at):
+            raise ConfigError(f"Camera '{self.name}' stands where it looks at: pos=look_at={self.pos}.")
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LightCfg:
@@ -67,6 +76,11 @@ class LightCfg:
     length_m: float = 1.0
     cast_shadow: bool = False
 
+    def __post_init__(self) -> None:
+        for name in ("intensity", "radius_m", "length_m"):
+            if not getattr(self, name) >= 0:
+                raise ConfigError(f"LightCfg.{name} must be 0 or more, given {getattr(self, name)}.")
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SurfaceMaterial:
@@ -87,6 +101,13 @@ class SurfaceMaterial:
     roughness: float = 0.7
     specular: float = 0.3
     metallic: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("roughness", "specular", "metallic"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ConfigError(f"SurfaceMaterial.{name} is within 0 to 1, given {getattr(self, name)}.")
+        if not self.size_m > 0:
+            raise ConfigError(f"SurfaceMaterial.size_m must be above 0 m, given {self.size_m}.")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -23,6 +23,7 @@ class ExpertSource:
         image_size: Pixels a side.
         materials: Folder of pictures in place of the built-in materials, with ``+`` before it beside them.
         simulator_settings: Settings of the simulator that replace the scene's.
+        scenario: What is changed of the task's scene.
     """
 
     def __init__(
@@ -39,6 +40,7 @@ class ExpertSource:
         image_size: int,
         materials: str | None = None,
         simulator_settings: dict[str, Any] | None = None,
+        scenario: dict[str, Any] | None = None,
     ) -> None:
         import envs
 
@@ -55,6 +57,7 @@ class ExpertSource:
             task_kwargs=task_kwargs,
             materials=materials,
             simulator_settings=simulator_settings,
+            scenario=scenario,
             num_threads=1,  # the processes of a collection share the cores
         )
         self._metadata = {
@@ -70,8 +73,8 @@ class ExpertSource:
             "protocol_seed": self._env.protocol_seed,
             "versions": package_versions(),
         }
-        if simulator_settings:
-            self._metadata["simulator_settings"] = simulator_settings
+        tuning = {"simulator_settings": simulator_settings, "scenario": scenario}
+        self._metadata |= {key: values for key, values in tuning.items() if values}
 
     def attempts(self, indices: Iterator[int]) -> Iterator[tuple[int, EpisodeData | None]]:
         """Runs the expert on the pool episodes that ``indices`` names, a batch at a time."""

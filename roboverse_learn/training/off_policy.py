@@ -397,4 +397,5 @@ def make_env(config: Any, seed: int, num_envs: int, device: str) -> Any:
         seed=seed,
         task_kwargs=config.task_kwargs,
         simulator_settings=config.simulator_settings,
+        scenario=config.scenario,
     )

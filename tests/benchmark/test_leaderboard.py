@@ -159,6 +159,7 @@ def test_only_three_runs_have_an_interquartile_mean(publish, tmp_path):
         {"simulator": "sapien"},
         {"task_kwargs": {"success": "lift"}},
         {"simulator_settings": {"impratio": 5}},
+        {"scenario": {"cameras": {"front": {"fovy_deg": 30.0}}}},
         {"max_episode_steps": 100},
     ],
 )
@@ -168,6 +169,26 @@ def test_what_is_not_comparable_is_another_section(publish, tmp_path, change):
     sections = leaderboard.build(tmp_path)["sections"]
     assert [len(section["rows"]) for section in sections] == [1, 1]
     assert not any(section["comparisons"] for section in sections)
+
+
+def test_a_changed_scene_is_in_the_title_and_in_the_name_of_the_section(publish, tmp_path):
+    publish(scenario={"physics": {"decimation": 50}, "cameras": {"front": {"fovy_deg": 30.0}}})
+    (section,) = leaderboard.build(tmp_path)["sections"]
+    assert "(cameras.front.fovy_deg=30.0, physics.decimation=50)" in section["title"]
+    assert "physics-decimation-50" in section["id"]
+
+
+@pytest.mark.parametrize(
+    ("trained", "said"),
+    [
+        ({"materials": "+pictures"}, "training materials +pictures"),
+        ({"scenario": {"room": None}}, 'training scenario {"room":null}'),
+    ],
+)
+def test_what_was_trained_in_another_scene_is_a_row_of_its_own(publish, tmp_path, trained, said):
+    publish(config={"policy": {}})
+    publish(run="other", config={"policy": {}, **trained})
+    assert any(row["label"].endswith(said) for row in rows(tmp_path))
 
 
 def test_a_policy_in_another_simulator_is_a_row_of_that_simulator(publish, tmp_path):

@@ -52,6 +52,15 @@ def test_round_trip(written):
     assert read_result(path) == result
 
 
+def test_what_was_changed_of_the_scene_is_told_and_nothing_where_nothing_was(make_result, tmp_path, written):
+    assert "scenario" not in json.loads(written[0].read_text())
+    result = make_result(run="slow", scenario={"physics": {"decimation": 50}})
+    path = result_path(tmp_path, result)
+    write_result(path, result)
+    assert json.loads(path.read_text())["scenario"] == {"physics": {"decimation": 50}}
+    assert read_result(path) == result
+
+
 def test_one_record_per_line(written):
     lines = written[0].read_text().splitlines()
     assert sum('"initial_state_hash"' in line for line in lines) == 12

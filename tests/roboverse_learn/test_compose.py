@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 import policies
 from envs.errors import ConfigError, RoboVerseError, UnknownNameError
-from roboverse_learn import cli
+from roboverse_learn import cli, scenario_keys
 from roboverse_learn.compose import (
     COMMANDS,
     compose,
@@ -25,6 +26,10 @@ from roboverse_learn.compose import (
 
 REQUIRED = {"evaluate": ["checkpoint=runs/x"], "replay": ["dataset=datasets/x"]}
 QUICK = settings(max_examples=25, deadline=None)
+
+
+def last_part(key: str) -> str:
+    return key.rpartition(".")[2]
 
 
 def at(values: Any, key: str) -> Any:
@@ -113,7 +118,7 @@ ALL_KEYS = [
     for command in COMMANDS
     for policy in (policies.names() if command == "train" else ["act"])
     for key in flat_keys(default_values(command, policy))
-    if key not in ("policy_name", "task_kwargs", "simulator_settings", "preset", "run")
+    if key not in ("policy_name", "task_kwargs", "simulator_settings", "scenario", "preset", "run")
     and (policy == "act" or key.startswith("policy."))  # the others are the same for every policy
 ]
 
@@ -145,6 +150,7 @@ def test_any_unknown_key_is_one_line_and_exit_code_2(key: str, command: str) -> 
 
     known = flat_keys(default_values(command))
     assume(key != "policy" and not key.startswith(("task_kwargs.", "simulator_settings.")))
+    assume(scenario_keys.in_full(key) is None and key not in map(last_part, scenario_keys.typed_keys()))
     assume(not any(full == key or full.endswith(f".{key}") for full in known))
     said = io.StringIO()
     with contextlib.redirect_stderr(said):
@@ -262,6 +268,60 @@ def test_settings_of_a_simulator_pass_through(command: str) -> None:
 def test_a_wrong_setting_of_a_simulator_is_told_before_it_starts(words, error, message) -> None:
     with pytest.raises(error, match=message):
         compose("collect", words)
+
+
+@pytest.mark.parametrize("command", ["collect", "train", "evaluate"])
+def test_keys_of_the_scene_pass_through_whole_or_shortened(command: str) -> None:
+    words = ["scenario.cameras.front.pos=[1,0,0.5]", "lighting.array_shape=[3,4]", "decimation=50"]
+    words += ["cameras.wrist.fovy_deg=50", "scenario.room=null", "scenario.appearance.lights.0.intensity=0.5"]
+    config = compose(command, [*REQUIRED.get(command, []), *words, "cameras=[wrist]"])
+    assert config.scenario == {
+        "cameras": {"front": {"pos": [1, 0, 0.5]}, "wrist": {"fovy_deg": 50}},
+        "lighting": {"array_shape": [3, 4]},
+        "physics": {"decimation": 50},
+        "room": None,
+        "appearance": {"lights": {"0": {"intensity": 0.5}}},
+    }
+    assert config.cameras == ("wrist",)
+    assert from_values(command, yaml.safe_load(yaml.safe_dump(to_values(config)))) == config
+
+
+@pytest.mark.parametrize(
+    ("word", "error", "message"),
+    [
+        ("scenario.physics.decimaton=5", UnknownNameError, r"scenario\.physics 'decimaton'.*'decimation'"),
+        ("decimaton=5", UnknownNameError, r"Unknown key 'decimaton' of collect\. Did you mean 'decimation'"),
+        (
+            "cameras.frnt.fovy_deg=5",
+            UnknownNameError,
+            r"key of scenario\.cameras 'frnt'.*Did you mean 'front'",
+        ),
+        (
+            "height_m=3",
+            ConfigError,
+            r"'height_m' could be scenario\.table\.height_m or scenario\.room\.height_m",
+        ),
+        ("array_shape=[0,3]", ConfigError, r"array_shape is two positive counts, given \(0, 3\)"),
+        ("decimation=x", ConfigError, r"scenario\.physics\.decimation: input should be .* given 'x'"),
+        ("cameras.front.width=64", ConfigError, r"front\.width=64 was given; .* are image_size=<pixels>"),
+        ("scenario=3", UnknownNameError, "Unknown key 'scenario' of collect"),
+    ],
+)
+def test_a_wrong_key_of_the_scene_is_told_before_a_simulator_starts(word, error, message) -> None:
+    with pytest.raises(error, match=message):
+        compose("collect", [word])
+
+
+@pytest.mark.parametrize("word", ["task_kwargs.variant=lift", "scenario.physics.decimation=50"])
+def test_a_part_of_an_open_section_that_is_given_to_a_saved_run_is_not_lost(
+    word: str, tmp_path: Path
+) -> None:
+    before = to_values(compose("train", ["scenario.room=null"]))
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(before))
+    config = compose("train", [f"run={tmp_path}", word])
+    section, _, rest = word.partition(".")
+    assert at(getattr(config, section), rest.partition("=")[0]) in ("lift", 50)
+    assert config.scenario["room"] is None
 
 
 def test_a_saved_configuration_with_an_unknown_key_is_refused() -> None:

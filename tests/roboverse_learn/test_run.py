@@ -44,6 +44,8 @@ def config(*words: str) -> TrainRunConfig:
         "lr=0.5",
         "policy.chunk_size=80",
         "simulator_settings.impratio=5",
+        "scenario.physics.decimation=50",
+        "scenario.lighting.array_shape=[3,4]",
         "renderer=gl",
         "materials=m",
     ],

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from envs.errors import ConfigError, UnknownNameError
 from policies import PolicyError
@@ -84,6 +85,7 @@ def test_the_folder_of_a_run_stands_for_its_last_checkpoint(run: Path) -> None:
         ["image_size=64"],
         ["task_kwargs.variant=lift"],
         ["simulator_settings.impratio=5"],
+        ["scenario.cameras.front.fovy_deg=30"],
         ["levels=[0]"],
         ["episodes=7"],
         ["splits=[test]"],
@@ -102,6 +104,43 @@ def test_settings_of_a_simulator_are_checked_against_that_of_the_demonstrations(
     assert subject(run, "simulator_settings.impratio=5").simulator_settings == {"impratio": 5}
     with pytest.raises(UnknownNameError, match=r"setting of simulator=mujoco 'impratoi'.*'impratio'"):
         subject(run, "simulator_settings.impratoi=5")
+
+
+@pytest.fixture
+def slow_run(run: Path) -> Path:
+    """Returns a run whose demonstrations were made at 10 Hz, and not at 20."""
+    values = yaml.safe_load((run / "config.yaml").read_text())
+    values["scenario"] = {"physics": {"decimation": 50}, "room": None}
+    (run / "config.yaml").write_text(yaml.safe_dump(values))
+    return run
+
+
+def test_the_scene_of_the_demonstrations_is_that_of_the_evaluation(slow_run: Path) -> None:
+    found = subject(slow_run)
+    assert found.scenario == {"physics": {"decimation": 50}, "room": None}
+    assert found.run == slow_run.name
+
+
+def test_what_is_changed_for_an_evaluation_comes_on_top(
+    slow_run: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    found = subject(slow_run, "scenario.cameras.front.fovy_deg=30")
+    assert found.scenario["physics"] == {"decimation": 50}
+    assert found.scenario["cameras"] == {"front": {"fovy_deg": 30}}
+    assert found.run.startswith(f"{slow_run.name}-scenario-")
+    assert not caplog.records
+
+
+def test_another_control_rate_than_the_policy_learned_at_is_told(
+    slow_run: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert subject(slow_run, "scenario.physics.decimation=25").scenario["physics"] == {"decimation": 25}
+    assert "learned at 10 control steps per second and is evaluated at 20" in caplog.text
+
+
+def test_a_camera_that_the_task_of_the_demonstrations_has_not_is_told(run: Path) -> None:
+    with pytest.raises(UnknownNameError, match=r"key of scenario\.cameras 'fromt'.*Did you mean 'front'"):
+        subject(run, "scenario.cameras.fromt.fovy_deg=30")
 
 
 @pytest.mark.parametrize("words", [["num_envs=3"], ["videos=0"], ["results_dir=elsewhere"]], ids=" ".join)

@@ -71,6 +71,8 @@ def test_a_dataset_is_named_after_what_is_in_it() -> None:
         "image_size=64",
         "task_kwargs.variant=lift",
         "simulator_settings.impratio=5",
+        "scenario.physics.decimation=50",
+        "scenario.physics.decimation=5",
         "materials=photos",
         "materials=+photos",
     ]

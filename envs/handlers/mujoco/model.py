@@ -1,7 +1,7 @@
 """From a :class:`~envs.scenario.ScenarioCfg` to a compiled ``mujoco.MjModel``.
 
 What the model offers to a draw of a level, so that one compiled model serves all of them:
-one material and one texture slot per surface, ``MAX_LIGHTS`` lights, and a table top that can be turned.
+one material and one texture slot per surface, a slot per light, and a table top that can be turned.
 """
 
 import mujoco
@@ -29,8 +29,8 @@ from envs.scenario import (
 )
 from envs.scenario.places import WALL_HALF_THICKNESS_M
 
-MAX_LIGHTS = 8
-"""One distant light and an array of up to seven lamps."""
+LEAST_LIGHTS = 8
+"""Slots for lights that every model has; dark ones cost nothing."""
 
 TEXTURE_SIZE = 256
 """Side of a surface's texture, pixels."""
@@ -99,7 +99,7 @@ def _scene_spec(scenario: ScenarioCfg, simplify: bool) -> mujoco.MjSpec:
     _set_physics(spec, scenario.physics)
     MujocoSettings.of(scenario).write(spec.option)
     _add_surfaces(spec, scenario)
-    for index in range(MAX_LIGHTS):
+    for index in range(light_slots(scenario)):
         spec.worldbody.add_light(name=f"light{index}", active=False, castshadow=index == 0)
     for robot in scenario.robots:
         _add_robot(spec, robot, simplify)
@@ -113,6 +113,11 @@ def _scene_spec(scenario: ScenarioCfg, simplify: bool) -> mujoco.MjSpec:
         _add_touches(spec, scenario, item)
     spec.add_material(name=OBJECT_MATERIAL)
     return spec
+
+
+def light_slots(scenario: ScenarioCfg) -> int:
+    """Returns how many lights a look of the scenario may have: its own, or those of the lighting channel."""
+    return max(LEAST_LIGHTS, len(scenario.appearance.lights), 1 + scenario.lighting.num_lamps)
 
 
 def robot_spec(robot: RobotCfg, *, simplify: bool = False) -> mujoco.MjSpec:

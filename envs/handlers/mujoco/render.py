@@ -9,10 +9,17 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
+from envs.errors import ConfigError
 from envs.handlers.base import TextureSource
 from envs.handlers.mujoco.furniture import FURNITURE, FurnitureSlots
 from envs.handlers.mujoco.meshes import VISUAL_GROUP
-from envs.handlers.mujoco.model import MAX_LIGHTS, OBJECT_MATERIAL, TABLE_BODY, TEXTURE_SIZE, camera_quat
+from envs.handlers.mujoco.model import (
+    OBJECT_MATERIAL,
+    TABLE_BODY,
+    TEXTURE_SIZE,
+    camera_quat,
+    light_slots,
+)
 from envs.handlers.mujoco.objects import SCENE_GROUP
 from envs.rotations import from_yaw
 from envs.scenario import SURFACES, Appearance, CameraCfg, GeomCfg, LightCfg, ScenarioCfg, SurfaceMaterial
@@ -107,6 +114,7 @@ class Stage:
         surface_textures: Surface to the name of its present texture, or None.
         furniture: Slots for the furniture of the room.
         furnished: What stands in the room at present.
+        light_slots: Lights that a look may have.
     """
 
     def __init__(self, model: mujoco.MjModel, scenario: ScenarioCfg) -> None:
@@ -117,6 +125,7 @@ class Stage:
         self._texture_ids = {surface: self.model.texture(surface).id for surface in SURFACES}
         self._looks = self.model.material(OBJECT_MATERIAL).id
         self.default_reflection = (0.6, 0.3, 0.0)
+        self.light_slots = light_slots(scenario)
         self._table = self.model.body(TABLE_BODY).mocapid[0] if scenario.table is not None else -1
         self.furniture = FurnitureSlots(model)
         self.furnished: Mapping[str, tuple[GeomCfg, ...]] = {}
@@ -148,7 +157,12 @@ class Stage:
             self._set_surface(surface, material)
         self._set_reflection(self._looks, *(appearance.object_reflection or self.default_reflection))
         lights = appearance.lights or base.lights or (LightCfg(cast_shadow=True),)
-        for slot in range(MAX_LIGHTS):
+        if len(lights) > self.light_slots:
+            raise ConfigError(
+                f"A look with {len(lights)} lights was given, and the scene was made for {self.light_slots}. "
+                "Give its LightingCfg to the scenario."
+            )
+        for slot in range(self.light_slots):
             self._set_light(slot, lights[slot] if slot < len(lights) else None)
         for camera in self._scenario.cameras:
             self._set_camera(appearance.cameras.get(camera.name, camera))

@@ -10,7 +10,6 @@ import mujoco
 import numpy as np
 
 from envs.errors import SimulatorError
-from envs.handlers.mujoco.model import MAX_LIGHTS
 from envs.handlers.mujoco.render import fixed_view, metres_of_reversed_depth, texture_of
 from envs.handlers.mujoco.staged import StagedRenderer
 from envs.scenario import SURFACES, Appearance, GeomCfg
@@ -61,7 +60,7 @@ class FilamentRenderer(StagedRenderer):
     @override
     def dress(self, appearance: Appearance) -> None:
         model = self._stage.model
-        for slot in range(MAX_LIGHTS):
+        for slot in range(self._stage.light_slots):
             distant = model.light_type[slot] == int(mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
             brightest = float(model.light_diffuse[slot].max())
             unit = LUX_PER_INTENSITY if distant else CANDELA_PER_INTENSITY

@@ -102,6 +102,7 @@ def make_env(config: "TrainRunConfig", own: PpoConfig, seed: int, device: str) -
         expert_starts=own.expert_starts,
         task_kwargs=config.task_kwargs,
         simulator_settings=config.simulator_settings,
+        scenario=config.scenario,
     )
 
 

@@ -9,7 +9,7 @@ import pytest
 from envs.errors import ConfigError
 from envs.handlers.mujoco.layout import as_slice, block, layout_of
 from envs.handlers.mujoco.meshes import VISUAL_GROUP
-from envs.handlers.mujoco.model import MAX_LIGHTS, OBJECT_MATERIAL, build_model, build_models
+from envs.handlers.mujoco.model import LEAST_LIGHTS, OBJECT_MATERIAL, build_model, build_models
 from envs.handlers.mujoco.objects import SCENE_GROUP
 from envs.robots.franka import FRANKA
 from envs.scenario import SURFACES, GeomCfg, ObjectCfg, PhysicsCfg, ScenarioCfg
@@ -50,7 +50,7 @@ def test_there_is_nothing_of_the_robots_file_that_we_did_not_ask_for(model):
     assert model.nu == len(FRANKA.joints)
     assert model.nsensor == 0
     assert [model.camera(i).name for i in range(model.ncam)] == ["front", "wrist"]
-    assert model.nlight == MAX_LIGHTS
+    assert model.nlight == LEAST_LIGHTS
 
 
 def test_gravity_acts_on_objects_and_not_on_the_arm(model):

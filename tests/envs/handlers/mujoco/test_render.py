@@ -8,11 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from envs.errors import SimulatorError
+from envs.errors import ConfigError, SimulatorError
 from envs.handlers import RENDERERS
 from envs.handlers.mujoco import render_filament, render_gl
 from envs.handlers.mujoco.handler import MujocoHandler
-from envs.handlers.mujoco.model import MAX_LIGHTS, TEXTURE_SIZE, build_model
+from envs.handlers.mujoco.model import LEAST_LIGHTS, TEXTURE_SIZE, build_model
 from envs.handlers.mujoco.render import (
     AMBIENT_FRACTION,
     RenderJob,
@@ -129,12 +129,17 @@ def test_a_texture_is_repeated_by_its_size(model, stage):
     assert stage.model.mat_texid[stage.model.material("table").id, rgb] == -1
 
 
+def test_more_lights_than_the_scene_was_made_for_are_refused(model, stage):
+    with pytest.raises(ConfigError, match=r"9 lights was given, and the scene was made for 8\. Give its Ligh"):
+        stage.pose(job(model, dataclasses.replace(BASE, lights=(LightCfg(),) * 9)))
+
+
 def test_lights_are_set_and_put_out_again(model, stage):
     lamp = LightCfg(kind="area", pos=(0.0, 0.0, 3.0), color=(1.0, 0.5, 0.0), intensity=0.5)
     far = LightCfg(direction=(0.0, 3.0, -4.0), intensity=0.8, cast_shadow=True)
     stage.pose(job(model, dataclasses.replace(BASE, lights=(far, lamp))))
     ours = stage.model
-    assert ours.light_active.tolist() == [True, True] + [False] * (MAX_LIGHTS - 2)
+    assert ours.light_active.tolist() == [True, True] + [False] * (LEAST_LIGHTS - 2)
     kinds = mujoco.mjtLightType
     assert ours.light_type[:2].tolist() == [int(kinds.mjLIGHT_DIRECTIONAL), int(kinds.mjLIGHT_SPOT)]
     np.testing.assert_allclose(ours.light_dir[0], (0.0, 0.6, -0.8))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from envs.handlers.mujoco.model import MAX_LIGHTS, build_model
+from envs.handlers.mujoco.model import LEAST_LIGHTS, build_model
 from envs.handlers.mujoco.render import Stage
 from envs.handlers.mujoco.render_warp import ready_for_tracing
 from envs.handlers.mujoco_warp.device import Device
@@ -88,7 +88,7 @@ def test_lights_and_cameras_and_the_table_top(stage, wardrobe):
     wardrobe.wear([base(), look])
     fields = wardrobe.fields
     assert fields["light_active"][:2].sum(-1).tolist() == [1, 2]
-    assert fields["light_active"].shape == (NUM_WORLDS, MAX_LIGHTS)
+    assert fields["light_active"].shape == (NUM_WORLDS, LEAST_LIGHTS)
     torch.testing.assert_close(fields["light_diffuse"][1, 1], torch.tensor([0.5, 0.25, 0.0]))
     torch.testing.assert_close(fields["light_pos"][1, 1], torch.tensor(lamp.pos))
     camera = stage.model.camera(front.name).id

@@ -1,0 +1,78 @@
+"""The keys ``scenario.*`` of the command line: what is changed of a task's scene."""
+
+import hashlib
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+from benchmark.protocol import canonical_json
+from envs.errors import ConfigError
+
+SECTION = "scenario"
+
+_PIXELS = ("width", "height")
+
+
+@cache
+def scenario_keys() -> dict[str, tuple[type, str]]:
+    """Returns the dotted keys of a scene that any task may have, each with its dataclass and its field.
+
+    What stands in a row, such as a camera, has ``<name>`` or ``<number>`` in its place. Names and sizes of
+    pictures have keys of their own, ``cameras=`` and ``image_size=``.
+    """
+    from envs.scenario import CameraCfg, ScenarioCfg
+    from envs.scenario.changes import keys_of
+
+    keys = {key: (cls, name) for key, cls, name in keys_of(ScenarioCfg, SECTION)}
+    return {
+        key: (cls, name) for key, (cls, name) in keys.items() if cls is not CameraCfg or name not in _PIXELS
+    }
+
+
+def typed_keys() -> list[str]:
+    """Returns those of :func:`scenario_keys` that can be typed as they are, for no name stands in them."""
+    return [key for key in scenario_keys() if "<" not in key]
+
+
+def in_full(key: str) -> str | None:
+    """Returns ``scenario.cameras.front.pos`` for ``cameras.front.pos``; None for no key of a scene."""
+    section, dot, _ = key.partition(".")
+    tops = {known.split(".")[1] for known in scenario_keys()}
+    if not dot:
+        return None
+    return key if section == SECTION else f"{SECTION}.{key}" if section in tops else None
+
+
+def check_scenario(task: str, task_kwargs: Mapping[str, Any], changes: Mapping[str, Any]) -> None:
+    """Checks what is to be changed of a task's scene, without starting a simulator.
+
+    Raises:
+        ConfigError: if a value is none that its key may have.
+        UnknownNameError: if the scene has no such key.
+    """
+    if not changes:
+        return
+    from envs.tasks.making import make_task
+
+    cameras = changes.get("cameras")
+    for name, camera in cameras.items() if isinstance(cameras, Mapping) else ():
+        for key in _PIXELS:
+            if isinstance(camera, Mapping) and key in camera:
+                raise ConfigError(
+                    f"{SECTION}.cameras.{name}.{key}={camera[key]} was given; height and width of every "
+                    "picture are image_size=<pixels>."
+                )
+    make_task(task, task_kwargs, changes)
+
+
+def control_hz(task: str, task_kwargs: Mapping[str, Any], changes: Mapping[str, Any]) -> float:
+    """Returns the control steps per second of a task whose scene is changed."""
+    from envs.tasks.making import make_task
+
+    return make_task(task, task_kwargs, changes).scenario.physics.control_hz
+
+
+def scenario_name(changes: Mapping[str, Any]) -> str:
+    """Returns what stands for changes of a scene in the name of a folder or a file."""
+    digest = hashlib.sha256(canonical_json(changes).encode()).hexdigest()
+    return f"{SECTION}-{digest[:8]}"
