@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmark.files import write_bytes
-from benchmark.protocol import canonical_json
+from benchmark.protocol import canonical_json, digest
 from benchmark.records import Result
 from benchmark.result_file import read_result, result_path
 from benchmark.rows import Entry, build_row, group_runs, name_rows, rank, row_key
@@ -162,11 +162,13 @@ def _section(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
                 f"{unlike} test episodes of {labels['a']} and {labels['b']} begin differently, although they "
                 "have the same index; they are left out of the paired comparison."
             )
-    changed = (key["task_kwargs"], key.get("simulator_settings", {}), flat(key.get("scenario", {})))
-    kwargs = ", ".join(f"{name}={value}" for values in changed for name, value in sorted(values.items()))
-    title = f"{key['task']}" + (f" ({kwargs})" if kwargs else "")
+    options, scene = (key["task_kwargs"], key.get("simulator_settings", {})), key.get("scenario", {})
+    kwargs = ", ".join(f"{name}={value}" for values in options for name, value in sorted(values.items()))
+    told = ", ".join([kwargs] * bool(kwargs) + [f"{k}={value}" for k, value in sorted(flat(scene).items())])
+    title = f"{key['task']}" + (f" ({told})" if told else "")
     name = "-".join([key["protocol"], key["task"], kwargs, key["simulator"], key["renderer"]])
     unusual = [f"seed{key['protocol_seed']}"] if key["protocol_seed"] else []
+    unusual += [f"scenario-{digest(scene)}"] if scene else []  # it names files, and may be long
     return {
         "id": re.sub(r"[^A-Za-z0-9]+", "-", "-".join([name, *unusual])).strip("-").lower(),
         "title": title,

@@ -163,5 +163,10 @@ def canonical_json(values: Any) -> str:
     return json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
+def digest(values: Any) -> str:
+    """Returns the first 8 hexadecimal digits of the SHA-256 of the canonical JSON: values in a file's name."""
+    return hashlib.sha256(canonical_json(values).encode()).hexdigest()[:8]
+
+
 def _is_count(value: object, least: int) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and value >= least

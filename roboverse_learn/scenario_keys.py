@@ -1,11 +1,10 @@
 """The keys ``scenario.*`` of the command line: what is changed of a task's scene."""
 
-import hashlib
 from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
-from benchmark.protocol import canonical_json
+from benchmark.protocol import digest
 from envs.errors import ConfigError
 
 SECTION = "scenario"
@@ -74,5 +73,4 @@ def control_hz(task: str, task_kwargs: Mapping[str, Any], changes: Mapping[str, 
 
 def scenario_name(changes: Mapping[str, Any]) -> str:
     """Returns what stands for changes of a scene in the name of a folder or a file."""
-    digest = hashlib.sha256(canonical_json(changes).encode()).hexdigest()
-    return f"{SECTION}-{digest[:8]}"
+    return f"{SECTION}-{digest(changes)}"
