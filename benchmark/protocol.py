@@ -164,7 +164,7 @@ def canonical_json(values: Any) -> str:
 
 
 def digest(values: Any) -> str:
-    """Returns the first 8 hexadecimal digits of the SHA-256 of the canonical JSON: values in a file's name."""
+    """Returns the first 8 hexadecimal digits of the SHA-256 of the canonical JSON: what names files."""
     return hashlib.sha256(canonical_json(values).encode()).hexdigest()[:8]
 
 

@@ -11,6 +11,7 @@ from policies.fasttd3.config import FastTd3Config
 from policies.fasttd3.policy import FastTd3Policy
 from policies.fasttd3.update import Updater
 from roboverse_learn.training import agent_checkpoint, off_policy
+from roboverse_learn.training.agent_env import make_env
 from roboverse_learn.training.replay import ReplayBuffer, Transitions
 
 if TYPE_CHECKING:
@@ -110,7 +111,7 @@ def learn(
 ) -> "TrainResult":
     """Trains FastTD3 on the task of a run; see :class:`roboverse_learn.training.learners.Learner`."""
     own: FastTd3Config = config.policy
-    env = off_policy.make_env(config, seed, own.num_envs, device)
+    env = make_env(config, own.num_envs, seed, device)
     try:
         sizes = {off_policy.OBSERVATION: env.observation_size}
         policy = FastTd3Policy.create(own, sizes, env.action_size, device, seed)

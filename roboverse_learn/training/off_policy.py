@@ -376,26 +376,3 @@ class _Loop:
 def wanted(choice: bool | None, device: torch.device) -> bool:
     """Returns a choice, or whether the device is a GPU where None leaves it open."""
     return device.type == "cuda" if choice is None else choice
-
-
-def make_env(config: Any, seed: int, num_envs: int, device: str) -> Any:
-    """Makes the env of a run.
-
-    Args:
-        config: Configuration of the run.
-        seed: Seeds which initial states are drawn.
-        num_envs: Environments.
-        device: ``cpu`` or ``cuda``.
-    """
-    from envs.torch_env import TorchVectorEnv
-
-    return TorchVectorEnv(
-        config.task,
-        num_envs,
-        simulator=config.simulator,
-        device=device,
-        seed=seed,
-        task_kwargs=config.task_kwargs,
-        simulator_settings=config.simulator_settings,
-        scenario=config.scenario,
-    )

@@ -12,6 +12,7 @@ from policies.tdmpc2.config import Tdmpc2Config
 from policies.tdmpc2.policy import Tdmpc2Policy
 from policies.tdmpc2.update import Sequences, Updater
 from roboverse_learn.training import agent_checkpoint, off_policy
+from roboverse_learn.training.agent_env import make_env
 from roboverse_learn.training.replay import ReplayBuffer, Transitions
 
 if TYPE_CHECKING:
@@ -109,7 +110,7 @@ def learn(
 ) -> "TrainResult":
     """Trains TD-MPC2 on the task of a run; see :class:`roboverse_learn.training.learners.Learner`."""
     own: Tdmpc2Config = config.policy
-    env = off_policy.make_env(config, seed, own.num_envs, device)
+    env = make_env(config, own.num_envs, seed, device)
     try:
         sizes, length = {off_policy.OBSERVATION: env.observation_size}, env.max_episode_steps
         policy = Tdmpc2Policy.create(own, sizes, env.action_size, length, device, seed)

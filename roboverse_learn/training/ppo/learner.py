@@ -13,6 +13,7 @@ from envs.errors import ConfigError, MissingExtraError
 from policies.ppo.config import PpoConfig
 from policies.ppo.policy import PpoPolicy
 from roboverse_learn.training import off_policy
+from roboverse_learn.training.agent_env import make_env
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.ppo.algorithm import PpoAlgorithm
 
@@ -36,7 +37,15 @@ def learn(
     own: PpoConfig = config.policy
     check_installed(own.backend)
     check_reward(config.task, config.task_kwargs)
-    env = make_env(config, own, seed, device)
+    env = make_env(
+        config,
+        own.num_envs,
+        seed,
+        device,
+        max_episode_steps=own.max_episode_steps,
+        substeps=own.substeps,
+        expert_starts=own.expert_starts,
+    )
     try:
         return train(own, env, config.train, run_dir, config.task, seed=seed, reporter=reporter)
     finally:
@@ -85,25 +94,6 @@ def make_algorithm(policy: PpoPolicy, env: Any, train_config: TrainConfig) -> Pp
     backend = policy.config.backend
     module = importlib.import_module(f"{_FOLDER}.{backend}")
     return getattr(module, _CLASSES[backend])(policy, env, train_config)
-
-
-def make_env(config: "TrainRunConfig", own: PpoConfig, seed: int, device: str) -> Any:
-    """Makes the env of a run."""
-    from envs.torch_env import TorchVectorEnv
-
-    return TorchVectorEnv(
-        config.task,
-        own.num_envs,
-        simulator=config.simulator,
-        device=device,
-        seed=seed,
-        max_episode_steps=own.max_episode_steps,
-        substeps=own.substeps,
-        expert_starts=own.expert_starts,
-        task_kwargs=config.task_kwargs,
-        simulator_settings=config.simulator_settings,
-        scenario=config.scenario,
-    )
 
 
 def whole_rollouts(config: TrainConfig, size: int) -> TrainConfig:

@@ -130,9 +130,7 @@ def test_a_texture_is_repeated_by_its_size(model, stage):
 
 
 def test_more_lights_than_the_scene_was_made_for_are_refused(model, stage):
-    with pytest.raises(
-        ConfigError, match=r"9 lights was given, and the scene was made for 8\. Give its Ligh"
-    ):
+    with pytest.raises(ConfigError, match=r"9 lights was given, and the scene was made for 8\. Give its"):
         stage.pose(job(model, dataclasses.replace(BASE, lights=(LightCfg(),) * 9)))
 
 
