@@ -159,6 +159,8 @@ class Result:
         simulator_settings: Settings of the simulator that replaced the scene's.
         scenario: What was changed of the task's scene.
         renderer: Pictures.
+        materials: Folder of pictures that the materials were taken from, by its name and the first digits of
+            its content's SHA-256, as in ``+pictures-1a2b3c4d``; empty for the built-in ones alone.
         cameras: What the policy saw through, in order; empty where the file does not say.
         image_size: Pixels a side, or None for a policy that sees no pictures.
         checkpoint: Which checkpoint.
@@ -187,6 +189,7 @@ class Result:
     simulator_settings: Mapping[str, Any] = field(default_factory=dict)
     scenario: Mapping[str, Any] = field(default_factory=dict)
     renderer: str
+    materials: str = ""
     cameras: tuple[str, ...] = ()
     image_size: int | None
     checkpoint: Checkpoint = field(default_factory=Checkpoint)

@@ -128,8 +128,8 @@ def _to_document(result: Result) -> dict[str, Any]:
         "git": asdict(result.git) if result.git else None,
         "machine": asdict(result.machine),
     }
-    for key in ("simulator_settings", "scenario"):
-        if not values[key]:  # the task's own: nothing to say
+    for key in ("simulator_settings", "scenario", "materials"):
+        if not values[key]:  # the task's own, the built-in ones: nothing to say
             del values[key]
     records = values.pop("records")
     document = {"schema_version": SCHEMA_VERSION, **values, "protocol_hash": result.protocol.hash}

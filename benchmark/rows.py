@@ -49,6 +49,7 @@ def row_key(result: Result) -> dict[str, Any]:
         "settings": {
             **learned_settings(result.config.get("policy"), _trained_with(result).get("train")),
             **_trained_in(result),
+            "materials": result.materials or "built-in",
         },
     }
 

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from roboverse_learn.config import CollectConfig
+from roboverse_learn.materials import check_materials, folder_name
 from roboverse_learn.scenario_keys import scenario_name
 
 if TYPE_CHECKING:
@@ -57,13 +58,13 @@ def dataset_folder(config: CollectConfig) -> Path:
     if config.scenario:
         options.append(scenario_name(config.scenario))
     if config.materials:
-        options.append("+" * config.materials.startswith("+") + Path(config.materials).name.removeprefix("+"))
+        options.append(folder_name(config.materials))
     return Path(config.datasets_dir) / config.task / "-".join([name, *options])
 
 
 def collect_dataset(config: CollectConfig) -> "CollectionSummary":
     """Makes sure that the dataset of a configuration is complete, with a progress bar."""
-    check_materials(config)
+    check_materials(config.materials)
     if config.source == "policy":
         return _collect_episodes(config, None)
     if config.source == "expert":
@@ -75,19 +76,6 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
     summary = _collect_episodes(config, imported)
     write_summary(Path(summary.root), imported)
     return dataclasses.replace(summary, imported=imported)
-
-
-def check_materials(config: CollectConfig) -> None:
-    """Reads the folder of materials, so that a wrong one is told before anything is made.
-
-    Raises:
-        ConfigError: It does not exist, holds too few pictures, or one that cannot be read.
-    """
-    from envs.randomization.materials import MaterialLibrary
-    from envs.randomization.splits import load_split
-
-    if config.materials:
-        load_split("train", MaterialLibrary.chosen(config.materials))
 
 
 def _demand_expert(config: CollectConfig) -> None:

@@ -83,6 +83,8 @@ class EvaluationConfig:
         protocol_seed: Root of the episodes' randomness.
         num_envs: Environments that step at once; on a CPU no result depends on it.
         videos: Videos of successes, and as many of failures, kept of each level.
+        materials: Folder of pictures in place of the built-in materials; with a plus before it, as in
+            materials=+pictures, beside them. 10 % of its pictures are of the test split.
     """
 
     levels: tuple[int, ...] = LEVELS
@@ -92,6 +94,7 @@ class EvaluationConfig:
     protocol_seed: int = 0
     num_envs: int = 10
     videos: int = 1
+    materials: str = ""
 
     def __post_init__(self) -> None:
         _levels(*self.levels)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from benchmark.protocol import Cell, Protocol
 from envs.errors import CheckpointError
 from roboverse_learn.config import EvaluateConfig, EvaluationConfig
+from roboverse_learn.materials import check_materials, recorded_materials
 from roboverse_learn.subject import Subject, protocol_of, step_of, subject_of
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ def evaluate(config: EvaluateConfig) -> Any:
     from roboverse_learn.leaderboard import write_leaderboard
     from roboverse_learn.report import evaluation_report
 
+    check_materials(config.evaluate.materials)
     evaluation = evaluate_subject(subject_of(config), config.evaluate, Path(config.results_dir), "evaluate")
     return evaluation_report(evaluation, write_leaderboard(Path(config.results_dir)))
 
@@ -77,7 +79,8 @@ def evaluate_subject(
     name = policy_type(subject.checkpoint)
     weights = file_hash(subject.checkpoint / WEIGHTS)
     path = results_dir / protocol.version / subject.task / name / f"{subject.run}.json"
-    earlier = _earlier(path, weights, protocol, subject)
+    materials = recorded_materials(config.materials)
+    earlier = _earlier(path, weights, protocol, subject, materials)
     if earlier is not None:
         log.info("Evaluated before: %s", path)
         return Evaluation(path=path, result=earlier, videos=_videos(path), reused=True)
@@ -85,13 +88,14 @@ def evaluate_subject(
     policy = policies.load(subject.checkpoint, subject.device)
     check_task(policy, subject)
     checkpoint = Checkpoint(step=step_of(subject.checkpoint), hash=weights)
-    finished = FinishedCells(path, _deciding(subject, protocol, weights))
+    finished = FinishedCells(path, _deciding(subject, protocol, weights, materials))
     if finished.records:
         log.info("Evaluated before: %s", ", ".join(map(str, finished.records)))
     else:
         for old in _videos(path):
             old.unlink()
     records, facts = _run_cells(policy, name, subject, config, protocol, video_dir(path), finished)
+    facts["materials"] = materials
     result = _result(subject, name, protocol, checkpoint, command, records, facts)
     assert path == result_path(results_dir, result)
     write_result(path, result)
@@ -124,7 +128,7 @@ def check_task(policy: Any, subject: Subject) -> None:
         )
 
 
-def _deciding(subject: Subject, protocol: Protocol, weights: str) -> dict[str, Any]:
+def _deciding(subject: Subject, protocol: Protocol, weights: str, materials: str) -> dict[str, Any]:
     """Returns what an evaluation that goes on must share with the one before: all that decides an episode."""
     from benchmark import provenance
 
@@ -133,6 +137,7 @@ def _deciding(subject: Subject, protocol: Protocol, weights: str) -> dict[str, A
     git = provenance.git_state()
     return values | {
         "weights": weights,
+        "materials": materials,
         "protocol": protocol.to_json(),
         "git": None if git is None else asdict(git),
         "versions": dict(provenance.package_versions()),
@@ -161,6 +166,7 @@ def _run_cells(
             split=cell.split,
             cameras=subject.cameras,
             image_size=subject.image_size,
+            materials=config.materials,
             protocol_seed=protocol.seed,
             **scene,
             **view,
@@ -251,7 +257,9 @@ def _progress_bar() -> Any:
     )
 
 
-def _earlier(path: Path, weights: str, protocol: Protocol, subject: Subject) -> "Result | None":
+def _earlier(
+    path: Path, weights: str, protocol: Protocol, subject: Subject, materials: str
+) -> "Result | None":
     """Returns the result that stands at ``path``, if it is of the same weights, protocol and scene."""
     from benchmark.provenance import package_versions
     from benchmark.result_file import read_result
@@ -259,8 +267,8 @@ def _earlier(path: Path, weights: str, protocol: Protocol, subject: Subject) -> 
     if not path.exists():
         return None
     result = read_result(path)
-    now = (weights, protocol.hash, package_versions())
-    then = (result.checkpoint.hash, result.protocol.hash, dict(result.versions))
+    now = (weights, protocol.hash, materials, package_versions())
+    then = (result.checkpoint.hash, result.protocol.hash, result.materials, dict(result.versions))
     keys = ("task_kwargs", "simulator", "simulator_settings", "renderer", "scenario", "image_size")
     known = [key for key in keys if getattr(result, key) is not None]  # no size: it saw no pictures
     scene = all(getattr(result, key) == getattr(subject, key) for key in known)

@@ -12,6 +12,7 @@ from envs.errors import ConfigError
 from envs.handlers.settings import check_settings
 from envs.scenario.changes import merged
 from roboverse_learn.config import EvaluateConfig, EvaluationConfig, TrainRunConfig
+from roboverse_learn.materials import recorded_materials
 from roboverse_learn.scenario_keys import check_scenario, control_hz, scenario_name
 
 log = logging.getLogger(__name__)
@@ -112,6 +113,8 @@ def subject_of(config: EvaluateConfig) -> Subject:
     protocol = protocol_of(config.evaluate)
     if protocol.hash != protocol_of(trained.evaluate).hash:
         changed.append(protocol.hash[:6])
+    if config.evaluate.materials != trained.evaluate.materials:
+        changed.append(_materials_in_name(config.evaluate))
     if step_of(checkpoint) != step_of(resolve(folder)):
         changed.append(f"step{step_of(checkpoint)}")
     values = {"command": to_values(config), "run": to_values(trained), "policy": to_values(trained)["policy"]}
@@ -184,7 +187,12 @@ def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
     base = re.sub(r"[^A-Za-z0-9._+=-]+", "-", checkpoint.absolute().parent.name).strip("-.") or "checkpoint"
     return Subject(
         checkpoint=checkpoint,
-        run=f"{base}-{file_hash(checkpoint / WEIGHTS)[:8]}-{protocol_of(config.evaluate).hash[:6]}",
+        run="-".join(
+            [
+                *(base, file_hash(checkpoint / WEIGHTS)[:8], protocol_of(config.evaluate).hash[:6]),
+                *([_materials_in_name(config.evaluate)] if config.evaluate.materials else []),
+            ]
+        ),
         task=config.task,
         task_kwargs=config.task_kwargs,
         simulator=config.simulator or "mujoco",
@@ -243,6 +251,11 @@ def _tell_control_rates(trained: TrainRunConfig, evaluated: Mapping[str, Any]) -
             "Leave out scenario.physics to evaluate it as it learned.",
             *(before, now),
         )
+
+
+def _materials_in_name(config: EvaluationConfig) -> str:
+    """The materials of an evaluation as a part of the name of a file."""
+    return _in_name("materials", recorded_materials(config.materials) or "built-in-materials")
 
 
 def _in_name(key: str, value: Any) -> str:

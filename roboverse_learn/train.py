@@ -43,9 +43,9 @@ def train(config: TrainRunConfig) -> Any:
         ConfigError: The run would take very long on this machine, is open in another process, was started
             with another configuration, or is to be logged to Weights & Biases and nobody is logged in.
     """
-    from roboverse_learn.collect import check_materials
     from roboverse_learn.evaluate import command_words, evaluate_subject
     from roboverse_learn.leaderboard import write_leaderboard
+    from roboverse_learn.materials import check_materials
     from roboverse_learn.report import train_report
     from roboverse_learn.run import Run
     from roboverse_learn.subject import subject_of_run
@@ -57,7 +57,8 @@ def train(config: TrainRunConfig) -> Any:
     if from_dataset and int(os.environ.get("RANK", "0")) > 0:
         return _train_along(config, device)
     if from_dataset:
-        check_materials(config)
+        check_materials(config.materials)
+    check_materials(config.evaluate.materials)
     refuse_long_run(config, device)
     if config.train.wandb:
         check_wandb()

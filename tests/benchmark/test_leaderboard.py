@@ -191,6 +191,15 @@ def test_what_was_trained_in_another_scene_is_a_row_of_its_own(publish, tmp_path
     assert any(row["label"].endswith(said) for row in rows(tmp_path))
 
 
+def test_rows_evaluated_on_other_materials_are_told_apart(publish, tmp_path):
+    publish()
+    publish(run="pictures", materials="+pictures-1a2b3c4d")
+    assert sorted(row["label"] for row in rows(tmp_path)) == [
+        "act, materials +pictures-1a2b3c4d",
+        "act, materials built-in",
+    ]
+
+
 def test_a_policy_in_another_simulator_is_a_row_of_that_simulator(publish, tmp_path):
     """Sim to sim: tested where it was not trained, beside what was trained there."""
     home, away = {"simulator": "mujoco", "renderer": "warp"}, {"simulator": "sapien", "renderer": "sapien"}

@@ -52,12 +52,17 @@ def test_round_trip(written):
     assert read_result(path) == result
 
 
-def test_what_was_changed_of_the_scene_is_told_and_nothing_where_nothing_was(make_result, tmp_path, written):
-    assert "scenario" not in json.loads(written[0].read_text())
-    result = make_result(run="slow", scenario={"physics": {"decimation": 50}})
+@pytest.mark.parametrize(
+    ("key", "value"), [("scenario", {"physics": {"decimation": 50}}), ("materials", "+pictures-1a2b3c4d")]
+)
+def test_what_was_changed_of_the_scene_is_told_and_nothing_where_nothing_was(
+    make_result, tmp_path, written, key, value
+):
+    assert key not in json.loads(written[0].read_text())
+    result = make_result(run="other", **{key: value})
     path = result_path(tmp_path, result)
     write_result(path, result)
-    assert json.loads(path.read_text())["scenario"] == {"physics": {"decimation": 50}}
+    assert json.loads(path.read_text())[key] == value
     assert read_result(path) == result
 
 

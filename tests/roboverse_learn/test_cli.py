@@ -157,13 +157,20 @@ def test_of_a_file_more_demonstrations_can_be_asked_for_than_the_split_has() -> 
     assert config.collect.num_demos == 20_000
 
 
-@pytest.mark.parametrize("command", ["collect", "train"])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["collect", "materials=nowhere"],
+        ["train", "materials=nowhere", "slow_ok=true"],
+        ["train", "evaluate.materials=+nowhere", "slow_ok=true"],
+        ["evaluate", "checkpoint=runs/x", "materials=nowhere"],
+    ],
+)
 def test_a_wrong_folder_of_materials_is_told_before_anything_is_made(
-    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    words = ["preset=quick", "materials=nowhere", *(["slow_ok=true"] if command == "train" else [])]
-    said = failure([command, *words], capsys)
+    said = failure([*words, "preset=quick"], capsys)
     assert said.startswith("error: No folder of materials at 'nowhere'. Give a folder")
     assert "worker" not in said
     assert not list(tmp_path.iterdir())

@@ -1,12 +1,14 @@
 """What is evaluated: how a checkpoint finds its run, and that no two evaluations share a results file."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from PIL import Image
 
 from envs.errors import ConfigError, UnknownNameError
 from policies import PolicyError
@@ -46,6 +48,15 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             write_checkpoint(opened.folder / f"checkpoints/{step:06d}/pretrained_model")
         (opened.folder / "checkpoints/last").symlink_to("000200")
         return opened.folder
+
+
+@pytest.fixture
+def pictures(tmp_path: Path) -> Path:
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for number in range(4):
+        Image.new("RGB", (16, 16), (60 * number, 100, 200)).save(folder / f"{number}.png")
+    return folder
 
 
 def subject(checkpoint: Path, *words: str) -> Subject:
@@ -98,6 +109,20 @@ def test_whatever_is_evaluated_differently_has_a_results_file_of_its_own(run: Pa
     changed = subject(run, *words).run
     assert changed != run.name and changed.startswith(f"{run.name}-")
     assert Path(changed).name == changed  # it is the name of a file
+
+
+def test_other_materials_have_a_results_file_of_their_own(run: Path, pictures: Path) -> None:
+    name = subject(run, f"materials=+{pictures}").run
+    assert re.fullmatch(rf"{run.name}-\+pictures-[0-9a-f]{{8}}", name)
+    assert name != subject(run, f"materials={pictures}").run
+    (pictures / "0.png").write_bytes((pictures / "1.png").read_bytes())
+    assert subject(run, f"materials=+{pictures}").run != name
+
+
+def test_other_materials_of_a_checkpoint_of_nobody_are_in_its_name(tmp_path: Path, pictures: Path) -> None:
+    folder = write_checkpoint(tmp_path / "their run/model")
+    usual, other = (subject(folder, "task=PickCube", *w).run for w in ([], [f"materials={pictures}"]))
+    assert other.startswith(f"{usual}-pictures-")
 
 
 def test_settings_of_a_simulator_are_checked_against_that_of_the_demonstrations(run: Path) -> None:
