@@ -200,3 +200,18 @@ def make_result(make_records):
         return Result(**(values | changes))
 
     return make
+
+
+@pytest.fixture
+def publish(make_result, tmp_path):
+    """Returns a function that writes an invented result into its place under ``tmp_path``."""
+
+    from benchmark.result_file import result_path, write_result
+
+    def write(**kwargs):
+        result = make_result(**kwargs)
+        path = result_path(tmp_path, result)
+        write_result(path, result)
+        return path
+
+    return write
