@@ -36,10 +36,10 @@ def make(channels, split="train", seed=0, **kwargs):
 
 @pytest.fixture(scope="module")
 def pool():
-    """All draws of all channels for the whole pool, by split."""
+    """All draws of all channels, the furniture of a room among them, for the whole pool, by split."""
     draws = {}
     for split in ("train", "test"):
-        randomizer = make(CHANNELS, split)
+        randomizer = make(CHANNELS, split, scenario=TASKS.get("PickCube")().scenario)
         draws[split] = [randomizer.draws(int(episode)) for episode in randomizer.split.episodes]
     return draws
 
@@ -61,6 +61,8 @@ def values(draws, channel, *keys):
         *[("environment", "textures", surface) for surface in SURFACES],
         *[("environment", "size_m", surface) for surface in SURFACES],
         ("environment", "table_yaw_rad"),
+        ("environment", "layout"),
+        ("environment", "furniture"),
         ("camera", "front"),
         *[("lighting", "lights", key) for key in ("azimuth_rad", "polar_rad", "distant_intensity")],
         *[
@@ -74,6 +76,23 @@ def values(draws, channel, *keys):
 def test_no_test_draw_equals_a_train_draw(pool, path):
     train, test = (values(pool[split], *path) for split in ("train", "test"))
     assert not train & test
+
+
+def test_no_piece_stands_in_a_test_episode_as_in_a_train_episode(pool):
+    """Piece by piece: neither a piece nor how one stands is in both splits."""
+    placements = {
+        split: [item for draw in draws for item in draw["environment"]["furniture"]]
+        for split, draws in pool.items()
+    }
+    assert len(placements["test"]) > 1000, "there is furniture in every test episode"
+    pieces, standing = (
+        {split: {of(item) for item in found} for split, found in placements.items()}
+        for of in (lambda item: item["piece"], lambda item: json.dumps(item, sort_keys=True))
+    )
+    assert pieces["train"] == set(load_split("train").furniture)
+    assert pieces["test"] == set(load_split("test").furniture)
+    assert not pieces["train"] & pieces["test"]
+    assert not standing["train"] & standing["test"]
 
 
 @pytest.mark.parametrize(
