@@ -5,6 +5,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from envs.actions import wrong_shape
 from envs.observations import row_of
 from envs.vector_env import RoboVerseVectorEnv
 
@@ -64,8 +65,17 @@ class RoboVerseEnv(gymnasium.Env):
         return row_of(observation, 0), self._info(False)
 
     def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Steps by one control step; ``action`` (J,) are joint position targets, rad and m."""
-        observation, reward, terminated, truncated, info = self.batch.step(np.asarray(action)[None])
+        """Steps by one control step; ``action`` (J,) are joint position targets, rad and m.
+
+        Raises:
+            InvalidActionError: It has another shape, or is not finite.
+            ResetNeededError: The environment was never reset.
+        """
+        action = np.asarray(action)
+        if action.shape != self.action_space.shape:
+            names = self.batch.controller.names
+            raise wrong_shape(action, (len(names),), names)
+        observation, reward, terminated, truncated, info = self.batch.step(action[None])
         told = self._info(bool(info["is_success"][0]))
         return row_of(observation, 0), float(reward[0]), bool(terminated[0]), bool(truncated[0]), told
 

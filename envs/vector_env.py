@@ -10,6 +10,7 @@ import torch
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
+from envs.actions import check_step
 from envs.arrays import to_numpy
 from envs.digest import episode_digest
 from envs.errors import ConfigError, unknown_name
@@ -152,6 +153,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         else:
             self.reset_envs(self._every[:1], self.split_indices[:1])
             size = self._known(self._present(self._every[:1])).shape[-1]
+            self.episodes[0], self._began[0] = -1, None  # that was no episode of anybody
             limit = np.inf if self.observation == "full" else STATE_LIMIT  # speeds have no bound
             spaces["environment_state"] = box(-limit, limit, (size,), np.float32)
         self.single_observation_space = gymnasium.spaces.Dict(spaces)
@@ -322,7 +324,14 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
     def step(
         self, actions: np.ndarray
     ) -> tuple[dict[str, Any], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Steps every environment; ``actions`` (N, A) are the task's controller's."""
+        """Steps every environment; ``actions`` (N, A) are the task's controller's.
+
+        Raises:
+            InvalidActionError: They have another shape, or are not finite.
+            ResetNeededError: An environment was never reset.
+        """
+        actions = np.asarray(actions)
+        check_step(actions, self.controller.names, self.episodes)
         begin = self._over.nonzero()[0] if self._autoreset == AutoresetMode.NEXT_STEP else self._every[:0]
         result = self._advance(None, actions)
         info = self._info(result.success)

@@ -6,17 +6,15 @@ every mistake becomes one message that says what was given and what is valid.
 
 import dataclasses
 import importlib
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import policies
-from envs.errors import ConfigError, UnknownNameError, suggest, unknown_name
+from envs.errors import ConfigError, unknown_name
 from envs.handlers.settings import check_settings
 from envs.scenario.changes import merged
-from roboverse_learn import scenario_keys
 from roboverse_learn.config import (
     CollectConfig,
     ConservationConfig,
@@ -27,6 +25,8 @@ from roboverse_learn.config import (
     SweepConfig,
     TrainRunConfig,
 )
+from roboverse_learn.keys import OPEN, flat_keys, full_key, in_open_section, split_word, unknown_key
+from roboverse_learn.scenario_keys import check_scenario
 
 COMMANDS: dict[str, type] = {
     "collect": CollectConfig,
@@ -40,10 +40,7 @@ COMMANDS: dict[str, type] = {
 }
 """Every command that takes ``key=value`` words, and what it can be told."""
 
-_WORD = re.compile(r"(?P<key>[A-Za-z_][\w.]*)=(?P<value>.*)", re.DOTALL)
 _GROUPS = ("policy", "preset")
-_OPEN = ("task_kwargs", "simulator_settings", scenario_keys.SECTION)
-"""The sections whose keys are not ours: fields of the task's dataclass, the simulator's and the scene's."""
 
 
 def configs_folder() -> Path:
@@ -66,7 +63,8 @@ def compose(command: str, words: Sequence[str]) -> Any:
     Args:
         command: One of :data:`COMMANDS`.
         words: ``key=value`` words, later ones winning. A key may be shortened to its last part where no
-            other key ends so: ``num_demos=50`` is ``collect.num_demos=50``.
+            other key ends so: ``num_demos=50`` is ``collect.num_demos=50``. One value is a list of one
+            where a list is meant: ``levels=0`` is ``levels=[0]``.
 
     Returns:
         The command's frozen dataclass.
@@ -85,19 +83,26 @@ def compose(command: str, words: Sequence[str]) -> Any:
         raise unknown_name("preset", choices["preset"], preset_names())
     defaults = default_values(command, choices["policy"])
     keys = flat_keys(defaults)
-    full = [_full_key(command, key, keys) for key, _ in pairs]
+    full = [full_key(command, key, keys) for key, _ in pairs]
     given = {key: value for key, (_, value) in zip(full, pairs, strict=True)}
     # A path or a name is taken as it was typed: Hydra's grammar would stumble over its '=', ',' and '['.
-    texts = {key: value for key, value in given.items() if key not in _GROUPS and _is_text(defaults, key)}
+    texts = {
+        key: value
+        for key, value in given.items()
+        if key not in _GROUPS and isinstance(_at(defaults, key), str)
+    }
     groups = [f"{group}={name}" for group, name in choices.items()]
     overrides = [
-        f"{'++' if _in_open_section(key) else ''}{key}={value}"
+        f"{'++' if in_open_section(key) else ''}{key}={value}"
         for key, value in given.items()
         if key not in (*texts, *_GROUPS)
     ]
     composed = _hydra_compose(_all_defaults(command, choices["policy"]), [*groups, *overrides])
     for key, value in texts.items():
         _set(composed, key, value)
+    for key in given:
+        if isinstance(_at(defaults, key), list):
+            _set(composed, key, _as_list(_at(composed, key)))
     values = {name: composed[name] for name in defaults}
     if command == "evaluate":  # its scene follows the checkpoint, whatever a preset says of training
         values = {
@@ -143,7 +148,7 @@ def from_values(command: str, values: Mapping[str, Any]) -> Any:
     defaults = default_values(command, policy_name)
     unknown = sorted(set(flat_keys(values)) - set(flat_keys(defaults)))
     if unknown:
-        raise _unknown_key(command, unknown[0], flat_keys(defaults))
+        raise unknown_key(command, unknown[0], flat_keys(defaults))
     plain = dict(values)
     try:
         if "policy" in plain:
@@ -219,16 +224,7 @@ def check_names(config: Any) -> None:
                 raise unknown_name(f"option of {config.task}", key, options)
         task(**config.task_kwargs)  # the task checks the values
     if getattr(config, "scenario", None) and config.task:
-        scenario_keys.check_scenario(config.task, config.task_kwargs, config.scenario)
-
-
-def flat_keys(values: Mapping[str, Any], prefix: str = "") -> list[str]:
-    """Returns the dotted key of every leaf."""
-    keys: list[str] = []
-    for name, value in values.items():
-        nested = isinstance(value, Mapping) and f"{prefix}{name}" not in _OPEN
-        keys += flat_keys(value, f"{prefix}{name}.") if nested else [f"{prefix}{name}"]
-    return keys
+        check_scenario(config.task, config.task_kwargs, config.scenario)
 
 
 def _registries() -> dict[str, Any]:
@@ -249,12 +245,17 @@ def _all_defaults(command: str, policy: str) -> dict[str, Any]:
     }
 
 
-def _is_text(defaults: Mapping[str, Any], key: str) -> bool:
-    """Whether the value of a dotted key is a string."""
-    value: Any = defaults
+def _at(values: Mapping[str, Any], key: str) -> Any:
+    """Returns the value of a dotted key, None where there is none."""
+    value: Any = values
     for part in key.split("."):
         value = value.get(part) if isinstance(value, Mapping) else None
-    return isinstance(value, str)
+    return value
+
+
+def _as_list(value: Any) -> Any:
+    """Returns a list of one for one number or word; what is neither is refused later, as it was typed."""
+    return [value] if (value and isinstance(value, str)) or type(value) in (int, float) else value
 
 
 def _set(values: dict[str, Any], key: str, value: Any) -> None:
@@ -263,6 +264,10 @@ def _set(values: dict[str, Any], key: str, value: Any) -> None:
     for section in sections:
         values = values[section]
     values[last] = value
+
+
+def _split(word: str) -> tuple[str, str]:
+    return split_word(word, flat_keys(default_values("train")))
 
 
 def _saved_values(command: str, words: Mapping[str, str]) -> dict[str, Any]:
@@ -281,7 +286,7 @@ def _overlay(
     """Returns ``saved`` with those leaves of ``values`` whose dotted key is ``given``."""
     return {
         name: _overlay(saved[name], value, given, f"{prefix}{name}.")
-        if isinstance(value, Mapping) and name not in _OPEN
+        if isinstance(value, Mapping) and name not in OPEN
         else _one_of(saved.get(name, value), value, f"{prefix}{name}", given)
         for name, value in values.items()
     }
@@ -289,65 +294,9 @@ def _overlay(
 
 def _one_of(saved: Any, value: Any, key: str, given: set[str]) -> Any:
     """Returns a saved value, or what was given in its place; an open section may be given in part."""
-    if key in _OPEN and any(full.startswith(f"{key}.") for full in given):
+    if key in OPEN and any(full.startswith(f"{key}.") for full in given):
         return merged(saved, value)
     return value if key in given else saved
-
-
-def _split(word: str) -> tuple[str, str]:
-    match = _WORD.fullmatch(word)
-    if match is None:
-        keys = flat_keys(default_values("train"))
-        raise ConfigError(
-            f"'{word}' is not key=value.{suggest(word, [f'{key}=' for key in _settable(keys)])} "
-            "Write words such as task=PickCube or train.steps=1000; --help lists every key."
-        )
-    return match["key"], match["value"]
-
-
-def _full_key(command: str, key: str, keys: Iterable[str]) -> str:
-    """Returns the dotted key that ``key`` stands for, whole or shortened."""
-    names = _settable(keys)
-    if (key in names and key not in _OPEN) or (_in_open_section(key) and key.partition(".")[0] in names):
-        return key
-    has_scene = scenario_keys.SECTION in names
-    if has_scene:
-        names = [name for name in names if name != scenario_keys.SECTION] + scenario_keys.typed_keys()
-    matches = [full for full in names if full.endswith(f".{key}")]
-    if not matches and has_scene and (of_scene := scenario_keys.in_full(key)):
-        return of_scene  # whether there is such a camera, its task says
-    if len(matches) > 1:
-        raise ConfigError(f"'{key}' could be {' or '.join(matches)}: write the one that is meant.")
-    if not matches:
-        raise _unknown_key(command, key, names)
-    return matches[0]
-
-
-def _in_open_section(key: str) -> bool:
-    """Whether a dotted key names an option of a task, a setting of a simulator or a part of the scene."""
-    section, dot, _ = key.partition(".")
-    return bool(dot) and section in _OPEN
-
-
-def _settable(keys: Iterable[str]) -> list[str]:
-    """Returns what may stand before ``=``: every key, and ``policy`` for the policy's name."""
-    return ["policy" if key == "policy_name" else key for key in keys]
-
-
-def _unknown_key(command: str, key: str, keys: Iterable[str]) -> UnknownNameError:
-    """The error of an unknown key: nearest key of all, and the keys beside it."""
-    names = _settable(keys)
-    section = key.rpartition(".")[0]
-    beside = [full for full in names if section and full.startswith(f"{section}.")]
-    if not beside:
-        tops = (full.partition(".") for full in names)
-        beside = sorted({f"{top}.*" if rest else top for top, _, rest in tops})
-    shortened = {full.rpartition(".")[2]: full for full in reversed(names)}
-    nearest = suggest(key, [*names, *shortened])
-    return UnknownNameError(
-        f"Unknown key '{key}' of {command}.{nearest} Valid: {', '.join(beside)}. "
-        f"See them all with: roboverse {command} --help"
-    )
 
 
 def _hydra_compose(defaults: dict[str, Any], overrides: list[str]) -> dict[str, Any]:

@@ -10,7 +10,8 @@ from typing import Any
 
 import policies
 from envs.errors import unknown_name
-from roboverse_learn.compose import COMMANDS, default_values, flat_keys, policy_config, preset_names
+from roboverse_learn.compose import COMMANDS, default_values, policy_config, preset_names
+from roboverse_learn.keys import flat_keys
 from roboverse_learn.scenario_keys import SECTION, scenario_keys
 
 SUMMARIES = {

@@ -22,8 +22,9 @@ import numpy as np
 from benchmark.files import write_bytes
 from benchmark.protocol import canonical_json
 from envs.errors import ConfigError, RoboVerseError
-from roboverse_learn.compose import flat_keys, from_values, to_values
+from roboverse_learn.compose import from_values, to_values
 from roboverse_learn.config import TrainRunConfig
+from roboverse_learn.keys import flat_keys
 
 log = logging.getLogger(__name__)
 

@@ -20,9 +20,10 @@ from pathlib import Path
 import policies
 from envs.errors import RoboVerseError
 from roboverse_learn.collect import dataset_folder
-from roboverse_learn.compose import compose, flat_keys, to_values, values_of_key
+from roboverse_learn.compose import compose, to_values, values_of_key
 from roboverse_learn.config import CollectConfig, SweepConfig, TrainRunConfig
 from roboverse_learn.folders import check_folders
+from roboverse_learn.keys import flat_keys
 from roboverse_learn.run import CONFIG_FILE, default_folder, read_config, read_facts
 
 log = logging.getLogger(__name__)

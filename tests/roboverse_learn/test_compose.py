@@ -18,11 +18,11 @@ from roboverse_learn.compose import (
     compose,
     configs_folder,
     default_values,
-    flat_keys,
     from_values,
     preset_names,
     to_values,
 )
+from roboverse_learn.keys import flat_keys
 
 REQUIRED = {"evaluate": ["checkpoint=runs/x"], "replay": ["dataset=datasets/x"]}
 QUICK = settings(max_examples=25, deadline=None)
@@ -233,6 +233,38 @@ def test_a_preset_does_not_change_the_scene_that_a_checkpoint_is_evaluated_in() 
     assert (config.task, config.simulator, config.renderer, config.image_size) == ("", "", "", 0)
     assert config.evaluate.episodes == compose("train", ["preset=quick"]).evaluate.episodes
     assert compose("evaluate", ["checkpoint=runs/x", "preset=quick", "image_size=64"]).image_size == 64
+
+
+@pytest.mark.parametrize(
+    ("word", "of", "value"),
+    [
+        ("levels=0", lambda config: config.evaluate.levels, (0,)),
+        ("splits=test", lambda config: config.evaluate.splits, ("test",)),
+        ("alone=camera", lambda config: config.evaluate.alone, ("camera",)),
+        ("cameras=wrist", lambda config: config.cameras, ("wrist",)),
+    ],
+)
+def test_one_value_is_a_list_of_one(word, of, value) -> None:
+    assert of(compose("train", [word])) == value
+
+
+@pytest.mark.parametrize("word", ["levels=", "levels=true", "levels=null"])
+def test_what_is_no_value_is_no_list_of_one(word: str) -> None:
+    with pytest.raises(ConfigError, match=r"evaluate\.levels: input should be a valid tuple, given"):
+        compose("train", [word])
+
+
+def test_a_level_that_does_not_exist_is_named() -> None:
+    with pytest.raises(ConfigError, match=r"Unknown level 7\. Valid: 0, 1, 2, 3"):
+        compose("evaluate", ["checkpoint=runs/x", "levels=7"])
+
+
+@pytest.mark.parametrize(
+    ("word", "nearest"), [("policy", "policy="), ("polcy", "policy="), ("taks", "task="), ("leve", "level=")]
+)
+def test_a_word_without_a_value_suggests_the_key_that_it_resembles(word: str, nearest: str) -> None:
+    with pytest.raises(ConfigError, match=rf"'{word}' is not key=value\. Did you mean '{nearest}'\?"):
+        compose("train", [word])
 
 
 def test_options_of_a_task_pass_through() -> None:
