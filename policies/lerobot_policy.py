@@ -113,28 +113,28 @@ class LeRobotPolicy:
         if generators is not None and len(generators) != n:
             raise PolicyError(f"act() needs one generator per environment: {n}, given {len(generators)}.")
         was_training = self.model.training
-        self.model.eval()
+        if was_training:
+            self.model.eval()
         with torch.inference_mode():
+            batch = self.preprocess(batch)
             if self.batch_invariant:
-                chunk = torch.cat(
+                actions = torch.cat(
                     [
-                        self._chunk({key: value[i : i + 1] for key, value in batch.items()},
-                                    None if generators is None else generators[i : i + 1])
+                        self.predict({key: value[i : i + 1] for key, value in batch.items()},
+                                     None if generators is None else generators[i : i + 1])
                         for i in range(n)
                     ]
                 )  # fmt: skip
             else:
-                chunk = self._chunk(batch, generators)
-        self.model.train(was_training)
+                actions = self.predict(batch, generators)
+            chunk = self.postprocessor(actions[:, : self.n_action_steps]).float().cpu()
+        if was_training:
+            self.model.train()
         return chunk.numpy()
 
     def predict(self, batch: dict[str, Tensor], generators: Sequence[torch.Generator] | None) -> Tensor:
         """Returns normalized actions (n, at least n_action_steps, action_dim) of normalized inputs."""
         return self.model.predict_action_chunk(batch)
-
-    def _chunk(self, batch: dict[str, Tensor], generators: Sequence[torch.Generator] | None) -> Tensor:
-        actions = self.predict(self.preprocess(batch), generators)[:, : self.n_action_steps]
-        return self.postprocessor(actions).float().cpu()
 
     def _to_tensors(self, observation: Observation) -> dict[str, Tensor]:
         """Checks the observation; images become (n, [T,] C, H, W) uint8."""

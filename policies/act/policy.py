@@ -1,19 +1,24 @@
 """The Action Chunking Transformer of LeRobot."""
 
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import torch
 from lerobot.configs import PreTrainedConfig
 from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot.policies.act.modeling_act import ACTPolicy
 from lerobot.policies.act.processor_act import make_act_pre_post_processors
+from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.utils.constants import ACTION, OBS_IMAGES
 from torch import Tensor, nn
 from torchvision.ops.misc import FrozenBatchNorm2d
 
 from policies.act.config import ActConfig
+from policies.base import Observation
 from policies.lerobot_policy import Features, LeRobotPolicy, Processors
 from policies.objective import Loss
+from policies.packed_convolutions import packed
 
 # Running statistics average over about 50 batches, so that the frozen ones are not those of a few images.
 _NORM_MOMENTUM = 0.02
@@ -31,6 +36,11 @@ class ActPolicy(LeRobotPolicy):
     name = "act"
     model_class = ACTPolicy
     _train_batch_norm = False
+
+    def __init__(self, model: PreTrainedPolicy, processors: Processors) -> None:
+        super().__init__(model, processors)
+        self._network: Any = None  # what acts, once it did; a copy of the model's on a CPU
+        model.register_load_state_dict_post_hook(self._forget_network)
 
     @classmethod
     def lerobot_config(
@@ -73,6 +83,31 @@ class ActPolicy(LeRobotPolicy):
         )
         return policy
 
+    def act(
+        self, observation: Observation, generators: Sequence[torch.Generator] | None = None
+    ) -> np.ndarray:
+        """Chooses the next actions; see :meth:`policies.base.Policy.act`."""
+        if self.model.training:  # its weights are others at each call
+            self._forget_network()
+        return super().act(observation, generators)
+
+    def predict(self, batch: dict[str, Tensor], generators: Sequence[torch.Generator] | None) -> Tensor:
+        """Returns normalized actions; draws nothing."""
+        del generators
+        if self._network is None:
+            network = self.model.model
+            self._network = packed(network) if self.device.type == "cpu" else network
+        actions, _ = self._network(self._inputs(batch))
+        return actions
+
+    def _forget_network(self, *_: Any) -> None:
+        self._network = None
+
+    def _inputs(self, batch: dict[str, Tensor]) -> dict[str, Any]:
+        """Returns a batch as the network takes it, with its pictures in a list."""
+        pictures = self.model.config.image_features
+        return {**batch, OBS_IMAGES: [batch[key] for key in pictures]} if pictures else {**batch}
+
     def begin_training(self) -> None:
         """Readies the model for gradient steps."""
         if self._train_batch_norm:
@@ -82,15 +117,13 @@ class ActPolicy(LeRobotPolicy):
     def end_training(self) -> None:
         """Freezes the normalization of the backbone, as LeRobot has it."""
         _replace(self.model, nn.BatchNorm2d, _frozen_batch_norm)
+        self._forget_network()
         super().end_training()
 
     def loss(self, batch: dict[str, Tensor]) -> Loss:
         """Returns the L1 distance of the actions, plus the weighted KL term (LeRobot's ACT, forward)."""
         config = self.model.config
-        inputs: dict[str, Any] = {**batch}
-        if config.image_features:
-            inputs[OBS_IMAGES] = [batch[key] for key in config.image_features]
-        actions, (mean, log_variance) = self.model.model(inputs)
+        actions, (mean, log_variance) = self.model.model(self._inputs(batch))
         counts = ~batch["action_is_pad"].unsqueeze(-1)
         error = (batch[ACTION] - actions).abs() * counts
         terms = {"l1_loss": error.sum() / (counts.sum() * error.shape[-1]).clamp_min(1)}

@@ -32,8 +32,38 @@ def test_lerobot_acts_the_same_from_our_act_checkpoint(tmp_path):
     policy.save(tmp_path / "act")
     loaded = policies.load(tmp_path / "act")
     seen = observation(policy, 1)
-    np.testing.assert_allclose(lerobot_chunk(tmp_path / "act", seen), policy.act(seen), atol=1e-5)
-    np.testing.assert_array_equal(lerobot_chunk(tmp_path / "act", seen), loaded.act(seen))
+    expected = lerobot_chunk(tmp_path / "act", seen)
+    np.testing.assert_allclose(policy.act(seen), expected, atol=1e-5)
+    np.testing.assert_allclose(loaded.act(seen), expected, rtol=1e-4, atol=1e-6)  # rounded otherwise
+
+
+def test_act_acts_with_the_weights_that_it_has_now():
+    policy, other = make("act"), make("act")
+    seen = observation(policy, 1)
+    before = policy.act(seen)
+    with torch.no_grad():
+        other.model.model.backbone.conv1.weight *= -1.0
+    policy.model.load_state_dict(other.model.state_dict())
+    np.testing.assert_array_equal(policy.act(seen), other.act(seen))
+    assert not np.allclose(policy.act(seen), before)
+
+
+def test_act_acts_with_the_weights_that_training_left():
+    policy = make("act")
+    seen = observation(policy, 1)
+    acted = [policy.act(seen)]
+    policy.begin_training()
+    for _ in range(2):
+        with torch.no_grad():
+            policy.model.model.action_head.bias += 1.0
+            policy.model.model.backbone.conv1.weight *= -1.0
+        acted.append(policy.act(seen))
+        assert policy.model.training
+    policy.end_training()
+    acted.append(policy.act(seen))
+    assert not np.allclose(acted[0] + 0.3, acted[1], atol=1e-4)  # the convolution's weights count as well
+    np.testing.assert_allclose(acted[2], acted[0] + 0.6, atol=1e-4)  # 0.3 is how actions are scaled
+    np.testing.assert_allclose(acted[3], acted[2], atol=1e-5)
 
 
 def test_lerobot_acts_the_same_from_our_diffusion_checkpoint(tmp_path):
