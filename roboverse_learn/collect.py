@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from roboverse_learn.config import CollectConfig
 from roboverse_learn.materials import check_materials, folder_name
-from roboverse_learn.scenario_keys import scenario_name
+from roboverse_learn.scenario_keys import control_hz, scenario_name
 
 if TYPE_CHECKING:
     from roboverse_learn.data.collection import CollectionSummary
@@ -66,6 +66,7 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
     """Makes sure that the dataset of a configuration is complete, with a progress bar."""
     check_materials(config.materials)
     if config.source == "policy":
+        _check_control_rate(config)
         return _collect_episodes(config, None)
     if config.source == "expert":
         _demand_expert(config)
@@ -94,6 +95,27 @@ def _demonstrator(config: CollectConfig) -> "Demonstrator":
     from roboverse_learn.data.policy_source import find_demonstrator
 
     return find_demonstrator(config.checkpoint, config.task)
+
+
+def _check_control_rate(config: CollectConfig) -> None:
+    """Refuses a policy whose actions were meant to last longer or shorter than those of the dataset."""
+    from envs.errors import ConfigError
+    from roboverse_learn.run import read_config, run_of
+
+    folder = run_of(_demonstrator(config).checkpoint)
+    if folder is None:
+        return
+    trained = read_config(folder)
+    learned = control_hz(trained.task, trained.task_kwargs, trained.scenario)
+    asked = control_hz(config.task, config.task_kwargs, config.scenario)
+    if learned != asked:
+        changes = trained.scenario.get("physics", {})
+        words = [f"scenario.physics.{key}={value}" for key, value in changes.items()]
+        remedy = f"Add {' '.join(words)}." if words else "Leave out scenario.physics."
+        raise ConfigError(
+            f"The policy of '{folder}' learned at {learned:g} control steps per second, and {asked:g} were "
+            f"asked for. {remedy}"
+        )
 
 
 def _judge(config: CollectConfig) -> "ImportSummary":

@@ -92,6 +92,11 @@ def read_config(folder: Path) -> TrainRunConfig:
     return from_values("train", values)
 
 
+def run_of(checkpoint: Path) -> Path | None:
+    """Returns the folder of the run that a checkpoint lies in, or None."""
+    return next((path for path in checkpoint.absolute().parents if (path / CONFIG_FILE).is_file()), None)
+
+
 def read_facts(folder: Path, stage: str) -> dict[str, Any]:
     """Returns what the manifest of a run says of one stage; nothing where it cannot be read."""
     try:

@@ -84,11 +84,11 @@ def subject_of(config: EvaluateConfig) -> Subject:
     """
     from policies.checkpoint import resolve
     from roboverse_learn.compose import to_values
-    from roboverse_learn.run import CONFIG_FILE, read_config
+    from roboverse_learn.run import read_config, run_of
 
     checkpoint = resolve(config.checkpoint)
     _check_whole(checkpoint)
-    folder = next((path for path in checkpoint.absolute().parents if (path / CONFIG_FILE).is_file()), None)
+    folder = run_of(checkpoint)
     if folder is None:
         return _foreign_subject(checkpoint, config)
     trained = read_config(folder)

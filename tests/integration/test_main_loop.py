@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from benchmark.result_file import read_result
 from envs.errors import MissingExtraError
@@ -65,6 +66,24 @@ def test_a_checkpoint_is_evaluated_alone(run: Path, capsys: pytest.CaptureFixtur
     assert result.run.startswith(run.name) and result.image_size == read_config(run).image_size == 32
     assert result.cells()[0].channels == ("task", "camera")
     assert cli.main(["leaderboard"]) == 0
+    path.unlink()
+
+
+def test_a_checkpoint_is_evaluated_in_a_changed_scene_on_other_materials(run: Path, tmp_path: Path) -> None:
+    for number in range(3):
+        Image.new("RGB", (16, 16), (80 * number, 200, 10)).save(tmp_path / f"{number}.png")
+    words = ["levels=1", "splits=test", "episodes=1", "videos=0", "device=cpu", f"materials=+{tmp_path}"]
+    scene = ["scenario.physics.decimation=50", "scenario.cameras.front.fovy_deg=60"]
+    assert cli.main(["evaluate", f"checkpoint={run}", *words, *scene]) == 0
+    folder = Path("results/v2/PickCube/act")
+    (path,) = set(folder.glob("*.json")) - {folder / f"{run.name}.json"}
+    result = read_result(path)
+    assert result.scenario == {"physics": {"decimation": 50}, "cameras": {"front": {"fovy_deg": 60}}}
+    assert result.control_hz == 10.0
+    assert result.materials.startswith(f"+{tmp_path.name}-")
+    before = path.stat().st_mtime_ns
+    assert cli.main(["evaluate", f"checkpoint={run}", *words, *scene]) == 0
+    assert path.stat().st_mtime_ns == before  # it was not evaluated again
     path.unlink()
 
 

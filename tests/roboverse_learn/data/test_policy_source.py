@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import torch
+import yaml
 
 import envs
 import policies
@@ -15,7 +16,7 @@ from policies import PolicyError
 from policies.ppo.config import PpoConfig
 from policies.ppo.policy import PpoPolicy
 from roboverse_learn.collect import collect_dataset, dataset_folder
-from roboverse_learn.compose import compose
+from roboverse_learn.compose import compose, to_values
 from roboverse_learn.data.policy_source import OBSERVATION, PolicyPlanner, find_demonstrator
 
 
@@ -66,6 +67,28 @@ def test_a_dataset_is_collected_of_its_successes(checkpoint, easy, tmp_path):
     told = [json.loads(path.read_text()) for path in dataset_folder(config).rglob("*.json")]
     assert any(weights in json.dumps(content) for content in told)
     assert collect_dataset(config).dataset_hash == summary.dataset_hash
+
+
+@pytest.mark.parametrize(
+    ("trained", "asked", "said"),
+    [
+        (
+            ["scenario.physics.decimation=50"],
+            [],
+            r"at 10 .* 20 were asked.*Add scenario\.physics\.decimation=50",
+        ),
+        ([], ["scenario.physics.decimation=50"], r"at 20 .* 10 were asked.*Leave out scenario\.physics"),
+    ],
+)
+def test_another_control_rate_than_the_policy_learned_at_is_refused(
+    checkpoint, tmp_path, trained, asked, said
+):
+    run = to_values(compose("train", ["policy=ppo", *trained]))
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(run))
+    words = ["source=policy", f"checkpoint={checkpoint}", f"datasets_dir={tmp_path / 'datasets'}"]
+    with pytest.raises(ConfigError, match=said):
+        collect_dataset(compose("collect", [*words, *asked]))
+    assert not (tmp_path / "datasets").exists()
 
 
 def test_what_cannot_demonstrate_is_named(checkpoint, tmp_path):
