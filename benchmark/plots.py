@@ -148,7 +148,8 @@ def plot_learning(
         both[0].plot([other["steps"]], [other["episode_return"]], marker, color="#7f7f7f", label=name)
     both[1].set_ylim(-0.03, 1.03)
     both[0].set_title(title, fontsize=11, loc="left")
-    both[0].legend(frameon=False, fontsize=8)
+    lines, names = both[0].get_legend_handles_labels()  # below the lines: their upper left may hold results
+    figure.legend(lines, names, frameon=False, fontsize=8, loc="outside lower left", ncols=2)
     save_figure(figure, path)
 
 

@@ -30,6 +30,7 @@ _DISTINGUISHING = {
     "cameras": "seen by {}",
     "image_size": "{} px",
     "episodes_per_cell": "{} episodes a cell",
+    "tested_alone": "tested on single channels too",
 }
 """What tells rows of one policy apart, and how it is said."""
 
@@ -46,6 +47,7 @@ def row_key(result: Result) -> dict[str, Any]:
         "demonstrations": result.demonstrations,
         **_training_length(result),
         "protocol_hash": result.protocol.hash,
+        "tested_alone": ", ".join(result.protocol.only) or None,
         "settings": {
             **learned_settings(result.config.get("policy"), _trained_with(result).get("train")),
             **_trained_in(result),

@@ -3,6 +3,7 @@
 import pytest
 
 from benchmark import leaderboard
+from benchmark.protocol import Protocol
 
 
 def rows(tmp_path):
@@ -24,6 +25,12 @@ def test_rows_are_told_apart_by_the_setting_that_differs(publish, tmp_path):
         "act, chunk_size 20, shift_px 4": ["shifted"],
         "act, chunk_size 10": ["both"],
     }
+
+
+def test_what_was_tested_on_single_channels_too_says_so(publish, tmp_path):
+    publish(run="levels", protocol=Protocol(episodes=10))
+    publish(run="channels", protocol=Protocol(episodes=10, only=("camera", "lighting")))
+    assert {row["label"] for row in rows(tmp_path)} == {"act", "act, tested on single channels too"}
 
 
 def test_settings_of_one_name_are_told_apart_by_their_keys(publish, tmp_path):
