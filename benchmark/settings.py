@@ -10,6 +10,7 @@ from benchmark.protocol import canonical_json
 _FREE = {
     *("train.steps", "train.time_limit_s"),  # how long it was trained is told from the checkpoint
     *("train.save_every", "train.log_every", "train.wandb", "train.num_threads", "train.compile"),
+    "train.cuda_graphs",
     *("policy.compile", "policy.cuda_graphs", "policy.save_replay"),
 }
 """Settings of how a run is computed, saved and watched."""

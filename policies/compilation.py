@@ -25,6 +25,9 @@ that; without fusion every gradient is that of eager code.
 :mod:`roboverse_learn.training.compiled_objective` checks it.
 """
 
+CUDA_GRAPH_OPTIONS: dict[str, bool | int] = {"triton.cudagraphs": True}
+"""Those that besides record the kernels of a call and play them back."""
+
 
 def compiled[**P, T](function: Callable[P, T]) -> Callable[P, T]:
     """Returns a function of tensors as one compiled graph."""
@@ -33,13 +36,20 @@ def compiled[**P, T](function: Callable[P, T]) -> Callable[P, T]:
     return torch.compile(function, fullgraph=True, options=cast(Any, INDUCTOR_OPTIONS))
 
 
-def compile_objective(objective: Any) -> None:
-    """Compiles a loss, a module, as one graph for batches of one shape; it is compiled when first called."""
+def compile_objective(objective: Any, *, cuda_graphs: bool = False) -> None:
+    """Compiles a loss, a module, as one graph for batches of one shape; it is compiled when first called.
+
+    Args:
+        objective: The loss.
+        cuda_graphs: On a GPU, record the kernels of the second call, forward and backward, and play them
+            back from the third on. A call's loss and terms are overwritten by the next one's.
+    """
     from torch.nn import BatchNorm2d
 
     trains_norms = any(isinstance(module, BatchNorm2d) for module in objective.modules())
+    graphs = CUDA_GRAPH_OPTIONS if cuda_graphs else {}
     objective.compile(
         fullgraph=True,
         dynamic=False,
-        options=UNFUSED_OBJECTIVE_OPTIONS if trains_norms else OBJECTIVE_OPTIONS,
+        options=(UNFUSED_OBJECTIVE_OPTIONS if trains_norms else OBJECTIVE_OPTIONS) | graphs,
     )

@@ -106,15 +106,23 @@ type Side = Callable[[int], Any]
 """Takes a step, whose number is given; returns its loss."""
 
 
-def measure(name: str, scale: Scale, device: str, *, ours_compiled: bool) -> tuple[Measurement, float]:
+@dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
+class Compilation:
+    """How our side is compiled: not at all, or with CUDA graphs, or without them."""
+
+    enabled: bool
+    cuda_graphs: bool = False
+
+
+def measure(name: str, scale: Scale, device: str, compilation: Compilation) -> tuple[Measurement, float]:
     """Compares the steps of one policy.
 
     Returns:
         Seconds per step, the ratio LeRobot's over ours; and the largest relative difference of the losses
         of the first steps, each side training its own network.
     """
-    apart = _losses_apart(name, scale, device, ours_compiled)
-    sides = _sides(name, scale, device, ours_compiled, {})
+    apart = _losses_apart(name, scale, device, compilation)
+    sides = _sides(name, scale, device, compilation, {})
     times = [
         [_time(take, scale, device, turn * scale.steps) for take in sides] for turn in range(scale.turns)
     ]
@@ -129,19 +137,19 @@ def measure(name: str, scale: Scale, device: str, *, ours_compiled: bool) -> tup
     return measurement, apart
 
 
-def _losses_apart(name: str, scale: Scale, device: str, ours_compiled: bool) -> float:
+def _losses_apart(name: str, scale: Scale, device: str, compilation: Compilation) -> float:
     """Returns the largest relative difference of the losses of the first steps.
 
     Without dropout: beside the noise of ACT's style, compiled code draws it in another order, and the loss
     of a first step is then 4 % off.
     """
-    sides = _sides(name, scale, device, ours_compiled, {"dropout": 0.0} if name == "act" else {})
+    sides = _sides(name, scale, device, compilation, {"dropout": 0.0} if name == "act" else {})
     losses = [[float(take(step)) for take in sides] for step in range(scale.compared)]
     return max(abs(mine - theirs) / abs(theirs) for mine, theirs in losses)
 
 
 def _sides(
-    name: str, scale: Scale, device: str, ours_compiled: bool, changes: Mapping[str, Any]
+    name: str, scale: Scale, device: str, compilation: Compilation, changes: Mapping[str, Any]
 ) -> tuple[Side, Side]:
     """Returns our step and LeRobot's, each with a network and frames of its own, from the same weights."""
     import policies
@@ -152,14 +160,14 @@ def _sides(
     config = policies.config_class(name)(**norms, **changes)
     layout = features(scale.image_size)
 
-    def side(make: Callable[[Any, Frames, bool], Side]) -> Side:
+    def side(make: Callable[[Any, Frames, Compilation], Side]) -> Side:
         policy = policies.create(name, layout, plain_stats(layout), config, device)
-        return make(policy, Frames(scale, policy.delta_indices, device), ours_compiled)
+        return make(policy, Frames(scale, policy.delta_indices, device), compilation)
 
     return side(_our_step), side(_lerobot_step)
 
 
-def _our_step(policy: Any, frames: Frames, compiled: bool) -> Side:
+def _our_step(policy: Any, frames: Frames, compilation: Compilation) -> Side:
     """Returns a step of :mod:`roboverse_learn.training.imitation`."""
     import torch
 
@@ -169,8 +177,8 @@ def _our_step(policy: Any, frames: Frames, compiled: bool) -> Side:
 
     policy.begin_training()
     objective = policy.objective()
-    if compiled:
-        compile_objective(objective)
+    if compilation.enabled:
+        compile_objective(objective, cuda_graphs=compilation.cuda_graphs)
     optimizer = make_optimizer(policy, TrainConfig())
 
     def take(step: int) -> Any:
@@ -181,12 +189,12 @@ def _our_step(policy: Any, frames: Frames, compiled: bool) -> Side:
         torch.nn.utils.clip_grad_norm_(policy.model.parameters(), 10.0)
         optimizer.step()
         optimizer.zero_grad()
-        return loss.detach()
+        return loss.detach().clone()
 
     return take
 
 
-def _lerobot_step(policy: Any, frames: Frames, _compiled: bool) -> Side:
+def _lerobot_step(policy: Any, frames: Frames, _compilation: Compilation) -> Side:
     """Returns the step of ``lerobot.scripts.lerobot_train.update_policy``, in bf16."""
     import torch
 
@@ -231,10 +239,12 @@ class TrainingBenchmark:
     Attributes:
         policies: Policies that are trained, as in policies=[act].
         device: ``auto``, ``cpu``, ``cuda``.
+        cuda_graphs: Whether our side is played back as CUDA graphs, as by ``train.cuda_graphs=true``.
     """
 
     policies: tuple[str, ...] = POLICIES
     device: str = "auto"
+    cuda_graphs: bool = False
 
     def __post_init__(self) -> None:
         for name in self.policies:
@@ -256,8 +266,9 @@ def _measure_all(arguments: TrainingBenchmark) -> int:
     log.setLevel(logging.INFO)
     device = resolve_device(arguments.device)
     on_gpu, missed = device == "cuda", False
+    compilation = Compilation(enabled=on_gpu, cuda_graphs=arguments.cuda_graphs)
     for name in arguments.policies:
-        measurement, apart = measure(name, GPU if on_gpu else CPU, device, ours_compiled=on_gpu)
+        measurement, apart = measure(name, GPU if on_gpu else CPU, device, compilation)
         log.info("%s", measurement)
         log.info("  losses of the first steps differ by at most %.3f %%", 100 * apart)
         missed |= apart > SAME_LOSS or (on_gpu and measurement.ratio < GOAL)

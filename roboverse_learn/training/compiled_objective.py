@@ -20,7 +20,10 @@ logger = logging.getLogger(__name__)
 type Batch = dict[str, Tensor]
 
 NUM_BATCHES = 3
-"""Batches that are compared. A gradient that is left unwritten is often right in the first."""
+"""Batches that are compared.
+
+A gradient that is left unwritten is often right in the first; CUDA graphs are played back from the third on.
+"""
 
 RELATIVE_TOLERANCE = 0.05
 """Of a parameter's gradient, by its norm, beyond the rounding of the precision that is trained in."""
@@ -43,7 +46,9 @@ class Disagreement(NamedTuple):
     allowed: float
 
 
-def compiled_objective(policy: LeRobotPolicy, batches: Sequence[Batch], precision: str) -> Objective:
+def compiled_objective(
+    policy: LeRobotPolicy, batches: Sequence[Batch], precision: str, *, cuda_graphs: bool = False
+) -> Objective:
     """Returns a policy's loss, compiled if that changes no gradient and as it is otherwise.
 
     The parameters' gradients are cleared; running statistics are left as they were.
@@ -52,9 +57,10 @@ def compiled_objective(policy: LeRobotPolicy, batches: Sequence[Batch], precisio
         policy: A policy that is ready for training.
         batches: Batches as training has them, at least two.
         precision: ``"bf16"`` or ``"fp32"``: what training computes in.
+        cuda_graphs: As :func:`policies.compilation.compile_objective` takes it.
     """
     eager, compiled = policy.objective(), policy.objective()
-    compile_objective(compiled)
+    compile_objective(compiled, cuda_graphs=cuda_graphs)
     wrong = first_disagreement(policy.model, eager, compiled, batches, precision, policy.device.type)
     if wrong is None:
         return compiled

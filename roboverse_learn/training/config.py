@@ -63,6 +63,8 @@ class TrainConfig:
             instructions for it. Weights, optimizer and evaluation stay float32.
         compile: Compile the network with ``torch.compile``; None compiles on a GPU only. It is used if the
             gradients of the first batches are those of eager code, and left out with a warning otherwise.
+        cuda_graphs: Play compiled code back as CUDA graphs, on one GPU: for a network so small that the GPU
+            waits for Python to launch its kernels.
         num_threads: Threads of the CPU; 0 takes OMP_NUM_THREADS or one per core, and one beside a GPU.
         save_every: Steps between checkpoints; the last step is always saved.
         log_every: Steps between logged metrics.
@@ -86,6 +88,7 @@ class TrainConfig:
     ema_max_decay: float = 0.9999
     precision: Precision = "auto"
     compile: bool | None = None
+    cuda_graphs: bool = False
     num_threads: int = 0
     save_every: int = 5_000
     log_every: int = 50
@@ -94,6 +97,19 @@ class TrainConfig:
     augment: AugmentConfig = AugmentConfig()
 
     def __post_init__(self) -> None:
+        self._check_numbers()
+        for name, valid in (("precision", ("auto", "fp32", "bf16")), ("schedule", ("cosine", "constant"))):
+            if getattr(self, name) not in valid:
+                raise ConfigError(
+                    f"train.{name} must be one of {', '.join(valid)}, given '{getattr(self, name)}'."
+                )
+        if self.cuda_graphs and self.compile is False:
+            raise ConfigError(
+                "train.cuda_graphs=true plays back compiled code, and train.compile=false compiles none. "
+                "Leave one of them out."
+            )
+
+    def _check_numbers(self) -> None:
         for name in ("steps", "batch_size", "lr", "save_every", "log_every", "ema_power"):
             if getattr(self, name) <= 0:
                 raise ConfigError(f"train.{name} must be above 0, given {getattr(self, name)}.")
@@ -103,11 +119,6 @@ class TrainConfig:
         if self.time_limit_s is not None and self.time_limit_s <= 0:
             raise ConfigError(f"train.time_limit_s must be above 0 seconds, or null for no limit, "
                               f"given {self.time_limit_s}.")  # fmt: skip
-        for name, valid in (("precision", ("auto", "fp32", "bf16")), ("schedule", ("cosine", "constant"))):
-            if getattr(self, name) not in valid:
-                raise ConfigError(
-                    f"train.{name} must be one of {', '.join(valid)}, given '{getattr(self, name)}'."
-                )
         if len(self.betas) != 2 or not all(0.0 <= beta < 1.0 for beta in self.betas):
             raise ConfigError(f"train.betas must be two numbers from 0 to below 1, given {self.betas}.")
         if not 0.0 <= self.ema_max_decay < 1.0:

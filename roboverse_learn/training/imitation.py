@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from envs.errors import RoboVerseError
+from envs.errors import ConfigError, RoboVerseError
 from policies.lerobot_policy import LeRobotPolicy
 from policies.objective import Loss, Objective
 from roboverse_learn.data.info import DatasetInfo
@@ -83,7 +83,7 @@ def train(
     Raises:
         CheckpointError: if the checkpoint to go on from is damaged or of another configuration, or if a
             new one cannot be written.
-        ConfigError: if the batch cannot be divided among the processes.
+        ConfigError: if the batch cannot be divided among the processes, or they are to play back graphs.
         Interrupted: after a checkpoint, if SIGINT or SIGTERM came.
         TrainingDivergedError: if the loss becomes infinite or NaN.
     """
@@ -134,6 +134,10 @@ class _Trainer:
         self.run_dir, self.seed, self.reporter = run_dir, seed, reporter
         self.accelerator: Any = Accelerator(cpu=policy.device.type == "cpu")
         self.rank, self.world = self.accelerator.process_index, self.accelerator.num_processes
+        if config.cuda_graphs and self.world > 1:
+            raise ConfigError(
+                f"train.cuda_graphs=true is for one process, and these are {self.world}: leave it out."
+            )
         self.is_main = self.accelerator.is_main_process
         self.precision = resolve_precision(config.precision, policy.device)
         self.sampler = EpisodeAwareSampler(
@@ -164,7 +168,8 @@ class _Trainer:
         start = self.sampler.state_dict()
         batches = [self._batch() for _ in range(NUM_BATCHES)]
         self.sampler.load_state_dict(start)
-        return compiled_objective(self.policy, batches, self.precision)
+        graphs = self.config.cuda_graphs
+        return compiled_objective(self.policy, batches, self.precision, cuda_graphs=graphs)
 
     def run(self, resume: bool) -> TrainResult:
         """Trains to the end."""
@@ -213,7 +218,8 @@ class _Trainer:
             )
         optimizer.step()
         optimizer.zero_grad()
-        self.losses.append({"loss": loss.detach(), **terms})
+        # Copies, for a CUDA graph writes the next step's to the same memory.
+        self.losses.append({name: value.detach().clone() for name, value in {"loss": loss, **terms}.items()})
         self.step += 1
         if self.ema is not None:
             self.ema.update(self.policy.state_dict())

@@ -33,8 +33,9 @@ def frames(policy, seed):
     }
 
 
+@pytest.mark.parametrize("cuda_graphs", [False, True])
 @pytest.mark.parametrize("norm", ["batch", "frozen", None])
-def test_every_parameter_gets_the_gradient_of_eager_code(norm):
+def test_every_parameter_gets_the_gradient_of_eager_code(norm, cuda_graphs):
     """In bf16; the norms are those of ACT's backbone, None stands for Diffusion Policy."""
     features = FEATURES | {IMAGE: FEATURES[IMAGE] | {"shape": (SIZE, SIZE, 3)}}
     name = "diffusion" if norm is None else "act"
@@ -46,6 +47,6 @@ def test_every_parameter_gets_the_gradient_of_eager_code(norm):
     policy = policies.create(name, features, stats(), config, "cuda")
     policy.begin_training()
     eager, compiled = policy.objective(), policy.objective()
-    compile_objective(compiled)
+    compile_objective(compiled, cuda_graphs=cuda_graphs)
     batches = [frames(policy, seed) for seed in range(BATCHES)]
     assert first_disagreement(policy.model, eager, compiled, batches, "bf16", "cuda") is None

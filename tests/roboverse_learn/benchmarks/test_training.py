@@ -3,7 +3,7 @@
 import pytest
 
 from roboverse_learn.benchmarks import BENCHMARKS
-from roboverse_learn.benchmarks.training import GPU, SAME_LOSS, Frames, Scale, measure
+from roboverse_learn.benchmarks.training import GPU, SAME_LOSS, Compilation, Frames, Scale, measure
 
 TINY = Scale(batch_size=2, image_size=32, num_frames=8, steps=1, turns=1, compared=2)
 
@@ -25,7 +25,7 @@ def test_a_batch_is_the_same_whenever_it_is_asked_for():
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["act", "diffusion"])
 def test_both_sides_lose_alike(name):
-    measurement, apart = measure(name, TINY, "cpu", ours_compiled=False)
+    measurement, apart = measure(name, TINY, "cpu", Compilation(enabled=False))
     assert apart < SAME_LOSS
     assert measurement.ours_s > 0 < measurement.baseline_s
     assert measurement.name.startswith(f"training step of {name}, batch 2, 32×32, bf16 on cpu")

@@ -91,7 +91,7 @@ def test_nothing_of_the_comparison_is_left_in_the_network():
 def test_a_policy_whose_compiled_gradients_are_wrong_is_trained_without_the_compiler(
     tmp_path, monkeypatch, caplog
 ):
-    def compile_wrongly(objective):
+    def compile_wrongly(objective, *, cuda_graphs):
         given = objective.forward
 
         def forward(batch):
@@ -111,7 +111,7 @@ def test_a_policy_whose_compiled_gradients_are_wrong_is_trained_without_the_comp
 
 def test_a_policy_whose_compiled_gradients_are_right_is_trained_compiled(monkeypatch, caplog):
     compiled = []
-    monkeypatch.setattr(module, "compile_objective", compiled.append)
+    monkeypatch.setattr(module, "compile_objective", lambda objective, **_: compiled.append(objective))
     policy = make("act")
     policy.begin_training()
     sample = [DATA.sample([0, 1, 2], policy.delta_indices, keys=list(policy.features)) for _ in range(2)]

@@ -22,10 +22,10 @@ CONFIG = TrainConfig(
 )
 
 
-def run(folder: Path, reporter: Reporter | None = None) -> None:
+def run(folder: Path, reporter: Reporter | None = None, config: TrainConfig = CONFIG) -> None:
     data = SquareFrames()
     policy = policies.create("act", data.features, data.stats, POLICY)
-    train(policy, data, CONFIG, folder, reporter=reporter)
+    train(policy, data, config, folder, reporter=reporter)
 
 
 @pytest.mark.slow
@@ -54,3 +54,11 @@ def test_a_batch_that_cannot_be_divided_is_an_error(monkeypatch, tmp_path):
     monkeypatch.setattr(accelerate.Accelerator, "num_processes", 3)
     with pytest.raises(ConfigError, match="batch_size 8 must be a positive multiple of 3 processes"):
         run(tmp_path)
+
+
+def test_graphs_are_played_back_by_one_process_only(monkeypatch, tmp_path):
+    import accelerate
+
+    monkeypatch.setattr(accelerate.Accelerator, "num_processes", 2)
+    with pytest.raises(ConfigError, match=r"cuda_graphs=true is for one process, and these are 2"):
+        run(tmp_path, config=replace(CONFIG, cuda_graphs=True))
