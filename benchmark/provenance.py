@@ -35,6 +35,10 @@ PACKAGES = (
 """Packages whose version can change the outcome of an episode."""
 
 
+_NO_RESULTS = ":(top,exclude)results"
+"""Leaves out what runs write: two evaluations in a row are of the same code."""
+
+
 def now() -> str:
     """Returns the time of day as results files write it."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
@@ -63,7 +67,8 @@ def git_state(folder: Path | None = None) -> Git | None:
     # An installed wheel can lie inside somebody else's checkout, whose commit says nothing of it.
     if not sha or top is None or (folder is None and not _tracks(here, Path(__file__).name)):
         return None
-    return Git(sha=sha, dirty=bool(_git(here, "status", "--porcelain", "--untracked-files=no")))
+    changes = _git(here, "status", "--porcelain", "--untracked-files=no", "--", top, _NO_RESULTS)
+    return Git(sha=sha, dirty=bool(changes))
 
 
 def _tracks(folder: Path, name: str) -> bool:

@@ -125,7 +125,7 @@ class Checkpoint:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Git:
-    """The checkout that ran: its commit, and whether files differed from it."""
+    """The checkout that ran: its commit, and whether files other than results differed from it."""
 
     sha: str
     dirty: bool

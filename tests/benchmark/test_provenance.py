@@ -16,8 +16,10 @@ def checkout(tmp_path):
         subprocess.run(["git", *identity, *arguments], cwd=tmp_path, check=True, capture_output=True)
 
     git("init")
-    (tmp_path / "a.txt").write_text("1")
-    git("add", "a.txt")
+    (tmp_path / "results").mkdir()
+    for name in ("a.txt", "results/leaderboard.md"):
+        (tmp_path / name).write_text("1")
+    git("add", ".")
     git("commit", "-m", "first")
     return tmp_path
 
@@ -28,6 +30,8 @@ def test_git_state_of_a_checkout(checkout):
     assert (len(clean.sha), clean.dirty) == (40, False)
     (checkout / "new.txt").write_text("untracked files change nothing")
     assert provenance.git_state(checkout) == clean
+    (checkout / "results/leaderboard.md").write_text("a run writes its results")
+    assert provenance.git_state(checkout / "results") == clean
     (checkout / "a.txt").write_text("2")
     dirty = provenance.git_state(checkout)
     assert dirty is not None
