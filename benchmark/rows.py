@@ -13,7 +13,7 @@ from benchmark.protocol import Cell, canonical_json
 from benchmark.records import EpisodeRecord, Result
 from benchmark.result_file import video_dir
 from benchmark.settings import differing, learned_settings, said
-from benchmark.statistics import iqm, mean_of_rates, rate_of_runs, stratified_bootstrap
+from benchmark.statistics import iqm, iqm_of_strata, mean_of_rates, rate_of_runs, stratified_bootstrap
 
 Entry = tuple[str, Result]
 """A results file's path, relative to the folder of results, and what it holds."""
@@ -200,7 +200,7 @@ def _iqm_over_runs(results: list[Result]) -> dict[str, float] | None:
         np.array([_successes(r for r in result.records if r.cell == cell).mean() for result in results])
         for cell in cells
     ]
-    low, high = stratified_bootstrap(scores, lambda strata: iqm(np.stack(strata)), seed=0)
+    low, high = stratified_bootstrap(scores, iqm_of_strata, seed=0)
     return {"success_rate": iqm(np.stack(scores)), "ci_low": low, "ci_high": high}
 
 

@@ -117,14 +117,21 @@ def rate_of_runs(runs: Sequence[np.ndarray], *, seed: int = 0) -> tuple[float, f
     return float(pooled.mean()), low, high
 
 
-def mean_of_strata(strata: Sequence[np.ndarray]) -> float:
-    """Returns the mean of the strata's means, so that a larger stratum weighs no more."""
-    return float(np.mean([np.mean(values) for values in strata]))
+def mean_of_strata(strata: Sequence[np.ndarray]) -> np.ndarray:
+    """Returns the mean of the strata's means, so that a larger stratum weighs no more; over the last axis."""
+    return np.mean([values.mean(axis=-1) for values in strata], axis=0)
+
+
+def iqm_of_strata(strata: Sequence[np.ndarray]) -> np.ndarray:
+    """Returns the interquartile mean of all strata together, over the last axis."""
+    from scipy.stats import trim_mean
+
+    return trim_mean(np.concatenate(strata, axis=-1), proportiontocut=0.25, axis=-1)
 
 
 def stratified_bootstrap(
     strata: Sequence[np.ndarray],
-    statistic: Callable[[Sequence[np.ndarray]], float] = mean_of_strata,
+    statistic: Callable[[Sequence[np.ndarray]], np.ndarray] = mean_of_strata,
     *,
     seed: int,
     confidence: float = CONFIDENCE,
@@ -133,9 +140,9 @@ def stratified_bootstrap(
     """Returns the percentile interval of a statistic, resampling within each stratum (arXiv:2108.13264 §4.1).
 
     Args:
-        strata: One array per stratum (a level, say). Its first axis is what is resampled: episodes, or
-            training runs when every row holds the episodes of one.
-        statistic: Function of the resampled strata.
+        strata: One array per stratum (a level, say) of what is resampled, (n,): outcomes of episodes, or
+            scores of training runs.
+        statistic: Function of the resampled strata, each (num_resamples, n), to (num_resamples,).
         seed: Seed of the resampling; the same seed gives the same interval.
         confidence: Coverage of the interval.
         num_resamples: Bootstrap samples.
@@ -146,12 +153,12 @@ def stratified_bootstrap(
     if not strata or any(len(values) == 0 for values in strata):
         raise ValueError("A bootstrap needs at least one stratum, and none may be empty.")
     rng = np.random.default_rng(np.random.SeedSequence(seed))
-    draws = [
-        statistic([values[rng.integers(len(values), size=len(values))] for values in strata])
-        for _ in range(num_resamples)
+    sizes = [(num_resamples, len(values)) for values in strata]
+    resampled = [
+        values[rng.integers(len(values), size=size)] for values, size in zip(strata, sizes, strict=True)
     ]
     tail = (1.0 - confidence) / 2.0
-    low, high = np.quantile(draws, [tail, 1.0 - tail])
+    low, high = np.quantile(statistic(resampled), [tail, 1.0 - tail])
     return float(low), float(high)
 
 
