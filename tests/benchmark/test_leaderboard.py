@@ -268,6 +268,16 @@ def test_page_stands_alone(publish, tmp_path):
     assert sum(tag == "circle" for tag, _ in page.elements) == 8
 
 
+def test_the_index_leads_to_every_section(publish, tmp_path):
+    for task, simulator in (("PickCube", "mujoco"), ("PickCube", "newton"), ("StackCube", "mujoco")):
+        publish(task=task, simulator=simulator, run=simulator)
+    page = parse(leaderboard.write(tmp_path)["html"])
+    sections = [attributes["id"] for tag, attributes in page.elements if tag == "section"]
+    assert len(set(sections)) == 3
+    links = [attributes["href"] for tag, attributes in page.elements if tag == "a"]
+    assert links[:3] == [f"#{section}" for section in sections]
+
+
 def test_rows_whose_colours_repeat_have_lines_and_marks_of_their_own(publish, tmp_path):
     for number in range(9):
         publish(policy=f"policy{number}")
