@@ -146,7 +146,8 @@ class LeRobotPolicy:
             if key not in observation:
                 raise PolicyError(
                     f"The observation has no '{key}', which policy '{self.name}' needs. "
-                    f"Given: {', '.join(sorted(observation)) or 'nothing'}."
+                    f"Given: {', '.join(sorted(observation)) or 'nothing'}. Use the cameras that it was "
+                    "trained with."
                 )
             array = np.asarray(observation[key])
             if array.shape[1:] != shape:

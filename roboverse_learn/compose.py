@@ -26,7 +26,7 @@ from roboverse_learn.config import (
     TrainRunConfig,
 )
 from roboverse_learn.keys import OPEN, flat_keys, full_key, in_open_section, split_word, unknown_key
-from roboverse_learn.scenario_keys import check_scenario
+from roboverse_learn.scenario_keys import checked_scenario
 
 COMMANDS: dict[str, type] = {
     "collect": CollectConfig,
@@ -157,6 +157,9 @@ def from_values(command: str, values: Mapping[str, Any]) -> Any:
     except ValidationError as error:
         raise _readable(error, policy_name if "policy" in plain else None) from error
     check_names(config)
+    if getattr(config, "scenario", None) and config.task:
+        scenario = checked_scenario(config.task, config.task_kwargs, config.scenario)
+        config = dataclasses.replace(config, scenario=scenario)
     return config
 
 
@@ -223,8 +226,6 @@ def check_names(config: Any) -> None:
             if key not in options:
                 raise unknown_name(f"option of {config.task}", key, options)
         task(**config.task_kwargs)  # the task checks the values
-    if getattr(config, "scenario", None) and config.task:
-        check_scenario(config.task, config.task_kwargs, config.scenario)
 
 
 def _registries() -> dict[str, Any]:

@@ -5,12 +5,18 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from envs.errors import ConfigError, UnknownNameError, suggest
-from roboverse_learn.scenario_keys import SECTION, in_full, typed_keys
+from roboverse_learn.scenario_keys import SECTION, in_full, scenario_keys, typed_keys
 
-_WORD = re.compile(r"(?P<key>[A-Za-z_][\w.]*)=(?P<value>.*)", re.DOTALL)
+_WORD = re.compile(r"(?P<key>[A-Za-z_]\w*(?:\.\w+)*)=(?P<value>.*)", re.DOTALL)
 
-OPEN = ("task_kwargs", "simulator_settings", SECTION)
-"""The sections whose keys are not ours: fields of the task's dataclass, the simulator's and the scene's."""
+OPEN = {
+    "task_kwargs": "variant=lift",
+    "simulator_settings": "njmax=768",
+    SECTION: "physics.decimation=50",
+}
+"""The sections whose keys are not ours: fields of the task's dataclass, the simulator's and the scene's.
+
+Each with an example."""
 
 
 def flat_keys(values: Mapping[str, Any], prefix: str = "") -> list[str]:
@@ -45,11 +51,13 @@ def full_key(command: str, key: str, keys: Iterable[str]) -> str:
     """Returns the dotted key that ``key`` stands for, whole or shortened.
 
     Raises:
-        ConfigError: It could be several.
+        ConfigError: It could be several, or stands for a whole section.
         UnknownNameError: It is none.
     """
     names = _settable(keys)
-    if (key in names and key not in OPEN) or (in_open_section(key) and key.partition(".")[0] in names):
+    if key in names and key in OPEN:
+        raise ConfigError(f"'{key}' has keys of its own: give each by its name, as in {key}.{OPEN[key]}.")
+    if key in names or (in_open_section(key) and key.partition(".")[0] in names):
         return key
     has_scene = SECTION in names
     if has_scene:
@@ -60,7 +68,7 @@ def full_key(command: str, key: str, keys: Iterable[str]) -> str:
     if len(matches) > 1:
         raise ConfigError(f"'{key}' could be {' or '.join(matches)}: write the one that is meant.")
     if not matches:
-        raise unknown_key(command, key, names)
+        raise unknown_key(command, key, [*names, *scenario_keys()] if has_scene else names)
     return matches[0]
 
 
@@ -84,7 +92,11 @@ def unknown_key(command: str, key: str, keys: Iterable[str]) -> UnknownNameError
         tops = (full.partition(".") for full in names)
         beside = sorted({f"{top}.*" if rest else top for top, _, rest in tops})
     shortened = {full.rpartition(".")[2]: full for full in reversed(names)}
-    nearest = suggest(key, [*names, *shortened])
+    ends_so = shortened.get(key.rpartition(".")[2], "")
+    if "<" in ends_so:  # a name has to be filled in
+        nearest = f" Did you mean '{ends_so}'?"
+    else:
+        nearest = suggest(key, [*names, *(short for short, full in shortened.items() if "<" not in full)])
     return UnknownNameError(
         f"Unknown key '{key}' of {command}.{nearest} Valid: {', '.join(beside)}. "
         f"See them all with: roboverse {command} --help"

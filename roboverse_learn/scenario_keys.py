@@ -35,25 +35,43 @@ def typed_keys() -> list[str]:
 
 def in_full(key: str) -> str | None:
     """Returns ``scenario.cameras.front.pos`` for ``cameras.front.pos``; None for no key of a scene."""
-    section, dot, _ = key.partition(".")
+    section = key.partition(".")[0]
     tops = {known.split(".")[1] for known in scenario_keys()}
-    if not dot:
-        return None
     return key if section == SECTION else f"{SECTION}.{key}" if section in tops else None
 
 
-def check_scenario(task: str, task_kwargs: Mapping[str, Any], changes: Mapping[str, Any]) -> None:
+def checked_scenario(
+    task: str, task_kwargs: Mapping[str, Any], *changes: Mapping[str, Any]
+) -> dict[str, Any]:
     """Checks what is to be changed of a task's scene, without starting a simulator.
+
+    Args:
+        task: Registered task.
+        task_kwargs: Its options.
+        changes: What is changed, one after the other.
+
+    Returns:
+        How the scene then differs from the task's own: nothing, where all is set to what it is.
 
     Raises:
         ConfigError: if a value is none that its key may have.
         UnknownNameError: if the scene has no such key.
     """
-    if not changes:
-        return
+    if not any(changes):
+        return {}
+    from envs.scenario.changes import changed, difference
     from envs.tasks.making import make_task
 
-    cameras = changes.get("cameras")
+    own = scene = make_task(task, task_kwargs).scenario
+    for each in changes:
+        _check_pixels(each.get("cameras"))
+        scene = changed(scene, each)
+    differs = difference(own, scene)
+    make_task(task, task_kwargs, differs)  # its controllers and its expert know the scene
+    return differs
+
+
+def _check_pixels(cameras: Any) -> None:
     for name, camera in cameras.items() if isinstance(cameras, Mapping) else ():
         for key in _PIXELS:
             if isinstance(camera, Mapping) and key in camera:
@@ -61,7 +79,6 @@ def check_scenario(task: str, task_kwargs: Mapping[str, Any], changes: Mapping[s
                     f"{SECTION}.cameras.{name}.{key}={camera[key]} was given; height and width of every "
                     "picture are image_size=<pixels>."
                 )
-    make_task(task, task_kwargs, changes)
 
 
 def control_hz(task: str, task_kwargs: Mapping[str, Any], changes: Mapping[str, Any]) -> float:

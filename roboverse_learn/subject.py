@@ -10,10 +10,9 @@ from typing import Any
 from benchmark.protocol import Protocol
 from envs.errors import ConfigError
 from envs.handlers.settings import check_settings
-from envs.scenario.changes import merged
 from roboverse_learn.config import EvaluateConfig, EvaluationConfig, TrainRunConfig
 from roboverse_learn.materials import recorded_materials
-from roboverse_learn.scenario_keys import check_scenario, control_hz, scenario_name
+from roboverse_learn.scenario_keys import checked_scenario, control_hz, scenario_name
 
 log = logging.getLogger(__name__)
 
@@ -104,10 +103,11 @@ def subject_of(config: EvaluateConfig) -> Subject:
         "renderer": config.renderer or trained.renderer,
         "cameras": config.cameras or trained.cameras,
         "image_size": config.image_size or trained.image_size,
-        "scenario": merged(trained.scenario, config.scenario),
     }
     check_settings(simulator, differs["simulator_settings"])
-    check_scenario(differs["task"], differs["task_kwargs"], differs["scenario"])
+    differs["scenario"] = checked_scenario(
+        differs["task"], differs["task_kwargs"], trained.scenario, config.scenario
+    )
     _tell_control_rates(trained, differs)
     changed = [_in_name(key, value) for key, value in differs.items() if value != getattr(trained, key)]
     protocol = protocol_of(config.evaluate)
@@ -174,7 +174,7 @@ def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
             "task=<name>."
         )
     check_settings(config.simulator or "mujoco", config.simulator_settings)
-    check_scenario(config.task, config.task_kwargs, config.scenario)
+    scenario = checked_scenario(config.task, config.task_kwargs, config.scenario)
     values = read_json(checkpoint / CONFIG)
     # What learned by reward sees no pictures.
     sees = policy_type(checkpoint) in names("dataset")
@@ -197,7 +197,7 @@ def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
         task_kwargs=config.task_kwargs,
         simulator=config.simulator or "mujoco",
         simulator_settings=config.simulator_settings,
-        scenario=config.scenario,
+        scenario=scenario,
         renderer=config.renderer or "warp",
         cameras=config.cameras or (tuple(sizes) if sees else ()),
         image_size=config.image_size or set(sizes.values()).pop(),

@@ -249,6 +249,8 @@ def _text(value: object) -> str:
     """A value as the command line reads it."""
     if isinstance(value, list):
         return f"[{','.join(map(_text, value))}]"
+    if isinstance(value, dict):
+        return f"{{{','.join(f'{name}:{_text(inner)}' for name, inner in value.items())}}}"
     if value is None:
         return "null"
     return str(value).lower() if isinstance(value, bool) else str(value)

@@ -169,6 +169,10 @@ class ScenarioCfg:
             for other in item.feels:
                 if other not in (*names, GROUND):
                     raise unknown_name(f"thing that '{item.name}' feels", other, (*names, GROUND))
+        if not self.ground_half_size_m > 0:
+            raise ConfigError(
+                f"ScenarioCfg.ground_half_size_m must be above 0 m, given {self.ground_half_size_m}."
+            )
 
     @property
     def floor_z(self) -> float:

@@ -40,6 +40,18 @@ def changed[T](value: T, changes: Mapping[str, Any], where: str = ROOT) -> T:
         raise ConfigError(f"{where}: {error}") from None
 
 
+def difference(before: Any, after: Any) -> dict[str, Any]:
+    """Returns what :func:`changed` needs to make one dataclass of another, as plain values.
+
+    However it was written, the same change is the same difference, and a change to what was is none.
+    """
+    return {
+        name: _between(getattr(before, name), getattr(after, name))
+        for name in _field_types(type(before))
+        if getattr(before, name) != getattr(after, name)
+    }
+
+
 def merged(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
     """Returns changes and others after them, which win where both say something."""
     both = dict(before)
@@ -68,11 +80,39 @@ def keys_of(cls: type, prefix: str) -> Iterator[tuple[str, type, str]]:
             yield from keys_of(own, f"{prefix}.{name}.{by}")
 
 
+def _between(old: Any, new: Any) -> Any:
+    """Returns the difference of two values of a field; the new one whole, where it is not made of the old."""
+    if is_dataclass(old) and is_dataclass(new):
+        return difference(old, new)
+    before, after = _by_key(old), _by_key(new)
+    if before and before.keys() == after.keys():
+        return {key: difference(before[key], after[key]) for key in before if before[key] != after[key]}
+    return _plain(new)
+
+
+def _by_key(value: Any) -> dict[str, Any]:
+    """Returns several dataclasses by their names or their places; nothing for anything else."""
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        value = {getattr(item, "name", str(place)): item for place, item in enumerate(value)}
+    return dict(value) if isinstance(value, Mapping) and all(map(is_dataclass, value.values())) else {}
+
+
+def _plain(value: Any) -> Any:
+    """Returns what JSON has for a value."""
+    if is_dataclass(value):
+        return {item.name: _plain(getattr(value, item.name)) for item in fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, tuple | list) else value
+
+
 def _new(old: Any, given: Any, hint: Any, where: str) -> Any:
     if not isinstance(given, Mapping):
         if isinstance(old, Sequence) and any(hasattr(item, "name") for item in old):
             names = ", ".join(item.name for item in old)
-            raise ConfigError(f"{where} is changed one by one ({names}), as in {where}.<name>.<key>=…")
+            raise ConfigError(
+                f"{where} is changed one by one ({names}), as in {where}.<name>.<key>=…; given {given!r}."
+            )
         return _value(given, hint, where)
     if is_dataclass(old):
         return changed(old, given, where)
@@ -93,7 +133,8 @@ def _one(items: Mapping[str, Any], key: Any, given: Any, where: str) -> Any:
         raise unknown_name(f"key of {where}", str(key), items)
     item = items[str(key)]
     if not isinstance(given, Mapping) or not is_dataclass(item):
-        raise ConfigError(f"{where}.{key} has keys of its own; given {given!r}.")
+        keys = f" ({', '.join(_field_types(type(item)))})" if is_dataclass(item) else ""
+        raise ConfigError(f"{where}.{key} has keys of its own{keys}; given {given!r}.")
     return changed(item, given, f"{where}.{key}")
 
 

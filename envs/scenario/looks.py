@@ -45,7 +45,11 @@ class CameraCfg:
 
     def __post_init__(self) -> None:
         if not 0 < self.fovy_deg < 180:
-            raise ConfigError(f"CameraCfg.fovy_deg is an angle of 0 to 180 degrees, given {self.fovy_deg}.")
+            raise ConfigError(
+                f"CameraCfg.fovy_deg is an angle above 0 and below 180 degrees, given {self.fovy_deg}."
+            )
+        if not any(self.up):
+            raise ConfigError(f"CameraCfg.up is a direction, given {self.up}.")
         if min(self.width, self.height) < 1:
             raise ConfigError(f"A picture has pixels; given width {self.width} and height {self.height}.")
         if tuple(self.pos) == tuple(self.look_at):
@@ -80,6 +84,8 @@ class LightCfg:
         for name in ("intensity", "radius_m", "length_m"):
             if not getattr(self, name) >= 0:
                 raise ConfigError(f"LightCfg.{name} must be 0 or more, given {getattr(self, name)}.")
+        if not any(self.direction):
+            raise ConfigError(f"LightCfg.direction is a direction, given {self.direction}.")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -131,3 +137,10 @@ class Appearance:
     table_yaw_rad: float = 0.0
     object_reflection: Vec3 | None = None
     furniture: Mapping[str, tuple[GeomCfg, ...]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not all(0 <= value <= 1 for value in self.object_reflection or ()):
+            raise ConfigError(
+                "Appearance.object_reflection is (roughness, specular, metallic), each within 0 to 1, given "
+                f"{self.object_reflection}."
+            )

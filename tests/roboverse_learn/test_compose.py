@@ -336,12 +336,38 @@ def test_keys_of_the_scene_pass_through_whole_or_shortened(command: str) -> None
         ("array_shape=[0,3]", ConfigError, r"array_shape is two positive counts, given \(0, 3\)"),
         ("decimation=x", ConfigError, r"scenario\.physics\.decimation: input should be .* given 'x'"),
         ("cameras.front.width=64", ConfigError, r"front\.width=64 was given; .* are image_size=<pixels>"),
-        ("scenario=3", UnknownNameError, "Unknown key 'scenario' of collect"),
+        (
+            "scenario=3",
+            ConfigError,
+            r"'scenario' has keys of its own: .* in scenario\.physics\.decimation",
+        ),
+        (
+            "task_kwargs=3",
+            ConfigError,
+            r"'task_kwargs' has keys of its own: .* in task_kwargs\.variant=lift",
+        ),
+        ("physics=3", ConfigError, r"scenario\.physics has keys of its own \(timestep_s, .*; given 3"),
+        ("fovy_deg=3", UnknownNameError, r"Did you mean 'scenario\.cameras\.<name>\.fovy_deg'"),
+        ("front.fovy_deg=3", UnknownNameError, r"Did you mean 'scenario\.cameras\.<name>\.fovy_deg'"),
+        ("scenario..physics=3", ConfigError, r"'scenario\.\.physics=3' is not key=value"),
     ],
 )
 def test_a_wrong_key_of_the_scene_is_told_before_a_simulator_starts(word, error, message) -> None:
     with pytest.raises(error, match=message):
         compose("collect", [word])
+
+
+@pytest.mark.parametrize(
+    ("words", "others"),
+    [
+        (["decimation=25", "scenario.cameras={}", "scenario.physics.gravity=[0,0,-9.81]"], []),  # as it is
+        (["cameras.front.fovy_deg=40.0"], ["scenario.cameras.front={fovy_deg:40}"]),
+        (["room=null"], ["scenario.room=null", "scenario.physics={}"]),
+    ],
+)
+def test_one_change_is_the_same_however_it_is_written(words: list[str], others: list[str]) -> None:
+    one, other = (json.dumps(to_values(compose("collect", each))) for each in (words, others))
+    assert one == other
 
 
 @pytest.mark.parametrize("word", ["task_kwargs.variant=lift", "scenario.physics.decimation=50"])

@@ -54,7 +54,8 @@ def test_a_key_is_found_by_its_end_or_by_its_part_of_the_scene() -> None:
     assert "scenario.lighting.array_shape" in typed_keys()
     assert in_full("cameras.front.pos") == "scenario.cameras.front.pos"
     assert in_full("scenario.physics.decimation") == "scenario.physics.decimation"
-    assert in_full("train.steps") is in_full("cameras") is None
+    assert in_full("room") == "scenario.room"
+    assert in_full("train.steps") is in_full("height_m") is None
 
 
 def test_sizes_of_pictures_and_names_are_no_keys_of_the_scene() -> None:

@@ -156,10 +156,20 @@ def test_what_is_changed_for_an_evaluation_comes_on_top(
     assert not caplog.records
 
 
+def test_a_light_of_the_demonstrations_can_be_changed_for_an_evaluation(run: Path) -> None:
+    values = yaml.safe_load((run / "config.yaml").read_text())
+    values["scenario"] = {"appearance": {"lights": [{"intensity": 0.25}, {"kind": "area"}]}}
+    (run / "config.yaml").write_text(yaml.safe_dump(values))
+    first, second = subject(run, "scenario.appearance.lights.1.intensity=0.5").scenario["appearance"][
+        "lights"
+    ]
+    assert (first["intensity"], second["kind"], second["intensity"]) == (0.25, "area", 0.5)
+
+
 def test_another_control_rate_than_the_policy_learned_at_is_told(
     slow_run: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    assert subject(slow_run, "scenario.physics.decimation=25").scenario["physics"] == {"decimation": 25}
+    assert subject(slow_run, "scenario.physics.decimation=25").scenario == {"room": None}  # the task's own
     assert "learned at 10 control steps per second and is evaluated at 20" in caplog.text
 
 

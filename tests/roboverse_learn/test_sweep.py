@@ -97,6 +97,14 @@ class TestJobs:
             ["preset=gpu", "cameras=[front]"],
             ["task=PickCube", "task_kwargs.variant=lift", "only=camera", "materials=my-pictures"],
             ["simulator=mujoco_warp", "simulator_settings.njmax=768"],
+            [
+                "decimation=50",
+                "scenario.room=null",
+                "cameras.front.pos=[1,0,0.5]",
+                "cameras.wrist.turns=false",
+            ],
+            ["appearance.lights=[{kind:area},{}]", "appearance.materials.wall.texture=wood-017"],
+            ["scenario.appearance.lights.0.intensity=0.5"],
         ],
     )
     def test_the_collection_is_that_of_the_run(self, words):

@@ -1,5 +1,6 @@
 """A scene with some of its values replaced: what is taken, what is refused and how, what stays."""
 
+import json
 from dataclasses import replace
 from typing import Any
 
@@ -7,7 +8,7 @@ import pytest
 
 from envs.errors import ConfigError, UnknownNameError
 from envs.scenario import LightCfg, PhysicsCfg, ScenarioCfg
-from envs.scenario.changes import changed, keys_of, merged
+from envs.scenario.changes import changed, difference, keys_of, merged
 from envs.tasks.making import make_task
 
 SCENE = make_task("PickCube").scenario
@@ -106,12 +107,19 @@ def test_an_unknown_key_suggests_the_nearest(changes: dict[str, Any], message: s
             {"physics": 20},
             r"scenario\.physics has keys of its own \(timestep_s, decimation, gravity\); given 20",
         ),
-        ({"cameras": []}, r"scenario\.cameras is changed one by one \(front, wrist\)"),
-        ({"cameras": {"front": 3}}, r"scenario\.cameras\.front has keys of its own; given 3"),
+        ({"cameras": []}, r"scenario\.cameras is changed one by one \(front, wrist\), .*; given \[\]\."),
+        ({"cameras": {"front": {"up": [0, 0, 0]}}}, r"CameraCfg\.up is a direction, given \(0\.0, 0"),
+        ({"appearance": {"lights": {"0": {"direction": [0, 0, 0]}}}}, r"LightCfg\.direction is a direction"),
+        ({"appearance": {"object_reflection": [1, 2, 0]}}, r"each within 0 to 1, given \(1\.0, 2\.0, 0\.0\)"),
+        ({"ground_half_size_m": 0}, r"ground_half_size_m must be above 0 m, given 0"),
+        (
+            {"cameras": {"front": 3}},
+            r"front has keys of its own \(pos, look_at, .*; given 3",
+        ),
         ({"cameras": {"front": {"pos": [1, 0]}}}, r"scenario\.cameras\.front\.pos\.2: field required"),
         (
             {"cameras": {"front": {"fovy_deg": 180}}},
-            r"fovy_deg is an angle of 0 to 180 degrees, given 180\.0",
+            r"fovy_deg is an angle above 0 and below 180 degrees, given 180\.0",
         ),
         ({"cameras": {"front": {"look_at": [1.299, 0, 0.75]}}}, "'front' stands where it looks at"),
         ({"lighting": {"array_shape": [0, 3]}}, r"array_shape is two positive counts, given \(0, 3\)"),
@@ -127,6 +135,38 @@ def test_an_unknown_key_suggests_the_nearest(changes: dict[str, Any], message: s
 def test_a_wrong_value_says_which_and_what_is_valid(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         changed(SCENE, changes)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"physics": {"decimation": 50, "gravity": [0, 0, -1]}, "room": None},
+        {"cameras": {"wrist": {"fovy_deg": 50, "mount": None}}, "lighting": {"array_shape": [3, 4]}},
+        {"objects": {"cube": {"geoms": {"0": {"mass_kg": 0.5}}}}, "ground_half_size_m": 3},
+        {
+            "appearance": {
+                "materials": {"table": {"texture": "wood-017"}},
+                "lights": {"0": {"intensity": 0.5}},
+            }
+        },
+    ],
+)
+def test_the_difference_is_what_was_changed(changes: dict[str, Any]) -> None:
+    assert difference(SCENE, changed(SCENE, changes)) == changes
+
+
+@pytest.mark.parametrize("lights", [[], [{"kind": "area"}, {}]])
+def test_a_row_of_another_length_differs_as_a_whole(lights: list[Any]) -> None:
+    new = changed(SCENE, {"appearance": {"lights": lights}})
+    told = difference(SCENE, new)
+    assert changed(SCENE, json.loads(json.dumps(told))) == new
+    assert len(told["appearance"]["lights"]) == len(lights)
+
+
+def test_what_is_set_to_what_it_was_is_no_difference() -> None:
+    same = {"physics": {"decimation": 25.0}, "cameras": {"front": {}}, "table": {}, "appearance": {}}
+    assert difference(SCENE, changed(SCENE, same)) == {}
 
 
 def test_later_changes_win_and_earlier_ones_stay() -> None:
