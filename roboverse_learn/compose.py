@@ -1,44 +1,18 @@
 """From the words of a command line to a frozen configuration.
 
-Hydra composes the groups of ``configs/`` over the dataclasses' defaults, pydantic checks the values, and
-every mistake becomes one message that says what was given and what is valid.
+Hydra composes the groups of ``configs/`` over the dataclasses' defaults, :mod:`roboverse_learn.values` checks
+the values, and every mistake becomes one message that says what was given and what is valid.
 """
 
-import dataclasses
-import importlib
 from collections.abc import Mapping, Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import policies
 from envs.errors import ConfigError, unknown_name
-from envs.handlers.settings import check_settings
 from envs.scenario.changes import merged
-from roboverse_learn.config import (
-    CollectConfig,
-    ConservationConfig,
-    ConvertConfig,
-    EvaluateConfig,
-    LeaderboardConfig,
-    ReplayConfig,
-    SweepConfig,
-    TrainRunConfig,
-)
-from roboverse_learn.keys import OPEN, flat_keys, full_key, in_open_section, split_word, unknown_key
-from roboverse_learn.scenario_keys import checked_scenario
-
-COMMANDS: dict[str, type] = {
-    "collect": CollectConfig,
-    "train": TrainRunConfig,
-    "sweep": SweepConfig,
-    "evaluate": EvaluateConfig,
-    "leaderboard": LeaderboardConfig,
-    "convert": ConvertConfig,
-    "replay": ReplayConfig,
-    "conservation": ConservationConfig,
-}
-"""Every command that takes ``key=value`` words, and what it can be told."""
+from roboverse_learn.keys import OPEN, at, flat_keys, full_key, in_open_section, split_word
+from roboverse_learn.values import default_values, from_values, to_values
 
 _GROUPS = ("policy", "preset")
 
@@ -89,7 +63,7 @@ def compose(command: str, words: Sequence[str]) -> Any:
     texts = {
         key: value
         for key, value in given.items()
-        if key not in _GROUPS and isinstance(_at(defaults, key), str)
+        if key not in _GROUPS and isinstance(at(defaults, key), str)
     }
     groups = [f"{group}={name}" for group, name in choices.items()]
     overrides = [
@@ -101,8 +75,8 @@ def compose(command: str, words: Sequence[str]) -> Any:
     for key, value in texts.items():
         _set(composed, key, value)
     for key in given:
-        if isinstance(_at(defaults, key), list):
-            _set(composed, key, _as_list(_at(composed, key)))
+        if isinstance(at(defaults, key), list):
+            _set(composed, key, _as_list(at(composed, key)))
     values = {name: composed[name] for name in defaults}
     if command == "evaluate":  # its scene follows the checkpoint, whatever a preset says of training
         values = {
@@ -135,108 +109,6 @@ def values_of_key(word: str) -> list[str]:
     return [f"{key}={value}" for value in override.sweep_string_iterator()]
 
 
-def from_values(command: str, values: Mapping[str, Any]) -> Any:
-    """Builds the configuration of a command from nested plain values, such as a saved configuration.
-
-    Raises:
-        UnknownNameError: A name is not registered.
-        ConfigError: A key is unknown or missing its type, or a value is out of range.
-    """
-    from pydantic import ValidationError
-
-    policy_name = values.get("policy_name", "act")
-    defaults = default_values(command, policy_name)
-    unknown = sorted(set(flat_keys(values)) - set(flat_keys(defaults)))
-    if unknown:
-        raise unknown_key(command, unknown[0], flat_keys(defaults))
-    plain = dict(values)
-    try:
-        if "policy" in plain:
-            plain["policy"] = _adapter(policy_config(policy_name)).validate_python(plain["policy"])
-        config = _adapter(COMMANDS[command]).validate_python(plain)
-    except ValidationError as error:
-        raise _readable(error, policy_name if "policy" in plain else None) from error
-    check_names(config)
-    if getattr(config, "scenario", None) and config.task:
-        scenario = checked_scenario(config.task, config.task_kwargs, config.scenario)
-        config = dataclasses.replace(config, scenario=scenario)
-    return config
-
-
-@cache
-def _adapter(settings: type) -> Any:
-    """What checks the values of a dataclass; to make it takes longer than to use it."""
-    from pydantic import TypeAdapter
-
-    return TypeAdapter(settings)
-
-
-def to_values(config: Any) -> dict[str, Any]:
-    """Returns a configuration as nested plain JSON values; :func:`from_values` reads them back."""
-    return _plain(dataclasses.asdict(config))
-
-
-def default_values(command: str, policy: str = "act") -> dict[str, Any]:
-    """Returns the dataclasses' defaults of a command, nested."""
-    values: dict[str, Any] = {}
-    for item in dataclasses.fields(COMMANDS[command]):
-        if item.name == "policy":
-            values["policy"] = to_values(policy_config(policy)())
-        elif item.name == "policy_name":
-            values["policy_name"] = policy
-        elif item.default_factory is not dataclasses.MISSING:
-            value = item.default_factory()
-            values[item.name] = to_values(value) if dataclasses.is_dataclass(value) else _plain(value)
-        else:
-            values[item.name] = _plain(item.default)
-    return values
-
-
-@cache
-def policy_config(policy: str) -> type:
-    """Returns the configuration dataclass of a policy, without importing its model.
-
-    Raises:
-        UnknownNameError: if no such policy is registered.
-    """
-    return policies.config_class(policy)
-
-
-def check_names(config: Any) -> None:
-    """Checks every registered name in a configuration.
-
-    Raises:
-        UnknownNameError: if a task, simulator or renderer does not exist.
-    """
-    registries = _registries()
-    for key, registry in registries.items():
-        name = getattr(config, key, "")
-        drawn_by = registries["simulator"].names() if key == "renderer" else []
-        if name and name not in registry and name not in drawn_by:
-            raise unknown_name(key, name, {*registry.names(), *drawn_by})
-    for name in getattr(config, "simulators", ()):
-        if name not in registries["simulator"]:
-            raise unknown_name("simulator", name, registries["simulator"].names())
-    if getattr(config, "simulator", ""):
-        check_settings(config.simulator, getattr(config, "simulator_settings", {}))
-    if getattr(config, "task_kwargs", None) and config.task:
-        task = registries["task"].get(config.task)
-        options = [item.name for item in dataclasses.fields(task)]
-        for key in config.task_kwargs:
-            if key not in options:
-                raise unknown_name(f"option of {config.task}", key, options)
-        task(**config.task_kwargs)  # the task checks the values
-
-
-def _registries() -> dict[str, Any]:
-    handlers = importlib.import_module("envs.handlers")
-    return {
-        "task": importlib.import_module("envs.tasks").TASKS,
-        "simulator": handlers.HANDLERS,
-        "renderer": handlers.RENDERERS,
-    }
-
-
 def _all_defaults(command: str, policy: str) -> dict[str, Any]:
     """The defaults of the commands that presets speak of, and of this one, which takes its part."""
     return {
@@ -244,14 +116,6 @@ def _all_defaults(command: str, policy: str) -> dict[str, Any]:
         for each in ("leaderboard", "evaluate", "train", command)
         for key, value in default_values(each, policy).items()
     }
-
-
-def _at(values: Mapping[str, Any], key: str) -> Any:
-    """Returns the value of a dotted key, None where there is none."""
-    value: Any = values
-    for part in key.split("."):
-        value = value.get(part) if isinstance(value, Mapping) else None
-    return value
 
 
 def _as_list(value: Any) -> Any:
@@ -321,26 +185,3 @@ def _hydra_compose(defaults: dict[str, Any], overrides: list[str]) -> dict[str, 
 def _first_lines(error: Exception) -> str:
     """One line of what a library said over several."""
     return " ".join(line.strip() for line in str(error).splitlines() if line.strip())
-
-
-def _readable(error: Any, policy_name: str | None) -> ConfigError:
-    """One line per wrong value, of a pydantic ValidationError."""
-    lines = []
-    for item in error.errors():
-        cause = item.get("ctx", {}).get("error")
-        if isinstance(cause, Exception):  # our own check, which says everything already
-            lines.append(str(cause))
-            continue
-        prefix = "policy." if policy_name and error.title == policy_config(policy_name).__name__ else ""
-        key = prefix + ".".join(str(part) for part in item["loc"])
-        lines.append(f"{key}: {item['msg'][0].lower()}{item['msg'][1:]}, given {item['input']!r}.")
-    return ConfigError(" ".join(dict.fromkeys(lines)))
-
-
-def _plain(value: Any) -> Any:
-    """Tuples to lists, paths to strings: what JSON and YAML have."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, tuple | list):
-        return [_plain(item) for item in value]
-    return str(value) if isinstance(value, Path) else value

@@ -10,9 +10,10 @@ from typing import Any
 
 import policies
 from envs.errors import unknown_name
-from roboverse_learn.compose import COMMANDS, default_values, policy_config, preset_names
+from roboverse_learn.compose import preset_names
 from roboverse_learn.keys import flat_keys
 from roboverse_learn.scenario_keys import SECTION, scenario_keys
+from roboverse_learn.values import COMMANDS, default_values, policy_config
 
 SUMMARIES = {
     "train": "collect what is missing, train, evaluate over the levels, write the leaderboard",

@@ -28,6 +28,14 @@ def flat_keys(values: Mapping[str, Any], prefix: str = "") -> list[str]:
     return keys
 
 
+def at(values: Mapping[str, Any], key: str) -> Any:
+    """Returns the value of a dotted key, None where there is none."""
+    value: Any = values
+    for part in key.split("."):
+        value = value.get(part) if isinstance(value, Mapping) else None
+    return value
+
+
 def split_word(word: str, keys: Iterable[str]) -> tuple[str, str]:
     """Returns key and value of a word ``key=value``.
 

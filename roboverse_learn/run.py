@@ -22,9 +22,9 @@ import numpy as np
 from benchmark.files import write_bytes
 from benchmark.protocol import canonical_json
 from envs.errors import ConfigError, RoboVerseError
-from roboverse_learn.compose import from_values, to_values
 from roboverse_learn.config import TrainRunConfig
-from roboverse_learn.keys import flat_keys
+from roboverse_learn.keys import at, flat_keys
+from roboverse_learn.values import from_values, to_values
 
 log = logging.getLogger(__name__)
 
@@ -51,7 +51,7 @@ def identity(config: TrainRunConfig) -> dict[str, Any]:
     for younger in ("simulator_settings", "scenario"):  # without it a run keeps its name
         if not values[younger]:
             del values[younger]
-    return {key: _at(values, key) for key in flat_keys(values) if key not in _FREE_KEYS}
+    return {key: at(values, key) for key in flat_keys(values) if key not in _FREE_KEYS}
 
 
 def run_name(config: TrainRunConfig) -> str:
@@ -259,10 +259,3 @@ def _lock(folder: Path) -> int:
             "it with resume=false."
         ) from error
     return descriptor
-
-
-def _at(values: Mapping[str, Any], key: str) -> Any:
-    value: Any = values
-    for part in key.split("."):
-        value = value[part]
-    return value

@@ -82,8 +82,8 @@ def subject_of(config: EvaluateConfig) -> Subject:
         PolicyError: There is no checkpoint.
     """
     from policies.checkpoint import resolve
-    from roboverse_learn.compose import to_values
     from roboverse_learn.run import read_config, run_of
+    from roboverse_learn.values import to_values
 
     checkpoint = resolve(config.checkpoint)
     _check_whole(checkpoint)
@@ -134,9 +134,9 @@ def subject_of_run(folder: Path, config: TrainRunConfig, checkpoint: Path) -> Su
         config: Its configuration.
         checkpoint: The pretrained folder inside it.
     """
-    from roboverse_learn.compose import to_values
     from roboverse_learn.run import read_facts
     from roboverse_learn.training.device import resolve_device
+    from roboverse_learn.values import to_values
 
     facts = read_facts(folder, "collect")
     return Subject(
@@ -165,8 +165,8 @@ def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
     from benchmark.provenance import file_hash
     from policies import names
     from policies.checkpoint import CONFIG, WEIGHTS, policy_type, read_json
-    from roboverse_learn.compose import to_values
     from roboverse_learn.training.device import resolve_device
+    from roboverse_learn.values import to_values
 
     if not config.task:
         raise ConfigError(

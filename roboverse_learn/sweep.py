@@ -20,11 +20,12 @@ from pathlib import Path
 import policies
 from envs.errors import RoboVerseError
 from roboverse_learn.collect import dataset_folder
-from roboverse_learn.compose import compose, to_values, values_of_key
+from roboverse_learn.compose import compose, values_of_key
 from roboverse_learn.config import CollectConfig, SweepConfig, TrainRunConfig
 from roboverse_learn.folders import check_folders
 from roboverse_learn.keys import flat_keys
 from roboverse_learn.run import CONFIG_FILE, default_folder, read_config, read_facts
+from roboverse_learn.values import to_values
 
 log = logging.getLogger(__name__)
 

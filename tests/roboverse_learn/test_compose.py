@@ -13,16 +13,9 @@ from hypothesis import strategies as st
 import policies
 from envs.errors import ConfigError, RoboVerseError, UnknownNameError
 from roboverse_learn import cli, scenario_keys
-from roboverse_learn.compose import (
-    COMMANDS,
-    compose,
-    configs_folder,
-    default_values,
-    from_values,
-    preset_names,
-    to_values,
-)
+from roboverse_learn.compose import compose, configs_folder, preset_names
 from roboverse_learn.keys import flat_keys
+from roboverse_learn.values import COMMANDS, default_values, from_values, to_values
 
 REQUIRED = {"evaluate": ["checkpoint=runs/x"], "replay": ["dataset=datasets/x"]}
 QUICK = settings(max_examples=25, deadline=None)

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from envs.errors import ConfigError
-from roboverse_learn.compose import compose, to_values
+from roboverse_learn.compose import compose
 from roboverse_learn.config import TrainRunConfig
 from roboverse_learn.run import (
     CONFIG_FILE,
@@ -21,6 +21,7 @@ from roboverse_learn.run import (
     run_name,
     seed_of,
 )
+from roboverse_learn.values import to_values
 
 COMMAND = ["roboverse", "train", "preset=quick"]
 

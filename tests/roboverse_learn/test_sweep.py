@@ -10,10 +10,11 @@ import pytest
 from envs.errors import ConfigError, UnknownNameError
 from roboverse_learn import cli
 from roboverse_learn.collect import dataset_folder
-from roboverse_learn.compose import compose, to_values, values_of_key
+from roboverse_learn.compose import compose, values_of_key
 from roboverse_learn.config import CollectConfig
 from roboverse_learn.keys import flat_keys
 from roboverse_learn.sweep import Job, SweepError, gpu_slots, make_jobs, plan, run_jobs, sweep
+from roboverse_learn.values import to_values
 
 WORDS = ["policy=act,diffusion", "task=PickCube,StackCube", "level=0,3", "preset=quick"]
 

@@ -16,8 +16,9 @@ from policies import PolicyError
 from policies.ppo.config import PpoConfig
 from policies.ppo.policy import PpoPolicy
 from roboverse_learn.collect import collect_dataset, dataset_folder
-from roboverse_learn.compose import compose, to_values
+from roboverse_learn.compose import compose
 from roboverse_learn.data.policy_source import OBSERVATION, PolicyPlanner, find_demonstrator
+from roboverse_learn.values import to_values
 
 
 @pytest.fixture
