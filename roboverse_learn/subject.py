@@ -184,12 +184,17 @@ def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
             f"Checkpoint '{checkpoint}' has images of sizes {sorted(set(sizes.values()))}: "
             "add image_size=<pixels>."
         )
+    given = {
+        key: getattr(config, key) for key in ("task_kwargs", "simulator", "simulator_settings", "renderer")
+    }
+    told = [_in_name(key, value) for key, value in {**given, "scenario": scenario}.items() if value]
     base = re.sub(r"[^A-Za-z0-9._+=-]+", "-", checkpoint.absolute().parent.name).strip("-.") or "checkpoint"
     return Subject(
         checkpoint=checkpoint,
         run="-".join(
             [
                 *(base, file_hash(checkpoint / WEIGHTS)[:8], protocol_of(config.evaluate).hash[:6]),
+                *told,
                 *([_materials_in_name(config.evaluate)] if config.evaluate.materials else []),
             ]
         ),

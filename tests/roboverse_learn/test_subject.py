@@ -119,6 +119,22 @@ def test_other_materials_have_a_results_file_of_their_own(run: Path, pictures: P
     assert subject(run, f"materials=+{pictures}").run != name
 
 
+@pytest.mark.parametrize(
+    "word",
+    [
+        "task_kwargs.variant=lift",
+        "simulator=newton",
+        "simulator_settings.impratio=5",
+        "renderer=gl",
+        "scenario.room=null",
+    ],
+)
+def test_another_scene_of_a_checkpoint_of_nobody_is_in_its_name(tmp_path: Path, word: str) -> None:
+    folder = write_checkpoint(tmp_path / "their run/model")
+    usual, other = (subject(folder, "task=PickCube", *words).run for words in ([], [word]))
+    assert other.startswith(f"{usual}-") and Path(other).name == other
+
+
 def test_other_materials_of_a_checkpoint_of_nobody_are_in_its_name(tmp_path: Path, pictures: Path) -> None:
     folder = write_checkpoint(tmp_path / "their run/model")
     usual, other = (subject(folder, "task=PickCube", *w).run for w in ([], [f"materials={pictures}"]))
