@@ -26,6 +26,7 @@ class Sequences(NamedTuple):
         actions: (H, B, A).
         rewards: (H, B).
         terminated: 1 where the episode ended by failure or success after the action, else 0, (H, B).
+        valid: 1 up to the end of the episode, 0 after it: what is not learned from, (H, B).
         task: Index of each sequence's task (B,), or None.
     """
 
@@ -33,6 +34,7 @@ class Sequences(NamedTuple):
     actions: Tensor
     rewards: Tensor
     terminated: Tensor
+    valid: Tensor
     task: Tensor | None = None
 
 
@@ -95,7 +97,7 @@ class Updater:
         norm = torch.nn.utils.clip_grad_norm_(self._world_parameters, clip)
         self.optimizer.step()
         self.optimizer.zero_grad(set_to_none=True)
-        prior_loss, prior_metrics = self._prior_loss(zs, batch.task)
+        prior_loss, prior_metrics = self._prior_loss(zs, batch)
         prior_loss.backward()
         prior_norm = torch.nn.utils.clip_grad_norm_(self._prior_parameters, clip)
         self.prior_optimizer.step()
@@ -120,22 +122,24 @@ class Updater:
 
     def world_loss(self, batch: Sequences) -> tuple[Tensor, Tensor, dict[str, Tensor]]:
         """Returns the loss of the world model and the values, the latent rollout (H + 1, B, L), and terms."""
-        config, model, task = self.config, self.model, batch.task
+        config, model, task, valid = self.config, self.model, batch.task, batch.valid
         with torch.no_grad():
             next_z = model.encode(batch.observations[1:], task)
             targets = self.targets(next_z, batch)
         zs = self._rollout(batch)
         weights = self.weights[:-1]
-        consistency = (functional.mse_loss(zs[1:], next_z, reduction="none").mean((1, 2)) * weights).mean()
+        apart = functional.mse_loss(zs[1:], next_z, reduction="none").mean(2)
+        consistency = ((apart * valid).mean(1) * weights).mean()
         rewards = model.reward_logits(zs[:-1], batch.actions, task)
-        reward = (model.two_hot.loss(rewards, batch.rewards).mean(1) * weights).mean()
+        reward = ((model.two_hot.loss(rewards, batch.rewards) * valid).mean(1) * weights).mean()
         q = model.q_logits(zs[:-1], batch.actions, task)
-        value = (model.two_hot.loss(q, targets).mean((0, 2)) * weights).mean()
+        value = ((model.two_hot.loss(q, targets) * valid).mean((0, 2)) * weights).mean()
         terms = {"consistency_loss": consistency, "reward_loss": reward, "value_loss": value}
         loss = config.consistency_coef * consistency + config.reward_coef * reward + config.value_coef * value
         if config.episodic:
             logits = model.termination_logits(zs[1:], task)
-            terms["termination_loss"] = functional.binary_cross_entropy_with_logits(logits, batch.terminated)
+            ended = functional.binary_cross_entropy_with_logits(logits, batch.terminated, weight=valid)
+            terms["termination_loss"] = ended
             loss = loss + config.termination_coef * terms["termination_loss"]
         return loss, zs.detach(), terms | {"loss": loss, "target_value": targets.mean()}
 
@@ -146,16 +150,17 @@ class Updater:
             states.append(self.model.next(states[-1], action, batch.task))
         return torch.stack(states)
 
-    def prior_loss(self, zs: Tensor, task: Tensor | None) -> tuple[Tensor, dict[str, Tensor]]:
+    def prior_loss(self, zs: Tensor, batch: Sequences) -> tuple[Tensor, dict[str, Tensor]]:
         """Returns the loss of the policy prior on latent states (H + 1, B, L), and its terms."""
-        model = self.model
+        model, task = self.model, batch.task
+        valid = torch.cat([torch.ones_like(batch.valid[:1]), batch.valid])
         noise = torch.randn(*zs.shape[:-1], model.action_size, device=zs.device)
         sample = model.prior(zs, noise, task)
         logits = model.q_logits(zs, sample.action, task, members=model.random_pair(), detached=True)
         values = model.two_hot.decode(logits).mean(0)
         self.scale.update(values[0].detach())
         gain = self.config.entropy_coef * sample.entropy + self.scale(values)
-        loss = -(gain.mean(1) * self.weights).mean()
+        loss = -((gain * valid).mean(1) * self.weights).mean()
         terms = {"prior_loss": loss, "prior_entropy": sample.entropy.mean(), "value_scale": self.scale.value}
         return loss, terms
 

@@ -123,6 +123,7 @@ def tdmpc2_update(scale: Scale, device: str, *, compiled: bool = False) -> Calla
         torch.rand(horizon, batch, ACTIONS, device=device) * 2 - 1,
         torch.rand(horizon, batch, device=device),
         torch.zeros(horizon, batch, device=device),
+        torch.ones(horizon, batch, device=device),
     )
     return lambda: updater.update(given)
 

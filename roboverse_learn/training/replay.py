@@ -62,12 +62,14 @@ class StoredSequences(NamedTuple):
         actions: (H, B, A).
         rewards: (H, B).
         terminated: 1 where the episode ended for good after the action, else 0, (H, B).
+        valid: 1 where the step is of the episode that the sequence began in, 0 after its end, (H, B).
     """
 
     observations: Tensor
     actions: Tensor
     rewards: Tensor
     terminated: Tensor
+    valid: Tensor
 
 
 class ReplayBuffer:
@@ -107,9 +109,7 @@ class ReplayBuffer:
             "terminated": torch.zeros(shape, device=device),
             "over": torch.zeros(shape, dtype=torch.bool, device=device),
             "next_observation": torch.zeros(*shape, observation_size, device=device),
-            "starts": torch.zeros(shape, dtype=torch.bool, device=device),
         }
-        self._count: Tensor | None = None
 
     def __len__(self) -> int:
         return self.filled * self.num_envs
@@ -125,14 +125,8 @@ class ReplayBuffer:
         for key, value in zip(_FIELDS, transitions, strict=True):
             storage[key][row] = value
         storage["over"][row] = over
-        storage["starts"][row] = False
         self.filled = min(self.filled + 1, self.length)
         self.next = (row + 1) % self.length
-        if self.filled >= self.horizon:
-            before = [(row - back) % self.length for back in range(1, self.horizon)]
-            broken = storage["over"][before].any(0) if before else torch.zeros_like(over)
-            storage["starts"][(row - self.horizon + 1) % self.length] = ~broken
-        self._count = None
 
     def returns(self, num: int, steps: int, discount: float) -> Returns:
         """Returns what ``num`` actions led to, drawn uniformly of all that are kept.
@@ -161,21 +155,25 @@ class ReplayBuffer:
         )
 
     def sequences(self, num: int) -> StoredSequences:
-        """Returns ``num`` sequences of H steps, drawn uniformly of all that lie within one episode."""
-        if self._count is None:
-            self._count = self.storage["starts"].flatten().cumsum(0)
-        count = self._count
-        drawn = (torch.rand(num, device=self.device, dtype=torch.float64) * count[-1]).long()
-        start = torch.searchsorted(count, drawn, right=True).clamp(max=len(count) - 1)
+        """Returns ``num`` sequences of H steps, drawn uniformly of all that are kept.
+
+        They begin anywhere in an episode, its last steps included, or those would be drawn H times less
+        often than all others; what comes after the episode's end is marked.
+        """
+        oldest = self.next if self.filled == self.length else 0
+        drawn = torch.randint((self.filled - self.horizon + 1) * self.num_envs, (num,), device=self.device)
         step = torch.arange(self.horizon, device=self.device)[:, None]
-        rows, envs = (start // self.num_envs + step) % self.length, start % self.num_envs
+        rows, envs = (oldest + drawn // self.num_envs + step) % self.length, drawn % self.num_envs
         storage = self.storage
+        ended_before = storage["over"][rows[:-1], envs].cumsum(0) > 0
+        valid = torch.cat([torch.ones_like(rows[:1]), ~ended_before]).float()
         first = storage["observation"][rows[0], envs][None]
         return StoredSequences(
             torch.cat([first, storage["next_observation"][rows, envs]]),
             storage["action"][rows, envs],
             storage["reward"][rows, envs],
             storage["terminated"][rows, envs],
+            valid,
         )
 
     def state(self) -> tuple[dict[str, Tensor], dict[str, int]]:
@@ -199,4 +197,4 @@ class ReplayBuffer:
                     "policy.buffer_size, or begin a new run (resume=false)."
                 )
             value[:filled] = saved.to(self.device)
-        self.next, self.filled, self._count = numbers["next"], filled, None
+        self.next, self.filled = numbers["next"], filled

@@ -43,7 +43,7 @@ class Tdmpc2Algorithm:
         self.buffer = ReplayBuffer(
             config.buffer_size, num_envs, size, model.action_size, policy.device, horizon=config.horizon
         )
-        self.first_steps = config.first_steps(episode_length)
+        self.first_steps = max(config.first_steps(episode_length), config.horizon * num_envs)
         self.learning, self.due = False, 0.0
 
     def act(self, observation: Tensor, first: Tensor) -> Tensor:

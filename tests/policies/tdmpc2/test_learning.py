@@ -32,6 +32,7 @@ def batch(seed: int = 1, size: int = A, task=None) -> Sequences:
         actions=torch.rand(3, B, size, generator=generator) * 2 - 1,
         rewards=torch.randn(3, B, generator=generator),
         terminated=(torch.rand(3, B, generator=generator) < 0.2).float(),
+        valid=torch.ones(3, B),
         task=task,
     )
 
@@ -118,10 +119,28 @@ def test_the_world_loss_by_hand():
     torch.testing.assert_close(loss, 20 * consistency / 3 + 0.1 * reward / 3 + 0.1 * value / 6 + ended / 3)
 
 
+def test_what_comes_after_the_end_of_an_episode_changes_no_loss():
+    model, given = make(), batch()
+    torch.nn.init.normal_(model.reward_head[-1].weight)
+    updater = Updater(TINY, model, [0.9])
+    valid = given.valid.clone()
+    valid[1:, 0] = valid[2, 1] = 0.0
+
+    def losses(rewards):
+        torch.manual_seed(3)
+        here = given._replace(rewards=rewards, valid=valid, terminated=given.terminated * valid)
+        loss, zs, _ = updater.world_loss(here)
+        return torch.stack([loss, updater.prior_loss(zs, here)[0]])
+
+    other = torch.where(valid > 0, given.rewards, 7.0)
+    torch.testing.assert_close(losses(given.rewards), losses(other))
+    assert not losses(given.rewards)[0].allclose(losses(torch.where(valid > 0, 7.0, given.rewards))[0])
+
+
 def test_the_policy_prior_climbs_values_and_leaves_them_alone():
     model = make()
     updater = Updater(TINY, model, [0.9])
-    loss, _ = updater.prior_loss(torch.rand(4, B, 16), None)
+    loss, _ = updater.prior_loss(torch.rand(4, B, 16), batch())
     loss.backward()
     moved = {name.partition(".")[0] for name, p in model.named_parameters() if p.grad is not None}
     assert moved == {"prior_head"}
@@ -164,7 +183,7 @@ def test_both_losses_and_the_search_compile_without_a_break():
     torch.manual_seed(5)
     found, _, _ = torch.compile(updater.world_loss, **options)(batch())
     torch.testing.assert_close(found, expected)
-    torch.compile(updater.prior_loss, **options)(zs, None)
+    torch.compile(updater.prior_loss, **options)(zs, batch())
     agent._improve = torch.compile(planner.improved, **options)
     assert agent.act(torch.randn(3, D), torch.ones(3, dtype=torch.bool)).abs().max() <= 1.0
 

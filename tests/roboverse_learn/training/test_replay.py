@@ -22,9 +22,22 @@ def starts(buffer):
     return {int(value) for value in buffer.sequences(4000).rewards[0]}
 
 
-def test_sequences_lie_within_one_episode():
+def test_what_a_sequence_holds_of_the_next_episode_is_marked():
     buffer = filled(10, over={4})
-    assert starts(buffer) == {0, 1, 2, 5, 6, 7, *range(100, 108)}  # 3 and 4 would go beyond the end
+    assert starts(buffer) == {*range(8), *range(100, 108)}
+    batch = buffer.sequences(4000)
+    for first, steps in ((2, 3), (3, 2), (4, 1), (5, 3), (104, 3)):
+        row = (batch.rewards[0] == first).nonzero()[0, 0]
+        assert batch.valid[:, row].tolist() == [1.0] * steps + [0.0] * (3 - steps)
+
+
+def test_the_end_of_an_episode_is_drawn_as_often_as_any_other_step_and_at_every_place():
+    torch.manual_seed(0)
+    batch = filled(30, over={14}, capacity=80).sequences(28_000)  # 28 starts in each environment
+    for place in range(3):
+        counts = {t: int(((batch.rewards[place] == t) & (batch.valid[place] > 0)).sum()) for t in (10, 14)}
+        assert all(420 < count < 580 for count in counts.values())  # 500 expected
+        assert batch.terminated[place].sum() == counts[14]
 
 
 def test_a_sequence_is_what_happened():
@@ -36,8 +49,7 @@ def test_a_sequence_is_what_happened():
         torch.testing.assert_close(batch.actions[k, :, 0], first + k)
         torch.testing.assert_close(batch.observations[k + 1, :, 0], first + k + 0.5)
     torch.testing.assert_close(batch.observations[0, :, 0], first)
-    assert not batch.terminated[:2].any()
-    torch.testing.assert_close(batch.terminated[2], (first == 2).float())
+    torch.testing.assert_close(batch.terminated, (batch.rewards == 4).float())
 
 
 def test_the_ring_forgets_the_oldest_steps_and_never_joins_ends():

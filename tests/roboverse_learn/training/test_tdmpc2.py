@@ -8,7 +8,9 @@ import torch
 
 from envs.errors import CheckpointError
 from policies.tdmpc2.config import Tdmpc2Config
+from policies.tdmpc2.planner import plan
 from policies.tdmpc2.policy import Tdmpc2Policy
+from roboverse_learn.compose import compose
 from roboverse_learn.training import off_policy
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.imitation import TrainingDivergedError
@@ -51,6 +53,38 @@ def test_it_learns(tmp_path):
         actions = policy.act({OBSERVATION: observation.numpy()}, generators(16))
         observation = env.step(torch.tensor(actions[:, 0])).obs
     assert env.pop_statistics().episode_return > GOOD_RETURN
+
+
+def test_a_small_preset_plans_as_exactly_as_it_explores():
+    """Of a step that pays 1 - (action - 0.3)², the best action is 0.3."""
+    config = compose("train", ["policy=tdmpc2", "preset=quick"]).policy
+    best, envs = 0.3, 200
+
+    class Known:
+        def next(self, z, action, task=None):
+            return z
+
+        def reward(self, z, action, task=None):
+            return 1.0 - (action[..., 0] - best).square()
+
+        def ended(self, z, task=None):
+            return torch.zeros_like(z[..., 0])
+
+        def prior(self, z, noise, task=None):
+            return torch.tanh(noise), torch.zeros_like(noise), noise
+
+        def values(self, z, action, task=None, *, members=None):
+            return torch.zeros_like(z[..., 0])
+
+        def action_mask(self, task):
+            return None
+
+    generator = torch.Generator().manual_seed(0)
+    start = torch.zeros(envs, config.horizon, 1)
+    planned = plan(
+        config, Known(), torch.zeros(envs, 1), start, 0.98, lambda *n: torch.randn(*n, generator=generator)
+    )
+    assert (planned.action - best).square().mean().sqrt() < config.min_std
 
 
 def generators(num):
