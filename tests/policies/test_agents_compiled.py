@@ -39,6 +39,7 @@ def sequences(size):
         actions=torch.rand(*shape, 2, generator=generator) * 2 - 1,
         rewards=torch.randn(shape, generator=generator),
         terminated=(torch.rand(shape, generator=generator) < 0.2).float(),
+        valid=(torch.rand(shape, generator=generator) < 0.9).float(),
     )
 
 
