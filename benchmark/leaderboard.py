@@ -162,9 +162,10 @@ def _section(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
                 f"{unlike} test episodes of {labels['a']} and {labels['b']} begin differently, although they "
                 "have the same index; they are left out of the paired comparison."
             )
-    options, scene = (key["task_kwargs"], key.get("simulator_settings", {})), key.get("scenario", {})
-    kwargs = ", ".join(f"{name}={value}" for values in options for name, value in sorted(values.items()))
-    told = ", ".join([kwargs] * bool(kwargs) + [f"{k}={value}" for k, value in sorted(flat(scene).items())])
+    scene = key.get("scenario", {})
+    options = [*sorted(key["task_kwargs"].items()), *sorted(key.get("simulator_settings", {}).items())]
+    kwargs = ", ".join(f"{name}={value}" for name, value in options)
+    told = ", ".join(f"{name}={value}" for name, value in [*options, *sorted(flat(scene).items())])
     title = f"{key['task']}" + (f" ({told})" if told else "")
     name = "-".join([key["protocol"], key["task"], kwargs, key["simulator"], key["renderer"]])
     unusual = [f"seed{key['protocol_seed']}"] if key["protocol_seed"] else []

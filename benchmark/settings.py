@@ -1,6 +1,6 @@
 """Settings of a run that decide what its policy learned, as flat keys such as ``train.augment.shift_px``."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -45,8 +45,10 @@ def _filled(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[str,
 
 def learned_settings(policy: Any, train: Any) -> dict[str, Any]:
     """Returns the settings of a policy and of its training that decide what is learned, by flat key."""
-    flat = dict([*_flat("policy", policy), *_flat("train", train)])
-    return {key: value for key, value in flat.items() if key not in _FREE}
+    settings = {
+        key: values for key, values in (("policy", policy), ("train", train)) if isinstance(values, Mapping)
+    }  # a result need not tell them
+    return {key: value for key, value in flat(settings).items() if key not in _FREE}
 
 
 def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -58,14 +60,6 @@ def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
             flat(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {f"{prefix}{name}": value}
         ).items()
     }
-
-
-def _flat(key: str, value: Any) -> Iterator[tuple[str, Any]]:
-    if isinstance(value, Mapping):
-        for name, inner in value.items():
-            yield from _flat(f"{key}.{name}", inner)
-    elif key not in ("policy", "train"):  # a result need not tell its settings
-        yield key, value
 
 
 def differing(settings: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -5,7 +5,8 @@ alone and exits with code 2; a traceback is for bugs.
 """
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 
 class RoboVerseError(Exception):
@@ -63,3 +64,8 @@ def unknown_name(kind: str, given: str, valid: Iterable[str], hint: str = "") ->
     names = sorted(valid)
     message = f"Unknown {kind} '{given}'.{suggest(given, names)} Valid: {', '.join(names) or 'none'}."
     return UnknownNameError(f"{message} {hint}".rstrip())
+
+
+def wrong_value(item: Mapping[str, Any]) -> str:
+    """Says what is wrong with a value: one of the ``errors()`` of pydantic's ``ValidationError``."""
+    return f"{item['msg'][0].lower()}{item['msg'][1:]}, given {item['input']!r}."

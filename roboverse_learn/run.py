@@ -38,7 +38,7 @@ _FREE = {
 }
 _FREE_KEYS = {
     *("collect.num_workers", "collect.num_envs"),
-    *("train.num_threads", "train.save_every", "train.log_every", "train.wandb"),
+    *("train.num_threads", "train.save_every", "train.log_every", "train.wandb", "train.cuda_graphs"),
 }
 _EXTENDABLE = ("train.steps", "train.time_limit_s")
 

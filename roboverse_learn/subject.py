@@ -188,16 +188,13 @@ def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
         key: getattr(config, key) for key in ("task_kwargs", "simulator", "simulator_settings", "renderer")
     }
     told = [_in_name(key, value) for key, value in {**given, "scenario": scenario}.items() if value]
+    if config.evaluate.materials:
+        told.append(_materials_in_name(config.evaluate))
+    weights = file_hash(checkpoint / WEIGHTS)[:8]
     base = re.sub(r"[^A-Za-z0-9._+=-]+", "-", checkpoint.absolute().parent.name).strip("-.") or "checkpoint"
     return Subject(
         checkpoint=checkpoint,
-        run="-".join(
-            [
-                *(base, file_hash(checkpoint / WEIGHTS)[:8], protocol_of(config.evaluate).hash[:6]),
-                *told,
-                *([_materials_in_name(config.evaluate)] if config.evaluate.materials else []),
-            ]
-        ),
+        run="-".join([base, weights, protocol_of(config.evaluate).hash[:6], *told]),
         task=config.task,
         task_kwargs=config.task_kwargs,
         simulator=config.simulator or "mujoco",

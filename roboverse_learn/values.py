@@ -7,12 +7,12 @@ import dataclasses
 import importlib
 from collections.abc import Mapping
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import policies
-from envs.errors import ConfigError, unknown_name
+from envs.errors import ConfigError, unknown_name, wrong_value
 from envs.handlers.settings import check_settings
+from envs.plain import plain
 from roboverse_learn.config import (
     CollectConfig,
     ConservationConfig,
@@ -69,7 +69,7 @@ def from_values(command: str, values: Mapping[str, Any]) -> Any:
 
 def to_values(config: Any) -> dict[str, Any]:
     """Returns a configuration as nested plain JSON values; :func:`from_values` reads them back."""
-    return _plain(dataclasses.asdict(config))
+    return plain(config)
 
 
 def default_values(command: str, policy: str = "act") -> dict[str, Any]:
@@ -81,10 +81,9 @@ def default_values(command: str, policy: str = "act") -> dict[str, Any]:
         elif item.name == "policy_name":
             values["policy_name"] = policy
         elif item.default_factory is not dataclasses.MISSING:
-            value = item.default_factory()
-            values[item.name] = to_values(value) if dataclasses.is_dataclass(value) else _plain(value)
+            values[item.name] = plain(item.default_factory())
         else:
-            values[item.name] = _plain(item.default)
+            values[item.name] = plain(item.default)
     return values
 
 
@@ -151,14 +150,5 @@ def _readable(error: Any, policy_name: str | None) -> ConfigError:
             continue
         prefix = "policy." if policy_name and error.title == policy_config(policy_name).__name__ else ""
         key = prefix + ".".join(str(part) for part in item["loc"])
-        lines.append(f"{key}: {item['msg'][0].lower()}{item['msg'][1:]}, given {item['input']!r}.")
+        lines.append(f"{key}: {wrong_value(item)}")
     return ConfigError(" ".join(dict.fromkeys(lines)))
-
-
-def _plain(value: Any) -> Any:
-    """Tuples to lists, paths to strings: what JSON and YAML have."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, tuple | list):
-        return [_plain(item) for item in value]
-    return str(value) if isinstance(value, Path) else value

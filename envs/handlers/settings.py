@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, ClassVar, Self
 
-from envs.errors import ConfigError, unknown_name
+from envs.errors import ConfigError, unknown_name, wrong_value
 from envs.registry import Registry
 from envs.scenario import ScenarioCfg
 
@@ -40,9 +40,7 @@ def check_settings(simulator: str, values: Mapping[str, Any]) -> None:
         if isinstance(cause, ConfigError):
             raise cause from None
         where = ".".join(["simulator_settings", *map(str, first["loc"])])
-        raise ConfigError(
-            f"{where}: {first['msg'][0].lower()}{first['msg'][1:]}, given {first['input']!r}."
-        ) from None
+        raise ConfigError(f"{where}: {wrong_value(first)}") from None
 
 
 def _check_names(simulator: str, settings: type, values: Mapping[str, Any]) -> None:

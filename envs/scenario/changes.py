@@ -6,7 +6,8 @@ from functools import cache
 from types import NoneType
 from typing import Any, get_args, get_type_hints
 
-from envs.errors import ConfigError, unknown_name
+from envs.errors import ConfigError, unknown_name, wrong_value
+from envs.plain import plain
 
 ROOT = "scenario"
 
@@ -87,7 +88,7 @@ def _between(old: Any, new: Any) -> Any:
     before, after = _by_key(old), _by_key(new)
     if before and before.keys() == after.keys():
         return {key: difference(before[key], after[key]) for key in before if before[key] != after[key]}
-    return _plain(new)
+    return plain(new)
 
 
 def _by_key(value: Any) -> dict[str, Any]:
@@ -95,15 +96,6 @@ def _by_key(value: Any) -> dict[str, Any]:
     if isinstance(value, Sequence) and not isinstance(value, str):
         value = {getattr(item, "name", str(place)): item for place, item in enumerate(value)}
     return dict(value) if isinstance(value, Mapping) and all(map(is_dataclass, value.values())) else {}
-
-
-def _plain(value: Any) -> Any:
-    """Returns what JSON has for a value."""
-    if is_dataclass(value):
-        return {item.name: _plain(getattr(value, item.name)) for item in fields(value)}
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, tuple | list) else value
 
 
 def _new(old: Any, given: Any, hint: Any, where: str) -> Any:
@@ -119,7 +111,7 @@ def _new(old: Any, given: Any, hint: Any, where: str) -> Any:
     if isinstance(old, Mapping):
         return {**old, **{key: _one(old, key, inner, where) for key, inner in given.items()}}
     if isinstance(old, Sequence) and all(map(is_dataclass, old)) and _dataclass_in(hint) is not None:
-        items = {getattr(item, "name", str(place)): item for place, item in enumerate(old)}
+        items = _by_key(old)
         items |= {str(key): _one(items, key, inner, where) for key, inner in given.items()}
         return tuple(items.values())
     if old is None:
@@ -155,10 +147,8 @@ def _value(given: Any, hint: Any, where: str) -> Any:
         first = error.errors()[0]
         cause = first.get("ctx", {}).get("error")
         place = ".".join([where, *map(str, first["loc"])])
-        if isinstance(cause, ConfigError):
-            raise ConfigError(f"{place}: {cause}") from None
-        said = f"{first['msg'][0].lower()}{first['msg'][1:]}"
-        raise ConfigError(f"{place}: {said}, given {first['input']!r}.") from None
+        said = cause if isinstance(cause, ConfigError) else wrong_value(first)
+        raise ConfigError(f"{place}: {said}") from None
 
 
 def _check_names(cls: type, given: Any, where: str) -> None:

@@ -64,6 +64,7 @@ def test_what_decides_the_outcome_changes_the_name(word: str) -> None:
         "episodes=5",
         "slow_ok=true",
         "log_every=7",
+        "train.cuda_graphs=true",
     ],
 )
 def test_what_decides_nothing_keeps_the_name(word: str) -> None:
