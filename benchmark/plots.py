@@ -64,7 +64,9 @@ def plot_levels(rows: Sequence[Mapping[str, Any]], path: Path, title: str = "") 
     axes.set(xticks=levels, xticklabels=[f"level {level}" for level in levels], ylim=(-3, 103))
     axes.set_ylabel("success, %")
     axes.set_title(title or "Success over generalization levels", fontsize=11, loc="left")
-    axes.plot([], [], linestyle="--", color="#7f7f7f", linewidth=1.1, label="same, train split")
+    splits = {cell["split"] for row in rows for cell in row["cells"] if cell["level"] is not None}
+    if "train" in splits:
+        axes.plot([], [], linestyle="--", color="#7f7f7f", linewidth=1.1, label="same, train split")
     figure.legend(frameon=False, fontsize=8, loc="outside lower left", ncols=1 if len(rows) > 3 else 2)
     save_figure(figure, path)
 

@@ -95,6 +95,16 @@ def test_level_curves(tmp_path):
     assert (np.abs(picture.astype(int) - (0x00, 0x72, 0xB2)).max(axis=2) < 8).sum() > 500
 
 
+@pytest.mark.parametrize(("level", "expected"), [(1, ["act", "same, train split"]), (None, ["act"])])
+def test_the_legend_names_the_train_split_where_a_row_has_it(monkeypatch, tmp_path, level, expected):
+    figures = []
+    monkeypatch.setattr(plots, "save_figure", lambda figure, path: figures.append(figure))
+    cell = {"only": None, "success_rate": 0.5, "ci_low": 0.4, "ci_high": 0.6}
+    cells = [cell | {"split": "test", "level": 1}, cell | {"split": "train", "level": level}]
+    plot_levels([{"label": "act", "cells": cells}], tmp_path / "l.png")
+    assert sorted(text.get_text() for text in figures[0].legends[0].get_texts()) == expected
+
+
 def test_rows_beyond_the_colours_look_different(monkeypatch, tmp_path):
     figures = []
     monkeypatch.setattr(plots, "save_figure", lambda figure, path: figures.append(figure))
