@@ -15,10 +15,13 @@ def resolve(reference: str) -> Path:
         ConfigError: if there is no such file.
     """
     package, separator, inside = reference.partition(":")
-    if not separator:
+    if not separator or not all(part.isidentifier() for part in package.split(".")):
         path = Path(reference).expanduser()
     else:
-        spec = importlib.util.find_spec(package)
+        try:
+            spec = importlib.util.find_spec(package)
+        except ImportError:  # inside a package that is not there
+            spec = None
         if spec is None or not spec.submodule_search_locations:
             raise MissingExtraError(
                 f"The asset '{reference}' is part of the package '{package}', which is not installed. "
@@ -26,7 +29,7 @@ def resolve(reference: str) -> Path:
             )
         path = Path(spec.submodule_search_locations[0]) / inside
     if not path.is_file():
-        raise ConfigError(f"The asset '{reference}' does not exist: there is no file {path}.")
+        raise ConfigError(f"The asset '{reference}' does not exist: there is no file {path.absolute()}.")
     return path
 
 

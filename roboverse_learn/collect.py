@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from roboverse_learn.config import CollectConfig
 from roboverse_learn.materials import check_materials, folder_name
+from roboverse_learn.scenario_files import check_scenario_files
 from roboverse_learn.scenario_keys import control_hz, scenario_name
 
 if TYPE_CHECKING:
@@ -65,6 +66,7 @@ def dataset_folder(config: CollectConfig) -> Path:
 def collect_dataset(config: CollectConfig) -> "CollectionSummary":
     """Makes sure that the dataset of a configuration is complete, with a progress bar."""
     check_materials(config.materials)
+    check_scenario_files(config.task, config.task_kwargs, config.scenario, {"materials": config.materials})
     if config.source == "policy":
         _check_control_rate(config)
         return _collect_episodes(config, None)

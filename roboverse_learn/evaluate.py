@@ -14,6 +14,7 @@ from benchmark.protocol import Cell, Protocol
 from envs.errors import CheckpointError
 from roboverse_learn.config import EvaluateConfig, EvaluationConfig
 from roboverse_learn.materials import check_materials, recorded_materials
+from roboverse_learn.scenario_files import check_scenario_files
 from roboverse_learn.subject import Subject, protocol_of, step_of, subject_of
 
 if TYPE_CHECKING:
@@ -85,6 +86,8 @@ def evaluate_subject(
         log.info("Evaluated before: %s", path)
         return Evaluation(path=path, result=earlier, videos=_videos(path), reused=True)
 
+    looks = {"evaluate.materials": config.materials}
+    check_scenario_files(subject.task, subject.task_kwargs, subject.scenario, looks)
     policy = policies.load(subject.checkpoint, subject.device)
     check_task(policy, subject)
     checkpoint = Checkpoint(step=step_of(subject.checkpoint), hash=weights)

@@ -48,6 +48,7 @@ def train(config: TrainRunConfig) -> Any:
     from roboverse_learn.materials import check_materials
     from roboverse_learn.report import train_report
     from roboverse_learn.run import Run
+    from roboverse_learn.scenario_files import check_scenario_files
     from roboverse_learn.subject import subject_of_run
     from roboverse_learn.training.device import resolve_device
     from roboverse_learn.training.metrics import check_wandb
@@ -56,9 +57,11 @@ def train(config: TrainRunConfig) -> Any:
     from_dataset = policies.learns_from(config.policy_name) == "dataset"
     if from_dataset and int(os.environ.get("RANK", "0")) > 0:
         return _train_along(config, device)
-    if from_dataset:
-        check_materials(config.materials)
-    check_materials(config.evaluate.materials)
+    materials = {"materials": config.materials} if from_dataset else {}
+    materials["evaluate.materials"] = config.evaluate.materials
+    for each in materials.values():
+        check_materials(each)
+    check_scenario_files(config.task, config.task_kwargs, config.scenario, materials)
     refuse_long_run(config, device)
     if config.train.wandb:
         check_wandb()

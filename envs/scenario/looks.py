@@ -6,7 +6,7 @@ from typing import Literal
 
 from envs.errors import ConfigError
 from envs.scenario.objects import GeomCfg
-from envs.scenario.units import Vec3
+from envs.scenario.units import MaterialName, Vec3
 
 SURFACES = ("table", "wall", "ground")
 """The surfaces whose material the environment channel may change."""
@@ -101,7 +101,7 @@ class SurfaceMaterial:
         metallic: 0 is a dielectric, 1 a metal.
     """
 
-    texture: str | None = None
+    texture: MaterialName | None = None
     rgb: Vec3 = (1.0, 1.0, 1.0)
     size_m: float = 1.0
     roughness: float = 0.7

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from envs.errors import ConfigError, unknown_name
-from envs.scenario.units import IDENTITY, Quat, Rgba, Vec3
+from envs.scenario.units import IDENTITY, AssetRef, Quat, Rgba, Vec3
 
 _SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "mesh": 3}
 """Shapes, and how many sizes each has."""
@@ -32,8 +32,8 @@ class GeomCfg:
 
     shape: Literal["box", "sphere", "cylinder", "capsule", "mesh"]
     size: tuple[float, ...]
-    mesh: str | None = None
-    texture: str | None = None
+    mesh: AssetRef | None = None
+    texture: AssetRef | None = None
     pos: Vec3 = (0.0, 0.0, 0.0)
     rot: Quat = IDENTITY
     rgba: Rgba = (0.6, 0.6, 0.6, 1.0)
@@ -130,7 +130,7 @@ class ObjectCfg:
     name: str
     geoms: tuple[GeomCfg, ...] = ()
     links: tuple[LinkCfg, ...] = ()
-    mjcf: str | None = None
+    mjcf: AssetRef | None = None
     mjcf_root: str | None = None
     mjcf_joints: tuple[str, ...] = ()
     mjcf_shown: tuple[int, ...] | None = None

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from envs.errors import ConfigError
-from envs.scenario.units import IDENTITY, Quat, Vec3
+from envs.scenario.units import IDENTITY, AssetRef, Quat, Vec3
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -117,11 +117,11 @@ class RobotCfg:
     """
 
     name: str
-    mjcf: str
+    mjcf: AssetRef
     root: str
     joints: tuple[JointCfg, ...]
     ee_site: str
-    gripper_mjcf: str | None = None
+    gripper_mjcf: AssetRef | None = None
     gripper_root: str | None = None
     gripper_mount: str | None = None
     gripper_joints: tuple[str, ...] = ()

@@ -1,4 +1,9 @@
-"""What every part of a scenario is measured in: metres, kilograms, radians unless a name says ``_deg``."""
+"""What every part of a scenario is measured in: metres, kilograms, radians unless a name says ``_deg``.
+
+And what the text of a part can stand for.
+"""
+
+from typing import Annotated
 
 Vec3 = tuple[float, float, float]
 Rgba = tuple[float, float, float, float]
@@ -8,3 +13,9 @@ Quat = tuple[float, float, float, float]
 """Unit quaternion (w, x, y, z)."""
 
 IDENTITY: Quat = (1.0, 0.0, 0.0, 0.0)
+
+AssetRef = Annotated[str, "asset"]
+"""A file: a path, or ``"package:path/inside/package"``."""
+
+MaterialName = Annotated[str, "material"]
+"""A material of the library, such as ``"wood-017"``."""

@@ -96,8 +96,20 @@ def test_suggestions_ignore_case():
 def test_assets_say_what_is_missing():
     with pytest.raises(MissingExtraError, match="part of the package 'nowhere', which is not installed"):
         resolve("nowhere:a.xml")
+    with pytest.raises(MissingExtraError, match=r"part of the package 'nowhere\.at_all', which"):
+        resolve("nowhere.at_all:a.xml")
     with pytest.raises(ConfigError, match="does not exist: there is no file"):
         resolve("robosuite:models/none.xml")
+
+
+def test_a_path_may_hold_a_colon(tmp_path):
+    file = tmp_path / "12:30.xml"
+    file.touch()
+    assert resolve(str(file)) == file
+    with pytest.raises(
+        ConfigError, match=r"The asset ':a.xml' does not exist: there is no file /.*/:a\.xml\."
+    ):
+        resolve(":a.xml")
 
 
 def test_a_state_moves_to_another_precision_and_back():

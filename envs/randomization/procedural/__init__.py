@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.errors import ConfigError, unknown_name
+from envs.errors import ConfigError, UnknownNameError, unknown_name
 from envs.randomization.procedural.noise import Stream
 
 VERSION = 1
@@ -78,6 +78,8 @@ FAMILIES = {
 }
 """Every family. A family's numbers run on from table to wall to ground, so surfaces share no material."""
 
+_FORM = "A material is a family and a number: 'wood-017'."
+
 
 def surface_names(surface: int) -> tuple[str, ...]:
     """Returns the materials of surface 0 (table), 1 (wall) or 2 (ground)."""
@@ -95,10 +97,10 @@ def parse(name: str) -> tuple[Family, int]:
         UnknownNameError: if the family does not exist or the number is not one.
     """
     family, _, number = name.rpartition("-")
-    if family not in FAMILIES or not number.isdecimal():
-        raise unknown_name(
-            "material family", family or name, FAMILIES, "A material is a family and a number: 'wood-017'."
-        )
+    if name in FAMILIES or (family in FAMILIES and not number.isdecimal()):
+        raise UnknownNameError(f"Material '{name}' has no number. {_FORM}")
+    if family not in FAMILIES:
+        raise unknown_name("material family", family or name, FAMILIES, _FORM)
     return FAMILIES[family], int(number)
 
 

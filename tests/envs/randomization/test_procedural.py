@@ -110,8 +110,16 @@ def test_a_texture_is_read_only_because_it_is_shared():
 def test_an_unknown_material_names_the_nearest_family():
     with pytest.raises(UnknownNameError, match=r"Unknown material family 'marbel'. Did you mean 'marble'\?"):
         procedural.texture("marbel-001")
-    with pytest.raises(UnknownNameError, match="A material is a family and a number: 'wood-017'"):
-        procedural.texture("wood")
+    with pytest.raises(
+        UnknownNameError, match=r"'marbel'.*A material is a family and a number: 'wood-017'\."
+    ):
+        procedural.texture("marbel")
+
+
+@pytest.mark.parametrize("name", ["wood", "end-grain", "wood-x"])
+def test_a_family_without_a_number_is_no_material(name):
+    with pytest.raises(UnknownNameError, match=rf"^Material '{name}' has no number\. A material is a family"):
+        procedural.texture(name)
 
 
 def test_an_impossible_size_says_what_is_possible():
