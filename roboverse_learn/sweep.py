@@ -8,6 +8,7 @@ import itertools
 import logging
 import os
 import queue
+import re
 import shlex
 import subprocess
 import sys
@@ -30,6 +31,9 @@ from roboverse_learn.values import to_values
 log = logging.getLogger(__name__)
 
 _LOGS = "sweep-logs"
+
+_PLAIN = re.compile(r"(?!(?:null|true|false|nan|inf)$)[A-Za-z_][\w./-]*", re.IGNORECASE | re.ASCII)
+"""Texts that mean themselves on the command line without quotes."""
 
 
 class SweepError(RoboVerseError):
@@ -242,19 +246,29 @@ def _collect_words(config: TrainRunConfig) -> list[str]:
         if isinstance(value, dict):
             words += [f"{key}.{name}={_text(item)}" for name, item in value.items()]
         elif value != default:
-            words.append(f"{key}={_text(value)}")
+            words.append(f"{key}={value if isinstance(default, str) else _text(value)}")
     return words
 
 
 def _text(value: object) -> str:
-    """A value as the command line reads it."""
+    """A value as Hydra's grammar reads it, which the text of a key that is a text by itself is spared."""
     if isinstance(value, list):
         return f"[{','.join(map(_text, value))}]"
     if isinstance(value, dict):
         return f"{{{','.join(f'{name}:{_text(inner)}' for name, inner in value.items())}}}"
     if value is None:
         return "null"
+    if isinstance(value, str):
+        return value if _PLAIN.fullmatch(value) else _quoted(value)
     return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _quoted(text: str) -> str:
+    """A text that could be read as something else, such as two values or a number."""
+    from hydra.core.override_parser.types import Quote, QuotedString
+
+    literal = re.sub(r"(\\*)\$\{", r"\1\1\\${", text)  # to OmegaConf, ${…} is another key's value
+    return QuotedString(literal, Quote.single).with_quotes()
 
 
 def _last_line(log_file: Path) -> str:

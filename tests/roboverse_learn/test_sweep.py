@@ -3,17 +3,20 @@
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from envs.errors import ConfigError, UnknownNameError
 from roboverse_learn import cli
 from roboverse_learn.collect import dataset_folder
 from roboverse_learn.compose import compose, values_of_key
-from roboverse_learn.config import CollectConfig
+from roboverse_learn.config import CollectConfig, SweepConfig
 from roboverse_learn.keys import flat_keys
-from roboverse_learn.sweep import Job, SweepError, gpu_slots, make_jobs, plan, run_jobs, sweep
+from roboverse_learn.sweep import Job, Sweep, SweepError, gpu_slots, make_jobs, plan, run_jobs, sweep
 from roboverse_learn.values import to_values
 
 WORDS = ["policy=act,diffusion", "task=PickCube,StackCube", "level=0,3", "preset=quick"]
@@ -106,6 +109,10 @@ class TestJobs:
             ],
             ["appearance.lights=[{kind:area},{}]", "appearance.materials.wall.texture=wood-017"],
             ["scenario.appearance.lights.0.intensity=0.5"],
+            ["scenario.objects.cube.mjcf='a,b.xml'", "materials=a=b"],
+            ["scenario.objects.cube={mjcf:'it\\'s [a], {b}: c\\\\'}"],
+            ["scenario.objects.cube.mjcf='3'", r"scenario.appearance.materials.wall.texture='\${x}-1'"],
+            ["simulator_settings.cone='elliptic'", "scenario.objects.cube.mjcf='null'"],
         ],
     )
     def test_the_collection_is_that_of_the_run(self, words):
@@ -118,6 +125,16 @@ class TestJobs:
         ours, theirs = to_values(collection), to_values(config)
         for key in set(flat_keys(to_values(CollectConfig()))) - {"preset"}:
             assert at(ours, key) == at(theirs, key), key
+
+    @settings(max_examples=100, deadline=None)
+    @given(text=st.text(st.characters(codec="utf-8", exclude_categories=["Cc"]), min_size=1))
+    @example(text="null")
+    @example(text="a,b")
+    @example(text=r"\\${x} it's \\\\")
+    def test_any_text_inside_a_value_reaches_the_collection_as_it_is(self, text):
+        config = replace(compose("train", []), scenario={"objects": {"cube": {"mjcf": text}}})
+        job = make_jobs(Sweep(SweepConfig(), (((), config),)))[0][0]
+        assert compose("collect", job.words[1:]).scenario == config.scenario
 
     def test_a_run_is_complete_once_it_was_evaluated_as_it_is_asked_for(self, tmp_path):
         from roboverse_learn.run import Run
