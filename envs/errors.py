@@ -68,4 +68,8 @@ def unknown_name(kind: str, given: str, valid: Iterable[str], hint: str = "") ->
 
 def wrong_value(item: Mapping[str, Any]) -> str:
     """Says what is wrong with a value: one of the ``errors()`` of pydantic's ``ValidationError``."""
-    return f"{item['msg'][0].lower()}{item['msg'][1:]}, given {item['input']!r}."
+    if item["type"] in ("tuple_type", "list_type"):
+        said = "input should be a list in brackets, such as [1,2]"
+    else:
+        said = f"{item['msg'][0].lower()}{item['msg'][1:]}"
+    return f"{said}, given {item['input']!r}."

@@ -11,6 +11,7 @@ from typing import Any
 import policies
 from envs.errors import ConfigError, unknown_name
 from envs.scenario.changes import merged
+from roboverse_learn.grammar import UNKNOWN, check_value
 from roboverse_learn.keys import OPEN, at, flat_keys, full_key, in_open_section, split_word
 from roboverse_learn.values import default_values, from_values, to_values
 
@@ -65,6 +66,10 @@ def compose(command: str, words: Sequence[str]) -> Any:
         for key, value in given.items()
         if key not in _GROUPS and isinstance(at(defaults, key), str)
     }
+    for key, (typed, value) in zip(full, pairs, strict=True):
+        if key not in (*texts, *_GROUPS):
+            default = UNKNOWN if in_open_section(key) else at(defaults, key)
+            check_value(f"{typed}={value}", command, default)
     groups = [f"{group}={name}" for group, name in choices.items()]
     overrides = [
         f"{'++' if in_open_section(key) else ''}{key}={value}"
@@ -170,12 +175,18 @@ def _hydra_compose(defaults: dict[str, Any], overrides: list[str]) -> dict[str, 
     from hydra.core.config_store import ConfigStore
     from hydra.errors import HydraException
     from omegaconf import OmegaConf
-    from omegaconf.errors import OmegaConfBaseException
+    from omegaconf.errors import InterpolationResolutionError, OmegaConfBaseException
 
     ConfigStore.instance().store(name="defaults_of_dataclasses", node=defaults)
     try:
         with hydra.initialize_config_dir(str(configs_folder()), version_base="1.3"):
             composed = OmegaConf.to_container(hydra.compose("run", overrides), resolve=True)
+    except InterpolationResolutionError as error:
+        named = " ".join(word.lstrip("+") for word in overrides if "${" in word)
+        raise ConfigError(
+            f"'{named}' cannot be read: ${{…}} stands for the value of another key, and there is none of "
+            "this name. Where the characters themselves are meant, write \\${ instead."
+        ) from error
     except (HydraException, OmegaConfBaseException) as error:
         raise ConfigError(f"The command line could not be read: {_first_lines(error)}") from error
     assert isinstance(composed, dict)

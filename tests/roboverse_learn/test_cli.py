@@ -76,8 +76,8 @@ def failure(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         (["train", "policy_name=act"], "Unknown key 'policy_name' of train. Did you mean 'policy'?"),
         (["train", "steps"], "'steps' is not key=value."),
         (["train", "--steps=3"], "'--steps=3' is not key=value."),
-        (["train", "train.steps=[1"], "The command line could not be read"),
-        (["train", "seed=1,2"], "The command line could not be read"),
+        (["train", "train.steps=[1"], "train.steps=[1' cannot be read: the [ is not closed."),
+        (["train", "seed=1,2"], "For a run with each of them: roboverse sweep seed=1,2"),
         (["train", "image_size=4"], "image_size must be 16 to 2048 pixels, given 4."),
         (["collect", "num_demos=0"], "num_demos must be above 0, given 0."),
         (

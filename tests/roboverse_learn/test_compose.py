@@ -243,7 +243,9 @@ def test_one_value_is_a_list_of_one(word, of, value) -> None:
 
 @pytest.mark.parametrize("word", ["levels=", "levels=true", "levels=null"])
 def test_what_is_no_value_is_no_list_of_one(word: str) -> None:
-    with pytest.raises(ConfigError, match=r"evaluate\.levels: input should be a valid tuple, given"):
+    with pytest.raises(
+        ConfigError, match=r"evaluate\.levels: input should be a list in brackets, such as \[1,2\], given"
+    ):
         compose("train", [word])
 
 
