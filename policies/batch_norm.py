@@ -58,7 +58,7 @@ class BatchNorm2d(nn.BatchNorm2d):
     code, and what lies between two of them is fused.
     """
 
-    def forward(self, input: Tensor) -> Tensor:  # noqa: A002 - its name in PyTorch
+    def forward(self, input: Tensor) -> Tensor:
         """Normalizes pictures (B, C, H, W); in training by their own statistics, which it averages."""
         if not self.training or self.running_mean is None or self.running_var is None or not self.momentum:
             return super().forward(input)
