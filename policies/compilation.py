@@ -16,14 +16,13 @@ OBJECTIVE_OPTIONS = INDUCTOR_OPTIONS | {"fallback_random": True}
 """Those of a loss: its noise is that of eager code."""
 
 UNFUSED_OBJECTIVE_OPTIONS = OBJECTIVE_OPTIONS | {"epilogue_fusion": False, "max_fusion_size": 1}
-"""Those of a loss with a batch normalization of PyTorch's that is trained: nothing is fused.
+"""Those of a loss with a batch normalization that is trained: nothing is fused.
 
 With PyTorch 2.11 on an H200, compiled ACT with a trained batch normalization in bf16 has gradients that are
 NaN from the second batch on, in its whole backbone, at the right loss. Of seven other settings of the
 compiler (softmax, split and persistent reductions, layouts, patterns, buffers, recomputation) none changes
 that; without fusion every gradient is that of eager code.
-:mod:`roboverse_learn.training.compiled_objective` checks it. :class:`policies.batch_norm.BatchNorm2d` does
-without.
+:mod:`roboverse_learn.training.compiled_objective` checks it.
 """
 
 CUDA_GRAPH_OPTIONS: dict[str, bool | int] = {"triton.cudagraphs": True}
@@ -47,7 +46,7 @@ def compile_objective(objective: Any, *, cuda_graphs: bool = False) -> None:
     """
     from torch.nn import BatchNorm2d
 
-    trains_norms = any(type(module) is BatchNorm2d for module in objective.modules())
+    trains_norms = any(isinstance(module, BatchNorm2d) for module in objective.modules())
     graphs = CUDA_GRAPH_OPTIONS if cuda_graphs else {}
     objective.compile(
         fullgraph=True,

@@ -16,7 +16,6 @@ from torchvision.ops.misc import FrozenBatchNorm2d
 
 from policies.act.config import ActConfig
 from policies.base import Observation
-from policies.batch_norm import BatchNorm2d
 from policies.lerobot_policy import Features, LeRobotPolicy, Processors
 from policies.objective import Loss
 from policies.packed_convolutions import packed
@@ -145,10 +144,10 @@ def _replace(module: nn.Module, old: type[nn.Module], make: Any) -> None:
             _replace(child, old, make)
 
 
-def _batch_norm(frozen: FrozenBatchNorm2d) -> BatchNorm2d:
+def _batch_norm(frozen: FrozenBatchNorm2d) -> nn.BatchNorm2d:
     state = frozen.state_dict()
     weight = state["weight"]
-    norm = BatchNorm2d(len(weight), eps=frozen.eps, momentum=_NORM_MOMENTUM, device=weight.device)
+    norm = nn.BatchNorm2d(len(weight), eps=frozen.eps, momentum=_NORM_MOMENTUM, device=weight.device)
     norm.load_state_dict(state, strict=False)
     return norm
 

@@ -15,12 +15,12 @@ from tests.policies.examples import make
 @pytest.mark.parametrize(
     ("name", "changes", "expected"),
     [
-        ("act", {"backbone_norm": "batch"}, OBJECTIVE_OPTIONS),
+        ("act", {"backbone_norm": "batch"}, UNFUSED_OBJECTIVE_OPTIONS),
         ("act", {"backbone_norm": "frozen"}, OBJECTIVE_OPTIONS),
         ("diffusion", {}, OBJECTIVE_OPTIONS),
     ],
 )
-def test_no_policy_forbids_fusion(monkeypatch, name, changes, expected):
+def test_only_a_trained_batch_normalization_forbids_fusion(monkeypatch, name, changes, expected):
     given = {}
     monkeypatch.setattr(nn.Module, "compile", lambda self, **words: given.update(words))
     policy = make(name, **changes)
@@ -29,11 +29,5 @@ def test_no_policy_forbids_fusion(monkeypatch, name, changes, expected):
     assert given == {"fullgraph": True, "dynamic": False, "options": expected}
     compile_objective(policy.objective(), cuda_graphs=True)
     assert given["options"] == expected | CUDA_GRAPH_OPTIONS
-
-
-def test_a_trained_batch_normalization_of_pytorchs_is_not_fused(monkeypatch):
-    given = {}
-    monkeypatch.setattr(nn.Module, "compile", lambda self, **words: given.update(words))
-    compile_objective(nn.Sequential(nn.BatchNorm2d(2)))
-    assert given["options"] == UNFUSED_OBJECTIVE_OPTIONS
-    assert given["options"]["max_fusion_size"] == 1
+    assert UNFUSED_OBJECTIVE_OPTIONS["max_fusion_size"] == 1
+    assert "max_fusion_size" not in OBJECTIVE_OPTIONS
