@@ -21,12 +21,10 @@ UNFUSED_OBJECTIVE_OPTIONS = OBJECTIVE_OPTIONS | {"epilogue_fusion": False, "max_
 With PyTorch 2.11 on an H200, compiled ACT with a trained batch normalization in bf16 has gradients that are
 NaN from the second batch on, in its whole backbone, at the right loss. Of seven other settings of the
 compiler (softmax, split and persistent reductions, layouts, patterns, buffers, recomputation) none changes
-that; without fusion every gradient is that of eager code.
-:mod:`roboverse_learn.training.compiled_objective` checks it.
+that; without fusion every gradient is that of eager code. With the normalization as one operator of its own
+and the rest fused, the first convolution's gradient alone is wrong, by factors of a hundred to nine thousand.
+:mod:`roboverse_learn.training.fast_objective` checks it.
 """
-
-CUDA_GRAPH_OPTIONS: dict[str, bool | int] = {"triton.cudagraphs": True}
-"""Those that besides record the kernels of a call and play them back."""
 
 
 def compiled[**P, T](function: Callable[P, T]) -> Callable[P, T]:
@@ -36,20 +34,13 @@ def compiled[**P, T](function: Callable[P, T]) -> Callable[P, T]:
     return torch.compile(function, fullgraph=True, options=cast(Any, INDUCTOR_OPTIONS))
 
 
-def compile_objective(objective: Any, *, cuda_graphs: bool = False) -> None:
-    """Compiles a loss, a module, as one graph for batches of one shape; it is compiled when first called.
-
-    Args:
-        objective: The loss.
-        cuda_graphs: On a GPU, record the kernels of the second call, forward and backward, and play them
-            back from the third on. A call's loss and terms are overwritten by the next one's.
-    """
+def compile_objective(objective: Any) -> None:
+    """Compiles a loss, a module, as one graph for batches of one shape; it is compiled when first called."""
     from torch.nn import BatchNorm2d
 
     trains_norms = any(isinstance(module, BatchNorm2d) for module in objective.modules())
-    graphs = CUDA_GRAPH_OPTIONS if cuda_graphs else {}
     objective.compile(
         fullgraph=True,
         dynamic=False,
-        options=(UNFUSED_OBJECTIVE_OPTIONS if trains_norms else OBJECTIVE_OPTIONS) | graphs,
+        options=UNFUSED_OBJECTIVE_OPTIONS if trains_norms else OBJECTIVE_OPTIONS,
     )

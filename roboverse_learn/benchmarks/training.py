@@ -108,7 +108,7 @@ type Side = Callable[[int], Any]
 
 @dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
 class Compilation:
-    """How our side is compiled: not at all, or with CUDA graphs, or without them."""
+    """Whether our side is compiled, and whether it is played back as CUDA graphs."""
 
     enabled: bool
     cuda_graphs: bool = False
@@ -172,13 +172,16 @@ def _our_step(policy: Any, frames: Frames, compilation: Compilation) -> Side:
     import torch
 
     from policies.compilation import compile_objective
+    from policies.cuda_graphs import RecordedObjective
     from roboverse_learn.training.config import TrainConfig
     from roboverse_learn.training.imitation import make_optimizer
 
     policy.begin_training()
     objective = policy.objective()
     if compilation.enabled:
-        compile_objective(objective, cuda_graphs=compilation.cuda_graphs)
+        compile_objective(objective)
+    if compilation.cuda_graphs:
+        objective = RecordedObjective(objective, frames.batch(0), "bf16")
     optimizer = make_optimizer(policy, TrainConfig())
 
     def take(step: int) -> Any:
@@ -266,7 +269,7 @@ def _measure_all(arguments: TrainingBenchmark) -> int:
     log.setLevel(logging.INFO)
     device = resolve_device(arguments.device)
     on_gpu, missed = device == "cuda", False
-    compilation = Compilation(enabled=on_gpu, cuda_graphs=arguments.cuda_graphs)
+    compilation = Compilation(enabled=on_gpu, cuda_graphs=on_gpu and arguments.cuda_graphs)
     for name in arguments.policies:
         measurement, apart = measure(name, GPU if on_gpu else CPU, device, compilation)
         log.info("%s", measurement)

@@ -63,8 +63,9 @@ class TrainConfig:
             instructions for it. Weights, optimizer and evaluation stay float32.
         compile: Compile the network with ``torch.compile``; None compiles on a GPU only. It is used if the
             gradients of the first batches are those of eager code, and left out with a warning otherwise.
-        cuda_graphs: Play compiled code back as CUDA graphs, on one GPU: for a network so small that the GPU
-            waits for Python to launch its kernels.
+        cuda_graphs: Record the kernels of the loss, forward and backward, and play them back, on one GPU:
+            for a network so small that the GPU waits for Python to launch its kernels. It is used under the
+            same condition as what is compiled.
         num_threads: Threads of the CPU; 0 takes OMP_NUM_THREADS or one per core, and one beside a GPU.
         save_every: Steps between checkpoints; the last step is always saved.
         log_every: Steps between logged metrics.
@@ -103,11 +104,6 @@ class TrainConfig:
                 raise ConfigError(
                     f"train.{name} must be one of {', '.join(valid)}, given '{getattr(self, name)}'."
                 )
-        if self.cuda_graphs and self.compile is False:
-            raise ConfigError(
-                "train.cuda_graphs=true plays back compiled code, and train.compile=false compiles none. "
-                "Leave one of them out."
-            )
 
     def _check_numbers(self) -> None:
         for name in ("steps", "batch_size", "lr", "save_every", "log_every", "ema_power"):

@@ -13,19 +13,19 @@ from typing import Any, Protocol
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from envs.errors import ConfigError, RoboVerseError
 from policies.lerobot_policy import LeRobotPolicy
-from policies.objective import Loss, Objective
+from policies.objective import Loss
 from roboverse_learn.data.info import DatasetInfo
 from roboverse_learn.data.sampler import EpisodeAwareSampler
 from roboverse_learn.training import checkpoint
 from roboverse_learn.training.augment import augment
-from roboverse_learn.training.compiled_objective import NUM_BATCHES, compiled_objective
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.device import cpu_threads, resolve_precision
 from roboverse_learn.training.ema import Ema
+from roboverse_learn.training.fast_objective import NUM_BATCHES, fast_objective
 from roboverse_learn.training.interruption import Interruption, signals_noted
 from roboverse_learn.training.metrics import (
     JsonlWriter,
@@ -150,9 +150,10 @@ class _Trainer:
         )
         self.keys = list(policy.features)
         policy.begin_training()
-        objective = self._compiled() if self._compiles() else policy.objective()
         # Every process starts from the weights of the first: DDP broadcasts them.
-        self.objective, self.optimizer = self.accelerator.prepare(objective, make_optimizer(policy, config))
+        self.objective, self.optimizer = self.accelerator.prepare(
+            self._make_objective(), make_optimizer(policy, config)
+        )
         self.ema = self._make_ema()
         self.step, self.first_step, self.elapsed_before = 0, 0, 0.0
         self.losses: list[dict[str, Tensor]] = []
@@ -160,16 +161,16 @@ class _Trainer:
         self.grad_norm: Tensor | float = 0.0
         self.start = time.perf_counter()
 
-    def _compiles(self) -> bool:
-        wanted = self.config.compile
-        return self.policy.device.type == "cuda" if wanted is None else wanted
-
-    def _compiled(self) -> Objective:
+    def _make_objective(self) -> nn.Module:
+        on_gpu = self.policy.device.type == "cuda"
+        compile = on_gpu if self.config.compile is None else self.config.compile
+        cuda_graphs = on_gpu and self.config.cuda_graphs
+        if not (compile or cuda_graphs):
+            return self.policy.objective()
         start = self.sampler.state_dict()
         batches = [self._batch() for _ in range(NUM_BATCHES)]
         self.sampler.load_state_dict(start)
-        graphs = self.config.cuda_graphs
-        return compiled_objective(self.policy, batches, self.precision, cuda_graphs=graphs)
+        return fast_objective(self.policy, batches, self.precision, compile=compile, cuda_graphs=cuda_graphs)
 
     def run(self, resume: bool) -> TrainResult:
         """Trains to the end."""

@@ -4,7 +4,6 @@ import pytest
 from torch import nn
 
 from policies.compilation import (
-    CUDA_GRAPH_OPTIONS,
     OBJECTIVE_OPTIONS,
     UNFUSED_OBJECTIVE_OPTIONS,
     compile_objective,
@@ -27,7 +26,5 @@ def test_only_a_trained_batch_normalization_forbids_fusion(monkeypatch, name, ch
     policy.begin_training()
     compile_objective(policy.objective())
     assert given == {"fullgraph": True, "dynamic": False, "options": expected}
-    compile_objective(policy.objective(), cuda_graphs=True)
-    assert given["options"] == expected | CUDA_GRAPH_OPTIONS
     assert UNFUSED_OBJECTIVE_OPTIONS["max_fusion_size"] == 1
     assert "max_fusion_size" not in OBJECTIVE_OPTIONS

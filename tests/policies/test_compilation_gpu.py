@@ -1,4 +1,4 @@
-"""The gradients of compiled networks on a GPU are those of eager code."""
+"""The gradients of compiled and of recorded networks on a GPU are those of eager code."""
 
 from dataclasses import replace
 
@@ -7,7 +7,8 @@ import torch
 
 import policies
 from policies.compilation import compile_objective
-from roboverse_learn.training.compiled_objective import first_disagreement
+from policies.cuda_graphs import RecordedObjective
+from roboverse_learn.training.fast_objective import first_disagreement
 from tests.policies.examples import FEATURES, IMAGE, stats
 
 pytestmark = [
@@ -33,9 +34,9 @@ def frames(policy, seed):
     }
 
 
-@pytest.mark.parametrize("cuda_graphs", [False, True])
+@pytest.mark.parametrize(("compile", "cuda_graphs"), [(True, False), (False, True), (True, True)])
 @pytest.mark.parametrize("norm", ["batch", "frozen", None])
-def test_every_parameter_gets_the_gradient_of_eager_code(norm, cuda_graphs):
+def test_every_parameter_gets_the_gradient_of_eager_code(norm, compile, cuda_graphs):
     """In bf16; the norms are those of ACT's backbone, None stands for Diffusion Policy."""
     features = FEATURES | {IMAGE: FEATURES[IMAGE] | {"shape": (SIZE, SIZE, 3)}}
     name = "diffusion" if norm is None else "act"
@@ -46,7 +47,10 @@ def test_every_parameter_gets_the_gradient_of_eager_code(norm, cuda_graphs):
         )
     policy = policies.create(name, features, stats(), config, "cuda")
     policy.begin_training()
-    eager, compiled = policy.objective(), policy.objective()
-    compile_objective(compiled, cuda_graphs=cuda_graphs)
+    eager, fast = policy.objective(), policy.objective()
     batches = [frames(policy, seed) for seed in range(BATCHES)]
-    assert first_disagreement(policy.model, eager, compiled, batches, "bf16", "cuda") is None
+    if compile:
+        compile_objective(fast)
+    if cuda_graphs:
+        fast = RecordedObjective(fast, batches[0], "bf16")
+    assert first_disagreement(policy.model, eager, fast, batches, "bf16", "cuda") is None

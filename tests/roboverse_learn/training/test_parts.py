@@ -83,7 +83,6 @@ def test_saturation_leaves_grey_pictures():
         ({"time_limit_s": 0.0}, "train.time_limit_s must be above 0 seconds"),
         ({"precision": "fp8"}, "train.precision must be one of auto, fp32, bf16, given 'fp8'"),
         ({"schedule": "step"}, "train.schedule must be one of cosine, constant"),
-        ({"cuda_graphs": True, "compile": False}, "train.compile=false compiles none. Leave one of them out"),
         ({"betas": (0.9, 1.0)}, "train.betas must be two numbers"),
         ({"ema_max_decay": 1.0}, "train.ema_max_decay must be from 0 to below 1"),
     ],

@@ -1,4 +1,4 @@
-"""A compiled loss with other gradients than eager code's is not trained with."""
+"""A fast form of a loss with other gradients than eager code's is not trained with."""
 
 import logging
 from dataclasses import replace
@@ -7,8 +7,8 @@ import pytest
 import torch
 from torch import nn
 
-from roboverse_learn.training import compiled_objective as module
-from roboverse_learn.training.compiled_objective import compiled_objective, first_disagreement
+from roboverse_learn.training import fast_objective as module
+from roboverse_learn.training.fast_objective import fast_objective, first_disagreement
 from roboverse_learn.training.imitation import train
 from tests.roboverse_learn.training.test_imitation import CONFIG, DATA, make
 
@@ -91,7 +91,7 @@ def test_nothing_of_the_comparison_is_left_in_the_network():
 def test_a_policy_whose_compiled_gradients_are_wrong_is_trained_without_the_compiler(
     tmp_path, monkeypatch, caplog
 ):
-    def compile_wrongly(objective, *, cuda_graphs):
+    def compile_wrongly(objective):
         given = objective.forward
 
         def forward(batch):
@@ -111,9 +111,37 @@ def test_a_policy_whose_compiled_gradients_are_wrong_is_trained_without_the_comp
 
 def test_a_policy_whose_compiled_gradients_are_right_is_trained_compiled(monkeypatch, caplog):
     compiled = []
-    monkeypatch.setattr(module, "compile_objective", lambda objective, **_: compiled.append(objective))
+    monkeypatch.setattr(module, "compile_objective", compiled.append)
     policy = make("act")
     policy.begin_training()
     sample = [DATA.sample([0, 1, 2], policy.delta_indices, keys=list(policy.features)) for _ in range(2)]
-    assert compiled_objective(policy, sample, "fp32") is compiled[0]
+    chosen = fast_objective(policy, sample, "fp32", compile=True, cuda_graphs=False)
+    assert chosen is compiled[0]
     assert not caplog.records
+
+
+@pytest.mark.parametrize("fault", [1.0, 2.0])
+def test_a_recording_whose_gradients_are_wrong_leaves_what_it_recorded(monkeypatch, caplog, fault):
+    class Recording(nn.Module):
+        def __init__(self, objective, batch, precision):
+            super().__init__()
+            self.objective, self.shapes, self.precision = objective, batch.keys(), precision
+
+        def forward(self, batch):
+            loss, terms = self.objective(batch)
+            return fault * loss - (fault - 1.0) * loss.detach(), terms
+
+    compiled = []
+    monkeypatch.setattr(module, "compile_objective", compiled.append)
+    monkeypatch.setattr(module, "RecordedObjective", Recording)
+    policy = make("act")
+    policy.begin_training()
+    sample = [DATA.sample([0, 1, 2], policy.delta_indices, keys=list(policy.features)) for _ in range(2)]
+    chosen = fast_objective(policy, sample, "fp32", compile=True, cuda_graphs=True)
+    if fault == 1.0:
+        assert chosen.objective is compiled[0] and chosen.precision == "fp32"
+        assert not caplog.records
+    else:
+        assert chosen is compiled[0]
+        assert "A CUDA graph of PyTorch" in caplog.text
+        assert "train.cuda_graphs=false does not try." in caplog.text

@@ -1,7 +1,7 @@
-"""A compiled loss is used where its gradients are those of eager code.
+"""A loss is compiled and recorded where its gradients stay those of eager code.
 
-A compiler's fault shows in no loss and stops nothing: the network learns from wrong gradients. So the first
-batches are computed both ways before training begins.
+A fault of a compiler or of a recording shows in no loss and stops nothing: the network learns from wrong
+gradients. So the first batches are computed both ways before training begins.
 """
 
 import logging
@@ -12,8 +12,8 @@ import torch
 from torch import Tensor, nn
 
 from policies.compilation import compile_objective
+from policies.cuda_graphs import RecordedObjective
 from policies.lerobot_policy import LeRobotPolicy
-from policies.objective import Objective
 
 logger = logging.getLogger(__name__)
 
@@ -22,7 +22,7 @@ type Batch = dict[str, Tensor]
 NUM_BATCHES = 3
 """Batches that are compared.
 
-A gradient that is left unwritten is often right in the first; CUDA graphs are played back from the third on.
+A gradient that is left unwritten is often right in the first.
 """
 
 RELATIVE_TOLERANCE = 0.05
@@ -33,7 +33,7 @@ ABSOLUTE_TOLERANCE = 1e-3
 
 
 class Disagreement(NamedTuple):
-    """A gradient that the compiled loss changes.
+    """A gradient that a fast form of a loss changes.
 
     Attributes:
         parameter: Of which it is.
@@ -46,10 +46,10 @@ class Disagreement(NamedTuple):
     allowed: float
 
 
-def compiled_objective(
-    policy: LeRobotPolicy, batches: Sequence[Batch], precision: str, *, cuda_graphs: bool = False
-) -> Objective:
-    """Returns a policy's loss, compiled if that changes no gradient and as it is otherwise.
+def fast_objective(
+    policy: LeRobotPolicy, batches: Sequence[Batch], precision: str, *, compile: bool, cuda_graphs: bool
+) -> nn.Module:
+    """Returns a policy's loss in the fastest of the wanted forms that changes no gradient.
 
     The parameters' gradients are cleared; running statistics are left as they were.
 
@@ -57,34 +57,49 @@ def compiled_objective(
         policy: A policy that is ready for training.
         batches: Batches as training has them, at least two.
         precision: ``"bf16"`` or ``"fp32"``: what training computes in.
-        cuda_graphs: As :func:`policies.compilation.compile_objective` takes it.
+        compile: As one graph of ``torch.compile``.
+        cuda_graphs: Played back from a recording; see :class:`policies.cuda_graphs.RecordedObjective`.
     """
-    eager, compiled = policy.objective(), policy.objective()
-    compile_objective(compiled, cuda_graphs=cuda_graphs)
-    wrong = first_disagreement(policy.model, eager, compiled, batches, precision, policy.device.type)
-    if wrong is None:
-        return compiled
-    logger.warning(
-        "torch.compile of PyTorch %s changes the gradient of '%s' of policy=%s by %.0f %%, where %.0f %% is "
-        "rounding: training goes on without it, more slowly. train.compile=false does not try.",
-        torch.__version__,
-        wrong.parameter,
-        policy.name,
-        100.0 * wrong.error,
-        100.0 * wrong.allowed,
-    )
-    return eager
+    eager = policy.objective()
+
+    def checked(candidate: nn.Module, otherwise: nn.Module, maker: str, key: str) -> nn.Module:
+        device = policy.device.type
+        wrong = first_disagreement(policy.model, eager, candidate, batches, precision, device)
+        if wrong is None:
+            return candidate
+        logger.warning(
+            "%s of PyTorch %s changes the gradient of '%s' of policy=%s by %.0f %%, where %.0f %% is "
+            "rounding: training goes on without it, more slowly. %s=false does not try.",
+            maker,
+            torch.__version__,
+            wrong.parameter,
+            policy.name,
+            100.0 * wrong.error,
+            100.0 * wrong.allowed,
+            key,
+        )
+        return otherwise
+
+    chosen: nn.Module = eager
+    if compile:
+        candidate = policy.objective()
+        compile_objective(candidate)
+        chosen = checked(candidate, chosen, "torch.compile", "train.compile")
+    if cuda_graphs:
+        candidate = RecordedObjective(chosen, batches[0], precision)
+        chosen = checked(candidate, chosen, "A CUDA graph", "train.cuda_graphs")
+    return chosen
 
 
 def first_disagreement(
     model: nn.Module,
     eager: nn.Module,
-    compiled: nn.Module,
+    fast: nn.Module,
     batches: Sequence[Batch],
     precision: str,
     device: str,
 ) -> Disagreement | None:
-    """Returns the first gradient that the compiled loss changes, or None.
+    """Returns the first gradient that a fast form of a loss changes, or None.
 
     The measure is eager code in fp32: a gradient in bf16 may be as far from it as twice what eager code in
     bf16 is, and :data:`RELATIVE_TOLERANCE` of it.
@@ -92,7 +107,7 @@ def first_disagreement(
     Args:
         model: Whose parameters are trained.
         eager: Raw frames to loss.
-        compiled: The same, compiled.
+        fast: The same, compiled or recorded.
         batches: Raw frames.
         precision: ``"bf16"`` or ``"fp32"``.
         device: Type of the device.
@@ -102,7 +117,7 @@ def first_disagreement(
         for seed, batch in enumerate(batches):
             exact = _gradients(model, eager, batch, "fp32", device, seed)
             plain = exact if precision == "fp32" else _gradients(model, eager, batch, precision, device, seed)
-            given = _gradients(model, compiled, batch, precision, device, seed)
+            given = _gradients(model, fast, batch, precision, device, seed)
             scale = torch.stack([gradient.norm() for gradient in exact.values()]).norm()
             for name, gradient in exact.items():
                 rounding = 2.0 * (plain[name] - gradient).norm()
