@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from roboverse_learn.config import CollectConfig
+from roboverse_learn.keys import flat_keys
 from roboverse_learn.materials import check_materials, folder_name
 from roboverse_learn.scenario_files import check_scenario_files
 from roboverse_learn.scenario_keys import control_hz, scenario_name
@@ -30,11 +31,15 @@ EXPERT_SOURCE = "roboverse_learn.data.expert_source:make_expert_source"
 POLICY_SOURCE = "roboverse_learn.data.policy_source:make_policy_source"
 IMPORT_SOURCE = "roboverse_learn.data.importers.import_source:make_import_source"
 
+_ROUNDS = 3
+"""How often every environment of every process may fail before a collection ends without hope."""
+
 
 def collect(config: CollectConfig) -> Any:
     """Collects demonstrations; returns a printable report. Killed, the same call continues.
 
     Raises:
+        TooFewSuccessesError: Many episodes were tried, and none or too few succeeded.
         DatasetError: The dataset was begun with other settings, is damaged, or the disk is full.
     """
     from roboverse_learn.report import collection_report
@@ -142,6 +147,7 @@ def _collect_episodes(config: CollectConfig, imported: "ImportSummary | None") -
     from envs.randomization.splits import load_split
     from roboverse_learn.data.collection import CollectionConfig, CollectionProgress
     from roboverse_learn.data.collection import collect as collect_episodes
+    from roboverse_learn.data.schedule import GIVE_UP_AFTER, TooFewSuccessesError
 
     keys = ("task", "task_kwargs", "level", "only", "simulator", "renderer", "cameras", "image_size")
     scene = {key: getattr(config, key) for key in keys} | {"materials": config.materials or None}
@@ -168,6 +174,7 @@ def _collect_episodes(config: CollectConfig, imported: "ImportSummary | None") -
             "demonstrations": {str(verdict.episode): (verdict.file, verdict.name) for verdict in passing},
         }
     features, fps, robot = dataset_layout(config)
+    workers = min(config.collect.num_workers or _default_workers(config), len(candidates))
     collection = CollectionConfig(
         root=dataset_folder(config),
         num_episodes=target,
@@ -177,9 +184,10 @@ def _collect_episodes(config: CollectConfig, imported: "ImportSummary | None") -
         fps=fps,
         features=features,
         robot_type=robot,
-        num_workers=min(config.collect.num_workers or _default_workers(config), len(candidates)),
+        num_workers=workers,
         settings=settings,
         fewer_ok=imported is not None,
+        give_up_after=max(GIVE_UP_AFTER, _ROUNDS * workers * config.collect.num_envs),
     )
     with _bar("collecting") as show:
 
@@ -187,7 +195,25 @@ def _collect_episodes(config: CollectConfig, imported: "ImportSummary | None") -
             text = f"{100 * now.success_rate:.1f} % succeed, {now.frames_per_s:.0f} frames/s"
             show(now.num_episodes, target, text)
 
-        return collect_episodes(collection, report)
+        try:
+            return collect_episodes(collection, report)
+        except TooFewSuccessesError as error:
+            raise TooFewSuccessesError(f"{error} {_what_helps(config)}") from error
+
+
+def _what_helps(config: CollectConfig) -> str:
+    """Says what to change where too few episodes succeed."""
+    if config.source == "policy":
+        return f"The policy of '{config.checkpoint}' needs more training, or learned in another scene."
+    usual = CollectConfig()
+    keys = [key for key in ("level", "only", "simulator") if getattr(config, key) != getattr(usual, key)]
+    for section in ("task_kwargs", "simulator_settings", "scenario"):
+        keys += flat_keys(getattr(config, section), f"{section}.")
+    if keys:
+        return f"Leave out, or make easier, what differs from the task's own scene: {', '.join(keys)}."
+    if config.source == "expert":
+        return f"Measure the expert with: python -m envs.experts.check task={config.task}"
+    return "Try the other way to replay: replay=states or replay=controls."
 
 
 def _tuning(config: CollectConfig) -> dict[str, Any]:

@@ -93,8 +93,8 @@ def collect(
         on_progress: Called after every attempt.
 
     Raises:
-        DatasetError: The candidates do not give enough successes, the disk is full, a worker died, or the
-            dataset was begun with other settings.
+        TooFewSuccessesError: The candidates do not give enough successes, or will not.
+        DatasetError: The disk is full, a worker died, or the dataset was begun with other settings.
     """
     start = time.monotonic()
     settings = config.source_kwargs if config.settings is None else config.settings
@@ -107,7 +107,12 @@ def collect(
         wait=True,
     ) as writer:
         schedule = Schedule(
-            writer, config.candidates, config.num_episodes, settings, fewer_ok=config.fewer_ok
+            writer,
+            config.candidates,
+            config.num_episodes,
+            settings,
+            fewer_ok=config.fewer_ok,
+            give_up_after=config.give_up_after,
         )
         report = _Reporter(writer, schedule, config.num_episodes, on_progress)
         if not schedule.finished:

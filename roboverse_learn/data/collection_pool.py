@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import IO, Any, Self
 
 from envs.errors import ConfigError, DatasetError
+from roboverse_learn.data.schedule import GIVE_UP_AFTER
 from roboverse_learn.data.schema import Feature
 from roboverse_learn.data.staging import STAGING_DIRECTORY, staged_directory
 from roboverse_learn.data.video import EncoderConfig
@@ -35,6 +36,7 @@ class CollectionConfig:
             task, level, seed. ``source_kwargs`` by default.
         encoder: Video settings.
         fewer_ok: Once every candidate was tried, fewer successes than ``num_episodes`` are a result too.
+        give_up_after: Failures of a call before it may end because too few episodes succeed.
     """
 
     root: str | Path
@@ -49,6 +51,7 @@ class CollectionConfig:
     settings: Mapping[str, Any] | None = None
     encoder: EncoderConfig = field(default_factory=EncoderConfig)
     fewer_ok: bool = False
+    give_up_after: int = GIVE_UP_AFTER
 
     def __post_init__(self) -> None:
         if self.num_episodes < 1 or self.num_workers < 1:

@@ -6,12 +6,23 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmark.statistics import wilson
 from envs.errors import DatasetError
 from roboverse_learn.data.atomic import read_json, write_json
 from roboverse_learn.data.staging import load_staged, staged_directory
 from roboverse_learn.data.writer import DatasetWriter
 
 COLLECTION_PATH = "meta/collection.json"
+
+GIVE_UP_AFTER = 100
+"""Failures of a run before it may end without hope: a demonstrator of 3 % gets so far one time in twenty."""
+
+_CONFIDENCE = 0.999
+"""That all the candidates are too few; it is asked again after every failure."""
+
+
+class TooFewSuccessesError(DatasetError):
+    """The candidates do not give the successes that were asked for."""
 
 
 class Schedule:
@@ -27,6 +38,8 @@ class Schedule:
         target: Successful episodes wanted in the dataset.
         settings: JSON-able; what a resumed collection must have in common with the first run.
         fewer_ok: When every candidate was tried, any number of successes but none is enough.
+        give_up_after: Failures of this run before it may end because no episode succeeds, or so few that all
+            candidates together will not be enough.
 
     Raises:
         DatasetError: The dataset was begun with other settings.
@@ -40,9 +53,11 @@ class Schedule:
         settings: Mapping[str, Any],
         *,
         fewer_ok: bool = False,
+        give_up_after: int = GIVE_UP_AFTER,
     ) -> None:
         self._writer = writer
         self._target, self._fewer_ok = target, fewer_ok
+        self._failures_left = give_up_after
         self._candidates = [int(index) for index in candidates]
         self._path = writer.root / COLLECTION_PATH
         self._settings = json.loads(json.dumps(settings, sort_keys=True))
@@ -83,7 +98,7 @@ class Schedule:
         """Hands out a candidate, or None while those in flight may be enough.
 
         Raises:
-            DatasetError: Every candidate was tried, and the successes are too few.
+            TooFewSuccessesError: Every candidate was tried, and the successes are too few.
         """
         while self._hopeful < self._target and self._next < len(self._candidates):
             index = self._candidates[self._next]
@@ -95,10 +110,11 @@ class Schedule:
                 self._outstanding.add(index)
                 return index
         if self._exhausted and not self.finished:
-            raise DatasetError(
+            message = (
                 f"The {len(self._candidates)} candidate episodes gave {self.num_successes} successes; "
-                f"{self._target} were asked for. Ask for fewer, or use another split."
+                f"{self._target} were asked for."
             )
+            raise TooFewSuccessesError(f"{message}{self._what_there_is()}")
         return None
 
     def resolve(self, index: int, directory: Path | None) -> None:
@@ -109,6 +125,7 @@ class Schedule:
             directory: Its staged episode, or None if it failed.
 
         Raises:
+            TooFewSuccessesError: Many candidates failed, and the others will not be enough.
             DatasetError: The index is not in flight, or the disk is full.
         """
         if index not in self._outstanding:
@@ -118,9 +135,32 @@ class Schedule:
             self._failed.add(index)
             self._hopeful -= 1
             self._write_record()
+            self._failures_left -= 1
+            if self._failures_left <= 0:
+                self._refuse_to_hope()
         else:
             self._staged[index] = directory
         self._commit_ready()
+
+    def _refuse_to_hope(self) -> None:
+        """Ends a collection in which nothing succeeds, or too little for all candidates to be enough."""
+        done, tried = self.num_successes, self.num_successes + self.num_failures
+        if not done:
+            raise TooFewSuccessesError(
+                f"None of the {tried} episodes that were tried succeeded. The same command tries others."
+            )
+        rate = wilson(done, tried, _CONFIDENCE)[1]
+        if not self._fewer_ok and done + rate * (len(self._candidates) - tried) < self._target:
+            raise TooFewSuccessesError(
+                f"{done} of the {tried} episodes that were tried succeeded ({done / tried:.1%}). All "
+                f"{len(self._candidates)} will not give the {self._target} successes that were asked for."
+                f"{self._what_there_is()}"
+            )
+
+    def _what_there_is(self) -> str:
+        """Says how to take the successes as they are."""
+        done = self.num_successes
+        return f" num_demos={done} dataset={self._writer.root} takes those that there are." * (done > 0)
 
     def _commit_ready(self) -> None:
         """Commits staged episodes as long as every candidate before them is settled."""

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 
 from envs.errors import ConfigError, DatasetError, RoboVerseError
 from roboverse_learn.data import CollectionConfig, DatasetInfo, DatasetWriter, collect, dataset_hash, merge
+from roboverse_learn.data.schedule import TooFewSuccessesError
 from tests.roboverse_learn.data.synthetic_episodes import FEATURES, FPS, make_episode
 
 HERE = Path(__file__).parent
@@ -97,9 +99,21 @@ def test_other_settings_are_refused(tmp_path):
 
 
 def test_too_few_candidates(tmp_path):
-    with pytest.raises(DatasetError, match="The 4 candidate episodes gave 3 successes; 9 were asked for"):
+    with pytest.raises(
+        DatasetError, match=r"The 4 candidate episodes gave 3 successes; 9 were asked for\. num_demos=3 "
+    ):
         collect(config(tmp_path / "d", candidates=range(100, 104)))
     assert DatasetInfo.open(tmp_path / "d").num_episodes == 3
+
+
+@pytest.mark.parametrize("num_workers", [1, 2])
+def test_without_a_success_it_ends_and_a_better_demonstrator_goes_on(tmp_path, num_workers):
+    hopeless = config(tmp_path / "d", num_workers=num_workers, fail_every=1)
+    with pytest.raises(TooFewSuccessesError, match=r"None of the 6 episodes that were tried succeeded\."):
+        collect(replace(hopeless, give_up_after=6))
+    summary = collect(config(tmp_path / "d", num_workers=num_workers))
+    assert summary.num_episodes == 9
+    assert summary.num_attempts >= 6 + 9
 
 
 @pytest.mark.parametrize("num_workers", [1, 2])

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from envs.errors import DatasetError
-from roboverse_learn.data.schedule import COLLECTION_PATH, Schedule
+from roboverse_learn.data.schedule import COLLECTION_PATH, Schedule, TooFewSuccessesError
 from roboverse_learn.data.staging import STAGING_DIRECTORY, staged_directory
 
 POOL = 30
@@ -171,6 +171,53 @@ def test_answers_nobody_asked_for(tmp_path):
     schedule.resolve(1, None)
     with pytest.raises(DatasetError, match="yielded pool episode 1, which it was not asked for"):
         schedule.resolve(1, None)
+
+
+def test_a_run_without_a_success_ends_and_the_next_one_goes_on_where_it_was(tmp_path):
+    def run():
+        schedule = Schedule(Writer(tmp_path), range(POOL), 2, {}, give_up_after=5)
+        with pytest.raises(
+            TooFewSuccessesError,
+            match=r"^None of the (5|10) episodes .* succeeded\. The same command tries others\.$",
+        ):
+            while (index := schedule.next_index()) is not None:
+                schedule.resolve(index, None)
+        return json.loads((tmp_path / COLLECTION_PATH).read_text())["failed"]
+
+    assert run() == list(range(5))
+    assert run() == list(range(10))
+
+
+@pytest.mark.parametrize(("target", "tried"), [(400, 102), (100, 278)])
+def test_a_run_ends_once_all_the_candidates_will_not_be_enough(tmp_path, target, tried):
+    """One in a hundred of 2,000 succeeds, which is sooner too few for 400 than for 100."""
+    schedule = Schedule(Writer(tmp_path), range(2000), target, {})
+    with pytest.raises(
+        TooFewSuccessesError,
+        match=rf"^{tried // 100 + 1} of the {tried} episodes that were tried succeeded \(\d\.\d%\)\. "
+        rf"All 2000 will not give the {target} successes that were asked for\. num_demos=",
+    ):
+        while (index := schedule.next_index()) is not None:
+            end(schedule, tmp_path, index, {number for number in range(2000) if number % 100})
+
+
+@pytest.mark.parametrize("committed", [[], [7]])
+def test_where_fewer_will_do_one_success_is_hope_enough(tmp_path, committed):
+    writer = Writer(tmp_path, committed)
+    schedule = Schedule(writer, range(100, 110), 3, {}, fewer_ok=True, give_up_after=2)
+    fails = set(range(101, 110)) | {100} if committed else set(range(101, 110))
+    while (index := schedule.next_index()) is not None:
+        end(schedule, writer.root, index, fails)
+    assert schedule.finished
+    assert schedule.num_failures == len(fails)
+
+
+def test_the_last_candidates_are_tried_before_too_few_are_told(tmp_path):
+    schedule = Schedule(Writer(tmp_path), range(3), 3, {})
+    there_is = rf"num_demos=1 dataset={tmp_path} takes those that there are\.$"
+    with pytest.raises(TooFewSuccessesError, match=rf"The 3 .* gave 1 successes; 3 were .*\. {there_is}"):
+        while (index := schedule.next_index()) is not None:
+            end(schedule, tmp_path, index, {1, 2})
 
 
 def test_too_few_successes_wait_for_those_in_flight(tmp_path):
