@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmark.files import write_bytes
+from benchmark.overview import overview
 from benchmark.protocol import canonical_json, digest
 from benchmark.records import Result
 from benchmark.result_file import read_result, result_path
@@ -39,8 +40,8 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         train: Defaults of the training, for keys that a result is older than.
 
     Returns:
-        Plain JSON values: ``schema_version``, ``reference`` and ``sections``, each with its ``rows``,
-        ``comparisons`` and ``notes``.
+        Plain JSON values: ``schema_version``, ``reference``, ``overview`` (see
+        :mod:`benchmark.overview`) and ``sections``, each with its ``rows``, ``comparisons`` and ``notes``.
 
     Raises:
         ResultError: The folder is absent, or a file in it is not a valid result in its place; every
@@ -50,10 +51,12 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
     for path, told in _load(results_dir):
         result = replace(told, config=completed(told.config, told.policy, train or {}))
         groups.setdefault(_section_order(_section_key(result)), []).append((path, result))
+    sections = [_rounded(_section(results_dir, groups[key])) for key in sorted(groups)]
     return {
         "schema_version": SCHEMA_VERSION,
         "reference": json.loads(files("benchmark").joinpath("reference/paper.json").read_text()),
-        "sections": [_rounded(_section(results_dir, groups[key])) for key in sorted(groups)],
+        "overview": _rounded(overview(sections)),
+        "sections": sections,
     }
 
 

@@ -42,7 +42,11 @@ def _render(template: str, board: Mapping[str, Any]) -> str:
     environment.filters |= {"percent": _percent, "interval": _interval, "p_value": _p_value}
     sections = [section | _layout(section, board["reference"]) for section in board["sections"]]
     return environment.get_template(template).render(
-        sections=sections, reference=board["reference"], levels=LEVELS, row_style=row_style
+        sections=sections,
+        overview=board["overview"],
+        reference=board["reference"],
+        levels=LEVELS,
+        row_style=row_style,
     )
 
 

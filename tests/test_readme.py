@@ -17,10 +17,6 @@ ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-TABLE_DEMOS = (500, 600, 700, 1000, 2000, 3000)
-"""Demonstrations of the table's rows; what more or fewer come to is said in its text."""
-
-
 def blocks(language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
 
@@ -63,31 +59,20 @@ def test_the_table_of_results_is_that_of_the_leaderboard() -> None:
     reported = {
         (row["policy"], row["task"]): 100 * row["success_rate"]["0"] for row in board["reference"]["rows"]
     }
-    measured: dict[tuple[object, ...], str] = {}
-    weights: dict[tuple[object, ...], tuple[int, ...]] = {}
-    for section in board["sections"]:
-        for row in section["rows"]:
-            if row["transferred_from"] or row["demonstrations"] not in TABLE_DEMOS:
-                continue
-            if any("train.augment" in run["command"] for run in row["runs"]):
-                continue
-            # Of several rows: the one of most demonstrations, trained for longest, of most seeds.
-            steps = max(run["checkpoint"]["step"] for run in row["runs"])
-            weight = (row["demonstrations"], steps, len(row["seeds"]))
-            for cell in row["cells"]:
-                if cell["split"] == "test" and cell["episodes"] >= 100:
-                    place = (section["task"], section["simulator"])
-                    key = (*place, row["policy"], row["train_level"], cell["level"])
-                    if weight >= weights.get(key, ()):
-                        weights[key], measured[key] = weight, f"{100 * cell['success_rate']:.0f}"
+    measured = {
+        (table["simulator"], row["task"], row["policy"], level): f"{100 * cells[level]['success_rate']:.0f}"
+        for table in board["overview"]
+        for row in table["rows"]
+        for level, cells in row["trained"].items()
+    }
     table = [[cell.strip() for cell in line.split("|")[1:-1]] for line in README.splitlines()]
     rows = [cells for cells in table if len(cells) == 12 and ("act", cells[0]) in reported]
     assert len(rows) == 6
-    columns = [("mujoco", "act", 0, 0)]
-    columns += [("mujoco_warp", policy, k, k) for policy in ("act", "diffusion") for k in range(4)]
+    columns = [("mujoco", "act", "0")]
+    columns += [("mujoco_warp", policy, str(level)) for policy in ("act", "diffusion") for level in LEVELS]
     for task, *cells in rows:
-        assert cells[:9] == [measured.get((task, *column), "") for column in columns]
-        assert cells[9:] == [f"{reported[policy, task]:.1f}" for policy in ("act", "diffusion")]
+        found = [measured.get((place, task, policy, level), "") for place, policy, level in columns]
+        assert cells == [*found, *(f"{reported[policy, task]:.1f}" for policy in ("act", "diffusion"))]
 
 
 def test_every_level_has_a_row() -> None:

@@ -1,0 +1,106 @@
+"""All tasks at a glance: what a policy that was trained at a level does at every level."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from statistics import fmean
+from typing import Any
+
+type Table = dict[str, Any]
+
+_PLACE = ("protocol", "protocol_seed", "simulator", "renderer")
+
+
+def overview(sections: Iterable[Mapping[str, Any]]) -> list[Table]:
+    """Returns a table per protocol, simulator and renderer in which policies learned two tasks or more.
+
+    It holds what learned from demonstrations, in the tasks' own scenes, and was tested where it was trained.
+    Of several rows of a policy that were trained at one level stands the one of most test episodes, then of
+    most demonstrations, then of most gradient steps, then the youngest: never the best.
+
+    Args:
+        sections: Those of :func:`benchmark.leaderboard.build`.
+
+    Returns:
+        Tables of plain values, the longest first: where they were measured, ``train_levels`` and
+        ``test_levels``; ``rows`` of a task and a policy, and ``means`` of a policy over the tasks. Either has
+        ``trained``, a mapping of training level (as text) to a mapping of test level (as text) to
+        ``success_rate``; a row's has ``ci_low``, ``ci_high``, ``episodes``, ``demonstrations``, ``steps`` and
+        ``seeds`` besides, a mean's the number of ``tasks``.
+    """
+    places: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
+    for section in sections:
+        if section["title"] == section["task"]:  # neither options nor a changed scene
+            places.setdefault(tuple(section[key] for key in _PLACE), []).append(section)
+    tables = []
+    for place, found in places.items():
+        rows = [row for section in found for row in _rows(section)]
+        if len({row["task"] for row in rows}) > 1:
+            tables.append(dict(zip(_PLACE, place, strict=True)) | _table(rows))
+    return sorted(tables, key=lambda table: -len(table["rows"]))
+
+
+def _rows(section: Mapping[str, Any]) -> list[Table]:
+    """Returns one row per policy of a task."""
+    best: dict[tuple[str, int], Mapping[str, Any]] = {}
+    for row in section["rows"]:
+        if not row["demonstrations"] or row["transferred_from"] or row["train_level"] is None:
+            continue
+        key = (row["policy"], row["train_level"])
+        if _tested(row) and (key not in best or _weight(row) > _weight(best[key])):
+            best[key] = row
+    policies = sorted({policy for policy, _ in best})
+    return [
+        {
+            "task": section["task"],
+            "section": section["id"],
+            "policy": policy,
+            "trained": {
+                str(level): _tested(row) for (name, level), row in sorted(best.items()) if name == policy
+            },
+        }
+        for policy in policies
+    ]
+
+
+def _weight(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    episodes = sum(cell["episodes"] for cell in _tested(row).values())
+    return episodes, row["demonstrations"], _steps(row), max(run["created"] for run in row["runs"])
+
+
+def _steps(row: Mapping[str, Any]) -> int:
+    return max(run["checkpoint"]["step"] for run in row["runs"])
+
+
+def _tested(row: Mapping[str, Any]) -> dict[str, Table]:
+    """Returns the cells of the test split by level."""
+    length = {"demonstrations": row["demonstrations"], "steps": _steps(row), "seeds": len(row["seeds"])}
+    names = ("success_rate", "ci_low", "ci_high", "episodes")
+    return {
+        str(cell["level"]): {name: cell[name] for name in names} | length
+        for cell in row["cells"]
+        if cell["split"] == "test" and cell["level"] is not None
+    }
+
+
+def _table(rows: Sequence[Table]) -> Table:
+    trained = [level for row in rows for level in row["trained"]]
+    tested = [level for row in rows for cells in row["trained"].values() for level in cells]
+    levels = {"train_levels": sorted(set(trained)), "test_levels": sorted(set(tested))}
+    means = []
+    for policy in sorted({row["policy"] for row in rows}):
+        own = [row["trained"] for row in rows if row["policy"] == policy]
+        if len(own) > 1:
+            means.append({"policy": policy, "trained": _mean_over(own, **levels)})
+    return levels | {"rows": rows, "means": means}
+
+
+def _mean_over(
+    rows: Sequence[Mapping[str, Any]], train_levels: Sequence[str], test_levels: Sequence[str]
+) -> dict[str, dict[str, Table]]:
+    """Returns the mean over the tasks of every pair of levels that two tasks or more have."""
+    means: dict[str, dict[str, Table]] = {}
+    for train in train_levels:
+        for test in test_levels:
+            rates = [row[train][test]["success_rate"] for row in rows if test in row.get(train, {})]
+            if len(rates) > 1:
+                means.setdefault(train, {})[test] = {"success_rate": fmean(rates), "tasks": len(rates)}
+    return means
