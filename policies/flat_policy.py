@@ -25,6 +25,7 @@ class FlatPolicy:
         config: Settings, a dataclass.
         model: The network.
         sizes: Keys of the observation, in order, and their sizes.
+        task: Task that it learned; empty if that is not known.
         batch_invariant: Run the samples one by one. True on a CPU.
     """
 
@@ -32,8 +33,8 @@ class FlatPolicy:
     n_obs_steps: ClassVar[int] = 1
     n_action_steps: ClassVar[int] = 1
 
-    def __init__(self, config: Any, model: Any, sizes: Mapping[str, int]) -> None:
-        self.config, self.model, self.sizes = config, model, dict(sizes)
+    def __init__(self, config: Any, model: Any, sizes: Mapping[str, int], task: str = "") -> None:
+        self.config, self.model, self.sizes, self.task = config, model, dict(sizes), task
         self.batch_invariant = self.device.type == "cpu"
 
     def actions(self, vectors: Tensor, generators: Sequence[torch.Generator] | None) -> Tensor:
@@ -89,7 +90,7 @@ class FlatPolicy:
         from safetensors.torch import save_file
 
         settings = {"config": dataclasses.asdict(self.config), "observation": self.sizes}
-        content = {"type": self.name, **settings, **self.facts()}
+        content = {"type": self.name, "task": self.task, **settings, **self.facts()}
         tensors = {key: value.detach().cpu().contiguous() for key, value in self.state_dict().items()}
         with atomic_directory(directory) as staging:
             (staging / checkpoint.CONFIG).write_text(json.dumps(content, indent=2), encoding="utf-8")
@@ -111,5 +112,6 @@ class FlatPolicy:
             policy = cls.from_facts(content, device)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise PolicyError(f"'{path}' is not a configuration of policy '{cls.name}': {error}") from error
+        policy.task = str(content.get("task", ""))
         checkpoint.load_weights(policy.model, weights, directory / checkpoint.WEIGHTS)
         return policy

@@ -123,7 +123,7 @@ def check_task(policy: Any, subject: Subject) -> None:
     Raises:
         CheckpointError: if it did.
     """
-    learned = getattr(policy, "task", subject.task)
+    learned = getattr(policy, "task", "") or subject.task
     if learned != subject.task:
         raise CheckpointError(
             f"Checkpoint '{subject.checkpoint}' of policy '{policy.name}' learned the task {learned}, and "

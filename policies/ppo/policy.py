@@ -19,7 +19,6 @@ class PpoPolicy(FlatPolicy):
 
     Attributes:
         action_size: Entries of an action.
-        task: Task that it was trained on.
     """
 
     name: ClassVar[str] = "ppo"
@@ -32,10 +31,10 @@ class PpoPolicy(FlatPolicy):
         task: str,
         device: str | torch.device = "cpu",
     ) -> None:
-        self.action_size, self.task = action_size, task
+        self.action_size = action_size
         size = sum(sizes.values())
         model = Actor(size, action_size, config.hidden_dims, config.activation, config.init_std)
-        super().__init__(config, model.to(device).eval(), sizes)
+        super().__init__(config, model.to(device).eval(), sizes, task)
 
     @override
     def actions(self, vectors: Tensor, generators: Sequence[torch.Generator] | None) -> Tensor:
@@ -43,7 +42,7 @@ class PpoPolicy(FlatPolicy):
 
     @override
     def facts(self) -> dict[str, Any]:
-        return {"task": self.task, "action_size": self.action_size}
+        return {"action_size": self.action_size}
 
     @classmethod
     @override

@@ -3,8 +3,17 @@
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
-from torchrl.modules.functional import symexp, symlog
-from torchrl.modules.models.model_based import two_hot_decode, two_hot_encode
+
+from policies.base import PolicyError
+
+try:
+    from torchrl.modules.functional import symexp, symlog
+    from torchrl.modules.models.model_based import two_hot_decode, two_hot_encode
+except ModuleNotFoundError as error:
+    raise PolicyError(
+        "policy=tdmpc2 needs the package 'torchrl', which is not installed. Install it with: "
+        "pip install 'roboverse-learn[torchrl]'."
+    ) from error
 
 
 class TwoHot(nn.Module):

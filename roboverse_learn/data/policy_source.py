@@ -84,7 +84,7 @@ def find_demonstrator(checkpoint: str, task: str) -> Demonstrator:
             f"Checkpoint '{folder}' is of policy '{name}', which learned from demonstrations itself. "
             f"source=policy takes what learned by reward: {', '.join(policies.names('env'))}."
         )
-    learned = read_json(folder / CONFIG).get("task", task)
+    learned = read_json(folder / CONFIG).get("task") or task
     if learned != task:
         raise CheckpointError(
             f"Checkpoint '{folder}' of policy '{name}' learned the task {learned}, and demonstrations of "

@@ -115,6 +115,7 @@ def learn(
     try:
         sizes = {off_policy.OBSERVATION: env.observation_size}
         policy = FastTd3Policy.create(own, sizes, env.action_size, device, seed)
+        policy.task = config.task
         settings = {"task": config.task, "batch_size": own.batch_size}
         return off_policy.run(
             FastTd3Algorithm(policy, own.num_envs),

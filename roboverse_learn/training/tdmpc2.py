@@ -114,6 +114,7 @@ def learn(
     try:
         sizes, length = {off_policy.OBSERVATION: env.observation_size}, env.max_episode_steps
         policy = Tdmpc2Policy.create(own, sizes, env.action_size, length, device, seed)
+        policy.task = config.task
         algorithm = Tdmpc2Algorithm(policy, own.num_envs, length)
         settings = {"task": config.task, "batch_size": own.batch_size, "model_size": own.model_size}
         return off_policy.run(

@@ -85,6 +85,8 @@ class PpoAlgorithm(ABC):
         try:
             terms = self.update()
         except (ValueError, RuntimeError) as error:  # a distribution that is asked with numbers that are none
+            if "found invalid values" in str(error):
+                raise self.diverged("An output of the policy is not finite") from error
             if all(bool(parameter.isfinite().all()) for parameter in self.parameters):
                 raise
             raise self.diverged("A weight is not finite") from error
@@ -99,8 +101,8 @@ class PpoAlgorithm(ABC):
         steps = self.updates * self.config.rollout_size
         return TrainingDivergedError(
             f"{what} at update {self.updates:,} of backend={self.config.backend}, at environment step "
-            f"{steps:,}. The last checkpoint is sound. Take a smaller train.lr or train.grad_clip, or look "
-            "at the task's observations and rewards."
+            f"{steps:,}. Checkpoints of before are sound. Take a smaller train.lr or train.grad_clip, or "
+            "look at the task's observations and rewards."
         )
 
     def values(self, observation: Tensor) -> Tensor:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
-from envs.errors import ConfigError, MissingExtraError
+from envs.errors import MissingExtraError
 from policies.ppo.config import PpoConfig
 from policies.ppo.policy import PpoPolicy
 from roboverse_learn.training import off_policy
@@ -36,7 +36,6 @@ def learn(
     """Trains PPO; see :class:`roboverse_learn.training.learners.Learner`."""
     own: PpoConfig = config.policy
     check_installed(own.backend)
-    check_reward(config.task, config.task_kwargs)
     env = make_env(
         config,
         own.num_envs,
@@ -119,19 +118,4 @@ def check_installed(backend: str) -> None:
             f"policy.backend={backend} needs the package '{_PACKAGES[backend]}', which is not installed. "
             f"Install it with: pip install 'roboverse-learn[{_EXTRAS[backend]}]'. "
             f"Installed backends: {', '.join(there) or 'none'}."
-        )
-
-
-def check_reward(task: str, task_kwargs: dict[str, Any]) -> None:
-    """Checks that a task pays a reward.
-
-    Raises:
-        ConfigError: if it does not.
-    """
-    from envs.tasks import TASKS
-
-    if not TASKS.get(task)(**task_kwargs).has_reward:
-        raise ConfigError(
-            f"Task '{task}' pays no reward, which policy=ppo learns from. Learn it from demonstrations, as "
-            "with policy=act, or take another task, such as PickCube."
         )

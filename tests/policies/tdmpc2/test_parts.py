@@ -1,6 +1,8 @@
 """Layers, bins, scale and discount of TD-MPC2 against closed forms."""
 
+import importlib.util
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -12,6 +14,13 @@ from policies.tdmpc2.config import ARCHITECTURES, Tdmpc2Config
 from policies.tdmpc2.layers import PixelEncoder, QEnsemble, ShiftAug, SimNorm, mlp
 from policies.tdmpc2.scale import RunningScale, percentile
 from policies.tdmpc2.two_hot import TwoHot
+
+
+def test_without_torchrl_it_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "torchrl.modules.functional", None)  # as if it were not there
+    source = importlib.util.find_spec("policies.tdmpc2.two_hot")
+    with pytest.raises(PolicyError, match=r"needs the package 'torchrl', .*'roboverse-learn\[torchrl\]'"):
+        source.loader.exec_module(importlib.util.module_from_spec(source))
 
 
 def test_every_simplex_of_simnorm_sums_to_one():

@@ -53,7 +53,7 @@ def test_steps_of_ppo_are_compared():
 
 def test_what_an_adapter_adds_is_a_part_of_a_step():
     measured = rl.measure_adapters(2, "cpu", num_steps=1)
-    assert [name in each.name for name, each in zip(("rsl_rl", "sb3", "torchrl"), measured, strict=True)]
+    assert all(name in each.name for name, each in zip(("rsl_rl", "sb3", "torchrl"), measured, strict=True))
     for each in measured:
         assert each.ratio == pytest.approx(each.ours_s / each.baseline_s - 1.0)
         assert each.ratio > -0.01 and "goal ≤ 0.05" in each.goal

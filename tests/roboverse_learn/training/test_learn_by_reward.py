@@ -8,9 +8,10 @@ import pytest
 import envs
 import policies
 from benchmark.runner import evaluate_cell
-from envs.errors import ConfigError, RoboVerseError
+from envs.errors import CheckpointError, ConfigError, RoboVerseError
 from envs.tasks.pick_cube import PickCube
 from roboverse_learn.compose import compose
+from roboverse_learn.evaluate import evaluate
 from roboverse_learn.training.learners import learner_of
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
@@ -56,7 +57,17 @@ def test_a_run_ends_with_a_policy(trained):
     assert (result.steps, result.stopped_by) == (24, "steps")
     assert result.loss is not None and np.isfinite(result.loss)
     assert [row["step"] for row in read_metrics(folder)][-1] == 24
-    assert type(policies.load(folder)) is policies.policy_class(name)
+    policy = policies.load(folder)
+    assert type(policy) is policies.policy_class(name)
+    assert policy.task == "PickCube"
+
+
+def test_its_checkpoint_is_of_no_other_task(trained, tmp_path):
+    name, _, folder, _ = trained
+    words = [f"checkpoint={folder}", "task=StackCube", "device=cpu", f"results_dir={tmp_path}"]
+    with pytest.raises(CheckpointError, match=f"'{name}' learned the task PickCube, and StackCube was asked"):
+        evaluate(compose("evaluate", words))
+    assert not any(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("words", SHOWN, ids=" ".join)

@@ -18,7 +18,7 @@ from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.off_policy import OBSERVATION
 from roboverse_learn.training.reporter import Reporter
 from roboverse_learn.training.tdmpc2 import Tdmpc2Algorithm
-from tests.roboverse_learn.training.point_mass import GOOD_RETURN, STEPS, PointMass
+from tests.roboverse_learn.training.point_mass import GOOD_RETURN, RANDOM_RETURN, STEPS, PointMass
 
 TINY = Tdmpc2Config(
     model_size=1, enc_dim=16, mlp_dim=16, latent_dim=16, num_bins=21, simnorm_dim=4, num_samples=16,
@@ -42,9 +42,9 @@ def train(run_dir, *, steps=320, config=TINY, env=None, seed=0, resume=True, **o
 
 @pytest.mark.long
 def test_it_learns(tmp_path):
-    result, policy = train(tmp_path, steps=2400, config=LEARNING, log_every=400, save_every=4000)
+    result, policy = train(tmp_path, steps=2400, config=LEARNING, log_every=200, save_every=4000)
     rows = [row for row in read_metrics(tmp_path) if "episode_return" in row]
-    assert rows[0]["episode_return"] < 11.0
+    assert rows[0]["episode_return"] < RANDOM_RETURN + 2.0, "before the first update"
     assert rows[-1]["episode_return"] > GOOD_RETURN
     assert result.steps == 2400 and result.stopped_by == "steps"
     env = PointMass(16, seed=5)

@@ -5,8 +5,7 @@ import importlib.util
 import pytest
 import torch
 
-from envs.errors import ConfigError, MissingExtraError
-from envs.tasks.pick_cube import PickCube
+from envs.errors import MissingExtraError
 from policies import PolicyError
 from policies.ppo.config import PpoConfig
 from roboverse_learn.compose import compose
@@ -22,13 +21,6 @@ def test_a_backend_that_is_not_installed_names_its_extra(monkeypatch):
     with pytest.raises(MissingExtraError, match=message):
         learner.check_installed("rsl_rl")
     learner.check_installed("torchrl")
-
-
-def test_a_task_without_reward_is_refused(monkeypatch):
-    learner.check_reward("PickCube", {})
-    monkeypatch.setattr(PickCube, "has_reward", False)
-    with pytest.raises(ConfigError, match=r"'PickCube' pays no reward, which policy=ppo learns from"):
-        learner.check_reward("PickCube", {})
 
 
 def test_events_come_after_whole_rollouts():
