@@ -68,6 +68,18 @@ def read_json(path: Path) -> dict[str, Any]:
     return content
 
 
+def learned_task(path: str | Path) -> str:
+    """Returns the task that the agent of a checkpoint learned by reward; empty where none is told.
+
+    Args:
+        path: Folder of a checkpoint, or of its run.
+    """
+    try:
+        return str(read_json(resolve(path) / CONFIG).get("task", ""))
+    except PolicyError:  # there is none, or it is damaged; whoever loads it says so
+        return ""
+
+
 def policy_type(directory: Path) -> str:
     """Returns the registered name of the policy in a pretrained folder."""
     name = read_json(directory / CONFIG).get("type")

@@ -11,6 +11,7 @@ from typing import Any
 import policies
 from envs.errors import ConfigError, unknown_name
 from envs.scenario.changes import merged
+from policies.checkpoint import learned_task
 from roboverse_learn.grammar import UNKNOWN, check_value
 from roboverse_learn.keys import OPEN, at, flat_keys, full_key, in_open_section, split_word
 from roboverse_learn.values import default_values, from_values, to_values
@@ -82,15 +83,24 @@ def compose(command: str, words: Sequence[str]) -> Any:
     for key in given:
         if isinstance(at(defaults, key), list):
             _set(composed, key, _as_list(at(composed, key)))
-    values = {name: composed[name] for name in defaults}
-    if command == "evaluate":  # its scene follows the checkpoint, whatever a preset says of training
-        values = {
-            name: value if isinstance(value, dict) or name in given or name == "preset" else defaults[name]
-            for name, value in values.items()
-        }
+    values = _after_checkpoint(command, {name: composed[name] for name in defaults}, defaults, set(given))
     if saved and saved["policy_name"] == values["policy_name"]:
         values = _overlay(saved, values, set(full))
     return from_values(command, values)
+
+
+def _after_checkpoint(
+    command: str, values: dict[str, Any], defaults: dict[str, Any], given: set[str]
+) -> dict[str, Any]:
+    """Returns the values of a command that takes a checkpoint, which decides what the user leaves open."""
+    if command == "evaluate":  # its scene follows the checkpoint, whatever a preset says of training
+        return {
+            name: value if isinstance(value, dict) or name in given or name == "preset" else defaults[name]
+            for name, value in values.items()
+        }
+    if command == "collect" and values["source"] == "policy" and "task" not in given:
+        return values | {"task": learned_task(str(values["checkpoint"])) or values["task"]}
+    return values
 
 
 def values_of_key(word: str) -> list[str]:
