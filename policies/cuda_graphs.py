@@ -40,8 +40,8 @@ class RecordedObjective(nn.Module):
         self.objective = objective
         sample = {key: value.clone() for key, value in batch.items()}
         kept = {name: buffer.clone() for name, buffer in objective.named_buffers()}
-        bf16 = precision == "bf16"
-        with torch.autocast("cuda", torch.bfloat16, enabled=bf16, cache_enabled=False):
+        device, bf16 = next(iter(sample.values())).device.type, precision == "bf16"
+        with torch.autocast(device, torch.bfloat16, enabled=bf16, cache_enabled=False):
             # Replaces this module's forward by one that plays back.
             torch.cuda.make_graphed_callables(self, cast(Any, (sample,)), allow_unused_input=True)
         with torch.no_grad():  # the recording took running statistics along

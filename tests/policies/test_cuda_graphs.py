@@ -23,7 +23,7 @@ def test_a_recording_leaves_running_statistics_and_the_batch(monkeypatch, precis
 
     def record(module, arguments, *, allow_unused_input):
         (sample,) = arguments
-        seen.append((torch.is_autocast_enabled("cuda"), torch.is_autocast_cache_enabled(), sample))
+        seen.append((torch.is_autocast_enabled("cpu"), torch.is_autocast_cache_enabled(), sample))
         assert allow_unused_input, "a network may have weights that a loss does without"
         module(sample)
         sample["x"].zero_()  # where later batches are put
@@ -36,6 +36,6 @@ def test_a_recording_leaves_running_statistics_and_the_batch(monkeypatch, precis
     assert torch.equal(batch["x"], pictures)
     assert all(torch.equal(value, before[name]) for name, value in objective.state_dict().items())
     loss, terms = recording(batch)
-    assert loss.item() == pytest.approx(16.0, rel=1e-3), "8 samples of 2 normalized numbers"
+    assert loss.item() == pytest.approx(16.0, rel=1e-2), "8 samples of 2 normalized numbers"
     assert terms.keys() == {"squares"}
     assert set(recording.parameters()) == set(objective.parameters())
