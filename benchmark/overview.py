@@ -40,25 +40,16 @@ def overview(sections: Iterable[Mapping[str, Any]]) -> list[Table]:
 
 def _rows(section: Mapping[str, Any]) -> list[Table]:
     """Returns one row per policy of a task."""
-    best: dict[tuple[str, int], Mapping[str, Any]] = {}
+    found: dict[tuple[str, int], list[Mapping[str, Any]]] = {}
     for row in section["rows"]:
-        if not row["demonstrations"] or row["transferred_from"] or row["train_level"] is None:
-            continue
-        key = (row["policy"], row["train_level"])
-        if _tested(row) and (key not in best or _weight(row) > _weight(best[key])):
-            best[key] = row
-    policies = sorted({policy for policy, _ in best})
-    return [
-        {
-            "task": section["task"],
-            "section": section["id"],
-            "policy": policy,
-            "trained": {
-                str(level): _tested(row) for (name, level), row in sorted(best.items()) if name == policy
-            },
-        }
-        for policy in policies
-    ]
+        here = row["demonstrations"] and not row["transferred_from"] and row["train_level"] is not None
+        if here and _tested(row):
+            found.setdefault((row["policy"], row["train_level"]), []).append(row)
+    trained: dict[str, dict[str, Table]] = {}
+    for (policy, level), rows in sorted(found.items()):
+        trained.setdefault(policy, {})[str(level)] = _tested(max(rows, key=_weight))
+    place = {"task": section["task"], "section": section["id"]}
+    return [place | {"policy": policy, "trained": levels} for policy, levels in trained.items()]
 
 
 def _weight(row: Mapping[str, Any]) -> tuple[Any, ...]:

@@ -75,7 +75,7 @@ def find_demonstrator(checkpoint: str, task: str) -> Demonstrator:
     """
     import policies
     from benchmark.provenance import file_hash
-    from policies.checkpoint import CONFIG, WEIGHTS, policy_type, read_json, resolve
+    from policies.checkpoint import WEIGHTS, learned_task, policy_type, resolve
 
     folder = resolve(checkpoint)
     name = policy_type(folder)
@@ -84,7 +84,7 @@ def find_demonstrator(checkpoint: str, task: str) -> Demonstrator:
             f"Checkpoint '{folder}' is of policy '{name}', which learned from demonstrations itself. "
             f"source=policy takes what learned by reward: {', '.join(policies.names('env'))}."
         )
-    learned = read_json(folder / CONFIG).get("task") or task
+    learned = learned_task(folder) or task
     if learned != task:
         raise CheckpointError(
             f"Checkpoint '{folder}' of policy '{name}' learned the task {learned}, and demonstrations of "
