@@ -1,6 +1,7 @@
 """The Action Chunking Transformer of LeRobot."""
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -123,7 +124,9 @@ class ActPolicy(LeRobotPolicy):
     def loss(self, batch: dict[str, Tensor]) -> Loss:
         """Returns the L1 distance of the actions, plus the weighted KL term (LeRobot's ACT, forward)."""
         config = self.model.config
-        actions, (mean, log_variance) = self.model.model(self._inputs(batch))
+        # LeRobot makes its zeros on the CPU, and their copy waits for the GPU; a compiler moves them itself.
+        with nullcontext() if torch.compiler.is_compiling() else self.device:
+            actions, (mean, log_variance) = self.model.model(self._inputs(batch))
         counts = ~batch["action_is_pad"].unsqueeze(-1)
         error = (batch[ACTION] - actions).abs() * counts
         terms = {"l1_loss": error.sum() / (counts.sum() * error.shape[-1]).clamp_min(1)}

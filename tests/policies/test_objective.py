@@ -2,6 +2,8 @@
 
 import pytest
 import torch
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_leaves
 
 import policies
 from policies.base import PolicyError
@@ -60,6 +62,35 @@ def test_the_whole_of_it_is_one_graph(name, changes):
     eager = loss_of(lambda: objective(raw)[0])
     objective.compile(fullgraph=True, dynamic=False, backend="eager")
     torch.testing.assert_close(loss_of(lambda: objective(raw)[0]), eager, rtol=1e-5, atol=1e-6)
+
+
+class HostTensors(TorchDispatchMode):
+    """Notes the operations that have to do with a tensor of the CPU."""
+
+    def __init__(self):
+        super().__init__()
+        self.operations = []
+
+    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
+        out = func(*args, **(kwargs or {}))
+        tensors = [leaf for leaf in tree_leaves((args, kwargs, out)) if isinstance(leaf, torch.Tensor)]
+        if any(tensor.device.type == "cpu" for tensor in tensors):
+            self.operations.append(str(func))
+        return out
+
+
+@pytest.mark.parametrize(("name", "changes"), VARIANTS)
+def test_a_step_touches_no_tensor_of_the_cpu(name, changes):
+    """A copy from there waits for the GPU, and cannot be recorded as a CUDA graph."""
+    policy = make(name, **changes)
+    policy.begin_training()
+    raw = {key: value.to("meta") for key, value in raw_batch_of(policy).items()}
+    objective = policy.objective().to("meta")
+    policy.model.config.device = "meta"
+    objective(raw)  # tables that are made once
+    with HostTensors() as host:
+        objective(raw)
+    assert host.operations == []
 
 
 def test_a_mode_of_normalization_that_is_not_known_is_refused():
