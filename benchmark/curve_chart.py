@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from benchmark.curves import published
-from benchmark.plots import LESS_WHEN_SOLVED
+from benchmark.plots import LESS_WHEN_SOLVED, seeds_and_time
 from benchmark.row_style import row_style
 
 _WIDTH, _HEIGHT = 560, 260
@@ -13,33 +13,30 @@ _TITLES = {"episode_return": "return of an episode", "success_rate": "success in
 
 
 def curve_charts(
-    task: str, rows: Sequence[Mapping[str, Any]], *, ends_when_solved: bool = False
+    task: str, curves: Sequence[Mapping[str, Any]], *, ends_when_solved: bool = False
 ) -> list[dict[str, Any]]:
-    """Returns one chart per measure, of all rows of a section that have a learning curve; none without any.
+    """Returns one chart per measure, of all learning curves of a section; none without any.
 
     Args:
         task: Task of the section; returns that others published of it are marked.
-        rows: Rows of the section.
+        curves: From :func:`benchmark.learning.learning_curves`.
         ends_when_solved: Whether a solved episode is over; the title says then why the return falls.
     """
-    drawn = [(index, row) for index, row in enumerate(rows) if row["curve"]]
-    if not drawn:
+    if not curves:
         return []
-    returns = _chart("episode_return", drawn, published(task))
+    returns = _chart("episode_return", curves, published(task))
     if ends_when_solved:
         returns["title"] += f" ({LESS_WHEN_SOLVED})"
-    return [returns, _chart("success_rate", drawn, [])]
+    return [returns, _chart("success_rate", curves, [])]
 
 
 def _chart(
-    name: str, drawn: Sequence[tuple[int, Mapping[str, Any]]], others: Sequence[Mapping[str, Any]]
+    name: str, curves: Sequence[Mapping[str, Any]], others: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:
-    values = [v for _, row in drawn for v in _ends(row["curve"][name])] + [
-        o["episode_return"] for o in others
-    ]
+    values = [v for curve in curves for v in _ends(curve[name])] + [o["episode_return"] for o in others]
     low, high = (0.0, 1.0) if name == "success_rate" else (min([0.0, *values]), max(values))
     high = high if high > low else low + 1.0
-    farthest = max([row["curve"]["steps"][-1] for _, row in drawn] + [o["steps"] for o in others])
+    farthest = max([curve["steps"][-1] for curve in curves] + [o["steps"] for o in others])
 
     def x(step: float) -> float:
         return round(_LEFT + step / farthest * (_WIDTH - _LEFT - _RIGHT), 1)
@@ -48,8 +45,8 @@ def _chart(
         return round(_TOP + (high - value) / (high - low) * (_HEIGHT - _TOP - _BOTTOM), 1)
 
     lines = []
-    for index, row in drawn:
-        curve, measure = row["curve"], row["curve"][name]
+    for curve in curves:
+        measure = curve[name]
         across = [x(step) for step in curve["steps"]]
         band = []
         if measure["low"] is not None:
@@ -58,9 +55,9 @@ def _chart(
             band = there + back[::-1]
         lines.append(
             {
-                "label": row["label"],
-                "seeds": len(row["seeds"]),
-                "style": row_style(index),
+                "label": curve["label"],
+                "told": seeds_and_time(curve),
+                "style": row_style(curve["row"]),
                 "line": list(zip(across, map(y, measure["mid"]), strict=True)),
                 "band": band,
             }

@@ -149,5 +149,18 @@ def _iqm_with_interval(values: np.ndarray) -> tuple[list[float] | None, list[flo
 
 def published(task: str) -> list[dict[str, Any]]:
     """Returns what others published of learning a task by reward: method, steps, return, source."""
+    return _reference("rows", task)
+
+
+def published_times(task: str) -> list[dict[str, Any]]:
+    """Returns how soon others published that a return was reached.
+
+    Each has ``method``, ``reaches`` (the return), ``minutes``, ``steps``, ``machine``, ``robot`` and
+    ``source``.
+    """
+    return _reference("times", task)
+
+
+def _reference(kind: str, task: str) -> list[dict[str, Any]]:
     content = json.loads(files("benchmark").joinpath("reference/learning.json").read_text(encoding="utf-8"))
-    return [row for row in content["rows"] if row["task"] == task]
+    return [row for row in content[kind] if row["task"] == task]

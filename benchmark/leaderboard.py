@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmark.files import write_bytes
+from benchmark.learning import learning_curves
 from benchmark.overview import overview
 from benchmark.protocol import canonical_json, digest
 from benchmark.records import Result
@@ -41,7 +42,8 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
 
     Returns:
         Plain JSON values: ``schema_version``, ``reference``, ``overview`` (see
-        :mod:`benchmark.overview`) and ``sections``, each with its ``rows``, ``comparisons`` and ``notes``.
+        :mod:`benchmark.overview`) and ``sections``, each with its ``rows``, learning ``curves``,
+        ``comparisons`` and ``notes``.
 
     Raises:
         ResultError: The folder is absent, or a file in it is not a valid result in its place; every
@@ -92,10 +94,10 @@ def write(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         path = results_dir / "plots" / f"{section['id']}.png"
         plot_levels(section["rows"], path, section["title"])
         written[f"plot {section['id']}"] = path
-        if any(row["curve"] for row in section["rows"]):
+        if section["curves"]:
             path = results_dir / "plots" / f"{section['id']}-learning.png"
             ends, others = bool(section["ends_when_solved"]), published(section["task"])
-            plot_learning(section["rows"], path, section["title"], others, ends_when_solved=ends)
+            plot_learning(section["curves"], path, section["title"], others, ends_when_solved=ends)
             written[f"learning {section['id']}"] = path
     return written
 
@@ -179,6 +181,7 @@ def _section(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
         **key,
         "ends_when_solved": _ends_when_solved(entries),
         "rows": [rows[index] for index in order],
+        "curves": learning_curves(results_dir, [groups[index] for index in order]),
         "comparisons": comparisons,
         "notes": notes,
     }

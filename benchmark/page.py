@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from benchmark.curve_chart import curve_charts
+from benchmark.curves import published_times
 from benchmark.row_style import row_style
 
 LEVELS = {
@@ -83,8 +84,9 @@ def _layout(section: Mapping[str, Any], reference: Mapping[str, Any]) -> dict[st
         "hidden": hidden,
         "chart": _chart(section["rows"], levels),
         "learning": curve_charts(
-            section["task"], section["rows"], ends_when_solved=bool(section["ends_when_solved"])
+            section["task"], section["curves"], ends_when_solved=bool(section["ends_when_solved"])
         ),
+        "times": published_times(section["task"]),
         "iqm": any(row["iqm_test"] for row in section["rows"]),
     }
 

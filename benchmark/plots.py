@@ -105,7 +105,7 @@ def plot_losses(rows: Sequence[Mapping[str, float]], path: Path, title: str = "T
 
 
 def plot_learning(
-    rows: Sequence[Mapping[str, Any]],
+    curves: Sequence[Mapping[str, Any]],
     path: Path,
     title: str = "",
     others: Sequence[Mapping[str, Any]] = (),
@@ -115,7 +115,7 @@ def plot_learning(
     """Draws return and success over environment steps: interquartile mean over seeds, and its 95 % interval.
 
     Args:
-        rows: Rows of one section of the leaderboard; those without a ``curve`` are left out.
+        curves: Those of one section of the leaderboard, from :func:`benchmark.learning.learning_curves`.
         path: The ``.png`` (or ``.svg``) file.
         title: Title.
         others: What others published of the task, from :func:`benchmark.curves.published`.
@@ -132,13 +132,10 @@ def plot_learning(
         "success_rate": "success in training",
     }
     for axes, (name, label) in zip(both, labels.items(), strict=True):
-        for index, row in enumerate(rows):
-            if row["curve"] is None:
-                continue
-            steps, measure, color = row["curve"]["steps"], row["curve"][name], COLORS[index % len(COLORS)]
-            line = _in_its_round(_LINES, index)
-            seeds = f"{len(row['seeds'])} seed{'s' * (len(row['seeds']) > 1)}"
-            legend = f"{row['label']}, {seeds}"
+        for curve in curves:
+            steps, measure, color = curve["steps"], curve[name], COLORS[curve["row"] % len(COLORS)]
+            line = _in_its_round(_LINES, curve["row"])
+            legend = f"{curve['label']}, {seeds_and_time(curve)}"
             axes.plot(steps, measure["mid"], line, color=color, linewidth=1.8, label=legend)
             if measure["low"] is not None:
                 axes.fill_between(steps, measure["low"], measure["high"], color=color, alpha=0.2, linewidth=0)
@@ -153,6 +150,13 @@ def plot_learning(
     lines, names = both[0].get_legend_handles_labels()  # below the lines: their upper left may hold results
     figure.legend(lines, names, frameon=False, fontsize=8, loc="outside lower left", ncols=2)
     save_figure(figure, path)
+
+
+def seeds_and_time(curve: Mapping[str, Any]) -> str:
+    """Returns over how much training a learning curve goes, for people: ``2 seeds, 9.3 min``."""
+    number, seconds = len(curve["seeds"]), curve["seconds"][-1]
+    took = f"{seconds:.0f} s" if seconds < 60 else f"{seconds / 60:.3g} min"
+    return f"{number} seed{'s' * (number > 1)}, {took}"
 
 
 def _in_its_round(styles: Sequence[str], index: int) -> str:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.curves import over_seeds, read_curve
 from benchmark.protocol import Cell, canonical_json
 from benchmark.records import EpisodeRecord, Result
 from benchmark.result_file import video_dir
@@ -122,7 +121,7 @@ def build_row(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
     key = row_key(first)
     del key["settings"]
     return {
-        "label": _name(first),
+        "label": policy_label(first),
         **key,
         "episodes_per_cell": first.protocol.episodes,
         "seeds": [result.seed for _, result in entries],
@@ -130,19 +129,11 @@ def build_row(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
         "mean_test": dict(zip(("success_rate", "ci_low", "ci_high"), mean, strict=True)) if mean else None,
         "iqm_test": _iqm_over_runs([result for _, result in entries]),
         "runs": [_run(path, result) for path, result in entries],
-        "curve": _curve([results_dir / path for path, _ in entries]),
         "videos": [video for path, _ in entries for video in _videos(results_dir, path)],
     }
 
 
-def _curve(paths: list[Path]) -> dict[str, Any] | None:
-    """Returns the learning curve over the runs, or None where a run has none."""
-    curves = [read_curve(path) for path in paths]
-    known = [curve for curve in curves if curve is not None]
-    return over_seeds(known) if known and len(known) == len(curves) else None
-
-
-def _name(result: Result) -> str:
+def policy_label(result: Result) -> str:
     """Returns the policy's name, and whose implementation of it was trained where there are several."""
     own = result.config.get("policy")
     backend = own.get("backend") if isinstance(own, Mapping) else None
@@ -226,7 +217,8 @@ def name_rows(rows: Sequence[dict[str, Any]], settings: Sequence[Mapping[str, An
     """Names every row in place: policy, where it was transferred from, and what else tells it apart.
 
     Args:
-        rows: Rows of one section.
+        rows: Rows of one section, or its learning curves, which have a row's keys as far as they concern
+            learning.
         settings: The settings that decided what each of them learned.
     """
     for row in rows:
@@ -234,7 +226,7 @@ def name_rows(rows: Sequence[dict[str, Any]], settings: Sequence[Mapping[str, An
             row["label"] += f", trained in {row['transferred_from']}"
     for name, text in _DISTINGUISHING.items():
         for group in _of_one_label(rows):
-            if len({rows[index][name] for index in group}) > 1:
+            if len({rows[index].get(name) for index in group}) > 1:
                 for row in (rows[index] for index in group):
                     row["label"] += ", " + text.format(row[name]) if row[name] is not None else ""
     for group in _of_one_label(rows):

@@ -108,12 +108,17 @@ def evaluate_subject(
 
 
 def _write_curve(path: Path, subject: Subject) -> None:
-    """Puts the learning curve of a run that learned by reward beside its results file."""
+    """Puts the learning curve of a run beside its result in the scene that it learned in, and no other."""
     from benchmark.curves import write_curve
-    from roboverse_learn.training.metrics import METRICS_FILE, read_metrics
+    from roboverse_learn.run import read_config, run_of
+    from roboverse_learn.training.metrics import read_metrics
 
-    run = next((each for each in subject.checkpoint.parents if (each / METRICS_FILE).is_file()), None)
-    if run is not None:
+    run = run_of(subject.checkpoint)
+    if run is None:
+        return
+    trained = read_config(run)
+    scene = ("task_kwargs", "simulator", "simulator_settings", "scenario", "renderer")
+    if all(getattr(subject, key) == getattr(trained, key) for key in scene):
         write_curve(path, read_metrics(run))
 
 

@@ -7,9 +7,18 @@ import pytest
 
 from benchmark import leaderboard, plots
 from benchmark.curve_chart import curve_charts, thousands
-from benchmark.curves import COLUMNS, curve_path, over_seeds, published, read_curve, write_curve
+from benchmark.curves import (
+    COLUMNS,
+    curve_path,
+    over_seeds,
+    published,
+    published_times,
+    read_curve,
+    write_curve,
+)
 from benchmark.plots import plot_learning
 from benchmark.result_file import result_path, write_result
+from benchmark.row_style import row_style
 from envs.errors import ResultError
 
 
@@ -103,24 +112,29 @@ def test_what_others_published_is_known_of_three_tasks():
     assert published("PickCube") == []
 
 
+def test_how_soon_others_reached_the_bars_is_known_with_the_robot_it_was_of():
+    found = [published_times(f"humanoid/{task}") for task in ("stand", "walk", "run")]
+    assert [[(t["reaches"], t["minutes"], t["robot"]) for t in times] for times in found] == [
+        [(800, 49, "H1 with hands")], [(700, 38, "H1 with hands")], [(700, 61, "H1 with hands")]
+    ]  # fmt: skip
+    assert published_times("PickCube") == []
+
+
 @pytest.mark.parametrize(("steps", "text"), [(12, "12"), (4000, "4k"), (2_500_000, "2.5M")])
 def test_steps_are_short(steps, text):
     assert thousands(steps) == text
 
 
-def row(offsets=(0.0,), label="ppo"):
-    return {
-        "label": label,
-        "seeds": list(range(len(offsets))),
-        "curve": over_seeds([curve(o) for o in offsets]),
-    }
+def band(offsets=(0.0,), label="ppo", row=0):
+    seeds = list(range(len(offsets)))
+    return {"label": label, "row": row, "seeds": seeds} | over_seeds([curve(o) for o in offsets])
 
 
 def test_charts_stay_within_their_frame_and_mark_what_is_published():
-    without = {"label": "act", "seeds": [0], "curve": None}
-    assert curve_charts("PickCube", [without]) == []
-    returns, success = curve_charts("humanoid/stand", [without, row((0.0, 5.0))])
-    assert [line["label"] for line in returns["lines"]] == ["ppo"]
+    assert curve_charts("PickCube", []) == []
+    returns, success = curve_charts("humanoid/stand", [band((0.0, 5.0), row=1)])
+    (line,) = returns["lines"]
+    assert (line["label"], line["told"], line["style"]) == ("ppo", "2 seeds, 6 s", row_style(1))
     assert [other["method"] for other in returns["others"]] == ["TD-MPC2", "SimbaV2"] and not success[
         "others"
     ]
@@ -131,7 +145,7 @@ def test_charts_stay_within_their_frame_and_mark_what_is_published():
 
 
 def test_lines_whose_colours_repeat_have_dashes():
-    returns, _ = curve_charts("PickCube", [row(label=str(index)) for index in range(10)])
+    returns, _ = curve_charts("PickCube", [band(label=str(index), row=index) for index in range(10)])
     styles = [line["style"] for line in returns["lines"]]
     assert len(set(styles)) == 10 and styles[0].color == styles[8].color
     assert [style.dash for style in styles] == [""] * 8 + ["9 3"] * 2
@@ -139,7 +153,7 @@ def test_lines_whose_colours_repeat_have_dashes():
 
 def test_a_picture_is_drawn(tmp_path):
     plot_learning(
-        [row(), row((1.0, 2.0), "sac")], tmp_path / "a.png", "humanoid/run", published("humanoid/run")
+        [band(), band((1.0, 2.0), "sac", 1)], tmp_path / "a.png", "humanoid/run", published("humanoid/run")
     )
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
@@ -148,8 +162,8 @@ def test_where_a_solved_episode_ends_the_picture_says_why_returns_fall(monkeypat
     figures = []
     monkeypatch.setattr(plots, "save_figure", lambda figure, path: figures.append(figure))
     for ends in (True, False):
-        plot_learning([row()], tmp_path / "a.png", ends_when_solved=ends)
-        titles = [chart["title"] for chart in curve_charts("PickCube", [row()], ends_when_solved=ends)]
+        plot_learning([band()], tmp_path / "a.png", ends_when_solved=ends)
+        titles = [chart["title"] for chart in curve_charts("PickCube", [band()], ends_when_solved=ends)]
         labels = [axes.get_ylabel() for axes in figures.pop().axes]
         assert [("ends when solved" in text) for text in (*labels, *titles)] == [ends, False] * 2
 
@@ -177,10 +191,14 @@ def test_the_page_shows_the_curves_of_a_section(make_result, tmp_path):
         write_curve(path, rows(float(seed)))
     written = leaderboard.write(tmp_path)
     (section,) = json.loads(written["json"].read_text())["sections"]
-    assert section["rows"][0]["curve"]["episode_return"]["mid"][0] == 10.5
-    page = written["html"].read_text()
+    assert section["curves"][0]["episode_return"]["mid"][0] == 10.5
+    page, markdown = written["html"].read_text(), written["markdown"].read_text()
     assert "Learning by reward" in page and 'class="band"' in page and "TD-MPC2, 815.8" in page
-    assert f"plots/{section['id']}-learning.png" in written["markdown"].read_text()
+    assert "ppo by rsl_rl (2 seeds, 6 s)<" in page
+    assert f"plots/{section['id']}-learning.png" in markdown
+    for text in (page, markdown):
+        assert "FastTD3 on one A100 took 38 minutes and 4.48 M steps until tests" in text
+        assert "of the H1 with hands returned 700." in text
     assert written[f"learning {section['id']}"].is_file()
 
 

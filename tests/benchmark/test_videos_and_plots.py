@@ -118,8 +118,9 @@ def test_rows_beyond_the_colours_look_different(monkeypatch, tmp_path):
     lines = [line for line in figures[0].axes[0].get_lines() if len(line.get_xdata())]
     lines = [line for line in lines if line.get_linestyle() != "None"]  # the ends of intervals
     looks = {(line.get_color(), line.get_linestyle(), line.get_marker()) for line in lines}
-    curve = {"steps": [1, 2], "episode_return": MEASURE, "success_rate": MEASURE}
-    plot_learning([row | {"seeds": [0], "curve": curve} for row in rows], tmp_path / "c.png")
+    curve = {"steps": [1, 2], "seconds": [1, 2], "episode_return": MEASURE, "success_rate": MEASURE}
+    curves = [curve | {"label": str(number), "row": number, "seeds": [0]} for number in range(20)]
+    plot_learning(curves, tmp_path / "c.png")
     drawn = {(line.get_color(), line.get_linestyle()) for line in figures[1].axes[0].get_lines()}
     assert (len(looks), len(drawn)) == (40, 20)
 

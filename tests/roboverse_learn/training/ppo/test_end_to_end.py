@@ -114,6 +114,7 @@ def test_a_checkpoint_is_evaluated_in_another_simulator(finished):
     board = json.loads((finished / "elsewhere" / "leaderboard.json").read_text())
     (row,) = board["sections"][0]["rows"]
     assert row["label"] == "ppo by rsl_rl, trained in mujoco, drawn by warp"
+    assert read_curve(path) is None and board["sections"][0]["curves"] == []  # it learned elsewhere
 
 
 def test_it_learns_in_mujoco_warp_and_goes_on_there(tmp_path):
