@@ -18,6 +18,7 @@ from torchvision.ops.misc import FrozenBatchNorm2d
 from policies.act.config import ActConfig
 from policies.base import Observation
 from policies.lerobot_policy import Features, LeRobotPolicy, Processors
+from policies.modules import replace_modules
 from policies.objective import Loss
 from policies.packed_convolutions import packed
 
@@ -112,12 +113,12 @@ class ActPolicy(LeRobotPolicy):
     def begin_training(self) -> None:
         """Readies the model for gradient steps."""
         if self._train_batch_norm:
-            _replace(self.model, FrozenBatchNorm2d, _batch_norm)
+            replace_modules(self.model, FrozenBatchNorm2d, _batch_norm)
         super().begin_training()
 
     def end_training(self) -> None:
         """Freezes the normalization of the backbone, as LeRobot has it."""
-        _replace(self.model, nn.BatchNorm2d, _frozen_batch_norm)
+        replace_modules(self.model, nn.BatchNorm2d, _frozen_batch_norm)
         self._forget_network()
         super().end_training()
 
@@ -136,15 +137,6 @@ class ActPolicy(LeRobotPolicy):
             terms["kld_loss"] = divergence.sum(-1).mean()
             loss = loss + config.kl_weight * terms["kld_loss"]
         return loss, {name: term.detach() for name, term in terms.items()}
-
-
-def _replace(module: nn.Module, old: type[nn.Module], make: Any) -> None:
-    """Replaces every ``old`` module below ``module`` by ``make`` of it."""
-    for name, child in module.named_children():
-        if isinstance(child, old):
-            setattr(module, name, make(child))
-        else:
-            _replace(child, old, make)
 
 
 def _batch_norm(frozen: FrozenBatchNorm2d) -> nn.BatchNorm2d:

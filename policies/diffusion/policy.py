@@ -7,12 +7,15 @@ import torch
 from lerobot.configs import PreTrainedConfig
 from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig as LeRobotDiffusionConfig
 from lerobot.policies.diffusion.modeling_diffusion import DiffusionPolicy as LeRobotDiffusionPolicy
+from lerobot.policies.diffusion.modeling_diffusion import DiffusionRgbEncoder
 from lerobot.policies.diffusion.processor_diffusion import make_diffusion_pre_post_processors
 from lerobot.utils.constants import OBS_IMAGES
-from torch import Tensor
+from torch import Tensor, nn
 
 from policies.diffusion.config import DiffusionConfig
+from policies.group_norm import ChannelsLastGroupNorm
 from policies.lerobot_policy import Features, LeRobotPolicy, Processors
+from policies.modules import replace_modules
 from policies.objective import Loss
 
 
@@ -81,6 +84,13 @@ class DiffusionPolicy(LeRobotPolicy):
         )
         start = config.n_obs_steps - 1
         return sample[:, start : start + config.n_action_steps]
+
+    def begin_training(self) -> None:
+        """Readies the model for gradient steps."""
+        for module in self.model.modules():
+            if isinstance(module, DiffusionRgbEncoder):
+                replace_modules(module.backbone, nn.GroupNorm, ChannelsLastGroupNorm.of)
+        super().begin_training()
 
     def loss(self, batch: dict[str, Tensor]) -> Loss:
         """Returns the mean squared error of the network's answer to noised actions."""
