@@ -37,6 +37,8 @@ class RecordedObjective(nn.Module):
 
     def __init__(self, objective: nn.Module, batch: dict[str, Tensor], precision: str) -> None:
         super().__init__()
+        # The recording's stream is another than training's, and the one waits for the other.
+        torch.autograd.graph.set_warn_on_accumulate_grad_stream_mismatch(False)
         self.objective = objective
         sample = {key: value.clone() for key, value in batch.items()}
         kept = {name: buffer.clone() for name, buffer in objective.named_buffers()}

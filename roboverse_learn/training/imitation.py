@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from envs.errors import ConfigError, RoboVerseError
+from envs.errors import RoboVerseError
 from policies.lerobot_policy import LeRobotPolicy
 from policies.objective import Loss
 from roboverse_learn.data.info import DatasetInfo
@@ -83,7 +83,7 @@ def train(
     Raises:
         CheckpointError: if the checkpoint to go on from is damaged or of another configuration, or if a
             new one cannot be written.
-        ConfigError: if the batch cannot be divided among the processes, or they are to play back graphs.
+        ConfigError: if the batch cannot be divided among the processes.
         Interrupted: after a checkpoint, if SIGINT or SIGTERM came.
         TrainingDivergedError: if the loss becomes infinite or NaN.
     """
@@ -134,11 +134,11 @@ class _Trainer:
         self.run_dir, self.seed, self.reporter = run_dir, seed, reporter
         self.accelerator: Any = Accelerator(cpu=policy.device.type == "cpu")
         self.rank, self.world = self.accelerator.process_index, self.accelerator.num_processes
-        if config.cuda_graphs and self.world > 1:
-            raise ConfigError(
-                f"train.cuda_graphs=true is for one process, and these are {self.world}: leave it out."
-            )
         self.is_main = self.accelerator.is_main_process
+        if config.cuda_graphs and self.world > 1 and self.is_main:
+            logger.warning(
+                "train.cuda_graphs is for one process, and these are %d: they train without.", self.world
+            )
         self.precision = resolve_precision(config.precision, policy.device)
         self.sampler = EpisodeAwareSampler(
             dataset.info,
@@ -164,7 +164,7 @@ class _Trainer:
     def _make_objective(self) -> nn.Module:
         on_gpu = self.policy.device.type == "cuda"
         compile = on_gpu if self.config.compile is None else self.config.compile
-        cuda_graphs = on_gpu and self.config.cuda_graphs
+        cuda_graphs = on_gpu and self.config.cuda_graphs and self.world == 1
         if not (compile or cuda_graphs):
             return self.policy.objective()
         start = self.sampler.state_dict()

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -56,9 +57,11 @@ def test_a_batch_that_cannot_be_divided_is_an_error(monkeypatch, tmp_path):
         run(tmp_path)
 
 
-def test_graphs_are_played_back_by_one_process_only(monkeypatch, tmp_path):
+def test_graphs_are_played_back_by_one_process_only(monkeypatch, tmp_path, caplog):
     import accelerate
 
     monkeypatch.setattr(accelerate.Accelerator, "num_processes", 2)
-    with pytest.raises(ConfigError, match=r"cuda_graphs=true is for one process, and these are 2"):
+    monkeypatch.setattr(accelerate.Accelerator, "prepare", Mock(side_effect=InterruptedError))
+    with pytest.raises(InterruptedError):
         run(tmp_path, config=replace(CONFIG, cuda_graphs=True))
+    assert "cuda_graphs is for one process, and these are 2: they train without." in caplog.text
