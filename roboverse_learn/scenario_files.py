@@ -1,4 +1,4 @@
-"""Tells a missing file or material of a changed scene before anything is collected, trained or evaluated."""
+"""Tells a missing or broken file, or a missing material, of a changed scene before anything is written."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -12,7 +12,7 @@ _A_MATERIAL = "the name of a material, or of a picture in the folder that {}=+<f
 def check_scenario_files(
     task: str, task_kwargs: Mapping[str, Any], changes: Mapping[str, Any], materials: Mapping[str, str]
 ) -> None:
-    """Looks for every file and material that changes of a task's scene name.
+    """Looks for every file and material that changes of a task's scene name, and reads the files.
 
     Args:
         task: Registered task.
@@ -21,7 +21,7 @@ def check_scenario_files(
         materials: Keys of materials and their values; each must know the materials that are named.
 
     Raises:
-        ConfigError: One is missing.
+        ConfigError: One is missing, or no scene can be made of a file.
     """
     if not changes:
         return
@@ -36,11 +36,29 @@ def check_scenario_files(
     checks: list[tuple[Any, Callable[[str], object], str]] = [(AssetRef, resolve, _A_FILE)]
     for key, folder in materials.items():
         checks.append((MaterialName, MaterialLibrary.chosen(folder).texture, _A_MATERIAL.format(key)))
+    files = []
     for kind, find, wanted in checks:
         known = set(named(own, kind))
         for key, name in named(scene, kind):
             try:
                 if (key, name) not in known:
                     find(name)
+                    files += [f"{key}={name}"] if kind is AssetRef else []
             except RoboVerseError as error:
                 raise ConfigError(f"{key}={name}: give {wanted}. {error}") from error
+    if files:
+        _make_scene(scene, " ".join(files))
+
+
+def _make_scene(scene: Any, given: str) -> None:
+    """Compiles a scene with other files than the task's."""
+    from envs.handlers.mujoco.model import build_model
+
+    try:
+        build_model(scene, simplify=False)
+    except (RoboVerseError, ValueError) as error:  # what MuJoCo raises has lines
+        reason = " ".join(str(error).split()).rstrip(".")
+        raise ConfigError(
+            f"{given}: no scene can be made of it. {reason}. Give a file that fits the rest of the scene, or "
+            "change that, too."
+        ) from error

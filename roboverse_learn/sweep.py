@@ -116,7 +116,9 @@ def sweep(the_sweep: Sweep) -> str:
         return _start(job, slot, logs / f"{job.name}.log", len(slots))
 
     codes = run_jobs(jobs, slots, start, on_end)
-    if Path(first.results_dir).is_dir():  # runs that end together may each have missed the other's result
+    trained = [codes[job.name] for job in jobs if job.words[0] == "train"]
+    # Runs that end together may each have missed the other's result; runs that failed have none.
+    if Path(first.results_dir).is_dir() and (not trained or 0 in trained):
         from roboverse_learn.leaderboard import write_leaderboard
 
         write_leaderboard(Path(first.results_dir))

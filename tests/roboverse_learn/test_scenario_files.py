@@ -5,7 +5,9 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from envs.assets import resolve
 from envs.errors import ConfigError
+from envs.tasks.pick_cube import PickCube
 from policies.checkpoint import CONFIG, WEIGHTS
 from roboverse_learn import cli
 from roboverse_learn.scenario_files import check_scenario_files
@@ -69,10 +71,37 @@ def test_nothing_is_left_behind(
     assert sorted(tmp_path.rglob("*")) == before
 
 
+@pytest.mark.parametrize("command", ["collect", "train policy=act", "train policy=ppo"])
+def test_a_broken_file_leaves_nothing_behind(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "broken.xml").write_text("<mujoco>\n<worldbody></mujoco>")
+    assert cli.main([*command.split(), "preset=quick", f"{ROBOT}=broken.xml"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(
+        f"error: {ROBOT}=broken.xml: no scene can be made of it. 'broken.xml' is no MJCF file: XML parse error"
+    )
+    assert said.endswith("Give a file that fits the rest of the scene, or change that, too.\n")
+    assert [path.name for path in tmp_path.rglob("*")] == ["broken.xml"]
+
+
+def test_a_file_that_does_not_fit_is_told_with_what_it_lacks(tmp_path: Path) -> None:
+    other = tmp_path / "other.xml"
+    other.write_text('<mujoco><worldbody><body name="trunk"/></worldbody></mujoco>')
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    flat = {"shape": "mesh", "mesh": str(tmp_path / "flat.obj")}
+    for changes, reason in (
+        ({"robots": {"franka": {"mjcf": str(other)}}}, r"Unknown root of '.*other.xml' 'base'. Valid: trunk"),
+        ({"objects": {"cube": {"geoms": {"0": flat}}}}, r"at least 4 vertices required"),
+    ):
+        with pytest.raises(ConfigError, match=rf"no scene can be made of it. .*{reason}.*Give a file that"):
+            check_scenario_files("PickCube", {}, changes, {})
+
+
 def test_what_is_there_is_taken(tmp_path: Path, pictures: Path) -> None:
-    file = tmp_path / "robot.xml"
-    file.touch()
-    check_scenario_files("PickCube", {}, {"robots": {"franka": {"mjcf": str(file)}}}, {})
+    file = str(resolve(PickCube().scenario.robots[0].mjcf))
+    check_scenario_files("PickCube", {}, {"robots": {"franka": {"mjcf": file}}}, {})
     check_scenario_files("PickCube", {}, TABLE, {"materials": f"+{pictures}"})
     wood = {"appearance": {"materials": {"table": {"texture": "wood-017"}}}}
     check_scenario_files("PickCube", {}, wood, {"materials": ""})

@@ -229,8 +229,9 @@ class TestRunning:
         assert gpu_slots(3) == [{}, {}, {}]
 
 
-def test_failures_are_told_with_their_last_words_and_all_others_are_done(tmp_path, monkeypatch):
-    """Real processes, of a program that stands in for ours."""
+@pytest.fixture
+def fake_program(tmp_path, monkeypatch):
+    """Real processes, of a program that stands in for ours and fails for seed=1."""
     (tmp_path / "fake.py").write_text(
         "import sys\nprint('working')\nwords = sys.argv[1:]\n"
         "sys.exit('error: no luck') if 'seed=1' in words else print('fine')\n"
@@ -239,6 +240,9 @@ def test_failures_are_told_with_their_last_words_and_all_others_are_done(tmp_pat
     fake.write_text(f'#!/bin/sh\nshift 2\nexec "{sys.executable}" "{tmp_path}/fake.py" "$@"\n')
     fake.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(fake))
+
+
+def test_failures_are_told_with_their_last_words_and_all_others_are_done(fake_program, tmp_path):
     words = ["seed=0,1", f"runs_dir={tmp_path}/runs", f"results_dir={tmp_path}/results"]
     with pytest.raises(SweepError, match="1 of 3 processes failed") as caught:
         sweep(plan(words))
@@ -247,3 +251,14 @@ def test_failures_are_told_with_their_last_words_and_all_others_are_done(tmp_pat
     logs = sorted(path.name for path in Path(tmp_path, "runs", "sweep-logs").glob("*.log"))
     assert len(logs) == 3
     assert all((tmp_path / "runs" / "sweep-logs" / name).read_text().startswith("working") for name in logs)
+
+
+@pytest.mark.parametrize(("seeds", "written"), [("1", False), ("0,1", True)])
+def test_the_leaderboard_stays_as_it_is_where_every_run_failed(seeds, written, fake_program, tmp_path):
+    page = tmp_path / "results" / "leaderboard.html"
+    page.parent.mkdir()
+    page.write_text("as it was")
+    words = [f"seed={seeds}", f"runs_dir={tmp_path}/runs", f"results_dir={tmp_path}/results"]
+    with pytest.raises(SweepError, match="processes failed"):
+        sweep(plan(words))
+    assert (page.read_text() != "as it was") is written

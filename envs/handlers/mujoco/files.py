@@ -19,8 +19,16 @@ def read(
     Equality constraints, and the sites that they tie, stay where ``equalities`` says so. The scene says how
     it is simulated and drawn; what the file says of that is forgotten, or MuJoCo would warn of each
     difference when it is attached.
+
+    Raises:
+        MissingExtraError: if it is of a package that is not installed.
+        ConfigError: if there is no such file, or MuJoCo cannot read it.
     """
-    spec = mujoco.MjSpec.from_file(str(resolve(reference)))
+    path = resolve(reference)
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:  # its message has lines, some of them empty
+        raise ConfigError(f"'{reference}' is no MJCF file: {' '.join(str(error).split())}") from error
     visual, ours = spec.visual, scene.visual
     parts = ((visual.map, ours.map), (visual.quality, ours.quality), (visual.global_, ours.global_))
     for own, other in ((spec.option, scene.option), *parts):

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from envs.errors import ConfigError, UnknownNameError
+from envs.handlers.mujoco.files import read
 from envs.handlers.mujoco.handler import MujocoHandler
 from envs.handlers.mujoco.model import build_model
 from envs.handlers.mujoco.objects import HIDDEN_GROUP, SCENE_GROUP
@@ -305,3 +306,12 @@ def test_a_simulator_without_equality_constraints_names_the_joints_that_one_ties
 
     with pytest.raises(SimulatorError, match=r"equality constraint .* 'gate/left' and 'gate/right'"):
         describe(model_of(gate(tmp_path)), "newton")
+
+
+def test_a_file_that_mujoco_cannot_read_is_named_with_the_reason(tmp_path):
+    path = tmp_path / "broken.xml"
+    path.write_text("<mujoco>\n<worldbody></mujoco>")
+    with pytest.raises(
+        ConfigError, match=r"^'.*broken.xml' is no MJCF file: XML parse error .* Line number=2"
+    ):
+        read(mujoco.MjSpec(), str(path))
