@@ -25,7 +25,7 @@ class FlatPolicy:
         config: Settings, a dataclass.
         model: The network.
         sizes: Keys of the observation, in order, and their sizes.
-        task: Task that it learned; empty if that is not known.
+        task: Task that it learned, told by what trains it and by its checkpoint; empty if that is not known.
         batch_invariant: Run the samples one by one. True on a CPU.
     """
 
@@ -33,8 +33,8 @@ class FlatPolicy:
     n_obs_steps: ClassVar[int] = 1
     n_action_steps: ClassVar[int] = 1
 
-    def __init__(self, config: Any, model: Any, sizes: Mapping[str, int], task: str = "") -> None:
-        self.config, self.model, self.sizes, self.task = config, model, dict(sizes), task
+    def __init__(self, config: Any, model: Any, sizes: Mapping[str, int]) -> None:
+        self.config, self.model, self.sizes, self.task = config, model, dict(sizes), ""
         self.batch_invariant = self.device.type == "cpu"
 
     def actions(self, vectors: Tensor, generators: Sequence[torch.Generator] | None) -> Tensor:

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from roboverse_learn.config import CollectConfig
+from roboverse_learn.installed import check_installed
 from roboverse_learn.keys import flat_keys
 from roboverse_learn.materials import check_materials, folder_name
 from roboverse_learn.scenario_files import check_scenario_files
@@ -70,6 +71,7 @@ def dataset_folder(config: CollectConfig) -> Path:
 
 def collect_dataset(config: CollectConfig) -> "CollectionSummary":
     """Makes sure that the dataset of a configuration is complete, with a progress bar."""
+    check_installed(config)
     check_materials(config.materials)
     check_scenario_files(config.task, config.task_kwargs, config.scenario, {"materials": config.materials})
     if config.source == "policy":

@@ -41,9 +41,12 @@ def train(config: TrainRunConfig) -> Any:
 
     Raises:
         ConfigError: The run would take very long on this machine, is open in another process, was started
-            with another configuration, or is to be logged to Weights & Biases and nobody is logged in.
+            with another configuration, or is to be logged to Weights & Biases and nobody is logged in; the
+            task pays no reward, or has no expert, that an agent is to learn from.
+        MissingExtraError: A package is not installed.
     """
     from roboverse_learn.evaluate import command_words, evaluate_subject
+    from roboverse_learn.installed import check_installed
     from roboverse_learn.leaderboard import write_leaderboard
     from roboverse_learn.materials import check_materials
     from roboverse_learn.report import train_report
@@ -51,12 +54,16 @@ def train(config: TrainRunConfig) -> Any:
     from roboverse_learn.scenario_files import check_scenario_files
     from roboverse_learn.subject import subject_of_run
     from roboverse_learn.training.device import resolve_device
+    from roboverse_learn.training.learners import check_learner
     from roboverse_learn.training.metrics import check_wandb
 
     device = resolve_device(config.device)
     from_dataset = policies.learns_from(config.policy_name) == "dataset"
     if from_dataset and int(os.environ.get("RANK", "0")) > 0:
         return _train_along(config, device)
+    check_installed(config)
+    if not from_dataset:
+        check_learner(config)
     materials = {"materials": config.materials} if from_dataset else {}
     materials["evaluate.materials"] = config.evaluate.materials
     for each in materials.values():

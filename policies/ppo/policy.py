@@ -28,13 +28,12 @@ class PpoPolicy(FlatPolicy):
         config: PpoConfig,
         sizes: Mapping[str, int],
         action_size: int,
-        task: str,
         device: str | torch.device = "cpu",
     ) -> None:
         self.action_size = action_size
         size = sum(sizes.values())
         model = Actor(size, action_size, config.hidden_dims, config.activation, config.init_std)
-        super().__init__(config, model.to(device).eval(), sizes, task)
+        super().__init__(config, model.to(device).eval(), sizes)
 
     @override
     def actions(self, vectors: Tensor, generators: Sequence[torch.Generator] | None) -> Tensor:
@@ -49,4 +48,4 @@ class PpoPolicy(FlatPolicy):
     def from_facts(cls, content: Mapping[str, Any], device: str) -> Self:
         values = {**content["config"], "hidden_dims": tuple(content["config"]["hidden_dims"])}
         sizes, action_size = sizes_of(content["observation"]), int(content["action_size"])
-        return cls(PpoConfig(**values), sizes, action_size, str(content["task"]), device)
+        return cls(PpoConfig(**values), sizes, action_size, device)

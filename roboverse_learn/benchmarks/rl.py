@@ -24,7 +24,7 @@ from envs.arguments import run_program
 from envs.errors import unknown_name
 from envs.torch_env import TorchVectorEnv
 from policies.ppo.config import PpoConfig
-from roboverse_learn.benchmarks.solving import LEARNING_RATE, SECONDS_GOAL, TASK, Solved, make_env, solve
+from roboverse_learn.benchmarks.solving import LEARNING_RATE, SECONDS_GOAL, Solved, make_env, solve
 from roboverse_learn.training.config import TrainConfig
 
 log = logging.getLogger(__name__)
@@ -104,7 +104,7 @@ def _learning(env: Any, config: PpoConfig) -> Callable[[], None]:
     from policies.ppo.policy import PpoPolicy
     from roboverse_learn.training.ppo import learner
 
-    policy = PpoPolicy(config, {learner.OBSERVATION: env.observation_size}, env.action_size, TASK, env.device)
+    policy = PpoPolicy(config, {learner.OBSERVATION: env.observation_size}, env.action_size, env.device)
     algorithm = learner.make_algorithm(policy, env, TrainConfig(lr=3e-4, grad_clip=1.0))
     now = [env.reset(), torch.ones(env.num_envs, dtype=torch.bool, device=env.device)]
     env.stagger()

@@ -3,6 +3,7 @@
 from typing import Any
 
 from envs.errors import ConfigError
+from envs.tasks.making import make_task
 
 
 def make_env(config: Any, num_envs: int, seed: int, device: str, **own: Any) -> Any:
@@ -16,31 +17,35 @@ def make_env(config: Any, num_envs: int, seed: int, device: str, **own: Any) -> 
         own: What one learner alone asks for; see :class:`envs.torch_env.TorchVectorEnv`.
 
     Raises:
-        ConfigError: if the task pays no reward.
+        ConfigError: as :func:`check_env`.
     """
     from envs.torch_env import TorchVectorEnv
 
-    check_reward(config.policy_name, config.task, config.task_kwargs)
+    check_env(config, expert_starts=own.get("expert_starts", 0.0))
     keys = ("task", "simulator", "task_kwargs", "simulator_settings", "scenario")
     scene = {key: getattr(config, key) for key in keys}
     return TorchVectorEnv(num_envs=num_envs, device=device, seed=seed, **scene, **own)
 
 
-def check_reward(policy: str, task: str, task_kwargs: dict[str, Any]) -> None:
-    """Checks that a task pays a reward.
+def check_env(config: Any, *, expert_starts: float = 0.0) -> None:
+    """Checks that the task of a run has what an agent is to learn from.
 
     Args:
-        policy: What is to learn from it.
-        task: Registered task.
-        task_kwargs: Its options.
+        config: Configuration of the run.
+        expert_starts: Share of the episodes that are to begin on the way of the task's expert.
 
     Raises:
-        ConfigError: if it does not.
+        ConfigError: if it pays no reward, or has no expert and needs one.
     """
-    from envs.tasks import TASKS
-
-    if not TASKS.get(task)(**task_kwargs).has_reward:
+    task = make_task(config.task, config.task_kwargs, config.scenario)
+    if not task.has_reward:
         raise ConfigError(
-            f"Task '{task}' pays no reward, which policy={policy} learns from. Learn it from demonstrations, "
-            "as with policy=act, or take another task, such as PickCube."
+            f"Task '{config.task}' pays no reward, which policy={config.policy_name} learns from. Learn it "
+            "from demonstrations, as with policy=act, or take another task, such as PickCube."
+        )
+    if expert_starts and not task.has_expert:
+        raise ConfigError(
+            f"policy.expert_starts={expert_starts:g} lets episodes begin on the way of the task's scripted "
+            f"expert, and '{config.task}' has none. Take policy.expert_starts=0, or a task with an expert, "
+            "such as PickCube."
         )

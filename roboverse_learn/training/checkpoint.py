@@ -130,6 +130,13 @@ def last_checkpoint(run_dir: Path) -> Path | None:
     return found[-1].parent if found else None
 
 
+def what_is_kept(run_dir: Path) -> str:
+    """Returns what a run that has to stop leaves to go on from, in a sentence for people."""
+    if last_checkpoint(run_dir) is None:
+        return "No checkpoint had been saved; a smaller train.save_every saves the first sooner."
+    return f"The last checkpoint in '{run_dir / 'checkpoints'}' is sound."
+
+
 def load_checkpoint(
     directory: Path,
     policy: LeRobotPolicy,

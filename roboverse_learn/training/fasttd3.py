@@ -11,7 +11,7 @@ from policies.fasttd3.config import FastTd3Config
 from policies.fasttd3.policy import FastTd3Policy
 from policies.fasttd3.update import Updater
 from roboverse_learn.training import agent_checkpoint, off_policy
-from roboverse_learn.training.agent_env import make_env
+from roboverse_learn.training.agent_env import check_env, make_env
 from roboverse_learn.training.replay import ReplayBuffer, Transitions
 
 if TYPE_CHECKING:
@@ -104,6 +104,11 @@ class FastTd3Algorithm:
             self.buffer.load(part(tensors, "replay"), numbers["replay"])
         else:
             self.first_steps = max(self.first_steps, min(self.batch_size, self.buffer.length))
+
+
+def check(config: "TrainRunConfig") -> None:
+    """Tells what keeps FastTD3 from learning; see :mod:`roboverse_learn.training.learners`."""
+    check_env(config)
 
 
 def learn(

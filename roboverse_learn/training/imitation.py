@@ -267,8 +267,8 @@ class _Trainer:
         self.loss = row["loss"]
         if not math.isfinite(row["loss"]):
             raise TrainingDivergedError(
-                f"The loss is {self.loss} at step {self.step}. The last checkpoint in "
-                f"'{self.run_dir / 'checkpoints'}' is sound. Take a smaller train.lr or train.precision=fp32."
+                f"The loss is {self.loss} at step {self.step}. {checkpoint.what_is_kept(self.run_dir)} "
+                "Take a smaller train.lr or train.precision=fp32."
             )
         row |= {
             "lr": self.optimizer.param_groups[0]["lr"],

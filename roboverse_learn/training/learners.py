@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from roboverse_learn.training.reporter import Reporter, TrainResult
 
 LEARNERS: dict[str, str] = {
-    "fasttd3": "roboverse_learn.training.fasttd3:learn",
-    "tdmpc2": "roboverse_learn.training.tdmpc2:learn",
-    "ppo": "roboverse_learn.training.ppo.learner:learn",
+    "fasttd3": "roboverse_learn.training.fasttd3",
+    "tdmpc2": "roboverse_learn.training.tdmpc2",
+    "ppo": "roboverse_learn.training.ppo.learner",
 }
-"""Policy to ``"module:function"``."""
+"""Policy to the module that has its ``learn``, and ``check``, which tells what keeps it from learning."""
 
 
 class Learner(Protocol):
@@ -62,5 +62,15 @@ def learner_of(policy: str) -> Learner:
             f"policy={policy} learns in one process; start it without `accelerate launch`. It uses one GPU "
             "fully with more environments: raise policy.num_envs."
         )
-    module, _, function = LEARNERS[policy].partition(":")
-    return getattr(importlib.import_module(module), function)
+    return importlib.import_module(LEARNERS[policy]).learn
+
+
+def check_learner(config: "TrainRunConfig") -> None:
+    """Tells what keeps a policy from learning from the env of a run, before the run has a folder.
+
+    Raises:
+        RoboVerseError: as :func:`learner_of` and :class:`Learner`, for a package, a reward or an expert that
+            is not there.
+    """
+    learner_of(config.policy_name)
+    importlib.import_module(LEARNERS[config.policy_name]).check(config)

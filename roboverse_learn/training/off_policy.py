@@ -184,7 +184,11 @@ class _Loop:
         self.algorithm.store(self.observation, action, step)
         self.observation, self.first = step.obs, step.terminated | step.truncated
         self.step += self.env.num_envs
-        for terms in self.algorithm.learn():
+        try:
+            learned = self.algorithm.learn()
+        except TrainingDivergedError as error:
+            raise TrainingDivergedError(f"{error} {checkpoint.what_is_kept(self.run_dir)}") from error
+        for terms in learned:
             for key, value in terms.items():
                 self.sums[key] = self.sums[key] + value if key in self.sums else value.clone()
             self.pending += 1
@@ -293,9 +297,9 @@ class _Loop:
 
     def _diverged(self, what: str) -> TrainingDivergedError:
         return TrainingDivergedError(
-            f"{what} at environment step {self.step:,}, after {self.updates:,} updates. The last checkpoint "
-            f"in '{self.run_dir / 'checkpoints'}' is sound. Take smaller learning rates of the policy, or "
-            "look at the task's observations and rewards."
+            f"{what} at environment step {self.step:,}, after {self.updates:,} updates. Take smaller "
+            "learning rates of the policy, or look at the task's observations and rewards. "
+            f"{checkpoint.what_is_kept(self.run_dir)}"
         )
 
     def _make_writers(self) -> list[MetricsWriter]:

@@ -12,7 +12,7 @@ from policies.tdmpc2.config import Tdmpc2Config
 from policies.tdmpc2.policy import Tdmpc2Policy
 from policies.tdmpc2.update import Sequences, Updater
 from roboverse_learn.training import agent_checkpoint, off_policy
-from roboverse_learn.training.agent_env import make_env
+from roboverse_learn.training.agent_env import check_env, make_env
 from roboverse_learn.training.replay import ReplayBuffer, Transitions
 
 if TYPE_CHECKING:
@@ -103,6 +103,11 @@ class Tdmpc2Algorithm:
         self.learning, self.due = numbers["learning"], numbers["due"]
         if "replay" in numbers:
             self.buffer.load(part(tensors, "replay"), numbers["replay"])
+
+
+def check(config: "TrainRunConfig") -> None:
+    """Tells what keeps TD-MPC2 from learning; see :mod:`roboverse_learn.training.learners`."""
+    check_env(config)
 
 
 def learn(

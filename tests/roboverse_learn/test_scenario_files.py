@@ -80,7 +80,7 @@ def test_a_broken_file_leaves_nothing_behind(
     assert cli.main([*command.split(), "preset=quick", f"{ROBOT}=broken.xml"]) == 2
     said = capsys.readouterr().err
     assert said.startswith(
-        f"error: {ROBOT}=broken.xml: no scene can be made of it. 'broken.xml' is no MJCF file: XML parse error"
+        f"error: {ROBOT}=broken.xml: no scene can be made of it. 'broken.xml' is no MJCF file: XML parse"
     )
     assert said.endswith("Give a file that fits the rest of the scene, or change that, too.\n")
     assert [path.name for path in tmp_path.rglob("*")] == ["broken.xml"]

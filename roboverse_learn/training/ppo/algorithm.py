@@ -101,8 +101,8 @@ class PpoAlgorithm(ABC):
         steps = self.updates * self.config.rollout_size
         return TrainingDivergedError(
             f"{what} at update {self.updates:,} of backend={self.config.backend}, at environment step "
-            f"{steps:,}. Checkpoints of before are sound. Take a smaller train.lr or train.grad_clip, or "
-            "look at the task's observations and rewards."
+            f"{steps:,}. Take a smaller train.lr or train.grad_clip, or look at the task's observations and "
+            "rewards."
         )
 
     def values(self, observation: Tensor) -> Tensor:

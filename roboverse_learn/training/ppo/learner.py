@@ -13,7 +13,7 @@ from envs.errors import MissingExtraError
 from policies.ppo.config import PpoConfig
 from policies.ppo.policy import PpoPolicy
 from roboverse_learn.training import off_policy
-from roboverse_learn.training.agent_env import make_env
+from roboverse_learn.training.agent_env import check_env, make_env
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.ppo.algorithm import PpoAlgorithm
 
@@ -30,12 +30,18 @@ _PACKAGES = {"rsl_rl": "rsl_rl", "sb3": "stable_baselines3", "torchrl": "torchrl
 _EXTRAS = {"rsl_rl": "rsl-rl", "sb3": "sb3", "torchrl": "torchrl"}
 
 
+def check(config: "TrainRunConfig") -> None:
+    """Tells what keeps PPO from learning; see :mod:`roboverse_learn.training.learners`."""
+    own: PpoConfig = config.policy
+    check_installed(own.backend)
+    check_env(config, expert_starts=own.expert_starts)
+
+
 def learn(
     config: "TrainRunConfig", run_dir: Path, device: str, seed: int, reporter: "Reporter"
 ) -> "TrainResult":
     """Trains PPO; see :class:`roboverse_learn.training.learners.Learner`."""
     own: PpoConfig = config.policy
-    check_installed(own.backend)
     env = make_env(
         config,
         own.num_envs,
@@ -74,7 +80,8 @@ def train(
     """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        policy = PpoPolicy(config, {OBSERVATION: env.observation_size}, env.action_size, task, env.device)
+        policy = PpoPolicy(config, {OBSERVATION: env.observation_size}, env.action_size, env.device)
+        policy.task = task
         algorithm = make_algorithm(policy, env, train_config)
     return off_policy.run(
         algorithm,

@@ -18,7 +18,8 @@ KEY = "observation.environment_state"
 @pytest.fixture
 def policy():
     torch.manual_seed(0)
-    made = PpoPolicy(PpoConfig(hidden_dims=(8, 8)), {KEY: 5}, 3, "PickCube")
+    made = PpoPolicy(PpoConfig(hidden_dims=(8, 8)), {KEY: 5}, 3)
+    made.task = "PickCube"
     made.model.norm.update(torch.randn(50, 5) * 3 + 1)
     return made
 

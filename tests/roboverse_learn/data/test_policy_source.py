@@ -24,7 +24,8 @@ from roboverse_learn.values import to_values
 @pytest.fixture
 def checkpoint(tmp_path):
     torch.manual_seed(0)
-    policy = PpoPolicy(PpoConfig(hidden_dims=(8,)), {OBSERVATION: 47}, 5, "PickCube")
+    policy = PpoPolicy(PpoConfig(hidden_dims=(8,)), {OBSERVATION: 47}, 5)
+    policy.task = "PickCube"
     policy.model.layers[-1].bias.data.uniform_(-1.0, 1.0)
     policy.save(tmp_path / "policy")
     return tmp_path / "policy"

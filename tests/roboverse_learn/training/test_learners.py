@@ -27,7 +27,7 @@ def test_every_policy_that_learns_from_an_env_has_a_learner():
 
 
 def test_a_learner_is_given_the_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    monkeypatch.setitem(learners.LEARNERS, "act", f"{__name__}:learn")
+    monkeypatch.setitem(learners.LEARNERS, "act", __name__)
     config = compose("train", ["seed=3"])
     result = command._learn(config, tmp_path, "cpu")
     assert (result.checkpoint, result.config, result.device) == (tmp_path, config, "cpu")
@@ -42,7 +42,7 @@ def test_an_unknown_learner_is_an_error():
 
 
 def test_several_processes_are_refused(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setitem(learners.LEARNERS, "act", f"{__name__}:learn")
+    monkeypatch.setitem(learners.LEARNERS, "act", __name__)
     monkeypatch.setenv("WORLD_SIZE", "2")
     with pytest.raises(ConfigError, match="policy=act learns in one process; start it without `accelerate"):
         learners.learner_of("act")

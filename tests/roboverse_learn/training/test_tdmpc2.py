@@ -173,6 +173,18 @@ def test_a_diverged_run_stops_at_once_and_keeps_its_last_checkpoint(tmp_path):
     assert [path.name for path in (tmp_path / "checkpoints").glob("[0-9]*")] == ["000000240"]
 
 
+def test_a_run_that_diverges_before_its_first_checkpoint_says_that_there_is_none(tmp_path):
+    message = r"is nan at environment step 28\d.* No checkpoint had been saved; a smaller train.save_every"
+    with pytest.raises(TrainingDivergedError, match=message):
+        train(
+            tmp_path,
+            steps=4000,
+            save_every=4000,
+            env=Broken(TINY.num_envs),
+            config=replace(TINY, update_ratio=1.0),
+        )
+
+
 def test_a_time_limit_ends_a_run(tmp_path):
     result, _ = train(tmp_path, steps=10**9, time_limit_s=0.5)
     assert result.stopped_by == "time_limit" and result.steps < 10**6

@@ -99,7 +99,8 @@ def test_a_run_of_another_task_or_backend_is_not_gone_on_with(tmp_path):
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_run_that_diverges_stops_and_keeps_the_last_checkpoint(backend, tmp_path):
     env = Reach(8, breaks_after=10)  # in the third rollout
-    with pytest.raises(TrainingDivergedError, match=f"not finite at update 3 of backend={backend}, at env"):
+    message = f"not finite at update 3 of backend={backend}, at env.* The last checkpoint in .* is sound"
+    with pytest.raises(TrainingDivergedError, match=message):
         run(backend, tmp_path, env, train=optimization(steps=320))
     policy = policies.load(tmp_path)
     assert all(value.isfinite().all() for value in policy.state_dict().values())
@@ -108,7 +109,8 @@ def test_a_run_that_diverges_stops_and_keeps_the_last_checkpoint(backend, tmp_pa
 
 @pytest.mark.parametrize(("backend", "lr"), [("sb3", 1e20), *((name, 1e30) for name in BACKENDS)])
 def test_an_update_that_breaks_the_network_is_told_as_such(backend, lr, tmp_path):
-    with pytest.raises(TrainingDivergedError, match=r"is not finite|is nan|is inf"):
+    message = r"(is not finite|is nan|is inf).* No checkpoint had been saved"
+    with pytest.raises(TrainingDivergedError, match=message):
         run(backend, tmp_path, train=optimization(steps=320, lr=lr))
 
 
@@ -116,7 +118,7 @@ def test_an_update_that_breaks_the_network_is_told_as_such(backend, lr, tmp_path
 def test_equal_seeds_begin_with_equal_networks(backend):
     def first(name, seed):
         torch.manual_seed(seed)
-        policy = PpoPolicy(config_of(name), {learner.OBSERVATION: 4}, 2, "Reach")
+        policy = PpoPolicy(config_of(name), {learner.OBSERVATION: 4}, 2)
         learner.make_algorithm(policy, Reach(8), optimization())
         return policy.state_dict()
 
@@ -129,7 +131,7 @@ def estimates(backend: str, env: Chain, lam: float) -> torch.Tensor:
     """Returns (T, N) that a backend estimates with a critic that knows the values."""
     config = config_of(backend, num_envs=4, num_steps=6, num_minibatches=1, gamma=GAMMA, lam=lam)
     torch.manual_seed(0)
-    policy = PpoPolicy(config, {learner.OBSERVATION: 2}, 1, "Chain")
+    policy = PpoPolicy(config, {learner.OBSERVATION: 2}, 1)
     algorithm = learner.make_algorithm(policy, env, optimization(lr=1e-9))
     values = torch.tensor([1.0, GAMMA]) / (1 - GAMMA**2)
     with torch.no_grad():  # of a constant and what is left over

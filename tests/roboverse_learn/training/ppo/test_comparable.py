@@ -23,7 +23,7 @@ def first_update(backend: str, **changes) -> dict[str, torch.Tensor]:
     values = EQUAL | {"num_envs": 32, "num_epochs": 1, "num_minibatches": 1} | changes
     env, config = Reach(32), PpoConfig(backend=backend, **values)
     torch.manual_seed(0)
-    policy = PpoPolicy(config, {learner.OBSERVATION: 4}, 2, "Reach")
+    policy = PpoPolicy(config, {learner.OBSERVATION: 4}, 2)
     algorithm = learner.make_algorithm(policy, env, TrainConfig(lr=1e-3, grad_clip=0.0))
     before = {key: value.clone() for key, value in policy.state_dict().items()}
     observation, first = env.reset(), torch.ones(32, dtype=torch.bool)
