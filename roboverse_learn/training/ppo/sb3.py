@@ -1,5 +1,7 @@
 """PPO by Stable-Baselines3: its policy, rollout buffer and update; rollouts are kept on the host."""
 
+import contextlib
+from collections.abc import Iterator
 from typing import Any, override
 
 import numpy as np
@@ -96,7 +98,8 @@ class Sb3Ppo(PpoAlgorithm):
             self._buffer.compute_returns_and_advantage(self.values(self._last)[:, 0], self._over)
             seen = torch.as_tensor(np.concatenate(self._buffer.observations), device=self.policy.device)
             mean, std = self.policy.model(seen), self.policy.model.log_std.exp().clone()
-        self.ppo.train()
+        with _shuffled_by_torch():
+            self.ppo.train()
         moved = self.adapt(seen, mean, std)
         self.policy.model.norm.update(seen)
         self._buffer.reset()
@@ -108,3 +111,14 @@ class Sb3Ppo(PpoAlgorithm):
             "entropy": -float(told["train/entropy_loss"]),
             "kl": moved,
         }
+
+
+@contextlib.contextmanager
+def _shuffled_by_torch() -> Iterator[None]:
+    """Lets numpy's generator, by which their buffer is shuffled, follow torch's, which the run seeds."""
+    before = np.random.get_state()
+    np.random.seed(int(torch.randint(2**31, ())))
+    try:
+        yield
+    finally:
+        np.random.set_state(before)

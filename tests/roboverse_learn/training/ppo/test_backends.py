@@ -74,7 +74,7 @@ def test_a_run_goes_on_where_it_was_stopped(backend, tmp_path):
     assert [row["step"] for row in read_metrics(tmp_path)] == [32, 64, 96, 128]
 
 
-@pytest.mark.parametrize("backend", ["rsl_rl", "torchrl"])  # sb3 draws from numpy, which no run seeds
+@pytest.mark.parametrize("backend", BACKENDS)
 def test_a_signal_ends_a_run_after_the_rollout_and_it_goes_on_to_the_same_weights(backend, tmp_path):
     def train(folder, **kwargs):
         run(backend, folder, PointMass(8), train=optimization(steps=320, save_every=256), **kwargs)
