@@ -14,8 +14,10 @@ from torch import Tensor
 
 from envs.errors import ConfigError
 from envs.handlers import HANDLERS
+from envs.handlers.base import Handler
 from envs.outcomes import outcome, solved
 from envs.randomization import channel_rng, load_split
+from envs.scenario import ScenarioCfg
 from envs.state import State
 from envs.tasks.making import make_task
 
@@ -156,7 +158,7 @@ class TorchVectorEnv:
         scene = self.task.scenario.tuned(simulator, simulator_settings or {})
         if substeps is not None:
             scene = replace(scene, physics=scene.physics.divided(substeps))
-        self.handler = HANDLERS.get(simulator)(scene, num_envs, num_threads=num_threads)
+        self.handler = self._make_handler(simulator, scene, num_threads)
         self.handler.launch()
         self.controller = self.task.rl_controller
         self.device = torch.device(device) if device is not None else self.handler.device
@@ -172,7 +174,11 @@ class TorchVectorEnv:
         self.elapsed_steps, self.returns = zeros.long(), zeros.clone()
         self._sums = torch.zeros(4, device=self.device, dtype=torch.float64)
         self.seed(seed)
-        self.observation_size = self.reset().shape[-1]
+        seen = self.reset().shape[1:]
+        self.observation_shape, self.observation_size = tuple(seen), seen.numel()
+
+    def _make_handler(self, simulator: str, scene: ScenarioCfg, num_threads: int) -> Handler:
+        return HANDLERS.get(simulator)(scene, self.num_envs, num_threads=num_threads)
 
     def _draw_bank(self, split: str, protocol_seed: int, size: int) -> State:
         rngs = [channel_rng(protocol_seed, "task", episode) for episode in _spread(split, size)]
@@ -212,7 +218,7 @@ class TorchVectorEnv:
         ids = torch.arange(self.num_envs) if mask is None else mask.nonzero()[:, 0]
         if len(ids):
             self._restart(ids)
-        return self._observe(self.handler.get_states())
+        return self._observe_begun(ids)
 
     @torch.no_grad()
     def step(self, actions: Tensor) -> EnvStep:
@@ -237,7 +243,7 @@ class TorchVectorEnv:
         obs = final_obs
         if len(ids):
             self._restart(ids)
-            obs = self._observe(self.handler.get_states())
+            obs = self._observe_begun(ids)
         return EnvStep(obs, reward, terminated, cut_off & ~terminated, final_obs, success)
 
     def _count(self, over: Tensor, success: Tensor) -> None:
@@ -296,11 +302,17 @@ class TorchVectorEnv:
         return self._observe(self.handler.get_states())
 
     def _observe(self, states: State) -> Tensor:
+        """Returns what is seen after a step that ended in ``states``, (N, D)."""
         return self.task.rl_observation(states).to(device=self.device, dtype=torch.float32)
+
+    def _observe_begun(self, ids: Tensor) -> Tensor:
+        """Returns what is seen when the episodes of the environments ``ids`` have just begun, (N, D)."""
+        del ids  # all states are as they were, or new
+        return self._observe(self.handler.get_states())
 
     def picture(self, env_id: int = 0) -> np.ndarray:
         """Returns the first camera's picture of one environment, (H, W, 3) uint8."""
-        camera = self.task.scenario.cameras[0].name
+        camera = self.handler.scenario.cameras[0].name
         return self.handler.render((camera,), ("rgb",), [env_id])[camera]["rgb"][0]
 
     def close(self) -> None:

@@ -15,6 +15,8 @@ WEIGHTS = "model.safetensors"
 PREPROCESSOR = "policy_preprocessor.json"
 POSTPROCESSOR = "policy_postprocessor.json"
 
+_IMAGES = "observation.images."
+
 # A pipeline file may name any importable class; these steps are all that ACT and Diffusion Policy use.
 ALLOWED_STEPS = frozenset(
     {
@@ -78,6 +80,34 @@ def learned_task(path: str | Path) -> str:
         return str(read_json(resolve(path) / CONFIG).get("task", ""))
     except PolicyError:  # there is none, or it is damaged; whoever loads it says so
         return ""
+
+
+def seen_cameras(directory: Path) -> dict[str, int]:
+    """Returns the cameras whose pictures a policy sees, in order, and the pixels a side of each.
+
+    Args:
+        directory: A pretrained folder.
+
+    Returns:
+        Nothing for a policy that sees no pictures.
+
+    Raises:
+        PolicyError: if the folder does not say what its policy sees.
+    """
+    path = directory / CONFIG
+    values = read_json(path)
+    try:
+        if "input_features" in values:  # LeRobot's
+            shapes = {key: feature["shape"] for key, feature in values["input_features"].items()}
+        else:  # of a policy that learned by reward
+            shapes = {key: [size] for key, size in values["observation"].items()}
+        return {
+            key.removeprefix(_IMAGES): int(shape[-1])
+            for key, shape in shapes.items()
+            if key.startswith(_IMAGES)
+        }
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+        raise PolicyError(f"'{path}' does not say which pictures its policy takes: {error!r}.") from error
 
 
 def policy_type(directory: Path) -> str:

@@ -17,29 +17,33 @@ from policies.flat_observation import check_generators, joined
 
 
 class FlatPolicy:
-    """A network that chooses the next action from observations without pictures.
+    """A network that chooses the next action from a vector, or from what else :meth:`seen` makes of it.
 
     Subclasses name themselves, choose actions, and say what else is written beside their settings.
 
     Attributes:
         config: Settings, a dataclass.
         model: The network.
-        sizes: Keys of the observation, in order, and their sizes.
+        sizes: Keys of the observation, in order, and their sizes: of pictures, pixels a side.
         task: Task that it learned, told by what trains it and by its checkpoint; empty if that is not known.
         batch_invariant: Run the samples one by one. True on a CPU.
     """
 
     name: ClassVar[str]
-    n_obs_steps: ClassVar[int] = 1
+    n_obs_steps: int = 1
     n_action_steps: ClassVar[int] = 1
 
     def __init__(self, config: Any, model: Any, sizes: Mapping[str, int]) -> None:
         self.config, self.model, self.sizes, self.task = config, model, dict(sizes), ""
         self.batch_invariant = self.device.type == "cpu"
 
-    def actions(self, vectors: Tensor, generators: Sequence[torch.Generator] | None) -> Tensor:
+    def actions(self, seen: Tensor, generators: Sequence[torch.Generator] | None) -> Tensor:
         """Returns actions (n, A) of observations (n, D) on the model's device."""
         raise NotImplementedError
+
+    def seen(self, observation: Observation) -> Tensor:
+        """Returns what the network sees of an observation, (n, D) on the CPU."""
+        return joined(observation, self.sizes, self.name)
 
     def facts(self) -> dict[str, Any]:
         """Returns what a checkpoint says beside settings and sizes; JSON values."""
@@ -68,17 +72,17 @@ class FlatPolicy:
         self, observation: Observation, generators: Sequence[torch.Generator] | None = None
     ) -> np.ndarray:
         """Chooses the next action; see :meth:`policies.base.Policy.act`."""
-        vectors = joined(observation, self.sizes, self.name).to(self.device)
-        check_generators(len(vectors), generators)
+        seen = self.seen(observation).to(self.device)
+        check_generators(len(seen), generators)
         with torch.inference_mode():
-            if self.batch_invariant and len(vectors) > 1:
+            if self.batch_invariant and len(seen) > 1:
                 rows = [
-                    self.actions(vectors[i : i + 1], None if generators is None else generators[i : i + 1])
-                    for i in range(len(vectors))
+                    self.actions(seen[i : i + 1], None if generators is None else generators[i : i + 1])
+                    for i in range(len(seen))
                 ]
                 actions = torch.cat(rows)
             else:
-                actions = self.actions(vectors, generators)
+                actions = self.actions(seen, generators)
         return actions[:, None].float().cpu().numpy()
 
     def state_dict(self) -> dict[str, Tensor]:

@@ -160,7 +160,7 @@ def _run_cells(
     import envs
     from benchmark import runner, videos
 
-    sees, view = _view_of(name)
+    sees, view = _view_of(subject.checkpoint)
     keys = ("task_kwargs", "simulator", "simulator_settings", "renderer", "scenario")
     scene: dict[str, Any] = {key: getattr(subject, key) for key in keys}
     facts = dict(scene)
@@ -226,7 +226,7 @@ def _result(
         train_level=subject.train_level,
         train_only=subject.train_only,
         seed=subject.seed,
-        image_size=subject.image_size if _view_of(name)[0] else None,
+        image_size=subject.image_size if _view_of(subject.checkpoint)[0] else None,
         checkpoint=checkpoint,
         dataset_hash=subject.dataset_hash,
         demonstrations=subject.demonstrations,
@@ -240,12 +240,14 @@ def _result(
     )
 
 
-def _view_of(policy: str) -> tuple[bool, dict[str, Any]]:
-    """Returns whether a policy sees pictures, and the options of its env that follow from that."""
+def _view_of(checkpoint: Path) -> tuple[bool, dict[str, Any]]:
+    """Returns whether a policy sees pictures, and what its env shows it and lets it do."""
     import policies
+    from policies.checkpoint import policy_type, seen_cameras
 
-    sees = policies.learns_from(policy) == "dataset"
-    return sees, {} if sees else {"observation": "full", "actions": "rl"}
+    sees = bool(seen_cameras(checkpoint))
+    of_env = policies.learns_from(policy_type(checkpoint)) == "env"
+    return sees, {"observation": "pixels" if sees else "full", "actions": "rl" if of_env else "task"}
 
 
 def command_words() -> list[str]:

@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import policies
 from envs.errors import ConfigError, UnknownNameError, suggest
 from roboverse_learn.scenario_keys import SECTION, in_full, scenario_keys, typed_keys
 
@@ -106,6 +107,14 @@ def unknown_key(command: str, key: str, keys: Iterable[str]) -> UnknownNameError
     else:
         nearest = suggest(key, [*names, *(short for short, full in shortened.items() if "<" not in full)])
     return UnknownNameError(
-        f"Unknown key '{key}' of {command}.{nearest} Valid: {', '.join(beside)}. "
+        f"Unknown key '{key}' of {command}.{_of_others(key) or nearest} Valid: {', '.join(beside)}. "
         f"See them all with: roboverse {command} --help"
     )
+
+
+def _of_others(key: str) -> str:
+    """Says which policies have a key that the chosen one has not."""
+    section, _, last = key.rpartition(".")
+    fields = {name: policies.config_class(name).__dataclass_fields__ for name in policies.names()}
+    having = [name for name in fields if last in fields[name]] if section in ("", "policy") else []
+    return f" It is a key of policy={' and policy='.join(having)}." if having else ""

@@ -163,8 +163,7 @@ def subject_of_run(folder: Path, config: TrainRunConfig, checkpoint: Path) -> Su
 def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
     """The subject of a checkpoint that lies in no run of ours, such as one of ``lerobot-train``."""
     from benchmark.provenance import file_hash
-    from policies import names
-    from policies.checkpoint import CONFIG, WEIGHTS, policy_type, read_json
+    from policies.checkpoint import CONFIG, WEIGHTS, read_json, seen_cameras
     from roboverse_learn.training.device import resolve_device
     from roboverse_learn.values import to_values
 
@@ -176,13 +175,11 @@ def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
     check_settings(config.simulator or "mujoco", config.simulator_settings)
     scenario = checked_scenario(config.task, config.task_kwargs, config.scenario)
     values = read_json(checkpoint / CONFIG)
-    # What learned by reward sees no pictures.
-    sees = policy_type(checkpoint) in names("dataset")
-    sizes = _image_sizes(checkpoint / CONFIG, values) if sees else {"none": _VIDEO_PX}
-    if not config.image_size and len(set(sizes.values())) != 1:
+    cameras = seen_cameras(checkpoint)
+    sizes = set(cameras.values()) or {_VIDEO_PX}
+    if not config.image_size and len(sizes) != 1:
         raise ConfigError(
-            f"Checkpoint '{checkpoint}' has images of sizes {sorted(set(sizes.values()))}: "
-            "add image_size=<pixels>."
+            f"Checkpoint '{checkpoint}' has images of sizes {sorted(sizes)}: add image_size=<pixels>."
         )
     given = {
         key: getattr(config, key) for key in ("task_kwargs", "simulator", "simulator_settings", "renderer")
@@ -201,8 +198,8 @@ def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
         simulator_settings=config.simulator_settings,
         scenario=scenario,
         renderer=config.renderer or "warp",
-        cameras=config.cameras or (tuple(sizes) if sees else ()),
-        image_size=config.image_size or set(sizes.values()).pop(),
+        cameras=config.cameras or tuple(cameras),
+        image_size=config.image_size or sizes.pop(),
         device=resolve_device(config.device),
         config={"command": to_values(config), "policy": values},
     )
@@ -220,21 +217,6 @@ def _check_whole(checkpoint: Path) -> None:
         config_class(name)
     except PolicyError as error:
         raise PolicyError(f"Checkpoint '{checkpoint}' cannot be evaluated: {error}") from error
-
-
-def _image_sizes(path: Path, values: dict[str, Any]) -> dict[str, int]:
-    """The cameras that a policy's configuration names, and the widths of their pictures, pixels."""
-    from policies import PolicyError
-
-    prefix = "observation.images."
-    try:
-        return {
-            key.removeprefix(prefix): int(feature["shape"][-1])
-            for key, feature in values["input_features"].items()
-            if key.startswith(prefix)
-        }
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
-        raise PolicyError(f"'{path}' does not say which pictures its policy takes: {error!r}.") from error
 
 
 def step_of(checkpoint: Path) -> int | None:

@@ -63,8 +63,8 @@ class FastTd3Policy(FlatPolicy):
             return cls(config, sizes, action_size, device)
 
     @override
-    def actions(self, vectors: Tensor, generators: Sequence[torch.Generator] | None) -> Tensor:
-        return self.actor(self.norm(vectors))
+    def actions(self, seen: Tensor, generators: Sequence[torch.Generator] | None) -> Tensor:
+        return self.actor(self.norm(seen))
 
     @override
     def facts(self) -> dict[str, Any]:

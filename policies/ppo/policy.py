@@ -36,8 +36,8 @@ class PpoPolicy(FlatPolicy):
         super().__init__(config, model.to(device).eval(), sizes)
 
     @override
-    def actions(self, vectors: Tensor, generators: Sequence[torch.Generator] | None) -> Tensor:
-        return self.model(vectors).clamp(-1.0, 1.0)
+    def actions(self, seen: Tensor, generators: Sequence[torch.Generator] | None) -> Tensor:
+        return self.model(seen).clamp(-1.0, 1.0)
 
     @override
     def facts(self) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from typing import Literal
 from policies.base import PolicyError
 
 ModelSize = Literal[1, 5, 19, 48, 317]
+Observed = Literal["state", "pixels"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -45,6 +46,9 @@ class Tdmpc2Config:
     """TD-MPC2, arXiv:2310.16828; the defaults are those of its table 8 and of the authors' code.
 
     Attributes:
+        observation: What it sees: the state of the task, or pixels, the pictures of the cameras of the run,
+            64 pixels a side (cameras=[front] image_size=64).
+        num_frames: Frames of an observation of pixels, the last ones.
         model_size: Millions of parameters: 1, 5, 19, 48 or 317; 5 is that of all single-task results.
         enc_dim: Width of the encoder; 0 takes that of the model size.
         mlp_dim: Width of all other networks; 0 takes that of the model size.
@@ -89,13 +93,15 @@ class Tdmpc2Config:
         update_ratio: Updates per environment step.
         seed_steps: Environment steps with random actions before the first update; 0 takes the length of
             five episodes, and 1,000 at least.
-        buffer_size: Environment steps that the replay buffer holds.
+        buffer_size: Environment steps that the replay buffer holds; of pixels a step takes 12 kB a camera.
         save_replay: Write the replay buffer into the checkpoint that a run is resumed from. Without it,
             a resumed run fills it anew before it goes on.
         compile: Compile updates and planning; None compiles on a GPU only.
         cuda_graphs: Record an update as one CUDA graph; None does so on a GPU.
     """
 
+    observation: Observed = "state"
+    num_frames: int = 3
     model_size: ModelSize = 5
     enc_dim: int = 0
     mlp_dim: int = 0
@@ -149,7 +155,7 @@ class Tdmpc2Config:
                 f"{', '.join(map(str, ARCHITECTURES))} (millions of parameters)."
             )
         for name in ("num_channels", "simnorm_dim", "horizon", "iterations", "num_elites", "batch_size",
-                     "lr", "update_ratio", "num_envs", "temperature", "min_std"):  # fmt: skip
+                     "num_frames", "lr", "update_ratio", "num_envs", "temperature", "min_std"):  # fmt: skip
             if getattr(self, name) <= 0:
                 raise PolicyError(f"policy.{name} must be above 0, given {getattr(self, name)}.")
         for name in ("enc_dim", "mlp_dim", "latent_dim", "num_enc_layers", "num_q", "seed_steps"):

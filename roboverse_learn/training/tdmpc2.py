@@ -9,10 +9,13 @@ from torch import Tensor
 
 from policies.tdmpc2.agent import Tdmpc2Agent
 from policies.tdmpc2.config import Tdmpc2Config
+from policies.tdmpc2.layers import PIXELS
 from policies.tdmpc2.policy import Tdmpc2Policy
 from policies.tdmpc2.update import Sequences, Updater
+from roboverse_learn.data.schema import IMAGE_PREFIX
 from roboverse_learn.training import agent_checkpoint, off_policy
-from roboverse_learn.training.agent_env import check_env, make_env
+from roboverse_learn.training.agent_env import check_env, check_pictures, make_env, make_pixel_env
+from roboverse_learn.training.frame_replay import FrameReplay
 from roboverse_learn.training.replay import ReplayBuffer, Transitions
 
 if TYPE_CHECKING:
@@ -39,10 +42,7 @@ class Tdmpc2Algorithm:
         }
         self.updater = Updater(config, model, [policy.discount], **compiled)
         self.agent = Tdmpc2Agent(config, model, policy.discount, num_envs, **compiled)
-        size = sum(policy.sizes.values())
-        self.buffer = ReplayBuffer(
-            config.buffer_size, num_envs, size, model.action_size, policy.device, horizon=config.horizon
-        )
+        self.buffer = _buffer_of(policy, num_envs)
         self.first_steps = max(config.first_steps(episode_length), config.horizon * num_envs)
         self.learning, self.due = False, 0.0
 
@@ -107,7 +107,19 @@ class Tdmpc2Algorithm:
 
 def check(config: "TrainRunConfig") -> None:
     """Tells what keeps TD-MPC2 from learning; see :mod:`roboverse_learn.training.learners`."""
-    check_env(config)
+    if config.policy.observation == "pixels":
+        check_pictures(config, PIXELS)
+    else:
+        check_env(config)
+
+
+def _buffer_of(policy: Tdmpc2Policy, num_envs: int) -> ReplayBuffer | FrameReplay:
+    config, kept = policy.config, {"action_size": policy.model.action_size, "device": policy.device}
+    kept["horizon"] = config.horizon
+    if config.observation == "pixels":
+        frame = (3 * len(policy.sizes), PIXELS, PIXELS)
+        return FrameReplay(config.buffer_size, num_envs, frame, config.num_frames, **kept)
+    return ReplayBuffer(config.buffer_size, num_envs, sum(policy.sizes.values()), **kept)
 
 
 def learn(
@@ -115,13 +127,23 @@ def learn(
 ) -> "TrainResult":
     """Trains TD-MPC2 on the task of a run; see :class:`roboverse_learn.training.learners.Learner`."""
     own: Tdmpc2Config = config.policy
-    env = make_env(config, own.num_envs, seed, device)
+    sees = own.observation == "pixels"
+    if sees:
+        seen: dict[str, Any] = {"num_frames": own.num_frames, "image_size": PIXELS}
+        env = make_pixel_env(config, own.num_envs, seed, device, **seen)
+    else:
+        env = make_env(config, own.num_envs, seed, device)
     try:
-        sizes, length = {off_policy.OBSERVATION: env.observation_size}, env.max_episode_steps
+        length = env.max_episode_steps
+        sizes = {off_policy.OBSERVATION: env.observation_size}
+        if sees:
+            sizes = {f"{IMAGE_PREFIX}{camera}": PIXELS for camera in env.camera_names}
         policy = Tdmpc2Policy.create(own, sizes, env.action_size, length, device, seed)
         policy.task = config.task
         algorithm = Tdmpc2Algorithm(policy, own.num_envs, length)
         settings = {"task": config.task, "batch_size": own.batch_size, "model_size": own.model_size}
+        if sees:
+            settings["cameras"] = list(env.camera_names)
         return off_policy.run(
             algorithm, env, config.train, run_dir, seed=seed, reporter=reporter, settings=settings
         )

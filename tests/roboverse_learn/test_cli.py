@@ -73,6 +73,12 @@ def failure(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
             "policy.dim_model=63 must be a multiple of 4 and of policy.n_heads=8",
         ),
         (["train", "policy.down_dims=[64]"], "Unknown key 'policy.down_dims' of train."),
+        (
+            ["train", "policy=ppo", "policy.observation=pixels"],
+            "Unknown key 'policy.observation' of train. It is a key of policy=tdmpc2. Valid: ",
+        ),
+        (["train", "policy=fasttd3", "observation=pixels"], "It is a key of policy=tdmpc2."),
+        (["train", "policy=tdmpc2", "policy.observation=pixel"], "input should be 'state' or 'pixels'"),
         (["train", "policy_name=act"], "Unknown key 'policy_name' of train. Did you mean 'policy'?"),
         (["train", "steps"], "'steps' is not key=value."),
         (["train", "--steps=3"], "'--steps=3' is not key=value."),

@@ -86,6 +86,7 @@ def another(key: str, value: Any) -> Any:
         "policy.prediction_type": "sample",
         "policy.actor_dim": 256,
         "policy.critic_dim": 512,
+        "policy.observation": "pixels",
         "policy.model_size": 19,
         "policy.latent_dim": 256,
         "policy.simnorm_dim": 16,

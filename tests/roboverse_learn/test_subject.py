@@ -221,6 +221,13 @@ def test_an_agent_of_nobody_sees_no_pictures(tmp_path: Path, name: str) -> None:
     assert found.image_size == 256
 
 
+def test_an_agent_of_nobody_that_sees_pictures_tells_its_cameras(tmp_path: Path) -> None:
+    seen = {"observation.images.wrist": 64, "observation.images.front": 64}
+    folder = write_checkpoint(tmp_path / "model", {"type": "tdmpc2", "config": {}, "observation": seen})
+    found = subject(folder, "task=PickCube")
+    assert (found.cameras, found.image_size) == (("wrist", "front"), 64)
+
+
 def test_two_checkpoints_of_nobody_do_not_share_a_results_file(tmp_path: Path) -> None:
     names = {
         subject(write_checkpoint(tmp_path / str(n) / "run/model", weights=bytes([n])), "task=PickCube").run

@@ -44,9 +44,10 @@ class Cartpole(Task):
         camera = CameraCfg(
             name="front", mount="cartpole/cart", turns=False, pos=(0.0, -4.0, 0.7), look_at=(0.0, 0.0, 0.0)
         )
+        all_of_it = CameraCfg(name="rail", pos=(0.0, -8.0, 2.5), look_at=(0.0, 0.0, 2.0), fovy_deg=50.0)
         return ScenarioCfg(
             robots=(CARTPOLE,),
-            cameras=(camera,),
+            cameras=(camera, all_of_it),
             appearance=LOOKS,
             table=None,
             room=None,

@@ -99,6 +99,15 @@ def test_the_pixel_encoder_has_the_published_size():
     assert z.shape == (2, 3, 512)
 
 
+def test_what_is_seen_of_a_picture_is_shifted_while_it_learns_alone():
+    encoder, pictures = PixelEncoder(3, 4, 16, 8), torch.randint(0, 256, (2, 3, 64, 64), dtype=torch.uint8)
+    encoder.eval()
+    assert encoder(pictures).equal(encoder(pictures))
+    torch.testing.assert_close(encoder(pictures.float()), encoder(pictures))
+    encoder.train()
+    assert not encoder(pictures).equal(encoder(pictures))
+
+
 @pytest.mark.parametrize("value", [0.0, 0.3, -1.7, 250.0, -9000.0])
 def test_two_hot_round_trip(value):
     two_hot, value = TwoHot(101, 10.0), torch.tensor([value])

@@ -1,12 +1,14 @@
 """A trained TD-MPC2 as a policy: acting, saving, loading."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
 from policies import Policy, PolicyError
+from policies.checkpoint import seen_cameras
 from policies.tdmpc2.config import Tdmpc2Config
 from policies.tdmpc2.policy import Tdmpc2Policy
 
@@ -24,8 +26,6 @@ CONFIG = Tdmpc2Config(
 
 
 def make(**changes) -> Tdmpc2Policy:
-    from dataclasses import replace
-
     return Tdmpc2Policy.create(replace(CONFIG, **changes), SIZES, 2, 100)
 
 
@@ -74,6 +74,34 @@ def test_wrong_observations_and_generators_are_errors():
         policy.act(observation(1) | {"observation.state": np.zeros((1, 9))})
     with pytest.raises(PolicyError, match="one generator per environment: 2, given 1"):
         policy.act(observation(2), generators(1))
+
+
+CAMERAS = {"observation.images.front": 64, "observation.images.wrist": 64}
+
+
+def film(n: int):
+    rng = np.random.default_rng(0)
+    return {key: rng.integers(0, 256, (n, 3, 64, 64, 3), np.uint8) for key in CAMERAS}
+
+
+def test_of_pictures_it_sees_the_last_three_and_knows_its_cameras_when_loaded(tmp_path):
+    config = replace(CONFIG, observation="pixels", num_channels=4)
+    policy, seen = Tdmpc2Policy.create(config, CAMERAS, 2, 100), film(2)
+    assert policy.n_obs_steps == 3 and make().n_obs_steps == 1
+    actions = policy.act(seen, generators(2))
+    np.testing.assert_array_equal(policy.act(seen, generators(2)), actions)
+    policy.save(tmp_path)
+    assert seen_cameras(tmp_path) == {"front": 64, "wrist": 64}
+    loaded = Tdmpc2Policy.load(tmp_path)
+    assert (loaded.n_obs_steps, loaded.sizes) == (3, CAMERAS)
+    np.testing.assert_array_equal(loaded.act(seen, generators(2)), actions)
+    with pytest.raises(PolicyError, match=r"no 'observation.images.front'"):
+        policy.act(observation(1))
+
+
+def test_of_a_state_it_sees_no_camera(tmp_path):
+    make().save(tmp_path)
+    assert seen_cameras(tmp_path) == {}
 
 
 def test_damaged_checkpoints_are_errors(tmp_path):

@@ -1,0 +1,126 @@
+"""The batched env for agents that learn by reward from pictures."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from envs.errors import ConfigError, UnknownNameError
+from envs.handlers.mujoco.handler import MujocoHandler
+from envs.pixel_env import PixelVectorEnv
+from envs.tasks.control.cartpole import Cartpole
+from envs.torch_env import TorchVectorEnv
+
+
+def make(cls=PixelVectorEnv, num_envs=2, **options):
+    return cls("control/cartpole", num_envs, **{"bank_size": 5, "num_threads": 1} | options)
+
+
+class Numbered(PixelVectorEnv):
+    """The k-th drawing shows the number k in every pixel, and 50 more with each environment."""
+
+    drawings: int = 0
+
+    def _draw(self, ids=None):
+        ids = torch.arange(self.num_envs) if ids is None else ids
+        number = (50 * ids + self.drawings).to(torch.uint8)
+        self.drawings += 1
+        return number[:, None, None, None].expand(-1, 3, 64, 64)
+
+
+def numbers(stack):
+    """The numbers of the frames of every environment, the oldest first; all channels and pixels have one."""
+    frames = stack.unflatten(1, (-1, 3))
+    assert (frames == frames[:, :, :1, :1, :1]).all()
+    return frames[:, :, 0, 0, 0].tolist()
+
+
+def test_what_is_seen_is_the_last_three_frames_and_an_episode_begins_with_its_first():
+    env = make(Numbered, max_episode_steps=4)
+    env.elapsed_steps = torch.tensor([0, 2])  # the second episode has two steps left
+    seen, ends = [numbers(env._frames)], []
+    for _ in range(4):
+        step = env.step(torch.zeros(2, 1))
+        seen.append(numbers(step.obs))
+        ends.append(numbers(step.final_obs))
+    env.close()
+    assert [each[0] for each in seen] == [[0, 0, 0], [0, 0, 1], [0, 1, 2], [1, 2, 4], [6, 6, 6]]
+    assert [each[1] for each in seen] == [
+        [50, 50, 50], [50, 50, 51], [53, 53, 53], [53, 53, 54], [53, 54, 55],
+    ]  # fmt: skip
+    assert [each[0] for each in ends] == [[0, 0, 1], [0, 1, 2], [1, 2, 4], [2, 4, 5]]
+    assert ends[1][1] == [50, 51, 52]
+
+
+@pytest.mark.parametrize("num_envs", [1, 2, 5])
+def test_every_environment_keeps_its_own_frames(num_envs):
+    env = make(Numbered, num_envs, max_episode_steps=3)
+    env.elapsed_steps = torch.arange(num_envs) % 3
+    history = [[each[-1]] * 3 for each in numbers(env._frames)]
+    for _ in range(7):
+        step = env.step(torch.zeros(num_envs, 1))
+        over = (step.terminated | step.truncated).tolist()
+        last, now = numbers(step.final_obs), numbers(step.obs)
+        for i in range(num_envs):
+            assert last[i][:2] == history[i][1:]
+            assert now[i] == ([now[i][0]] * 3 if over[i] else last[i])
+            assert all(number // 50 == i for number in now[i])
+        history = now
+    env.close()
+
+
+def test_some_can_be_reset_alone():
+    env = make(Numbered, 3)
+    env.step(torch.zeros(3, 1))
+    assert numbers(env.reset(torch.tensor([False, True, False]))) == [[0, 0, 1], [52] * 3, [100, 100, 101]]
+    assert numbers(env.reset(torch.zeros(3, dtype=torch.bool)))[1] == [52] * 3
+    env.close()
+
+
+@pytest.mark.parametrize("simulator", ["mujoco", "mujoco_warp"])
+def test_shapes_and_types(simulator):
+    env = make(simulator=simulator, cameras=("front", "rail"), num_frames=2)
+    assert (env.observation_shape, env.camera_names) == ((12, 64, 64), ("front", "rail"))
+    before = env.reset()
+    step = env.step(torch.ones(2, 1))
+    assert step.obs.shape == (2, 12, 64, 64) and step.obs.dtype == torch.uint8
+    assert step.obs[:, :6].equal(before[:, 6:]) and not step.obs[:, 6:].equal(before[:, 6:])
+    assert env.picture().shape == (64, 64, 3)
+    env.close()
+
+
+def test_it_goes_on_from_a_saved_state():
+    env = make()
+    for _ in range(2):
+        env.step(torch.ones(2, 1))
+    saved = {key: value.clone() for key, value in env.state_dict().items()}
+    expected = [env.step(torch.ones(2, 1)).obs for _ in range(3)]
+    env.reset()
+    assert env.load_state_dict(saved).equal(saved["frames"])
+    for each in expected:
+        assert env.step(torch.ones(2, 1)).obs.equal(each)
+    env.close()
+
+
+def test_what_sees_the_state_draws_nothing(monkeypatch):
+    def refuse(*_, **__):
+        raise AssertionError("a picture was drawn")
+
+    for name in ("render_jobs", "render_tensors", "snapshot"):
+        monkeypatch.setattr(MujocoHandler, name, refuse)
+    env = make(TorchVectorEnv, max_episode_steps=2)
+    for _ in range(3):
+        env.step(torch.zeros(2, 1))
+    env.close()
+
+
+def test_a_task_without_a_camera_is_an_error(monkeypatch):
+    scene = replace(Cartpole().scenario, cameras=())
+    monkeypatch.setattr(Cartpole, "scenario", property(lambda _: scene))
+    with pytest.raises(ConfigError, match=r"'control/cartpole' has no camera.*policy.observation=state"):
+        make()
+
+
+def test_a_camera_that_is_not_there_is_an_error():
+    with pytest.raises(UnknownNameError, match=r"camera 'frnot'. Did you mean 'front'.*front, rail"):
+        make(cameras=("frnot",))
