@@ -147,7 +147,8 @@ class PixelEncoder(nn.Module):
     Args:
         in_channels: Channels: three times the pictures of an observation.
         num_channels: Channels of every layer.
-        latent_dim: Size of the latent state; another one than the convolutions' adds a linear layer.
+        latent_dim: Size of the latent state; another one than the convolutions' 16 numbers a channel adds the
+            last layer of the encoder of states.
         simnorm_dim: Entries of a simplex.
     """
 
@@ -160,15 +161,16 @@ class PixelEncoder(nn.Module):
             layers += [nn.Conv2d(channels, num_channels, kernel, stride), nn.ReLU()]
         self.convolutions = nn.Sequential(*layers[:-1], nn.Flatten())
         size = num_channels * _output_pixels() ** 2
-        self.project = nn.Identity() if size == latent_dim else nn.Linear(size, latent_dim)
-        self.norm = SimNorm(simnorm_dim)
+        norm = SimNorm(simnorm_dim)
+        # Normed: small weights alone made all latent states alike, and predicting them so cost nothing.
+        self.project = norm if size == latent_dim else NormedLinear(size, latent_dim, norm)
 
     def forward(self, pixels: Tensor) -> Tensor:
         """Encodes pictures (..., C, 64, 64), 0 to 255, as (..., latent_dim)."""
         flat = pixels.flatten(0, -4)
         flat = self.augment(flat) if self.training else flat
         flat = (flat - 127.5).div_(255.0)  # / 255 - 0.5, in half the memory
-        return self.norm(self.project(self.convolutions(flat))).unflatten(0, pixels.shape[:-3])
+        return self.project(self.convolutions(flat)).unflatten(0, pixels.shape[:-3])
 
 
 def _output_pixels() -> int:

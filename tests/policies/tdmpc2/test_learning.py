@@ -195,6 +195,17 @@ def test_pictures_are_learned_from_too():
     assert all(value.isfinite() for value in metrics.values())
 
 
+@pytest.mark.parametrize(("latent_dim", "apart"), [(64, 5e-4), (32, 2e-3)])
+def test_different_pictures_are_different_latent_states_from_the_beginning(latent_dim, apart):
+    config = replace(TINY, latent_dim=latent_dim, num_channels=4)  # of 4 channels are 64 numbers
+    bars = torch.zeros(16, 3, 64, 64, dtype=torch.uint8)
+    for i, picture in enumerate(bars):
+        picture[:, :, 4 * i : 4 * i + 4] = 255
+    z = make(config, shape=(3, 64, 64)).eval().encode(bars)
+    torch.testing.assert_close(z.unflatten(-1, (-1, 8)).sum(-1), torch.ones(16, latent_dim // 8))
+    assert z.std(0).mean() > apart
+
+
 def test_shapes_that_cannot_be_encoded_are_an_error():
     with pytest.raises(PolicyError, match=r"given the shape \(3, 32, 32\).*image_size=64"):
         make(shape=(3, 32, 32))

@@ -161,13 +161,13 @@ class FilmedPointMass(PointMass):
 @pytest.mark.long
 def test_it_learns_from_pictures(tmp_path):
     config = Tdmpc2Config(
-        observation="pixels", model_size=1, enc_dim=32, mlp_dim=64, latent_dim=32, num_channels=8,
+        observation="pixels", model_size=1, enc_dim=32, mlp_dim=64, latent_dim=128, num_channels=8,
         num_bins=51, simnorm_dim=4, num_samples=48, num_elites=8, num_pi_trajs=8, iterations=3, num_envs=8,
         batch_size=32, seed_steps=200, update_ratio=0.5, buffer_size=4000, lr=1e-3, enc_lr_scale=1.0,
     )  # fmt: skip
     policy = Tdmpc2Policy.create(config, {"observation.images.front": 64}, 1, STEPS)
     algorithm = Tdmpc2Algorithm(policy, config.num_envs, STEPS)
-    settings = TrainConfig(steps=2400, log_every=200, save_every=4000, num_threads=1)
+    settings = TrainConfig(steps=1400, log_every=200, save_every=4000, num_threads=1)
     off_policy.run(algorithm, FilmedPointMass(config.num_envs), settings, tmp_path)
     rows = [row for row in read_metrics(tmp_path) if "episode_return" in row]
     assert rows[0]["episode_return"] < RANDOM_RETURN + 2.0, "before the first update"
