@@ -63,7 +63,7 @@ def _scene(config: Any) -> dict[str, Any]:
 
 
 def check_pictures(config: Any, image_size: int) -> None:
-    """Checks that the task of a run has the pictures that an agent is to learn from, and the rest that it needs.
+    """Checks that the task of a run has the pictures that an agent is to learn from, and a reward.
 
     Args:
         config: Configuration of the run.
@@ -90,8 +90,8 @@ def check_pictures(config: Any, image_size: int) -> None:
     scene = make_task(config.task, config.task_kwargs, config.scenario).scenario
     if not scene.seen_by(config.cameras).cameras:
         raise ConfigError(
-            f"Task '{config.task}' has no camera, so there are no pictures to learn from. Learn from its state "
-            "(policy.observation=state), or give its scenario a camera."
+            f"Task '{config.task}' has no camera, so there are no pictures to learn from. Learn from its "
+            "state (policy.observation=state), or give its scenario a camera."
         )
 
 

@@ -1,6 +1,7 @@
 """TD-MPC2 of pictures: from the words of the command line to a checkpoint that can be evaluated."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from roboverse_learn.evaluate import evaluate_subject
 from roboverse_learn.subject import subject_of
 from roboverse_learn.training import off_policy
 from roboverse_learn.training.config import TrainConfig
-from roboverse_learn.training.learners import learner_of
+from roboverse_learn.training.learners import check_learner, learner_of
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
 from roboverse_learn.training.tdmpc2 import Tdmpc2Algorithm
@@ -132,6 +133,13 @@ def test_pictures_that_cannot_be_had_are_errors(words, error, said, tmp_path):
     with pytest.raises(error, match=said):
         learn(tmp_path, *words)
     assert not any(tmp_path.iterdir())
+
+
+def test_a_task_without_a_camera_is_told_before_anything_is_made(monkeypatch, tmp_path):
+    scene = replace(Cartpole().scenario, cameras=())
+    monkeypatch.setattr(Cartpole, "scenario", property(lambda _: scene))
+    with pytest.raises(ConfigError, match=r"'control/cartpole' has no camera.*policy.observation=state"):
+        check_learner(compose("train", [*WORDS, f"run={tmp_path / 'run'}"]))
 
 
 class FilmedPointMass(PointMass):
