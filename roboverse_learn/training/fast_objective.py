@@ -5,7 +5,8 @@ gradients. So the first batches are computed both ways before training begins.
 """
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import torch
@@ -18,6 +19,9 @@ from policies.lerobot_policy import LeRobotPolicy
 logger = logging.getLogger(__name__)
 
 type Batch = dict[str, Tensor]
+
+FORMS = ((True, True), (False, True), (True, False))
+"""Compiled or not, recorded or not: the fastest first, as measured (docs/speed.md)."""
 
 NUM_BATCHES = 3
 """Batches that are compared.
@@ -61,45 +65,35 @@ def fast_objective(
         cuda_graphs: Played back from a recording; see :class:`policies.cuda_graphs.RecordedObjective`.
     """
     eager = policy.objective()
-
-    def checked(candidate: nn.Module, otherwise: nn.Module, maker: str, key: str) -> nn.Module:
-        device = policy.device.type
-        wrong = first_disagreement(policy.model, eager, candidate, batches, precision, device)
+    expected = EagerGradients(policy.model, eager, batches, precision)
+    for compiled, recorded in FORMS:
+        if compiled > compile or recorded > cuda_graphs:
+            continue  # not wanted
+        candidate: nn.Module = policy.objective()
+        if compiled:
+            compile_objective(candidate)
+        if recorded:
+            candidate = RecordedObjective(candidate, batches[0], precision)
+        wrong = expected.first_disagreement(candidate)
         if wrong is None:
             return candidate
+        keys = [key for key, used in (("train.compile", compiled), ("train.cuda_graphs", recorded)) if used]
         logger.warning(
-            "%s of PyTorch %s changes the gradient of '%s' of policy=%s by %.0f %%, where %.0f %% is "
-            "rounding: training goes on without it, more slowly. %s=false does not try.",
-            maker,
+            "With %s PyTorch %s changes the gradient of '%s' of policy=%s by %.0f %%, where %.0f %% is "
+            "rounding: training goes on without, more slowly. %s=false does not try.",
+            " and ".join(f"{key}=true" for key in keys),
             torch.__version__,
             wrong.parameter,
             policy.name,
             100.0 * wrong.error,
             100.0 * wrong.allowed,
-            key,
+            keys[0],
         )
-        return otherwise
-
-    chosen: nn.Module = eager
-    if compile:
-        candidate = policy.objective()
-        compile_objective(candidate)
-        chosen = checked(candidate, chosen, "torch.compile", "train.compile")
-    if cuda_graphs:
-        candidate = RecordedObjective(chosen, batches[0], precision)
-        chosen = checked(candidate, chosen, "A CUDA graph", "train.cuda_graphs")
-    return chosen
+    return eager
 
 
-def first_disagreement(
-    model: nn.Module,
-    eager: nn.Module,
-    fast: nn.Module,
-    batches: Sequence[Batch],
-    precision: str,
-    device: str,
-) -> Disagreement | None:
-    """Returns the first gradient that a fast form of a loss changes, or None.
+class EagerGradients:
+    """The gradients of eager code on some batches, by which those of a fast form are judged.
 
     The measure is eager code in fp32: a gradient in bf16 may be as far from it as twice what eager code in
     bf16 is, and :data:`RELATIVE_TOLERANCE` of it.
@@ -107,26 +101,48 @@ def first_disagreement(
     Args:
         model: Whose parameters are trained.
         eager: Raw frames to loss.
-        fast: The same, compiled or recorded.
-        batches: Raw frames.
+        batches: Raw frames, on the device of training.
         precision: ``"bf16"`` or ``"fp32"``.
-        device: Type of the device.
     """
+
+    def __init__(self, model: nn.Module, eager: nn.Module, batches: Sequence[Batch], precision: str) -> None:
+        self._model, self._batches, self._precision = model, batches, precision
+        self._exact: list[dict[str, Tensor]] = []
+        self._rounding: list[dict[str, Tensor]] = []
+        with _left_as_it_was(model):
+            for seed, batch in enumerate(batches):
+                exact = _gradients(model, eager, batch, "fp32", seed)
+                plain = exact if precision == "fp32" else _gradients(model, eager, batch, precision, seed)
+                self._exact.append(exact)
+                self._rounding.append({name: (plain[name] - exact[name]).norm() for name in exact})
+
+    def first_disagreement(self, fast: nn.Module) -> Disagreement | None:
+        """Returns the first gradient that a fast form of the loss changes, or None.
+
+        Args:
+            fast: Raw frames to loss, compiled or recorded.
+        """
+        with _left_as_it_was(self._model):
+            for seed, batch in enumerate(self._batches):
+                exact, rounding = self._exact[seed], self._rounding[seed]
+                given = _gradients(self._model, fast, batch, self._precision, seed)
+                scale = torch.stack([gradient.norm() for gradient in exact.values()]).norm()
+                for name, gradient in exact.items():
+                    allowed = 2.0 * rounding[name] + RELATIVE_TOLERANCE * gradient.norm()
+                    allowed = allowed + ABSOLUTE_TOLERANCE * scale
+                    error = (given.get(name, torch.nan) - gradient).norm()
+                    if not error <= allowed:  # NaN is not <=
+                        norm = gradient.norm().clamp(min=ABSOLUTE_TOLERANCE * scale)
+                        return Disagreement(name, float(error / norm), float(allowed / norm))
+        return None
+
+
+@contextmanager
+def _left_as_it_was(model: nn.Module) -> Iterator[None]:
+    """Restores running statistics and clears gradients at its end."""
     kept = {name: buffer.clone() for name, buffer in model.named_buffers()}
     try:
-        for seed, batch in enumerate(batches):
-            exact = _gradients(model, eager, batch, "fp32", device, seed)
-            plain = exact if precision == "fp32" else _gradients(model, eager, batch, precision, device, seed)
-            given = _gradients(model, fast, batch, precision, device, seed)
-            scale = torch.stack([gradient.norm() for gradient in exact.values()]).norm()
-            for name, gradient in exact.items():
-                rounding = 2.0 * (plain[name] - gradient).norm()
-                allowed = rounding + RELATIVE_TOLERANCE * gradient.norm() + ABSOLUTE_TOLERANCE * scale
-                error = (given.get(name, torch.nan) - gradient).norm()
-                if not error <= allowed:  # NaN is not <=
-                    norm = gradient.norm().clamp(min=ABSOLUTE_TOLERANCE * scale)
-                    return Disagreement(name, float(error / norm), float(allowed / norm))
-        return None
+        yield
     finally:
         with torch.no_grad():
             for name, buffer in model.named_buffers():
@@ -135,11 +151,12 @@ def first_disagreement(
 
 
 def _gradients(
-    model: nn.Module, objective: nn.Module, batch: Batch, precision: str, device: str, seed: int
+    model: nn.Module, objective: nn.Module, batch: Batch, precision: str, seed: int
 ) -> dict[str, Tensor]:
     """Returns the gradient of each parameter, in fp32; what is random is drawn from ``seed``."""
     model.zero_grad(set_to_none=True)
     torch.manual_seed(seed)
+    device = next(iter(batch.values())).device.type
     with torch.autocast(device, torch.bfloat16, enabled=precision == "bf16"):
         loss, _terms = objective(batch)
     loss.backward()

@@ -8,7 +8,7 @@ import torch
 import policies
 from policies.compilation import compile_objective
 from policies.cuda_graphs import RecordedObjective
-from roboverse_learn.training.fast_objective import first_disagreement
+from roboverse_learn.training.fast_objective import EagerGradients
 from tests.policies.examples import FEATURES, IMAGE, stats
 
 pytestmark = [
@@ -53,4 +53,4 @@ def test_every_parameter_gets_the_gradient_of_eager_code(norm, compile, cuda_gra
         compile_objective(fast)
     if cuda_graphs:
         fast = RecordedObjective(fast, batches[0], "bf16")
-    assert first_disagreement(policy.model, eager, fast, batches, "bf16", "cuda") is None
+    assert EagerGradients(policy.model, eager, batches, "bf16").first_disagreement(fast) is None

@@ -8,7 +8,7 @@ import torch
 from torch import nn
 
 from roboverse_learn.training import fast_objective as module
-from roboverse_learn.training.fast_objective import fast_objective, first_disagreement
+from roboverse_learn.training.fast_objective import EagerGradients, fast_objective
 from roboverse_learn.training.imitation import train
 from tests.roboverse_learn.training.test_imitation import CONFIG, DATA, make
 
@@ -58,7 +58,8 @@ def batches(n=3):
 
 def disagreement(fault, since=0, precision="fp32"):
     line = Line()
-    return first_disagreement(line, Loss(line), Loss(line, fault, since), batches(), precision, "cpu")
+    expected = EagerGradients(line, Loss(line), batches(), precision)
+    return expected.first_disagreement(Loss(line, fault, since))
 
 
 def test_equal_gradients_agree_in_both_precisions():
@@ -83,7 +84,7 @@ def test_a_fault_that_begins_after_the_first_batch_is_seen():
 def test_nothing_of_the_comparison_is_left_in_the_network():
     line = Line()
     before = {name: value.clone() for name, value in line.state_dict().items()}
-    first_disagreement(line, Loss(line), Loss(line), batches(), "fp32", "cpu")
+    assert EagerGradients(line, Loss(line), batches(), "fp32").first_disagreement(Loss(line)) is None
     assert line.a.grad is None and line.b.grad is None
     assert all(torch.equal(value, before[name]) for name, value in line.state_dict().items())
 
@@ -104,7 +105,8 @@ def test_a_policy_whose_compiled_gradients_are_wrong_is_trained_without_the_comp
     with caplog.at_level(logging.WARNING):
         wrong = train(make("act"), DATA, replace(CONFIG, compile=True), tmp_path / "a")
     assert "changes the gradient of '" in caplog.text
-    assert "of policy=act by 100 %, where 6 % is rounding: training goes on without it" in caplog.text
+    assert "of policy=act by 100 %, where 6 % is rounding: training goes on without, more" in caplog.text
+    assert "train.compile=false does not try." in caplog.text
     plain = train(make("act"), DATA, CONFIG, tmp_path / "b")
     assert wrong.loss == plain.loss, "the batches that were looked at are trained with all the same"
 
@@ -120,28 +122,54 @@ def test_a_policy_whose_compiled_gradients_are_right_is_trained_compiled(monkeyp
     assert not caplog.records
 
 
-@pytest.mark.parametrize("fault", [1.0, 2.0])
-def test_a_recording_whose_gradients_are_wrong_leaves_what_it_recorded(monkeypatch, caplog, fault):
+@pytest.mark.parametrize(
+    ("wrong", "chosen", "said"),
+    [
+        ((), "compiled and recorded", []),
+        (("compiled and recorded",), "recorded", ["train.compile=true and train.cuda_graphs=true"]),
+        (
+            ("compiled and recorded", "recorded"),
+            "compiled",
+            ["train.compile=true and train.cuda_graphs=true", "train.cuda_graphs=true"],
+        ),
+        (
+            ("compiled and recorded", "recorded", "compiled"),
+            "eager",
+            ["train.compile=true and train.cuda_graphs=true", "train.cuda_graphs=true", "train.compile=true"],
+        ),
+    ],
+)
+def test_the_fastest_form_with_right_gradients_is_chosen(monkeypatch, caplog, wrong, chosen, said):
     class Recording(nn.Module):
         def __init__(self, objective, batch, precision):
             super().__init__()
-            self.objective, self.shapes, self.precision = objective, batch.keys(), precision
+            self.objective, self.precision = objective, precision
 
         def forward(self, batch):
-            loss, terms = self.objective(batch)
-            return fault * loss - (fault - 1.0) * loss.detach(), terms
+            return self.objective(batch)
+
+    def name(form):
+        inner = getattr(form, "objective", form)
+        kinds = [
+            kind
+            for kind, is_it in (("compiled", inner in compiled), ("recorded", inner is not form))
+            if is_it
+        ]
+        return " and ".join(kinds) or "eager"
+
+    gradients = module._gradients
+
+    def faulty(model, objective, batch, precision, seed):
+        given = gradients(model, objective, batch, precision, seed)
+        return {key: 2.0 * value if name(objective) in wrong else value for key, value in given.items()}
 
     compiled = []
     monkeypatch.setattr(module, "compile_objective", compiled.append)
     monkeypatch.setattr(module, "RecordedObjective", Recording)
+    monkeypatch.setattr(module, "_gradients", faulty)
     policy = make("act")
     policy.begin_training()
     sample = [DATA.sample([0, 1, 2], policy.delta_indices, keys=list(policy.features)) for _ in range(2)]
-    chosen = fast_objective(policy, sample, "fp32", compile=True, cuda_graphs=True)
-    if fault == 1.0:
-        assert chosen.objective is compiled[0] and chosen.precision == "fp32"
-        assert not caplog.records
-    else:
-        assert chosen is compiled[0]
-        assert "A CUDA graph of PyTorch" in caplog.text
-        assert "train.cuda_graphs=false does not try." in caplog.text
+    assert name(fast_objective(policy, sample, "fp32", compile=True, cuda_graphs=True)) == chosen
+    for record, keys in zip(caplog.records, said, strict=True):
+        assert record.getMessage().startswith(f"With {keys} PyTorch ")
