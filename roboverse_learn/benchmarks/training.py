@@ -242,12 +242,12 @@ class TrainingBenchmark:
     Attributes:
         policies: Policies that are trained, as in policies=[act].
         device: ``auto``, ``cpu``, ``cuda``.
-        cuda_graphs: Whether our side is played back as CUDA graphs, as by ``train.cuda_graphs=true``.
+        cuda_graphs: Whether our side is played back as CUDA graphs on a GPU, as with ``preset=gpu``.
     """
 
     policies: tuple[str, ...] = POLICIES
     device: str = "auto"
-    cuda_graphs: bool = False
+    cuda_graphs: bool = True
 
     def __post_init__(self) -> None:
         for name in self.policies:
