@@ -1,8 +1,10 @@
 """Updates and planning of TD-MPC2, and updates of FastTD3: as training runs them, against plain torch.
 
+And the batches that TD-MPC2 learns from: those of our replay buffer against TorchRL's.
+
 Both sides learn from the same batches of a humanoid's size (51 numbers observed, 19 actions). On a GPU ours
 is compiled and recorded as a CUDA graph, FastTD3 in bf16; plain torch computes in tf32. On a CPU neither is
-compiled, and the sizes are small: it shows that the benchmark runs.
+compiled, and the sizes are small: it shows that the benchmark runs. ``parts=[replay]`` tells as much there.
 """
 
 import json
@@ -10,7 +12,7 @@ import logging
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -22,7 +24,7 @@ from envs.errors import unknown_name
 log = logging.getLogger(__name__)
 
 OBSERVATION, OBSERVED, ACTIONS, EPISODE = "observation.environment_state", 51, 19, 1000
-PARTS = ("tdmpc2_update", "tdmpc2_planning", "fasttd3_update")
+PARTS = ("tdmpc2_update", "tdmpc2_planning", "fasttd3_update", "replay")
 GOAL = 2.0
 WARMUP = 8
 """Calls before the clock: compilation, then the recording of graphs, of which FastTD3 has two."""
@@ -68,7 +70,7 @@ class AgentsBenchmark:
     """``python -m roboverse_learn.benchmarks.agents``.
 
     Attributes:
-        parts: What is measured: tdmpc2_update, tdmpc2_planning, fasttd3_update.
+        parts: What is measured: tdmpc2_update, tdmpc2_planning, fasttd3_update, replay.
         device: ``auto``, ``cpu``, ``cuda``.
         out: File for what was measured, as JSON; empty writes none.
     """
@@ -84,7 +86,7 @@ class AgentsBenchmark:
 
 
 def measure(scale: Scale, device: str, *, compiled: bool, parts: Sequence[str] = PARTS) -> list[Measurement]:
-    """Measures updates and planning.
+    """Measures updates, planning and the replay buffer.
 
     Args:
         scale: How much.
@@ -93,7 +95,7 @@ def measure(scale: Scale, device: str, *, compiled: bool, parts: Sequence[str] =
         parts: Which of :data:`PARTS`.
 
     Returns:
-        Seconds per call; the ratio is plain torch's time over ours.
+        Seconds per call; the ratio is the other's time over ours.
     """
     size, batch = f"size {scale.model_size}", f"batch {scale.tdmpc2_batch}"
     named = {
@@ -101,11 +103,14 @@ def measure(scale: Scale, device: str, *, compiled: bool, parts: Sequence[str] =
         "tdmpc2_planning": (f"TD-MPC2, planning for {scale.plan_envs} envs, {size}", tdmpc2_planning),
         "fasttd3_update": (f"FastTD3, update, batch {scale.fasttd3_batch:,}", fasttd3_update),
     }
-    chosen = [named[part] for part in parts]
-    return [
-        _compare(name, scale, device, make(scale, device, compiled=compiled), make(scale, device))
-        for name, make in chosen
-    ]
+
+    def compare(part: str) -> Measurement:
+        if part == "replay":
+            return _replay(scale, device)
+        name, make = named[part]
+        return _compare(name, scale, device, make(scale, device, compiled=compiled), make(scale, device))
+
+    return [compare(part) for part in parts]
 
 
 def tdmpc2_update(scale: Scale, device: str, *, compiled: bool = False) -> Callable[[], Any]:
@@ -169,6 +174,18 @@ def fasttd3_update(scale: Scale, device: str, *, compiled: bool = False) -> Call
     return lambda: updater.update(*given)
 
 
+def _replay(scale: Scale, device: str) -> Measurement:
+    """Draws batches by one thread, and so many that small ones are told apart."""
+    from roboverse_learn.benchmarks.replay import HORIZON, SEQUENCES, our_sequences, torchrl_slices
+    from roboverse_learn.training.device import cpu_threads
+
+    name = f"Replay, {SEQUENCES} sequences of {HORIZON}"
+    draws = replace(scale, updates=50 * scale.updates, turns=5 * scale.turns)
+    with cpu_threads(1, device):
+        ours, theirs = (make(OBSERVED, ACTIONS, device) for make in (our_sequences, torchrl_slices))
+        return _compare(name, draws, device, ours, theirs, against="TorchRL's SliceSampler", goal="reported")
+
+
 def _tdmpc2(scale: Scale, device: str) -> Any:
     from policies.tdmpc2.config import Tdmpc2Config
     from policies.tdmpc2.policy import Tdmpc2Policy
@@ -178,20 +195,27 @@ def _tdmpc2(scale: Scale, device: str) -> Any:
 
 
 def _compare(
-    name: str, scale: Scale, device: str, ours: Callable[[], Any], plain: Callable[[], Any]
+    name: str,
+    scale: Scale,
+    device: str,
+    ours: Callable[[], Any],
+    theirs: Callable[[], Any],
+    *,
+    against: str = "plain torch",
+    goal: str = f"goal ≥ {GOAL:.1f} on a GPU",
 ) -> Measurement:
     """Times both in turns."""
-    for call in (ours, plain):
+    for call in (ours, theirs):
         _time(call, WARMUP if device == "cuda" else 2, device)
     times = [
-        (_time(ours, scale.updates, device), _time(plain, scale.updates, device)) for _ in range(scale.turns)
+        (_time(ours, scale.updates, device), _time(theirs, scale.updates, device)) for _ in range(scale.turns)
     ]
     return Measurement(
-        name=f"{name} on {device}, plain torch / ours",
+        name=f"{name} on {device}, {against} / ours",
         ours_s=median(mine for mine, _ in times),
-        baseline_s=median(theirs for _, theirs in times),
-        ratio=median(theirs / mine for mine, theirs in times),
-        goal=f"goal ≥ {GOAL:.1f} on a GPU",
+        baseline_s=median(other for _, other in times),
+        ratio=median(other / mine for mine, other in times),
+        goal=goal,
     )
 
 
@@ -226,7 +250,7 @@ def _measure_all(given: AgentsBenchmark) -> int:
     measurements = measure(GPU if on_gpu else CPU, device, compiled=on_gpu, parts=given.parts)
     for measurement in measurements:
         log.info("%s", measurement)
-        log.info("  %.1f per second; plain torch %.1f", 1 / measurement.ours_s, 1 / measurement.baseline_s)
+        log.info("  %.1f per second; the other %.1f", 1 / measurement.ours_s, 1 / measurement.baseline_s)
     if given.out:
         rows = [asdict(measurement) for measurement in measurements]
         out = Path(given.out)

@@ -1,10 +1,12 @@
-"""The speed of agents that learn by reward, on a CPU: all three are measured."""
+"""The speed of agents that learn by reward, on a CPU: all four parts are measured."""
 
 import json
+import sys
 
 import pytest
 
-from roboverse_learn.benchmarks import agents
+from envs.errors import MissingExtraError
+from roboverse_learn.benchmarks import agents, replay
 from roboverse_learn.benchmarks.agents import GPU, Scale, measure
 
 TINY = Scale(model_size=1, tdmpc2_batch=2, plan_envs=1, fasttd3_batch=8, fasttd3_dim=16, updates=1, turns=1)
@@ -15,7 +17,8 @@ def test_a_gpu_gets_the_published_sizes():
 
 
 def test_updates_and_planning_are_measured():
-    update, planning, fasttd3 = measure(TINY, "cpu", compiled=False)
+    parts = ("tdmpc2_update", "tdmpc2_planning", "fasttd3_update")
+    update, planning, fasttd3 = measure(TINY, "cpu", compiled=False, parts=parts)
     assert update.name == "TD-MPC2, update, size 1, batch 2 on cpu, plain torch / ours"
     assert planning.name.startswith("TD-MPC2, planning for 1 envs")
     assert fasttd3.name.startswith("FastTD3, update, batch 8")
@@ -42,8 +45,27 @@ def test_the_program_measures_the_parts_that_it_is_asked_for(tmp_path, monkeypat
     assert "Unknown part of this benchmark 'tdmpc_update'. Did you" in capsys.readouterr().err
 
 
+def test_the_replay_is_measured_against_torchrls_by_batches_of_one_size(monkeypatch):
+    monkeypatch.setattr(replay, "STEPS", 4000)
+    ours, theirs = (make(3, 2, "cpu")() for make in (replay.our_sequences, replay.torchrl_slices))
+    assert ours.actions.numel() == theirs["action"].numel() == 256 * 4 * 2
+    episodes = theirs["episode"].view(256, 4)
+    assert (episodes == episodes[:, :1]).all()  # a slice is of one episode
+    (found,) = measure(TINY, "cpu", compiled=False, parts=("replay",))
+    assert found.name == "Replay, 256 sequences of 4 on cpu, TorchRL's SliceSampler / ours"
+    assert found.ratio > 0 and found.goal == "reported"
+
+
+def test_a_missing_torchrl_is_told(monkeypatch):
+    monkeypatch.setitem(sys.modules, "torchrl.data", None)
+    with pytest.raises(
+        MissingExtraError, match=r"parts=\[replay\] compares with TorchRL.*roboverse-learn\[torchrl\]"
+    ):
+        replay.torchrl_slices(3, 2, "cpu")
+
+
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning")  # of the compiler
 def test_compiled_on_a_cpu_it_runs_too():
-    update, _, fasttd3 = measure(TINY, "cpu", compiled=True)
+    update, fasttd3 = measure(TINY, "cpu", compiled=True, parts=("tdmpc2_update", "fasttd3_update"))
     assert update.ratio > 0 < fasttd3.ratio
