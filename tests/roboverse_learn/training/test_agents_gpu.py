@@ -33,6 +33,9 @@ WORDS = {
     "tdmpc2": ("policy.num_envs=16", "policy.batch_size=32", "model_size=1", "num_samples=64", "num_elites=8",
                "num_pi_trajs=8", "iterations=2", "seed_steps=320", "buffer_size=8000", "update_ratio=0.125"),
 }  # fmt: skip
+WORDS["tdmpc2 of pictures"] = (
+    *WORDS["tdmpc2"], "policy.observation=pixels", "cameras=[front,rail]", "image_size=64"
+)  # fmt: skip
 
 
 def on_gpu(given):
@@ -83,8 +86,8 @@ def test_updates_of_fasttd3_that_are_played_back_learn_as_plain_ones_do(bf16):
 def test_a_run_on_a_gpu_goes_on_where_it_was_cut(name, tmp_path):
     def run(steps):
         words = (*WORDS[name], f"steps={steps}", "save_every=100000", "log_every=640")
-        config = compose("train", [f"policy={name}", "task=control/cartpole", *words])
-        return learner_of(name)(config, tmp_path, "cuda", 0, Reporter())
+        config = compose("train", [f"policy={name.partition(' ')[0]}", "task=control/cartpole", *words])
+        return learner_of(config.policy_name)(config, tmp_path, "cuda", 0, Reporter())
 
     assert run(1920).steps == 1920
     before = read_metrics(tmp_path)[-1]["updates"]
