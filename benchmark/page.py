@@ -1,6 +1,6 @@
 """The leaderboard as Markdown and as one HTML page that opens from a file, without server or network."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from benchmark.curve_chart import curve_charts
@@ -40,7 +40,12 @@ def _render(template: str, board: Mapping[str, Any]) -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"percent": _percent, "interval": _interval, "p_value": _p_value}
+    environment.filters |= {
+        "percent": _percent,
+        "interval": _interval,
+        "p_value": _p_value,
+        "from_to": _from_to,
+    }
     sections = [section | _layout(section, board["reference"]) for section in board["sections"]]
     return environment.get_template(template).render(
         sections=sections,
@@ -49,6 +54,12 @@ def _render(template: str, board: Mapping[str, Any]) -> str:
         levels=LEVELS,
         row_style=row_style,
     )
+
+
+def _from_to(counts: Iterable[int]) -> str:
+    """Returns what counts lie between: ``4 to 6``, or ``6`` where all are the same."""
+    ordered = sorted(set(counts))
+    return " to ".join(str(count) for count in dict.fromkeys((ordered[0], ordered[-1])))
 
 
 def _percent(rate: float) -> str:

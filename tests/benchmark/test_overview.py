@@ -98,3 +98,11 @@ def test_pages_show_the_table(publish, tmp_path):
     html = render_html(board)
     assert 'title="trained at level 0, tested at level 1: 72–100 % in 10 episodes; 100 demonstrations' in html
     assert "2000 steps, 1 seed" in html
+
+
+def test_a_mean_says_of_how_many_tasks_its_numbers_are(publish, tmp_path):
+    for task in ("PickCube", "CloseBox"):
+        publish(task=task)
+    publish(task="StackCube", protocol=Protocol(episodes=10, levels=(0,)))
+    markdown = render_markdown(leaderboard.build(tmp_path))
+    assert "<sub>of 2 to 3</sub>" in markdown
