@@ -29,6 +29,9 @@ START_RAD, START_RAD_S = 0.2, 0.1
 SOLVER = {"mujoco": {"cone": "elliptic", "impratio": 1.0}}
 """Friction pyramids of a leg on the ground lie another way in MuJoCo than in MuJoCo Warp."""
 
+GROUND_HALF_SIZE_M = 200.0
+"""How far it is drawn, farther than a run of 16 s. It is felt everywhere."""
+
 _NEAR_LIMIT = 0.99
 
 
@@ -55,7 +58,7 @@ class Ant(Task):
             appearance=LOOKS,
             table=None,
             room=None,
-            ground_half_size_m=20.0,
+            ground_half_size_m=GROUND_HALF_SIZE_M,
             physics=CONTROL_60_HZ,
             simulators=SOLVER,
         )

@@ -62,8 +62,8 @@ def test_a_missing_torchrl_is_told_of_tdmpc2(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize("policy", ["ppo", "act"])
 @pytest.mark.parametrize("key", ["simulator", "renderer"])
 def test_a_missing_simulator_or_renderer_is_told(policy, key, tmp_path, monkeypatch, capsys):
-    monkeypatch.delitem(sys.modules, "envs.handlers.sapien.handler", raising=False)
-    monkeypatch.delitem(sys.modules, "envs.handlers.sapien.render", raising=False)
+    for name in [each for each in sys.modules if each.startswith(("sapien", "envs.handlers.sapien."))]:
+        monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "sapien", None)
     said = refused(f"policy={policy} task=PickCube {key}=sapien", tmp_path, monkeypatch, capsys)
     assert said.startswith(f"error: The {key} 'sapien' needs the package 'sapien', which is not installed.")
