@@ -126,7 +126,8 @@ class ActPolicy(LeRobotPolicy):
         """Returns the L1 distance of the actions, plus the weighted KL term (LeRobot's ACT, forward)."""
         config = self.model.config
         # LeRobot makes its zeros on the CPU, and their copy waits for the GPU; a compiler moves them itself.
-        with nullcontext() if torch.compiler.is_compiling() else self.device:
+        elsewhere = self.device.type != "cpu" and not torch.compiler.is_compiling()
+        with self.device if elsewhere else nullcontext():
             actions, (mean, log_variance) = self.model.model(self._inputs(batch))
         counts = ~batch["action_is_pad"].unsqueeze(-1)
         error = (batch[ACTION] - actions).abs() * counts
