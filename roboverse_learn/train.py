@@ -104,31 +104,32 @@ def train(config: TrainRunConfig) -> Any:
 
 
 def refuse_long_run(config: TrainRunConfig, device: str) -> None:
-    """Stops a full-size run on a machine without a GPU before it has begun.
+    """Stops a full-size run without a GPU before it has begun.
 
     Raises:
         ConfigError: Training would take longer than :data:`LONG_RUN_S`, and ``slow_ok`` is false.
     """
     limit = config.train.time_limit_s
-    if policies.learns_from(config.policy_name) == "env":
-        return  # how fast its env is, it tells when it starts
     if device != "cpu" or config.slow_ok or (limit is not None and limit <= LONG_RUN_S):
         return
     seconds = _estimate_s(config, device)
     if seconds > LONG_RUN_S:
         raise ConfigError(
-            f"Training alone will take about {_duration(seconds)} on this machine, which has no GPU that "
-            "torch can use. Take preset=quick for the whole loop in about a quarter of an hour, or add "
+            f"Training alone will take about {_duration(seconds)} on this machine's CPU. Take a GPU that "
+            "torch can use, preset=quick for the whole loop in about a quarter of an hour, or add "
             "slow_ok=true to start all the same."
         )
     log.info("Training will take about %s.", _duration(seconds))
 
 
 def _estimate_s(config: TrainRunConfig, device: str) -> float:
-    """Times a gradient step of this policy on this machine, without a dataset."""
+    """Times this policy on this machine: a gradient step without a dataset, or learning in an env."""
     from roboverse_learn.collect import dataset_layout
-    from roboverse_learn.training.estimate import estimate_training_s
+    from roboverse_learn.training.estimate import estimate_learning_s, estimate_training_s
 
+    if policies.learns_from(config.policy_name) == "env":
+        log.info("Timing policy=%s on this machine.", config.policy_name)
+        return estimate_learning_s(config, device)
     features, _, _ = dataset_layout(config)
     policy = policies.create(config.policy_name, features, plain_stats(features), config.policy, device)
     return estimate_training_s(policy, config.train)

@@ -1,6 +1,7 @@
 """FastTD3 in many environments at once: a few large updates after each step of all of them."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,9 @@ from roboverse_learn.training.replay import ReplayBuffer, Transitions
 if TYPE_CHECKING:
     from roboverse_learn.config import TrainRunConfig
     from roboverse_learn.training.reporter import Reporter, TrainResult
+
+
+_TIMED_BATCH, _TIMED_STEPS = 1024, 100
 
 
 class FastTd3Algorithm:
@@ -111,25 +115,43 @@ def check(config: "TrainRunConfig") -> None:
     check_env(config)
 
 
+def open_env(config: "TrainRunConfig", seed: int, device: str) -> Any:
+    """Makes the env that FastTD3 learns in."""
+    return make_env(config, config.policy.num_envs, seed, device)
+
+
+def make_agent(config: "TrainRunConfig", env: Any, seed: int, device: str) -> FastTd3Algorithm:
+    """Makes an untrained agent for the env of a run."""
+    own: FastTd3Config = config.policy
+    sizes = {off_policy.OBSERVATION: env.observation_size}
+    policy = FastTd3Policy.create(own, sizes, env.action_size, device, seed)
+    policy.task = config.task
+    return FastTd3Algorithm(policy, own.num_envs)
+
+
+def brief(own: FastTd3Config) -> FastTd3Config:
+    """Returns settings to time it by: the same share of the batch and of the environments."""
+    num_envs = max(1, min(own.num_envs, own.num_envs * _TIMED_BATCH // own.batch_size))
+    return replace(
+        own,
+        num_envs=num_envs,
+        batch_size=max(1, own.batch_size * num_envs // own.num_envs),
+        learning_starts=0,
+        buffer_size=num_envs * _TIMED_STEPS,
+        compile=False,
+    )
+
+
 def learn(
     config: "TrainRunConfig", run_dir: Path, device: str, seed: int, reporter: "Reporter"
 ) -> "TrainResult":
     """Trains FastTD3 on the task of a run; see :class:`roboverse_learn.training.learners.Learner`."""
-    own: FastTd3Config = config.policy
-    env = make_env(config, own.num_envs, seed, device)
+    env = open_env(config, seed, device)
     try:
-        sizes = {off_policy.OBSERVATION: env.observation_size}
-        policy = FastTd3Policy.create(own, sizes, env.action_size, device, seed)
-        policy.task = config.task
-        settings = {"task": config.task, "batch_size": own.batch_size}
+        algorithm = make_agent(config, env, seed, device)
+        settings = {"task": config.task, "batch_size": config.policy.batch_size}
         return off_policy.run(
-            FastTd3Algorithm(policy, own.num_envs),
-            env,
-            config.train,
-            run_dir,
-            seed=seed,
-            reporter=reporter,
-            settings=settings,
+            algorithm, env, config.train, run_dir, seed=seed, reporter=reporter, settings=settings
         )
     finally:
         env.close()

@@ -9,7 +9,7 @@ after ``config.train.steps`` environment steps or ``config.train.time_limit_s`` 
 import importlib
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from envs.errors import ConfigError, unknown_name
 
@@ -22,7 +22,13 @@ LEARNERS: dict[str, str] = {
     "tdmpc2": "roboverse_learn.training.tdmpc2",
     "ppo": "roboverse_learn.training.ppo.learner",
 }
-"""Policy to the module that has its ``learn``, and ``check``, which tells what keeps it from learning."""
+"""Policy to the module that has its ``learn``, and what else is asked of it:
+
+``check(config)`` tells what keeps it from learning. ``open_env(config, seed, device)`` and
+``make_agent(config, env, seed, device)`` make what ``learn`` trains with. ``brief(policy)`` returns smaller
+settings, by which :mod:`roboverse_learn.training.estimate` times it: it learns from the first steps on, and
+an environment step takes as long as by the settings given.
+"""
 
 
 class Learner(Protocol):
@@ -48,8 +54,8 @@ class Learner(Protocol):
         ...
 
 
-def learner_of(policy: str) -> Learner:
-    """Returns the function that trains a policy.
+def module_of(policy: str) -> Any:
+    """Returns the module that trains a policy.
 
     Raises:
         UnknownNameError: if no learner is registered for it.
@@ -62,15 +68,23 @@ def learner_of(policy: str) -> Learner:
             f"policy={policy} learns in one process; start it without `accelerate launch`. It uses one GPU "
             "fully with more environments: raise policy.num_envs."
         )
-    return importlib.import_module(LEARNERS[policy]).learn
+    return importlib.import_module(LEARNERS[policy])
+
+
+def learner_of(policy: str) -> Learner:
+    """Returns the function that trains a policy.
+
+    Raises:
+        RoboVerseError: as :func:`module_of`.
+    """
+    return module_of(policy).learn
 
 
 def check_learner(config: "TrainRunConfig") -> None:
     """Tells what keeps a policy from learning from the env of a run, before the run has a folder.
 
     Raises:
-        RoboVerseError: as :func:`learner_of` and :class:`Learner`, for a package, a reward or an expert that
+        RoboVerseError: as :func:`module_of` and :class:`Learner`, for a package, a reward or an expert that
             is not there.
     """
-    learner_of(config.policy_name)
-    importlib.import_module(LEARNERS[config.policy_name]).check(config)
+    module_of(config.policy_name).check(config)

@@ -112,15 +112,15 @@ def run(
     with cpu_threads(config.num_threads, device.type), torch.random.fork_rng(devices=devices):
         torch.set_float32_matmul_precision("high" if devices else precision)
         try:
-            loop = _Loop(algorithm, env, config, Path(run_dir), seed, reporter or Reporter(), settings or {})
+            loop = Loop(algorithm, env, config, Path(run_dir), seed, reporter or Reporter(), settings or {})
             loop.stagger = stagger and hasattr(env, "stagger")
             return loop.run(resume)
         finally:
             torch.set_float32_matmul_precision(precision)
 
 
-class _Loop:
-    """One run of :func:`run`."""
+class Loop:
+    """One run of :func:`run`; :meth:`begin` and :meth:`advance` alone write nothing."""
 
     def __init__(
         self,
@@ -150,7 +150,7 @@ class _Loop:
         checkpoint.remove_leftovers(self.run_dir)
         directory = checkpoint.last_checkpoint(self.run_dir) if resume else None
         self.run_dir.mkdir(parents=True, exist_ok=True)
-        self._begin(directory)
+        self.begin(directory)
         writers = self._make_writers()
         self.start = time.perf_counter()
         saved_at = self.step if directory is not None else None
@@ -159,7 +159,7 @@ class _Loop:
                 self.reporter.on_start(self._progress(), self.algorithm.policy)
                 while self.step < self.config.steps and not self._is_to_stop(interruption):
                     before = self.step
-                    self._step()
+                    self.advance()
                     if self._crossed(before, self.config.log_every) or self.step >= self.config.steps:
                         self._log(writers)
                     self.reporter.on_step(self._progress())
@@ -175,7 +175,7 @@ class _Loop:
                     writer.close()
         return self._finish()
 
-    def _step(self) -> None:
+    def advance(self) -> None:
         """One step of every environment, and the updates that it makes due."""
         self.algorithm.set_progress(self._fraction())
         action = self.algorithm.act(self.observation, self.first)
@@ -194,7 +194,7 @@ class _Loop:
             self.pending += 1
             self.updates += 1
 
-    def _begin(self, directory: Path | None) -> None:
+    def begin(self, directory: Path | None) -> None:
         """Starts anew, or where a checkpoint left off."""
         if directory is None:
             self._seed()

@@ -1,6 +1,7 @@
 """TD-MPC2 in many environments at once: seed steps, then updates by their ratio to environment steps."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,9 @@ from roboverse_learn.training.replay import ReplayBuffer, Transitions
 if TYPE_CHECKING:
     from roboverse_learn.config import TrainRunConfig
     from roboverse_learn.training.reporter import Reporter, TrainResult
+
+
+_TIMED_ENVS, _TIMED_STEPS = 8, 100
 
 
 class Tdmpc2Algorithm:
@@ -122,27 +126,44 @@ def _buffer_of(policy: Tdmpc2Policy, num_envs: int) -> ReplayBuffer | FrameRepla
     return ReplayBuffer(config.buffer_size, num_envs, sum(policy.sizes.values()), **kept)
 
 
+def open_env(config: "TrainRunConfig", seed: int, device: str) -> Any:
+    """Makes the env that TD-MPC2 learns in, of states or of pictures."""
+    own: Tdmpc2Config = config.policy
+    if own.observation != "pixels":
+        return make_env(config, own.num_envs, seed, device)
+    seen: dict[str, Any] = {"num_frames": own.num_frames, "image_size": PIXELS}
+    return make_pixel_env(config, own.num_envs, seed, device, **seen)
+
+
+def make_agent(config: "TrainRunConfig", env: Any, seed: int, device: str) -> Tdmpc2Algorithm:
+    """Makes an untrained agent for the env of a run."""
+    own: Tdmpc2Config = config.policy
+    sizes = {off_policy.OBSERVATION: env.observation_size}
+    if own.observation == "pixels":
+        sizes = {f"{IMAGE_PREFIX}{camera}": PIXELS for camera in env.camera_names}
+    length = env.max_episode_steps
+    policy = Tdmpc2Policy.create(own, sizes, env.action_size, length, device, seed)
+    policy.task = config.task
+    return Tdmpc2Algorithm(policy, own.num_envs, length)
+
+
+def brief(own: Tdmpc2Config) -> Tdmpc2Config:
+    """Returns settings to time it by: few environments, which plan as long each, and learn at once."""
+    num_envs = min(own.num_envs, _TIMED_ENVS)
+    buffer_size = num_envs * (own.horizon + _TIMED_STEPS)
+    return replace(own, num_envs=num_envs, seed_steps=1, buffer_size=buffer_size, compile=False)
+
+
 def learn(
     config: "TrainRunConfig", run_dir: Path, device: str, seed: int, reporter: "Reporter"
 ) -> "TrainResult":
     """Trains TD-MPC2 on the task of a run; see :class:`roboverse_learn.training.learners.Learner`."""
     own: Tdmpc2Config = config.policy
-    sees = own.observation == "pixels"
-    if sees:
-        seen: dict[str, Any] = {"num_frames": own.num_frames, "image_size": PIXELS}
-        env = make_pixel_env(config, own.num_envs, seed, device, **seen)
-    else:
-        env = make_env(config, own.num_envs, seed, device)
+    env = open_env(config, seed, device)
     try:
-        length = env.max_episode_steps
-        sizes = {off_policy.OBSERVATION: env.observation_size}
-        if sees:
-            sizes = {f"{IMAGE_PREFIX}{camera}": PIXELS for camera in env.camera_names}
-        policy = Tdmpc2Policy.create(own, sizes, env.action_size, length, device, seed)
-        policy.task = config.task
-        algorithm = Tdmpc2Algorithm(policy, own.num_envs, length)
+        algorithm = make_agent(config, env, seed, device)
         settings = {"task": config.task, "batch_size": own.batch_size, "model_size": own.model_size}
-        if sees:
+        if own.observation == "pixels":
             settings["cameras"] = list(env.camera_names)
         return off_policy.run(
             algorithm, env, config.train, run_dir, seed=seed, reporter=reporter, settings=settings

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 OBSERVATION = "observation.environment_state"
 """The key that holds the whole observation when the policy is evaluated."""
 
+_TIMED_ENVS, _TIMED_STEPS = 128, 8
 _FOLDER = "roboverse_learn.training.ppo"
 _CLASSES = {"rsl_rl": "RslRlPpo", "sb3": "Sb3Ppo", "torchrl": "TorchRlPpo"}
 _PACKAGES = {"rsl_rl": "rsl_rl", "sb3": "stable_baselines3", "torchrl": "torchrl"}
@@ -41,8 +42,17 @@ def learn(
     config: "TrainRunConfig", run_dir: Path, device: str, seed: int, reporter: "Reporter"
 ) -> "TrainResult":
     """Trains PPO; see :class:`roboverse_learn.training.learners.Learner`."""
+    env = open_env(config, seed, device)
+    try:
+        return train(config.policy, env, config.train, run_dir, config.task, seed=seed, reporter=reporter)
+    finally:
+        env.close()
+
+
+def open_env(config: "TrainRunConfig", seed: int, device: str) -> Any:
+    """Makes the env that PPO learns in."""
     own: PpoConfig = config.policy
-    env = make_env(
+    return make_env(
         config,
         own.num_envs,
         seed,
@@ -51,10 +61,20 @@ def learn(
         substeps=own.substeps,
         expert_starts=own.expert_starts,
     )
-    try:
-        return train(own, env, config.train, run_dir, config.task, seed=seed, reporter=reporter)
-    finally:
-        env.close()
+
+
+def make_agent(config: "TrainRunConfig", env: Any, seed: int, device: str) -> PpoAlgorithm:
+    """Makes an untrained agent for the env of a run, on the env's device."""
+    return _agent(config.policy, env, config.train, config.task, seed)
+
+
+def brief(own: PpoConfig) -> PpoConfig:
+    """Returns settings to time it by: rollouts of few steps of few environments."""
+    if own.num_envs <= _TIMED_ENVS:
+        return replace(own, expert_starts=0.0)
+    # A multiple of the minibatches, which divide a rollout of any number of steps then.
+    num_envs = math.ceil(_TIMED_ENVS / own.num_minibatches) * own.num_minibatches
+    return replace(own, num_envs=num_envs, num_steps=min(own.num_steps, _TIMED_STEPS), expert_starts=0.0)
 
 
 def train(
@@ -78,13 +98,8 @@ def train(
         seed: Root of all randomness.
         reporter: Hears of the progress.
     """
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        policy = PpoPolicy(config, {OBSERVATION: env.observation_size}, env.action_size, env.device)
-        policy.task = task
-        algorithm = make_algorithm(policy, env, train_config)
     return off_policy.run(
-        algorithm,
+        _agent(config, env, train_config, task, seed),
         env,
         whole_rollouts(train_config, config.rollout_size),
         run_dir,
@@ -93,6 +108,14 @@ def train(
         settings={"task": task, "backend": config.backend, "num_steps": config.num_steps},
         stagger=config.stagger,
     )
+
+
+def _agent(config: PpoConfig, env: Any, train_config: TrainConfig, task: str, seed: int) -> PpoAlgorithm:
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        policy = PpoPolicy(config, {OBSERVATION: env.observation_size}, env.action_size, env.device)
+        policy.task = task
+        return make_algorithm(policy, env, train_config)
 
 
 def make_algorithm(policy: PpoPolicy, env: Any, train_config: TrainConfig) -> PpoAlgorithm:
