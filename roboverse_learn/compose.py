@@ -4,9 +4,11 @@ Hydra composes the groups of ``configs/`` over the dataclasses' defaults, :mod:`
 the values, and every mistake becomes one message that says what was given and what is valid.
 """
 
+import copy
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import policies
 from envs.errors import ConfigError, unknown_name
@@ -15,6 +17,9 @@ from policies.checkpoint import learned_task
 from roboverse_learn.grammar import UNKNOWN, check_value
 from roboverse_learn.keys import OPEN, at, flat_keys, full_key, in_open_section, split_word
 from roboverse_learn.values import default_values, from_values, to_values
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
 
 _GROUPS = ("policy", "preset")
 
@@ -71,13 +76,12 @@ def compose(command: str, words: Sequence[str]) -> Any:
         if key not in (*texts, *_GROUPS):
             default = UNKNOWN if in_open_section(key) else at(defaults, key)
             check_value(f"{typed}={value}", command, default)
-    groups = [f"{group}={name}" for group, name in choices.items()]
     overrides = [
         f"{'++' if in_open_section(key) else ''}{key}={value}"
         for key, value in given.items()
         if key not in (*texts, *_GROUPS)
     ]
-    composed = _hydra_compose(_all_defaults(command, choices["policy"]), [*groups, *overrides])
+    composed = _overridden(_composed(command, choices["policy"], choices["preset"]), overrides)
     for key, value in texts.items():
         _set(composed, key, value)
     for key in given:
@@ -179,18 +183,29 @@ def _one_of(saved: Any, value: Any, key: str, given: set[str]) -> Any:
     return value if key in given else saved
 
 
-def _hydra_compose(defaults: dict[str, Any], overrides: list[str]) -> dict[str, Any]:
-    """Lets Hydra merge the defaults, the groups and the command line; returns plain values."""
+@cache
+def _composed(command: str, policy: str, preset: str) -> "DictConfig":
+    """Lets Hydra merge the defaults and the groups: always the same, and nearly all that takes time."""
     import hydra
     from hydra.core.config_store import ConfigStore
+
+    ConfigStore.instance().store(name="defaults_of_dataclasses", node=_all_defaults(command, policy))
+    with hydra.initialize_config_dir(str(configs_folder()), version_base="1.3"):
+        return hydra.compose("run", [f"policy={policy}", f"preset={preset}"])
+
+
+def _overridden(composed: "DictConfig", overrides: list[str]) -> dict[str, Any]:
+    """Puts the words of a command line, in Hydra's grammar, over what was composed; returns plain values."""
+    from hydra.core.override_parser.overrides_parser import OverridesParser
     from hydra.errors import HydraException
     from omegaconf import OmegaConf
     from omegaconf.errors import InterpolationResolutionError, OmegaConfBaseException
 
-    ConfigStore.instance().store(name="defaults_of_dataclasses", node=defaults)
+    config = copy.deepcopy(composed)
     try:
-        with hydra.initialize_config_dir(str(configs_folder()), version_base="1.3"):
-            composed = OmegaConf.to_container(hydra.compose("run", overrides), resolve=True)
+        for each in OverridesParser.create().parse_overrides(overrides):
+            OmegaConf.update(config, each.key_or_group, each.value(), force_add=each.is_force_add())
+        values = OmegaConf.to_container(config, resolve=True)
     except InterpolationResolutionError as error:
         named = " ".join(word.lstrip("+") for word in overrides if "${" in word)
         raise ConfigError(
@@ -199,8 +214,8 @@ def _hydra_compose(defaults: dict[str, Any], overrides: list[str]) -> dict[str, 
         ) from error
     except (HydraException, OmegaConfBaseException) as error:
         raise ConfigError(f"The command line could not be read: {_first_lines(error)}") from error
-    assert isinstance(composed, dict)
-    return {str(key): value for key, value in composed.items()}
+    assert isinstance(values, dict)
+    return {str(key): value for key, value in values.items()}
 
 
 def _first_lines(error: Exception) -> str:
