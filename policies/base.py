@@ -15,6 +15,46 @@ class PolicyError(ValueError):
     """A policy that was configured, loaded or called wrongly; the message says how to mend it."""
 
 
+def observed(
+    observation: Observation,
+    key: str,
+    shape: Sequence[int],
+    policy: str,
+    dtype: "type[np.generic] | None" = None,
+) -> "np.ndarray":
+    """Returns what an observation holds under a key, where it is what a policy was made for.
+
+    Args:
+        observation: Arrays (n, …) by key.
+        key: Which one.
+        shape: Of one environment's entry: all axes after the first.
+        policy: Its name, for messages.
+        dtype: Of the entries; None takes any.
+
+    Raises:
+        PolicyError: if the key is absent, or the array is of another shape or kind.
+    """
+    import numpy as np
+
+    advice = "Use the task, robot, cameras and image_size that it was trained with."
+    if key not in observation:
+        raise PolicyError(
+            f"The observation has no '{key}', which policy '{policy}' needs. "
+            f"Given: {', '.join(sorted(observation)) or 'nothing'}. {advice}"
+        )
+    array = np.asarray(observation[key])
+    if array.shape[1:] != tuple(shape):
+        raise PolicyError(
+            f"'{key}' has shape {array.shape}, but policy '{policy}' was made for "
+            f"(n, {', '.join(map(str, shape))}). {advice}"
+        )
+    if dtype is not None and array.dtype != dtype:
+        raise PolicyError(
+            f"'{key}' is {array.dtype}, but policy '{policy}' was made for {np.dtype(dtype)}. {advice}"
+        )
+    return array
+
+
 @runtime_checkable
 class Policy(Protocol):
     """A function from observations to a chunk of actions.

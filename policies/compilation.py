@@ -28,10 +28,14 @@ and the rest fused, the first convolution's gradient alone is wrong, by factors 
 
 
 def compiled[**P, T](function: Callable[P, T]) -> Callable[P, T]:
-    """Returns a function of tensors as one compiled graph."""
+    """Returns a function of tensors as one compiled graph for each of the shapes that it is called with.
+
+    Not for shapes at large: with PyTorch 2.11 the compiler fails on the planning of TD-MPC2 where it is
+    called with a second number of environments (``AssertionError`` in ``get_pw_red_splits``).
+    """
     import torch
 
-    return torch.compile(function, fullgraph=True, options=cast(Any, INDUCTOR_OPTIONS))
+    return torch.compile(function, fullgraph=True, dynamic=False, options=cast(Any, INDUCTOR_OPTIONS))
 
 
 def compile_objective(objective: Any) -> None:

@@ -1,5 +1,6 @@
 """Functions of tensors as CUDA graphs: one launch in place of thousands."""
 
+import gc
 from collections.abc import Callable
 from typing import Any, cast
 
@@ -43,6 +44,7 @@ class RecordedObjective(nn.Module):
         sample = {key: value.clone() for key, value in batch.items()}
         kept = {name: buffer.clone() for name, buffer in objective.named_buffers()}
         device, bf16 = next(iter(sample.values())).device.type, precision == "bf16"
+        gc.collect()  # a graph that is no longer used would break the recording if it were freed amid it
         with torch.autocast(device, torch.bfloat16, enabled=bf16, cache_enabled=False):
             # Replaces this module's forward by one that plays back.
             torch.cuda.make_graphed_callables(self, cast(Any, (sample,)), allow_unused_input=True)

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from policies.base import Observation, PolicyError
+from policies.base import Observation, PolicyError, observed
 
 
 def check_generators(num: int, generators: Sequence[torch.Generator] | None) -> None:
@@ -31,21 +31,8 @@ def joined(observation: Observation, sizes: Mapping[str, int], policy: str) -> T
     Raises:
         PolicyError: if a key is absent or of another size.
     """
-    parts = []
-    for key, size in sizes.items():
-        if key not in observation:
-            raise PolicyError(
-                f"The observation has no '{key}', which policy '{policy}' needs. "
-                f"Given: {', '.join(sorted(observation)) or 'nothing'}."
-            )
-        part = np.asarray(observation[key], np.float32)
-        if part.ndim != 2 or part.shape[1] != size:
-            raise PolicyError(
-                f"'{key}' has shape {part.shape}, but policy '{policy}' was made for (n, {size}). "
-                "Use the task and robot that it was trained on."
-            )
-        parts.append(torch.tensor(part))
-    return torch.cat(parts, dim=1)
+    parts = [observed(observation, key, (size,), policy) for key, size in sizes.items()]
+    return torch.from_numpy(np.concatenate(parts, axis=1, dtype=np.float32))
 
 
 def sizes_of(content: Mapping[str, Any]) -> dict[str, int]:

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from policies import checkpoint
 from policies.atomic import atomic_directory
-from policies.base import Observation, PolicyError
+from policies.base import Observation, PolicyError, observed
 from policies.normalization import policy_stats
 from policies.objective import Loss, Normalizer, Objective, normalizer_step
 
@@ -143,19 +143,7 @@ class LeRobotPolicy:
             is_image = feature.type is FeatureType.VISUAL
             shape = (*feature.shape[1:], feature.shape[0]) if is_image else tuple(feature.shape)
             shape = (self.n_obs_steps, *shape) if self.n_obs_steps > 1 else shape
-            if key not in observation:
-                raise PolicyError(
-                    f"The observation has no '{key}', which policy '{self.name}' needs. "
-                    f"Given: {', '.join(sorted(observation)) or 'nothing'}. Use the cameras that it was "
-                    "trained with."
-                )
-            array = np.asarray(observation[key])
-            if array.shape[1:] != shape:
-                raise PolicyError(
-                    f"'{key}' has shape {array.shape}, but policy '{self.name}' was made for (n, "
-                    f"{', '.join(map(str, shape))}). Use the image size and observation it was trained with."
-                )
-            tensor = torch.tensor(array)
+            tensor = torch.tensor(observed(observation, key, shape, self.name))
             batch[key] = tensor.movedim(-1, -3).contiguous() if is_image else tensor.float()
         return batch
 

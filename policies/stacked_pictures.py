@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from policies.base import Observation, PolicyError
+from policies.base import Observation, observed
 
 
 def stacked(observation: Observation, sizes: Mapping[str, int], num_frames: int, policy: str) -> Tensor:
@@ -26,20 +26,8 @@ def stacked(observation: Observation, sizes: Mapping[str, int], num_frames: int,
     """
     cameras = []
     for key, size in sizes.items():
-        if key not in observation:
-            raise PolicyError(
-                f"The observation has no '{key}', which policy '{policy}' needs. "
-                f"Given: {', '.join(sorted(observation)) or 'nothing'}. Use the cameras that it was "
-                "trained with."
-            )
-        pictures = np.asarray(observation[key])
-        expected = (*((num_frames,) if num_frames > 1 else ()), size, size, 3)
-        if pictures.dtype != np.uint8 or pictures.shape[1:] != expected:
-            raise PolicyError(
-                f"'{key}' is {pictures.dtype} of shape {pictures.shape}, but policy '{policy}' was made for "
-                f"uint8 of shape (n, {', '.join(map(str, expected))}). Use the image_size that it was "
-                "trained with."
-            )
+        shape = (*((num_frames,) if num_frames > 1 else ()), size, size, 3)
+        pictures = observed(observation, key, shape, policy, np.uint8)
         cameras.append(torch.from_numpy(pictures).view(len(pictures), num_frames, size, size, 3))
     frames = torch.cat(cameras, dim=-1)  # (n, F, size, size, cameras × 3)
     return frames.permute(0, 1, 4, 2, 3).flatten(1, 2).contiguous()

@@ -32,8 +32,8 @@ def test_pictures_of_another_kind_are_errors():
     with pytest.raises(PolicyError, match=r"no 'observation.images.wrist'.*Given: observation.images.front"):
         stacked({FRONT: pictures(1, 3, 0)}, {WRIST: 2}, 3, "tdmpc2")
     with pytest.raises(
-        PolicyError, match=r"uint8 of shape \(1, 2, 2, 2, 3\).*made for uint8 of shape \(n, 3, 2, 2, 3\)"
+        PolicyError, match=r"has shape \(1, 2, 2, 2, 3\).*made for \(n, 3, 2, 2, 3\)\. Use the .*image_size"
     ):
         stacked({FRONT: pictures(1, 2, 0)}, {FRONT: 2}, 3, "tdmpc2")
-    with pytest.raises(PolicyError, match="is float32 of shape"):
+    with pytest.raises(PolicyError, match=r"is float32, but policy 'tdmpc2' was made for uint8\."):
         stacked({FRONT: pictures(1, 3, 0).astype(np.float32)}, {FRONT: 2}, 3, "tdmpc2")

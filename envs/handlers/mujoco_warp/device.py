@@ -1,6 +1,7 @@
 """The device that Warp and torch share: which one, on which stream, and graphs of launches on it."""
 
 import contextlib
+import gc
 import io
 import logging
 from collections.abc import Callable, Iterator
@@ -67,6 +68,9 @@ class Device:
         with contextlib.ExitStack() as stack:
             stack.enter_context(wp.ScopedDevice(self.warp))
             if self.is_cuda:
+                # A CUDA graph of torch, a policy's, that is no longer used breaks the capture if it is freed
+                # amid it; it is part of a cycle, so the collector would free it at any time.
+                gc.collect()
                 # A capture cannot be made in the default stream, which is usually torch's.
                 torch.cuda.synchronize(self.torch)
                 stack.enter_context(torch.cuda.device(self.torch))

@@ -1,10 +1,12 @@
 """What only a GPU can get wrong: graphs, streams, and states that are not on the CPU."""
 
 import dataclasses
+import gc
 
 import numpy as np
 import pytest
 import torch
+import warp as wp
 
 from envs.experts.batched_ik import BatchedPathFollower
 from envs.experts.rollout import rollout
@@ -65,6 +67,21 @@ def test_it_works_in_any_stream_of_torch(gpu):
         found = gpu.get_states().robots["franka"].joint_pos.clone()
     torch.cuda.current_stream().wait_stream(stream)
     torch.testing.assert_close(found, expected, atol=1e-6, rtol=0)
+
+
+def test_a_graph_of_torch_that_nobody_uses_is_freed_before_a_capture_and_not_amid_it(gpu):
+    """As a policy's recorded loss is, whose training is over: freed amid a capture it breaks it."""
+    number, unused = torch.zeros(1, device="cuda"), torch.cuda.CUDAGraph()
+    with torch.cuda.graph(unused):
+        number += 1
+    cycle = [unused]
+    cycle.append(cycle)
+    del unused, cycle
+    values = wp.zeros(4, dtype=float, device="cuda:0")
+    graph = gpu.on.capture(lambda: (gc.collect(), values.fill_(2.0)))
+    with gpu.on.scope():
+        graph.launch()
+    assert values.numpy().tolist() == [2.0] * 4
 
 
 def test_others_stand_still_to_the_bit(gpu):
