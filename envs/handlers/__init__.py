@@ -27,8 +27,7 @@ HANDLERS.add(
     extra="sapien",
     summary="SAPIEN 3: PhysX on CPU, environments stepped by threads; its own Vulkan renderer",
     info={
-        "cannot": "no welds, coupled or ball joints, nor torques; friction of two things is the mean of "
-        "theirs; float32"
+        "cannot": "no welds, coupled or ball joints; friction of two things is the mean of theirs; float32"
     },
 )
 HANDLERS.add(
@@ -36,7 +35,7 @@ HANDLERS.add(
     "envs.handlers.newton.handler:NewtonHandler",
     extra="newton",
     summary="Newton 1.8: its MuJoCo solver on CPU, one model for each environment",
-    info={"cannot": "no welds, coupled or ball joints, nor torques; up to about 250 shapes; float32"},
+    info={"cannot": "no welds, coupled or ball joints; up to about 250 shapes; float32"},
 )
 
 HANDLERS.add(

@@ -61,6 +61,7 @@ class JointSpec:
         kp: Position gain of the actuator.
         kd: Its velocity gain.
         force_limit: Its largest force.
+        takes_force: What it is told is a force, N·m (N), and no position.
     """
 
     name: str
@@ -79,6 +80,7 @@ class JointSpec:
     kp: float = 0.0
     kd: float = 0.0
     force_limit: float = np.inf
+    takes_force: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -329,8 +331,9 @@ def _joint(model: mujoco.MjModel, joint: int, at: Frame) -> JointSpec:
         index = actuators[0]
         driven = {
             "actuator": index,
-            "kp": float(model.actuator_gainprm[index, 0]),
+            "kp": -float(model.actuator_biasprm[index, 1]),
             "kd": -float(model.actuator_biasprm[index, 2]),
+            "takes_force": not model.actuator_biasprm[index, 1],
         }
         if model.actuator_forcelimited[index]:
             driven["force_limit"] = float(model.actuator_forcerange[index, 1])

@@ -67,6 +67,7 @@ class MirroredHandler[Settings: SimulatorSettings](ModelHandler):
     Subclasses say how worlds are made; threads step several at once where ``steps_in_threads``.
 
     Attributes:
+        takes_forces: Whether worlds drive joints by torques too, and not to positions alone.
         settings_class: What reads the scenario's block of settings.
         settings: What it says, where there is such a class.
         model: The compiled scene, once launched.
@@ -74,6 +75,7 @@ class MirroredHandler[Settings: SimulatorSettings](ModelHandler):
 
     dtype = torch.float32
     steps_in_threads: bool = False
+    takes_forces: bool = False
     settings_class: type[Settings] | None = None
     settings: Settings
 
@@ -100,7 +102,7 @@ class MirroredHandler[Settings: SimulatorSettings](ModelHandler):
     @override
     def launch(self) -> None:
         for joint in (joint for robot in self.scenario.robots for joint in robot.joints):
-            if joint.drive == "torque":
+            if joint.drive == "torque" and not self.takes_forces:
                 raise SimulatorError(
                     f"This simulator drives joints to positions, and '{joint.name}' is driven by a torque. "
                     "Take another one, as in: simulator=mujoco"
@@ -131,7 +133,7 @@ class MirroredHandler[Settings: SimulatorSettings](ModelHandler):
         qpos, ctrl = model.qpos0.copy(), np.zeros(model.nu)
         for robot, cfg in zip(self._layout.robots, self.scenario.robots, strict=True):
             qpos[robot.qpos] = cfg.default_qpos
-            ctrl[robot.ctrl] = np.array(cfg.default_qpos)[robot.driven]
+            ctrl[robot.ctrl] = [cfg.joints[index].rest_target for index in cfg.driven]
         for item, cfg in zip(self._layout.objects, self.scenario.objects, strict=True):
             qpos[item.qpos] = rest_joints(cfg)
         rows = (qpos, np.zeros(model.nv), ctrl, model.body_pos[mocap], model.body_quat[mocap])
@@ -230,7 +232,7 @@ class MirroredHandler[Settings: SimulatorSettings](ModelHandler):
         if len(item.ctrl):
             target = entity.joint_target
             if target is None:
-                target = entity.joint_pos[:, item.driven]
+                target = entity.joint_pos[:, item.driven] * torch.from_numpy(item.holds)
             self._ctrl[columns, item.ctrl] = _array(target)
 
     def _put(self, row: int) -> None:

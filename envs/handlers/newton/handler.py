@@ -23,6 +23,7 @@ class NewtonHandler(MirroredHandler[NewtonSettings]):
 
     own_renderers = (SIMULATOR, "warp", "gl", "filament")
     settings_class = NewtonSettings
+    takes_forces = True
 
     @override
     def make_worlds(self, model: mujoco.MjModel) -> Sequence[NewtonWorld]:

@@ -50,8 +50,10 @@ class Scene:
         qd: Newton's addresses of velocities, (J,).
         qpos: MuJoCo's addresses of positions, (J,).
         dof: MuJoCo's addresses of velocities, (J,).
-        driven: Newton's addresses of the targets of driven joints, laid out like positions, (A,).
+        driven: Newton's addresses of target positions, laid out like positions, (A,).
         actuator: MuJoCo's addresses of their targets, (A,).
+        pushed: Newton's addresses of target forces, laid out like velocities, (F,).
+        pusher: MuJoCo's addresses of their targets, (F,).
     """
 
     builder: newton.ModelBuilder
@@ -62,6 +64,8 @@ class Scene:
     dof: np.ndarray
     driven: np.ndarray
     actuator: np.ndarray
+    pushed: np.ndarray
+    pusher: np.ndarray
 
 
 def build(model: mujoco.MjModel, spec: SceneSpec) -> Scene:
@@ -82,7 +86,8 @@ def build(model: mujoco.MjModel, spec: SceneSpec) -> Scene:
             continue  # only seen
         _add_tree(model, builder, shapes, tree, roots, joints)
     shapes.keep_apart()
-    driven = [(q, joint.actuator) for q, _, joint in joints if joint.actuator >= 0]
+    driven = [item for item in joints if item[2].actuator >= 0 and not item[2].takes_force]
+    pushed = [item for item in joints if item[2].takes_force]
     return Scene(
         builder=builder,
         roots=tuple(roots),
@@ -90,8 +95,10 @@ def build(model: mujoco.MjModel, spec: SceneSpec) -> Scene:
         qd=np.array([qd for _, qd, _ in joints], np.intp),
         qpos=np.array([joint.qpos for *_, joint in joints], np.intp),
         dof=np.array([joint.dof for *_, joint in joints], np.intp),
-        driven=np.array([q for q, _ in driven], np.intp),
-        actuator=np.array([actuator for _, actuator in driven], np.intp),
+        driven=np.array([q for q, _, _ in driven], np.intp),
+        actuator=np.array([joint.actuator for *_, joint in driven], np.intp),
+        pushed=np.array([qd for _, qd, _ in pushed], np.intp),
+        pusher=np.array([joint.actuator for *_, joint in pushed], np.intp),
     )
 
 
@@ -170,9 +177,9 @@ def _add_joint(
 ) -> int:
     index = int(model.dof_jntid[joint.dof])
     add = builder.add_joint_revolute if joint.kind == "hinge" else builder.add_joint_prismatic
-    driven = joint.actuator >= 0
     low, high = (float(np.clip(limit, -1e6, 1e6)) for limit in joint.limits)
-    mode = newton.JointTargetMode.POSITION if driven else newton.JointTargetMode.NONE
+    held = joint.actuator >= 0 and not joint.takes_force
+    mode = newton.JointTargetMode.POSITION if held else newton.JointTargetMode.NONE
     return add(
         parent,
         child,
@@ -180,8 +187,8 @@ def _add_joint(
         child_xform=transform(joint.in_child),
         axis=newton.Axis.X,
         target_ke=joint.kp,
-        target_kd=joint.kd,
-        damping=joint.damping,
+        target_kd=joint.kd if held else 0.0,
+        damping=joint.damping if held else joint.damping + joint.kd,
         stiffness=joint.stiffness,
         rest_q=joint.rest,
         limit_lower=low,

@@ -66,6 +66,7 @@ class ShapeFactory:
                 mu=slide,
                 mu_torsional=spin,
                 mu_rolling=roll,
+                margin=float(model.geom_margin[geom]),
                 gap=0.0,
                 collision_filter_parent=False,
             ),

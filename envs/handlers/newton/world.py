@@ -46,7 +46,7 @@ class NewtonWorld(World):
         check_pairs(model, self._solver.mj_model)
         self._now, self._next = self._newton.state(), self._newton.state()
         self._control = self._newton.control()
-        self._targets = view(self._control.joint_target_q)
+        self._targets, self._forces = view(self._control.joint_target_q), view(self._control.joint_f)
 
     @override
     def put(self, qpos: np.ndarray, qvel: np.ndarray, ctrl: np.ndarray) -> None:
@@ -76,6 +76,7 @@ class NewtonWorld(World):
     @override
     def drive(self, ctrl: np.ndarray) -> None:
         self._targets[self._scene.driven] = ctrl[self._scene.actuator]
+        self._forces[self._scene.pushed] = ctrl[self._scene.pusher]
 
     @override
     def step(self, num_steps: int) -> None:

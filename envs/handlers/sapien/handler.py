@@ -22,6 +22,7 @@ class SapienHandler(MirroredHandler[SapienSettings]):
     steps_in_threads = True
     own_renderers = (SIMULATOR, "warp", "gl", "filament")
     settings_class = SapienSettings
+    takes_forces = True
 
     @override
     def make_worlds(self, model: mujoco.MjModel) -> Sequence[SapienWorld]:

@@ -68,7 +68,7 @@ class SapienWorld(World):
         for number, tree in enumerate(self._spec.trees, start=1):
             if any(link.geoms for link in tree.links) or tree.root != "mocap" or len(tree.links) > 1:
                 self._parts += build.parts(tree, number)
-        self._passive = [part for part in self._parts if part.has_passive_force]
+        self._pushing = [part for part in self._parts if part.has_own_force]
 
     @override
     def put(self, qpos: np.ndarray, qvel: np.ndarray, ctrl: np.ndarray) -> None:
@@ -108,12 +108,12 @@ class SapienWorld(World):
         self._settle()
         self._has_stepped = True
         step = self._system.step
-        if not self._passive:
+        if not self._pushing:
             for _ in range(num_steps):
                 step()
             return
         for _ in range(num_steps):
-            for part in self._passive:
+            for part in self._pushing:
                 part.push()
             step()
 
@@ -124,14 +124,14 @@ class SapienWorld(World):
 
     @override
     def close(self) -> None:
-        self._parts = self._passive = []
+        self._parts = self._pushing = []
         self._scene.clear()
 
 
 class _Part:
     """A body or an articulation and its addresses in the model's arrays; by itself it does nothing."""
 
-    has_passive_force = False
+    has_own_force = False
 
     def put(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
         """Takes its positions and velocities from the row."""
@@ -211,18 +211,22 @@ class _Articulation(_Part):
         drives = [
             (joint.set_drive_target, spec.actuator)
             for joint, spec in zip(joints, order, strict=True)
-            if spec.actuator >= 0
+            if spec.actuator >= 0 and not spec.takes_force
         ]
         self._setters = [set_target for set_target, _ in drives]
         self._last = [math.nan] * len(drives)
         self._ctrl = np.array([actuator for _, actuator in drives], np.intp)
+        self._pushed = np.array([spec.takes_force for spec in order], bool)
+        self._pusher = np.array([spec.actuator for spec in order if spec.takes_force], np.intp)
+        self._force = np.zeros(len(order))
         rubs = np.array([spec.friction > 0.0 for spec in order])
         driven = np.array([spec.actuator >= 0 for spec in order], bool)
         self._stiffness = np.where(rubs & ~driven, [spec.stiffness for spec in order], 0.0)
         self._damping = np.where(rubs & ~driven, [spec.damping for spec in order], 0.0)
         self._friction = np.where(rubs & driven, [spec.friction for spec in order], 0.0)
         self._rest = np.array([spec.rest for spec in order])
-        self.has_passive_force = any(np.any(a) for a in (self._stiffness, self._damping, self._friction))
+        passive = (self._stiffness, self._damping, self._friction)
+        self.has_own_force = any(np.any(a) for a in (*passive, self._pushed))
         inertia = tree.links[0].inertia
         self._centre = None if inertia is None else inertia.frame[0]
         self._pos, self._rot = slice(tree.qpos, tree.qpos + 3), slice(tree.qpos + 3, tree.qpos + 7)
@@ -254,6 +258,7 @@ class _Articulation(_Part):
             if target != last:
                 set_target(target)
         self._last = targets
+        self._force[self._pushed] = ctrl[self._pusher]
 
     @override
     def read(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
@@ -269,7 +274,7 @@ class _Articulation(_Part):
     def push(self) -> None:
         articulation = self._articulation
         qpos, qvel = articulation.get_qpos(), articulation.get_qvel()
-        force = -self._stiffness * (qpos - self._rest) - self._damping * qvel
+        force = self._force - self._stiffness * (qpos - self._rest) - self._damping * qvel
         force -= self._friction * np.tanh(qvel / SOFT_SPEED)
         articulation.set_qf(force.astype(np.float32))
 
@@ -377,7 +382,7 @@ def _set_joint(joint: physx.PhysxArticulationJoint, spec: JointSpec) -> None:
     joint.set_armature(np.array([spec.armature], np.float32))
     if spec.actuator >= 0:
         # The force limit bounds the passive damping too, which MuJoCo adds outside of it.
-        limit = min(spec.force_limit, 3e38)
+        limit = 3e38 if spec.takes_force else min(spec.force_limit, 3e38)
         joint.set_drive_properties(spec.kp, spec.kd + spec.damping, limit, "force")
     elif spec.friction > 0.0:
         joint.set_drive_properties(0.0, HOLD, spec.friction, "force")

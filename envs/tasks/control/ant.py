@@ -26,7 +26,7 @@ FALLEN_BELOW_M = 0.31
 START_RAD, START_RAD_S = 0.2, 0.1
 """Half widths of the uniform offsets of the joints' starts."""
 
-SOLVER = {"mujoco": {"cone": "elliptic", "impratio": 1.0}}
+SOLVER = {"mujoco": {"cone": "elliptic", "impratio": 1.0}, "newton": {"impratio": 1.0}}
 """Friction pyramids of a leg on the ground lie another way in MuJoCo than in MuJoCo Warp."""
 
 GROUND_HALF_SIZE_M = 200.0
