@@ -11,6 +11,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 # Many processes import the same libraries: without their bytecode, every one compiles them for seconds.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+# Imports leave nothing to collect, and a look at all they have brought takes longer with each.
+gc.disable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -23,3 +25,4 @@ def pytest_collection_finish() -> None:
     """What has been imported by now stays: a million objects that no collection need look at again."""
     gc.collect()
     gc.freeze()
+    gc.enable()
