@@ -62,12 +62,7 @@ class PixelVectorEnv(TorchVectorEnv):
 
     @override
     def _make_handler(self, simulator: str, scene: ScenarioCfg, num_threads: int) -> Handler:
-        if not scene.cameras:
-            raise ConfigError(
-                f"Task '{self.task.name}' has no camera, so there are no pictures to learn from. Learn from "
-                "its state (policy.observation=state), or give its scenario a camera."
-            )
-        seen = scene.seen_by(self._cameras, self._image_size)
+        seen = watched(self.task.name, scene, self._cameras, self._image_size)
         self.camera_names = tuple(camera.name for camera in seen.cameras)
         return make_handler(
             simulator,
@@ -111,3 +106,25 @@ class PixelVectorEnv(TorchVectorEnv):
         super().load_state_dict(state)
         self._frames = state["frames"].to(self.device, copy=True)
         return self._frames
+
+
+def watched(task: str, scene: ScenarioCfg, cameras: Sequence[str], image_size: int) -> ScenarioCfg:
+    """Returns a task's scene with the cameras that an agent learns from, at least one.
+
+    Args:
+        task: Name of the task, for the message.
+        scene: Its scenario.
+        cameras: Names of the cameras, in order; empty is the scene's first.
+        image_size: Pixels a side.
+
+    Raises:
+        ConfigError: if the scene has no camera.
+        UnknownNameError: if it has none of a name.
+    """
+    seen = scene.seen_by(cameras, image_size)
+    if not seen.cameras:
+        raise ConfigError(
+            f"Task '{task}' has no camera, so there are no pictures to learn from. Learn from its state "
+            "(policy.observation=state), or give its scenario a camera."
+        )
+    return seen

@@ -74,6 +74,8 @@ def check_pictures(config: Any, image_size: int) -> None:
             another size or level.
         UnknownNameError: if the task has no camera of a name.
     """
+    from envs.pixel_env import watched
+
     check_env(config)
     if config.image_size != image_size:
         raise ConfigError(
@@ -88,11 +90,7 @@ def check_pictures(config: Any, image_size: int) -> None:
             "other levels can be evaluated, as in evaluate.levels=[0,1,2,3]."
         )
     scene = make_task(config.task, config.task_kwargs, config.scenario).scenario
-    if not scene.seen_by(config.cameras).cameras:
-        raise ConfigError(
-            f"Task '{config.task}' has no camera, so there are no pictures to learn from. Learn from its "
-            "state (policy.observation=state), or give its scenario a camera."
-        )
+    watched(config.task, scene, config.cameras, image_size)
 
 
 def check_env(config: Any, *, expert_starts: float = 0.0) -> None:
