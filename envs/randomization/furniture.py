@@ -57,9 +57,12 @@ def draw_furniture(
         pieces: Names of pieces to choose from, some of each kind.
     """
     name = layouts[int(rng.integers(len(layouts)))]
+    of_kind: dict[str, list[str]] = {}
+    for piece_name in pieces:
+        of_kind.setdefault(piece_name.rpartition("-")[0], []).append(piece_name)
     placements = []
     for place, kind in layout(name).items():
-        names = [piece for piece in pieces if piece.rpartition("-")[0] == kind]
+        names = of_kind[kind]
         corner = kind in IN_CORNER
         placements.append(
             Placement(

@@ -106,7 +106,7 @@ class MaterialLibrary:
         Raises:
             UnknownNameError: if it looks like a file and the library has no such file.
         """
-        if Path(name).suffix.lower() not in IMAGE_SUFFIXES:
+        if not name.lower().endswith(IMAGE_SUFFIXES):
             return False
         if not any(name in names for names in self.names.values()):
             images = {n for names in self.names.values() for n in names if Path(n).suffix}

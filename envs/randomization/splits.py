@@ -109,9 +109,9 @@ def _of_library(
     library: MaterialLibrary, surface: str, frozen: tuple[str, ...], split: str
 ) -> tuple[str, ...]:
     """Returns a library's materials for one surface and split."""
-    names = library.names[surface]
-    images = [name for name in names if library.is_image(name)]
-    kept = tuple(name for name in frozen if name in set(names))
+    names = frozenset(library.names[surface])
+    images = [name for name in library.names[surface] if library.is_image(name)]
+    kept = tuple(name for name in frozen if name in names)
     return (*kept, *split_by_hash(images)[split]) if images else kept
 
 

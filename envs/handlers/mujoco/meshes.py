@@ -4,6 +4,7 @@ A ray tracer's and a rasterizer's time goes with the number of triangles and of 
 Panda is drawn with 149,000 triangles in 60 geoms; a picture of 256 pixels shows a tenth of them.
 """
 
+import functools
 import hashlib
 import json
 import logging
@@ -23,7 +24,7 @@ logger = logging.getLogger(__name__)
 VISUAL_GROUP = 1
 """Geom group of the robots' visual meshes. Group 0 holds collision geometry, which is never drawn."""
 
-_VERSION = 3
+_VERSION = 4
 
 
 def simplify_visuals(spec: mujoco.MjSpec, folder: Path, max_faces_per_body: int) -> None:
@@ -86,7 +87,8 @@ def _merged(parts, meshes, budget: int) -> tuple[np.ndarray, np.ndarray]:
     """Returns vertices (V, 3) float32 in the body's frame and faces (F, 3) int32."""
     digest = hashlib.sha256(json.dumps([_VERSION, budget]).encode())
     for path, geom in parts:
-        digest.update(path.read_bytes())
+        facts = path.stat()
+        digest.update(_digest(path, facts.st_size, facts.st_mtime_ns))
         digest.update(np.concatenate([geom.pos, geom.quat, meshes[geom.meshname].scale]).tobytes())
     cached = cache_dir("meshes") / f"{digest.hexdigest()[:32]}.npz"
     stored = _stored(cached)
@@ -99,6 +101,12 @@ def _merged(parts, meshes, budget: int) -> tuple[np.ndarray, np.ndarray]:
         os.fsync(file.fileno())
     os.replace(file.name, cached)
     return vertices, faces
+
+
+@functools.cache
+def _digest(path: Path, _size: int, _changed_ns: int) -> bytes:
+    """Returns the hash of a file's content, read again only where its size or time is another."""
+    return hashlib.sha256(path.read_bytes()).digest()
 
 
 def _stored(path: Path) -> tuple[np.ndarray, np.ndarray] | None:
