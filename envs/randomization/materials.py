@@ -101,15 +101,15 @@ class MaterialLibrary:
         return _image_texture(self.folder, name, size)
 
     def is_image(self, name: str) -> bool:
-        """Returns whether a material is a file; only a file's name has a suffix.
+        """Returns whether a material is a file; only a file's name ends as a picture's.
 
         Raises:
             UnknownNameError: if it looks like a file and the library has no such file.
         """
-        if not name.lower().endswith(IMAGE_SUFFIXES):
+        if not _names_a_file(name):
             return False
         if not any(name in names for names in self.names.values()):
-            images = {n for names in self.names.values() for n in names if Path(n).suffix}
+            images = {each for names in self.names.values() for each in names if _names_a_file(each)}
             raise unknown_name("material", name, images)
         return True
 
@@ -131,6 +131,11 @@ class MaterialLibrary:
         return sha.hexdigest()[:16]
 
 
+def _names_a_file(name: str) -> bool:
+    """Returns whether a name ends as a picture's; no path is made of it, for episodes ask this often."""
+    return name.lower().endswith(IMAGE_SUFFIXES)
+
+
 def _library(names: dict[str, tuple[str, ...]], folder: Path | None) -> MaterialLibrary:
     return MaterialLibrary(MappingProxyType(names), folder)
 
@@ -147,7 +152,7 @@ def _image_names(root: Path, folder: Path) -> tuple[str, ...]:
 
     names = []
     for path in sorted(folder.iterdir()):
-        if path.suffix.lower() not in IMAGE_SUFFIXES or not path.is_file():
+        if not _names_a_file(path.name) or not path.is_file():
             continue
         try:
             with Image.open(path) as image:

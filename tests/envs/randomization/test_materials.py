@@ -1,5 +1,8 @@
 """The library, and folders of pictures that replace or extend it."""
 
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -116,3 +119,21 @@ def test_a_picture_that_breaks_off_is_named_when_it_is_drawn(tmp_path):
 def test_a_name_that_is_no_picture_of_the_folder_gets_a_suggestion(flat_folder):
     with pytest.raises(UnknownNameError, match=r"'foto03.png'. Did you mean 'photo03.png'\?"):
         MaterialLibrary.from_folder(flat_folder).texture("foto03.png")
+
+
+def test_what_ends_as_a_picture_is_one_in_the_folder_and_in_messages(tmp_path):
+    save_picture(tmp_path / "photo.png", (0, 0, 200))
+    for name in (".png", "LOUD.PNG"):  # to pathlib the first is a name without a suffix
+        shutil.copy(tmp_path / "photo.png", tmp_path / name)
+    library = MaterialLibrary.from_folder(tmp_path, extend=True)
+    of_folder = [".png", "LOUD.PNG", "photo.png"]
+    assert [name for name in library.names["wall"] if library.is_image(name)] == of_folder
+    assert library.texture(".png", 8)[0, 0].tolist() == [0, 0, 200]
+    with pytest.raises(UnknownNameError, match=r"'LOUT.PNG'.* Valid: .png, LOUD.PNG, photo.png\.$"):
+        library.texture("LOUT.PNG")
+
+
+def test_a_message_names_a_picture_that_pathlib_sees_no_suffix_of():
+    library = MaterialLibrary({surface: ("wood_oak", "a.b/.png") for surface in SURFACES}, Path())
+    with pytest.raises(UnknownNameError, match=r"Valid: a.b/.png\.$"):
+        library.is_image("c.png")
