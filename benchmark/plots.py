@@ -5,12 +5,15 @@ from pathlib import Path
 from typing import Any
 
 from benchmark.files import atomic_path
+from benchmark.legend import legend_below
 
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f", "#000000")
 """Okabe & Ito's palette, which stays apart for colour-blind readers."""
 
 LESS_WHEN_SOLVED = "it ends when solved, which pays less"
 """Why returns fall while success rises, where a solved episode is over."""
+
+_DPI = 160
 
 _MARKERS = "osD^v*X"
 _LINES = ("-", "--", "-.", ":")
@@ -27,7 +30,7 @@ def plot_levels(rows: Sequence[Mapping[str, Any]], path: Path, title: str = "") 
     Raises:
         ResultError: The file cannot be written.
     """
-    figure, axes = new_figure((6.0, 3.6 + 0.12 * len(rows)))
+    figure, axes = new_figure((6.0, 3.4))
     shift = min(
         0.06, 0.4 / max(1, len(rows))
     )  # levels are whole numbers: intervals of several policies would hide each other
@@ -67,7 +70,7 @@ def plot_levels(rows: Sequence[Mapping[str, Any]], path: Path, title: str = "") 
     splits = {cell["split"] for row in rows for cell in row["cells"] if cell["level"] is not None}
     if "train" in splits:
         axes.plot([], [], linestyle="--", color="#7f7f7f", linewidth=1.1, label="same, train split")
-    figure.legend(frameon=False, fontsize=8, loc="outside lower left", ncols=1 if len(rows) > 3 else 2)
+    legend_below(figure, *axes.get_legend_handles_labels(), columns=1 if len(rows) > 3 else 2)
     save_figure(figure, path)
 
 
@@ -126,7 +129,7 @@ def plot_learning(
     """
     from matplotlib.ticker import EngFormatter
 
-    figure, both = new_figure((9.0, 3.6), columns=2)
+    figure, both = new_figure((9.0, 3.3), columns=2)
     labels = {
         "episode_return": "return of an episode" + f"\n({LESS_WHEN_SOLVED})" * ends_when_solved,
         "success_rate": "success in training",
@@ -147,8 +150,7 @@ def plot_learning(
         both[0].plot([other["steps"]], [other["episode_return"]], marker, color="#7f7f7f", label=name)
     both[1].set_ylim(-0.03, 1.03)
     both[0].set_title(title, fontsize=11, loc="left")
-    lines, names = both[0].get_legend_handles_labels()  # below the lines: their upper left may hold results
-    figure.legend(lines, names, frameon=False, fontsize=8, loc="outside lower left", ncols=2)
+    legend_below(figure, *both[0].get_legend_handles_labels())  # the upper left may hold results
     save_figure(figure, path)
 
 
@@ -188,7 +190,7 @@ def new_figure(size: tuple[float, float], columns: int = 1) -> tuple[Any, Any]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Figure(figsize=size, dpi=_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, columns, squeeze=False)[0]
     for each in axes:
@@ -205,4 +207,5 @@ def save_figure(figure: Any, path: Path) -> None:
     """
     with atomic_path(path) as temporary:
         # Matplotlib writes its version into a PNG: the same rows must give the same bytes everywhere.
-        figure.savefig(temporary, dpi=160, metadata={"Software": None} if path.suffix == ".png" else None)
+        metadata = {"Software": None} if path.suffix == ".png" else None
+        figure.savefig(temporary, dpi=_DPI, metadata=metadata)

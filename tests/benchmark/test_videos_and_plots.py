@@ -134,3 +134,32 @@ def test_loss_curves(tmp_path):
     with pytest.raises(ValueError, match="no row has a key with 'loss'"):
         plot_losses([{"step": 1, "lr": 1.0}], tmp_path / "none.png")
     assert not (tmp_path / "none.png").exists()
+
+
+def label(words):
+    return f"ppo by torchrl, {', '.join(['trained in mujoco_warp'] * words)}, drawn by warp"
+
+
+def overlap(figure):
+    """How far, in pixels, the legend reaches beyond the picture or into what is above it."""
+    figure.draw_without_rendering()
+    legend, picture = figure.legends[0].get_window_extent(), figure.bbox
+    axes = min(each.get_tightbbox().y0 for each in figure.axes)
+    return max(picture.x0 - legend.x0, legend.x1 - picture.x1, picture.y0 - legend.y0, legend.y1 - axes)
+
+
+@pytest.mark.parametrize("labels", [["act"], [label(1)] * 3, [label(1)] * 30, [label(9)] * 4, ["x" * 300]])
+def test_a_legend_lies_wholly_within_the_picture(monkeypatch, tmp_path, labels):
+    figures = []
+    monkeypatch.setattr(plots, "save_figure", lambda figure, path: figures.append(figure))
+    cell = {"split": "test", "level": 0, "only": None, "success_rate": 0.5, "ci_low": 0.4, "ci_high": 0.6}
+    plot_levels([{"label": text, "cells": [cell]} for text in labels], tmp_path / "l.png")
+    curve = {"steps": [1, 2], "seconds": [1, 2], "episode_return": MEASURE, "success_rate": MEASURE}
+    curves = [curve | {"label": text, "row": row, "seeds": [0]} for row, text in enumerate(labels)]
+    plot_learning(curves, tmp_path / "c.png")
+    for figure in figures:
+        assert overlap(figure) <= 0
+        # All of the names, whatever the lines that they are broken into.
+        told = ["".join(text.get_text().split()) for text in figure.legends[0].get_texts()]
+        assert all(name.startswith("".join(text.split())) for name, text in zip(told, labels, strict=True))
+        assert figure.axes[0].get_position().height * figure.get_figheight() > 2.0, "a picture is left, inch"
