@@ -23,8 +23,8 @@ def overview(sections: Iterable[Mapping[str, Any]]) -> list[Table]:
         Tables of plain values, the longest first: where they were measured, ``train_levels`` and
         ``test_levels``; ``rows`` of a task and a policy, and ``means`` of a policy over the tasks. Either has
         ``trained``, a mapping of training level (as text) to a mapping of test level (as text) to
-        ``success_rate``; a row's has ``ci_low``, ``ci_high``, ``episodes``, ``demonstrations``, ``steps`` and
-        ``seeds`` besides, a mean's the number of ``tasks``.
+        ``success_rate``; a row's has ``ci_low``, ``ci_high`` and ``episodes`` besides, a mean's the number of
+        ``tasks``. A row has ``trainings``, of training level to ``demonstrations``, ``steps`` and ``seeds``.
     """
     places: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
     for section in sections:
@@ -45,11 +45,13 @@ def _rows(section: Mapping[str, Any]) -> list[Table]:
         here = row["demonstrations"] and not row["transferred_from"] and row["train_level"] is not None
         if here and _tested(row):
             found.setdefault((row["policy"], row["train_level"]), []).append(row)
-    trained: dict[str, dict[str, Table]] = {}
-    for (policy, level), rows in sorted(found.items()):
-        trained.setdefault(policy, {})[str(level)] = _tested(max(rows, key=_weight))
     place = {"task": section["task"], "section": section["id"]}
-    return [place | {"policy": policy, "trained": levels} for policy, levels in trained.items()]
+    by_policy: dict[str, Table] = {}
+    for (policy, level), rows in sorted(found.items()):
+        shown = max(rows, key=_weight)
+        own = by_policy.setdefault(policy, place | {"policy": policy, "trained": {}, "trainings": {}})
+        own["trained"][str(level)], own["trainings"][str(level)] = _tested(shown), _training(shown)
+    return list(by_policy.values())
 
 
 def _weight(row: Mapping[str, Any]) -> tuple[Any, ...]:
@@ -61,12 +63,16 @@ def _steps(row: Mapping[str, Any]) -> int:
     return max(run["checkpoint"]["step"] for run in row["runs"])
 
 
+def _training(row: Mapping[str, Any]) -> Table:
+    """Returns what a row was trained with."""
+    return {"demonstrations": row["demonstrations"], "steps": _steps(row), "seeds": len(row["seeds"])}
+
+
 def _tested(row: Mapping[str, Any]) -> dict[str, Table]:
     """Returns the cells of the test split by level."""
-    length = {"demonstrations": row["demonstrations"], "steps": _steps(row), "seeds": len(row["seeds"])}
     names = ("success_rate", "ci_low", "ci_high", "episodes")
     return {
-        str(cell["level"]): {name: cell[name] for name in names} | length
+        str(cell["level"]): {name: cell[name] for name in names}
         for cell in row["cells"]
         if cell["split"] == "test" and cell["level"] is not None
     }

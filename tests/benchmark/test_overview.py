@@ -35,7 +35,8 @@ def test_rows_are_tasks_and_policies_by_the_level_they_were_trained_at(publish, 
     assert (box["task"], cube["task"], cube["policy"]) == ("CloseBox", "PickCube", "act")
     assert rates(box) == {"0": 1.0, "1": 0.0, "2": 0.0, "3": 0.0}
     assert rates(cube, "3") == {"0": 0.0, "1": 0.0, "2": 1.0, "3": 1.0}
-    assert cube["trained"]["3"]["3"].items() >= {"episodes": 10, "demonstrations": 100, "steps": 2000}.items()
+    assert set(cube["trained"]["3"]["3"]) == {"success_rate", "ci_low", "ci_high", "episodes"}
+    assert cube["trainings"] == {level: {"demonstrations": 100, "steps": 2000, "seeds": 1} for level in "03"}
     (mean,) = table["means"]
     assert rates(mean) == {"0": 1.0, "1": 0.5, "2": 0.0, "3": 0.0}
     assert mean["trained"]["0"]["0"]["tasks"] == 2
