@@ -219,8 +219,8 @@ class NormalizedPositionController(Controller):
 class OffsetPositionController(Controller):
     """An action moves the position targets of an arm's joints away from their rest; its fingers stay there.
 
-    This is Isaac Lab's ``JointPositionActionCfg`` with ``use_default_offset``. Every entry lies in [-1, 1];
-    what lies beyond is clipped.
+    This is Isaac Lab's ``JointPositionActionCfg`` with ``use_default_offset``, but for the bounds: every
+    entry lies in [-1, 1], and what lies beyond is clipped.
 
     Args:
         robot: A robot with position actuators.

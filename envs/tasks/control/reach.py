@@ -1,10 +1,11 @@
 """Franka reach, after Isaac Lab (``manipulation/reach/reach_env_cfg.py``, BSD 3-Clause; arXiv:2301.04195).
 
 Commands, starts, reward and control are Isaac Lab's, but for what a state of this project does not have or
-need: an episode is one command of 4 s, of the three of Isaac Lab's 12 s; the last action is the present joint
-targets, so that its rate of change, weighted by 0.0001, is not punished; observations have no noise; the pose
-is that of the point between the fingers, of an arm with this project's gains. Isaac Lab has no success; here
-it is to end within 5 cm and 0.2 rad of the command.
+need: an action of 1 is 2.5 rad, for Isaac Lab's actions have no bounds and ours do; an episode is one command
+of 4 s, of the three of Isaac Lab's 12 s; the last action is the present joint targets, so that its rate of
+change, weighted by 0.0001, is not punished; observations have no noise; the pose is that of the point between
+the fingers, of an arm with this project's gains. Isaac Lab has no success; here it is to end within 5 cm and
+0.2 rad of the command.
 """
 
 import dataclasses
@@ -34,7 +35,10 @@ COMMAND_LOW_M, COMMAND_HIGH_M = (0.35, -0.2, 0.15), (0.65, 0.2, 0.5)
 START_SCALE = (0.5, 1.5)
 """Factors of the rest position of each joint at the start."""
 
-ACTION_RAD = 0.5
+ACTION_RAD = 2.5
+"""Isaac Lab scales by 0.5 an action without bounds. Targets within 0.5 rad of the rest reach 7 % of the
+commands, within 1 rad 43, 1.5 rad 77, 2 rad 97, and within 2.5 all of 400, by inverse kinematics from twelve
+starts each."""
 NEAR_M, NEAR_RAD = 0.05, 0.2
 
 PHYSICS = PhysicsCfg(timestep_s=1.0 / 300.0, decimation=10)

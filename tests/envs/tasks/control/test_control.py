@@ -9,12 +9,16 @@ import torch
 from scipy import linalg
 
 from envs.errors import ConfigError
+from envs.experts.batched_ik import BatchedInverseKinematics
+from envs.experts.kinematics import rotation_vector
 from envs.handlers.mujoco.handler import MujocoHandler
 from envs.handlers.mujoco.model import build_model
 from envs.robots.ant import ANT
+from envs.rotations import to_matrix
 from envs.scenario import JointCfg
 from envs.state import EntityState, State
 from envs.tasks import TASKS
+from envs.tasks.control import reach
 
 NAMES = ("cartpole", "ant", "franka_reach")
 STEP_S = 1 / 60
@@ -158,6 +162,27 @@ def test_reaching_is_paid_by_both_errors(recorded):
     assert task.success(state).all()
     state.robots["franka"].ee_pos = goal.pos + 0.06
     assert not task.success(state).any()
+
+
+def test_every_command_has_a_posture_that_an_action_can_ask_for():
+    """Newton's method from some starts finds one within the bounds of an action, for each of 32 commands."""
+    rngs = [np.random.default_rng(i) for i in range(32)]
+    goal = task_of("franka_reach").initial_state(rngs).objects["goal"]
+    pos, rot = goal.pos.double(), torch.as_tensor(to_matrix(goal.rot.numpy()))
+    inverse = BatchedInverseKinematics(reach.ROBOT)
+    low = torch.maximum(inverse.chain.low, inverse.rest - reach.ACTION_RAD)
+    high = torch.minimum(inverse.chain.high, inverse.rest + reach.ACTION_RAD)
+    inverse.chain.low, inverse.chain.high = low, high
+    generator = torch.Generator().manual_seed(0)
+    reached = torch.zeros(32, dtype=torch.bool)
+    for _ in range(16):
+        q = low + (high - low) * torch.rand(32, 7, generator=generator, dtype=torch.float64)
+        for _ in range(60):
+            q = q + inverse.change(q, inverse.chain(q), pos, rot)
+        now = inverse.chain(q)
+        turn = rotation_vector(rot @ now.rot.transpose(1, 2)).norm(dim=-1)
+        reached |= ((now.pos - pos).norm(dim=-1) <= reach.NEAR_M) & (turn <= reach.NEAR_RAD)
+    assert reached.all()
 
 
 def test_a_hand_that_points_down_is_what_is_commanded():
