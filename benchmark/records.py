@@ -152,6 +152,7 @@ class Result:
         max_episode_steps: Where an episode is cut off, control steps.
         control_hz: Control steps per second.
         policy: Policy.
+        train_tasks: Tasks that one policy learned together, this one among them; empty where it is alone.
         train_level: Level of the demonstrations, or None.
         train_only: The channel that varied alone in training, or None.
         seed: Seed of the training run.
@@ -182,6 +183,7 @@ class Result:
     max_episode_steps: int
     control_hz: float
     policy: str
+    train_tasks: tuple[str, ...] = ()
     train_level: int | None
     train_only: str | None = None
     seed: int

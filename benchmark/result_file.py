@@ -123,13 +123,14 @@ def _to_document(result: Result) -> dict[str, Any]:
     values: dict[str, Any] = {item.name: getattr(result, item.name) for item in fields(Result)}
     values |= {
         "protocol": result.protocol.to_json(),
+        "train_tasks": list(result.train_tasks),
         "cameras": list(result.cameras),
         "checkpoint": asdict(result.checkpoint),
         "git": asdict(result.git) if result.git else None,
         "machine": asdict(result.machine),
     }
-    for key in ("simulator_settings", "scenario", "materials"):
-        if not values[key]:  # the task's own, the built-in ones: nothing to say
+    for key in ("train_tasks", "simulator_settings", "scenario", "materials"):
+        if not values[key]:  # this task alone, its own, the built-in ones: nothing to say
             del values[key]
     records = values.pop("records")
     document = {"schema_version": SCHEMA_VERSION, **values, "protocol_hash": result.protocol.hash}
@@ -202,6 +203,7 @@ def _build(document: dict[str, Any], protocol: Protocol) -> Result:
     values = {item.name: document[item.name] for item in fields(Result) if item.name in document}
     values |= {
         "protocol": protocol,
+        "train_tasks": tuple(document.get("train_tasks", ())),
         "cameras": tuple(document.get("cameras", ())),
         "checkpoint": Checkpoint(**document["checkpoint"]),
         "git": Git(**document["git"]) if document["git"] else None,

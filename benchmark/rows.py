@@ -19,6 +19,7 @@ Entry = tuple[str, Result]
 
 _VIDEO = re.compile(r"(?P<condition>.+)-(?P<split>train|test)-(?P<episode>\d+)-(?P<outcome>success|failure)")
 _LEAST_RUNS_FOR_IQM = 3
+_NAMED_TASKS = 3
 
 _DISTINGUISHING = {
     "train_level": "trained at level {}",
@@ -38,6 +39,7 @@ def row_key(result: Result) -> dict[str, Any]:
     """Returns what the runs of one row share: everything but the training seed."""
     return {
         "policy": result.policy,
+        **_learned_with(result),
         "transferred_from": transferred_from(result),
         "train_level": result.train_level,
         "train_only": result.train_only,
@@ -53,6 +55,12 @@ def row_key(result: Result) -> dict[str, Any]:
             "materials": result.materials or "built-in",
         },
     }
+
+
+def _learned_with(result: Result) -> dict[str, Any]:
+    """Returns the further tasks that the policy learned, sorted; nothing where it learned this one alone."""
+    others = sorted(set(result.train_tasks) - {result.task})
+    return {"learned_with": others} if others else {}
 
 
 def _trained_in(result: Result) -> dict[str, Any]:
@@ -134,10 +142,13 @@ def build_row(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
 
 
 def policy_label(result: Result) -> str:
-    """Returns the policy's name, and whose implementation of it was trained where there are several."""
+    """Returns the policy's name, whose implementation was trained, and which tasks it learned besides."""
     own = result.config.get("policy")
     backend = own.get("backend") if isinstance(own, Mapping) else None
-    return f"{result.policy} by {backend}" if backend else result.policy
+    label = f"{result.policy} by {backend}" if backend else result.policy
+    others = _learned_with(result).get("learned_with", [])
+    told = " and ".join(others) if len(others) <= _NAMED_TASKS else f"{len(others)} further tasks"
+    return f"{label}, learned with {told}" if others else label
 
 
 def _run(path: str, result: Result) -> dict[str, Any]:

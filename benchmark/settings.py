@@ -12,6 +12,7 @@ _FREE = {
     *("train.save_every", "train.log_every", "train.wandb", "train.num_threads", "train.compile"),
     "train.cuda_graphs",
     *("policy.compile", "policy.cuda_graphs", "policy.save_replay"),
+    "policy.tasks",  # a result tells by itself which tasks were learned together
 }
 """Settings of how a run is computed, saved and watched."""
 

@@ -6,6 +6,7 @@ Shapes: N environments, D entries of an observation, A entries of an action, K i
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import cycle, islice
+from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -53,12 +54,27 @@ class EpisodeStatistics(NamedTuple):
         episode_return: Return, of the task's own reward.
         length: Control steps.
         success_rate: Share that was solved.
+        by_task: The same of each task by its name, where there are several.
     """
 
     episodes: int
     episode_return: float
     length: float
     success_rate: float
+    by_task: "Mapping[str, EpisodeStatistics]" = MappingProxyType({})
+
+    def means(self) -> dict[str, float]:
+        """Returns what is logged: nothing of no episode, and of a task as in ``success_rate/PickCube``."""
+        own = {
+            "episode_return": self.episode_return,
+            "episode_length": self.length,
+            "success_rate": self.success_rate,
+        }
+        return (own if self.episodes else {}) | {
+            f"{name}/{task}": value
+            for task, statistics in self.by_task.items()
+            for name, value in statistics.means().items()
+        }
 
 
 class BatchedEnv(Protocol):
@@ -255,8 +271,8 @@ class TorchVectorEnv:
         """Returns what the episodes came to that ended since the last call, and forgets them."""
         count, *sums = self._sums.tolist()
         self._sums.zero_()
-        means = [value / count if count else float("nan") for value in sums]
-        return EpisodeStatistics(int(count), *means)
+        returns, length, success = (value / count if count else float("nan") for value in sums)
+        return EpisodeStatistics(int(count), returns, length, success)
 
     def _restart(self, ids: Tensor) -> None:
         device = self.handler.device

@@ -70,16 +70,20 @@ def read_json(path: Path) -> dict[str, Any]:
     return content
 
 
-def learned_task(path: str | Path) -> str:
-    """Returns the task that the agent of a checkpoint learned by reward; empty where none is told.
+def learned_tasks(path: str | Path) -> tuple[str, ...]:
+    """Returns the tasks that the agent of a checkpoint learned by reward; none where none is told.
 
     Args:
         path: Folder of a checkpoint, or of its run.
     """
     try:
-        return str(read_json(resolve(path) / CONFIG).get("task", ""))
+        content = read_json(resolve(path) / CONFIG)
     except PolicyError:  # there is none, or it is damaged; whoever loads it says so
-        return ""
+        return ()
+    several, task = content.get("tasks"), content.get("task")
+    if isinstance(several, dict) and several:
+        return tuple(several)
+    return (str(task),) if task else ()
 
 
 def seen_cameras(directory: Path) -> dict[str, int]:

@@ -26,6 +26,7 @@ class FlatPolicy:
         model: The network.
         sizes: Keys of the observation, in order, and their sizes: of pictures, pixels a side.
         task: Task that it learned, told by what trains it and by its checkpoint; empty if that is not known.
+            Of several it is the one that it acts in, and may be set.
         batch_invariant: Run the samples one by one. True on a CPU.
     """
 
@@ -57,6 +58,11 @@ class FlatPolicy:
             KeyError, TypeError, ValueError, AttributeError: if something is absent or of the wrong kind.
         """
         raise NotImplementedError
+
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """Every task that it learned; empty if that is not known."""
+        return (self.task,) if self.task else ()
 
     @property
     def device(self) -> torch.device:

@@ -21,7 +21,7 @@ from roboverse_learn.installed import check_installed
 from roboverse_learn.keys import flat_keys
 from roboverse_learn.materials import check_materials, folder_name
 from roboverse_learn.scenario_files import check_scenario_files
-from roboverse_learn.scenario_keys import control_hz, scenario_name
+from roboverse_learn.scenario_keys import control_hz, learned_hz, scenario_name
 
 if TYPE_CHECKING:
     from roboverse_learn.data.collection import CollectionSummary
@@ -115,7 +115,7 @@ def _check_control_rate(config: CollectConfig) -> None:
     if folder is None:
         return
     trained = read_config(folder)
-    learned = control_hz(trained.task, trained.task_kwargs, trained.scenario)
+    learned = learned_hz(trained, config.task)
     asked = control_hz(config.task, config.task_kwargs, config.scenario)
     if learned != asked:
         changes = trained.scenario.get("physics", {})

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import policies
 from envs.errors import ConfigError, unknown_name
 from envs.scenario.changes import merged
-from policies.checkpoint import learned_task
+from policies.checkpoint import learned_tasks
 from roboverse_learn.grammar import UNKNOWN, check_value
 from roboverse_learn.keys import OPEN, at, flat_keys, full_key, in_open_section, split_word
 from roboverse_learn.values import default_values, from_values, to_values
@@ -103,7 +103,7 @@ def _after_checkpoint(
             for name, value in values.items()
         }
     if command == "collect" and values["source"] == "policy" and "task" not in given:
-        return values | {"task": learned_task(str(values["checkpoint"])) or values["task"]}
+        return values | {"task": next(iter(learned_tasks(str(values["checkpoint"]))), values["task"])}
     return values
 
 

@@ -226,6 +226,26 @@ class TrainRunConfig(CollectConfig):
     train: TrainConfig = field(default_factory=TrainConfig)
     evaluate: EvaluationConfig = field(default_factory=EvaluationConfig)
 
+    def __post_init__(self) -> None:
+        CollectConfig.__post_init__(self)
+        twice = next((task for task in self.tasks if self.tasks.count(task) > 1), None)
+        if twice is not None:
+            raise ConfigError(
+                f"'{twice}' is learned twice: task={self.task}, and policy.tasks="
+                f"[{','.join(self.tasks[1:])}]. Name every task once."
+            )
+        changed = [key for key in ("task_kwargs", "scenario") if getattr(self, key)]
+        if len(self.tasks) > 1 and changed:
+            raise ConfigError(
+                f"{' and '.join(f'{key}.*' for key in changed)} change one task, and {len(self.tasks)} are "
+                "learned together, each as it is. Leave them out, or leave out policy.tasks."
+            )
+
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """Every task that is learned: ``task``, and those that the policy learns together with it."""
+        return (self.task, *getattr(self.policy, "tasks", ()))
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SweepConfig:

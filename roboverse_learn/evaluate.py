@@ -7,6 +7,7 @@ if __name__ == "__main__":  # as a script: this folder's `data` or `run` must no
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
 import logging
+import math
 from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,7 @@ from envs.errors import CheckpointError
 from roboverse_learn.config import EvaluateConfig, EvaluationConfig
 from roboverse_learn.materials import check_materials, recorded_materials
 from roboverse_learn.scenario_files import check_scenario_files
-from roboverse_learn.subject import Subject, protocol_of, step_of, subject_of
+from roboverse_learn.subject import Subject, protocol_of, step_of, subjects_of
 
 if TYPE_CHECKING:
     from benchmark.finished import FinishedCells
@@ -42,7 +43,9 @@ class Evaluation:
 
 
 def evaluate(config: EvaluateConfig) -> Any:
-    """Evaluates a checkpoint, writes its results file and the leaderboard; returns a printable report.
+    """Evaluates a checkpoint, writes its results and the leaderboard; returns a printable report.
+
+    What learned several tasks is evaluated in each of them, or in the one that is named.
 
     Raises:
         ConfigError: The task or the image size is needed and was not given.
@@ -52,8 +55,11 @@ def evaluate(config: EvaluateConfig) -> Any:
     from roboverse_learn.report import evaluation_report
 
     check_materials(config.evaluate.materials)
-    evaluation = evaluate_subject(subject_of(config), config.evaluate, Path(config.results_dir), "evaluate")
-    return evaluation_report(evaluation, write_leaderboard(Path(config.results_dir)))
+    results = Path(config.results_dir)
+    evaluations = [
+        evaluate_subject(each, config.evaluate, results, "evaluate") for each in subjects_of(config)
+    ]
+    return evaluation_report(evaluations, write_leaderboard(results))
 
 
 def evaluate_subject(
@@ -89,7 +95,7 @@ def evaluate_subject(
     looks = {"evaluate.materials": config.materials}
     check_scenario_files(subject.task, subject.task_kwargs, subject.scenario, looks)
     policy = policies.load(subject.checkpoint, subject.device)
-    check_task(policy, subject)
+    choose_task(policy, subject)
     checkpoint = Checkpoint(step=step_of(subject.checkpoint), hash=weights)
     finished = FinishedCells(path, _deciding(subject, protocol, weights, materials))
     if finished.records:
@@ -109,7 +115,7 @@ def evaluate_subject(
 
 def _write_curve(path: Path, subject: Subject) -> None:
     """Puts the learning curve of a run beside its result in the scene that it learned in, and no other."""
-    from benchmark.curves import write_curve
+    from benchmark.curves import MEASURES, write_curve
     from roboverse_learn.run import read_config, run_of
     from roboverse_learn.training.metrics import read_metrics
 
@@ -119,21 +125,29 @@ def _write_curve(path: Path, subject: Subject) -> None:
     trained = read_config(run)
     scene = ("task_kwargs", "simulator", "simulator_settings", "scenario", "renderer")
     if all(getattr(subject, key) == getattr(trained, key) for key in scene):
-        write_curve(path, read_metrics(run))
+        rows = read_metrics(run)
+        if subject.train_tasks:
+            rows = [
+                row | {name: row.get(f"{name}/{subject.task}", math.nan) for name in MEASURES} for row in rows
+            ]
+        write_curve(path, rows)
 
 
-def check_task(policy: Any, subject: Subject) -> None:
-    """Refuses an agent that learned another task by reward, whose observations mean something else.
+def choose_task(policy: Any, subject: Subject) -> None:
+    """Tells an agent that learned by reward which of its tasks it acts in.
 
     Raises:
-        CheckpointError: if it did.
+        CheckpointError: if it learned another task, whose observations mean something else.
     """
-    learned = getattr(policy, "task", "") or subject.task
-    if learned != subject.task:
+    learned = getattr(policy, "tasks", ())
+    if learned and subject.task not in learned:
         raise CheckpointError(
-            f"Checkpoint '{subject.checkpoint}' of policy '{policy.name}' learned the task {learned}, and "
-            f"{subject.task} was asked for. Leave out task=, or train it on {subject.task}."
+            f"Checkpoint '{subject.checkpoint}' of policy '{policy.name}' learned the task "
+            f"{' and '.join(learned)}, and {subject.task} was asked for. Leave out task=, or train it on "
+            f"{subject.task}."
         )
+    if learned:
+        policy.task = subject.task
 
 
 def _deciding(subject: Subject, protocol: Protocol, weights: str, materials: str) -> dict[str, Any]:
@@ -223,6 +237,7 @@ def _result(
         protocol=protocol,
         task=subject.task,
         policy=name,
+        train_tasks=subject.train_tasks,
         train_level=subject.train_level,
         train_only=subject.train_only,
         seed=subject.seed,

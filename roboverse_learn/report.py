@@ -22,7 +22,7 @@ _SHOWN_SKIPPED = 20
 def train_report(
     dataset: "CollectionSummary | None",
     trained: "TrainResult",
-    evaluation: "Evaluation",
+    evaluations: Sequence["Evaluation"],
     board: Mapping[str, Path],
     *,
     folder: Path,
@@ -40,10 +40,10 @@ def train_report(
     return Group(
         *([] if dataset is None else [_collected(dataset)]),
         Text(f"Trained {trained.steps:,} steps (stopped by {trained.stopped_by.replace('_', ' ')}){loss}."),
-        success_table(evaluation),
+        *map(success_table, evaluations),
         _paths(
             {"run": folder, "checkpoint": trained.checkpoint, "curves": trained.plot}
-            | _evaluation_paths(evaluation, board)
+            | _evaluation_paths(evaluations, board)
         ),
         Text(f"Done in {clock(seconds)}: {times}."),
     )
@@ -60,9 +60,9 @@ def collection_report(dataset: "CollectionSummary") -> Group:
     )
 
 
-def evaluation_report(evaluation: "Evaluation", board: Mapping[str, Path]) -> Group:
-    """The table of success, and where the results are."""
-    return Group(success_table(evaluation), _paths(_evaluation_paths(evaluation, board)))
+def evaluation_report(evaluations: Sequence["Evaluation"], board: Mapping[str, Path]) -> Group:
+    """The table of success of every task, and where the results are."""
+    return Group(*map(success_table, evaluations), _paths(_evaluation_paths(evaluations, board)))
 
 
 def leaderboard_report(board: Mapping[str, Path]) -> Group:
@@ -105,6 +105,8 @@ def success_table(evaluation: "Evaluation") -> Table:
     """Success by level and split, with Wilson's 95 % interval; the test split is the headline."""
     result = evaluation.result
     trained = f"{result.train_only} alone" if result.train_only else f"level {result.train_level}"
+    others = [task for task in result.train_tasks if task != result.task]
+    trained += f" together with {', '.join(others)}" if others else ""
     episodes = f"{result.protocol.episodes} episodes"
     title = f"{result.task}, {result.policy}, trained on {trained}: success in {episodes}"
     table = Table(
@@ -168,8 +170,9 @@ def _imported(dataset: "CollectionSummary", imported: "ImportSummary") -> Text:
     return Text("\n".join(lines))
 
 
-def _evaluation_paths(evaluation: "Evaluation", board: Mapping[str, Path]) -> dict[str, Any]:
-    return {"result": evaluation.path, "videos": evaluation.videos} | _board_paths(board)
+def _evaluation_paths(evaluations: Sequence["Evaluation"], board: Mapping[str, Path]) -> dict[str, Any]:
+    videos = [video for each in evaluations for video in each.videos]
+    return {"result": [each.path for each in evaluations], "videos": videos} | _board_paths(board)
 
 
 def _board_paths(board: Mapping[str, Path]) -> dict[str, Any]:

@@ -51,6 +51,8 @@ def identity(config: TrainRunConfig) -> dict[str, Any]:
     for younger in ("simulator_settings", "scenario"):  # without it a run keeps its name
         if not values[younger]:
             del values[younger]
+    if len(config.tasks) == 1:
+        values["policy"].pop("tasks", None)
     return {key: at(values, key) for key in flat_keys(values) if key not in _FREE_KEYS}
 
 

@@ -88,6 +88,17 @@ def control_hz(task: str, task_kwargs: Mapping[str, Any], changes: Mapping[str, 
     return make_task(task, task_kwargs, changes).scenario.physics.control_hz
 
 
+def learned_hz(trained: Any, task: str) -> float:
+    """Returns the control steps per second at which a run learned a task.
+
+    Args:
+        trained: Configuration of the run.
+        task: One of its tasks; of another one, it is those of the task that the run names first.
+    """
+    name = task if task in trained.tasks else trained.task
+    return control_hz(name, trained.task_kwargs, trained.scenario)
+
+
 def scenario_name(changes: Mapping[str, Any]) -> str:
     """Returns what stands for changes of a scene in the name of a folder or a file."""
     return f"{SECTION}-{digest(changes)}"

@@ -12,7 +12,7 @@ from envs.errors import ConfigError
 from envs.handlers.settings import check_settings
 from roboverse_learn.config import EvaluateConfig, EvaluationConfig, TrainRunConfig
 from roboverse_learn.materials import recorded_materials
-from roboverse_learn.scenario_keys import checked_scenario, control_hz, scenario_name
+from roboverse_learn.scenario_keys import checked_scenario, control_hz, learned_hz, scenario_name
 
 log = logging.getLogger(__name__)
 
@@ -36,6 +36,7 @@ class Subject:
         cameras: Cameras that are observed; empty is the task's first.
         image_size: Pixels a side.
         device: Torch device.
+        train_tasks: Tasks that were learned together, where there are several.
         train_level: Level of the demonstrations; None where unknown or where one channel varied alone.
         train_only: The channel that varied alone in the demonstrations.
         seed: Seed of the training run.
@@ -51,6 +52,7 @@ class Subject:
     renderer: str
     image_size: int
     device: str
+    train_tasks: tuple[str, ...] = ()
     train_level: int | None = None
     train_only: str | None = None
     seed: int = 0
@@ -72,6 +74,16 @@ def protocol_of(config: EvaluationConfig) -> Protocol:
         episodes=config.episodes,
         seed=config.protocol_seed,
     )
+
+
+def subjects_of(config: EvaluateConfig) -> list[Subject]:
+    """Returns a subject for the task that was asked for, or for each of those that a checkpoint learned.
+
+    Raises:
+        RoboVerseError: as :func:`subject_of`.
+    """
+    together = () if config.task else _learned_together(Path(config.checkpoint))
+    return [subject_of(replace(config, task=task)) for task in together] or [subject_of(config)]
 
 
 def subject_of(config: EvaluateConfig) -> Subject:
@@ -109,7 +121,11 @@ def subject_of(config: EvaluateConfig) -> Subject:
         differs["task"], differs["task_kwargs"], trained.scenario, config.scenario
     )
     _tell_control_rates(trained, differs)
-    changed = [_in_name(key, value) for key, value in differs.items() if value != getattr(trained, key)]
+    changed = [
+        _in_name(key, value)
+        for key, value in differs.items()
+        if value not in (trained.tasks if key == "task" else (getattr(trained, key),))
+    ]
     protocol = protocol_of(config.evaluate)
     if protocol.hash != protocol_of(trained.evaluate).hash:
         changed.append(protocol.hash[:6])
@@ -151,6 +167,7 @@ def subject_of_run(folder: Path, config: TrainRunConfig, checkpoint: Path) -> Su
         cameras=config.cameras,
         image_size=config.image_size,
         device=resolve_device(config.device),
+        train_tasks=_learned_together(checkpoint),
         train_level=None if config.only else config.level,
         train_only=config.only,
         seed=config.seed,
@@ -201,8 +218,17 @@ def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
         cameras=config.cameras or tuple(cameras),
         image_size=config.image_size or sizes.pop(),
         device=resolve_device(config.device),
+        train_tasks=_learned_together(checkpoint),
         config={"command": to_values(config), "policy": values},
     )
+
+
+def _learned_together(checkpoint: Path) -> tuple[str, ...]:
+    """Returns the tasks that the policy of a checkpoint learned together; none where it learned one alone."""
+    from policies.checkpoint import learned_tasks
+
+    learned = learned_tasks(checkpoint)
+    return learned if len(learned) > 1 else ()
 
 
 def _check_whole(checkpoint: Path) -> None:
@@ -227,7 +253,7 @@ def step_of(checkpoint: Path) -> int | None:
 
 def _tell_control_rates(trained: TrainRunConfig, evaluated: Mapping[str, Any]) -> None:
     """Warns of a policy whose actions were meant to last longer or shorter than they now do."""
-    before = control_hz(trained.task, trained.task_kwargs, trained.scenario)
+    before = learned_hz(trained, evaluated["task"])
     now = control_hz(evaluated["task"], evaluated["task_kwargs"], evaluated["scenario"])
     if before != now:
         log.warning(

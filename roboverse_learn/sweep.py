@@ -232,7 +232,8 @@ def _is_complete(folder: Path, config: TrainRunConfig) -> bool:
         return False
     facts = read_facts(folder, "evaluate")
     same = to_values(read_config(folder)) == to_values(config)
-    return same and facts.get("status") == "done" and Path(str(facts.get("result", ""))).is_file()
+    results = facts.get("results") or [facts.get("result", "")]  # runs that are older name one
+    return same and facts.get("status") == "done" and all(Path(str(each)).is_file() for each in results)
 
 
 def _collect_words(config: TrainRunConfig) -> list[str]:

@@ -15,6 +15,7 @@ import logging
 import os
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import policies
@@ -87,15 +88,18 @@ def train(config: TrainRunConfig) -> Any:
         results = Path(config.results_dir)
         with run.stage("evaluate") as facts:
             subject = subject_of_run(run.folder, config, trained.checkpoint)
-            evaluation = evaluate_subject(subject, config.evaluate, results, "train")
-            facts.update(result=str(evaluation.path))
+            evaluations = [
+                evaluate_subject(replace(subject, task=task), config.evaluate, results, "train")
+                for task in config.tasks
+            ]
+            facts.update(results=[str(each.path) for each in evaluations])
         with run.stage("leaderboard"):
             board = write_leaderboard(results)
         stages = dict(run.stages)
     return train_report(
         dataset,
         trained,
-        evaluation,
+        evaluations,
         board,
         folder=run.folder,
         stages=stages,

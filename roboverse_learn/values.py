@@ -109,9 +109,10 @@ def check_names(config: Any) -> None:
         drawn_by = registries["simulator"].names() if key == "renderer" else []
         if name and name not in registry and name not in drawn_by:
             raise unknown_name(key, name, {*registry.names(), *drawn_by})
-    for name in getattr(config, "simulators", ()):
-        if name not in registries["simulator"]:
-            raise unknown_name("simulator", name, registries["simulator"].names())
+    for key in ("task", "simulator"):
+        for name in getattr(config, f"{key}s", ()):  # several at once
+            if name not in registries[key]:
+                raise unknown_name(key, name, registries[key].names())
     if getattr(config, "simulator", ""):
         check_settings(config.simulator, getattr(config, "simulator_settings", {}))
     if getattr(config, "task_kwargs", None) and config.task:

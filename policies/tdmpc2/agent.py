@@ -18,8 +18,9 @@ class Tdmpc2Agent:
     Args:
         config: Settings of planning.
         model: The world model.
-        discount: Discount of the task.
+        discount: Discount of the task; (N, 1) where there are several.
         num_envs: N.
+        task: Index of each environment's task (N,), or None where there is one alone.
         compile: Compile an iteration of the search.
         cuda_graphs: Record planning as a CUDA graph.
     """
@@ -28,13 +29,14 @@ class Tdmpc2Agent:
         self,
         config: Tdmpc2Config,
         model: WorldModel,
-        discount: float,
+        discount: Tensor | float,
         num_envs: int,
+        task: Tensor | None = None,
         *,
         compile: bool = False,
         cuda_graphs: bool = False,
     ) -> None:
-        self.config, self.model, self.discount = config, model, discount
+        self.config, self.model, self.discount, self.task = config, model, discount, task
         self.device = model.action_masks.device
         self.mean = torch.zeros(num_envs, config.horizon, model.action_size, device=self.device)
         self._improve: Any = compiled(improved) if compile else improved
@@ -51,8 +53,8 @@ class Tdmpc2Agent:
             first: Whether an episode has just begun, (N,) bool.
         """
         if not self.config.plan:
-            z = self.model.encode(observation)
-            return self.model.prior(z, torch.randn_like(self.mean[:, 0])).action
+            z = self.model.encode(observation, self.task)
+            return self.model.prior(z, torch.randn_like(self.mean[:, 0]), self.task).action
         action, mean = self._plan(observation, self.mean, first)
         self.mean.copy_(mean)
         return action
@@ -68,10 +70,11 @@ class Tdmpc2Agent:
         planned = plan(
             self.config,
             self.model,
-            self.model.encode(observation),
+            self.model.encode(observation, self.task),
             shifted(mean, first),
             self.discount,
             self._normal,
+            None if self.task is None else self.task[:, None],
             members=self.model.random_pair(),
             improve=self._improve,
         )

@@ -46,6 +46,8 @@ class Tdmpc2Config:
     """TD-MPC2, arXiv:2310.16828; the defaults are those of its table 8 and of the authors' code.
 
     Attributes:
+        tasks: Further tasks that one model learns together with the run's ``task``, as in
+            policy.tasks=[humanoid/stand,humanoid/run]; num_envs are divided among all of them.
         observation: What it sees: the state of the task, or pixels, the pictures of the cameras of the run,
             64 pixels a side (cameras=[front] image_size=64).
         num_frames: Frames of an observation of pixels, the last ones.
@@ -92,7 +94,7 @@ class Tdmpc2Config:
         num_envs: Environments that are stepped at once; the published results have one.
         update_ratio: Updates per environment step.
         seed_steps: Environment steps with random actions before the first update; 0 takes the length of
-            five episodes, and 1,000 at least.
+            five episodes, and 1,000 at least, of every task.
         buffer_size: Environment steps that the replay buffer holds; of pixels a step takes 12 kB a camera.
         save_replay: Write the replay buffer into the checkpoint that a run is resumed from. Without it,
             a resumed run fills it anew before it goes on.
@@ -100,6 +102,7 @@ class Tdmpc2Config:
         cuda_graphs: Record an update as one CUDA graph; None does so on a GPU.
     """
 
+    tasks: tuple[str, ...] = ()
     observation: Observed = "state"
     num_frames: int = 3
     model_size: ModelSize = 5
@@ -163,6 +166,7 @@ class Tdmpc2Config:
                 raise PolicyError(f"policy.{name} must be 0 or more, given {getattr(self, name)}.")
         self._check_networks()
         self._check_planning()
+        self._check_tasks()
 
     def _check_networks(self) -> None:
         if self.architecture.latent_dim % self.simnorm_dim:
@@ -189,6 +193,22 @@ class Tdmpc2Config:
                 "be from 0 to below 1, the lower first."
             )
 
+    def _check_tasks(self) -> None:
+        if not self.tasks:
+            return
+        if self.observation == "pixels":
+            raise PolicyError(
+                f"policy.tasks={_listed(self.tasks)} are learned together from states, and "
+                "policy.observation=pixels was given. Leave it out, or learn one task from its pictures, "
+                "without policy.tasks."
+            )
+        if self.num_envs < 1 + len(self.tasks):
+            raise PolicyError(
+                f"policy.num_envs={self.num_envs} is less than one environment for each of the "
+                f"{1 + len(self.tasks)} tasks, task= and policy.tasks={_listed(self.tasks)}. Take "
+                f"policy.num_envs={1 + len(self.tasks)} at least."
+            )
+
     @property
     def architecture(self) -> Architecture:
         """The widths and depths of this model: those of its size, but for those that were given."""
@@ -210,6 +230,11 @@ class Tdmpc2Config:
         """Returns the iterations of MPPI for actions of so many dimensions."""
         return self.iterations + LARGE_ACTION_ITERATIONS * (action_size >= LARGE_ACTION_SIZE)
 
-    def first_steps(self, episode_length: int) -> int:
-        """Returns the environment steps with random actions."""
-        return self.seed_steps or max(1000, 5 * episode_length)
+    def first_steps(self, *episode_lengths: int) -> int:
+        """Returns the environment steps with random actions, of tasks with episodes of these lengths."""
+        return self.seed_steps or sum(max(1000, 5 * length) for length in episode_lengths)
+
+
+def _listed(tasks: tuple[str, ...]) -> str:
+    """Tasks as one would type them."""
+    return f"[{','.join(tasks)}]"

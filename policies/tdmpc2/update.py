@@ -98,7 +98,8 @@ class Updater:
         self.optimizer.step()
         self.optimizer.zero_grad(set_to_none=True)
         prior_loss, prior_metrics = self._prior_loss(zs, batch)
-        prior_loss.backward()
+        # Nothing else: the embedding of tasks would keep a gradient of the prior for the next update.
+        prior_loss.backward(inputs=self._prior_parameters)
         prior_norm = torch.nn.utils.clip_grad_norm_(self._prior_parameters, clip)
         self.prior_optimizer.step()
         self.prior_optimizer.zero_grad(set_to_none=True)

@@ -75,7 +75,7 @@ def find_demonstrator(checkpoint: str, task: str) -> Demonstrator:
     """
     import policies
     from benchmark.provenance import file_hash
-    from policies.checkpoint import WEIGHTS, learned_task, policy_type, resolve, seen_cameras
+    from policies.checkpoint import WEIGHTS, learned_tasks, policy_type, resolve, seen_cameras
 
     folder = resolve(checkpoint)
     name = policy_type(folder)
@@ -89,11 +89,12 @@ def find_demonstrator(checkpoint: str, task: str) -> Demonstrator:
             f"Checkpoint '{folder}' of policy '{name}' sees the pictures of {', '.join(cameras)}. "
             "source=policy takes what sees the state: train one with policy.observation=state."
         )
-    learned = learned_task(folder) or task
-    if learned != task:
+    learned = learned_tasks(folder) or (task,)
+    if task not in learned:
         raise CheckpointError(
-            f"Checkpoint '{folder}' of policy '{name}' learned the task {learned}, and demonstrations of "
-            f"{task} were asked for. Give task={learned}, or train it on {task}."
+            f"Checkpoint '{folder}' of policy '{name}' learned the task {' and '.join(learned)}, and "
+            f"demonstrations of {task} were asked for. Give task={' or task='.join(learned)}, or train it on "
+            f"{task}."
         )
     return Demonstrator(checkpoint=folder, policy=name, weights=file_hash(folder / WEIGHTS)[:16])
 
@@ -116,7 +117,9 @@ class PolicySource(ExpertSource):
 
         super().__init__(**scene)
         self._facts = identity
-        self._planner = PolicyPlanner(policies.load(checkpoint, device), self._env.task)
+        policy: Any = policies.load(checkpoint, device)
+        policy.task = scene["task"]
+        self._planner = PolicyPlanner(policy, self._env.task)
 
     @override
     def attempts(self, indices: Iterator[int]) -> Iterator[tuple[int, EpisodeData | None]]:

@@ -1,5 +1,6 @@
 """The env of a run that learns by reward, from the keys that every such run has."""
 
+from contextlib import ExitStack
 from typing import Any
 
 from envs.errors import ConfigError
@@ -23,6 +24,35 @@ def make_env(config: Any, num_envs: int, seed: int, device: str, **own: Any) -> 
 
     check_env(config, expert_starts=own.get("expert_starts", 0.0))
     return TorchVectorEnv(num_envs=num_envs, device=device, seed=seed, **_scene(config), **own)
+
+
+def make_multi_task_env(config: Any, num_envs: int, seed: int, device: str) -> Any:
+    """Makes the env of a run that learns several tasks together.
+
+    Args:
+        config: Configuration of the run; its ``tasks`` divide the environments among themselves, the first
+            ones taking one more where they cannot be divided evenly.
+        num_envs: Environments of all tasks together.
+        seed: Seeds which initial states are drawn.
+        device: ``cpu`` or ``cuda``.
+
+    Raises:
+        ConfigError: as :func:`check_env`.
+    """
+    from envs.multi_task_env import MultiTaskEnv
+    from envs.torch_env import TorchVectorEnv
+
+    check_env(config)
+    each, more = divmod(num_envs, len(config.tasks))
+    envs = {}
+    with ExitStack() as opened:  # closes those that there are if one cannot be made
+        for index, task in enumerate(config.tasks):
+            scene = _scene(config) | {"task": task}
+            num = each + (index < more)
+            envs[task] = TorchVectorEnv(num_envs=num, device=device, seed=seed, **scene)
+            opened.callback(envs[task].close)
+        opened.pop_all()
+    return MultiTaskEnv(envs)
 
 
 def make_pixel_env(
@@ -94,21 +124,22 @@ def check_pictures(config: Any, image_size: int) -> None:
 
 
 def check_env(config: Any, *, expert_starts: float = 0.0) -> None:
-    """Checks that the task of a run has what an agent is to learn from.
+    """Checks that every task of a run has what an agent is to learn from.
 
     Args:
         config: Configuration of the run.
         expert_starts: Share of the episodes that are to begin on the way of the task's expert.
 
     Raises:
-        ConfigError: if it pays no reward, or has no expert and needs one.
+        ConfigError: if one pays no reward, or has no expert and needs one.
     """
+    for name in config.tasks:
+        if not make_task(name, config.task_kwargs, config.scenario).has_reward:
+            raise ConfigError(
+                f"Task '{name}' pays no reward, which policy={config.policy_name} learns from. Learn it "
+                "from demonstrations, as with policy=act, or take another task, such as PickCube."
+            )
     task = make_task(config.task, config.task_kwargs, config.scenario)
-    if not task.has_reward:
-        raise ConfigError(
-            f"Task '{config.task}' pays no reward, which policy={config.policy_name} learns from. Learn it "
-            "from demonstrations, as with policy=act, or take another task, such as PickCube."
-        )
     if expert_starts and not task.has_expert:
         raise ConfigError(
             f"policy.expert_starts={expert_starts:g} lets episodes begin on the way of the task's scripted "

@@ -125,6 +125,7 @@ class FrameReplay:
             storage["reward"][steps, envs],
             storage["terminated"][steps, envs],
             (storage["end"][steps, envs].cumsum(0) == 0).float(),
+            envs,
         )
 
     def _stacks(self, rows: Tensor, envs: Tensor) -> Tensor:

@@ -275,13 +275,8 @@ class Loop:
         self.means = {key: float(value) / self.pending for key, value in self.sums.items()}
         self.sums, self.pending = {}, 0
         episodes = self.env.pop_statistics()
-        row = dict(self.means)
+        row = self.means | episodes.means()
         if episodes.episodes:
-            row |= {
-                "episode_return": episodes.episode_return,
-                "episode_length": episodes.length,
-                "success_rate": episodes.success_rate,
-            }
             self.episodes = episodes
         if not row:
             return

@@ -64,6 +64,7 @@ class StoredSequences(NamedTuple):
         rewards: (H, B).
         terminated: 1 where the episode ended for good after the action, else 0, (H, B).
         valid: 1 where the step is of the episode that the sequence began in, 0 after its end, (H, B).
+        env: The environment that each is of, (B,) int64.
     """
 
     observations: Tensor
@@ -71,6 +72,7 @@ class StoredSequences(NamedTuple):
     rewards: Tensor
     terminated: Tensor
     valid: Tensor
+    env: Tensor
 
 
 class ReplayBuffer:
@@ -175,6 +177,7 @@ class ReplayBuffer:
             storage["reward"][rows, envs],
             storage["terminated"][rows, envs],
             valid,
+            envs,
         )
 
     def state(self) -> tuple[dict[str, Tensor], dict[str, int]]:

@@ -11,11 +11,17 @@ from torch import Tensor
 from policies.tdmpc2.agent import Tdmpc2Agent
 from policies.tdmpc2.config import Tdmpc2Config
 from policies.tdmpc2.layers import PIXELS
-from policies.tdmpc2.policy import Tdmpc2Policy
+from policies.tdmpc2.policy import TaskSizes, Tdmpc2Policy
 from policies.tdmpc2.update import Sequences, Updater
 from roboverse_learn.data.schema import IMAGE_PREFIX
 from roboverse_learn.training import agent_checkpoint, off_policy
-from roboverse_learn.training.agent_env import check_env, check_pictures, make_env, make_pixel_env
+from roboverse_learn.training.agent_env import (
+    check_env,
+    check_pictures,
+    make_env,
+    make_multi_task_env,
+    make_pixel_env,
+)
 from roboverse_learn.training.frame_replay import FrameReplay
 from roboverse_learn.training.replay import ReplayBuffer, Transitions
 
@@ -33,28 +39,35 @@ class Tdmpc2Algorithm:
     Args:
         policy: An untrained policy, trained in place.
         num_envs: Environments.
-        episode_length: Control steps of an episode.
+        episode_length: Control steps of an episode; of several tasks, of the longest.
+        task_ids: Index of each environment's task (N,), or None where there is one alone.
     """
 
-    def __init__(self, policy: Tdmpc2Policy, num_envs: int, episode_length: int) -> None:
+    def __init__(
+        self, policy: Tdmpc2Policy, num_envs: int, episode_length: int, task_ids: Tensor | None = None
+    ) -> None:
         config, model = policy.config, policy.model
         self.policy, self.config, self.batch_size = policy, config, config.batch_size
-        self.num_envs, self.action_size = num_envs, model.action_size
+        self.num_envs, self.action_size, self.task_ids = num_envs, model.action_size, task_ids
         compiled = {
             "compile": off_policy.wanted(config.compile, policy.device),
             "cuda_graphs": off_policy.wanted(config.cuda_graphs, policy.device),
         }
-        self.updater = Updater(config, model, [policy.discount], **compiled)
-        self.agent = Tdmpc2Agent(config, model, policy.discount, num_envs, **compiled)
+        self.updater = Updater(config, model, policy.discounts, **compiled)
+        discount = policy.discount if task_ids is None else self.updater.discounts[task_ids][:, None]
+        self.agent = Tdmpc2Agent(config, model, discount, num_envs, task_ids, **compiled)
         self.buffer = _buffer_of(policy, num_envs)
-        self.first_steps = max(config.first_steps(episode_length), config.horizon * num_envs)
+        lengths = [task.episode_length for task in policy.several.values()] or [episode_length]
+        self.first_steps = max(config.first_steps(*lengths), config.horizon * num_envs)
         self.learning, self.due = False, 0.0
 
     def act(self, observation: Tensor, first: Tensor) -> Tensor:
         """Chooses actions, at random until there is something to learn from."""
-        if not self.learning:
-            return torch.rand(self.num_envs, self.action_size, device=observation.device) * 2.0 - 1.0
-        return self.agent.act(observation, first)
+        if self.learning:
+            return self.agent.act(observation, first)
+        action = torch.rand(self.num_envs, self.action_size, device=observation.device) * 2.0 - 1.0
+        mask = self.policy.model.action_mask(self.task_ids)
+        return action if mask is None else action * mask  # padding is learned as the zeros that are planned
 
     def store(self, observation: Tensor, action: Tensor, step: Any) -> None:
         """Takes in what came of the actions."""
@@ -73,7 +86,12 @@ class Tdmpc2Algorithm:
             self.learning, new_steps = True, len(self.buffer)
         self.due += new_steps * self.config.update_ratio
         num, self.due = int(self.due), self.due % 1.0
-        return [self.updater.update(Sequences(*self.buffer.sequences(self.batch_size))) for _ in range(num)]
+        return [self.updater.update(self._drawn()) for _ in range(num)]
+
+    def _drawn(self) -> Sequences:
+        """Draws a batch; an environment is of one task for ever, so the replay need not keep it."""
+        *fields, env = self.buffer.sequences(self.batch_size)
+        return Sequences(*fields, task=None if self.task_ids is None else self.task_ids[env])
 
     def set_progress(self, fraction: float) -> None:
         """TD-MPC2 has no schedule."""
@@ -127,8 +145,10 @@ def _buffer_of(policy: Tdmpc2Policy, num_envs: int) -> ReplayBuffer | FrameRepla
 
 
 def open_env(config: "TrainRunConfig", seed: int, device: str) -> Any:
-    """Makes the env that TD-MPC2 learns in, of states or of pictures."""
+    """Makes the env that TD-MPC2 learns in, of states or of pictures, of one task or of several."""
     own: Tdmpc2Config = config.policy
+    if own.tasks:
+        return make_multi_task_env(config, own.num_envs, seed, device)
     if own.observation != "pixels":
         return make_env(config, own.num_envs, seed, device)
     seen: dict[str, Any] = {"num_frames": own.num_frames, "image_size": PIXELS}
@@ -141,15 +161,19 @@ def make_agent(config: "TrainRunConfig", env: Any, seed: int, device: str) -> Td
     sizes = {off_policy.OBSERVATION: env.observation_size}
     if own.observation == "pixels":
         sizes = {f"{IMAGE_PREFIX}{camera}": PIXELS for camera in env.camera_names}
-    length = env.max_episode_steps
-    policy = Tdmpc2Policy.create(own, sizes, env.action_size, length, device, seed)
+    length, task_ids, several = env.max_episode_steps, None, {}
+    if own.tasks:
+        task_ids = env.task_ids
+        for task, each in env.envs.items():
+            several[task] = TaskSizes(each.observation_size, each.action_size, each.max_episode_steps)
+    policy = Tdmpc2Policy.create(own, sizes, env.action_size, length, device, seed, several)
     policy.task = config.task
-    return Tdmpc2Algorithm(policy, own.num_envs, length)
+    return Tdmpc2Algorithm(policy, own.num_envs, length, task_ids)
 
 
 def brief(own: Tdmpc2Config) -> Tdmpc2Config:
     """Returns settings to time it by: few environments, which plan as long each, and learn at once."""
-    num_envs = min(own.num_envs, _TIMED_ENVS)
+    num_envs = min(own.num_envs, max(_TIMED_ENVS, 1 + len(own.tasks)))
     buffer_size = num_envs * (own.horizon + _TIMED_STEPS)
     return replace(own, num_envs=num_envs, seed_steps=1, buffer_size=buffer_size, compile=False)
 
@@ -165,6 +189,8 @@ def learn(
         settings = {"task": config.task, "batch_size": own.batch_size, "model_size": own.model_size}
         if own.observation == "pixels":
             settings["cameras"] = list(env.camera_names)
+        if own.tasks:
+            settings["tasks"] = list(config.tasks)
         return off_policy.run(
             algorithm, env, config.train, run_dir, seed=seed, reporter=reporter, settings=settings
         )

@@ -66,6 +66,17 @@ def test_what_was_changed_of_the_scene_is_told_and_nothing_where_nothing_was(
     assert read_result(path) == result
 
 
+def test_tasks_that_were_learned_together_are_told_and_nothing_of_one_alone(make_result, tmp_path, written):
+    assert "train_tasks" not in json.loads(written[0].read_text())
+    result = make_result(run="other", train_tasks=("PickCube", "humanoid/walk"))
+    path = result_path(tmp_path, result)
+    write_result(path, result)
+    assert json.loads(path.read_text())["train_tasks"] == ["PickCube", "humanoid/walk"]
+    assert read_result(path) == result
+    with pytest.raises(ResultError, match="train_tasks"):
+        write_result(path, replace(result, train_tasks=("PickCube",)))
+
+
 def test_one_record_per_line(written):
     lines = written[0].read_text().splitlines()
     assert sum('"initial_state_hash"' in line for line in lines) == 12

@@ -90,3 +90,19 @@ def test_rows_evaluated_on_other_materials_are_told_apart(publish, tmp_path):
         "act, materials +pictures-1a2b3c4d",
         "act, materials built-in",
     ]
+
+
+def test_what_was_learned_with_other_tasks_says_so_and_whichever_was_named_first_is_one_row(
+    publish, tmp_path
+):
+    publish(config={"policy": {"tasks": []}})
+    for seed, tasks in enumerate([("PickCube", "b", "a"), ("b", "PickCube", "a")]):
+        config = {"policy": {"tasks": list(tasks[1:])}}
+        publish(run=f"together{seed}", seed=seed, config=config, train_tasks=tasks)
+    publish(run="many", train_tasks=("PickCube", *"abcd"), config={"policy": {"tasks": list("abcd")}})
+    found = {row["label"]: (row["seeds"], row.get("learned_with")) for row in rows(tmp_path)}
+    assert found == {
+        "act": ([0], None),
+        "act, learned with a and b": ([0, 1], ["a", "b"]),
+        "act, learned with 4 further tasks": ([0], ["a", "b", "c", "d"]),
+    }

@@ -87,6 +87,7 @@ def another(key: str, value: Any) -> Any:
         "policy.actor_dim": 256,
         "policy.critic_dim": 512,
         "policy.observation": "pixels",
+        "policy.tasks": ["control/ant", "humanoid/walk"],
         "policy.model_size": 19,
         "policy.latent_dim": 256,
         "policy.simnorm_dim": 16,

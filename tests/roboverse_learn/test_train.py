@@ -144,7 +144,7 @@ SUMMARY = CollectionSummary(
 
 
 def test_the_table_has_the_test_split_first_with_its_interval(evaluation: Evaluation) -> None:
-    said = printed(evaluation_report(evaluation, BOARD))
+    said = printed(evaluation_report([evaluation], BOARD))
     assert "PickCube, act, trained on level 0: success in 2 episodes" in said
     header, row = (
         next(line for line in said.splitlines() if word in line) for word in ("evaluated on", "level 0  ")
@@ -154,7 +154,7 @@ def test_the_table_has_the_test_split_first_with_its_interval(evaluation: Evalua
 
 
 def test_the_paths_of_everything_are_printed(evaluation: Evaluation) -> None:
-    said = printed(evaluation_report(evaluation, BOARD))
+    said = printed(evaluation_report([evaluation], BOARD))
     for path in (*BOARD.values(), evaluation.path, evaluation.videos[0]):
         assert str(path) in said
     assert "… and 1 more beside them" in said and "8.mp4" not in said
@@ -167,7 +167,9 @@ def test_the_report_of_a_run_tells_the_rate_of_the_expert_and_the_times(evaluati
     )  # fmt: skip
     stages = {"collect": {"seconds": 5.0}, "train": {"seconds": 61.0}}
     said = printed(
-        train_report(SUMMARY, trained, evaluation, BOARD, folder=Path("runs/x"), stages=stages, seconds=3671)
+        train_report(
+            SUMMARY, trained, [evaluation], BOARD, folder=Path("runs/x"), stages=stages, seconds=3671
+        )
     )
     assert "Collected 9 demonstrations; the expert succeeded in 90.0 % of 10 episodes." in said
     assert "Trained 1,234 steps (stopped by time limit), loss 0.5000." in said

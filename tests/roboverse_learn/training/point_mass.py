@@ -1,4 +1,4 @@
-"""A task that small agents learn in seconds, with the interface of :class:`envs.torch_env.TorchVectorEnv`."""
+"""Tasks that small agents learn in seconds, with the interface of :class:`envs.torch_env.TorchVectorEnv`."""
 
 import torch
 
@@ -72,3 +72,15 @@ class PointMass:
 
     def close(self):
         self.closed = True
+
+
+class Mirrored(PointMass):
+    """A point mass that goes the other way when it is pushed; a second push does nothing, time is seen."""
+
+    observation_size, action_size = 3, 2
+
+    def _observe(self):
+        return torch.cat([super()._observe(), self.elapsed_steps[:, None] / STEPS], dim=-1)
+
+    def step(self, actions):
+        return super().step(-actions)

@@ -33,6 +33,7 @@ WORDS = {
     "tdmpc2": ("policy.num_envs=16", "policy.batch_size=32", "model_size=1", "num_samples=64", "num_elites=8",
                "num_pi_trajs=8", "iterations=2", "seed_steps=320", "buffer_size=8000", "update_ratio=0.125"),
 }  # fmt: skip
+WORDS["tdmpc2 of two tasks"] = (*WORDS["tdmpc2"], "policy.tasks=[control/ant]")
 WORDS["tdmpc2 of pictures"] = (
     *WORDS["tdmpc2"], "policy.observation=pixels", "cameras=[front,rail]", "image_size=64"
 )  # fmt: skip
