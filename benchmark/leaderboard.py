@@ -65,6 +65,8 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
 def write(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str, Path]:
     """Writes ``leaderboard.json``, ``.md``, ``.html`` and the plots into a folder of results.
 
+    Plots of sections that the folder's last leaderboard had and this one has not are removed.
+
     Args:
         results_dir: The folder.
         train: As :func:`build`.
@@ -86,20 +88,40 @@ def write(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         "markdown": (MARKDOWN_NAME, render_markdown(board)),
         "html": (HTML_NAME, render_html(board)),
     }
+    plots = _plots(results_dir, board)
+    for path in _plots(results_dir, _last(results_dir)).values():
+        if path not in plots.values():
+            path.unlink(missing_ok=True)
     written: dict[str, Path] = {}
     for kind, (name, text) in contents.items():
         written[kind] = results_dir / name
         write_bytes(written[kind], text.encode())
     for section in board["sections"]:
-        path = results_dir / "plots" / f"{section['id']}.png"
-        plot_levels(section["rows"], path, section["title"])
-        written[f"plot {section['id']}"] = path
+        plot_levels(section["rows"], plots[f"plot {section['id']}"], section["title"])
         if section["curves"]:
-            path = results_dir / "plots" / f"{section['id']}-learning.png"
+            path = plots[f"learning {section['id']}"]
             ends, others = bool(section["ends_when_solved"]), published(section["task"])
             plot_learning(section["curves"], path, section["title"], others, ends_when_solved=ends)
-            written[f"learning {section['id']}"] = path
-    return written
+    return written | plots
+
+
+def _plots(results_dir: Path, board: Mapping[str, Any]) -> dict[str, Path]:
+    """Returns the plots of a leaderboard."""
+    plots = {}
+    for section in board["sections"]:
+        plots[f"plot {section['id']}"] = results_dir / "plots" / f"{section['id']}.png"
+        if section["curves"]:
+            plots[f"learning {section['id']}"] = results_dir / "plots" / f"{section['id']}-learning.png"
+    return plots
+
+
+def _last(results_dir: Path) -> dict[str, Any]:
+    """Returns the leaderboard that the folder has; one without sections if it has none that can be read."""
+    try:
+        board = json.loads((results_dir / JSON_NAME).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {"sections": []}
+    return board if board.get("schema_version") == SCHEMA_VERSION else {"sections": []}
 
 
 def _load(results_dir: Path) -> list[Entry]:

@@ -212,6 +212,25 @@ def test_a_task_of_a_family_has_a_folder_of_its_own(publish, tmp_path):
     assert (section["title"], section["id"]) == ("humanoid/walk", "v2-humanoid-walk-mujoco-warp")
 
 
+@pytest.mark.parametrize("damaged", [False, True])
+def test_a_plot_goes_with_the_results_that_it_showed(publish, tmp_path, damaged):
+    """But pictures of others stay, and so do all if the last leaderboard cannot be read."""
+    publish(task="CloseBox")
+    gone = publish(task="PickCube")
+    written = leaderboard.write(tmp_path)
+    plots = {kind: path for kind, path in written.items() if kind.startswith("plot")}
+    (tmp_path / "plots" / "mine.png").touch()
+    gone.unlink()
+    if damaged:
+        written["json"].write_text("{")
+    leaderboard.write(tmp_path)
+    left = {path.name for path in (tmp_path / "plots").iterdir()}
+    assert {path.name for path in plots.values()} - left == (
+        set() if damaged else {"v2-pickcube-mujoco-warp.png"}
+    )
+    assert "mine.png" in left
+
+
 def test_no_folder_says_what_to_run(tmp_path):
     with pytest.raises(ResultError, match="Evaluate a checkpoint first: roboverse evaluate"):
         leaderboard.build(tmp_path / "nowhere")
