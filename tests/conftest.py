@@ -18,7 +18,10 @@ gc.disable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files with a slow test come first: begun last, one would keep a single core busy at the end."""
+    """Files with a slow test come first: begun last, one would keep a single core busy at the end.
+
+    xdist would begin with those of the most tests; ``--no-loadscope-reorder`` keeps it from that.
+    """
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
 
