@@ -41,7 +41,7 @@ from tests.roboverse_learn.training.point_mass import (
 TINY = Tdmpc2Config(
     tasks=("mirror",), model_size=1, enc_dim=16, mlp_dim=16, latent_dim=16, num_bins=21, simnorm_dim=4,
     num_samples=16, num_elites=4, num_pi_trajs=4, iterations=2, num_envs=8, batch_size=16, seed_steps=200,
-    update_ratio=0.125, buffer_size=20_000, task_dim=8,
+    update_ratio=0.0625, buffer_size=20_000, task_dim=8,
 )  # fmt: skip
 LEARNING = replace(
     TINY, enc_dim=32, mlp_dim=64, latent_dim=32, num_bins=51, num_samples=48, num_elites=8, num_pi_trajs=8,
@@ -125,7 +125,7 @@ def test_entries_that_a_task_lacks_have_no_influence_on_what_is_learned(tmp_path
     for line in (PointMass(4), Deaf(4)):
         algorithm, env = make_algorithm()
         env.envs["line"] = line
-        off_policy.run(algorithm, env, TrainConfig(steps=320, num_threads=1), tmp_path / type(line).__name__)
+        off_policy.run(algorithm, env, TrainConfig(steps=240, num_threads=1), tmp_path / type(line).__name__)
         learned.append(algorithm.policy.state_dict())
     assert all(learned[0][key].equal(value) for key, value in learned[1].items())
 
