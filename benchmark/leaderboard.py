@@ -89,9 +89,8 @@ def write(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         "html": (HTML_NAME, render_html(board)),
     }
     plots = _plots(results_dir, board)
-    for path in _plots(results_dir, _last(results_dir)).values():
-        if path not in plots.values():
-            path.unlink(missing_ok=True)
+    for path in _last_plots(results_dir) - set(plots.values()):
+        path.unlink(missing_ok=True)
     written: dict[str, Path] = {}
     for kind, (name, text) in contents.items():
         written[kind] = results_dir / name
@@ -109,19 +108,26 @@ def _plots(results_dir: Path, board: Mapping[str, Any]) -> dict[str, Path]:
     """Returns the plots of a leaderboard."""
     plots = {}
     for section in board["sections"]:
-        plots[f"plot {section['id']}"] = results_dir / "plots" / f"{section['id']}.png"
+        of_levels, of_learning = _plot_paths(results_dir, section)
+        plots[f"plot {section['id']}"] = of_levels
         if section["curves"]:
-            plots[f"learning {section['id']}"] = results_dir / "plots" / f"{section['id']}-learning.png"
+            plots[f"learning {section['id']}"] = of_learning
     return plots
 
 
-def _last(results_dir: Path) -> dict[str, Any]:
-    """Returns the leaderboard that the folder has; one without sections if it has none that can be read."""
+def _last_plots(results_dir: Path) -> set[Path]:
+    """Returns the plots that the folder's last leaderboard may have; none if it cannot be read."""
     try:
         board = json.loads((results_dir / JSON_NAME).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {"sections": []}
-    return board if board.get("schema_version") == SCHEMA_VERSION else {"sections": []}
+        return {path for section in board["sections"] for path in _plot_paths(results_dir, section)}
+    except (OSError, ValueError, TypeError, LookupError):  # there is none, or it is damaged, or another's
+        return set()
+
+
+def _plot_paths(results_dir: Path, section: Mapping[str, Any]) -> tuple[Path, Path]:
+    """Returns where a section's plots are, of levels and of learning."""
+    folder = results_dir / "plots"
+    return folder / f"{section['id']}.png", folder / f"{section['id']}-learning.png"
 
 
 def _load(results_dir: Path) -> list[Entry]:
