@@ -139,8 +139,7 @@ def check_env(config: Any, *, expert_starts: float = 0.0) -> None:
                 f"Task '{name}' pays no reward, which policy={config.policy_name} learns from. Learn it "
                 "from demonstrations, as with policy=act, or take another task, such as PickCube."
             )
-    task = make_task(config.task, config.task_kwargs, config.scenario)
-    if expert_starts and not task.has_expert:
+    if expert_starts and not make_task(config.task, config.task_kwargs, config.scenario).has_expert:
         raise ConfigError(
             f"policy.expert_starts={expert_starts:g} lets episodes begin on the way of the task's scripted "
             f"expert, and '{config.task}' has none. Take policy.expert_starts=0, or a task with an expert, "
