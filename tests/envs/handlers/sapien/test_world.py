@@ -202,3 +202,30 @@ def test_what_is_put_forgets_the_contacts_before():
         bench.put()
         bench.run(13)
     np.testing.assert_array_equal(*ends)
+
+
+FREE_SERVO = """
+<mujoco><option timestep="0.002" gravity="0 0 0"/>
+  <worldbody><body name="trunk" pos="0 0 1"><freejoint/>
+    <inertial pos=".1 0 0" mass="30" diaginertia="1 2 1.5"/>
+    <body name="arm" pos="0 .2 0"><joint name="j" axis="1 0 0" damping="2" armature=".1"/>
+      <inertial pos="0 .2 0" mass="1" diaginertia=".02 .02 .02"/></body></body></worldbody>
+  <actuator><position joint="j" kp="100" kv="5" forcerange="-6 6"/></actuator>
+</mujoco>
+"""
+
+
+def test_the_damping_of_a_driven_joint_acts_beside_the_actuators_limit():
+    """What gives all its force is slowed down to limit / damping, 3 rad/s, by a joint's own damping."""
+    bench = Bench(FREE_SERVO)
+    data = mujoco.MjData(bench.model)
+    bench.put()
+    bench.ctrl[:] = data.ctrl[:] = 2.0
+    bench.world.drive(bench.ctrl)
+    for num_steps in (50, 70, 380):  # at full force, still so, and arrived
+        bench.run(num_steps)
+        for _ in range(num_steps):
+            mujoco.mj_step(bench.model, data)
+        assert bench.qpos[7] == pytest.approx(data.qpos[7], abs=3.0 * DT)
+        assert bench.qvel[6] == pytest.approx(data.qvel[6], rel=0.02, abs=0.01)
+    np.testing.assert_allclose(bench.qpos[:7], data.qpos[:7], atol=2e-3)
