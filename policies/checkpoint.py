@@ -86,6 +86,25 @@ def learned_tasks(path: str | Path) -> tuple[str, ...]:
     return (str(task),) if task else ()
 
 
+def check_learned(directory: Path, task: str) -> None:
+    """Refuses a task that an agent did not learn, whose observations mean something else to it.
+
+    Args:
+        directory: A pretrained folder.
+        task: What it is to act in.
+
+    Raises:
+        PolicyError: if the folder tells which tasks its policy learned, and this is none of them.
+    """
+    learned = learned_tasks(directory) or (task,)
+    if task not in learned:
+        raise PolicyError(
+            f"Checkpoint '{directory}' of policy '{policy_type(directory)}' learned the task "
+            f"{' and '.join(learned)}, and {task} was asked for. Give task={' or task='.join(learned)}, or "
+            f"train it on {task}."
+        )
+
+
 def seen_cameras(directory: Path) -> dict[str, int]:
     """Returns the cameras whose pictures a policy sees, in order, and the pixels a side of each.
 

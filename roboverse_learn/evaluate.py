@@ -12,7 +12,6 @@ from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 from benchmark.protocol import Cell, Protocol
-from envs.errors import CheckpointError
 from roboverse_learn.config import EvaluateConfig, EvaluationConfig
 from roboverse_learn.materials import check_materials, recorded_materials
 from roboverse_learn.scenario_files import check_scenario_files
@@ -49,7 +48,7 @@ def evaluate(config: EvaluateConfig) -> Any:
 
     Raises:
         ConfigError: The task or the image size is needed and was not given.
-        PolicyError: The checkpoint is broken.
+        PolicyError: The checkpoint is broken, or learned other tasks.
     """
     from roboverse_learn.leaderboard import write_leaderboard
     from roboverse_learn.report import evaluation_report
@@ -80,7 +79,7 @@ def evaluate_subject(
     from benchmark.provenance import file_hash
     from benchmark.records import Checkpoint
     from benchmark.result_file import result_path, video_dir, write_result
-    from policies.checkpoint import WEIGHTS, policy_type
+    from policies.checkpoint import WEIGHTS, check_learned, policy_type
 
     protocol = protocol_of(config)
     name = policy_type(subject.checkpoint)
@@ -94,8 +93,10 @@ def evaluate_subject(
 
     looks = {"evaluate.materials": config.materials}
     check_scenario_files(subject.task, subject.task_kwargs, subject.scenario, looks)
+    check_learned(subject.checkpoint, subject.task)
     policy = policies.load(subject.checkpoint, subject.device)
-    choose_task(policy, subject)
+    if policies.learns_from(name) == "env":
+        policy.task = subject.task
     checkpoint = Checkpoint(step=step_of(subject.checkpoint), hash=weights)
     finished = FinishedCells(path, _deciding(subject, protocol, weights, materials))
     if finished.records:
@@ -131,23 +132,6 @@ def _write_curve(path: Path, subject: Subject) -> None:
                 row | {name: row.get(f"{name}/{subject.task}", math.nan) for name in MEASURES} for row in rows
             ]
         write_curve(path, rows)
-
-
-def choose_task(policy: Any, subject: Subject) -> None:
-    """Tells an agent that learned by reward which of its tasks it acts in.
-
-    Raises:
-        CheckpointError: if it learned another task, whose observations mean something else.
-    """
-    learned = getattr(policy, "tasks", ())
-    if learned and subject.task not in learned:
-        raise CheckpointError(
-            f"Checkpoint '{subject.checkpoint}' of policy '{policy.name}' learned the task "
-            f"{' and '.join(learned)}, and {subject.task} was asked for. Leave out task=, or train it on "
-            f"{subject.task}."
-        )
-    if learned:
-        policy.task = subject.task
 
 
 def _deciding(subject: Subject, protocol: Protocol, weights: str, materials: str) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Any, override
 
 import numpy as np
 
-from envs.errors import CheckpointError, ConfigError
+from envs.errors import ConfigError
 from envs.experts.rollout import rollout
 from envs.state import State
 from envs.tasks.base import Task
@@ -69,13 +69,12 @@ def find_demonstrator(checkpoint: str, task: str) -> Demonstrator:
         task: Registered task.
 
     Raises:
-        PolicyError: There is no checkpoint.
+        PolicyError: There is no checkpoint, or it learned another task.
         ConfigError: Its policy learned from demonstrations itself, or sees pictures.
-        CheckpointError: It learned another task.
     """
     import policies
     from benchmark.provenance import file_hash
-    from policies.checkpoint import WEIGHTS, learned_tasks, policy_type, resolve, seen_cameras
+    from policies.checkpoint import WEIGHTS, check_learned, policy_type, resolve, seen_cameras
 
     folder = resolve(checkpoint)
     name = policy_type(folder)
@@ -89,13 +88,7 @@ def find_demonstrator(checkpoint: str, task: str) -> Demonstrator:
             f"Checkpoint '{folder}' of policy '{name}' sees the pictures of {', '.join(cameras)}. "
             "source=policy takes what sees the state: train one with policy.observation=state."
         )
-    learned = learned_tasks(folder) or (task,)
-    if task not in learned:
-        raise CheckpointError(
-            f"Checkpoint '{folder}' of policy '{name}' learned the task {' and '.join(learned)}, and "
-            f"demonstrations of {task} were asked for. Give task={' or task='.join(learned)}, or train it on "
-            f"{task}."
-        )
+    check_learned(folder, task)
     return Demonstrator(checkpoint=folder, policy=name, weights=file_hash(folder / WEIGHTS)[:16])
 
 

@@ -7,6 +7,7 @@ import pytest
 import policies
 from policies import PolicyError
 from policies.atomic import atomic_directory
+from policies.checkpoint import check_learned
 from tests.policies.examples import make
 
 ADVICE = "Name another checkpoint, or train again."
@@ -49,6 +50,26 @@ def test_a_file_in_place_of_a_folder(tmp_path):
 def test_a_file_that_is_absent(broken, name):
     (broken / name).unlink()
     assert f"has no {name}" in message(broken)
+
+
+@pytest.mark.parametrize(
+    ("content", "learned", "refused"),
+    [
+        ({"type": "ppo", "task": "PickCube"}, ["PickCube"], "StackCube"),
+        ({"type": "tdmpc2", "task": "a", "tasks": {"a": {}, "b": {}}}, ["a", "b"], "c"),
+        ({"type": "ppo", "task": ""}, ["PickCube", "StackCube"], None),
+        ({"type": "act"}, ["PickCube", "StackCube"], None),
+    ],
+)
+def test_a_task_that_was_not_learned(tmp_path, content, learned, refused):
+    (tmp_path / "config.json").write_text(json.dumps(content))
+    for task in learned:
+        check_learned(tmp_path, task)
+    if refused:
+        said = f"'{content['type']}' learned the task {' and '.join(learned)}, and {refused} was asked for. "
+        said += f"Give task={' or task='.join(learned)}, or train it on {refused}.$"
+        with pytest.raises(PolicyError, match=said):
+            check_learned(tmp_path, refused)
 
 
 def test_statistics_that_are_absent(broken):
