@@ -1,6 +1,6 @@
 """What every policy is, to whoever runs or saves it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
@@ -13,6 +13,11 @@ type Observation = Mapping[str, "np.ndarray"]
 
 class PolicyError(ValueError):
     """A policy that was configured, loaded or called wrongly; the message says how to mend it."""
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names as one would type a list of them on the command line."""
+    return f"[{','.join(names)}]"
 
 
 def observed(

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from benchmark.protocol import LEVELS, SPLITS
 from envs.errors import ConfigError, unknown_name
 from envs.randomization.splits import load_split
+from policies.base import listed
 from roboverse_learn.training.config import TrainConfig
 
 Channel = Literal["environment", "camera", "lighting"]
@@ -231,8 +232,8 @@ class TrainRunConfig(CollectConfig):
         twice = next((task for task in self.tasks if self.tasks.count(task) > 1), None)
         if twice is not None:
             raise ConfigError(
-                f"'{twice}' is learned twice: task={self.task}, and policy.tasks="
-                f"[{','.join(self.tasks[1:])}]. Name every task once."
+                f"'{twice}' is learned twice: task={self.task}, and policy.tasks={listed(self.tasks[1:])}. "
+                "Name every task once."
             )
         changed = [key for key in ("task_kwargs", "scenario") if getattr(self, key)]
         if len(self.tasks) > 1 and changed:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from policies.base import PolicyError
+from policies.base import PolicyError, listed
 
 ModelSize = Literal[1, 5, 19, 48, 317]
 Observed = Literal["state", "pixels"]
@@ -198,14 +198,14 @@ class Tdmpc2Config:
             return
         if self.observation == "pixels":
             raise PolicyError(
-                f"policy.tasks={_listed(self.tasks)} are learned together from states, and "
+                f"policy.tasks={listed(self.tasks)} are learned together from states, and "
                 "policy.observation=pixels was given. Leave it out, or learn one task from its pictures, "
                 "without policy.tasks."
             )
         if self.num_envs < 1 + len(self.tasks):
             raise PolicyError(
                 f"policy.num_envs={self.num_envs} is less than one environment for each of the "
-                f"{1 + len(self.tasks)} tasks, task= and policy.tasks={_listed(self.tasks)}. Take "
+                f"{1 + len(self.tasks)} tasks, task= and policy.tasks={listed(self.tasks)}. Take "
                 f"policy.num_envs={1 + len(self.tasks)} at least."
             )
 
@@ -233,8 +233,3 @@ class Tdmpc2Config:
     def first_steps(self, *episode_lengths: int) -> int:
         """Returns the environment steps with random actions, of tasks with episodes of these lengths."""
         return self.seed_steps or sum(max(1000, 5 * length) for length in episode_lengths)
-
-
-def _listed(tasks: tuple[str, ...]) -> str:
-    """Tasks as one would type them."""
-    return f"[{','.join(tasks)}]"
