@@ -82,7 +82,7 @@ def estimate_learning_s(config: "TrainRunConfig", device: str) -> float:
         env = learner.open_env(config, 0, device)
         try:
             agent = learner.make_agent(config, env, 0, device)
-            loop = Loop(agent, env, config.train, Path(), 0, Reporter(), {})
+            loop = Loop(agent, env, config.train, Path(), 0, Reporter())
             loop.begin(None)
             _advance(loop, 0.0)  # the first update is slower than those that follow
             per_step = _advance(loop, _LEAST_TIMED_S)

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -17,7 +16,6 @@ from roboverse_learn.training.replay import ReplayBuffer, Transitions
 
 if TYPE_CHECKING:
     from roboverse_learn.config import TrainRunConfig
-    from roboverse_learn.training.reporter import Reporter, TrainResult
 
 
 _TIMED_BATCH, _TIMED_STEPS = 1024, 100
@@ -47,6 +45,7 @@ class FastTd3Algorithm:
         self.buffer = ReplayBuffer(config.buffer_size, num_envs, size, policy.action_size, device)
         self.first_steps = max(1, config.learning_starts * num_envs)
         self.std = torch.zeros(num_envs, 1, device=device)
+        self.settings: dict[str, Any] = {"batch_size": config.batch_size}
 
     @torch.no_grad()
     def act(self, observation: Tensor, first: Tensor) -> Tensor:
@@ -140,18 +139,3 @@ def brief(own: FastTd3Config) -> FastTd3Config:
         buffer_size=num_envs * _TIMED_STEPS,
         compile=False,
     )
-
-
-def learn(
-    config: "TrainRunConfig", run_dir: Path, device: str, seed: int, reporter: "Reporter"
-) -> "TrainResult":
-    """Trains FastTD3 on the task of a run; see :class:`roboverse_learn.training.learners.Learner`."""
-    env = open_env(config, seed, device)
-    try:
-        algorithm = make_agent(config, env, seed, device)
-        settings = {"task": config.task, "batch_size": config.policy.batch_size}
-        return off_policy.run(
-            algorithm, env, config.train, run_dir, seed=seed, reporter=reporter, settings=settings
-        )
-    finally:
-        env.close()

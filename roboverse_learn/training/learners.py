@@ -22,12 +22,13 @@ LEARNERS: dict[str, str] = {
     "tdmpc2": "roboverse_learn.training.tdmpc2",
     "ppo": "roboverse_learn.training.ppo.learner",
 }
-"""Policy to the module that has its ``learn``, and what else is asked of it:
+"""Policy to the module that makes what it is trained with:
 
 ``check(config)`` tells what keeps it from learning. ``open_env(config, seed, device)`` and
-``make_agent(config, env, seed, device)`` make what ``learn`` trains with. ``brief(policy)`` returns smaller
-settings, by which :mod:`roboverse_learn.training.estimate` times it: it learns from the first steps on, and
-an environment step takes as long as by the settings given.
+``make_agent(config, env, seed, device)`` make what :func:`learn` trains with; a module may have a ``learn``
+of its own. ``brief(policy)`` returns smaller settings, by which
+:mod:`roboverse_learn.training.estimate` times it: it learns from the first steps on, and an environment step
+takes as long as by the settings given.
 """
 
 
@@ -77,7 +78,22 @@ def learner_of(policy: str) -> Learner:
     Raises:
         RoboVerseError: as :func:`module_of`.
     """
-    return module_of(policy).learn
+    return getattr(module_of(policy), "learn", learn)
+
+
+def learn(
+    config: "TrainRunConfig", run_dir: Path, device: str, seed: int, reporter: "Reporter"
+) -> "TrainResult":
+    """Trains the policy of a run on its task; see :class:`Learner`."""
+    from roboverse_learn.training import off_policy
+
+    module = module_of(config.policy_name)
+    env = module.open_env(config, seed, device)
+    try:
+        agent = module.make_agent(config, env, seed, device)
+        return off_policy.run(agent, env, config.train, run_dir, seed=seed, reporter=reporter)
+    finally:
+        env.close()
 
 
 def check_learner(config: "TrainRunConfig") -> None:

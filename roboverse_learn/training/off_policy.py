@@ -40,10 +40,17 @@ _NOISE, _ENV = 0, 1
 
 
 class Algorithm(Protocol):
-    """What learns."""
+    """What learns.
+
+    Attributes:
+        policy: What it trains.
+        batch_size: Samples of an update.
+        settings: Whatever else must be the same for a run to be gone on with.
+    """
 
     policy: Any
     batch_size: int
+    settings: dict[str, Any]
 
     def act(self, observation: Tensor, first: Tensor) -> Tensor:
         """Chooses actions (N, A) with noise to explore; ``first`` (N,): an episode has just begun."""
@@ -82,7 +89,6 @@ def run(
     *,
     seed: int = 0,
     reporter: Reporter | None = None,
-    settings: Mapping[str, Any] | None = None,
     resume: bool = True,
     stagger: bool = False,
 ) -> TrainResult:
@@ -95,7 +101,6 @@ def run(
         run_dir: Where checkpoints, metrics and plots go.
         seed: Root of all randomness.
         reporter: Hears of the progress.
-        settings: Whatever must be the same for a run to be gone on with.
         resume: Go on from the last checkpoint of ``run_dir``, if there is one.
         stagger: Let the first episodes end at different times, if the env can (``stagger``). Without it
             every rollout that is shorter than an episode sees one part of the episodes alone.
@@ -112,7 +117,7 @@ def run(
     with cpu_threads(config.num_threads, device.type), torch.random.fork_rng(devices=devices):
         torch.set_float32_matmul_precision("high" if devices else precision)
         try:
-            loop = Loop(algorithm, env, config, Path(run_dir), seed, reporter or Reporter(), settings or {})
+            loop = Loop(algorithm, env, config, Path(run_dir), seed, reporter or Reporter())
             loop.stagger = stagger and hasattr(env, "stagger")
             return loop.run(resume)
         finally:
@@ -130,11 +135,13 @@ class Loop:
         run_dir: Path,
         seed: int,
         reporter: Reporter,
-        settings: Mapping[str, Any],
     ) -> None:
         self.algorithm, self.env, self.config = algorithm, env, config
         self.run_dir, self.seed, self.reporter = run_dir, seed, reporter
-        self.settings = {"policy": algorithm.policy.name, "seed": seed, "num_envs": env.num_envs, **settings}
+        policy, own = algorithm.policy, algorithm.settings
+        self.settings = {
+            "policy": policy.name, "seed": seed, "num_envs": env.num_envs, "task": policy.task, **own,
+        }  # fmt: skip
         self.step, self.first_step, self.elapsed_before = 0, 0, 0.0
         self.updates, self.first_update = 0, 0
         self.sums: dict[str, Tensor] = {}

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -27,7 +26,6 @@ from roboverse_learn.training.replay import ReplayBuffer, Transitions
 
 if TYPE_CHECKING:
     from roboverse_learn.config import TrainRunConfig
-    from roboverse_learn.training.reporter import Reporter, TrainResult
 
 
 _TIMED_ENVS, _TIMED_STEPS = 8, 100
@@ -60,6 +58,11 @@ class Tdmpc2Algorithm:
         lengths = [task.episode_length for task in policy.several.values()] or [episode_length]
         self.first_steps = max(config.first_steps(*lengths), config.horizon * num_envs)
         self.learning, self.due = False, 0.0
+        self.settings: dict[str, Any] = {"batch_size": config.batch_size, "model_size": config.model_size}
+        if config.observation == "pixels":
+            self.settings["cameras"] = [key.removeprefix(IMAGE_PREFIX) for key in policy.sizes]
+        if policy.several:
+            self.settings["tasks"] = list(policy.several)
 
     def act(self, observation: Tensor, first: Tensor) -> Tensor:
         """Chooses actions, at random until there is something to learn from."""
@@ -176,23 +179,3 @@ def brief(own: Tdmpc2Config) -> Tdmpc2Config:
     num_envs = min(own.num_envs, max(_TIMED_ENVS, 1 + len(own.tasks)))
     buffer_size = num_envs * (own.horizon + _TIMED_STEPS)
     return replace(own, num_envs=num_envs, seed_steps=1, buffer_size=buffer_size, compile=False)
-
-
-def learn(
-    config: "TrainRunConfig", run_dir: Path, device: str, seed: int, reporter: "Reporter"
-) -> "TrainResult":
-    """Trains TD-MPC2 on the task of a run; see :class:`roboverse_learn.training.learners.Learner`."""
-    own: Tdmpc2Config = config.policy
-    env = open_env(config, seed, device)
-    try:
-        algorithm = make_agent(config, env, seed, device)
-        settings = {"task": config.task, "batch_size": own.batch_size, "model_size": own.model_size}
-        if own.observation == "pixels":
-            settings["cameras"] = list(env.camera_names)
-        if own.tasks:
-            settings["tasks"] = list(config.tasks)
-        return off_policy.run(
-            algorithm, env, config.train, run_dir, seed=seed, reporter=reporter, settings=settings
-        )
-    finally:
-        env.close()

@@ -40,8 +40,9 @@ class PpoAlgorithm(ABC):
     """
 
     def __init__(self, policy: PpoPolicy, train: TrainConfig) -> None:
-        self.policy, self.config, self.train = policy, policy.config, train
-        self.batch_size = self.config.rollout_size
+        self.policy, self.config, self.train, own = policy, policy.config, train, policy.config
+        self.batch_size = own.rollout_size
+        self.settings: dict[str, Any] = {"backend": own.backend, "num_steps": own.num_steps}
         actor = policy.model
         size = actor.norm.mean.numel()
         self.critic = perceptron(size, self.config.hidden_dims, 1, self.config.activation).to(policy.device)

@@ -105,7 +105,6 @@ def train(
         run_dir,
         seed=seed,
         reporter=reporter,
-        settings={"task": task, "backend": config.backend, "num_steps": config.num_steps},
         stagger=config.stagger,
     )
 
