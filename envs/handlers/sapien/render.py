@@ -9,6 +9,7 @@ screen is undone, so that its pictures are comparable to the others'.
 
 import math
 from collections.abc import Sequence
+from functools import cache
 from typing import Any, override
 
 import mujoco
@@ -50,6 +51,12 @@ _CAMERA_AXES = np.array([0.5, -0.5, 0.5, 0.5])
 """SAPIEN's camera axes (x forward, y left, z up) in MuJoCo's (x right, y up, z backward), wxyz."""
 
 
+@cache
+def _keep_compiled() -> object:
+    """Returns what keeps SAPIEN's shaders: compiled anew for each renderer, they cost it seconds."""
+    return sapien.render.RenderSystem()
+
+
 class SapienRenderer(StagedRenderer):
     """One scene of visuals, posed and dressed for one job after the other; it has no physics."""
 
@@ -59,6 +66,7 @@ class SapienRenderer(StagedRenderer):
         super().__init__(model, scenario, textures=textures, num_threads=num_threads)
         try:
             sapien.render.set_log_level("error")
+            _keep_compiled()
             self._scene = sapien.Scene([sapien.render.RenderSystem()])
         except RuntimeError as error:
             raise SimulatorError(f"{NO_DEVICE} ({error})") from error

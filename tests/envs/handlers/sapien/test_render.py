@@ -109,3 +109,14 @@ def test_closing_twice_is_harmless(model, renderer):
     assert isinstance(other._factory, VisualFactory)
     other.close()
     other.close()
+
+
+def test_what_is_kept_of_a_closed_renderer_changes_no_bit(model, renderer):
+    drawn, dim = [], dataclasses.replace(TABLETOP_LOOKS, lights=(LightCfg(intensity=0.2),))
+    for looks in (TABLETOP_LOOKS, dim, TABLETOP_LOOKS):
+        fresh = type(renderer)(model, scenario())
+        drawn.append(draw(fresh, model, looks))
+        fresh.close()
+    first, other, last = drawn
+    assert all(np.array_equal(first[kind], last[kind]) for kind in ("rgb", "depth", "segmentation"))
+    assert not np.array_equal(first["rgb"], other["rgb"])
