@@ -1,5 +1,6 @@
 """A legend below a picture's axes that lies wholly within it, however long and many its names are."""
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from textwrap import fill
 from typing import Any
@@ -34,13 +35,16 @@ def legend_below(figure: Any, handles: Sequence[Any], labels: Sequence[str], col
 
 def _broken(figure: Any, handles: Sequence[Any], labels: Sequence[str]) -> Any:
     """Returns a legend of one column whose names are broken at the longest line that fits."""
-    length = max(map(len, labels))
-    while True:
-        length -= 1
-        legend = _legend(figure, handles, [fill(label, length) for label in labels], 1)
-        if length <= _SHORTEST_LINE or _fits(legend, figure):
-            return legend
-        legend.remove()
+    legend = _legend(figure, handles, labels, 1)
+
+    def broken_is_too_wide(length: int) -> bool:
+        for text, label in zip(legend.get_texts(), labels, strict=True):
+            text.set_text(fill(label, length))
+        return not _fits(legend, figure)
+
+    longer = range(_SHORTEST_LINE + 1, max(map(len, labels)))
+    broken_is_too_wide(_SHORTEST_LINE + bisect_left(longer, True, key=broken_is_too_wide))
+    return legend
 
 
 def _legend(figure: Any, handles: Sequence[Any], labels: Sequence[str], columns: int) -> Any:
