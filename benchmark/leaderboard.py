@@ -10,17 +10,18 @@ seed are one row.
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from importlib.resources import files
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+from benchmark.drawn import draw_if_changed
 from benchmark.files import write_bytes
 from benchmark.learning import learning_curves
 from benchmark.overview import overview
-from benchmark.protocol import canonical_json, digest
-from benchmark.records import Result
+from benchmark.protocol import Cell, canonical_json, digest
+from benchmark.records import EpisodeRecord, Result
 from benchmark.result_file import read_result, result_path
 from benchmark.rows import Entry, build_row, group_runs, name_rows, rank, row_key
 from benchmark.settings import completed, flat
@@ -65,7 +66,8 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
 def write(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str, Path]:
     """Writes ``leaderboard.json``, ``.md``, ``.html`` and the plots into a folder of results.
 
-    Plots of sections that the folder's last leaderboard had and this one has not are removed.
+    A plot that shows the same as before is not drawn again. Plots of sections that the folder's last
+    leaderboard had and this one has not are removed.
 
     Args:
         results_dir: The folder.
@@ -96,11 +98,13 @@ def write(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         written[kind] = results_dir / name
         write_bytes(written[kind], text.encode())
     for section in board["sections"]:
-        plot_levels(section["rows"], plots[f"plot {section['id']}"], section["title"])
+        path = plots[f"plot {section['id']}"]
+        draw_if_changed(plot_levels, section["rows"], path, section["title"])
         if section["curves"]:
             path = plots[f"learning {section['id']}"]
             ends, others = bool(section["ends_when_solved"]), published(section["task"])
-            plot_learning(section["curves"], path, section["title"], others, ends_when_solved=ends)
+            learned = section["curves"], path, section["title"], others
+            draw_if_changed(plot_learning, *learned, ends_when_solved=ends)
     return written | plots
 
 
@@ -185,9 +189,10 @@ def _section(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
     rows = [build_row(results_dir, group) for group in groups]
     name_rows(rows, [row_key(group[0][1])["settings"] for group in groups])
     order = sorted(range(len(rows)), key=lambda index: rank(rows[index]))
+    compared = [_Compared.of(group[0]) for group in groups]
     comparisons, notes = [], []
     for first, second in combinations(order, 2):
-        found, unlike = _compare(groups[first][0], groups[second][0])
+        found, unlike = _compare(compared[first], compared[second])
         labels = {"a": rows[first]["label"], "b": rows[second]["label"]}
         comparisons += [labels | item for item in found]
         if unlike:
@@ -229,7 +234,25 @@ def _ends_when_solved(entries: list[Entry]) -> bool | None:
     return 2 * sum(early) > len(early) if early else None
 
 
-def _compare(a: Entry, b: Entry) -> tuple[list[dict[str, Any]], int]:
+@dataclass(frozen=True, slots=True)
+class _Compared:
+    """A run and its test episodes, by cell and index."""
+
+    path: str
+    cells: dict[Cell, dict[int, EpisodeRecord]]
+
+    @classmethod
+    def of(cls, entry: Entry) -> "_Compared":
+        path, result = entry
+        tested = [cell for cell in result.protocol.cells() if cell.split == "test"]
+        cells: dict[Cell, dict[int, EpisodeRecord]] = {cell: {} for cell in tested}
+        for record in result.records:
+            if record.split == "test":
+                cells[record.cell][record.episode] = record
+        return cls(path, cells)
+
+
+def _compare(a: _Compared, b: _Compared) -> tuple[list[dict[str, Any]], int]:
     """Compares two runs on the episodes they share, cell by cell of the test split.
 
     Returns:
@@ -237,18 +260,14 @@ def _compare(a: Entry, b: Entry) -> tuple[list[dict[str, Any]], int]:
         differently.
     """
     found, unlike = [], 0
-    for cell in a[1].protocol.cells():
-        if cell.split != "test":
-            continue
-        first, second = (
-            {record.episode: record for record in entry[1].records if record.cell == cell} for entry in (a, b)
-        )
+    for cell, first in a.cells.items():
+        second = b.cells.get(cell, {})
         shared = [episode for episode in first if episode in second]
         same = [e for e in shared if first[e].initial_state_hash == second[e].initial_state_hash]
         unlike += len(shared) - len(same)
         if same:
             test = compare([first[e].success for e in same], [second[e].success for e in same])
-            runs = {"run_a": a[0], "run_b": b[0], "level": cell.level, "only": cell.only}
+            runs = {"run_a": a.path, "run_b": b.path, "level": cell.level, "only": cell.only}
             found.append(runs | asdict(test))
     return found, unlike
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmark.drawn import KEYWORD
 from benchmark.files import atomic_path
 from benchmark.legend import legend_below
 
@@ -19,13 +20,16 @@ _MARKERS = "osD^v*X"
 _LINES = ("-", "--", "-.", ":")
 
 
-def plot_levels(rows: Sequence[Mapping[str, Any]], path: Path, title: str = "") -> None:
+def plot_levels(
+    rows: Sequence[Mapping[str, Any]], path: Path, title: str = "", *, drawn_of: str = ""
+) -> None:
     """Draws success over the levels: the test split solid with its 95 % interval, the train split dashed.
 
     Args:
         rows: Rows of one section of the leaderboard, each with ``label`` and ``cells``.
         path: The ``.png`` (or ``.svg``) file.
         title: Title.
+        drawn_of: As :func:`save_figure`.
 
     Raises:
         ResultError: The file cannot be written.
@@ -71,7 +75,7 @@ def plot_levels(rows: Sequence[Mapping[str, Any]], path: Path, title: str = "") 
     if "train" in splits:
         axes.plot([], [], linestyle="--", color="#7f7f7f", linewidth=1.1, label="same, train split")
     legend_below(figure, *axes.get_legend_handles_labels(), columns=1 if len(rows) > 3 else 2)
-    save_figure(figure, path)
+    save_figure(figure, path, drawn_of)
 
 
 def plot_losses(rows: Sequence[Mapping[str, float]], path: Path, title: str = "Training") -> None:
@@ -114,6 +118,7 @@ def plot_learning(
     others: Sequence[Mapping[str, Any]] = (),
     *,
     ends_when_solved: bool = False,
+    drawn_of: str = "",
 ) -> None:
     """Draws return and success over environment steps: interquartile mean over seeds, and its 95 % interval.
 
@@ -123,6 +128,7 @@ def plot_learning(
         title: Title.
         others: What others published of the task, from :func:`benchmark.curves.published`.
         ends_when_solved: Whether a solved episode is over; the picture says then why the return falls.
+        drawn_of: As :func:`save_figure`.
 
     Raises:
         ResultError: The file cannot be written.
@@ -151,7 +157,7 @@ def plot_learning(
     both[1].set_ylim(-0.03, 1.03)
     both[0].set_title(title, fontsize=11, loc="left")
     legend_below(figure, *both[0].get_legend_handles_labels())  # the upper left may hold results
-    save_figure(figure, path)
+    save_figure(figure, path, drawn_of)
 
 
 def seeds_and_time(curve: Mapping[str, Any]) -> str:
@@ -199,13 +205,19 @@ def new_figure(size: tuple[float, float], columns: int = 1) -> tuple[Any, Any]:
     return figure, axes if columns > 1 else axes[0]
 
 
-def save_figure(figure: Any, path: Path) -> None:
+def save_figure(figure: Any, path: Path, drawn_of: str = "") -> None:
     """Writes a figure as ``.png`` or ``.svg``, atomically.
+
+    Args:
+        figure: The figure.
+        path: The file.
+        drawn_of: What a ``.png`` tells of itself; see :mod:`benchmark.drawn`.
 
     Raises:
         ResultError: The file cannot be written.
     """
     with atomic_path(path) as temporary:
         # Matplotlib writes its version into a PNG: the same rows must give the same bytes everywhere.
-        metadata = {"Software": None} if path.suffix == ".png" else None
+        told = {KEYWORD: drawn_of} if drawn_of else {}
+        metadata = {"Software": None} | told if path.suffix == ".png" else None
         figure.savefig(temporary, dpi=_DPI, metadata=metadata)

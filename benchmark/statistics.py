@@ -5,6 +5,7 @@ Nothing here knows of policies, files or plots. Every random estimate takes a se
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -42,6 +43,7 @@ class PairedTest:
     decided_after: int | None
 
 
+@cache
 def wilson(successes: int, n: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
     """Returns Wilson's score interval of a success rate (Wilson 1927, doi:10.2307/2276774).
 
@@ -192,6 +194,7 @@ def two_stage_bootstrap(
     return float(low), float(high)
 
 
+@cache
 def mcnemar(only_a: int, only_b: int) -> float:
     """Returns the exact two-sided p-value of McNemar's test (1947, doi:10.1007/BF02295996).
 

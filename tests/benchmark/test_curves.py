@@ -160,7 +160,7 @@ def test_a_picture_is_drawn(tmp_path):
 
 def test_where_a_solved_episode_ends_the_picture_says_why_returns_fall(monkeypatch, tmp_path):
     figures = []
-    monkeypatch.setattr(plots, "save_figure", lambda figure, path: figures.append(figure))
+    monkeypatch.setattr(plots, "save_figure", lambda figure, *_: figures.append(figure))
     for ends in (True, False):
         plot_learning([band()], tmp_path / "a.png", ends_when_solved=ends)
         titles = [chart["title"] for chart in curve_charts("PickCube", [band()], ends_when_solved=ends)]

@@ -150,16 +150,16 @@ def test_a_truncated_file_says_so(written, cut):
     [
         (lambda d: d.update(schema_version=7), "has schema version 7; this release reads 1"),
         (lambda d: d.pop("schema_version"), "is not a results file: it has no schema_version"),
-        (lambda d: d.pop("records"), "at the top: 'records' is a required property"),
+        (lambda d: d.pop("records"), 'at the top: "records" is a required property'),
         (lambda d: d.update(hostname="box"), "'hostname' was unexpected"),
         (lambda d: d["protocol"].update(episodes=0), "at protocol/episodes: 0 is less than the minimum of 1"),
         (
             lambda d: d["records"][0].update(success="yes"),
-            "at records/0/success: 'yes' is not of type 'boolean'",
+            'at records/0/success: "yes" is not of type "boolean"',
         ),
-        (lambda d: d.update(task="../../etc"), "at task: '../../etc' does not match"),
-        (lambda d: d.update(task="a/b/c"), "at task: 'a/b/c' does not match"),
-        (lambda d: d["checkpoint"].update(choice="best"), "at checkpoint/choice: 'last' was expected"),
+        (lambda d: d.update(task="../../etc"), 'at task: "../../etc" does not match'),
+        (lambda d: d.update(task="a/b/c"), 'at task: "a/b/c" does not match'),
+        (lambda d: d["checkpoint"].update(choice="best"), 'at checkpoint/choice: "last" was expected'),
         (lambda d: d["protocol"].update(seed=1), "its protocol hashes to"),
         (
             lambda d: d["records"].pop(),
@@ -191,6 +191,13 @@ def test_what_is_wrong_is_named(written, change, message):
         read_result(path)
     assert message in str(caught.value)
     assert str(path) in str(caught.value)
+
+
+def test_half_a_surrogate_pair_is_no_text(written):
+    path, _ = written
+    edit(path, lambda d: d.update(task="\ud800"))
+    with pytest.raises(ResultError, match=r"holds what is no JSON.*Evaluate the checkpoint again"):
+        read_result(path)
 
 
 @pytest.mark.parametrize("text", ["NaN", "Infinity", "1e999"])

@@ -98,7 +98,7 @@ def test_level_curves(tmp_path):
 @pytest.mark.parametrize(("level", "expected"), [(1, ["act", "same, train split"]), (None, ["act"])])
 def test_the_legend_names_the_train_split_where_a_row_has_it(monkeypatch, tmp_path, level, expected):
     figures = []
-    monkeypatch.setattr(plots, "save_figure", lambda figure, path: figures.append(figure))
+    monkeypatch.setattr(plots, "save_figure", lambda figure, *_: figures.append(figure))
     cell = {"only": None, "success_rate": 0.5, "ci_low": 0.4, "ci_high": 0.6}
     cells = [cell | {"split": "test", "level": 1}, cell | {"split": "train", "level": level}]
     plot_levels([{"label": "act", "cells": cells}], tmp_path / "l.png")
@@ -107,7 +107,7 @@ def test_the_legend_names_the_train_split_where_a_row_has_it(monkeypatch, tmp_pa
 
 def test_rows_beyond_the_colours_look_different(monkeypatch, tmp_path):
     figures = []
-    monkeypatch.setattr(plots, "save_figure", lambda figure, path: figures.append(figure))
+    monkeypatch.setattr(plots, "save_figure", lambda figure, *_: figures.append(figure))
     cells = [
         {"level": level, "only": None, "split": split, "success_rate": 0.5, "ci_low": 0.4, "ci_high": 0.6}
         for split in ("train", "test")
@@ -151,7 +151,7 @@ def overlap(figure):
 @pytest.mark.parametrize("labels", [["act"], [label(1)] * 3, [label(1)] * 30, [label(9)] * 4, ["x" * 300]])
 def test_a_legend_lies_wholly_within_the_picture(monkeypatch, tmp_path, labels):
     figures = []
-    monkeypatch.setattr(plots, "save_figure", lambda figure, path: figures.append(figure))
+    monkeypatch.setattr(plots, "save_figure", lambda figure, *_: figures.append(figure))
     cell = {"split": "test", "level": 0, "only": None, "success_rate": 0.5, "ci_low": 0.4, "ci_high": 0.6}
     plot_levels([{"label": text, "cells": [cell]} for text in labels], tmp_path / "l.png")
     curve = {"steps": [1, 2], "seconds": [1, 2], "episode_return": MEASURE, "success_rate": MEASURE}
