@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from benchmark.protocol import canonical_json
+from benchmark.protocol import fingerprint
 
 KEYWORD = "drawn of"
 _CODE = ("plots.py", "legend.py")
@@ -23,7 +23,7 @@ def draw_if_changed(draw: Callable[..., None], values: Any, path: Path, *more: A
         *more: Further arguments.
         **options: Further arguments by name.
     """
-    told = hashlib.sha256(canonical_json([_code(), values, more, options]).encode()).hexdigest()
+    told = fingerprint([_code(), values, more, options])
     if _drawn_of(path) != told:
         draw(values, path, *more, drawn_of=told, **options)
 

@@ -4,7 +4,6 @@ A killed evaluation goes on with its next cell. The file lies hidden beside the 
 for the very same evaluation: what decides an episode is in its key.
 """
 
-import hashlib
 import json
 import logging
 from collections.abc import Mapping, Sequence
@@ -12,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmark.files import write_bytes
-from benchmark.protocol import Cell, canonical_json
+from benchmark.protocol import Cell, fingerprint
 from benchmark.records import EpisodeRecord
 
 log = logging.getLogger(__name__)
@@ -31,7 +30,7 @@ class FinishedCells:
 
     def __init__(self, path: Path, key: Mapping[str, Any]) -> None:
         self.path = path.with_name(f".{path.stem}.cells.json")
-        self._key = hashlib.sha256(canonical_json(dict(key)).encode()).hexdigest()
+        self._key = fingerprint(dict(key))
         self.records: dict[Cell, list[EpisodeRecord]] = self._read()
 
     def add(self, cell: Cell, records: Sequence[EpisodeRecord]) -> None:

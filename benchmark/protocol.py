@@ -141,7 +141,7 @@ class Protocol:
     @property
     def hash(self) -> str:
         """First 16 hexadecimal digits of the SHA-256 of the canonical JSON."""
-        return hashlib.sha256(canonical_json(self.to_json()).encode()).hexdigest()[:16]
+        return fingerprint(self.to_json())[:16]
 
 
 def episodes(split_indices: "Sequence[int] | np.ndarray", num_episodes: int) -> list[int]:
@@ -163,9 +163,14 @@ def canonical_json(values: Any) -> str:
     return json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
+def fingerprint(values: Any) -> str:
+    """Returns the SHA-256 of the canonical JSON, 64 hexadecimal digits."""
+    return hashlib.sha256(canonical_json(values).encode()).hexdigest()
+
+
 def digest(values: Any) -> str:
-    """Returns the first 8 hexadecimal digits of the SHA-256 of the canonical JSON: what names files."""
-    return hashlib.sha256(canonical_json(values).encode()).hexdigest()[:8]
+    """Returns the first 8 digits of the fingerprint: what names files."""
+    return fingerprint(values)[:8]
 
 
 def _is_count(value: object, least: int) -> bool:

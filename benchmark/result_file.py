@@ -4,7 +4,6 @@ A file that was cut short, edited, or written by another version is refused with
 what is wrong and what to do. It is never read in part.
 """
 
-import hashlib
 import json
 import math
 from collections.abc import Mapping
@@ -15,7 +14,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from benchmark.files import write_bytes
-from benchmark.protocol import Protocol, canonical_json
+from benchmark.protocol import Protocol, fingerprint
 from benchmark.records import Checkpoint, EpisodeRecord, Git, Machine, Result
 from envs.errors import ResultError, RoboVerseError
 
@@ -114,7 +113,7 @@ def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def _digest(document: Mapping[str, Any]) -> str:
     """Returns the SHA-256 of a document without its own digest."""
     rest = {key: value for key, value in document.items() if key != "digest"}
-    return hashlib.sha256(canonical_json(rest).encode()).hexdigest()
+    return fingerprint(rest)
 
 
 def _to_document(result: Result) -> dict[str, Any]:

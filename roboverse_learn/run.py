@@ -7,7 +7,6 @@ name follows from the configuration, so that the same command finds the same run
 
 import contextlib
 import fcntl
-import hashlib
 import json
 import logging
 import os
@@ -20,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from benchmark.files import write_bytes
-from benchmark.protocol import canonical_json
+from benchmark.protocol import digest
 from envs.errors import ConfigError, RoboVerseError
 from roboverse_learn.config import TrainRunConfig
 from roboverse_learn.keys import at, flat_keys
@@ -58,9 +57,8 @@ def identity(config: TrainRunConfig) -> dict[str, Any]:
 
 def run_name(config: TrainRunConfig) -> str:
     """Returns the name of the run of a configuration, such as ``quick-level0-seed0-1a2b3c4d``."""
-    digest = hashlib.sha256(canonical_json(identity(config)).encode()).hexdigest()[:8]
     varied = f"{config.only}-alone" if config.only else f"level{config.level}"
-    return f"{config.preset}-{varied}-seed{config.seed}-{digest}"
+    return f"{config.preset}-{varied}-seed{config.seed}-{digest(identity(config))}"
 
 
 def seed_of(config: TrainRunConfig, stream: str) -> int:

@@ -262,7 +262,11 @@ def test_one_task_keeps_the_name_of_its_run():
     ("words", "error", "said"),
     [
         (["policy.tasks=[control/an]"], UnknownNameError, r"task 'control/an'. Did you mean 'control/ant'"),
-        ([f"policy.tasks=[{SECOND},{FIRST}]"], ConfigError, rf"twice: .*\.tasks=\[{SECOND},{FIRST}\]\."),
+        (
+            [f"policy.tasks=[{SECOND},{FIRST}]"],
+            ConfigError,
+            rf"'{FIRST}' is learned twice: task={FIRST}, and policy\.tasks=\[{SECOND},{FIRST}\]\.",
+        ),
         (["policy.num_envs=1"], RoboVerseError, r"num_envs=1 is less than one environment for each of the 2"),
         (["policy.observation=pixels"], RoboVerseError, r"together from states.*without policy.tasks"),
         (["scenario.physics.decimation=5"], ConfigError, r"scenario.\* change one task, and 2 are learned"),
