@@ -114,7 +114,8 @@ def _learning(env: Any, config: PpoConfig) -> Callable[[], None]:
         done = env.step(action)
         algorithm.store(now[0], action, done)
         now[:] = done.obs, done.terminated | done.truncated
-        algorithm.learn()
+        if algorithm.must_learn():
+            algorithm.learn()
 
     return step
 

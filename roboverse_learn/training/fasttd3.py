@@ -44,6 +44,7 @@ class FastTd3Algorithm:
         size = sum(policy.sizes.values())
         self.buffer = ReplayBuffer(config.buffer_size, num_envs, size, policy.action_size, device)
         self.first_steps = max(1, config.learning_starts * num_envs)
+        self.due = 0
         self.std = torch.zeros(num_envs, 1, device=device)
         self.settings: dict[str, Any] = {"batch_size": config.batch_size}
 
@@ -62,16 +63,18 @@ class FastTd3Algorithm:
         ended = step.terminated.float()
         lived = Transitions(observation, action, step.reward, ended, step.final_obs)
         self.buffer.add(lived, step.terminated | step.truncated)
+        if len(self.buffer) >= self.first_steps:
+            self.due += self.config.num_updates
 
-    def learn(self) -> list[Mapping[str, Tensor]]:
-        """Makes the updates of one step."""
-        if len(self.buffer) < self.first_steps:
-            return []
-        config, buffer = self.config, self.buffer
-        return [
-            self.updater.update(*buffer.returns(self.batch_size, config.num_steps, config.discount))
-            for _ in range(config.num_updates)
-        ]
+    def must_learn(self) -> bool:
+        """Whether an update is due."""
+        return self.due > 0 and len(self.buffer) >= self.first_steps
+
+    def learn(self) -> Mapping[str, Tensor]:
+        """Makes an update."""
+        self.due -= 1
+        drawn = self.buffer.returns(self.batch_size, self.config.num_steps, self.config.discount)
+        return self.updater.update(*drawn)
 
     def set_progress(self, fraction: float) -> None:
         """The learning rates stay as they are."""
@@ -83,7 +86,7 @@ class FastTd3Algorithm:
     def state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
         """Returns all that it takes to go on."""
         updater = self.updater
-        numbers: dict[str, Any] = {"updates": updater.updates}
+        numbers: dict[str, Any] = {"updates": updater.updates, "due": self.due}
         tensors = agent_checkpoint.named(self.policy.state_dict(), "policy")
         tensors |= agent_checkpoint.named(updater.target.state_dict(), "target")
         tensors |= agent_checkpoint.moments(updater.critic_optimizer, "critic")
@@ -102,7 +105,7 @@ class FastTd3Algorithm:
         agent_checkpoint.load_moments(updater.critic_optimizer, tensors, "critic")
         agent_checkpoint.load_moments(updater.actor_optimizer, tensors, "actor")
         self.std.copy_(tensors["std"])
-        updater.updates = numbers["updates"]
+        updater.updates, self.due = numbers["updates"], numbers.get("due", 0)
         if "replay" in numbers:
             self.buffer.load(part(tensors, "replay"), numbers["replay"])
         else:

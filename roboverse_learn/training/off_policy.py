@@ -3,7 +3,8 @@
 The loop knows no loss and no network: an :class:`Algorithm` acts, stores and learns. On a CPU a run that
 is killed goes on as if it had not been: at every checkpoint the noise is seeded anew, and the env is put
 to exactly what is saved of it, if it can say where it is (``state_dict``); if not, its episodes begin anew.
-A checkpoint out of turn, where a run ends early, keeps where the random numbers were instead.
+A checkpoint out of turn, where a run ends early, keeps where the random numbers were instead. It may
+come between two updates of a step: those that are left are due still, and made first.
 """
 
 import logging
@@ -60,8 +61,12 @@ class Algorithm(Protocol):
         """Takes in what came of the actions; ``step`` is an :class:`~envs.torch_env.EnvStep`."""
         ...
 
-    def learn(self) -> list[Mapping[str, Tensor]]:
-        """Makes the updates that are due after a step; returns the terms of each, on the device."""
+    def must_learn(self) -> bool:
+        """Whether an update is due; it is made before the next step, or by the run that goes on."""
+        ...
+
+    def learn(self) -> Mapping[str, Tensor]:
+        """Makes one of the updates that are due; returns its terms, on the device."""
         ...
 
     def state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
@@ -160,21 +165,23 @@ class Loop:
         self.begin(directory)
         writers = self._make_writers()
         self.start = time.perf_counter()
-        saved_at = self.step if directory is not None else None
+        saved_at = (self.step, self.updates) if directory is not None else None
         with signals_noted() as interruption:
             try:
                 self.reporter.on_start(self._progress(), self.algorithm.policy)
-                while self.step < self.config.steps and not self._is_to_stop(interruption):
-                    before = self.step
-                    self.advance()
-                    if self._crossed(before, self.config.log_every) or self.step >= self.config.steps:
+                while not self._is_done() and not self._is_to_stop(interruption):
+                    if not self.algorithm.must_learn():
+                        self._act()
+                    if self.algorithm.must_learn():
+                        self._learn()
+                    if self._crossed(self.config.log_every) or self._is_done():
                         self._log(writers)
                     self.reporter.on_step(self._progress())
-                    if self._crossed(before, self.config.save_every):
+                    if self._crossed(self.config.save_every):
                         self._log(writers)
                         self._save(in_turn=True)
-                        saved_at = self.step
-                if saved_at != self.step:
+                        saved_at = (self.step, self.updates)
+                if saved_at != (self.step, self.updates):
                     self._log(writers)
                     self._save(in_turn=False)
             finally:
@@ -184,6 +191,11 @@ class Loop:
 
     def advance(self) -> None:
         """One step of every environment, and the updates that it makes due."""
+        self._act()
+        while self.algorithm.must_learn():
+            self._learn()
+
+    def _act(self) -> None:
         self.algorithm.set_progress(self._fraction())
         action = self.algorithm.act(self.observation, self.first)
         step = self.env.step(action)
@@ -191,15 +203,16 @@ class Loop:
         self.algorithm.store(self.observation, action, step)
         self.observation, self.first = step.obs, step.terminated | step.truncated
         self.step += self.env.num_envs
+
+    def _learn(self) -> None:
         try:
-            learned = self.algorithm.learn()
+            terms = self.algorithm.learn()
         except TrainingDivergedError as error:
             raise TrainingDivergedError(f"{error} {checkpoint.what_is_kept(self.run_dir)}") from error
-        for terms in learned:
-            for key, value in terms.items():
-                self.sums[key] = self.sums[key] + value if key in self.sums else value.clone()
-            self.pending += 1
-            self.updates += 1
+        for key, value in terms.items():
+            self.sums[key] = self.sums[key] + value if key in self.sums else value.clone()
+        self.pending += 1
+        self.updates += 1
 
     def begin(self, directory: Path | None) -> None:
         """Starts anew, or where a checkpoint left off."""
@@ -305,24 +318,21 @@ class Loop:
         )
 
     def _make_writers(self) -> list[MetricsWriter]:
-        writers: list[MetricsWriter] = [
-            JsonlWriter(self.run_dir, self.step),
-            TensorBoardWriter(self.run_dir, self.step),
-        ]
+        where = self.run_dir, self.step
+        writers: list[MetricsWriter] = [JsonlWriter(*where), TensorBoardWriter(*where)]
         if self.config.wandb:
             settings = asdict(self.config) | {"policy": self.algorithm.policy.name}
             writers.append(WandbWriter(self.run_dir, settings))
         return writers
 
     def _finish(self) -> TrainResult:
-        done = self.step >= self.config.steps
         result = TrainResult(
             checkpoint=self.run_dir / "checkpoints" / "last" / checkpoint.PRETRAINED,
             steps=self.step,
             loss=self.means.get("loss"),
             elapsed_s=self._elapsed(),
             samples_per_s=self._per_s((self.updates - self.first_update) * self.algorithm.batch_size),
-            stopped_by="steps" if done else "time_limit",
+            stopped_by="steps" if self._is_done() else "time_limit",
             precision="fp32",
             plot=self._plot(),
         )
@@ -339,8 +349,12 @@ class Loop:
         plot_losses(rows, path, title=f"Training of {self.algorithm.policy.name}")
         return path
 
-    def _crossed(self, before: int, every: int) -> bool:
-        return before // every != self.step // every
+    def _is_done(self) -> bool:
+        return self.step >= self.config.steps and not self.algorithm.must_learn()
+
+    def _crossed(self, every: int) -> bool:
+        """Whether the last step went over a multiple of ``every``, and its updates are all made."""
+        return self.step % every < self.env.num_envs and not self.algorithm.must_learn()
 
     def _elapsed(self) -> float:
         return self.elapsed_before + time.perf_counter() - self.start

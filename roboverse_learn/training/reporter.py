@@ -67,7 +67,7 @@ class Reporter:
         """The run begins, or goes on at ``progress.step``."""
 
     def on_step(self, progress: Progress) -> None:
-        """One more gradient step."""
+        """One more gradient step, or environment step of a policy that learns from an env."""
 
     def on_checkpoint(self, step: int, directory: Path) -> None:
         """A checkpoint is complete."""

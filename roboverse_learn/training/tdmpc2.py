@@ -79,17 +79,19 @@ class Tdmpc2Algorithm:
             Transitions(observation, action, step.reward, ended, step.final_obs),
             step.terminated | step.truncated,
         )
+        if len(self.buffer) >= self.first_steps:
+            new_steps = self.num_envs if self.learning else len(self.buffer)
+            self.learning = True
+            self.due += new_steps * self.config.update_ratio
 
-    def learn(self) -> list[Mapping[str, Tensor]]:
-        """Makes the updates that are due; after the seed steps, as many as those would have made due."""
-        if len(self.buffer) < self.first_steps:
-            return []
-        new_steps = self.num_envs
-        if not self.learning:
-            self.learning, new_steps = True, len(self.buffer)
-        self.due += new_steps * self.config.update_ratio
-        num, self.due = int(self.due), self.due % 1.0
-        return [self.updater.update(self._drawn()) for _ in range(num)]
+    def must_learn(self) -> bool:
+        """Whether an update is due; after the seed steps, as many are as those would have made due."""
+        return self.due >= 1.0 and len(self.buffer) >= self.first_steps
+
+    def learn(self) -> Mapping[str, Tensor]:
+        """Makes an update."""
+        self.due -= 1.0
+        return self.updater.update(self._drawn())
 
     def _drawn(self) -> Sequences:
         """Draws a batch; an environment is of one task for ever, so the replay need not keep it."""

@@ -71,14 +71,16 @@ class PpoAlgorithm(ABC):
         self.collected += 1
         self._sound = self._sound & step.reward.isfinite().all() & step.obs.isfinite().all()
 
-    def learn(self) -> list[Mapping[str, Tensor]]:
-        """Updates the policy when the rollout is full.
+    def must_learn(self) -> bool:
+        """Whether the rollout is full."""
+        return self.collected >= self.config.num_steps
+
+    def learn(self) -> Mapping[str, Tensor]:
+        """Updates the policy by the rollout.
 
         Raises:
             TrainingDivergedError: if what was seen, a weight or a term of the loss is not finite.
         """
-        if self.collected < self.config.num_steps:
-            return []
         self.collected = 0
         self.updates += 1
         if not bool(self._sound):
@@ -95,7 +97,7 @@ class PpoAlgorithm(ABC):
         if wrong:
             raise self.diverged(f"'{wrong[0]}' is {terms[wrong[0]]}")
         terms |= {"std": float(self.policy.model.log_std.detach().exp().mean()), "lr": self.lr}
-        return [{key: torch.tensor(value) for key, value in terms.items()}]
+        return {key: torch.tensor(value) for key, value in terms.items()}
 
     def diverged(self, what: str) -> TrainingDivergedError:
         """Makes the error of a run that is lost."""

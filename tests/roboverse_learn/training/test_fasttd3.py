@@ -1,5 +1,6 @@
 """The learner of FastTD3: it learns, is repeatable, and goes on where it was killed."""
 
+import json
 from dataclasses import replace
 
 import pytest
@@ -52,11 +53,24 @@ def test_the_same_seed_learns_the_same_and_another_does_not(tmp_path):
     assert not weights(first).equal(weights(other))
 
 
+def state_file(run_dir):
+    return run_dir / "checkpoints/last/training_state/state.json"
+
+
 def test_a_run_goes_on_to_the_same_weights(tmp_path):
     _, whole = train(tmp_path / "whole")
     train(tmp_path / "cut", steps=320)
     _, resumed = train(tmp_path / "cut")
     assert weights(whole).equal(weights(resumed))
+
+
+def test_a_checkpoint_that_does_not_say_what_is_due_has_nothing_due(tmp_path):
+    train(tmp_path, steps=320)
+    state = json.loads(state_file(tmp_path).read_text())
+    assert state["numbers"]["algorithm"].pop("due") == 0
+    state_file(tmp_path).write_text(json.dumps(state))
+    train(tmp_path)
+    assert read_metrics(tmp_path)[-1]["updates"] == 2 * (40 - 10 + 1)
 
 
 def cartpole():
@@ -70,6 +84,8 @@ def test_a_signal_ends_a_run_with_a_checkpoint_that_goes_on_to_the_same_weights(
     with pytest.raises(KeyboardInterrupt, match="SIGTERM"):
         train(tmp_path / "cut", env=make_env(), reporter=reporter)
     assert reporter.checkpoints == [320, 496]
+    state = json.loads(state_file(tmp_path / "cut").read_text())
+    assert state["numbers"]["algorithm"]["due"] == 1, "the second update of the step"
     _, resumed = train(tmp_path / "cut", env=make_env())
     assert weights(whole).equal(weights(resumed))
 

@@ -19,6 +19,7 @@ from roboverse_learn.training.off_policy import OBSERVATION
 from roboverse_learn.training.reporter import Reporter
 from roboverse_learn.training.tdmpc2 import Tdmpc2Algorithm
 from tests.roboverse_learn.training.point_mass import GOOD_RETURN, RANDOM_RETURN, STEPS, PointMass
+from tests.roboverse_learn.training.signals import SignalAt
 
 TINY = Tdmpc2Config(
     model_size=1, enc_dim=16, mlp_dim=16, latent_dim=16, num_bins=21, simnorm_dim=4, num_samples=16,
@@ -31,13 +32,14 @@ LEARNING = replace(
 )  # fmt: skip
 
 
-def train(run_dir, *, steps=320, config=TINY, env=None, seed=0, resume=True, **options):
+def train(run_dir, *, steps=320, config=TINY, env=None, seed=0, resume=True, reporter=None, **options):
     env = PointMass(config.num_envs) if env is None else env
     policy = Tdmpc2Policy.create(config, {OBSERVATION: 2}, 1, STEPS, seed=seed)
     algorithm = Tdmpc2Algorithm(policy, config.num_envs, STEPS)
     options = {"log_every": 80, "save_every": 240, "num_threads": 1} | options
     settings = TrainConfig(steps=steps, **options)
-    return off_policy.run(algorithm, env, settings, run_dir, seed=seed, resume=resume), policy
+    result = off_policy.run(algorithm, env, settings, run_dir, seed=seed, resume=resume, reporter=reporter)
+    return result, policy
 
 
 @pytest.mark.long
@@ -134,14 +136,79 @@ def test_a_run_goes_on_to_the_same_weights(tmp_path):
     assert steps == [row["step"] for row in read_metrics(tmp_path / "whole")]
 
 
+def saved(run_dir):
+    return json.loads((run_dir / "checkpoints/last/training_state/state.json").read_text())["numbers"]
+
+
 def test_without_its_replay_a_run_fills_it_anew(tmp_path):
     config = replace(TINY, save_replay=False)
     train(tmp_path, steps=240, config=config)
-    state = json.loads((tmp_path / "checkpoints/last/training_state/state.json").read_text())
-    updates = state["numbers"]["updates"]
+    updates = saved(tmp_path)["updates"]
     train(tmp_path, steps=480, config=config)
-    state = json.loads((tmp_path / "checkpoints/last/training_state/state.json").read_text())
-    assert state["numbers"]["updates"] == updates + 6  # 200 of the 240 steps fill it
+    assert saved(tmp_path)["updates"] == updates + 6  # 200 of the 240 steps fill it
+
+
+class Clock(Reporter):
+    """A second passes whenever it hears of the run."""
+
+    def __init__(self, monkeypatch):
+        self.now, self.steps = 0.0, []
+        monkeypatch.setattr(off_policy.time, "perf_counter", lambda: self.now)
+
+    def on_start(self, progress, policy):
+        self.now += 1.0
+
+    def on_step(self, progress):
+        self.now += 1.0
+        self.steps.append(progress.step)
+
+
+@pytest.mark.parametrize("every", [240, 200])  # what is logged and saved at step 200 has all its updates
+def test_a_run_stopped_among_its_first_updates_goes_on_to_the_same_weights(every, tmp_path, monkeypatch):
+    options = {"steps": 400, "log_every": every, "save_every": every}
+    clock = Clock(monkeypatch)
+    _, whole = train(tmp_path / "whole", reporter=clock, **options)
+    assert clock.steps.count(192) == 1 and clock.steps.count(200) == 25
+    for limit, updates in ((30.0, 5), (40.0, 14)):
+        result, _ = train(tmp_path / "cut", reporter=clock, time_limit_s=limit, **options)
+        assert result.stopped_by == "time_limit" and result.steps == 200
+        numbers = saved(tmp_path / "cut")
+        assert numbers["updates"] == updates and numbers["algorithm"]["due"] == 25 - updates
+    assert Tdmpc2Policy.load(tmp_path / "cut")
+    _, resumed = train(tmp_path / "cut", reporter=clock, **options)
+    assert all(value.equal(resumed.state_dict()[key]) for key, value in whole.state_dict().items())
+    last, same = read_metrics(tmp_path / "cut")[-1], read_metrics(tmp_path / "whole")[-1]
+    assert last["updates"] == same["updates"] == 50 and last["loss"] == same["loss"]
+
+
+def test_updates_that_are_due_after_the_last_step_are_made_before_a_run_is_complete(tmp_path, monkeypatch):
+    _, whole = train(tmp_path / "whole", steps=200)
+    clock = Clock(monkeypatch)
+    result, _ = train(tmp_path / "cut", steps=200, reporter=clock, time_limit_s=30.0)
+    assert result.stopped_by == "time_limit" and saved(tmp_path / "cut")["updates"] == 5
+    result, resumed = train(tmp_path / "cut", steps=200, reporter=clock)
+    assert result.stopped_by == "steps" and saved(tmp_path / "cut")["updates"] == 25
+    assert weights(whole).equal(weights(resumed))
+
+
+def test_a_signal_is_heard_between_two_updates(tmp_path):
+    _, whole = train(tmp_path / "whole")
+    reporter = SignalAt(200)
+    with pytest.raises(KeyboardInterrupt, match="SIGTERM"):
+        train(tmp_path / "cut", reporter=reporter)
+    assert reporter.checkpoints == [200] and saved(tmp_path / "cut")["updates"] == 1
+    _, resumed = train(tmp_path / "cut")
+    assert weights(whole).equal(weights(resumed))
+
+
+def test_updates_left_without_a_replay_are_made_once_it_is_filled_anew(tmp_path, monkeypatch):
+    config = replace(TINY, save_replay=False)
+    clock = Clock(monkeypatch)
+    train(tmp_path, config=config, reporter=clock, time_limit_s=30.0)
+    for steps, updates, due in ((392, 5, 20), (600, 5 + 20 + 2, 0)):  # 192 steps do not fill it; 208 do
+        train(tmp_path, steps=steps, config=config, reporter=clock)
+        numbers = saved(tmp_path)
+        assert numbers["updates"] == updates and numbers["algorithm"]["due"] == due
 
 
 def test_a_run_of_another_configuration_is_not_gone_on_with(tmp_path):
