@@ -9,7 +9,9 @@ import torch
 from envs.errors import SimulatorError
 from envs.handlers.mujoco.handler import MujocoHandler
 from envs.handlers.mujoco_warp.device import Device
+from envs.handlers.mujoco_warp.handler import MujocoWarpHandler
 from envs.handlers.mujoco_warp.textures import TextureTable
+from envs.handlers.mujoco_warp.tracer import by_tiles
 from envs.randomization import Randomizer
 from envs.tasks.pick_cube import PickCube
 from tests.envs.handlers.mujoco_warp.conftest import NUM_ENVS, pictures_of, scene, starts
@@ -53,6 +55,34 @@ def test_they_are_those_of_the_other_simulator(dressed, looks):
     differs |= ours["segmentation"] != theirs["segmentation"]
     assert differs.mean() < 1e-3
     assert not np.array_equal(ours["rgb"][0], ours["rgb"][1])
+
+
+def test_rays_go_tile_by_tile():
+    assert by_tiles(3, 2).tolist() == [0, 1, 2, 3, 4, 5]
+    first, second = [*range(16), *range(17, 33)], [16, 33]
+    assert by_tiles(17, 2).tolist() == first + second
+    below = 16 * 16
+    assert by_tiles(16, 17)[below:].tolist() == list(range(below, below + 16))
+
+
+def test_cameras_of_any_size_are_drawn_pixel_by_pixel_as_elsewhere():
+    """Two pictures of which no side is whole tiles, one beside the other in the tracer's buffers."""
+    scenario = scene()
+    wide = dataclasses.replace(scenario.cameras[0], width=50, height=30)
+    tall = dataclasses.replace(scenario.cameras[0], name="tall", width=20, height=41)
+    scenario = dataclasses.replace(scenario, cameras=(wide, tall))
+    pictures = []
+    for simulator in (MujocoWarpHandler, MujocoHandler):
+        with simulator(scenario, 2) as handler:
+            handler.launch()
+            handler.set_states(starts(2))
+            pictures.append(handler.render(None, KINDS))
+    for camera, shape in ((wide, (2, 30, 50)), (tall, (2, 41, 20))):
+        ours, theirs = pictures[0][camera.name], pictures[1][camera.name]
+        assert ours["segmentation"].shape == shape
+        assert (ours["segmentation"] != theirs["segmentation"]).mean() < 2e-3
+        assert (np.abs(ours["rgb"].astype(int) - theirs["rgb"]).max(-1) > 2).mean() < 2e-3
+        assert (np.abs(ours["depth"] - theirs["depth"]) > 1e-4).mean() < 2e-3
 
 
 def test_a_picture_depends_on_its_world_alone(dressed):
