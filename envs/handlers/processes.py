@@ -4,15 +4,20 @@ Each process holds a part of the environments behind the inner handler. States l
 process writes its rows after whatever changed them, so that reading states asks nobody. Commands and
 pictures go through pipes.
 
-Processes are started afresh (``spawn``), so a script that makes one of these handlers needs the usual
-``if __name__ == "__main__":``.
+Processes are forked from one that has imported what they need and done nothing else (``forkserver``); it ends
+with the program. They see the environment variables, the path and the folder of the moment when they are
+started; only what libraries read while they are imported, such as ``OMP_NUM_THREADS``, is that of the first
+start. A script that makes one of these handlers needs the usual ``if __name__ == "__main__":``.
 """
 
 import itertools
 import multiprocessing
 import os
+import sys
 import weakref
 from collections.abc import Mapping, Sequence
+from multiprocessing import forkserver
+from multiprocessing.context import ForkServerContext, SpawnContext
 from typing import Any, override
 
 import numpy as np
@@ -25,6 +30,9 @@ from envs.handlers.base import EnvIds, Handler, TextureSource
 from envs.handlers.workers import SharedState, Worker
 from envs.scenario import Appearance, ScenarioCfg
 from envs.state import State
+
+_PRELOADED = ["envs.handlers.workers", "envs.handlers.mujoco.handler", "mujoco_warp"]
+"""The default simulator and renderer. None touches a GPU, and OpenBLAS ends its threads before a fork."""
 
 
 class ProcessHandler(Handler):
@@ -71,7 +79,7 @@ class ProcessHandler(Handler):
         options: dict[str, Any] = {"num_threads": self.num_threads or 1, "textures": self.textures}
         if self.renderer_name:
             options["renderer"] = self.renderer_name
-        context = multiprocessing.get_context("spawn")
+        context = _context()
         try:
             for low, high in itertools.pairwise(self._bounds):
                 job = (self.simulator, self.scenario, high - low, options)
@@ -224,6 +232,28 @@ class ProcessHandler(Handler):
         workers, self._workers = self._workers, []
         shared, self._shared = self._shared, None
         _stop(workers, shared)
+
+
+def _context() -> ForkServerContext | SpawnContext:
+    """Returns what starts processes, with the server that they are forked from running.
+
+    Python 3.12 does not tell a server our ``sys.path``: it would import another ``envs`` that lies in the
+    current folder. A process that was itself forked has no server to ask, and starts its own afresh.
+    """
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(_PRELOADED)
+    ours = dict(os.environ)
+    path = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
+    try:
+        os.environ.update(PYTHONPATH=path, PYTHONSAFEPATH="1")
+        forkserver.ensure_running()
+    except ChildProcessError:
+        return multiprocessing.get_context("spawn")
+    finally:
+        for name in ("PYTHONPATH", "PYTHONSAFEPATH"):
+            os.environ.pop(name)
+        os.environ.update(ours)
+    return context
 
 
 def _rows(value: Any, first: int, last: int) -> Any:

@@ -1,6 +1,7 @@
 """A process that steps a part of the environments: its two ends, and the block that it shares."""
 
 import contextlib
+import os
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -81,7 +82,7 @@ class Worker:
     def __init__(self, context, job: tuple, low: int, high: int) -> None:
         self.low, self.high = low, high
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, *job), daemon=True)
+        self._process = context.Process(target=_serve, args=(theirs, dict(os.environ), *job), daemon=True)
         self._process.start()
         theirs.close()
 
@@ -129,8 +130,17 @@ class Worker:
 _ERRORS = {kind.__name__: kind for kind in (RoboVerseError, *RoboVerseError.__subclasses__())}
 
 
-def _serve(pipe: Connection, simulator: str, scenario: ScenarioCfg, num_envs: int, options: dict) -> None:
+def _serve(
+    pipe: Connection,
+    environment: dict[str, str],
+    simulator: str,
+    scenario: ScenarioCfg,
+    num_envs: int,
+    options: dict,
+) -> None:
     """Runs in the process: answers commands until it is told to close."""
+    os.environ.clear()
+    os.environ.update(environment)
     inside: Inside | None = None
 
     def start() -> Any:

@@ -1,8 +1,14 @@
 """Environments in processes: what the contract of handlers does not say."""
 
 import dataclasses
+import json
 import os
 import signal
+import subprocess
+import sys
+import time
+from multiprocessing import forkserver
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +16,7 @@ import torch
 
 from envs.errors import ConfigError, SimulatorError, UnknownNameError
 from envs.handlers import HANDLERS
-from envs.handlers.processes import ProcessHandler
+from envs.handlers.processes import ProcessHandler, _context
 from envs.randomization import MaterialLibrary
 from envs.tasks.pick_cube import PickCube
 
@@ -130,3 +136,50 @@ def test_closing_ends_processes_and_frees_their_memory(scenario):
     assert not os.path.exists(f"/dev/shm/{name}")
     with pytest.raises(SimulatorError, match="nothing after close"):
         handler.step(1)
+
+
+def is_over(pid):
+    """Whether a process has ended; an orphan may wait for an init that asks for no exit codes."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(") ")[1][0] == "Z"
+    except OSError:
+        return True
+
+
+def test_they_see_what_is_so_when_they_start_and_end_with_a_killed_program(tmp_path):
+    folders = [tmp_path / name for name in ("one", "two")]
+    for folder in folders:
+        (folder / "envs").mkdir(parents=True)  # another package of this name in the current folder
+        (folder / "envs/__init__.py").write_text("raise ValueError('not this one')")
+    script = Path(__file__).with_name("in_processes.py")
+    environment = {**os.environ, "PYTHONPATH": str(script.parents[3]), "PYTHONSAFEPATH": "1"}
+    program = subprocess.Popen(
+        [sys.executable, str(script), *map(str, folders)],
+        cwd=folders[0],
+        env=environment,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    with program:
+        assert program.stdout is not None
+        found = json.loads(program.stdout.readline())
+        program.kill()
+    for told, folder in zip(found["told"], folders, strict=True):
+        assert f"{folder.name} in {folder}, (a process of its own" in told
+    (server,) = found["servers"]
+    assert server["pid"] != program.pid
+    assert server["has_imported"] and server["threads"] == 1
+    until = time.monotonic() + 60
+    while not all(map(is_over, (*found["workers"], server["pid"]))):
+        assert time.monotonic() < until, f"still there: {found}"
+        time.sleep(0.02)
+
+
+def test_a_forked_program_starts_them_afresh(monkeypatch):
+    def not_ours():
+        raise ChildProcessError("No child processes")
+
+    before = dict(os.environ)
+    monkeypatch.setattr(forkserver, "ensure_running", not_ours)
+    assert _context().get_start_method() == "spawn"
+    assert dict(os.environ) == before
