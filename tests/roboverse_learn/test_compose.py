@@ -14,7 +14,7 @@ import policies
 from envs.errors import ConfigError, RoboVerseError, UnknownNameError
 from roboverse_learn import cli, scenario_keys
 from roboverse_learn.compose import compose, configs_folder, preset_names
-from roboverse_learn.keys import flat_keys
+from roboverse_learn.keys import at, flat_keys
 from roboverse_learn.values import COMMANDS, default_values, from_values, to_values
 
 REQUIRED = {"evaluate": ["checkpoint=runs/x"], "replay": ["dataset=datasets/x"]}
@@ -23,12 +23,6 @@ QUICK = settings(max_examples=25, deadline=None)
 
 def last_part(key: str) -> str:
     return key.rpartition(".")[2]
-
-
-def at(values: Any, key: str) -> Any:
-    for part in key.split("."):
-        values = values[part]
-    return values
 
 
 def typed(value: Any) -> str:
@@ -194,6 +188,17 @@ def test_a_preset_of_a_policy_wins_over_the_policy() -> None:
     assert quick.policy.dim_model < full.policy.dim_model
     assert quick.train.batch_size < full.train.batch_size
     assert type(quick.policy) is type(full.policy) is policies.config_class("act")
+
+
+@pytest.mark.parametrize("policy", policies.names())
+def test_locomotion_is_a_farther_horizon_for_ppo_and_nothing_else(policy: str) -> None:
+    plain, legs = (
+        to_values(compose("train", [f"policy={policy}", f"preset={name}"])) for name in ("full", "locomotion")
+    )
+    of_ppo = {"num_envs", "num_steps", "gamma", "lam", "init_std", "desired_kl"} if policy == "ppo" else set()
+    changed = {key for key in flat_keys(plain) if at(plain, key) != at(legs, key)}
+    assert changed == {"preset"} | {f"policy.{key}" for key in of_ppo}
+    assert policy != "ppo" or legs["policy"]["gamma"] > plain["policy"]["gamma"]
 
 
 @pytest.mark.parametrize("preset", preset_names())
