@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from envs.errors import ResultError
+from envs.core.errors import ResultError
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
-from envs.errors import ConfigError, unknown_name
+from envs.core.errors import ConfigError, unknown_name
 from envs.randomization.levels import CHANNELS, LEVELS
 from envs.randomization.splits import SPLITS
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from benchmark.protocol import Cell, Protocol
 from benchmark.statistics import wilson
-from envs.errors import ResultError
+from envs.core.errors import ResultError
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

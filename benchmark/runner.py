@@ -19,7 +19,7 @@ from benchmark.protocol import Cell
 from benchmark.protocol import Protocol as EvaluationProtocol
 from benchmark.provenance import package_versions
 from benchmark.records import EpisodeRecord
-from envs.errors import CheckpointError, ConfigError, SimulatorError
+from envs.core.errors import CheckpointError, ConfigError, SimulatorError
 from policies.base import Observation, Policy
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 from benchmark.files import atomic_path
 from benchmark.records import EpisodeRecord
 from benchmark.runner import EvaluatedEnv, Rollout
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 from policies.base import Policy
 
 logger = logging.getLogger(__name__)
@@ -111,7 +111,7 @@ def film_cell(
         policy: The policy.
         env: The cell's env.
         records: The cell's records.
-        folder: Where the videos go; ``benchmark.result_file.video_dir`` is beside the result.
+        folder: Where the videos go; ``benchmark.results.video_dir`` is beside the result.
         control_hz: Control steps per second.
         count: How many failures, and how many successes.
         every: A frame every so many control steps.

@@ -7,7 +7,7 @@ import.
 
 from typing import TYPE_CHECKING, Any
 
-from envs.registration import register_envs
+from envs.gym_registration import register_envs
 
 if TYPE_CHECKING:
     from envs.gym_env import RoboVerseEnv, make_vec

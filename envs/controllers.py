@@ -7,13 +7,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from envs.handlers.base import EnvIds, Handler
 from envs.rotations import from_yaw, to_matrix
 from envs.scenario import Quat, RobotCfg, Vec3
+from envs.simulators.base import EnvIds, Handler
 from envs.state import State
 
 if TYPE_CHECKING:
-    from envs.experts.batched_ik import BatchedInverseKinematics
+    from envs.kinematics.batched_inverse import BatchedInverseKinematics
 
 
 class Controller(ABC):
@@ -162,7 +162,7 @@ class HandDeltaController(Controller):
     def _kinematics(self, device: torch.device) -> "BatchedInverseKinematics":
         """Returns the robot's kinematics on a device; its first use there compiles the robot's model."""
         if self._ik is None or self._ik.rest.device != device:
-            from envs.experts.batched_ik import BatchedInverseKinematics
+            from envs.kinematics.batched_inverse import BatchedInverseKinematics
 
             self._ik = BatchedInverseKinematics(self._robot, device)
             self._closed, self._stroke = self._closed.to(self._ik.rest), self._stroke.to(self._ik.rest)

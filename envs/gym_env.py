@@ -5,8 +5,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from envs.actions import wrong_shape
-from envs.observations import row_of
+from envs.lazy_images import row_of
+from envs.step_checks import wrong_shape
 from envs.vector_env import RoboVerseVectorEnv
 
 

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 from envs.torch_env import EnvStep, EpisodeStatistics
 
 

@@ -9,11 +9,11 @@ from typing import Any, override
 import torch
 from torch import Tensor
 
-from envs.errors import ConfigError
-from envs.handlers.base import Handler
-from envs.handlers.hybrid import make_handler
+from envs.core.errors import ConfigError
 from envs.randomization import MaterialLibrary
 from envs.scenario import ScenarioCfg
+from envs.simulators.base import Handler
+from envs.simulators.hybrid import make_handler
 from envs.state import State
 from envs.torch_env import TorchVectorEnv
 

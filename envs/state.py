@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from envs.errors import ConfigError, unknown_name
+from envs.core.errors import ConfigError, unknown_name
 
 
 @dataclass(slots=True)
@@ -107,7 +107,7 @@ class State:
         return {**self.robots, **self.objects}
 
     def arrays(self) -> "State":
-        """Returns the same state in numpy arrays, for what takes them too: see :mod:`envs.arrays`."""
+        """Returns the same state in numpy arrays, for what takes them too: see :mod:`envs.array_ops`."""
         return State(
             {name: entity.arrays() for name, entity in self.robots.items()},
             {name: entity.arrays() for name, entity in self.objects.items()},

@@ -13,14 +13,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from envs.errors import ConfigError
-from envs.handlers import HANDLERS
-from envs.handlers.base import Handler
-from envs.outcomes import outcome, solved
+from envs.core.errors import ConfigError
 from envs.randomization import channel_rng, load_split
 from envs.scenario import ScenarioCfg
+from envs.simulators import HANDLERS
+from envs.simulators.base import Handler
 from envs.state import State
-from envs.tasks.making import make_task
+from envs.tasks.make import make_task
+from envs.tasks.outcomes import outcome, solved
 
 BANK_SIZE = 4096
 """Initial states that are kept on the device; drawing one takes Python about 50 µs."""
@@ -138,7 +138,7 @@ class TorchVectorEnv:
         bank_size: K, initial states that are drawn.
         num_threads: Threads of the simulator; 0 means one per core.
         simulator_settings: Settings of the simulator that replace the scenario's.
-        scenario: What is changed of the task's scene; see :func:`envs.tasks.making.make_task`.
+        scenario: What is changed of the task's scene; see :func:`envs.tasks.make.make_task`.
         substeps: Physics steps per control step; the task's by default. Fewer are longer, faster to
             simulate, and coarser.
         expert_starts: Share of the episodes that begin somewhere on the expert's way; see

@@ -10,17 +10,17 @@ import torch
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from envs.actions import check_step
-from envs.arrays import to_numpy
-from envs.digest import episode_digest
-from envs.errors import ConfigError, unknown_name
-from envs.handlers.hybrid import make_handler
-from envs.observations import LazyPixels, row_of
-from envs.outcomes import outcome, solved
+from envs.array_ops import to_numpy
+from envs.core.errors import ConfigError, unknown_name
+from envs.episode_hash import episode_digest
+from envs.lazy_images import LazyPixels, row_of
 from envs.randomization import MaterialLibrary, Randomizer, channel_rng, channels_of, load_split
 from envs.scenario import Appearance
+from envs.simulators.hybrid import make_handler
 from envs.state import State
-from envs.tasks.making import make_task
+from envs.step_checks import check_step
+from envs.tasks.make import make_task
+from envs.tasks.outcomes import outcome, solved
 
 OBSERVATIONS = ("pixels", "state", "full")
 
@@ -65,7 +65,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         task_kwargs: Options of the task.
         simulator_settings: Settings of the simulator that replace the scenario's, such as ``impratio`` of
             MuJoCo.
-        scenario: What is changed of the task's scene; see :func:`envs.tasks.making.make_task`.
+        scenario: What is changed of the task's scene; see :func:`envs.tasks.make.make_task`.
         actions: ``"task"`` for those of the task's ``controller``, ``"rl"`` for those of its
             ``rl_controller``.
     """

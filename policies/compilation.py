@@ -23,7 +23,7 @@ NaN from the second batch on, in its whole backbone, at the right loss. Of seven
 compiler (softmax, split and persistent reductions, layouts, patterns, buffers, recomputation) none changes
 that; without fusion every gradient is that of eager code. With the normalization as one operator of its own
 and the rest fused, the first convolution's gradient alone is wrong, by factors of a hundred to nine thousand.
-:mod:`roboverse_learn.training.fast_objective` checks it.
+:mod:`roboverse_learn.training.imitation.fast_objective` checks it.
 """
 
 

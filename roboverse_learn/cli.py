@@ -13,11 +13,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from envs.errors import ConfigError, RoboVerseError, unknown_name
+from envs.core.errors import ConfigError, RoboVerseError, unknown_name
 from policies import PolicyError
-from roboverse_learn import help as texts
-from roboverse_learn.compose import compose
-from roboverse_learn.folders import check_folders, file_in_place_of_folder, not_a_folder
+from roboverse_learn.config import help as texts
+from roboverse_learn.config.compose import compose
+from roboverse_learn.config.preflight_folders import check_folders, file_in_place_of_folder, not_a_folder
 from roboverse_learn.training.interruption import Interrupted
 
 HELP = ("-h", "--help", "help")
@@ -149,7 +149,7 @@ def _run(command: str, config: Any) -> None:
 
 
 def _benchmark(words: list[str]) -> int:
-    from roboverse_learn.benchmarks import BENCHMARKS, run
+    from roboverse_learn.speed import BENCHMARKS, run
 
     names = [word for word in words if "=" not in word and word not in HELP]
     settings = [word for word in words if "=" in word]

@@ -16,21 +16,21 @@ import os
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from roboverse_learn.config import CollectConfig
-from roboverse_learn.installed import check_installed
-from roboverse_learn.keys import flat_keys
-from roboverse_learn.materials import check_materials, folder_name
-from roboverse_learn.scenario_files import check_scenario_files
-from roboverse_learn.scenario_keys import control_hz, learned_hz, scenario_name
+from roboverse_learn.config.keys import flat_keys
+from roboverse_learn.config.preflight_installed import check_installed
+from roboverse_learn.config.preflight_materials import check_materials, folder_name
+from roboverse_learn.config.preflight_scenario import check_scenario_files
+from roboverse_learn.config.scenario_overrides import control_hz, learned_hz, scenario_name
+from roboverse_learn.config.schema import CollectConfig
 
 if TYPE_CHECKING:
-    from roboverse_learn.data.collection import CollectionSummary
+    from roboverse_learn.data.collection.collect import CollectionSummary
     from roboverse_learn.data.importers.verdicts import ImportSummary
-    from roboverse_learn.data.policy_source import Demonstrator
+    from roboverse_learn.data.sources.policy import Demonstrator
 
-EXPERT_SOURCE = "roboverse_learn.data.expert_source:make_expert_source"
-POLICY_SOURCE = "roboverse_learn.data.policy_source:make_policy_source"
-IMPORT_SOURCE = "roboverse_learn.data.importers.import_source:make_import_source"
+EXPERT_SOURCE = "roboverse_learn.data.sources.expert:make_expert_source"
+POLICY_SOURCE = "roboverse_learn.data.sources.policy:make_policy_source"
+IMPORT_SOURCE = "roboverse_learn.data.sources.importer:make_import_source"
 
 _ROUNDS = 3
 """How often every environment of every process may fail before a collection ends without hope."""
@@ -43,7 +43,7 @@ def collect(config: CollectConfig) -> Any:
         TooFewSuccessesError: Many episodes were tried, and none or too few succeeded.
         DatasetError: The dataset was begun with other settings, is damaged, or the disk is full.
     """
-    from roboverse_learn.report import collection_report
+    from roboverse_learn.commands.report import collection_report
 
     return collection_report(collect_dataset(config))
 
@@ -89,7 +89,7 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
 
 
 def _demand_expert(config: CollectConfig) -> None:
-    from envs.errors import ConfigError
+    from envs.core.errors import ConfigError
     from envs.tasks import TASKS
 
     if not TASKS.get(config.task).has_expert:
@@ -101,15 +101,15 @@ def _demand_expert(config: CollectConfig) -> None:
 
 def _demonstrator(config: CollectConfig) -> "Demonstrator":
     """Returns the policy that demonstrates."""
-    from roboverse_learn.data.policy_source import find_demonstrator
+    from roboverse_learn.data.sources.policy import find_demonstrator
 
     return find_demonstrator(config.checkpoint, config.task)
 
 
 def _check_control_rate(config: CollectConfig) -> None:
     """Refuses a policy whose actions were meant to last longer or shorter than those of the dataset."""
-    from envs.errors import ConfigError
-    from roboverse_learn.run import read_config, run_of
+    from envs.core.errors import ConfigError
+    from roboverse_learn.commands.run_folder import read_config, run_of
 
     folder = run_of(_demonstrator(config).checkpoint)
     if folder is None:
@@ -147,9 +147,9 @@ def _judge(config: CollectConfig) -> "ImportSummary":
 
 def _collect_episodes(config: CollectConfig, imported: "ImportSummary | None") -> "CollectionSummary":
     from envs.randomization.splits import load_split
-    from roboverse_learn.data.collection import CollectionConfig, CollectionProgress
     from roboverse_learn.data.collection import collect as collect_episodes
-    from roboverse_learn.data.schedule import GIVE_UP_AFTER, TooFewSuccessesError
+    from roboverse_learn.data.collection.collect import CollectionConfig, CollectionProgress
+    from roboverse_learn.data.collection.schedule import GIVE_UP_AFTER, TooFewSuccessesError
 
     keys = ("task", "task_kwargs", "level", "only", "simulator", "renderer", "cameras", "image_size")
     scene = {key: getattr(config, key) for key in keys} | {"materials": config.materials or None}
@@ -243,15 +243,15 @@ def _bar(what: str) -> Iterator[Callable[[int, int, str], None]]:
 
 def _default_workers(config: CollectConfig) -> int:
     """One process per core; one alone where a simulator steps all environments at once, as on a GPU."""
-    from envs.handlers import HANDLERS
+    from envs.simulators import HANDLERS
 
     return 1 if HANDLERS.get(config.simulator).steps_together else len(os.sched_getaffinity(0))
 
 
 def dataset_layout(config: CollectConfig) -> tuple[dict[str, Any], int, str]:
     """Returns the features, the frames per second and the robot of a task's dataset."""
-    from envs.tasks.making import make_task
-    from roboverse_learn.data.schema import make_features
+    from envs.tasks.make import make_task
+    from roboverse_learn.data.dataset.schema import make_features
 
     task = make_task(config.task, config.task_kwargs, config.scenario)
     scenario = task.scenario.seen_by(config.cameras, config.image_size)

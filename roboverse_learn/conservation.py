@@ -10,7 +10,7 @@ import logging
 from collections.abc import Iterator
 from typing import Any
 
-from roboverse_learn.config import ConservationConfig
+from roboverse_learn.config.schema import ConservationConfig
 
 log = logging.getLogger(__name__)
 
@@ -22,8 +22,8 @@ def conservation(config: ConservationConfig) -> Any:
         MissingExtraError: A simulator that was named is not installed.
         ResultError: A file cannot be written.
     """
-    from benchmark.conservation.page import render, write_page, write_result
-    from roboverse_learn.report import conservation_report
+    from roboverse_learn.commands.report import conservation_report
+    from roboverse_learn.sim2sim.conservation.page import render, write_page, write_result
 
     folder = Path(config.out)
     results = [run_on(simulator, config.timestep_s) for simulator in _chosen(config)]
@@ -34,9 +34,9 @@ def conservation(config: ConservationConfig) -> Any:
 
 def run_on(simulator: str, timestep_s: float) -> dict[str, Any]:
     """Runs every experiment on a simulator; returns plain JSON values."""
-    from benchmark.conservation.experiments import EXPERIMENTS, deviations, run
     from benchmark.provenance import package_versions
-    from envs.errors import RoboVerseError
+    from envs.core.errors import RoboVerseError
+    from roboverse_learn.sim2sim.conservation.experiments import EXPERIMENTS, deviations, run
 
     found: dict[str, Any] = {}
     for experiment in EXPERIMENTS:
@@ -60,8 +60,8 @@ def run_on(simulator: str, timestep_s: float) -> dict[str, Any]:
 
 def _chosen(config: ConservationConfig) -> Iterator[str]:
     """Yields the named simulators, or all that are installed."""
-    from envs.errors import MissingExtraError
-    from envs.handlers import HANDLERS
+    from envs.core.errors import MissingExtraError
+    from envs.simulators import HANDLERS
 
     for name in config.simulators or HANDLERS.names():
         try:

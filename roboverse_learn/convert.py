@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from roboverse_learn.config import ConvertConfig
+from roboverse_learn.config.schema import ConvertConfig
 
 
 def convert_robot(config: ConvertConfig) -> str:

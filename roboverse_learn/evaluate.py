@@ -12,13 +12,13 @@ from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 from benchmark.protocol import Cell, Protocol
-from roboverse_learn.config import EvaluateConfig, EvaluationConfig
-from roboverse_learn.materials import check_materials, recorded_materials
-from roboverse_learn.scenario_files import check_scenario_files
-from roboverse_learn.subject import Subject, protocol_of, step_of, subjects_of
+from roboverse_learn.commands.tested_checkpoint import Subject, protocol_of, step_of, subjects_of
+from roboverse_learn.config.preflight_materials import check_materials, recorded_materials
+from roboverse_learn.config.preflight_scenario import check_scenario_files
+from roboverse_learn.config.schema import EvaluateConfig, EvaluationConfig
 
 if TYPE_CHECKING:
-    from benchmark.finished import FinishedCells
+    from benchmark.finished_cells import FinishedCells
     from benchmark.records import Checkpoint, EpisodeRecord, Result
 
 log = logging.getLogger(__name__)
@@ -50,8 +50,8 @@ def evaluate(config: EvaluateConfig) -> Any:
         ConfigError: The task or the image size is needed and was not given.
         PolicyError: The checkpoint is broken, or learned other tasks.
     """
+    from roboverse_learn.commands.report import evaluation_report
     from roboverse_learn.leaderboard import write_leaderboard
-    from roboverse_learn.report import evaluation_report
 
     check_materials(config.evaluate.materials)
     results = Path(config.results_dir)
@@ -75,10 +75,10 @@ def evaluate_subject(
         command: The command of ours that runs, as it is recorded.
     """
     import policies
-    from benchmark.finished import FinishedCells
+    from benchmark.finished_cells import FinishedCells
     from benchmark.provenance import file_hash
     from benchmark.records import Checkpoint
-    from benchmark.result_file import result_path, video_dir, write_result
+    from benchmark.results import result_path, video_dir, write_result
     from policies.checkpoint import WEIGHTS, check_learned, policy_type
 
     protocol = protocol_of(config)
@@ -116,8 +116,8 @@ def evaluate_subject(
 
 def _write_curve(path: Path, subject: Subject) -> None:
     """Puts the learning curve of a run beside its result in the scene that it learned in, and no other."""
-    from benchmark.curves import MEASURES, write_curve
-    from roboverse_learn.run import read_config, run_of
+    from benchmark.learning_curves import MEASURES, write_curve
+    from roboverse_learn.commands.run_folder import read_config, run_of
     from roboverse_learn.training.metrics import read_metrics
 
     run = run_of(subject.checkpoint)
@@ -271,7 +271,7 @@ def _earlier(
 ) -> "Result | None":
     """Returns the result that stands at ``path``, if it is of the same weights, protocol and scene."""
     from benchmark.provenance import package_versions
-    from benchmark.result_file import read_result
+    from benchmark.results import read_result
 
     if not path.exists():
         return None
@@ -285,7 +285,7 @@ def _earlier(
 
 
 def _videos(path: Path) -> tuple[Path, ...]:
-    from benchmark.result_file import video_dir
+    from benchmark.results import video_dir
 
     return tuple(sorted(video_dir(path).glob("*.mp4")))
 

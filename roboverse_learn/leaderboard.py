@@ -9,7 +9,7 @@ if __name__ == "__main__":  # as a script: this folder's `data` or `run` must no
 from dataclasses import asdict
 from typing import Any
 
-from roboverse_learn.config import LeaderboardConfig
+from roboverse_learn.config.schema import LeaderboardConfig
 
 
 def leaderboard(config: LeaderboardConfig) -> Any:
@@ -18,14 +18,14 @@ def leaderboard(config: LeaderboardConfig) -> Any:
     Raises:
         ResultError: The folder is absent, or a file in it is no result; nothing is written then.
     """
-    from roboverse_learn.report import leaderboard_report
+    from roboverse_learn.commands.report import leaderboard_report
 
     return leaderboard_report(write_leaderboard(Path(config.results_dir)))
 
 
 def write_leaderboard(results_dir: Path) -> dict[str, Path]:
     """Writes ``leaderboard.json``, ``.md``, ``.html`` and the plots; returns what was written."""
-    from benchmark.leaderboard import write
+    from benchmark.leaderboard.build import write
     from roboverse_learn.training.config import TrainConfig
 
     return write(results_dir, asdict(TrainConfig()))

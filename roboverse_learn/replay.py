@@ -8,11 +8,11 @@ if __name__ == "__main__":  # as a script: this folder's `data` or `run` must no
 
 from typing import TYPE_CHECKING, Any
 
-from envs.errors import DatasetError
-from roboverse_learn.config import ReplayConfig
+from envs.core.errors import DatasetError
+from roboverse_learn.config.schema import ReplayConfig
 
 if TYPE_CHECKING:
-    from roboverse_learn.parity.recording import Recording
+    from roboverse_learn.sim2sim.parity.recording import Recording
 
 
 def replay(config: ReplayConfig) -> Any:
@@ -22,9 +22,9 @@ def replay(config: ReplayConfig) -> Any:
         DatasetError: There is no dataset, or it holds no states of ours.
         ResultError: A file cannot be written.
     """
-    from roboverse_learn.parity import page, summary
-    from roboverse_learn.parity.recording import read_recordings
-    from roboverse_learn.report import replay_report
+    from roboverse_learn.commands.report import replay_report
+    from roboverse_learn.sim2sim.parity import page, summary
+    from roboverse_learn.sim2sim.parity.recording import read_recordings
 
     recordings = read_recordings(config.dataset, config.episodes)
     values = replay_recordings(recordings, config)
@@ -33,12 +33,12 @@ def replay(config: ReplayConfig) -> Any:
 
 
 def replay_recordings(recordings: "list[Recording]", config: ReplayConfig) -> dict[str, Any]:
-    """Replays recordings of one task; returns what :mod:`roboverse_learn.parity.summary` writes."""
+    """Replays recordings of one task; returns what :mod:`roboverse_learn.sim2sim.parity.summary` writes."""
     import envs
     from benchmark import provenance
     from roboverse_learn.evaluate import command_words
-    from roboverse_learn.parity import replaying
-    from roboverse_learn.parity.summary import SCHEMA_VERSION, summarize
+    from roboverse_learn.sim2sim.parity import tracks as replaying
+    from roboverse_learn.sim2sim.parity.summary import SCHEMA_VERSION, summarize
 
     first = recordings[0].metadata
     env = envs.make_vec(

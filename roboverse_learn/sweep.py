@@ -19,14 +19,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import policies
-from envs.errors import RoboVerseError
+from envs.core.errors import RoboVerseError
 from roboverse_learn.collect import dataset_folder
-from roboverse_learn.compose import compose, values_of_key
-from roboverse_learn.config import CollectConfig, SweepConfig, TrainRunConfig
-from roboverse_learn.folders import check_folders
-from roboverse_learn.keys import flat_keys
-from roboverse_learn.run import CONFIG_FILE, default_folder, read_config, read_facts
-from roboverse_learn.values import to_values
+from roboverse_learn.commands.run_folder import CONFIG_FILE, default_folder, read_config, read_facts
+from roboverse_learn.config.compose import compose, values_of_key
+from roboverse_learn.config.keys import flat_keys
+from roboverse_learn.config.preflight_folders import check_folders
+from roboverse_learn.config.schema import CollectConfig, SweepConfig, TrainRunConfig
+from roboverse_learn.config.serialize import to_values
 
 log = logging.getLogger(__name__)
 
@@ -77,7 +77,7 @@ def plan(words: Sequence[str]) -> Sweep:
     """Reads the words of a command line: keys of the sweep, and keys of ``train`` with one or more values.
 
     Raises:
-        RoboVerseError: as :func:`roboverse_learn.compose.compose`, for any of the runs.
+        RoboVerseError: as :func:`roboverse_learn.config.compose.compose`, for any of the runs.
     """
     own = flat_keys(to_values(SweepConfig()))
     is_own = [word.partition("=")[0] in own for word in words]

@@ -19,12 +19,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import policies
-from envs.errors import ConfigError
-from roboverse_learn.config import TrainRunConfig
+from envs.core.errors import ConfigError
+from roboverse_learn.config.schema import TrainRunConfig
 
 if TYPE_CHECKING:
-    from roboverse_learn.data.collection import CollectionSummary
-    from roboverse_learn.run import Run
+    from roboverse_learn.commands.run_folder import Run
+    from roboverse_learn.data.collection.collect import CollectionSummary
     from roboverse_learn.training.reporter import TrainResult
 
 log = logging.getLogger(__name__)
@@ -46,17 +46,17 @@ def train(config: TrainRunConfig) -> Any:
             task pays no reward, or has no expert, that an agent is to learn from.
         MissingExtraError: A package is not installed.
     """
+    from roboverse_learn.commands.report import train_report
+    from roboverse_learn.commands.run_folder import Run
+    from roboverse_learn.commands.tested_checkpoint import subject_of_run
+    from roboverse_learn.config.preflight_installed import check_installed
+    from roboverse_learn.config.preflight_materials import check_materials
+    from roboverse_learn.config.preflight_scenario import check_scenario_files
     from roboverse_learn.evaluate import command_words, evaluate_subject
-    from roboverse_learn.installed import check_installed
     from roboverse_learn.leaderboard import write_leaderboard
-    from roboverse_learn.materials import check_materials
-    from roboverse_learn.report import train_report
-    from roboverse_learn.run import Run
-    from roboverse_learn.scenario_files import check_scenario_files
-    from roboverse_learn.subject import subject_of_run
     from roboverse_learn.training.device import resolve_device
-    from roboverse_learn.training.learners import check_learner
     from roboverse_learn.training.metrics import check_wandb
+    from roboverse_learn.training.rl.learners import check_learner
 
     device = resolve_device(config.device)
     from_dataset = policies.learns_from(config.policy_name) == "dataset"
@@ -129,7 +129,7 @@ def refuse_long_run(config: TrainRunConfig, device: str) -> None:
 def _estimate_s(config: TrainRunConfig, device: str) -> float:
     """Times this policy on this machine: a gradient step without a dataset, or learning in an env."""
     from roboverse_learn.collect import dataset_layout
-    from roboverse_learn.training.estimate import estimate_learning_s, estimate_training_s
+    from roboverse_learn.training.imitation.estimate import estimate_learning_s, estimate_training_s
 
     if policies.learns_from(config.policy_name) == "env":
         log.info("Timing policy=%s on this machine.", config.policy_name)
@@ -163,9 +163,9 @@ def _collect(config: TrainRunConfig, run: "Run") -> "CollectionSummary":
 
 def _learn(config: TrainRunConfig, folder: Path, device: str) -> "TrainResult":
     """Trains on an env, in this process."""
-    from roboverse_learn.run import seed_of
-    from roboverse_learn.training.learners import learner_of
+    from roboverse_learn.commands.run_folder import seed_of
     from roboverse_learn.training.reporter import RichReporter
+    from roboverse_learn.training.rl.learners import learner_of
 
     learn = learner_of(config.policy_name)
     reporter = RichReporter()
@@ -177,8 +177,8 @@ def _learn(config: TrainRunConfig, folder: Path, device: str) -> "TrainResult":
 
 def _train(config: TrainRunConfig, folder: Path, dataset_root: str, device: str) -> "TrainResult":
     """Trains on a dataset, in this process."""
-    from roboverse_learn.data.reader import ResidentDataset
-    from roboverse_learn.run import seed_of
+    from roboverse_learn.commands.run_folder import seed_of
+    from roboverse_learn.data.dataset.reader import ResidentDataset
     from roboverse_learn.training.imitation import train as train_policy
     from roboverse_learn.training.reporter import Reporter, RichReporter
 
@@ -198,7 +198,7 @@ def _train(config: TrainRunConfig, folder: Path, dataset_root: str, device: str)
 
 def _train_along(config: TrainRunConfig, device: str) -> str:
     """Trains beside the first process of ``accelerate launch``, which has collected the dataset."""
-    from roboverse_learn.run import default_folder, read_facts
+    from roboverse_learn.commands.run_folder import default_folder, read_facts
 
     folder = Path(config.run) if config.run else default_folder(config)
     while not (facts := read_facts(folder, "collect")) or facts.get("status") != "done":

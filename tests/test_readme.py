@@ -10,8 +10,8 @@ import pytest
 
 from benchmark.protocol import LEVELS
 from roboverse_learn import sweep
-from roboverse_learn.compose import compose
-from roboverse_learn.help import SUMMARIES
+from roboverse_learn.config.compose import compose
+from roboverse_learn.config.help import SUMMARIES
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -16,7 +16,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from envs.arguments import run_program
 from envs.convert.conversion import convert, describe_loaded
 from envs.convert.description import Description, Inertial, Link
 from envs.convert.page import (
@@ -33,7 +32,8 @@ from envs.convert.page import (
 from envs.convert.readers import MujocoReader, PybulletReader, Reader, UsdReader
 from envs.convert.simulator_readers import GenesisReader, SapienReader
 from envs.convert.source import Loaded, load
-from envs.errors import RoboVerseError, unknown_name
+from envs.core.arguments import run_program
+from envs.core.errors import RoboVerseError, unknown_name
 from envs.rotations import conjugate, multiply, rotate, to_matrix
 
 logger = logging.getLogger(__name__)

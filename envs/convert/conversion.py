@@ -11,11 +11,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from envs.assets import cache_dir
 from envs.convert.description import Description
 from envs.convert.read import read_model
 from envs.convert.source import Loaded, Source, load
-from envs.errors import ConfigError, unknown_name
+from envs.core.assets import cache_dir
+from envs.core.errors import ConfigError, unknown_name
 
 logger = logging.getLogger(__name__)
 

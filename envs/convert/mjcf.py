@@ -10,7 +10,7 @@ from pathlib import Path
 import mujoco
 
 from envs.convert.source import Loaded
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 
 logger = logging.getLogger(__name__)
 

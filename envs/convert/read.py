@@ -8,7 +8,7 @@ import numpy as np
 
 from envs.convert.description import Description, Drive, Inertial, Joint, JointKind, Link, Mimic
 from envs.convert.shapes import ShapeReader
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 from envs.rotations import multiply, rotate
 from envs.scenario.units import IDENTITY
 

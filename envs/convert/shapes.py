@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from envs.convert.description import Material, Mesh, Shape
-from envs.handlers.mujoco.looks import picture_of, rgba_of
+from envs.mjcf.geom_colors import picture_of, rgba_of
 from envs.rotations import conjugate, rotate
 
 logger = logging.getLogger(__name__)

@@ -10,7 +10,7 @@ import numpy as np
 
 from envs.convert.description import Inertial
 from envs.convert.readers import Poses, Reader
-from envs.errors import SimulatorError
+from envs.core.errors import SimulatorError
 from envs.rotations import from_matrix, multiply
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import mujoco
 
-from envs.assets import resolve
-from envs.errors import ConfigError, unknown_name
+from envs.core.assets import resolve
+from envs.core.errors import ConfigError, unknown_name
 from envs.robots import ROBOTS
 from envs.scenario import IDENTITY, RobotCfg
 
@@ -73,7 +73,7 @@ def load(source: Source, *, root: str | None = None, simplify: bool = False) -> 
 
 
 def _load_robot(robot: RobotCfg, simplify: bool) -> Loaded:
-    from envs.handlers.mujoco.model import GRIPPER_PREFIX, robot_spec
+    from envs.mjcf.model import GRIPPER_PREFIX, robot_spec
 
     spec = robot_spec(replace(robot, pos=(0.0, 0.0, 0.0), rot=IDENTITY), simplify=simplify)
     prefix = f"{robot.name}/"
@@ -121,7 +121,7 @@ def compile_with_thin_meshes(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
 
 
 def _keep_root(spec: mujoco.MjSpec, root: str, file: str) -> None:
-    from envs.handlers.mujoco.files import keep_only
+    from envs.mjcf.files import keep_only
 
     body = spec.body(root)
     if body is None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from envs.convert.description import Description, Inertial, Joint, Link, Shape
 from envs.convert.obj import mesh_files
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 from envs.rotations import to_matrix
 
 UNLIMITED = 1e4

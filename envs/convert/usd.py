@@ -15,7 +15,7 @@ import numpy as np
 
 from envs.convert.description import Description, Joint, Link, Material, Mesh, Shape
 from envs.convert.obj import write_picture
-from envs.errors import MissingExtraError
+from envs.core.errors import MissingExtraError
 from envs.rotations import conjugate, multiply, rotate
 from envs.scenario.units import IDENTITY
 

@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from envs.experts.planner import BatchPlanner, Planner
 from envs.experts.rollout import TAIL_STEPS, Rollout
 from envs.randomization import channel_rng
 from envs.state import State
+from envs.tasks.planner import BatchPlanner, Planner
 from envs.vector_env import RoboVerseVectorEnv
 
 

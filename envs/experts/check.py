@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.arguments import parse
-from envs.errors import ConfigError, RoboVerseError, unknown_name
+from envs.core.arguments import parse
+from envs.core.errors import ConfigError, RoboVerseError, unknown_name
 from envs.experts.record import RECORDS, ExpertRecord, SplitRecord, git_sha, write_record
 from envs.experts.rollout import Rollout, rollout
 from envs.randomization.splits import SPLITS

@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 
 RECORDS = Path(__file__).parents[1] / "tasks" / "experts.json"
 """The file, part of the package."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.experts.planner import Planner
 from envs.randomization import channel_rng
+from envs.tasks.planner import Planner
 from envs.vector_env import RoboVerseVectorEnv
 
 

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 from envs.experts.batched_rollout import Progress
-from envs.handlers.base import Handler
+from envs.simulators.base import Handler
 from envs.state import State
 from envs.tasks.base import Task
 

@@ -7,7 +7,7 @@ towards which the robot faces, and polar angle φ from world +z, on a sphere of 
 import math
 from dataclasses import dataclass, replace
 
-from envs.errors import unknown_name
+from envs.core.errors import unknown_name
 from envs.scenario import CameraCfg, Vec3
 
 RADIUS_M = 1.5

@@ -1,6 +1,6 @@
 """What each level varies: a level is a set of channels, and each level contains the one below."""
 
-from envs.errors import ConfigError, unknown_name
+from envs.core.errors import ConfigError, unknown_name
 
 CHANNELS = ("task", "environment", "camera", "lighting")
 """Everything that can vary. ``task`` always does: object poses and the instruction."""

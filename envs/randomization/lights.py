@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 from envs.scenario import LightCfg, LightingCfg, Vec3
 from envs.scenario.lighting import TEMPERATURES_K
 

@@ -13,7 +13,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from envs.errors import ConfigError, unknown_name
+from envs.core.errors import ConfigError, unknown_name
 from envs.randomization import procedural
 from envs.scenario import SURFACES
 

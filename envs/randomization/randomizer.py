@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from envs.errors import ConfigError, unknown_name
+from envs.core.errors import ConfigError, unknown_name
 from envs.randomization.cameras import place_camera
 from envs.randomization.furniture import Placement, draw_furniture, furnish
 from envs.randomization.levels import CHANNELS

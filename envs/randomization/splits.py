@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from envs.arguments import parse
-from envs.errors import ConfigError, RoboVerseError, unknown_name
+from envs.core.arguments import parse
+from envs.core.errors import ConfigError, RoboVerseError, unknown_name
 from envs.randomization import procedural
 from envs.randomization.cameras import CAMERA_POSES
 from envs.randomization.materials import MaterialLibrary

@@ -1,6 +1,6 @@
 """Robots: one file each, constants with their sources, no logic."""
 
-from envs.registry import Registry
+from envs.core.registry import Registry
 from envs.scenario import RobotCfg
 
 ROBOTS: Registry[RobotCfg] = Registry("robot")

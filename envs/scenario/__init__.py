@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from envs.errors import ConfigError, unknown_name
+from envs.core.errors import ConfigError, unknown_name
 from envs.scenario.lighting import LightingCfg
 from envs.scenario.looks import SURFACES, Appearance, CameraCfg, LightCfg, SurfaceMaterial
 from envs.scenario.objects import GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg

@@ -6,8 +6,8 @@ from functools import cache
 from types import NoneType
 from typing import Any, get_args, get_type_hints
 
-from envs.errors import ConfigError, unknown_name, wrong_value
-from envs.plain import plain
+from envs.core.errors import ConfigError, unknown_name, wrong_value
+from envs.core.plain_values import plain
 
 ROOT = "scenario"
 

@@ -8,7 +8,7 @@ is neither black nor burnt out with or without a renderer's ambient light.
 import math
 from dataclasses import dataclass
 
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 
 Range = tuple[float, float]
 

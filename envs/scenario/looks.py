@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 from envs.scenario.objects import GeomCfg
 from envs.scenario.units import MaterialName, Vec3
 

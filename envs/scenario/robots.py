@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 from envs.scenario.units import IDENTITY, AssetRef, Quat, Vec3
 
 

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from envs.registry import Registry
+from envs.core.registry import Registry
 from envs.tasks.metaworld.catalogue import PREFIX, WORDS
 
 if TYPE_CHECKING:

@@ -8,15 +8,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from envs.arrays import concatenate
-from envs.errors import ConfigError
+from envs.array_ops import concatenate
+from envs.core.errors import ConfigError
 from envs.scenario import ScenarioCfg
 from envs.state import State
 
 if TYPE_CHECKING:
     from envs.controllers import Controller
-    from envs.experts.planner import Planner
-    from envs.experts.waypoints import Waypoint
+    from envs.kinematics.waypoints import Waypoint
+    from envs.tasks.planner import Planner
 
 
 class Task(ABC):
@@ -35,8 +35,8 @@ class Task(ABC):
         has_expert: Whether :meth:`expert` knows a way; demonstrations come from elsewhere if not.
         has_reward: Whether :meth:`reward` tells better states from worse ones.
         takes_arrays: Whether :meth:`success`, :meth:`failure`, :meth:`reward` and :meth:`observe` also take
-            a state of numpy arrays, and then return arrays (see :mod:`envs.arrays`), which is quicker for few
-            environments.
+            a state of numpy arrays, and then return arrays (see :mod:`envs.array_ops`), which is quicker for
+            few environments.
     """
 
     name: ClassVar[str]
@@ -129,7 +129,7 @@ class Task(ABC):
     @property
     def planner(self) -> "Planner":
         """What turns states into the expert's actions; by default inverse kinematics along its waypoints."""
-        from envs.experts.ik import WaypointPlanner
+        from envs.kinematics.inverse import WaypointPlanner
 
         return WaypointPlanner(self)
 

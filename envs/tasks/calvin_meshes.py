@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from envs.assets import cache_dir
-from envs.errors import ConfigError, MissingExtraError
+from envs.core.assets import cache_dir
+from envs.core.errors import ConfigError, MissingExtraError
 from envs.scenario import GeomCfg, LinkCfg, Rgba, Vec3
 from envs.tasks.calvin_table import SCALE, about_x, link, scaled
 

@@ -17,8 +17,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from envs.errors import unknown_name
-from envs.experts.waypoints import Waypoint
+from envs.core.errors import unknown_name
+from envs.kinematics.waypoints import Waypoint
 from envs.robots.franka import FRANKA
 from envs.rotations import from_euler, from_yaw, rotate
 from envs.scenario import GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg, Quat, ScenarioCfg, TableCfg

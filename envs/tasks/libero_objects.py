@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 from envs.rotations import conjugate, multiply, rotate, to_matrix
 from envs.scenario import GeomCfg, ObjectCfg, Quat, Rgba
 

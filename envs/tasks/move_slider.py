@@ -15,8 +15,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from envs.errors import unknown_name
-from envs.experts.waypoints import Waypoint
+from envs.core.errors import unknown_name
+from envs.kinematics.waypoints import Waypoint
 from envs.robots.franka import FRANKA
 from envs.rotations import from_yaw, rotate
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Rgba, ScenarioCfg, TableCfg

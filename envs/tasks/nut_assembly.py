@@ -13,8 +13,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from envs.errors import unknown_name
-from envs.experts.waypoints import Waypoint, approach, correction_s, miss
+from envs.core.errors import unknown_name
+from envs.kinematics.waypoints import Waypoint, approach, correction_s, miss
 from envs.robots.franka import FRANKA
 from envs.rotations import from_yaw, rotate, yaw_of
 from envs.scenario import GeomCfg, ObjectCfg, Rgba, ScenarioCfg, TableCfg

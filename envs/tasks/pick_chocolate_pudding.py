@@ -23,8 +23,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from envs.errors import ConfigError, unknown_name
-from envs.experts.waypoints import Waypoint, grasp_yaw, miss
+from envs.core.errors import ConfigError, unknown_name
+from envs.kinematics.waypoints import Waypoint, grasp_yaw, miss
 from envs.robots.franka import FRANKA
 from envs.rotations import conjugate, rotate, to_matrix
 from envs.scenario import ObjectCfg, RoomCfg, ScenarioCfg

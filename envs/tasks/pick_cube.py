@@ -11,9 +11,9 @@ from typing import ClassVar, Literal, override
 import numpy as np
 from torch import Tensor
 
-from envs.arrays import at_least, concatenate, norm, stack
-from envs.errors import unknown_name
-from envs.experts.waypoints import Waypoint, approach, grasp_yaw, miss
+from envs.array_ops import at_least, concatenate, norm, stack
+from envs.core.errors import unknown_name
+from envs.kinematics.waypoints import Waypoint, approach, grasp_yaw, miss
 from envs.rotations import from_yaw, yaw_of
 from envs.scenario import GeomCfg, ObjectCfg, ScenarioCfg, TableCfg
 from envs.state import EntityState, State

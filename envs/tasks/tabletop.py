@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from torch import Tensor
 
-from envs.arrays import largest, norm, tanh
+from envs.array_ops import largest, norm, tanh
 from envs.robots.franka import FRANKA
 from envs.rotations import yaw_of
 from envs.scenario import Appearance, CameraCfg, LightCfg, PhysicsCfg, SurfaceMaterial

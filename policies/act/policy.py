@@ -18,9 +18,9 @@ from torchvision.ops.misc import FrozenBatchNorm2d
 from policies.act.config import ActConfig
 from policies.base import Observation
 from policies.lerobot_policy import Features, LeRobotPolicy, Processors
-from policies.modules import replace_modules
 from policies.objective import Loss
 from policies.packed_convolutions import packed
+from policies.swap_modules import replace_modules
 
 # Running statistics average over about 50 batches, so that the frozen ones are not those of a few images.
 _NORM_MOMENTUM = 0.02

@@ -15,8 +15,8 @@ from torch import Tensor, nn
 from policies.diffusion.config import DiffusionConfig
 from policies.group_norm import ChannelsLastGroupNorm
 from policies.lerobot_policy import Features, LeRobotPolicy, Processors
-from policies.modules import replace_modules
 from policies.objective import Loss
+from policies.swap_modules import replace_modules
 
 
 class DiffusionPolicy(LeRobotPolicy):

@@ -10,7 +10,7 @@ from torch.nn import functional
 from policies.base import Observation, PolicyError
 from policies.flat_observation import joined, sizes_of
 from policies.flat_policy import FlatPolicy
-from policies.stacked_pictures import stacked
+from policies.stacked_images import stacked
 from policies.tdmpc2.config import Tdmpc2Config
 from policies.tdmpc2.planner import plan, prior_rollout
 from policies.tdmpc2.world_model import WorldModel

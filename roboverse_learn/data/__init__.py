@@ -6,18 +6,19 @@
 >>> batch = dataset.sample([0, 7], {"action": range(20)})                       # doctest: +SKIP
 """
 
-from roboverse_learn.data.collection import CollectionProgress, CollectionSummary, collect
-from roboverse_learn.data.collection_pool import CollectionConfig
-from roboverse_learn.data.info import DatasetInfo
-from roboverse_learn.data.merge import consolidate, merge
-from roboverse_learn.data.raw import dataset_hash, read_raw
-from roboverse_learn.data.reader import ResidentDataset
-from roboverse_learn.data.recovery import recover
-from roboverse_learn.data.sampler import EpisodeAwareSampler
-from roboverse_learn.data.schema import EpisodeData, make_features
-from roboverse_learn.data.sources import EpisodeSource
-from roboverse_learn.data.video import EncoderConfig
-from roboverse_learn.data.writer import DatasetWriter
+from roboverse_learn.data.collection import collect
+from roboverse_learn.data.collection.collect import CollectionProgress, CollectionSummary
+from roboverse_learn.data.collection.pool import CollectionConfig
+from roboverse_learn.data.dataset.info import DatasetInfo
+from roboverse_learn.data.dataset.merge import consolidate, merge
+from roboverse_learn.data.dataset.raw import dataset_hash, read_raw
+from roboverse_learn.data.dataset.reader import ResidentDataset
+from roboverse_learn.data.dataset.recovery import recover
+from roboverse_learn.data.dataset.sampler import EpisodeAwareSampler
+from roboverse_learn.data.dataset.schema import EpisodeData, make_features
+from roboverse_learn.data.dataset.video import EncoderConfig
+from roboverse_learn.data.dataset.writer import DatasetWriter
+from roboverse_learn.data.sources.base import EpisodeSource
 
 __all__ = [
     "CollectionConfig",

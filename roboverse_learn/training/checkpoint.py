@@ -23,11 +23,11 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
-from envs.errors import CheckpointError
+from envs.core.errors import CheckpointError
 from policies.atomic import atomic_directory
 from policies.checkpoint import load_weights
 from policies.lerobot_policy import LeRobotPolicy
-from roboverse_learn.training.ema import Ema
+from roboverse_learn.training.imitation.ema import Ema
 
 PRETRAINED = "pretrained_model"
 STATE = "training_state"

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 
 Precision = Literal["auto", "fp32", "bf16"]
 Schedule = Literal["cosine", "constant"]
@@ -57,7 +57,7 @@ class TrainConfig:
         grad_clip: Largest L2 norm of the gradient; 0 does not clip.
         ema: Keep an exponential moving average of the weights, and save that as the policy; None leaves
             the choice to the policy (on for diffusion, off for ACT).
-        ema_power: Exponent of the average's warm-up, see :mod:`roboverse_learn.training.ema`.
+        ema_power: Exponent of the average's warm-up, see :mod:`roboverse_learn.training.imitation.ema`.
         ema_max_decay: Largest decay of the average.
         precision: ``bf16`` computes under autocast; ``auto`` takes it where the processor has
             instructions for it. Weights, optimizer and evaluation stay float32.

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import torch
 
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 from roboverse_learn.training.config import Precision
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
-from envs.errors import ConfigError, MissingExtraError
+from envs.core.errors import ConfigError, MissingExtraError
 
 METRICS_FILE = "metrics.jsonl"
 

@@ -206,7 +206,7 @@ def make_result(make_records):
 def publish(make_result, tmp_path):
     """Returns a function that writes an invented result into its place under ``tmp_path``."""
 
-    from benchmark.result_file import result_path, write_result
+    from benchmark.results import result_path, write_result
 
     def write(**kwargs):
         result = make_result(**kwargs)

@@ -3,7 +3,7 @@ from typing import Any
 import pytest
 
 from benchmark.protocol import Cell, Protocol, canonical_json
-from envs.errors import ConfigError, RoboVerseError
+from envs.core.errors import ConfigError, RoboVerseError
 
 
 def test_default_protocol_is_four_levels_on_both_splits():

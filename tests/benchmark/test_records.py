@@ -6,7 +6,7 @@ import pytest
 from benchmark.protocol import Protocol
 from benchmark.records import check_complete, summarize
 from benchmark.statistics import wilson
-from envs.errors import ResultError
+from envs.core.errors import ResultError
 
 PROTOCOL = Protocol(levels=(0, 3), splits=("test",), episodes=4)
 

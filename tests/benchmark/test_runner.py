@@ -5,7 +5,7 @@ import pytest
 
 from benchmark.protocol import Protocol
 from benchmark.runner import Rollout, episode_generator, evaluate, evaluate_cell
-from envs.errors import CheckpointError, ConfigError, SimulatorError
+from envs.core.errors import CheckpointError, ConfigError, SimulatorError
 
 CELL = {"split": "test", "level": 2, "seed": 0, "policy_name": "noisy"}
 

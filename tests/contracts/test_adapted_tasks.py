@@ -5,7 +5,7 @@ import pytest
 import torch
 
 import envs
-from envs.errors import MissingExtraError
+from envs.core.errors import MissingExtraError
 from envs.randomization import channel_rng
 from envs.tasks import TASKS
 

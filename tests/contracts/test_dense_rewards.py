@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from envs.errors import ConfigError, MissingExtraError
+from envs.core.errors import ConfigError, MissingExtraError
 from envs.state import State
 from envs.tasks import TASKS
 from envs.torch_env import TorchVectorEnv

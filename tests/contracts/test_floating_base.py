@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from envs.errors import MissingExtraError, SimulatorError
-from envs.handlers import HANDLERS
+from envs.core.errors import MissingExtraError, SimulatorError
 from envs.rotations import rotate
+from envs.simulators import HANDLERS
 from envs.state import EntityState, State
 from tests.contracts.walker import SCENARIO, WALKER, random_states
 

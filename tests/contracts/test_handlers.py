@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from envs.errors import MissingExtraError, SimulatorError, UnknownNameError
-from envs.handlers import HANDLERS
-from envs.handlers.base import Handler
-from envs.handlers.hybrid import HybridHandler
-from envs.handlers.processes import ProcessHandler
+from envs.core.errors import MissingExtraError, SimulatorError, UnknownNameError
+from envs.simulators import HANDLERS
+from envs.simulators.base import Handler
+from envs.simulators.hybrid import HybridHandler
+from envs.simulators.processes import ProcessHandler
 from envs.tasks.pick_cube import PickCube
 
 NUM_ENVS = 4

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from envs.errors import MissingExtraError, SimulatorError
-from envs.handlers import HANDLERS
+from envs.core.errors import MissingExtraError, SimulatorError
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, ScenarioCfg
+from envs.simulators import HANDLERS
 
 LIBC = ctypes.CDLL(None)
 FEW, MANY = 30, 1000

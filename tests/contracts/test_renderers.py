@@ -8,12 +8,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from envs.errors import MissingExtraError, SimulatorError
-from envs.handlers import RENDERERS
-from envs.handlers.mujoco.layout import layout_of
-from envs.handlers.mujoco.model import build_model
-from envs.handlers.mujoco.render import RenderJob
+from envs.core.errors import MissingExtraError, SimulatorError
+from envs.mjcf.layout import layout_of
+from envs.mjcf.model import build_model
 from envs.scenario import CameraCfg, LightCfg, SurfaceMaterial
+from envs.simulators import RENDERERS
+from envs.simulators.mujoco.render import RenderJob
 from envs.tasks.pick_cube import PickCube
 from envs.tasks.tabletop import TABLETOP_LOOKS
 

@@ -10,10 +10,10 @@ import torch
 from gymnasium.utils.env_checker import check_env
 
 import envs
-from envs.errors import MissingExtraError
+from envs.core.errors import MissingExtraError
 from envs.experts.rollout import ExpertRunner
+from envs.gym_registration import gym_id
 from envs.randomization import channel_rng
-from envs.registration import gym_id
 from envs.state import State
 from envs.tasks import TASKS
 

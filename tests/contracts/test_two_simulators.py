@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from envs.errors import MissingExtraError
-from envs.handlers import HANDLERS
+from envs.core.errors import MissingExtraError
+from envs.simulators import HANDLERS
 from envs.tasks import TASKS
 
 NUM_ENVS, STEPS = 2, 4

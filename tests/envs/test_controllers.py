@@ -12,10 +12,10 @@ from envs.controllers import (
     NormalizedPositionController,
     PulledHandController,
 )
-from envs.experts.kinematics import KinematicChain, rotation_vector
-from envs.handlers.mujoco.handler import MujocoHandler
+from envs.kinematics.forward import KinematicChain, rotation_vector
 from envs.robots.franka import FRANKA
 from envs.scenario import GeomCfg, ObjectCfg, ScenarioCfg
+from envs.simulators.mujoco.handler import MujocoHandler
 from envs.state import EntityState
 from tests.contracts.walker import SCENARIO
 

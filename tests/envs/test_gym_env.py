@@ -10,8 +10,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import envs
-from envs.errors import ConfigError
-from envs.registration import gym_id, register_envs
+from envs.core.errors import ConfigError
+from envs.gym_registration import gym_id, register_envs
 
 
 @pytest.fixture(scope="module")

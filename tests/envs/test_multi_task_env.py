@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 from envs.multi_task_env import MultiTaskEnv
 from tests.roboverse_learn.training.point_mass import STEPS, Mirrored, PointMass
 

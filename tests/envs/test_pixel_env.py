@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 import torch
 
-from envs.errors import ConfigError, UnknownNameError
-from envs.handlers.mujoco.handler import MujocoHandler
+from envs.core.errors import ConfigError, UnknownNameError
 from envs.pixel_env import PixelVectorEnv
+from envs.simulators.mujoco.handler import MujocoHandler
 from envs.tasks.control.cartpole import Cartpole
 from envs.torch_env import TorchVectorEnv
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from envs.assets import resolve
-from envs.errors import ConfigError, MissingExtraError, UnknownNameError, suggest
-from envs.registry import Registry
+from envs.core.assets import resolve
+from envs.core.errors import ConfigError, MissingExtraError, UnknownNameError, suggest
+from envs.core.registry import Registry
 from envs.scenario import GeomCfg, LinkCfg, ObjectCfg, PhysicsCfg, ScenarioCfg
 from envs.state import EntityState, State
 

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 from envs.torch_env import TorchVectorEnv
 from envs.vector_env import RoboVerseVectorEnv
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import envs
-from envs.errors import ConfigError, UnknownNameError
+from envs.core.errors import ConfigError, UnknownNameError
 from envs.randomization import channel_rng
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from roboverse_learn.run import read_facts
+from roboverse_learn.commands.run_folder import read_facts
 
 # No time limit: it would shape the learning rate, and two runs would not have the same losses.
 TINY = (

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from roboverse_learn import cli
-from roboverse_learn.data.raw import dataset_hash
-from roboverse_learn.run import read_facts
+from roboverse_learn.commands.run_folder import read_facts
+from roboverse_learn.data.dataset.raw import dataset_hash
 from tests.integration.main_run import TINY, MainRun
 
 pytestmark = pytest.mark.slow

@@ -14,9 +14,9 @@ import pytest
 
 from benchmark.provenance import file_hash
 from benchmark.records import EpisodeRecord
-from benchmark.result_file import read_result
+from benchmark.results import read_result
 from policies.checkpoint import WEIGHTS
-from roboverse_learn.run import read_facts
+from roboverse_learn.commands.run_folder import read_facts
 from roboverse_learn.training.metrics import read_metrics
 from tests.integration.main_run import TINY, MainRun
 
@@ -27,8 +27,12 @@ IMPORTED = multiprocessing.get_context("forkserver")
 """Its processes begin with what the main command imports, which takes longer than all the rest of it."""
 IMPORTED.set_forkserver_preload(
     [
-        *("roboverse_learn.cli", "roboverse_learn.training.imitation", "lerobot.policies.act.modeling_act"),
-        *("envs.handlers.mujoco.handler", "mujoco_warp", "benchmark.runner", "matplotlib.pyplot"),
+        *(
+            "roboverse_learn.cli",
+            "roboverse_learn.training.imitation.train",
+            "lerobot.policies.act.modeling_act",
+        ),
+        *("envs.simulators.mujoco.handler", "mujoco_warp", "benchmark.runner", "matplotlib.pyplot"),
     ]
 )
 LOSSES = ("step", "loss", "lr", "grad_norm")

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 import torch
 
-from benchmark.result_file import read_result
+from benchmark.results import read_result
 from envs.lerobot.env import LeRobotVectorEnv
 from policies.checkpoint import WEIGHTS
 from roboverse_learn import cli
-from roboverse_learn.data.raw import read_raw
+from roboverse_learn.data.dataset.raw import read_raw
 from tests.integration.main_run import MainRun
 
 pytestmark = pytest.mark.slow

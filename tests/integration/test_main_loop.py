@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from benchmark.result_file import read_result
-from envs.errors import MissingExtraError
-from envs.handlers import HANDLERS
+from benchmark.results import read_result
+from envs.core.errors import MissingExtraError
+from envs.simulators import HANDLERS
 from policies.checkpoint import WEIGHTS
 from roboverse_learn import cli
-from roboverse_learn.run import read_config, read_facts
+from roboverse_learn.commands.run_folder import read_config, read_facts
 from tests.integration.main_run import TINY, MainRun
 
 pytestmark = pytest.mark.slow

@@ -8,7 +8,7 @@ import torch
 import policies
 from policies.compilation import compile_objective
 from policies.cuda_graphs import RecordedObjective
-from roboverse_learn.training.fast_objective import EagerGradients
+from roboverse_learn.training.imitation.fast_objective import EagerGradients
 from tests.policies.examples import FEATURES, IMAGE, stats
 
 pytestmark = [

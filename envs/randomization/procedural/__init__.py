@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.errors import ConfigError, UnknownNameError, unknown_name
+from envs.core.errors import ConfigError, UnknownNameError, unknown_name
 from envs.randomization.procedural.noise import Stream
 
 VERSION = 1

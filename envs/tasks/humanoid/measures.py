@@ -7,10 +7,10 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from envs.body_tree import BodyTree
-from envs.rewards import tolerance
+from envs.kinematics.body_poses import BodyTree
 from envs.scenario import RobotCfg, Vec3
 from envs.state import EntityState
+from envs.tasks.rewards import tolerance
 
 STAND_HEIGHT_M = 1.65
 """Height of the head from which on standing is paid in full."""

@@ -15,15 +15,15 @@ import torch
 from torch import Tensor
 
 from envs.controllers import Controller, NormalizedPositionController
-from envs.errors import SimulatorError
-from envs.handlers.base import EnvIds, Handler
-from envs.rewards import tolerance
+from envs.core.errors import SimulatorError
 from envs.rotations import from_yaw
 from envs.scenario import GROUND, ObjectCfg, Vec3
+from envs.simulators.base import EnvIds, Handler
 from envs.state import EntityState, State
 from envs.tasks.humanoid import scenes
 from envs.tasks.humanoid.locomotion import UPRIGHT, Walk
 from envs.tasks.humanoid.task import ROBOT, HumanoidTask
+from envs.tasks.rewards import tolerance
 
 TOUCH_DISCOUNT = 0.1
 """What is left of a reward while the robot touches what it should not."""

@@ -10,8 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from envs.body_tree import BodyTree
 from envs.controllers import Controller, NormalizedPositionController
+from envs.kinematics.body_poses import BodyTree
 from envs.robots.h1 import STAND_HEIGHT_M, h1_of
 from envs.scenario import (
     Appearance,

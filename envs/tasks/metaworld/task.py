@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from envs.controllers import Controller, PulledHandController
-from envs.experts.waypoints import Waypoint
+from envs.kinematics.waypoints import Waypoint
 from envs.robots.sawyer import SAWYER
 from envs.scenario import ScenarioCfg
 from envs.state import State
@@ -133,11 +133,11 @@ class ScriptedPlanner:
         self._task = task
 
     def plan(self, state: State, rng: np.random.Generator) -> np.ndarray:
-        """Returns one action (1, 4) float32; see :class:`envs.experts.planner.Planner`."""
+        """Returns one action (1, 4) float32; see :class:`envs.tasks.planner.Planner`."""
         return self.plan_batch(state, (rng,))[0]
 
     def plan_batch(self, state: State, rngs: Sequence[np.random.Generator]) -> list[np.ndarray]:
-        """Returns one action (1, 4) float32 per row; see :class:`envs.experts.planner.BatchPlanner`."""
+        """Returns one action (1, 4) float32 per row; see :class:`envs.tasks.planner.BatchPlanner`."""
         seen = self._task.observe(state).cpu().numpy()
         # No policy looks at the last moment's frame; this moment's stands in for it.
         whole = np.concatenate([seen[:, :FRAME_SIZE], seen], axis=1)

@@ -6,7 +6,7 @@
 
 from typing import TYPE_CHECKING
 
-from envs.registry import Registry
+from envs.core.registry import Registry
 
 if TYPE_CHECKING:
     from roboverse_learn.data.importers.demonstration import DemonstrationFile

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import torch
 
-from envs.errors import DatasetError
+from envs.core.errors import DatasetError
 from envs.rotations import conjugate, from_yaw, multiply, rotate, yaw_of
 from envs.scenario import RobotCfg
 from envs.state import EntityState, State

@@ -5,7 +5,7 @@ from typing import Any
 
 import h5py
 
-from envs.errors import DatasetError
+from envs.core.errors import DatasetError
 
 READ_ERRORS = (KeyError, OSError, RuntimeError, TypeError)
 """What h5py raises for a group that is absent, of another kind, or damaged."""

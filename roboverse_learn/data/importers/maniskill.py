@@ -11,7 +11,7 @@ from typing import Any, ClassVar, override
 
 import numpy as np
 
-from envs.errors import DatasetError
+from envs.core.errors import DatasetError
 from envs.rotations import conjugate, rotate
 from envs.state import EntityState
 from envs.tasks.base import Task

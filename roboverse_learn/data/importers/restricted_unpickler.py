@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.errors import DatasetError
+from envs.core.errors import DatasetError
 
 
 class _Name(NamedTuple):

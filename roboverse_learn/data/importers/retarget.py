@@ -14,10 +14,10 @@ import mink
 import mujoco
 import numpy as np
 
-from envs.assets import resolve
-from envs.errors import DatasetError
-from envs.handlers.mujoco.layout import layout_of
-from envs.handlers.mujoco.model import build_model
+from envs.core.assets import resolve
+from envs.core.errors import DatasetError
+from envs.mjcf.layout import layout_of
+from envs.mjcf.model import build_model
 from envs.rotations import multiply
 from envs.scenario import Quat, RobotCfg, ScenarioCfg
 

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple, override
 import mujoco
 import numpy as np
 
-from envs.errors import DatasetError
+from envs.core.errors import DatasetError
 from envs.scenario import RobotCfg
 from envs.state import EntityState
 from envs.tasks.base import Task

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, override
 
 import numpy as np
 
-from envs.errors import DatasetError
+from envs.core.errors import DatasetError
 from envs.scenario import ObjectCfg
 from envs.state import EntityState
 from envs.tasks.base import Task

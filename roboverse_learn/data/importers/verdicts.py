@@ -7,13 +7,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from envs.errors import ConfigError, DatasetError, SimulatorError
+from envs.core.atomic import read_json, write_json
+from envs.core.errors import ConfigError, DatasetError, SimulatorError
 from envs.tasks.base import Task
 from envs.vector_env import RoboVerseVectorEnv
-from roboverse_learn.data.atomic import read_json, write_json
 from roboverse_learn.data.importers import IMPORTERS
 from roboverse_learn.data.importers.demonstration import Demonstration, DemonstrationFile
-from roboverse_learn.data.importers.replay import Replay, Replayer
+from roboverse_learn.data.importers.replayer import Replay, Replayer
 
 IMPORT_PATH = "meta/import.json"
 """Where a dataset of imported demonstrations says what became of each of them."""

@@ -14,7 +14,7 @@ from envs.convert.readers import MujocoReader
 from envs.convert.shapes import convex_hull
 from envs.convert.source import load
 from envs.convert.urdf import roll_pitch_yaw
-from envs.errors import ConfigError, UnknownNameError
+from envs.core.errors import ConfigError, UnknownNameError
 from envs.robots.franka import FRANKA
 from envs.rotations import from_euler, to_matrix
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from envs.experts.batched_rollout import BatchedExpertRunner, plan_all
-from envs.experts.ik import WaypointPlanner
 from envs.experts.rollout import ExpertRunner, rollout
+from envs.kinematics.inverse import WaypointPlanner
 from envs.tasks.pick_cube import PickCube
 from envs.vector_env import RoboVerseVectorEnv
 

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 from envs.experts.check import ExpertReport, check_expert, main, summarize
 from envs.experts.rollout import Rollout
 

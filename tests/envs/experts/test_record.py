@@ -5,7 +5,7 @@ import subprocess
 
 import pytest
 
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 from envs.experts import check
 from envs.experts.check import ExpertReport
 from envs.experts.record import RECORDS, ExpertRecord, SplitRecord, git_sha, read_records, write_record

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 from envs.experts.starts import states_on_the_way
-from envs.handlers.mujoco.handler import MujocoHandler
+from envs.simulators.mujoco.handler import MujocoHandler
 from envs.tasks.pick_cube import PickCube
 from envs.torch_env import TorchVectorEnv
 

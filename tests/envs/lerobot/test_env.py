@@ -9,7 +9,7 @@ from lerobot.configs import FeatureType
 from lerobot.envs import EnvConfig, make_env
 from lerobot.envs.utils import preprocess_observation
 
-from envs.errors import UnknownNameError
+from envs.core.errors import UnknownNameError
 from envs.lerobot import LeRobotVectorEnv, RoboVerseEnvConfig
 
 

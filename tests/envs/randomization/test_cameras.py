@@ -3,7 +3,7 @@ from collections import Counter
 
 import pytest
 
-from envs.errors import UnknownNameError
+from envs.core.errors import UnknownNameError
 from envs.randomization.cameras import CAMERA_POSES, place_camera
 from envs.scenario import CameraCfg
 

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from envs.handlers.mujoco.furniture import FURNITURE
-from envs.handlers.mujoco.model import build_model
+from envs.mjcf.furniture import FURNITURE
+from envs.mjcf.model import build_model
 from envs.randomization import CHANNELS, Randomizer
 from envs.randomization.cameras import CAMERA_POSES, place_camera
 from envs.randomization.furniture import draw_furniture, furnish, keep_free

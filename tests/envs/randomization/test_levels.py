@@ -1,6 +1,6 @@
 import pytest
 
-from envs.errors import ConfigError, UnknownNameError
+from envs.core.errors import ConfigError, UnknownNameError
 from envs.randomization.levels import CHANNELS, LEVELS, channels_of, parse_level
 
 

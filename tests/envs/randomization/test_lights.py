@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 from envs.randomization.lights import (
     LightingCfg,
     build_lights,

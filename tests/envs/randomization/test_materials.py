@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from envs.errors import ConfigError, UnknownNameError
+from envs.core.errors import ConfigError, UnknownNameError
 from envs.randomization.materials import MaterialLibrary
 from envs.randomization.splits import load_split
 from envs.scenario import SURFACES

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from envs.errors import ConfigError, UnknownNameError
+from envs.core.errors import ConfigError, UnknownNameError
 from envs.randomization import procedural
 from envs.randomization.procedural.layouts import basket, courses, herringbone
 from envs.randomization.procedural.noise import Stream, cells, fractal, grain, interpolate, noise

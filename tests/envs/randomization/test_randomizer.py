@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from envs.errors import ConfigError, UnknownNameError
+from envs.core.errors import ConfigError, UnknownNameError
 from envs.randomization import (
     CHANNELS,
     LEVELS,

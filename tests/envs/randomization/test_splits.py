@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from envs.errors import ConfigError, UnknownNameError
+from envs.core.errors import ConfigError, UnknownNameError
 from envs.randomization import splits
 from envs.randomization.cameras import CAMERA_POSES
 from envs.randomization.materials import MaterialLibrary

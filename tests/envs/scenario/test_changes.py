@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from envs.errors import ConfigError, UnknownNameError
+from envs.core.errors import ConfigError, UnknownNameError
 from envs.scenario import LightCfg, PhysicsCfg, ScenarioCfg
 from envs.scenario.changes import changed, difference, keys_of, merged
-from envs.tasks.making import make_task
+from envs.tasks.make import make_task
 
 SCENE = make_task("PickCube").scenario
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from envs.scenario import GeomCfg, ObjectCfg, SurfaceMaterial
 from envs.scenario.named import named
 from envs.scenario.units import AssetRef, MaterialName
-from envs.tasks.making import make_task
+from envs.tasks.make import make_task
 
 SCENE = make_task("PickCube").scenario
 MUG = GeomCfg(shape="mesh", size=(1.0, 1.0, 1.0), mesh="mug.obj", texture="mug.png", mass_kg=0.1)

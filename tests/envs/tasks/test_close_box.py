@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import torch
 
-from envs.errors import UnknownNameError
-from envs.handlers.mujoco.handler import MujocoHandler
-from envs.handlers.mujoco.model import build_model
+from envs.core.errors import UnknownNameError
+from envs.mjcf.model import build_model
 from envs.rotations import rotate
+from envs.simulators.mujoco.handler import MujocoHandler
 from envs.state import EntityState
 from envs.tasks.close_box import CLOSED_RAD, OPEN_RAD, CloseBox
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from envs.handlers.mujoco.handler import MujocoHandler
+from envs.simulators.mujoco.handler import MujocoHandler
 from envs.tasks import TASKS
 from envs.tasks.base import Task
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from envs.errors import MissingExtraError
+from envs.core.errors import MissingExtraError
 from envs.robots import ROBOTS
 from envs.tasks import TASKS
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import torch
 
-from envs.errors import ConfigError, MissingExtraError, UnknownNameError
-from envs.handlers.mujoco.handler import MujocoHandler
-from envs.handlers.mujoco.model import build_model
+from envs.core.errors import ConfigError, MissingExtraError, UnknownNameError
+from envs.mjcf.model import build_model
+from envs.simulators.mujoco.handler import MujocoHandler
 from envs.tasks import calvin_meshes
 from envs.tasks.move_slider import BLOCKS, MoveSliderLeft
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from envs.errors import UnknownNameError
+from envs.core.errors import UnknownNameError
 from envs.rotations import from_yaw, multiply
 from envs.tasks.nut_assembly import YAW_RANGE_RAD, NutAssembly, NutAssemblySquare, _grasp_turn
 from envs.tasks.tabletop import hand_yaw

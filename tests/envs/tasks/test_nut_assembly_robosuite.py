@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from envs.compat.mujoco4 import repair_robosuite
-from envs.handlers.mujoco.model import build_model
+from envs.mjcf.model import build_model
 from envs.tasks.nut_assembly import NutAssembly, NutAssemblySquare
 
 TASKS = {"NutAssembly": NutAssembly(), "NutAssemblySquare": NutAssemblySquare()}

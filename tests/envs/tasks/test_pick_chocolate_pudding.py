@@ -11,10 +11,10 @@ import pytest
 import torch
 
 import envs
-from envs.errors import ConfigError, UnknownNameError
-from envs.experts.ik import WaypointPlanner
-from envs.handlers.mujoco.handler import MujocoHandler
+from envs.core.errors import ConfigError, UnknownNameError
+from envs.kinematics.inverse import WaypointPlanner
 from envs.rotations import from_euler, to_matrix
+from envs.simulators.mujoco.handler import MujocoHandler
 from envs.tasks.libero_objects import GROCERIES, libero_root, read_init_states, rest_height
 from envs.tasks.pick_chocolate_pudding import (
     CONTAIN_CENTRE_M,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from envs.errors import UnknownNameError
+from envs.core.errors import UnknownNameError
 from envs.tasks.stack_cube import StackCube, _clear_yaw
 
 TASK = StackCube()

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 from roboverse_learn.data import EpisodeData, make_features
 
 FPS = 20

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import torch
 
-from roboverse_learn.data.reader import clamp_window
+from roboverse_learn.data.dataset.reader import clamp_window
 from tests.policies.examples import FEATURES, IMAGE, SIZE
 
 EPISODE_LENGTH = 10

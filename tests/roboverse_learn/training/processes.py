@@ -65,7 +65,7 @@ def launch(folder: str, signal_at: int | None = None) -> list[int]:
 def kill(folder: str, kills: int) -> list[int]:
     """Kills runs that go on from each other with SIGKILL; returns the step that each had logged."""
     from roboverse_learn.training.metrics import read_metrics
-    from tests.roboverse_learn.training.test_killed import STEPS, Waits, run
+    from tests.roboverse_learn.training.imitation.test_killed import STEPS, Waits, run
 
     rng, reached, seen = random.Random(0), [], 0
     for number in range(kills):
@@ -85,7 +85,7 @@ def kill(folder: str, kills: int) -> list[int]:
 
 def main() -> None:
     find_tests()
-    for name in ("roboverse_learn.training.imitation", "tests.roboverse_learn.training.frames"):
+    for name in ("roboverse_learn.training.imitation.train", "tests.roboverse_learn.training.frames"):
         importlib.import_module(name)
 
     for line in sys.stdin:

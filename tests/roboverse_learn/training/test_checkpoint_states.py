@@ -9,7 +9,7 @@ import pytest
 import torch
 
 import policies
-from envs.errors import CheckpointError
+from envs.core.errors import CheckpointError
 from roboverse_learn.training.checkpoint import (
     PRETRAINED,
     STATE,
@@ -19,8 +19,8 @@ from roboverse_learn.training.checkpoint import (
     save_checkpoint,
 )
 from roboverse_learn.training.config import TrainConfig
-from roboverse_learn.training.ema import Ema
-from roboverse_learn.training.imitation import make_optimizer
+from roboverse_learn.training.imitation.ema import Ema
+from roboverse_learn.training.imitation.train import make_optimizer
 from tests.policies.examples import FEATURES, NARROW_CONFIGS, stats
 
 SMALL = replace(NARROW_CONFIGS["act"], dim_model=8, dim_feedforward=8, n_heads=1, use_vae=False)

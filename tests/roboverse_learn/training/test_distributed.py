@@ -7,7 +7,7 @@ from unittest.mock import Mock
 import pytest
 
 import policies
-from envs.errors import ConfigError
+from envs.core.errors import ConfigError
 from roboverse_learn.training.checkpoint import last_checkpoint
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.imitation import train

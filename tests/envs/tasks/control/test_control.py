@@ -8,14 +8,14 @@ import pytest
 import torch
 from scipy import linalg
 
-from envs.errors import ConfigError
-from envs.experts.batched_ik import BatchedInverseKinematics
-from envs.experts.kinematics import rotation_vector
-from envs.handlers.mujoco.handler import MujocoHandler
-from envs.handlers.mujoco.model import build_model
+from envs.core.errors import ConfigError
+from envs.kinematics.batched_inverse import BatchedInverseKinematics
+from envs.kinematics.forward import rotation_vector
+from envs.mjcf.model import build_model
 from envs.robots.ant import ANT
 from envs.rotations import to_matrix
 from envs.scenario import JointCfg
+from envs.simulators.mujoco.handler import MujocoHandler
 from envs.state import EntityState, State
 from envs.tasks import TASKS
 from envs.tasks.control import reach

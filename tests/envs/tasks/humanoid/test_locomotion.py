@@ -6,8 +6,8 @@ import pytest
 import torch
 
 import envs
-from envs.handlers.mujoco.handler import MujocoHandler
-from envs.handlers.mujoco.model import build_model
+from envs.mjcf.model import build_model
+from envs.simulators.mujoco.handler import MujocoHandler
 from envs.state import State
 from envs.tasks import TASKS
 from tests.envs.tasks.humanoid.published import ASSETS, Published, needs_assets, published_model, put

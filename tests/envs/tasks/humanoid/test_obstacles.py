@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from envs.errors import SimulatorError
-from envs.handlers.mujoco.handler import MujocoHandler
+from envs.core.errors import SimulatorError
+from envs.simulators.mujoco.handler import MujocoHandler
 from envs.state import EntityState, State
 from envs.tasks import TASKS
 from tests.envs.tasks.humanoid.published import (

@@ -4,9 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from envs.handlers.mujoco.model import build_model
-from envs.handlers.mujoco_warp.settings import WarpSettings
+from envs.mjcf.model import build_model
 from envs.robots.h1 import H1
+from envs.simulators.mujoco_warp.settings import WarpSettings
 from envs.tasks import TASKS
 from tests.envs.tasks.humanoid.published import ASSETS, needs_assets
 

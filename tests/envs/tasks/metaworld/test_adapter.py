@@ -11,8 +11,8 @@ pytest.importorskip("metaworld")
 
 import metaworld
 
-from envs.errors import MissingExtraError
-from envs.handlers.mujoco.model import build_model
+from envs.core.errors import MissingExtraError
+from envs.mjcf.model import build_model
 from envs.tasks import TASKS
 from envs.tasks.metaworld.catalogue import PREFIX, VERSION, WORDS
 from envs.tasks.metaworld.original import Original

@@ -6,8 +6,8 @@ import torch
 
 pytest.importorskip("metaworld")
 
-from envs.handlers.mujoco.handler import MujocoHandler
 from envs.robots.sawyer import SAWYER
+from envs.simulators.mujoco.handler import MujocoHandler
 from envs.tasks import TASKS
 from envs.tasks.metaworld.furniture import beyond, both, gaussian, long_tail
 from envs.tasks.metaworld.original import Original

@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from envs.errors import DatasetError
+from envs.core.errors import DatasetError
 from envs.rotations import from_yaw, multiply
 from envs.state import EntityState
 from envs.tasks import TASKS

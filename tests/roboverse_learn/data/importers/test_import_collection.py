@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from envs.errors import ConfigError, DatasetError, UnknownNameError
+from envs.core.errors import ConfigError, DatasetError, UnknownNameError
 from envs.randomization import load_split
 from roboverse_learn.collect import collect_dataset, dataset_folder
-from roboverse_learn.compose import compose
-from roboverse_learn.config import SOURCES
+from roboverse_learn.commands.report import collection_report
+from roboverse_learn.config.compose import compose
+from roboverse_learn.config.schema import SOURCES
 from roboverse_learn.data import CollectionConfig, DatasetInfo, collect
 from roboverse_learn.data.importers import IMPORTERS
 from roboverse_learn.data.importers.verdicts import (
@@ -22,7 +23,6 @@ from roboverse_learn.data.importers.verdicts import (
     judge,
     open_demonstrations,
 )
-from roboverse_learn.report import collection_report
 from tests.roboverse_learn.data.importers.recordings import (
     roboverse_episode,
     write_maniskill,

@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from envs.errors import DatasetError
+from envs.core.errors import DatasetError
 from envs.tasks import TASKS
 from roboverse_learn.data.importers.maniskill import ManiSkillFile
 from tests.roboverse_learn.data.importers.recordings import arrays, write_maniskill

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import envs
-from roboverse_learn.data.importers.replay import Replayer
+from roboverse_learn.data.importers.replayer import Replayer
 from roboverse_learn.data.importers.verdicts import open_demonstrations
 
 DATA = Path(os.environ.get("ROBOVERSE_DATA", Path(__file__).resolve().parents[5] / "shared" / "data"))
@@ -121,7 +121,7 @@ def test_robosuites_recorded_states(name, task, kwargs, passes):
 
 
 def test_no_task_of_ours_is_robosuites_pick_place():
-    from envs.errors import DatasetError
+    from envs.core.errors import DatasetError
     from envs.tasks import TASKS
 
     path = real("robosuite_demos/panda_pick-place_demo.hdf5")

@@ -3,10 +3,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from envs.errors import ConfigError, UnknownNameError
+from envs.core.errors import ConfigError, UnknownNameError
 from envs.experts.rollout import TAIL_STEPS
 from roboverse_learn.data.importers.maniskill import ManiSkillFile
-from roboverse_learn.data.importers.replay import HOLD_STEPS, Replayer
+from roboverse_learn.data.importers.replayer import HOLD_STEPS, Replayer
 from tests.roboverse_learn.data.importers.recordings import write_maniskill
 
 

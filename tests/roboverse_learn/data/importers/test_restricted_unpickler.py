@@ -8,7 +8,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from envs.errors import DatasetError
+from envs.core.errors import DatasetError
 from roboverse_learn.data.importers.restricted_unpickler import RefusedPickleError, load_pickle
 
 PROTOCOLS = range(pickle.HIGHEST_PROTOCOL + 1)

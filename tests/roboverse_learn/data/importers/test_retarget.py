@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from envs.errors import DatasetError
+from envs.core.errors import DatasetError
 from envs.rotations import multiply
 from envs.tasks import TASKS
 from roboverse_learn.data.importers.retarget import ARMS, Poses, Retargeter, opening, set_fingers, tool_path

@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from envs.errors import DatasetError
+from envs.core.errors import DatasetError
 from envs.tasks import TASKS
 from roboverse_learn.data.importers.robosuite import RobosuiteFile
 from tests.roboverse_learn.data.importers.recordings import ROBOSUITE_XML, arrays, write_robosuite

@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from envs.errors import DatasetError
+from envs.core.errors import DatasetError
 from envs.rotations import from_yaw, multiply
 from envs.tasks import TASKS
 from roboverse_learn.data.importers import roboverse

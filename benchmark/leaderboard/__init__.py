@@ -1,0 +1,1 @@
+"""The leaderboard: tables, plots and pages, a pure function of the results files."""

@@ -1,0 +1,283 @@
+"""The leaderboard: a pure function of the results files, so the same files give the same bytes.
+
+What a result does not tell, because the setting is younger than it is, was today's default.
+
+Rows stand in one section only when they are comparable: the same version and seed of the protocol, the
+same task and criterion, simulator, renderer and horizon. Runs that differ in nothing but their training
+seed are one row.
+"""
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from importlib.resources import files
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+from benchmark.files import write_bytes
+from benchmark.leaderboard.curves_section import learning_curves
+from benchmark.leaderboard.overview import overview
+from benchmark.leaderboard.plot_cache import draw_if_changed
+from benchmark.leaderboard.recipe_settings import completed, flat
+from benchmark.leaderboard.rows import Entry, build_row, group_runs, name_rows, rank, row_key
+from benchmark.protocol import Cell, canonical_json, digest
+from benchmark.records import EpisodeRecord, Result
+from benchmark.results import read_result, result_path
+from benchmark.statistics import compare
+from envs.core.errors import ResultError
+
+SCHEMA_VERSION = 1
+JSON_NAME, MARKDOWN_NAME, HTML_NAME = "leaderboard.json", "leaderboard.md", "leaderboard.html"
+
+_SHOWN_ERRORS = 10
+
+
+def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Builds the leaderboard of a folder of results.
+
+    Args:
+        results_dir: Folder of ``<protocol>/<task>/<policy>/<run>.json``.
+        train: Defaults of the training, for keys that a result is older than.
+
+    Returns:
+        Plain JSON values: ``schema_version``, ``reference``, ``overview`` (see
+        :mod:`benchmark.leaderboard.overview`) and ``sections``, each with its ``rows``, learning ``curves``,
+        ``comparisons`` and ``notes``.
+
+    Raises:
+        ResultError: The folder is absent, or a file in it is not a valid result in its place; every
+            such file is named.
+    """
+    groups: dict[tuple[str, ...], list[Entry]] = {}
+    for path, told in _load(results_dir):
+        result = replace(told, config=completed(told.config, told.policy, train or {}))
+        groups.setdefault(_section_order(_section_key(result)), []).append((path, result))
+    sections = [_rounded(_section(results_dir, groups[key])) for key in sorted(groups)]
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "reference": json.loads(files("benchmark").joinpath("reference/paper.json").read_text()),
+        "overview": _rounded(overview(sections)),
+        "sections": sections,
+    }
+
+
+def write(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str, Path]:
+    """Writes ``leaderboard.json``, ``.md``, ``.html`` and the plots into a folder of results.
+
+    A plot that shows the same as before is not drawn again. Plots of sections that the folder's last
+    leaderboard had and this one has not are removed.
+
+    Args:
+        results_dir: The folder.
+        train: As :func:`build`.
+
+    Returns:
+        What was written: ``json``, ``markdown``, ``html``, ``plot <section>`` of success over the levels,
+        and ``learning <section>`` where agents learned by reward.
+
+    Raises:
+        ResultError: As :func:`build`; nothing is written then.
+    """
+    from benchmark.leaderboard.html import render_html, render_markdown
+    from benchmark.leaderboard.plots import plot_learning, plot_levels
+    from benchmark.learning_curves import published
+
+    board = build(results_dir, train)
+    contents = {
+        "json": (JSON_NAME, json.dumps(board, indent=1, allow_nan=False) + "\n"),
+        "markdown": (MARKDOWN_NAME, render_markdown(board)),
+        "html": (HTML_NAME, render_html(board)),
+    }
+    plots = _plots(results_dir, board)
+    for path in _last_plots(results_dir) - set(plots.values()):
+        path.unlink(missing_ok=True)
+    written: dict[str, Path] = {}
+    for kind, (name, text) in contents.items():
+        written[kind] = results_dir / name
+        write_bytes(written[kind], text.encode())
+    for section in board["sections"]:
+        path = plots[f"plot {section['id']}"]
+        draw_if_changed(plot_levels, section["rows"], path, section["title"])
+        if section["curves"]:
+            path = plots[f"learning {section['id']}"]
+            ends, others = bool(section["ends_when_solved"]), published(section["task"])
+            learned = section["curves"], path, section["title"], others
+            draw_if_changed(plot_learning, *learned, ends_when_solved=ends)
+    return written | plots
+
+
+def _plots(results_dir: Path, board: Mapping[str, Any]) -> dict[str, Path]:
+    """Returns the plots of a leaderboard."""
+    plots = {}
+    for section in board["sections"]:
+        of_levels, of_learning = _plot_paths(results_dir, section)
+        plots[f"plot {section['id']}"] = of_levels
+        if section["curves"]:
+            plots[f"learning {section['id']}"] = of_learning
+    return plots
+
+
+def _last_plots(results_dir: Path) -> set[Path]:
+    """Returns the plots that the folder's last leaderboard may have; none if it cannot be read."""
+    try:
+        board = json.loads((results_dir / JSON_NAME).read_text(encoding="utf-8"))
+        return {path for section in board["sections"] for path in _plot_paths(results_dir, section)}
+    except (OSError, ValueError, TypeError, LookupError):  # there is none, or it is damaged, or another's
+        return set()
+
+
+def _plot_paths(results_dir: Path, section: Mapping[str, Any]) -> tuple[Path, Path]:
+    """Returns where a section's plots are, of levels and of learning."""
+    folder = results_dir / "plots"
+    return folder / f"{section['id']}.png", folder / f"{section['id']}-learning.png"
+
+
+def _load(results_dir: Path) -> list[Entry]:
+    if not results_dir.is_dir():
+        raise ResultError(
+            f"There is no folder of results '{results_dir}'. Evaluate a checkpoint first: roboverse evaluate "
+            "checkpoint=<folder>."
+        )
+    entries, problems = [], []
+    for path in sorted(results_dir.rglob("*.json")):
+        if path.name.startswith(".") or path == results_dir / JSON_NAME:
+            continue
+        try:
+            result = read_result(path)
+            expected = result_path(results_dir, result)
+            if path != expected:
+                raise ResultError(f"Results file '{path}' is in the wrong place; it belongs at '{expected}'.")
+        except ResultError as error:
+            problems.append(str(error))
+            continue
+        entries.append((path.relative_to(results_dir).as_posix(), result))
+    if problems:
+        more = len(problems) - _SHOWN_ERRORS
+        shown = "\n".join(problems[:_SHOWN_ERRORS]) + (f"\n… and {more} more." if more > 0 else "")
+        raise ResultError(f"No leaderboard was written, because of {len(problems)} results file(s):\n{shown}")
+    return entries
+
+
+def _section_key(result: Result) -> dict[str, Any]:
+    """Returns what two results must share for their numbers to be compared."""
+    tuning = {"simulator_settings": result.simulator_settings, "scenario": result.scenario}
+    tuned = {name: dict(values) for name, values in tuning.items() if values}
+    return {
+        "protocol": result.protocol.version,
+        "protocol_seed": result.protocol.seed,
+        "task": result.task,
+        "task_kwargs": dict(result.task_kwargs),
+        "max_episode_steps": result.max_episode_steps,
+        "control_hz": result.control_hz,
+        "simulator": result.simulator,
+        "renderer": result.renderer,
+        **tuned,
+    }
+
+
+def _section_order(key: Mapping[str, Any]) -> tuple[str, ...]:
+    """Returns what tells sections apart and orders them: all of a task stand together."""
+    first = ("protocol", "task", "task_kwargs", "simulator", "renderer")
+    return *(canonical_json(key[name]) for name in first), canonical_json(dict(key))
+
+
+def _section(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
+    key = _section_key(entries[0][1])
+    groups = group_runs(entries)
+    rows = [build_row(results_dir, group) for group in groups]
+    name_rows(rows, [row_key(group[0][1])["settings"] for group in groups])
+    order = sorted(range(len(rows)), key=lambda index: rank(rows[index]))
+    compared = [_Compared.of(group[0]) for group in groups]
+    comparisons, notes = [], []
+    for first, second in combinations(order, 2):
+        found, unlike = _compare(compared[first], compared[second])
+        labels = {"a": rows[first]["label"], "b": rows[second]["label"]}
+        comparisons += [labels | item for item in found]
+        if unlike:
+            notes.append(
+                f"{unlike} test episodes of {labels['a']} and {labels['b']} begin differently, although they "
+                "have the same index; they are left out of the paired comparison."
+            )
+    scene = key.get("scenario", {})
+    options = [*sorted(key["task_kwargs"].items()), *sorted(key.get("simulator_settings", {}).items())]
+    kwargs = ", ".join(f"{name}={value}" for name, value in options)
+    told = ", ".join(f"{name}={value}" for name, value in [*options, *sorted(flat(scene).items())])
+    title = f"{key['task']}" + (f" ({told})" if told else "")
+    name = "-".join([key["protocol"], key["task"], kwargs, key["simulator"], key["renderer"]])
+    unusual = [f"seed{key['protocol_seed']}"] if key["protocol_seed"] else []
+    unusual += [f"scenario-{digest(scene)}"] if scene else []  # it names files, and may be long
+    return {
+        "id": re.sub(r"[^A-Za-z0-9]+", "-", "-".join([name, *unusual])).strip("-").lower(),
+        "title": title,
+        **key,
+        "ends_when_solved": _ends_when_solved(entries),
+        "rows": [rows[index] for index in order],
+        "curves": learning_curves(results_dir, [groups[index] for index in order]),
+        "comparisons": comparisons,
+        "notes": notes,
+    }
+
+
+def _ends_when_solved(entries: list[Entry]) -> bool | None:
+    """Returns whether most solved episodes were over before their time; None where none was solved.
+
+    Few are where the return decides: there an episode may fail late, and has been paid enough.
+    """
+    early = [
+        record.length < result.max_episode_steps
+        for _, result in entries
+        for record in result.records
+        if record.success
+    ]
+    return 2 * sum(early) > len(early) if early else None
+
+
+@dataclass(frozen=True, slots=True)
+class _Compared:
+    """A run and its test episodes, by cell and index."""
+
+    path: str
+    cells: dict[Cell, dict[int, EpisodeRecord]]
+
+    @classmethod
+    def of(cls, entry: Entry) -> "_Compared":
+        path, result = entry
+        tested = [cell for cell in result.protocol.cells() if cell.split == "test"]
+        cells: dict[Cell, dict[int, EpisodeRecord]] = {cell: {} for cell in tested}
+        for record in result.records:
+            if record.split == "test":
+                cells[record.cell][record.episode] = record
+        return cls(path, cells)
+
+
+def _compare(a: _Compared, b: _Compared) -> tuple[list[dict[str, Any]], int]:
+    """Compares two runs on the episodes they share, cell by cell of the test split.
+
+    Returns:
+        One comparison per cell, and the number of episodes that have the same index and begin
+        differently.
+    """
+    found, unlike = [], 0
+    for cell, first in a.cells.items():
+        second = b.cells.get(cell, {})
+        shared = [episode for episode in first if episode in second]
+        same = [e for e in shared if first[e].initial_state_hash == second[e].initial_state_hash]
+        unlike += len(shared) - len(same)
+        if same:
+            test = compare([first[e].success for e in same], [second[e].success for e in same])
+            runs = {"run_a": a.path, "run_b": b.path, "level": cell.level, "only": cell.only}
+            found.append(runs | asdict(test))
+    return found, unlike
+
+
+def _rounded(values: Any) -> Any:
+    """Rounds to 6 decimals: another release of scipy may differ in the last bit."""
+    if isinstance(values, float):
+        return round(values, 6)
+    if isinstance(values, dict):
+        return {key: _rounded(value) for key, value in values.items()}
+    if isinstance(values, list):
+        return [_rounded(value) for value in values]
+    return values

@@ -1,0 +1,47 @@
+"""Whether a picture has to be drawn: a PNG tells what it was drawn of, and by what code."""
+
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from benchmark.protocol import fingerprint
+
+KEYWORD = "drawn of"
+_CODE = ("plots.py", "legend.py")
+
+
+def draw_if_changed(draw: Callable[..., None], values: Any, path: Path, *more: Any, **options: Any) -> None:
+    """Calls ``draw(values, path, *more, drawn_of=…, **options)``, unless its picture is there already.
+
+    Args:
+        draw: A function of :mod:`benchmark.leaderboard.plots`; it hands ``drawn_of`` on to ``save_figure``.
+        values: What is drawn, plain JSON values, as are ``more`` and ``options``.
+        path: The ``.png`` file. One that is damaged, or that tells nothing, is drawn again.
+        *more: Further arguments.
+        **options: Further arguments by name.
+    """
+    told = fingerprint([_code(), values, more, options])
+    if _drawn_of(path) != told:
+        draw(values, path, *more, drawn_of=told, **options)
+
+
+@cache
+def _code() -> str:
+    folder = files("benchmark.leaderboard")
+    return hashlib.sha256(b"".join(folder.joinpath(name).read_bytes() for name in _CODE)).hexdigest()
+
+
+def _drawn_of(path: Path) -> str | None:
+    """Returns what a whole PNG tells of itself."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as image:
+            told = image.info.get(KEYWORD)
+            image.verify()
+            return told
+    except (OSError, SyntaxError, ValueError):  # absent, no picture, or cut short
+        return None

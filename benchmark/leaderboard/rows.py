@@ -1,0 +1,272 @@
+"""One row of the leaderboard: the runs of one method, which differ in their training seed alone."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmark.leaderboard.recipe_settings import differing, learned_settings, said
+from benchmark.protocol import Cell, canonical_json
+from benchmark.records import EpisodeRecord, Result
+from benchmark.results import video_dir
+from benchmark.statistics import iqm, iqm_of_strata, mean_of_rates, rate_of_runs, stratified_bootstrap
+
+Entry = tuple[str, Result]
+"""A results file's path, relative to the folder of results, and what it holds."""
+
+_VIDEO = re.compile(r"(?P<condition>.+)-(?P<split>train|test)-(?P<episode>\d+)-(?P<outcome>success|failure)")
+_LEAST_RUNS_FOR_IQM = 3
+_NAMED_TASKS = 3
+
+_DISTINGUISHING = {
+    "train_level": "trained at level {}",
+    "train_only": "trained on {} alone",
+    "demonstrations": "{} demonstrations",
+    "training_steps": "{} steps",
+    "training_time_s": "{:g} s of training",
+    "cameras": "seen by {}",
+    "image_size": "{} px",
+    "episodes_per_cell": "{} episodes a cell",
+    "tested_alone": "tested on single channels too",
+}
+"""What tells rows of one policy apart, and how it is said."""
+
+
+def row_key(result: Result) -> dict[str, Any]:
+    """Returns what the runs of one row share: everything but the training seed."""
+    return {
+        "policy": result.policy,
+        **_learned_with(result),
+        "transferred_from": transferred_from(result),
+        "train_level": result.train_level,
+        "train_only": result.train_only,
+        "cameras": " and ".join(result.cameras) or None,
+        "image_size": result.image_size,
+        "demonstrations": result.demonstrations,
+        **_training_length(result),
+        "protocol_hash": result.protocol.hash,
+        "tested_alone": ", ".join(result.protocol.only) or None,
+        "settings": {
+            **learned_settings(result.config.get("policy"), _trained_with(result).get("train")),
+            **_trained_in(result),
+            "materials": result.materials or "built-in",
+        },
+    }
+
+
+def _learned_with(result: Result) -> dict[str, Any]:
+    """Returns the further tasks that the policy learned, sorted; nothing where it learned this one alone."""
+    others = sorted(set(result.train_tasks) - {result.task})
+    return {"learned_with": others} if others else {}
+
+
+def _trained_in(result: Result) -> dict[str, Any]:
+    """Returns what was changed of the scene and the materials of the demonstrations."""
+    trained = _trained_with(result)
+    return {
+        "training materials": trained.get("materials") or "built-in",
+        "training scenario": trained.get("scenario") or "as it is",
+    }
+
+
+def _training_length(result: Result) -> dict[str, Any]:
+    """Returns how long the policy was trained: seeds that stop by the clock stop after different steps."""
+    train = _trained_with(result).get("train")
+    limit = train.get("time_limit_s") if isinstance(train, Mapping) else None
+    by_clock = (
+        isinstance(train, Mapping) and limit is not None and result.checkpoint.step != train.get("steps")
+    )
+    return {
+        "training_steps": None if by_clock else result.checkpoint.step,
+        "training_time_s": limit if by_clock else None,
+    }
+
+
+def _trained_with(result: Result) -> Mapping[str, Any]:
+    """Returns the configuration of the training, which a later evaluation keeps under ``run``."""
+    run = result.config.get("run")
+    return run if isinstance(run, Mapping) else result.config
+
+
+def transferred_from(result: Result) -> str | None:
+    """Returns where the policy was trained, ``"mujoco, drawn by warp"``, if it was tested somewhere else."""
+    trained = _trained_with(result)
+    simulator, renderer = trained.get("simulator"), trained.get("renderer")
+    if not simulator or not renderer or (simulator, renderer) == (result.simulator, result.renderer):
+        return None
+    return f"{simulator}, drawn by {renderer}"
+
+
+def group_runs(entries: Iterable[Entry]) -> list[list[Entry]]:
+    """Groups runs that differ in their training seed alone, each group ordered by seed.
+
+    A second run of the same seed is no new sample of the method: it begins a row of its own.
+    """
+    groups: dict[tuple[str, int], list[Entry]] = {}
+    seen: dict[tuple[str, int], int] = {}
+    for path, result in sorted(entries, key=lambda entry: (entry[1].seed, entry[1].created, entry[0])):
+        key = canonical_json(row_key(result))
+        replica = seen.get((key, result.seed), 0)
+        seen[key, result.seed] = replica + 1
+        groups.setdefault((key, replica), []).append((path, result))
+    return list(groups.values())
+
+
+def build_row(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
+    """Returns the row of the runs of one method: its cells, its mean over the levels, its runs and videos.
+
+    Args:
+        results_dir: Folder of results, where videos are looked for.
+        entries: The runs, ordered by seed.
+    """
+    first = entries[0][1]
+    cells = [_cell(cell, [result for _, result in entries]) for cell in first.protocol.cells()]
+    test = [cell for cell in cells if cell["split"] == "test" and cell["level"] is not None]
+    mean = mean_of_rates([_interval(cell) for cell in test]) if test else None
+    key = row_key(first)
+    del key["settings"]
+    return {
+        "label": policy_label(first),
+        **key,
+        "episodes_per_cell": first.protocol.episodes,
+        "seeds": [result.seed for _, result in entries],
+        "cells": cells,
+        "mean_test": dict(zip(("success_rate", "ci_low", "ci_high"), mean, strict=True)) if mean else None,
+        "iqm_test": _iqm_over_runs([result for _, result in entries]),
+        "runs": [_run(path, result) for path, result in entries],
+        "videos": [video for path, _ in entries for video in _videos(results_dir, path)],
+    }
+
+
+def policy_label(result: Result) -> str:
+    """Returns the policy's name, whose implementation was trained, and which tasks it learned besides."""
+    own = result.config.get("policy")
+    backend = own.get("backend") if isinstance(own, Mapping) else None
+    label = f"{result.policy} by {backend}" if backend else result.policy
+    others = _learned_with(result).get("learned_with", [])
+    told = " and ".join(others) if len(others) <= _NAMED_TASKS else f"{len(others)} further tasks"
+    return f"{label}, learned with {told}" if others else label
+
+
+def _run(path: str, result: Result) -> dict[str, Any]:
+    return {
+        "path": path,
+        "run": result.run,
+        "seed": result.seed,
+        "created": result.created,
+        "git": asdict(result.git) if result.git else None,
+        "command": result.command,
+        "machine": asdict(result.machine),
+        "versions": dict(result.versions),
+        "dataset_hash": result.dataset_hash,
+        "checkpoint": asdict(result.checkpoint),
+    }
+
+
+def _cell(cell: Cell, results: list[Result]) -> dict[str, Any]:
+    members = [[record for record in result.records if record.cell == cell] for result in results]
+    rate, low, high = rate_of_runs([_successes(records) for records in members])
+    flat = [record for records in members for record in records]
+    return {
+        "level": cell.level,
+        "only": cell.only,
+        "split": cell.split,
+        "channels": list(flat[0].channels),
+        "not_shown": sorted({name for record in flat for name in record.not_shown}),
+        "episodes": len(flat),
+        "successes": sum(record.success for record in flat),
+        "success_rate": rate,
+        "ci_low": low,
+        "ci_high": high,
+        "mean_length": float(np.mean([record.length for record in flat])),
+    }
+
+
+def _successes(records: Iterable[EpisodeRecord]) -> np.ndarray:
+    return np.array([record.success for record in records], dtype=float)
+
+
+def _interval(cell: Mapping[str, Any]) -> tuple[float, float, float]:
+    return cell["success_rate"], cell["ci_low"], cell["ci_high"]
+
+
+def _iqm_over_runs(results: list[Result]) -> dict[str, float] | None:
+    """Returns the interquartile mean over runs and levels of the test split, or None for too few runs."""
+    cells = [cell for cell in results[0].protocol.cells() if cell.split == "test" and cell.level is not None]
+    if len(results) < _LEAST_RUNS_FOR_IQM or not cells:
+        return None
+    scores = [
+        np.array([_successes(r for r in result.records if r.cell == cell).mean() for result in results])
+        for cell in cells
+    ]
+    low, high = stratified_bootstrap(scores, iqm_of_strata, seed=0)
+    return {"success_rate": iqm(np.stack(scores)), "ci_low": low, "ci_high": high}
+
+
+def _videos(results_dir: Path, path: str) -> list[dict[str, Any]]:
+    found = []
+    for video in sorted(video_dir(results_dir / path).glob("*.mp4")):
+        match = _VIDEO.fullmatch(video.stem)
+        if match is None:
+            continue
+        poster = video.with_suffix(".png")
+        found.append(
+            {
+                **match.groupdict(),
+                "episode": int(match["episode"]),
+                "path": video.relative_to(results_dir).as_posix(),
+                "poster": poster.relative_to(results_dir).as_posix() if poster.exists() else None,
+            }
+        )
+    return found
+
+
+def name_rows(rows: Sequence[dict[str, Any]], settings: Sequence[Mapping[str, Any]]) -> None:
+    """Names every row in place: policy, where it was transferred from, and what else tells it apart.
+
+    Args:
+        rows: Rows of one section, or its learning curves, which have a row's keys as far as they concern
+            learning.
+        settings: The settings that decided what each of them learned.
+    """
+    for row in rows:
+        if row["transferred_from"] is not None:
+            row["label"] += f", trained in {row['transferred_from']}"
+    for name, text in _DISTINGUISHING.items():
+        for group in _of_one_label(rows):
+            if len({rows[index].get(name) for index in group}) > 1:
+                for row in (rows[index] for index in group):
+                    row["label"] += ", " + text.format(row[name]) if row[name] is not None else ""
+    for group in _of_one_label(rows):
+        _name_by_settings([rows[index] for index in group], [settings[index] for index in group])
+    for group in _of_one_label(rows):
+        for row in (rows[index] for index in group):
+            row["label"] += f", {row['runs'][0]['run']}"
+
+
+def _of_one_label(rows: Sequence[Mapping[str, Any]]) -> list[list[int]]:
+    """Returns the rows that have their label in common with others, together."""
+    same: dict[str, list[int]] = {}
+    for index, row in enumerate(rows):
+        same.setdefault(row["label"], []).append(index)
+    return [group for group in same.values() if len(group) > 1]
+
+
+def _name_by_settings(rows: Sequence[dict[str, Any]], settings: Sequence[Mapping[str, Any]]) -> None:
+    """Tells rows of one label apart by as few of their settings as do it."""
+    candidates = differing(settings)
+    for key in candidates:
+        for group in _of_one_label(rows):
+            if key in differing([settings[index] for index in group]):
+                for index in group:
+                    rows[index]["label"] += ", " + said(key, settings[index][key], candidates)
+
+
+def rank(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Orders rows by how many levels they were tested at, then by the mean over them."""
+    tested = sum(cell["split"] == "test" and cell["level"] is not None for cell in row["cells"])
+    mean = row["mean_test"]["success_rate"] if row["mean_test"] else 0.0
+    return -tested, -mean, row["label"], row["runs"][0]["path"]

@@ -1,0 +1,245 @@
+"""Results on disk: ``results/<protocol>/<task>/<policy>/<run>.json``, written whole and read with suspicion.
+
+A file that was cut short, edited, or written by another version is refused with a message that says
+what is wrong and what to do. It is never read in part.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, NoReturn
+
+from benchmark.files import write_bytes
+from benchmark.protocol import Protocol, fingerprint
+from benchmark.records import Checkpoint, EpisodeRecord, Git, Machine, Result
+from envs.core.errors import ResultError, RoboVerseError
+
+SCHEMA_VERSION = 1
+
+_RECORD_KEYS = (
+    "level",
+    "only",
+    "split",
+    "episode",
+    "initial_state_hash",
+    "success",
+    "length",
+    "episode_return",
+    "wall_time_s",
+)
+"""What differs between the episodes of a cell; the rest stands once in the file."""
+
+_SHARED_KEYS = ("task", "policy", "simulator", "renderer", "versions")
+
+_AGAIN = "Evaluate the checkpoint again, or remove the file."
+
+
+def result_path(results_dir: Path, result: Result) -> Path:
+    """Returns where a result belongs."""
+    return results_dir / result.protocol.version / result.task / result.policy / f"{result.run}.json"
+
+
+def video_dir(path: Path) -> Path:
+    """Returns the folder of the videos that belong to a results file."""
+    return path.with_suffix("")
+
+
+def write_result(path: Path, result: Result) -> None:
+    """Writes a result, atomically and only when reading it back would succeed.
+
+    Raises:
+        ResultError: The result does not follow the schema, or the file cannot be written.
+    """
+    document = _to_document(result)
+    _check_schema(path, json.loads(json.dumps(document)))
+    _from_document(path, document)
+    lists = {"cells", "records"}
+    parts = [
+        f' "{key}": ' + (_one_per_line(value) if key in lists else json.dumps(value, allow_nan=False))
+        for key, value in document.items()
+    ]
+    write_bytes(path, ("{\n" + ",\n".join(parts) + "\n}\n").encode())
+
+
+def read_result(path: Path) -> Result:
+    """Reads a results file and checks all of it.
+
+    Raises:
+        ResultError: The file is absent, cut short, of another schema, edited, or its cells do not
+            follow from its records.
+    """
+    try:
+        text = path.read_bytes().decode()
+        document = json.loads(
+            text,
+            parse_constant=_refuse_constant,
+            parse_float=_finite_float,
+            object_pairs_hook=_without_duplicates,
+        )
+    except OSError as error:
+        raise ResultError(f"Could not read results file '{path}': {error.strerror or error}.") from error
+    except (ValueError, RecursionError) as error:
+        raise ResultError(f"Results file '{path}' is not a whole JSON file: {error}. {_AGAIN}") from error
+    _check_schema(path, document)
+    return _from_document(path, document)
+
+
+def _one_per_line(values: list[Any]) -> str:
+    return "[\n  " + ",\n  ".join(json.dumps(value, allow_nan=False) for value in values) + "\n ]"
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise ValueError(f"it holds {name}, which is not a number")
+
+
+def _finite_float(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text} is too large for a number")
+    return value
+
+
+def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    values = dict(pairs)
+    if len(values) != len(pairs):
+        raise ValueError("a key appears twice in one object")
+    return values
+
+
+def _digest(document: Mapping[str, Any]) -> str:
+    """Returns the SHA-256 of a document without its own digest."""
+    rest = {key: value for key, value in document.items() if key != "digest"}
+    return fingerprint(rest)
+
+
+def _to_document(result: Result) -> dict[str, Any]:
+    """Returns the file's content, in the order in which a person wants to read it."""
+    _check_shared(result)
+    values: dict[str, Any] = {item.name: getattr(result, item.name) for item in fields(Result)}
+    values |= {
+        "protocol": result.protocol.to_json(),
+        "train_tasks": list(result.train_tasks),
+        "cameras": list(result.cameras),
+        "checkpoint": asdict(result.checkpoint),
+        "git": asdict(result.git) if result.git else None,
+        "machine": asdict(result.machine),
+    }
+    for key in ("train_tasks", "simulator_settings", "scenario", "materials"):
+        if not values[key]:  # this task alone, its own, the built-in ones: nothing to say
+            del values[key]
+    records = values.pop("records")
+    document = {"schema_version": SCHEMA_VERSION, **values, "protocol_hash": result.protocol.hash}
+    document["cells"] = [summary.to_json() for summary in result.cells()]
+    document["records"] = [{key: getattr(record, key) for key in _RECORD_KEYS} for record in records]
+    try:
+        return document | {"digest": _digest(document)}
+    except (TypeError, ValueError) as error:
+        raise ResultError(
+            f"The result of run '{result.run}' holds a value that JSON cannot: {error}. The configuration "
+            "must be resolved to numbers, strings, lists and dictionaries."
+        ) from error
+
+
+@cache
+def _validator() -> Any:
+    from jsonschema_rs import Draft202012Validator  # a hundredth of the time that jsonschema takes
+
+    schema = json.loads(files("benchmark").joinpath(f"schema/result.v{SCHEMA_VERSION}.json").read_text())
+    return Draft202012Validator(schema)
+
+
+def _check_schema(path: Path, document: Any) -> None:
+    if not isinstance(document, dict) or "schema_version" not in document:
+        raise ResultError(f"'{path}' is not a results file: it has no schema_version. {_AGAIN}")
+    version = document["schema_version"]
+    if version != SCHEMA_VERSION or isinstance(version, bool):
+        raise ResultError(
+            f"Results file '{path}' has schema version {version!r}; this release reads {SCHEMA_VERSION}. "
+            "Evaluate the checkpoint again, or install the release that wrote the file."
+        )
+    try:
+        error = next(_validator().iter_errors(document), None)
+    except ValueError as problem:  # half a surrogate pair is no text
+        raise ResultError(f"Results file '{path}' holds what is no JSON: {problem}. {_AGAIN}") from problem
+    if error is not None:
+        where = "/".join(map(str, error.instance_path)) or "the top"
+        message = error.message if len(error.message) < 300 else error.message[:300] + " …"
+        raise ResultError(
+            f"Results file '{path}' does not follow schema {SCHEMA_VERSION}: at {where}: {message}. {_AGAIN}"
+        )
+
+
+def _from_document(path: Path, document: dict[str, Any]) -> Result:
+    """Builds the result of a document that follows the schema, and checks what a schema cannot."""
+    try:
+        protocol = Protocol.from_json(document["protocol"])
+        if document["protocol_hash"] != protocol.hash:
+            raise ResultError(
+                f"its protocol hashes to {protocol.hash}, and it names {document['protocol_hash']}"
+            )
+        result = _build(document, protocol)
+        _check_cells(document["cells"], result)
+    except RoboVerseError as error:
+        raise ResultError(f"Results file '{path}': {error} {_AGAIN}") from error
+    if document["digest"] != _digest(document):
+        raise ResultError(
+            f"Results file '{path}' was changed after it was written: its digest does not match. {_AGAIN}"
+        )
+    return result
+
+
+def _build(document: dict[str, Any], protocol: Protocol) -> Result:
+    shared = {key: document[key] for key in _SHARED_KEYS}
+    by_cell = {(cell["level"], cell["only"], cell["split"]): cell for cell in document["cells"]}
+    records = []
+    for row in document["records"]:
+        cell = by_cell.get((row["level"], row["only"], row["split"]))
+        if cell is None:
+            raise ResultError(f"episode {row['episode']} belongs to no cell of the file.")
+        varied = {"channels": tuple(cell["channels"]), "not_shown": tuple(cell["not_shown"])}
+        records.append(EpisodeRecord(**shared, **varied, **row, seed=protocol.seed))
+    values = {item.name: document[item.name] for item in fields(Result) if item.name in document}
+    values |= {
+        "protocol": protocol,
+        "train_tasks": tuple(document.get("train_tasks", ())),
+        "cameras": tuple(document.get("cameras", ())),
+        "checkpoint": Checkpoint(**document["checkpoint"]),
+        "git": Git(**document["git"]) if document["git"] else None,
+        "machine": Machine(**document["machine"]),
+        "records": tuple(records),
+    }
+    return Result(**values)
+
+
+def _check_cells(cells: list[dict[str, Any]], result: Result) -> None:
+    """Checks that the file's cells follow from its records."""
+    summaries = result.cells()
+    if len(cells) != len(summaries):
+        raise ResultError(f"it has {len(cells)} cells, and its records make {len(summaries)}.")
+    for cell, summary in zip(cells, summaries, strict=True):
+        for key, value in summary.to_json().items():
+            # Another release of scipy may differ in the last bit of an interval.
+            close = isinstance(value, float) and math.isclose(cell[key], value, abs_tol=1e-9)
+            if not close and cell[key] != value:
+                raise ResultError(f"{key} of {summary.cell} is {cell[key]}; its records give {value}.")
+
+
+def _check_shared(result: Result) -> None:
+    """Checks that every record is of the run: what they share stands once in the file."""
+    for record in result.records:
+        for key in _SHARED_KEYS:
+            given, expected = getattr(record, key), getattr(result, key)
+            if given != expected:
+                raise ResultError(
+                    f"Episode {record.episode} of {record.cell} has {key} {given!r}, and the run "
+                    f"'{result.run}' has {expected!r}. Write one result for each."
+                )
+        if record.seed != result.protocol.seed:
+            raise ResultError(
+                f"Episode {record.episode} of {record.cell} has seed {record.seed}; the protocol's is "
+                f"{result.protocol.seed}."
+            )

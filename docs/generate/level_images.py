@@ -1,0 +1,176 @@
+"""Pictures of what randomization does, for people to look at.
+
+``python -m docs.generate.level_images out=docs/levels.png`` draws every level through the environment;
+``materials=materials.png`` draws a contact sheet of the library, without any simulator.
+"""
+
+import logging
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from envs.core.arguments import parse
+from envs.core.errors import ConfigError, RoboVerseError
+from envs.randomization.levels import CHANNELS, LEVELS
+from envs.randomization.materials import MaterialLibrary
+from envs.scenario import SURFACES
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+logger = logging.getLogger(__name__)
+
+_GAP = 4
+_CAPTION = 18
+
+
+def draw_levels(task: str, *, split: str, num_draws: int, image_size: int, renderer: str) -> "Image.Image":
+    """Draws the first episodes of a split at every level, one level in a row.
+
+    Args:
+        task: Name of the task.
+        split: ``"train"`` or ``"test"``.
+        num_draws: Pictures in a row; the same episodes in every row.
+        image_size: Pixels along a picture's side.
+        renderer: Name of the renderer.
+    """
+    import envs
+
+    rows = {}
+    for level in LEVELS:
+        env = envs.make_vec(task, 1, level=level, split=split, renderer=renderer, image_size=image_size)
+        try:
+            rows[f"Level {level}: {' + '.join(CHANNELS[: level + 1])}"] = [
+                _first_picture(env, int(episode)) for episode in env.split_indices[:num_draws]
+            ]
+        finally:
+            env.close()
+    return contact_sheet(rows)
+
+
+def _first_picture(env, episode: int) -> np.ndarray:
+    only = np.array([0])
+    env.reset_envs(only, np.array([episode]))
+    pictures = [v for key, v in env.observe(only).items() if key.startswith("observation.images.")]
+    return np.concatenate([picture[0] for picture in pictures], axis=1)
+
+
+def draw_materials(library: MaterialLibrary, *, per_row: int = 20, image_size: int = 64) -> "Image.Image":
+    """Draws every material of a library, surface by surface.
+
+    Args:
+        library: The library.
+        per_row: Materials in a row.
+        image_size: Pixels along a material's side.
+    """
+    rows = {}
+    for surface in SURFACES:
+        names = library.names[surface]
+        for start in range(0, len(names), per_row):
+            caption = f"{surface}: {len(names)} materials" if start == 0 else ""
+            rows[f"{caption}\0{surface}{start}"] = [
+                library.texture(name, image_size) for name in names[start : start + per_row]
+            ]
+    return contact_sheet(rows)
+
+
+def contact_sheet(rows: dict[str, list[np.ndarray]]) -> "Image.Image":
+    """Lays pictures out in rows, each under its caption.
+
+    Args:
+        rows: Caption (up to a NUL, where two captions are alike) to (height, width, 3) uint8 pictures.
+    """
+    from PIL import Image, ImageDraw
+
+    height, width = next(iter(rows.values()))[0].shape[:2]
+    columns = max(len(pictures) for pictures in rows.values())
+    captions = [caption.partition("\0")[0] for caption in rows]
+    bands = [height + _GAP + (_CAPTION if caption else 0) for caption in captions]
+    sheet = Image.new("RGB", (columns * (width + _GAP) + _GAP, sum(bands) + _GAP), "white")
+    pen = ImageDraw.Draw(sheet)
+    top = _GAP
+    for caption, band, pictures in zip(captions, bands, rows.values(), strict=True):
+        if caption:
+            pen.text((_GAP, top), caption, fill="black", font_size=13)
+        for column, picture in enumerate(pictures):
+            place = (_GAP + column * (width + _GAP), top + band - height - _GAP)
+            sheet.paste(Image.fromarray(picture), place)
+        top += band
+    return sheet
+
+
+def save(image: "Image.Image", path: Path) -> None:
+    """Writes a picture under a temporary name and renames it.
+
+    Raises:
+        ConfigError: if the path's suffix is not that of a picture format.
+    """
+    if path.suffix.lower() not in (".jpg", ".png", ".webp"):
+        raise ConfigError(f"A picture's name ends in .png, .jpg or .webp, given '{path}'.")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    with temporary.open("wb") as file:
+        image.save(file, format={".jpg": "JPEG", ".png": "PNG", ".webp": "WEBP"}[path.suffix.lower()])
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(temporary, path)
+    logger.info("%s: %d x %d pixels", path, *image.size)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class GallerySettings:
+    """What to draw.
+
+    Attributes:
+        out: Picture of all levels.
+        materials: Contact sheet of the library.
+        folder: Folder of materials instead of the built-in ones.
+        task: Name of a task.
+        split: ``train`` or ``test``.
+        renderer: Name of a renderer.
+        draws: Pictures of each level.
+        image_size: Pixels along a picture's side.
+    """
+
+    out: Path | None = None
+    materials: Path | None = None
+    folder: Path | None = None
+    task: str = "PickCube"
+    split: str = "train"
+    renderer: str = "warp"
+    draws: int = 8
+    image_size: int = 256
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Draws the levels, the library of materials, or both; returns the exit code."""
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    try:
+        args = parse("python -m docs.generate.level_images", GallerySettings, argv)
+        if args.out is None and args.materials is None:
+            raise ConfigError("There is nothing to draw: give out=<file>, materials=<file>, or both.")
+        if args.materials is not None:
+            library = MaterialLibrary.from_folder(args.folder) if args.folder else MaterialLibrary.built_in()
+            save(draw_materials(library), args.materials)
+        if args.out is not None:
+            image = draw_levels(
+                args.task,
+                split=args.split,
+                num_draws=args.draws,
+                image_size=args.image_size,
+                renderer=args.renderer,
+            )
+            save(image, args.out)
+    except RoboVerseError as error:
+        logger.error("%s", error)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

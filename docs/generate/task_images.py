@@ -1,0 +1,297 @@
+"""The page of tasks, made from the registry, the classes and the experts' records.
+
+``python -m docs.generate.task_images`` writes ``docs/tasks.md`` and, for each task that has no picture yet
+(but for those of Meta-World that are adapted as they are), a strip of how an episode begins and how the
+expert ends it, or where half a second of random actions leads where there is no expert;
+``redraw=[PickCube]`` draws one anew.
+"""
+
+import inspect
+import io
+import logging
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from envs.core.arguments import parse
+from envs.core.errors import ConfigError, RoboVerseError
+from envs.core.registry import Entry
+from envs.experts.record import ExpertRecord, read_records
+from envs.tasks import TASKS
+from envs.tasks.base import Task
+
+logger = logging.getLogger(__name__)
+
+IMAGE_SIZE = 256
+RANDOM_S = 0.5
+"""How long a task without an expert is shown to go on."""
+
+MAX_BYTES = 20_000
+"""Of a strip: the best JPEG quality that fits is taken."""
+
+_QUALITIES = range(92, 20, -6)
+
+
+def page(names: Iterable[str] | None = None) -> str:
+    """Returns the page in Markdown.
+
+    Args:
+        names: The tasks; by default all that are registered. Those of a family are not imported.
+    """
+    entries = [TASKS.entry(name) for name in (TASKS.names() if names is None else names)]
+    records = read_records()
+    families: dict[str, list[Entry]] = {}
+    for entry in entries:
+        families.setdefault(entry.info.get("family", ""), []).append(entry)
+    parts = [
+        "# Tasks",
+        "This page is made by `python -m docs.generate.task_images`; `roboverse list` shows the same facts. "
+        "Expert success is that of the scripted expert at level 0, in the first episodes of the training "
+        "and of the test split. Pictures show the start of a training episode and the expert's success, or, "
+        f"of a task that is learned by reward alone, the start and {RANDOM_S:g} s of random actions later.",
+    ]
+    parts += [section(entry, records.get(entry.name)) for entry in families.pop("", [])]
+    parts += [family_section(name, members, records) for name, members in families.items()]
+    return "\n\n".join(parts) + "\n"
+
+
+def section(entry: Entry, record: ExpertRecord | None) -> str:
+    """Returns one task's part of the page."""
+    cls = TASKS.get(entry.name)
+    task = cls()
+    scenario, info = task.scenario, entry.info
+    hz = scenario.physics.control_hz
+    cameras = ", ".join(f"{camera.name} {camera.width}×{camera.height}" for camera in scenario.cameras)
+    module = inspect.getdoc(sys.modules[cls.__module__]) or ""
+    rows = {
+        "Source": f"{info['source']} ({_paper(info['paper'])}; {info['licence']})",
+        "Instructions": "<br>".join(f"“{text}”" for text in task.instructions),
+        "Robot": f"{info['robot']}; an action has {_numbers(task.controller.names)}",
+        "Cameras": cameras,
+        "Horizon": f"{task.max_episode_steps} steps, {task.max_episode_steps / hz:g} s at {hz:g} Hz",
+        "Expert": described(record) if task.has_expert else "none: learned by reward",
+        **_bar(task),
+        **{f"`task_kwargs.{key}`": text for key, text in options(cls).items()},
+    }
+    return "\n".join(
+        [
+            f"## {entry.name}",
+            "",
+            plain(class_text(cls)),
+            "",
+            f"![{entry.name}: {_shown(task)}]({picture_path(entry.name).as_posix()})",
+            "",
+            "| | |",
+            "|---|---|",
+            *(f"| {key} | {plain(value)} |" for key, value in rows.items()),
+            "",
+            plain(module.partition("\n\n")[2]) or plain(module),
+        ]
+    )
+
+
+def _numbers(names: Sequence[str]) -> str:
+    first, last = names[0], names[-1]
+    return f"{len(names)} numbers, `{first}` to `{last}`" if len(names) > 1 else f"one number, `{first}`"
+
+
+def _bar(task: Task) -> dict[str, str]:
+    bar = task.success_return
+    return {} if bar is None else {"Success": f"a return of {bar:g} or more"}
+
+
+def _shown(task: Task) -> str:
+    return "start and success" if task.has_expert else "start and a little later"
+
+
+def family_section(name: str, members: Sequence[Entry], records: Mapping[str, ExpertRecord]) -> str:
+    """Returns the part of the page of tasks that have one source, robot and horizon: a table."""
+    info = members[0].info
+    lines = [
+        f"## {name}",
+        "",
+        f"{len(members)} tasks of {info['source']} ({_paper(info['paper'])}; {info['licence']}). "
+        f"Robot: {info['robot']}. Horizon: {info['horizon']} steps.",
+        "",
+        "| task | what to do | expert |",
+        "|---|---|---|",
+    ]
+    lines += [f"| {e.name} | {e.summary} | {described(records.get(e.name))} |" for e in members]
+    shown = [e.name for e in members if is_drawn(e)]
+    pictures = [f"{name}:\n\n![{name}: start and success]({picture_path(name).as_posix()})" for name in shown]
+    return "\n\n".join(["\n".join(lines), *pictures])
+
+
+def is_drawn(entry: Entry) -> bool:
+    """Whether the page shows a task: all but those that an adapter takes over as they are."""
+    return "adapted" not in entry.tags
+
+
+def described(record: ExpertRecord | None) -> str:
+    """Returns a record in words."""
+    if record is None:
+        return "not measured"
+    return "; ".join(
+        f"{split}: {100 * row.success_rate:.1f} % of {row.num_episodes}, {row.mean_steps:.1f} steps"
+        for split, row in record.splits.items()
+    )
+
+
+def class_text(cls: type[Task]) -> str:
+    """Returns a class's docstring without its sections."""
+    return (inspect.getdoc(cls) or "").partition("\n\nAttributes:")[0]
+
+
+def options(cls: type[Task]) -> dict[str, str]:
+    """Returns the options of a task, its dataclass's fields, with what its docstring says of each."""
+    text = (inspect.getdoc(cls) or "").partition("Attributes:\n")[2]
+    found = dict(re.findall(r"^ {4}(\w+): (.+(?:\n {8,}.+)*)", text, re.MULTILINE))
+    fields = getattr(cls, "__dataclass_fields__", {})
+    return {
+        name: f"{found.get(name, '')} Default: `{field.default}`."
+        for name, field in fields.items()
+        if field.init and "ClassVar" not in str(field.type)
+    }
+
+
+def plain(text: str) -> str:
+    """Returns Markdown from a docstring: paragraphs in one line each, Sphinx roles as code."""
+    text = re.sub(r":\w+:`~?([^`]+)`", r"`\1`", text).replace("``", "`")
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in text.split("\n\n") if paragraph.strip())
+
+
+def _paper(reference: str) -> str:
+    number = reference.removeprefix("arXiv:")
+    return f"[{reference}](https://arxiv.org/abs/{number})"
+
+
+def picture_path(name: str) -> Path:
+    """Returns where a task's strip lies, from the folder of the page."""
+    return Path("tasks") / f"{name.replace('/', '_')}.jpg"
+
+
+def draw_strip(name: str, *, renderer: str = "warp") -> np.ndarray:
+    """Returns the first camera's pictures of how an episode begins and ends, (H, 2 W, 3) uint8.
+
+    It is the first training episode that the expert solves; of a task that has none, the first, and its end
+    is where random actions lead in :data:`RANDOM_S`.
+
+    Raises:
+        ConfigError: if the expert solves none of the first ten.
+    """
+    return _drawn(name, renderer, _solved(name) if TASKS.get(name).has_expert else None)
+
+
+def _solved(name: str) -> tuple[int, np.ndarray]:
+    """Returns an episode that the expert solves, and its actions up to there."""
+    from envs.experts.rollout import TAIL_STEPS, rollout
+    from envs.vector_env import RoboVerseVectorEnv
+
+    states = RoboVerseVectorEnv(name, 1, split="train", observation="state", num_threads=1)
+    try:
+        episodes = states.split_indices[:10].tolist()
+        solved = next((r for r in rollout(states, episodes) if r.success), None)
+    finally:
+        states.close()
+    if solved is None:
+        raise ConfigError(f"The expert of {name} solves none of the episodes {episodes}: nothing to show.")
+    return solved.episode, solved.actions[:-TAIL_STEPS]
+
+
+def _drawn(name: str, renderer: str, solution: tuple[int, np.ndarray] | None) -> np.ndarray:
+    """Returns the pictures before and after an episode's actions; by default random ones in the first."""
+    from envs.vector_env import RoboVerseVectorEnv
+
+    env = RoboVerseVectorEnv(name, 1, split="train", image_size=IMAGE_SIZE, renderer=renderer, num_threads=1)
+    try:
+        only = np.array([0])
+        if solution is None:
+            low, high = env.controller.low, env.controller.high
+            steps = round(RANDOM_S * env.control_hz)
+            solution = env.split_indices[0], np.random.default_rng(0).uniform(low, high, (steps, len(low)))
+        episode, actions = solution
+        env.reset_envs(only, np.array([episode]))
+        start = _first_picture(env)
+        for action in actions:
+            env.step_envs(only, action[None])
+        return np.concatenate([start, _first_picture(env)], axis=1)
+    finally:
+        env.close()
+
+
+def _first_picture(env) -> np.ndarray:
+    observation = env.observe(np.array([0]))
+    return next(
+        np.array(pictures[0])
+        for key, pictures in observation.items()
+        if key.startswith("observation.images.")
+    )
+
+
+def encode(strip: np.ndarray) -> bytes:
+    """Returns a strip as JPEG of at most :data:`MAX_BYTES`, as good as fits."""
+    from PIL import Image
+
+    content = b""
+    for quality in _QUALITIES:
+        stream = io.BytesIO()
+        Image.fromarray(strip).save(stream, format="JPEG", quality=quality, optimize=True)
+        content = stream.getvalue()
+        if len(content) <= MAX_BYTES:
+            break
+    return content
+
+
+def write(path: Path, content: bytes) -> None:
+    """Writes a file under a temporary name and renames it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.stem}.", delete=False) as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    os.chmod(file.name, 0o644)
+    os.replace(file.name, path)
+    logger.info("%s: %d bytes", path, len(content))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class GallerySettings:
+    """What to write.
+
+    Attributes:
+        out: Folder of ``tasks.md``.
+        redraw: Tasks to draw anew: ``[PickCube,CloseBox]``.
+        renderer: Name of a renderer.
+    """
+
+    out: Path = Path("docs")
+    redraw: tuple[str, ...] = ()
+    renderer: str = "warp"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Writes the page of tasks and the pictures that it lacks; returns the exit code."""
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    try:
+        args = parse("python -m docs.generate.task_images", GallerySettings, argv)
+        for name in args.redraw:
+            TASKS.entry(name)
+        write(args.out / "tasks.md", page().encode())
+        for name in TASKS.names():
+            path = args.out / picture_path(name)
+            if name in args.redraw or (is_drawn(TASKS.entry(name)) and not path.is_file()):
+                write(path, encode(draw_strip(name, renderer=args.renderer)))
+    except RoboVerseError as error:
+        logger.error("%s", error)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

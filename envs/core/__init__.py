@@ -1,0 +1,1 @@
+"""What every other package needs: errors, the registry, atomic files. Standard library only."""

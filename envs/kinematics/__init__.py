@@ -1,0 +1,1 @@
+"""Forward and inverse kinematics of a robot arm, batched, and waypoint paths."""

@@ -1,0 +1,225 @@
+"""The interface of a simulator: states in and out, targets, time, pictures. It knows no task."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from types import TracebackType
+from typing import Any, ClassVar, Self, TypedDict
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from envs.core.errors import unknown_name
+from envs.scenario import Appearance, ScenarioCfg
+from envs.state import State
+
+EnvIds = Sequence[int] | np.ndarray | None
+"""Sorted, unique environment indices; None means all."""
+
+TextureSource = Callable[[str, int], np.ndarray]
+"""``textures(name, size)`` gives the picture (size, size, 3) uint8 of a material."""
+
+MODALITIES = ("rgb", "depth", "segmentation")
+
+
+class HandlerOptions(TypedDict, total=False):
+    """What every simulator may be given by keyword; see :class:`Handler`."""
+
+    renderer: str
+    num_threads: int
+    textures: TextureSource | None
+
+
+class Handler(ABC):
+    """One simulator with ``num_envs`` copies of one scenario.
+
+    Attributes:
+        scenario: What is simulated.
+        num_envs: Number of environments.
+        renderer_name: Name of the renderer that draws it.
+        num_threads: Threads that step and draw; 0 means one per core.
+        textures: Pictures of the named materials, or None for plain colours.
+        dtype: Precision of its states. A state that is set is rounded to it, and comes back bit by bit.
+        device: Where its states are.
+        steps_together: Whether stepping all environments costs no more than stepping some.
+        own_renderers: Renderers that it draws with itself, its default first, where it has more than the one
+            that is called as it is; any other draws as :mod:`envs.simulators.hybrid` says.
+    """
+
+    own_renderers: ClassVar[tuple[str, ...]] = ()
+    steps_together: bool = False
+    dtype: torch.dtype = torch.float64
+    device: torch.device = torch.device("cpu")
+
+    def __init__(
+        self,
+        scenario: ScenarioCfg,
+        num_envs: int,
+        *,
+        renderer: str = "warp",
+        num_threads: int = 0,
+        textures: TextureSource | None = None,
+    ) -> None:
+        self.scenario = scenario
+        self.num_envs = num_envs
+        self.renderer_name = renderer
+        self.num_threads = num_threads
+        self.textures = textures
+
+    @abstractmethod
+    def launch(self) -> None:
+        """Builds the scene. Call it once, before anything else."""
+
+    @abstractmethod
+    def get_states(self, env_ids: EnvIds = None) -> State:
+        """Returns the present state of the environments ``env_ids``, in copies."""
+
+    @abstractmethod
+    def set_states(self, states: State, env_ids: EnvIds = None) -> None:
+        """Puts the environments ``env_ids`` into ``states`` (one row each) and forgets their past.
+
+        Entities that ``states`` does not name keep their state.
+        """
+
+    @abstractmethod
+    def set_poses(self, poses: Mapping[str, tuple[Tensor, Tensor]], env_ids: EnvIds = None) -> None:
+        """Moves fixed objects and markers, without forgetting anything: for what is moved in an episode.
+
+        Args:
+            poses: Name to position (n, 3), m, and orientation (n, 4), wxyz.
+            env_ids: Environments.
+        """
+
+    def get_joint_targets(self, robot: str, env_ids: EnvIds = None) -> Tensor:
+        """Returns the present position targets (n, J) of a robot's driven joints, in a copy."""
+        targets = self.get_states(env_ids).robots[robot].joint_target
+        assert targets is not None, "a simulator gives every robot's targets"
+        return targets
+
+    def get_joint_positions(self, robot: str, env_ids: EnvIds = None) -> Tensor:
+        """Returns the present positions (n, Q) of all joints of a robot, in a copy."""
+        return self.get_states(env_ids).robots[robot].joint_pos
+
+    @abstractmethod
+    def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:
+        """Sets the position targets (n, J) of the named robots, clipped to the joints' ranges."""
+
+    @abstractmethod
+    def step(self, num_steps: int, env_ids: EnvIds = None) -> None:
+        """Advances the environments ``env_ids`` by ``num_steps`` physics steps.
+
+        Raises:
+            SimulatorError: if an environment's state is no longer finite; it names the environments. A
+                simulator whose environments cannot be stopped alone restarts and counts them instead.
+        """
+
+    def step_towards(
+        self, targets: Mapping[str, Tensor | np.ndarray], num_steps: int, env_ids: EnvIds = None
+    ) -> None:
+        """Advances by ``num_steps`` physics steps while the targets of joints move evenly to ``targets``.
+
+        In step k of n a target lies k/n of the way from where it was; in the last it is there. An arm that
+        is told so moves without the jerk of a jump, which shakes what its fingers hold.
+
+        Args:
+            targets: Robot to position targets (n, J); see :meth:`set_joint_targets`.
+            num_steps: Physics steps.
+            env_ids: Environments.
+        """
+        states = self.get_states(env_ids)
+        for index in range(1, num_steps + 1):
+            moved = {}
+            for name, target in targets.items():
+                start = states.robots[name].joint_target
+                assert start is not None, "a simulator gives every robot's targets"
+                end = torch.as_tensor(target, dtype=start.dtype, device=start.device)
+                moved[name] = torch.lerp(start, end, index / num_steps)
+            self.set_joint_targets(moved, env_ids)
+            self.step(1, env_ids)
+
+    @abstractmethod
+    def set_appearance(self, appearance: Appearance, env_id: int) -> None:
+        """Says how the environment ``env_id`` looks from now on."""
+
+    def render(
+        self,
+        cameras: Sequence[str] | None = None,
+        modalities: Sequence[str] = ("rgb",),
+        env_ids: EnvIds = None,
+    ) -> dict[str, dict[str, np.ndarray]]:
+        """Draws the environments ``env_ids`` through the named cameras (None: all of them).
+
+        Returns:
+            Camera to modality to picture: ``rgb`` (n, H, W, 3) uint8; ``depth`` (n, H, W) float32, metres
+            along the optical axis, 0 where there is nothing; ``segmentation`` (n, H, W) int32, an index
+            into :attr:`segmentation_names`, or -1.
+        """
+        return self.render_jobs(self.snapshot(env_ids), cameras, modalities)
+
+    def checked_names(
+        self, cameras: Sequence[str] | None, modalities: Sequence[str]
+    ) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Returns which cameras (None: all of them) and modalities are to be drawn.
+
+        Raises:
+            UnknownNameError: if the scenario has no such camera, or there is no such modality.
+        """
+        valid = [camera.name for camera in self.scenario.cameras]
+        names = valid if cameras is None else list(cameras)
+        for name in names:
+            if name not in valid:
+                raise unknown_name("camera", name, valid)
+        for modality in modalities:
+            if modality not in MODALITIES:
+                raise unknown_name("modality", modality, MODALITIES)
+        return tuple(names), tuple(modalities)
+
+    @abstractmethod
+    def snapshot(self, env_ids: EnvIds = None) -> Sequence[Any]:
+        """Returns what :meth:`render_jobs` needs to draw the environments as they are now, later."""
+
+    @abstractmethod
+    def render_jobs(
+        self,
+        jobs: Sequence[Any],
+        cameras: Sequence[str] | None = None,
+        modalities: Sequence[str] = ("rgb",),
+    ) -> dict[str, dict[str, np.ndarray]]:
+        """Draws snapshots; see :meth:`render`."""
+
+    def render_tensors(
+        self,
+        jobs: Sequence[Any] | None = None,
+        cameras: Sequence[str] | None = None,
+        modalities: Sequence[str] = ("rgb",),
+    ) -> dict[str, dict[str, Tensor]]:
+        """Draws snapshots, or every environment as it is now, and leaves the pictures on :attr:`device`."""
+        pictures = self.render_jobs(self.snapshot() if jobs is None else jobs, cameras, modalities)
+        return {
+            camera: {
+                modality: torch.from_numpy(picture).to(self.device) for modality, picture in kinds.items()
+            }
+            for camera, kinds in pictures.items()
+        }
+
+    @property
+    @abstractmethod
+    def segmentation_names(self) -> tuple[str, ...]:
+        """Names of what the segmentation tells apart: robots, objects and surfaces."""
+
+    @property
+    @abstractmethod
+    def not_shown(self) -> tuple[str, ...]:
+        """Properties of an appearance that this renderer cannot show."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Frees everything. Calling it twice is harmless."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

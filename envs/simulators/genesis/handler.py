@@ -1,0 +1,70 @@
+"""Genesis on CPU: all environments are one batch of its rigid solver; other renderers draw them."""
+
+from collections.abc import Sequence
+from typing import override
+
+import mujoco
+import numpy as np
+
+from envs.mjcf.link_tree import describe
+from envs.simulators.genesis.batch import Batch
+from envs.simulators.genesis.settings import SIMULATOR, GenesisSettings
+from envs.simulators.translated_base import MirroredHandler, World
+
+
+class GenesisWorld(World):
+    """One environment of a batch."""
+
+    def __init__(self, batch: Batch, row: int) -> None:
+        self._batch, self._row = batch, row
+
+    @override
+    def put(self, qpos: np.ndarray, qvel: np.ndarray, ctrl: np.ndarray) -> None:
+        self._batch.put(self._row, qpos, qvel, ctrl)
+
+    @override
+    def place(self, mocap_pos: np.ndarray, mocap_quat: np.ndarray) -> None:
+        self._batch.place(self._row, mocap_pos, mocap_quat)
+
+    @override
+    def drive(self, ctrl: np.ndarray) -> None:
+        self._ctrl = ctrl.copy()
+        self._batch.drive(self._row, ctrl)
+
+    @override
+    def step(self, num_steps: int) -> None:
+        self._batch.step([self._row], self._ctrl[None], self._ctrl[None], num_steps)
+
+    @override
+    def read(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        self._batch.read(self._row, qpos, qvel)
+
+    @override
+    def close(self) -> None:
+        if self._row == 0:
+            self._batch.close()
+
+
+class GenesisHandler(MirroredHandler[GenesisSettings]):
+    """Genesis's rigid solver, which is made after MuJoCo's: impedances, cones and drives mean the same.
+
+    Every link, joint and shape is told to Genesis as the compiled model has it. What differs: a contact's
+    friction is at least 0.01, priorities of contacts are not known, and meshes meet by another algorithm.
+    Genesis's own pictures are not offered, since it cannot change materials without building a scene anew.
+    """
+
+    steps_together = True
+    own_renderers = ("warp", "gl", "filament")
+    settings_class = GenesisSettings
+
+    @override
+    def make_worlds(self, model: mujoco.MjModel) -> Sequence[GenesisWorld]:
+        self._batch = Batch(model, describe(model, SIMULATOR), self.settings, self.num_envs)
+        return [GenesisWorld(self._batch, row) for row in range(self.num_envs)]
+
+    @override
+    def step_worlds(self, rows: Sequence[int], start: np.ndarray | None, num_steps: int) -> None:
+        ends = self._ctrl[rows]
+        self._batch.step(rows, ends if start is None else start[rows], ends, num_steps)
+        for row in rows:
+            self._batch.read(row, self._qpos[row], self._qvel[row])

@@ -1,0 +1,35 @@
+"""Newton on CPU: every environment is a Newton model of its own; pictures are its ray tracer's."""
+
+import warnings
+from collections.abc import Sequence
+from typing import override
+
+import mujoco
+
+from envs.mjcf.link_tree import describe
+from envs.simulators.mujoco_warp.device import quiet_start
+from envs.simulators.newton.scene import build
+from envs.simulators.newton.settings import SIMULATOR, NewtonSettings
+from envs.simulators.newton.world import NewtonWorld
+from envs.simulators.translated_base import MirroredHandler
+
+
+class NewtonHandler(MirroredHandler[NewtonSettings]):
+    """Newton's ``SolverMuJoCo``, which steps a model that Newton's builder was given, not MuJoCo's own file.
+
+    Every link, joint and shape is told to Newton from the compiled model: masses, inertias, limits, gains,
+    armature, dry friction, impedances, and which shapes touch. Equality constraints are refused by name.
+    """
+
+    own_renderers = (SIMULATOR, "warp", "gl", "filament")
+    settings_class = NewtonSettings
+    takes_forces = True
+
+    @override
+    def make_worlds(self, model: mujoco.MjModel) -> Sequence[NewtonWorld]:
+        quiet_start()
+        spec = describe(model, SIMULATOR)
+        with warnings.catch_warnings():
+            # Newton 1.8 was made for MuJoCo 3 and says so of 4, with which our contract tests pass.
+            warnings.filterwarnings("ignore", message=".*[Mm]u[Jj]o[Cc]o.*version.*")
+            return [NewtonWorld(model, build(model, spec), self.settings) for _ in range(self.num_envs)]

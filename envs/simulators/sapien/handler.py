@@ -1,0 +1,30 @@
+"""SAPIEN 3 on CPU: every environment is a PhysX scene of its own, and all share one renderer."""
+
+from collections.abc import Sequence
+from typing import override
+
+import mujoco
+
+from envs.mjcf.link_tree import describe
+from envs.simulators.sapien.settings import SIMULATOR, SapienSettings
+from envs.simulators.sapien.world import SapienWorld
+from envs.simulators.translated_base import MirroredHandler
+
+
+class SapienHandler(MirroredHandler[SapienSettings]):
+    """PhysX (CPU) by SAPIEN; see :mod:`envs.simulators.sapien.world` for what stands for what of MuJoCo.
+
+    The robot is built from the compiled MuJoCo model, not from a URDF: its principal inertias, armature,
+    dry friction, limits and force ranges arrive as they are, no file is written, and physics needs no
+    renderer, without which SAPIEN's URDF loader fails.
+    """
+
+    steps_in_threads = True
+    own_renderers = (SIMULATOR, "warp", "gl", "filament")
+    settings_class = SapienSettings
+    takes_forces = True
+
+    @override
+    def make_worlds(self, model: mujoco.MjModel) -> Sequence[SapienWorld]:
+        spec = describe(model, SIMULATOR)
+        return [SapienWorld(model, spec, self.settings) for _ in range(self.num_envs)]

@@ -1,0 +1,44 @@
+"""What a scenario may say about PhysX: its block ``simulators["sapien"]``."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from sapien import physx
+
+from envs.core.errors import ConfigError
+from envs.simulators.settings import SimulatorSettings
+
+SIMULATOR = "sapien"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SapienSettings(SimulatorSettings):
+    """Options of PhysX: a scenario's block ``simulators["sapien"]``.
+
+    Attributes:
+        position_iterations: Of the solver; 15 is ManiSkill's.
+        velocity_iterations: Of the solver; 1 is ManiSkill's.
+        contact_offset_m: Distance at which contacts begin to be looked for.
+        bounce_threshold: Speed, m/s, below which nothing bounces.
+    """
+
+    simulator = SIMULATOR
+
+    position_iterations: int = 15
+    velocity_iterations: int = 1
+    contact_offset_m: float = 0.01
+    bounce_threshold: float = 2.0
+
+    def __post_init__(self) -> None:
+        for name in ("position_iterations", "velocity_iterations"):
+            if not 0 < getattr(self, name) < 256:
+                raise ConfigError(f"{name} of {SIMULATOR} is 1 to 255, given {getattr(self, name)}.")
+
+    def apply(self, gravity: np.ndarray) -> None:
+        """Makes them PhysX's options for what is made from now on, in this process."""
+        physx.set_scene_config(
+            gravity=np.asarray(gravity, np.float32),
+            bounce_threshold=self.bounce_threshold,
+            enable_enhanced_determinism=True,
+        )
+        physx.set_shape_config(contact_offset=self.contact_offset_m, rest_offset=0.0)

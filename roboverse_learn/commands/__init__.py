@@ -1,0 +1,1 @@
+"""What the commands share: the run folder, the checkpoint under test, reports."""

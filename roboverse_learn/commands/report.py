@@ -1,0 +1,197 @@
+"""What the commands print at their end: tables and the paths of what was written, as rich renderables."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from benchmark.records import CellSummary
+    from roboverse_learn.data.collection.collect import CollectionSummary
+    from roboverse_learn.data.importers.verdicts import ImportSummary
+    from roboverse_learn.evaluate import Evaluation
+    from roboverse_learn.training.reporter import TrainResult
+
+_SHOWN_VIDEOS = 8
+_SHOWN_SKIPPED = 20
+
+
+def train_report(
+    dataset: "CollectionSummary | None",
+    trained: "TrainResult",
+    evaluations: Sequence["Evaluation"],
+    board: Mapping[str, Path],
+    *,
+    folder: Path,
+    stages: Mapping[str, Any],
+    seconds: float,
+) -> Group:
+    """The whole loop: what each stage did, the table of success, and where everything is.
+
+    ``dataset`` is None for a policy that learned from an env.
+    """
+    loss = "" if trained.loss is None else f", loss {trained.loss:.4f}"
+    times = ", ".join(
+        f"{name} {clock(facts['seconds'])}" for name, facts in stages.items() if "seconds" in facts
+    )
+    return Group(
+        *([] if dataset is None else [_collected(dataset)]),
+        Text(f"Trained {trained.steps:,} steps (stopped by {trained.stopped_by.replace('_', ' ')}){loss}."),
+        *map(success_table, evaluations),
+        _paths(
+            {"run": folder, "checkpoint": trained.checkpoint, "curves": trained.plot}
+            | _evaluation_paths(evaluations, board)
+        ),
+        Text(f"Done in {clock(seconds)}: {times}."),
+    )
+
+
+def collection_report(dataset: "CollectionSummary") -> Group:
+    """What a collection gave, and where it is."""
+    return Group(
+        _collected(dataset),
+        Text(
+            f"{dataset.num_frames:,} frames, {clock(dataset.wall_time_s)}, hash {dataset.dataset_hash[:16]}."
+        ),
+        _paths({"dataset": dataset.root}),
+    )
+
+
+def evaluation_report(evaluations: Sequence["Evaluation"], board: Mapping[str, Path]) -> Group:
+    """The table of success of every task, and where the results are."""
+    return Group(*map(success_table, evaluations), _paths(_evaluation_paths(evaluations, board)))
+
+
+def leaderboard_report(board: Mapping[str, Path]) -> Group:
+    """Where the leaderboard is."""
+    return Group(_paths(_board_paths(board)))
+
+
+def replay_report(summary: Mapping[str, Any], path: Path, page: Mapping[str, Path]) -> Group:
+    """What became of recorded episodes, and where it is written."""
+    pair = f"{summary['recorded_in']} to {summary['replayed_in']}"
+    lines = [f"{summary['task']}, {pair}, {summary['num_episodes']} episodes:"]
+    for way, found in summary["replays"].items():
+        last = {
+            name: values["last"]["median"] for name, values in found["drift"].items() if name.endswith("_m")
+        }
+        drift = ", ".join(
+            f"{name.removesuffix('_m').replace('_', ' ')} {m:.2g} m" for name, m in last.items()
+        )
+        checks = found["checks"]
+        lines.append(
+            f"  by {way}: {100 * found['success_rate']:.1f} % success (recorded: "
+            f"{100 * found['recorded_success_rate']:.1f} %), the success condition agrees at "
+            f"{checks['agree']} of {checks['asked']} moments; median drift at the end: {drift}"
+        )
+    plots = [each for name, each in page.items() if name.startswith("plot")]
+    return Group(Text("\n".join(lines)), _paths({"summary": path, "table": page["table"], "plots": plots}))
+
+
+def conservation_report(page: str, written: Mapping[str, Path]) -> Group:
+    """The table of what each simulator keeps, and where everything is."""
+    lines = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| ")]
+    table = Table(*lines[0])
+    for line in lines[1:]:
+        table.add_row(*line)
+    plots = [path for name, path in written.items() if name.startswith("plot")]
+    return Group(table, _paths({"table": written["table"], "plots": plots}))
+
+
+def success_table(evaluation: "Evaluation") -> Table:
+    """Success by level and split, with Wilson's 95 % interval; the test split is the headline."""
+    result = evaluation.result
+    trained = f"{result.train_only} alone" if result.train_only else f"level {result.train_level}"
+    others = [task for task in result.train_tasks if task != result.task]
+    trained += f" together with {', '.join(others)}" if others else ""
+    episodes = f"{result.protocol.episodes} episodes"
+    title = f"{result.task}, {result.policy}, trained on {trained}: success in {episodes}"
+    table = Table(
+        title=title,
+        title_justify="left",
+    )
+    splits = sorted(result.protocol.splits, key=("test", "train").index)
+    for title in ("evaluated on", *(f"{split} split" for split in splits), "varied", "not shown"):
+        table.add_column(title, justify="right" if title.endswith("split") else "left")
+    by_condition: dict[str, list[CellSummary]] = {}
+    for cell in result.cells():
+        by_condition.setdefault(cell.cell.condition, []).append(cell)
+    for condition, cells in by_condition.items():
+        by_split = {cell.cell.split: cell for cell in cells}
+        rates = [_rate(by_split[split]) for split in splits]
+        table.add_row(
+            condition, *rates, ", ".join(cells[0].channels), ", ".join(cells[0].not_shown) or "nothing"
+        )
+    return table
+
+
+def clock(seconds: float) -> str:
+    """``75`` as ``1:15``, ``3700`` as ``1:01:40``."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+
+
+def _rate(cell: "CellSummary") -> str:
+    return f"{100 * cell.success_rate:.0f} % [{100 * cell.ci_low:.0f}, {100 * cell.ci_high:.0f}]"
+
+
+def _collected(dataset: "CollectionSummary") -> Text:
+    if dataset.imported is not None:
+        return _imported(dataset, dataset.imported)
+    return Text(
+        f"Collected {dataset.num_episodes} demonstrations; the expert succeeded in "
+        f"{100 * dataset.success_rate:.1f} % of {dataset.num_attempts} episodes."
+    )
+
+
+def _imported(dataset: "CollectionSummary", imported: "ImportSummary") -> Text:
+    """How many demonstrations pass each replay, which of them the dataset is of, and what was skipped."""
+    by_states = f"{imported.count('states')} of {imported.num_with_states} pass by states"
+    lines = [
+        f"Read {len(imported.read)} demonstrations of {imported.source}: "
+        f"{by_states if imported.num_with_states else 'none has recorded states'}, "
+        f"{imported.count('controls')} of {len(imported.read)} pass by controls. "
+        f"Imported {dataset.num_episodes} by {imported.replay}."
+    ]
+    if imported.num_with_states and imported.num_said:
+        lines.append(
+            f"By states, our checker agrees with {imported.num_agreeing} of the {imported.num_said} outcomes "
+            "that the files name."
+        )
+    if imported.skipped:
+        lines.append(f"Skipped {len(imported.skipped)}:")
+    lines += [f"  {v.file} {v.name}".rstrip() + f": {v.error}" for v in imported.skipped[:_SHOWN_SKIPPED]]
+    if len(imported.skipped) > _SHOWN_SKIPPED:
+        lines.append(f"  … and {len(imported.skipped) - _SHOWN_SKIPPED} more, named in meta/import.json")
+    return Text("\n".join(lines))
+
+
+def _evaluation_paths(evaluations: Sequence["Evaluation"], board: Mapping[str, Path]) -> dict[str, Any]:
+    videos = [video for each in evaluations for video in each.videos]
+    return {"result": [each.path for each in evaluations], "videos": videos} | _board_paths(board)
+
+
+def _board_paths(board: Mapping[str, Path]) -> dict[str, Any]:
+    plots = [path for name, path in board.items() if name.startswith("plot")]
+    names = {"html": "page", "markdown": "table", "json": "leaderboard"}
+    return {title: board[name] for name, title in names.items() if name in board} | {"plots": plots}
+
+
+def _paths(paths: Mapping[str, Any]) -> Table:
+    """A table of names and paths, without borders, so that a path can be copied."""
+    table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
+    table.add_column()
+    table.add_column(overflow="fold")
+    for name, value in paths.items():
+        several: Sequence[Any] = value if isinstance(value, list | tuple) else [value]
+        shown = [str(path) for path in several if path is not None]
+        more = len(shown) - _SHOWN_VIDEOS
+        if more > 0:
+            shown = [*shown[:_SHOWN_VIDEOS], f"… and {more} more beside them"]
+        if shown:
+            table.add_row(name, "\n".join(shown))
+    return table

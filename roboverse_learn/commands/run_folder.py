@@ -1,0 +1,261 @@
+"""The folder of a run: its name, its manifest, its lock, its log and its seeds.
+
+``runs/<task>/<policy>/<name>/`` holds ``config.yaml`` (the resolved configuration), ``manifest.json``
+(command, commit, versions, status and time of each stage), ``run.log``, and what training writes. The
+name follows from the configuration, so that the same command finds the same run and continues it.
+"""
+
+import contextlib
+import fcntl
+import json
+import logging
+import os
+import shlex
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmark.files import write_bytes
+from benchmark.protocol import digest
+from envs.core.errors import ConfigError, RoboVerseError
+from roboverse_learn.config.keys import at, flat_keys
+from roboverse_learn.config.schema import TrainRunConfig
+from roboverse_learn.config.serialize import from_values, to_values
+
+log = logging.getLogger(__name__)
+
+CONFIG_FILE = "config.yaml"
+MANIFEST_FILE = "manifest.json"
+
+# What may change between two starts of one run: none of it decides what is learned.
+_FREE = {
+    *("device", "run", "resume", "slow_ok", "preset", "evaluate"),
+    *("dataset", "datasets_dir", "runs_dir", "results_dir"),
+}
+_FREE_KEYS = {
+    *("collect.num_workers", "collect.num_envs"),
+    *("train.num_threads", "train.save_every", "train.log_every", "train.wandb", "train.cuda_graphs"),
+}
+_EXTENDABLE = ("train.steps", "train.time_limit_s")
+
+_STREAMS = ("training", "collection")
+
+
+def identity(config: TrainRunConfig) -> dict[str, Any]:
+    """Returns the flat keys and values that decide what a run learns."""
+    values = {key: value for key, value in to_values(config).items() if key not in _FREE}
+    for younger in ("simulator_settings", "scenario"):  # without it a run keeps its name
+        if not values[younger]:
+            del values[younger]
+    if len(config.tasks) == 1:
+        values["policy"].pop("tasks", None)
+    return {key: at(values, key) for key in flat_keys(values) if key not in _FREE_KEYS}
+
+
+def run_name(config: TrainRunConfig) -> str:
+    """Returns the name of the run of a configuration, such as ``quick-level0-seed0-1a2b3c4d``."""
+    varied = f"{config.only}-alone" if config.only else f"level{config.level}"
+    return f"{config.preset}-{varied}-seed{config.seed}-{digest(identity(config))}"
+
+
+def seed_of(config: TrainRunConfig, stream: str) -> int:
+    """Returns the 32-bit seed of one independent stream of randomness of a run.
+
+    Args:
+        config: The run's configuration.
+        stream: ``training`` or ``collection``.
+    """
+    sequence = np.random.SeedSequence(config.seed, spawn_key=(_STREAMS.index(stream),))
+    return int(sequence.generate_state(1)[0])
+
+
+def read_config(folder: Path) -> TrainRunConfig:
+    """Reads the configuration that a run was started with.
+
+    Raises:
+        ConfigError: The folder is not that of a run, or its configuration cannot be read.
+    """
+    import yaml
+
+    path = folder / CONFIG_FILE
+    try:
+        values = yaml.safe_load(path.read_text())
+    except FileNotFoundError as error:
+        raise ConfigError(f"'{folder}' is not the folder of a run: it has no {CONFIG_FILE}.") from error
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ConfigError(f"'{path}' cannot be read: {' '.join(str(error).split())}.") from error
+    if not isinstance(values, dict):
+        raise ConfigError(f"'{path}' is not a configuration: it holds no keys.")
+    return from_values("train", values)
+
+
+def run_of(checkpoint: Path) -> Path | None:
+    """Returns the folder of the run that a checkpoint lies in, or None."""
+    return next((path for path in checkpoint.absolute().parents if (path / CONFIG_FILE).is_file()), None)
+
+
+def read_facts(folder: Path, stage: str) -> dict[str, Any]:
+    """Returns what the manifest of a run says of one stage; nothing where it cannot be read."""
+    try:
+        facts = json.loads((folder / MANIFEST_FILE).read_text())["stages"].get(stage, {})
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
+    return facts if isinstance(facts, dict) else {}
+
+
+class Run:
+    """One run on disk, opened for writing by one process.
+
+    Args:
+        folder: The run's folder.
+        config: Its resolved configuration.
+        command: The words of the command line.
+    """
+
+    def __init__(self, folder: Path, config: TrainRunConfig, command: list[str]) -> None:
+        self.folder = folder
+        self.config = config
+        self._lock = _lock(folder)
+        try:
+            self._manifest = self._open_manifest(command)
+            if not (folder / CONFIG_FILE).exists() or to_values(config) != to_values(read_config(folder)):
+                _write_config(folder / CONFIG_FILE, config)
+            self._handler = logging.FileHandler(folder / "run.log")
+        except BaseException:
+            os.close(self._lock)
+            raise
+        self._handler.setFormatter(logging.Formatter("%(asctime)s %(name)s %(levelname)s %(message)s"))
+        logging.getLogger().addHandler(self._handler)
+        self._save("running")
+
+    @classmethod
+    def open(cls, config: TrainRunConfig, command: list[str]) -> "Run":
+        """Opens the run of a configuration: the one that exists already, or a new one.
+
+        Raises:
+            ConfigError: ``run=`` names a run of another configuration, or another process has it open.
+        """
+        folder = Path(config.run) if config.run else default_folder(config)
+        if (folder / CONFIG_FILE).exists():
+            _check_same(folder, config)
+        return cls(folder, config, command)
+
+    @property
+    def name(self) -> str:
+        """The last part of the folder, which also names the result file."""
+        return self.folder.name
+
+    @contextlib.contextmanager
+    def stage(self, name: str) -> Iterator[dict[str, Any]]:
+        """Records the status and the time of one stage in the manifest.
+
+        Yields:
+            A dictionary for facts about the stage; it is saved when the stage ends.
+        """
+        facts: dict[str, Any] = self._manifest["stages"].get(name, {}) | {"status": "running"}
+        facts.pop("error", None)
+        self._manifest["stages"][name] = facts
+        self._save("running")
+        started = time.monotonic()
+        try:
+            yield facts
+        except BaseException as error:
+            facts |= {"status": "stopped", "error": f"{type(error).__name__}: {error}"}
+            self._finish(facts, started, "stopped")
+            raise
+        facts["status"] = "done"
+        self._finish(facts, started, "running")
+
+    @property
+    def stages(self) -> Mapping[str, Any]:
+        """Status, time and facts of every stage so far."""
+        return self._manifest["stages"]
+
+    def close(self, status: str = "done") -> None:
+        """Writes the final status and lets another process open the run."""
+        self._save(status)
+        logging.getLogger().removeHandler(self._handler)
+        self._handler.close()
+        os.close(self._lock)
+
+    def __enter__(self) -> "Run":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self.close("done" if kind is None else "stopped")
+
+    def _open_manifest(self, command: list[str]) -> dict[str, Any]:
+        from benchmark.provenance import git_state, now, package_versions
+
+        git = git_state()
+        started = {
+            "command": shlex.join(command),
+            "time": now(),
+            "git": {"sha": git.sha, "dirty": git.dirty} if git else None,
+            "versions": package_versions(),
+        }
+        path = self.folder / MANIFEST_FILE
+        try:
+            manifest = json.loads(path.read_text())
+            manifest["starts"].append(started)
+        except FileNotFoundError:
+            manifest = {"starts": [started], "stages": {}}
+        except (ValueError, KeyError, TypeError, AttributeError):
+            log.warning("%s could not be read and is written anew.", path)
+            manifest = {"starts": [started], "stages": {}}
+        return manifest
+
+    def _finish(self, facts: dict[str, Any], started: float, status: str) -> None:
+        facts["seconds"] = round(time.monotonic() - started, 3)
+        with contextlib.suppress(RoboVerseError):  # a full disk must not hide the error of the stage
+            self._save(status)
+
+    def _save(self, status: str) -> None:
+        self._manifest |= {"status": status, "config": to_values(self.config)}
+        content = json.dumps(self._manifest, indent=1, default=str)
+        write_bytes(self.folder / MANIFEST_FILE, content.encode())
+
+
+def default_folder(config: TrainRunConfig) -> Path:
+    """Returns the folder that a configuration names; with ``resume=false`` the first free one."""
+    base = Path(config.runs_dir) / config.task / config.policy_name / run_name(config)
+    folder, number = base, 2
+    while not config.resume and folder.exists():
+        folder, number = base.with_name(f"{base.name}-{number}"), number + 1
+    return folder
+
+
+def _check_same(folder: Path, config: TrainRunConfig) -> None:
+    """Refuses to continue a run as another one."""
+    before, now = identity(read_config(folder)), identity(config)
+    changed = [key for key in now if key not in _EXTENDABLE and before.get(key) != now[key]]
+    if changed:
+        what = "; ".join(f"{key}={now[key]}, it has {before.get(key)}" for key in changed)
+        raise ConfigError(
+            f"The run '{folder}' was started with another configuration: you gave {what}. "
+            "Leave these keys out to continue it, or leave out run= to start a new run."
+        )
+
+
+def _write_config(path: Path, config: TrainRunConfig) -> None:
+    import yaml
+
+    write_bytes(path, yaml.safe_dump(to_values(config), sort_keys=False).encode())
+
+
+def _lock(folder: Path) -> int:
+    """Takes the run's lock, which the system releases when the process ends however it ends."""
+    folder.mkdir(parents=True, exist_ok=True)
+    descriptor = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(descriptor)
+        raise ConfigError(
+            f"Another process is working on the run '{folder}'. Wait for it to end, or start a run beside "
+            "it with resume=false."
+        ) from error
+    return descriptor

@@ -1,0 +1,99 @@
+"""The tasks as ``roboverse list`` shows them: from registry lines and JSON files, nothing is imported."""
+
+import json
+import textwrap
+from pathlib import Path
+
+from envs.core.registry import Entry
+from envs.experts.record import read_records
+from envs.tasks import TASKS
+
+WIDTH = 110
+HEADINGS = ("task", "source", "robot", "steps", "expert", "demos", "what to do")
+_RIGHT = (3, 5)
+"""Columns of numbers."""
+
+
+def tasks_in_short() -> str:
+    """Returns names and summaries, a family of tasks in one paragraph."""
+    alone, families = _grouped()
+    width = max(len(entry.name) for entry in alone)
+    lines = [f"  {entry.name:<{width}}  {entry.summary}" for entry in alone]
+    for name, members in families.items():
+        lines += [f"  {name}, {len(members)} tasks:", _names(members)]
+    return "\n".join(lines)
+
+
+def tasks_in_detail(datasets_dir: Path) -> str:
+    """Returns a table of tasks: source, robot, horizon, the expert's success, demonstrations at hand.
+
+    Args:
+        datasets_dir: The folder of datasets; those of a task lie in a folder of its name.
+    """
+    experts = read_records()
+    alone, families = _grouped()
+    rows: list[tuple[str, ...]] = [HEADINGS]
+    for entry in alone:
+        unmeasured = "none" if "rl" in entry.tags else "-"
+        expert = str(experts[entry.name]) if entry.name in experts else unmeasured
+        facts = entry.info
+        demos = str(count_demos(datasets_dir, entry.name))
+        rows.append(
+            (entry.name, facts["source"], facts["robot"], facts["horizon"], expert, demos, entry.summary)
+        )
+    widths = [max(len(row[column]) for row in rows) for column in range(len(HEADINGS) - 1)]
+    lines = []
+    for row in rows:
+        cells = [
+            text.rjust(width) if column in _RIGHT else text.ljust(width)
+            for column, (text, width) in enumerate(zip(row[:-1], widths, strict=True))
+        ]
+        lines.append("  " + "  ".join([*cells, row[-1]]))
+    for name, members in families.items():
+        facts = members[0].info
+        rates = [
+            split.success_rate
+            for entry in members
+            if entry.name in experts
+            for split in experts[entry.name].splits.values()
+        ]
+        measured = sum(entry.name in experts for entry in members)
+        expert = f"{100 * min(rates):.1f} to {100 * max(rates):.1f} %" if rates else "-"
+        demos = sum(count_demos(datasets_dir, entry.name) for entry in members)
+        lines += [
+            f"  {name}, {len(members)} tasks ({facts['source']}, {facts['robot']}, {facts['horizon']} steps; "
+            f"expert {expert}, {measured} measured; {demos} demos):",
+            _names(members),
+        ]
+    return "\n".join(lines)
+
+
+def count_demos(datasets_dir: Path, task: str) -> int:
+    """Returns how many demonstrations of a task lie in its datasets, of every level together."""
+    return sum(_episodes(info) for info in (datasets_dir / task).glob("*/meta/info.json"))
+
+
+def _episodes(info: Path) -> int:
+    try:
+        count = json.loads(info.read_text(encoding="utf-8"))["total_episodes"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return 0  # a dataset that is broken is told of where it is read
+    return count if isinstance(count, int) else 0
+
+
+def _grouped() -> tuple[list[Entry], dict[str, list[Entry]]]:
+    families: dict[str, list[Entry]] = {}
+    for entry in map(TASKS.entry, TASKS):
+        families.setdefault(entry.info.get("family", ""), []).append(entry)
+    return families.pop("", []), families
+
+
+def _names(members: list[Entry]) -> str:
+    return textwrap.fill(
+        "  ".join(entry.name for entry in members),
+        WIDTH,
+        initial_indent="    ",
+        subsequent_indent="    ",
+        break_on_hyphens=False,
+        break_long_words=False,
+    )

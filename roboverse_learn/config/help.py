@@ -1,0 +1,212 @@
+"""What ``--help`` and ``roboverse list`` say, from names, dataclasses and docstrings alone."""
+
+import importlib
+import inspect
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import is_dataclass
+from pathlib import Path
+from typing import Any
+
+import policies
+from envs.core.errors import unknown_name
+from roboverse_learn.config.compose import preset_names
+from roboverse_learn.config.keys import flat_keys
+from roboverse_learn.config.scenario_overrides import SECTION, scenario_keys
+from roboverse_learn.config.serialize import COMMANDS, default_values, policy_config
+
+SUMMARIES = {
+    "train": "collect what is missing, train, evaluate over the levels, write the leaderboard",
+    "collect": "collect demonstrations of the expert into a LeRobot dataset",
+    "sweep": "train once for every combination of several values, over the GPUs of this machine",
+    "evaluate": "evaluate a checkpoint over levels and splits",
+    "replay": "replay recorded states and controls in another simulator, and say how far apart they are",
+    "conservation": "measure what each simulator keeps of momentum, angular momentum and kinetic energy",
+    "leaderboard": "write tables, plots and the page from the result files",
+    "convert": "write a robot as URDF or USD, its meshes beside it",
+    "benchmark": "measure the speed of the parts, each against its reference",
+    "list": "list tasks with all facts, policies, simulators, renderers, robots and presets",
+}
+
+EXAMPLES = {
+    "train": (
+        "roboverse train policy=act task=PickCube preset=quick",
+        "roboverse train policy=diffusion task=PickCube train.steps=50000 num_demos=500",
+        "roboverse train run=runs/PickCube/act/<run>   (continues a run)",
+    ),
+    "collect": ("roboverse collect task=PickCube num_demos=200 level=0",),
+    "sweep": (
+        "roboverse sweep policy=act,diffusion task=PickCube,StackCube level=0,3 preset=gpu",
+        "roboverse sweep policy=act task=PickCube seed=range(3) num_demos=50,200,1000 dry_run=true",
+        "Any key of train may be given, with one value or with several.",
+    ),
+    "evaluate": (
+        "roboverse evaluate checkpoint=runs/PickCube/act/<run> levels=[0,1,2,3] episodes=100",
+        "roboverse evaluate checkpoint=… levels=[] alone=[camera,lighting] splits=[test]",
+    ),
+    "replay": ("roboverse replay dataset=datasets/PickCube/<name> simulator=mujoco_warp episodes=50",),
+    "conservation": ("roboverse conservation simulators=[mujoco,mujoco_warp]",),
+    "leaderboard": ("roboverse leaderboard results_dir=results",),
+    "convert": (
+        "roboverse convert robot=franka to=usd out=franka_usd",
+        "roboverse convert robot=robot.xml to=urdf",
+    ),
+}
+
+
+def overview() -> str:
+    """Returns the text of ``roboverse --help``."""
+    commands = "\n".join(f"  {name:<12} {summary}" for name, summary in SUMMARIES.items())
+    return (
+        "RoboVerse Learn: demonstrations, policies, and a benchmark of four generalization levels.\n\n"
+        "Usage: roboverse <command> [key=value ...]\n\n"
+        f"Commands:\n{commands}\n\n"
+        f"{listing()}\n\n"
+        "Main keys of train, with their defaults:\n"
+        f"{_rows(_key_rows('train', ('policy.', 'train.')))}\n\n"
+        "A key may be shortened to its last part where that is unambiguous. Every key of a command and of\n"
+        "its policy: roboverse <command> --help [policy=<name>]\n\n"
+        "Start with: roboverse train policy=act task=PickCube preset=quick"
+    )
+
+
+def command_help(command: str, policy: str = "act") -> str:
+    """Returns the text of ``roboverse <command> --help``.
+
+    Args:
+        command: A command that takes keys.
+        policy: The policy whose keys are listed.
+    """
+    examples = "\n".join(f"  {line}" for line in EXAMPLES[command])
+    parts = [
+        f"roboverse {command}: {SUMMARIES[command]}.",
+        f"Usage: roboverse {command} [key=value ...]\n{examples}",
+    ]
+    if command not in ("leaderboard", "convert"):
+        parts.append(listing())
+    parts.append(f"Keys, with their defaults:\n{_rows(_key_rows(command, policy=policy))}")
+    return "\n\n".join(parts)
+
+
+def listing(datasets_dir: str | None = None, kinds: Sequence[str] = ()) -> str:
+    """Returns what has a name; with a folder of datasets, with all facts of the tasks.
+
+    Args:
+        datasets_dir: Where demonstrations are counted, or None for names and summaries alone.
+        kinds: Those of :data:`KINDS` that are wanted; empty is all.
+    """
+    return "\n".join(f"{kind.capitalize()}:\n{_named(kind, datasets_dir)}" for kind in kinds or KINDS)
+
+
+def list_command(words: Sequence[str]) -> str:
+    """Returns the text of ``roboverse list [kind ...] [datasets_dir=<folder>]``.
+
+    Raises:
+        UnknownNameError: if another kind or key is given.
+    """
+    folder, kinds = "datasets", []
+    for word in words:
+        key, is_setting, value = word.partition("=")
+        if is_setting and key != "datasets_dir":
+            raise unknown_name("key of list", key, ("datasets_dir",))
+        if is_setting:
+            folder = value or folder
+        elif word in KINDS:
+            kinds.append(word)
+        else:
+            raise unknown_name("kind of thing to list", word, KINDS)
+    return listing(folder, kinds)
+
+
+KINDS = ("tasks", "policies", "simulators", "renderers", "robots", "presets")
+"""What ``roboverse list`` shows, in this order."""
+
+
+def _named(kind: str, datasets_dir: str | None) -> str:
+    """Returns the lines of one kind, without its heading."""
+    if kind == "tasks":
+        tasks = importlib.import_module("roboverse_learn.commands.task_list")
+        return tasks.tasks_in_short() if datasets_dir is None else tasks.tasks_in_detail(Path(datasets_dir))
+    if kind == "policies":
+        return _rows([(name, policies.summary(name)) for name in policies.names()])
+    if kind == "presets":
+        return _rows([(name, PRESETS.get(name, "")) for name in preset_names()])
+    handlers = importlib.import_module("envs.simulators")
+    registries = {
+        "simulators": handlers.HANDLERS,
+        "renderers": handlers.RENDERERS,
+        "robots": importlib.import_module("envs.robots").ROBOTS,
+    }
+    return _rows([(name, registries[kind].entry(name).summary) for name in registries[kind]])
+
+
+PRESETS = {
+    "full": "the full size, for a GPU (default)",
+    "gpu": "one cell of the leaderboard in about ten minutes of one data-centre GPU",
+    "locomotion": "the full size, with PPO's horizon and noise for robots on legs",
+    "quick": "the whole loop on two CPU cores in about a quarter of an hour",
+}
+
+
+def _key_rows(command: str, skip: tuple[str, ...] = (), policy: str = "act") -> list[tuple[str, str]]:
+    """Rows ``key=default`` and what the docstring of its dataclass says of it."""
+    values = default_values(command, policy)
+    about = dict(_attributes(COMMANDS[command], values, policy))
+    rows = []
+    for key in flat_keys(values):
+        if key == "policy_name":
+            rows.append((f"policy={values[key]}", "Policy: " + ", ".join(policies.names()) + "."))
+        elif not key.startswith(skip or ("\0",)):
+            value = values
+            for part in key.split("."):
+                value = value[part]
+            rows.append((f"{key}={_shown(value)}", about.get(key, "")))
+            rows += _scene_rows() if key == SECTION and not skip else []
+    return rows
+
+
+_LEFT_TO_THE_CODE = ("robots", "objects", "appearance.cameras", "appearance.furniture")
+"""Parts of a scene whose every key would fill pages."""
+
+
+def _scene_rows() -> list[tuple[str, str]]:
+    """Rows of what can be changed of a scene; what it is by default, the task says."""
+    rows = []
+    for key, (cls, field) in scenario_keys().items():
+        if not key.startswith(tuple(f"{SECTION}.{part}." for part in _LEFT_TO_THE_CODE)):
+            rows.append((f"{key}=", dict(_documented(cls)).get(field, "")))
+    rows += [
+        (f"{SECTION}.{part}.<name>.*=", "Every field, as in envs/scenario.") for part in _LEFT_TO_THE_CODE
+    ]
+    return rows
+
+
+def _attributes(cls: type, values: Any, policy: str, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yields each dotted key with its line of the ``Attributes`` section."""
+    yield from ((prefix + name, text) for name, text in _documented(cls))
+    for name, field in getattr(cls, "__dataclass_fields__", {}).items():
+        nested = policy_config(policy) if name == "policy" else field.type
+        if is_dataclass(nested) and isinstance(nested, type):
+            yield from _attributes(nested, values, policy, f"{prefix}{name}.")
+
+
+def _documented(cls: type) -> Iterator[tuple[str, str]]:
+    """Yields each attribute of a dataclass, and of its bases, with what its docstring says."""
+    for base in reversed(cls.__mro__):
+        docstring = inspect.cleandoc(base.__doc__ or "")
+        for name, text in re.findall(r"^    (\w+): (.+(?:\n {8,}.+)*)", docstring, re.MULTILINE):
+            yield name, " ".join(text.replace("``", "").split())
+
+
+def _shown(value: Any) -> str:
+    """A value as one would type it."""
+    if isinstance(value, list):
+        return "[" + ",".join(_shown(item) for item in value) + "]"
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    return str(value)
+
+
+def _rows(rows: list[tuple[str, str]]) -> str:
+    width = min(44, max((len(left) for left, _ in rows), default=0))
+    return "\n".join(f"  {left:<{width}}  {right}".rstrip() for left, right in rows)

@@ -1,0 +1,104 @@
+"""The keys ``scenario.*`` of the command line: what is changed of a task's scene."""
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+from benchmark.protocol import digest
+from envs.core.errors import ConfigError
+
+SECTION = "scenario"
+
+_PIXELS = ("width", "height")
+
+
+@cache
+def scenario_keys() -> dict[str, tuple[type, str]]:
+    """Returns the dotted keys of a scene that any task may have, each with its dataclass and its field.
+
+    What stands in a row, such as a camera, has ``<name>`` or ``<number>`` in its place. Names and sizes of
+    pictures have keys of their own, ``cameras=`` and ``image_size=``.
+    """
+    from envs.scenario import CameraCfg, ScenarioCfg
+    from envs.scenario.changes import keys_of
+
+    keys = {key: (cls, name) for key, cls, name in keys_of(ScenarioCfg, SECTION)}
+    return {
+        key: (cls, name) for key, (cls, name) in keys.items() if cls is not CameraCfg or name not in _PIXELS
+    }
+
+
+def typed_keys() -> list[str]:
+    """Returns those of :func:`scenario_keys` that can be typed as they are, for no name stands in them."""
+    return [key for key in scenario_keys() if "<" not in key]
+
+
+def in_full(key: str) -> str | None:
+    """Returns ``scenario.cameras.front.pos`` for ``cameras.front.pos``; None for no key of a scene."""
+    section = key.partition(".")[0]
+    tops = {known.split(".")[1] for known in scenario_keys()}
+    return key if section == SECTION else f"{SECTION}.{key}" if section in tops else None
+
+
+def checked_scenario(
+    task: str, task_kwargs: Mapping[str, Any], *changes: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Checks what is to be changed of a task's scene, without starting a simulator.
+
+    Args:
+        task: Registered task.
+        task_kwargs: Its options.
+        changes: What is changed, one after the other.
+
+    Returns:
+        How the scene then differs from the task's own: nothing, where all is set to what it is.
+
+    Raises:
+        ConfigError: if a value is none that its key may have.
+        UnknownNameError: if the scene has no such key.
+    """
+    if not any(changes):
+        return {}
+    from envs.scenario.changes import changed, difference
+    from envs.tasks.make import make_task
+
+    own = scene = make_task(task, task_kwargs).scenario
+    for each in changes:
+        _check_pixels(each.get("cameras"))
+        scene = changed(scene, each)
+    differs = difference(own, scene)
+    make_task(task, task_kwargs, differs)  # its controllers and its expert know the scene
+    return differs
+
+
+def _check_pixels(cameras: Any) -> None:
+    for name, camera in cameras.items() if isinstance(cameras, Mapping) else ():
+        for key in _PIXELS:
+            if isinstance(camera, Mapping) and key in camera:
+                raise ConfigError(
+                    f"{SECTION}.cameras.{name}.{key}={camera[key]} was given; height and width of every "
+                    "picture are image_size=<pixels>."
+                )
+
+
+def control_hz(task: str, task_kwargs: Mapping[str, Any], changes: Mapping[str, Any]) -> float:
+    """Returns the control steps per second of a task whose scene is changed."""
+    from envs.tasks.make import make_task
+
+    return make_task(task, task_kwargs, changes).scenario.physics.control_hz
+
+
+def learned_hz(trained: Any, task: str) -> float:
+    """Returns the control steps per second at which a run learned a task.
+
+    Args:
+        trained: Configuration of the run.
+        task: One of its tasks; of another one, it is those of the task that the run names first.
+    """
+    name = task if task in trained.tasks else trained.task
+    return control_hz(name, trained.task_kwargs, trained.scenario)
+
+
+def scenario_name(changes: Mapping[str, Any]) -> str:
+    """Returns what stands for changes of a scene in the name of a folder or a file."""
+    return f"{SECTION}-{digest(changes)}"

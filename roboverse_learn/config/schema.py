@@ -1,0 +1,386 @@
+"""What every command can be told: frozen dataclasses, whose field names are the keys of the command line.
+
+Values come from here, then from the YAML deltas in ``configs/``, then from the command line. This
+module is data only; :mod:`roboverse_learn.config.compose` reads words and files.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from benchmark.protocol import LEVELS, SPLITS
+from envs.core.errors import ConfigError, unknown_name
+from envs.randomization.splits import load_split
+from policies.base import listed
+from roboverse_learn.training.config import TrainConfig
+
+Channel = Literal["environment", "camera", "lighting"]
+Split = Literal["train", "test"]
+Replay = Literal["states", "controls"]
+
+SOURCES = ("expert", "policy", "maniskill", "robosuite", "roboverse")
+"""The task's expert, what learned by reward, and the formats of :mod:`roboverse_learn.data.importers`."""
+
+
+def _positive(**values: float) -> None:
+    """Checks that every value is above zero."""
+    for key, value in values.items():
+        if value <= 0:
+            raise ConfigError(f"{key} must be above 0, given {value}.")
+
+
+def _not_negative(**values: float) -> None:
+    """Checks that every value is 0 or more."""
+    for key, value in values.items():
+        if value < 0:
+            raise ConfigError(f"{key} must be 0 or more, given {value}.")
+
+
+def _within_split(split: str, **counts: int) -> None:
+    """Checks that a split has as many episodes as are asked for."""
+    size = len(load_split(split).episodes)
+    for key, count in counts.items():
+        if count > size:
+            raise ConfigError(
+                f"{key} must be at most {size:,}, the {split} split's episodes, given {count:,}."
+            )
+
+
+def _levels(*levels: int) -> None:
+    """Checks that every level exists."""
+    for level in levels:
+        if level not in LEVELS:
+            raise ConfigError(f"Unknown level {level}. Valid: {', '.join(map(str, LEVELS))}.")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DemonstrationConfig:
+    """How demonstrations are collected.
+
+    Attributes:
+        num_demos: Successful episodes in the dataset.
+        num_workers: Processes that collect side by side; 0 takes one per CPU core, or a single one where
+            the simulator steps all environments at once.
+        num_envs: Environments that each process steps at once.
+    """
+
+    num_demos: int = 1000
+    num_workers: int = 0
+    num_envs: int = 8
+
+    def __post_init__(self) -> None:
+        _positive(num_demos=self.num_demos, num_envs=self.num_envs)
+        _not_negative(num_workers=self.num_workers)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class EvaluationConfig:
+    """What a checkpoint is evaluated on.
+
+    Attributes:
+        levels: Levels to evaluate.
+        alone: Channels that are also varied alone, which tells which of them costs what.
+        splits: Splits to evaluate; the test split is the headline.
+        episodes: Episodes of each cell, that is of each level and split.
+        protocol_seed: Root of the episodes' randomness.
+        num_envs: Environments that step at once; on a CPU no result depends on it.
+        videos: Videos of successes, and as many of failures, kept of each level.
+        materials: Folder of pictures in place of the built-in materials; with a plus before it, as in
+            materials=+pictures, beside them. 10 % of its pictures are of the test split.
+    """
+
+    levels: tuple[int, ...] = LEVELS
+    alone: tuple[Channel, ...] = ()
+    splits: tuple[Split, ...] = SPLITS
+    episodes: int = 100
+    protocol_seed: int = 0
+    num_envs: int = 10
+    videos: int = 1
+    materials: str = ""
+
+    def __post_init__(self) -> None:
+        _levels(*self.levels)
+        _positive(episodes=self.episodes, num_envs=self.num_envs)
+        if not self.splits or not (self.levels or self.alone):
+            raise ConfigError("evaluate needs a split and a level, as in splits=[test] levels=[0,1,2,3].")
+        _not_negative(videos=self.videos, protocol_seed=self.protocol_seed)
+        for split in self.splits:
+            _within_split(split, episodes=self.episodes)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SceneKeys:
+    """The keys that every command with a simulator has.
+
+    Attributes:
+        task: Registered task.
+        task_kwargs: Options of the task, such as task_kwargs.variant=lift of PickCube.
+        preset: Named set of values from ``configs/preset``.
+        simulator: Registered simulator.
+        simulator_settings: Settings of the simulator that replace the scene's, such as
+            simulator_settings.njmax=768 of mujoco_warp.
+        renderer: Registered renderer, or another simulator that draws the pictures.
+        cameras: Cameras that are observed, as in cameras=[front,wrist]; empty takes the task's first.
+        image_size: Height and width of every picture, pixels.
+        scenario: What is changed of the task's scene, as in scenario.physics.decimation=50,
+            scenario.cameras.front.fovy_deg=30 or scenario.lighting.array_shape=[3,4].
+        level: Level of the demonstrations, hence of training.
+        only: One channel to vary alone in the demonstrations, in place of the level.
+        materials: Folder of pictures that replace the built-in materials in the demonstrations; with a plus
+            before it, as in materials=+pictures, they are added to them.
+        datasets_dir: Folder of datasets.
+    """
+
+    task: str = "PickCube"
+    task_kwargs: dict[str, Any] = field(default_factory=dict)
+    preset: str = "full"
+    simulator: str = "mujoco"
+    simulator_settings: dict[str, Any] = field(default_factory=dict)
+    renderer: str = "warp"
+    cameras: tuple[str, ...] = ()
+    image_size: int = 256
+    scenario: dict[str, Any] = field(default_factory=dict)
+    level: int = 0
+    only: Channel | None = None
+    materials: str = ""
+    datasets_dir: str = "datasets"
+
+    def __post_init__(self) -> None:
+        _levels(self.level)
+        if not 16 <= self.image_size <= 2048:
+            raise ConfigError(f"image_size must be 16 to 2048 pixels, given {self.image_size}.")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CollectConfig(SceneKeys):
+    """``roboverse collect``: demonstrations of the expert, a policy or a file into a LeRobot dataset.
+
+    Attributes:
+        source: Where demonstrations come from: the task's expert, the policy of ``checkpoint``, which learned
+            the task by reward, or files of this format in ``path``.
+        checkpoint: Folder of that policy, or of its run.
+        path: File of demonstrations, or a folder of them; of files, num_demos is the most that is taken.
+        replay: How a file's demonstrations become ours: by recorded states, or by controls in our physics.
+        dataset: Folder of the dataset; empty for one named after the configuration.
+        collect: How demonstrations are collected.
+    """
+
+    source: str = "expert"
+    checkpoint: str = ""
+    path: str = ""
+    replay: Replay = "states"
+    dataset: str = ""
+    collect: DemonstrationConfig = field(default_factory=DemonstrationConfig)
+
+    def __post_init__(self) -> None:
+        # Not super(): a dataclass with slots is another class than the one that super() would look at.
+        SceneKeys.__post_init__(self)
+        if self.source not in SOURCES:
+            raise unknown_name("source of demonstrations", self.source, SOURCES)
+        if self.source in ("expert", "policy") and self.path:
+            raise ConfigError(
+                f"path={self.path} was given, and source={self.source} reads no file. Name its format, as in "
+                "source=maniskill."
+            )
+        if self.source not in ("expert", "policy") and not self.path:
+            raise ConfigError(f"source={self.source} needs path=<file or folder>.")
+        if self.source == "policy" and not self.checkpoint:
+            raise ConfigError(
+                "source=policy needs checkpoint=<folder>: that of a run of a policy that learned by reward, "
+                "as in checkpoint=runs/PickCube/ppo/<run>."
+            )
+        if self.source != "policy" and self.checkpoint:
+            raise ConfigError(
+                f"checkpoint={self.checkpoint} was given, and source={self.source} asks no policy. Add "
+                "source=policy."
+            )
+        if self.source in ("expert", "policy"):  # of files, num_demos is only the most that is taken
+            _within_split("train", num_demos=self.collect.num_demos)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TrainRunConfig(CollectConfig):
+    """``roboverse train``: collect what is missing, train, evaluate, write the leaderboard.
+
+    Attributes:
+        policy: Configuration of the policy chosen by ``policy=<name>``.
+        policy_name: Registered name of that policy.
+        seed: Root of all randomness of training.
+        device: ``auto``, ``cpu``, ``cuda``.
+        run: Folder of a run to continue, or of a new one; empty for one named after the configuration.
+        resume: Continue the run of the same configuration; false starts a new one beside it.
+        slow_ok: Start even when the run would take very long on this machine.
+        runs_dir: Folder of runs.
+        results_dir: Folder of results and of the leaderboard.
+        train: Optimization.
+        evaluate: What the checkpoint is evaluated on afterwards.
+    """
+
+    policy: Any = None
+    policy_name: str = "act"
+    seed: int = 0
+    device: str = "auto"
+    run: str = ""
+    resume: bool = True
+    slow_ok: bool = False
+    runs_dir: str = "runs"
+    results_dir: str = "results"
+    train: TrainConfig = field(default_factory=TrainConfig)
+    evaluate: EvaluationConfig = field(default_factory=EvaluationConfig)
+
+    def __post_init__(self) -> None:
+        CollectConfig.__post_init__(self)
+        twice = next((task for task in self.tasks if self.tasks.count(task) > 1), None)
+        if twice is not None:
+            raise ConfigError(
+                f"'{twice}' is learned twice: task={self.task}, and policy.tasks={listed(self.tasks[1:])}. "
+                "Name every task once."
+            )
+        changed = [key for key in ("task_kwargs", "scenario") if getattr(self, key)]
+        if len(self.tasks) > 1 and changed:
+            raise ConfigError(
+                f"{' and '.join(f'{key}.*' for key in changed)} change one task, and {len(self.tasks)} are "
+                "learned together, each as it is. Leave them out, or leave out policy.tasks."
+            )
+
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """Every task that is learned: ``task``, and those that the policy learns together with it."""
+        return (self.task, *getattr(self.policy, "tasks", ()))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SweepConfig:
+    """``roboverse sweep``: a run of ``train`` for every combination of the values that its keys are given.
+
+    Attributes:
+        jobs_per_gpu: Runs that share a GPU; on a machine without one, runs at the same time.
+        dry_run: Print the commands instead of running them.
+    """
+
+    jobs_per_gpu: int = 1
+    dry_run: bool = False
+
+    def __post_init__(self) -> None:
+        _positive(jobs_per_gpu=self.jobs_per_gpu)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class EvaluateConfig:
+    """``roboverse evaluate``: one checkpoint over levels and splits.
+
+    Attributes:
+        checkpoint: Checkpoint folder, or the folder of a run.
+        task: Registered task; empty for the one that the checkpoint was trained on.
+        task_kwargs: Options of the task; empty for those that the checkpoint was trained on.
+        preset: Named set of values from ``configs/preset``.
+        simulator: Registered simulator; empty for that of the demonstrations.
+        simulator_settings: Settings of the simulator that replace the scene's; empty for those of the
+            demonstrations, where it is the same simulator.
+        renderer: Registered renderer or simulator that draws; empty for that of the demonstrations.
+        cameras: Cameras that are observed; empty for those of the demonstrations.
+        image_size: Height and width of every picture, pixels; 0 for that of the demonstrations.
+        scenario: What is changed of the task's scene, beside what was changed for the demonstrations.
+        device: ``auto``, ``cpu``, ``cuda``.
+        results_dir: Folder of results and of the leaderboard.
+        evaluate: What the checkpoint is evaluated on.
+    """
+
+    checkpoint: str = ""
+    task: str = ""
+    task_kwargs: dict[str, Any] = field(default_factory=dict)
+    preset: str = "full"
+    simulator: str = ""
+    simulator_settings: dict[str, Any] = field(default_factory=dict)
+    renderer: str = ""
+    cameras: tuple[str, ...] = ()
+    image_size: int = 0
+    scenario: dict[str, Any] = field(default_factory=dict)
+    device: str = "auto"
+    results_dir: str = "results"
+    evaluate: EvaluationConfig = field(default_factory=EvaluationConfig)
+
+    def __post_init__(self) -> None:
+        if not self.checkpoint:
+            raise ConfigError(
+                "evaluate needs checkpoint=<folder>: the folder of a run, or a LeRobot checkpoint inside it, "
+                "as in checkpoint=runs/PickCube/act/<run>."
+            )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ConvertConfig:
+    """``roboverse convert``: a robot's MJCF as URDF or USD, or its URDF as MJCF.
+
+    Attributes:
+        robot: Registered robot, file, or asset such as robosuite:models/assets/robots/ur5e/robot.xml.
+        to: Format: urdf, usd (needs usd-core), or mjcf for a robot whose file is URDF.
+        root: Body of the file that is the robot, where the file holds several; empty for all of it.
+        simplify: Merge and simplify the visual meshes of a registered robot.
+        out: Folder to write to; empty for the cache, whose folder is named after the content.
+    """
+
+    robot: str = "franka"
+    to: str = "urdf"
+    root: str = ""
+    simplify: bool = False
+    out: str = ""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ReplayConfig:
+    """``roboverse replay``: recorded episodes in another simulator, by their states and by their controls.
+
+    Attributes:
+        dataset: Folder of a dataset that was collected here.
+        simulator: Registered simulator that replays.
+        by: How: states sets every recorded moment, controls lets physics decide.
+        episodes: Episodes of the dataset, from the first on; 0 takes all.
+        num_envs: Environments that step at once.
+        note: What the page says of the result, such as why few controls succeed.
+        out: Folder of the summaries, plots and the page.
+    """
+
+    dataset: str = ""
+    simulator: str = "mujoco"
+    by: tuple[Replay, ...] = ("states", "controls")
+    episodes: int = 0
+    num_envs: int = 10
+    note: str = ""
+    out: str = "docs/parity"
+
+    def __post_init__(self) -> None:
+        if not self.dataset:
+            raise ConfigError("replay needs dataset=<folder>, as in dataset=datasets/PickCube/<name>.")
+        if not self.by:
+            raise ConfigError("replay needs a way, as in by=[states,controls].")
+        _positive(num_envs=self.num_envs)
+        _not_negative(episodes=self.episodes)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ConservationConfig:
+    """``roboverse conservation``: what each simulator keeps of momentum and energy.
+
+    Attributes:
+        simulators: Registered simulators, as in simulators=[mujoco]; empty takes all that are installed.
+        timestep_s: Time step of physics.
+        out: Folder of the results, plots and the page.
+    """
+
+    simulators: tuple[str, ...] = ()
+    timestep_s: float = 0.005
+    out: str = "docs/conservation"
+
+    def __post_init__(self) -> None:
+        _positive(timestep_s=self.timestep_s)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LeaderboardConfig:
+    """``roboverse leaderboard``: tables, plots and page from the result files alone.
+
+    Attributes:
+        results_dir: Folder of results and of the leaderboard.
+    """
+
+    results_dir: str = "results"

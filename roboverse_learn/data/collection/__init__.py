@@ -1,0 +1,1 @@
+"""Parallel, crash-safe collection of demonstrations."""

@@ -1,0 +1,221 @@
+"""Collects demonstrations with several processes into one dataset that is whole at every moment.
+
+Workers (:mod:`roboverse_learn.data.collection.worker`) run the simulator, encode, and stage finished
+episodes; they ask this process for the next pool index over a pipe. This process alone commits, in the
+order of the candidates. So the dataset is the first ``num_episodes`` successes of the candidate list,
+whatever the number of workers, and a kill loses only episodes in flight: staged ones are committed when
+the same call runs again.
+"""
+
+import contextlib
+import os
+import selectors
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from envs.core.errors import DatasetError
+from roboverse_learn.data.collection.ordered_map import side_by_side
+from roboverse_learn.data.collection.pool import CollectionConfig, Worker
+from roboverse_learn.data.collection.schedule import Schedule
+from roboverse_learn.data.dataset.raw import dataset_hash
+from roboverse_learn.data.dataset.schema import EpisodeData
+from roboverse_learn.data.dataset.writer import DatasetWriter
+from roboverse_learn.data.sources.base import make_source, run_attempts, stage_attempt
+
+if TYPE_CHECKING:
+    from roboverse_learn.data.importers.verdicts import ImportSummary
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CollectionProgress:
+    """How far a collection is.
+
+    Attributes:
+        num_episodes: Successful episodes on disk, those of earlier runs included.
+        target: Successful episodes wanted.
+        num_attempts: Episodes tried, those of earlier runs included.
+        num_frames: Frames in the dataset.
+        frames_per_s: Frames added per second of this run.
+        remaining_s: Estimated time to the end; None before the first success of this run.
+    """
+
+    num_episodes: int
+    target: int
+    num_attempts: int
+    num_frames: int
+    frames_per_s: float
+    remaining_s: float | None
+
+    @property
+    def success_rate(self) -> float:
+        """Successful share of the attempts."""
+        return self.num_episodes / max(self.num_attempts, 1)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CollectionSummary:
+    """What a collection gave.
+
+    Attributes:
+        root: The dataset's folder.
+        num_episodes: Successful episodes in it.
+        num_frames: Their frames.
+        num_attempts: Pool episodes tried, in all runs.
+        success_rate: Successful share of the attempts.
+        wall_time_s: Duration of this run.
+        dataset_hash: :func:`~roboverse_learn.data.dataset.raw.dataset_hash`.
+        imported: What became of each demonstration, where they were imported.
+    """
+
+    root: str
+    num_episodes: int
+    num_frames: int
+    num_attempts: int
+    success_rate: float
+    wall_time_s: float
+    dataset_hash: str
+    imported: "ImportSummary | None" = None
+
+
+def collect(
+    config: CollectionConfig, on_progress: Callable[[CollectionProgress], None] | None = None
+) -> CollectionSummary:
+    """Collects until the dataset holds ``num_episodes`` successful episodes.
+
+    Killed at any moment, the same call continues; episodes that are in the dataset, and pool episodes
+    that failed, are not tried again. Runs that want the same dataset at once wait for the first of them.
+
+    Args:
+        config: What to collect.
+        on_progress: Called after every attempt.
+
+    Raises:
+        TooFewSuccessesError: The candidates do not give enough successes, or will not.
+        DatasetError: The disk is full, a worker died, or the dataset was begun with other settings.
+    """
+    start = time.monotonic()
+    settings = config.source_kwargs if config.settings is None else config.settings
+    with DatasetWriter(
+        config.root,
+        fps=config.fps,
+        features=config.features,
+        robot_type=config.robot_type,
+        encoder=config.encoder,
+        wait=True,
+    ) as writer:
+        schedule = Schedule(
+            writer,
+            config.candidates,
+            config.num_episodes,
+            settings,
+            fewer_ok=config.fewer_ok,
+            give_up_after=config.give_up_after,
+        )
+        report = _Reporter(writer, schedule, config.num_episodes, on_progress)
+        if not schedule.finished:
+            run = _run_here if config.num_workers == 1 else _run_workers
+            run(config, schedule, report)
+        num_frames = writer.num_frames
+        num_attempts = schedule.num_successes + schedule.num_failures
+        num_episodes = writer.num_episodes
+    return CollectionSummary(
+        root=str(config.root),
+        num_episodes=num_episodes,
+        num_frames=num_frames,
+        num_attempts=num_attempts,
+        success_rate=num_episodes / max(num_attempts, 1),
+        wall_time_s=time.monotonic() - start,
+        dataset_hash=dataset_hash(config.root),
+    )
+
+
+class _Reporter:
+    """Tells a caller how far the collection is."""
+
+    def __init__(
+        self,
+        writer: DatasetWriter,
+        schedule: Schedule,
+        target: int,
+        callback: Callable[[CollectionProgress], None] | None,
+    ) -> None:
+        self._writer, self._schedule, self._target, self._callback = writer, schedule, target, callback
+        self._start = time.monotonic()
+        self._first_frames, self._first_episodes = writer.num_frames, schedule.num_successes
+        self()
+
+    def __call__(self) -> None:
+        if self._callback is None:
+            return
+        elapsed = max(time.monotonic() - self._start, 1e-9)
+        done = self._schedule.num_successes
+        fresh = done - self._first_episodes
+        self._callback(
+            CollectionProgress(
+                num_episodes=done,
+                target=self._target,
+                num_attempts=done + self._schedule.num_failures,
+                num_frames=self._writer.num_frames,
+                frames_per_s=(self._writer.num_frames - self._first_frames) / elapsed,
+                remaining_s=elapsed / fresh * max(self._target - done, 0) if fresh else None,
+            )
+        )
+
+
+def _run_here(config: CollectionConfig, schedule: Schedule, report: Callable[[], None]) -> None:
+    """Collects in this process; what it has simulated, its threads encode."""
+    source = make_source(config.source, config.source_kwargs)
+
+    def stage(attempt: tuple[int, EpisodeData | None]) -> tuple[int, Path | None]:
+        index, episode = attempt
+        return index, stage_attempt(
+            Path(config.root),
+            index,
+            episode,
+            features=config.features,
+            fps=config.fps,
+            encoder=config.encoder,
+        )
+
+    with contextlib.closing(source):
+        while not schedule.finished:
+            attempts = run_attempts(source, iter(schedule.next_index, None))
+            for index, staged in side_by_side(stage, attempts, len(os.sched_getaffinity(0))):
+                schedule.resolve(index, staged)
+                report()
+
+
+def _run_workers(config: CollectionConfig, schedule: Schedule, report: Callable[[], None]) -> None:
+    """Collects with worker processes and commits what they stage."""
+    with contextlib.ExitStack() as stack, selectors.DefaultSelector() as selector:
+        workers = [stack.enter_context(Worker(config, number)) for number in range(config.num_workers)]
+        for worker in workers:
+            selector.register(worker.results, selectors.EVENT_READ, worker)
+        waiting: list[Worker] = []
+        while not schedule.finished:
+            for key, _ in selector.select():
+                for message in key.data.messages():
+                    _handle(message, key.data, schedule, waiting)
+                    if "done" in message:
+                        report()
+            while waiting and (index := schedule.next_index()) is not None:
+                waiting.pop().send(index=index)
+        for worker in workers:
+            worker.send(index=None)
+
+
+def _handle(message: dict[str, Any], worker: Worker, schedule: Schedule, waiting: list[Worker]) -> None:
+    """Answers one message of a worker."""
+    if "error" in message:
+        log = f" Its log is '{worker.log}'." if message.get("bug") else ""
+        raise DatasetError(f"{message['error']} (collection worker {worker.number}).{log}")
+    if message.get("want") == "wait":
+        waiting.append(worker)
+    elif message.get("want") == "now":
+        worker.send(index=schedule.next_index())
+    else:
+        index = message["done"]
+        schedule.resolve(index, worker.staged_directory(index) if message["success"] else None)

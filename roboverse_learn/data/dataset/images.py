@@ -1,0 +1,160 @@
+"""Decodes every image of a dataset once, into memory or into a memory-mapped file beside the dataset."""
+
+import hashlib
+import io
+import logging
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+
+from envs.core.atomic import TEMPORARY_SUFFIX, broken_file, disk_errors
+from envs.core.errors import DatasetError
+from roboverse_learn.data.dataset.info import DatasetInfo
+from roboverse_learn.data.dataset.tables import read_parquet
+from roboverse_learn.data.dataset.video import decode_video
+
+_LOG = logging.getLogger(__name__)
+CACHE_DIRECTORY = ".cache"
+
+
+def load_images(
+    info: DatasetInfo, keys: list[str], memory_fraction: float, num_threads: int
+) -> dict[str, np.ndarray]:
+    """Decodes image features.
+
+    Args:
+        info: The dataset.
+        keys: Image features.
+        memory_fraction: Share of the free memory that they may take; beyond it they are memory-mapped.
+        num_threads: Files decoded side by side.
+
+    Returns:
+        uint8 (num_frames, C, H, W) by key.
+
+    Raises:
+        DatasetError: A video is absent, truncated or damaged, or the disk is full.
+    """
+    shapes = {key: _resident_shape(info, key) for key in keys}
+    in_memory = sum(int(np.prod(shape)) for shape in shapes.values()) <= memory_fraction * free_memory_bytes()
+    images = {}
+    for key, shape in shapes.items():
+        if in_memory:
+            images[key] = np.empty(shape, dtype=np.uint8)
+            _decode(info, key, images[key], num_threads)
+        else:
+            images[key] = _mapped(info, key, shape, num_threads)
+    return images
+
+
+def _resident_shape(info: DatasetInfo, key: str) -> tuple[int, int, int, int]:
+    """Returns (N, C, H, W) of an image feature."""
+    feature = info.features[key]
+    details = feature.get("info") or {}
+    if details.get("is_depth_map") or details.get("video.is_depth_map"):
+        raise DatasetError(f"'{key}' is a depth map, which is not 8-bit RGB. Leave it out of `keys`.")
+    height, width, channels = feature["shape"]
+    if feature["dtype"] == "image" and (feature.get("names") or [""])[0] in ("channel", "channels"):
+        channels, height, width = feature["shape"]
+    return info.num_frames, channels, height, width
+
+
+def _decode(info: DatasetInfo, key: str, out: np.ndarray, num_threads: int) -> None:
+    """Fills ``out`` (N, C, H, W) with the frames of a feature."""
+    if info.features[key]["dtype"] == "image":
+        _decode_pictures(info, key, out)
+        return
+    jobs = list(_video_jobs(info, key))
+    per_video = 1 if len(jobs) >= num_threads else 0
+    with ThreadPoolExecutor(num_threads) as pool:
+        futures = [pool.submit(decode_video, path, times, rows, out, per_video) for path, times, rows in jobs]
+        try:
+            for future in futures:
+                future.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _video_jobs(info: DatasetInfo, key: str) -> Iterator[tuple[Path, np.ndarray, np.ndarray]]:
+    """Yields each video with the times wanted from it and the frames they are."""
+    by_file: dict[Path, list[int]] = {}
+    for episode in range(info.num_episodes):
+        by_file.setdefault(info.video_file(episode, key), []).append(episode)
+    for path, episodes in by_file.items():
+        times, rows = [], []
+        for episode in episodes:
+            start, end = info.episode_starts[episode], info.episode_ends[episode]
+            frames = np.arange(end - start)
+            times.append(info.episodes[episode][f"videos/{key}/from_timestamp"] + frames / info.fps)
+            rows.append(start + frames)
+        yield path, np.concatenate(times), np.concatenate(rows)
+
+
+def _decode_pictures(info: DatasetInfo, key: str, out: np.ndarray) -> None:
+    """Decodes a feature stored as picture files inside parquet."""
+    from PIL import Image, UnidentifiedImageError
+
+    row = 0
+    for path in info.data_files():
+        for picture in read_parquet(path, [key])[key].to_pylist()[: len(out) - row]:
+            try:
+                image = Image.open(io.BytesIO(picture["bytes"])).convert("RGB")
+            except (UnidentifiedImageError, OSError, TypeError) as error:
+                raise broken_file(path, f"the picture of frame {row} cannot be decoded") from error
+            out[row] = np.asarray(image).transpose(2, 0, 1)
+            row += 1
+    if row < len(out):
+        raise broken_file(info.root / "data", f"'{key}' has {row} of {len(out)} pictures")
+
+
+def _mapped(info: DatasetInfo, key: str, shape: tuple[int, ...], num_threads: int) -> np.ndarray:
+    """Returns a memory-mapped array of a feature's frames, decoding them the first time."""
+    folder = info.root / CACHE_DIRECTORY
+    path = folder / f"{key}.{_fingerprint(info, key)}.npy"
+    if not path.exists():
+        _LOG.info("Decoding '%s' to %s (%.1f GB).", key, path, np.prod(shape) / 1e9)
+        partial = path.with_name(f".{path.name}.{os.getpid()}{TEMPORARY_SUFFIX}")
+        with disk_errors(path):
+            folder.mkdir(exist_ok=True)
+            for stale in folder.glob(f"{key}.*.npy"):
+                stale.unlink()
+            try:
+                out = np.lib.format.open_memmap(partial, mode="w+", dtype=np.uint8, shape=shape)
+                # Take the blocks now: a full disk is an error here and a crash in a mapped write.
+                with open(partial, "r+b") as file:
+                    os.posix_fallocate(file.fileno(), 0, partial.stat().st_size)
+                _decode(info, key, out, num_threads)
+                out.flush()
+                os.replace(partial, path)
+            finally:
+                partial.unlink(missing_ok=True)
+    # Copy-on-write, because torch wants writable memory.
+    return np.lib.format.open_memmap(path, mode="c")
+
+
+def _fingerprint(info: DatasetInfo, key: str) -> str:
+    """Returns a short hash that changes when a feature's frames may have changed."""
+    digest = hashlib.sha256(repr((info.num_frames, info.features[key]["shape"])).encode())
+    files = info.data_files() if info.features[key]["dtype"] == "image" else None
+    for path in dict.fromkeys(files or (info.video_file(e, key) for e in range(info.num_episodes))):
+        try:
+            status = path.stat()
+        except FileNotFoundError as error:
+            raise DatasetError(f"'{path}' is missing. Restore it from a copy, or collect again.") from error
+        digest.update(f"{path.name}:{status.st_size}:{status.st_mtime_ns}".encode())
+    return digest.hexdigest()[:16]
+
+
+def free_memory_bytes() -> int:
+    """Returns the memory that can still be used, within the container's limit if there is one."""
+    free = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_AVPHYS_PAGES")
+    meminfo = Path("/proc/meminfo")
+    if meminfo.exists():
+        fields = dict(line.split(":", 1) for line in meminfo.read_text().splitlines() if ":" in line)
+        free = int(fields["MemAvailable"].split()[0]) * 1024 if "MemAvailable" in fields else free
+    limit, used = Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory.current")
+    if limit.exists() and used.exists() and (text := limit.read_text().strip()) != "max":
+        free = min(free, int(text) - int(used.read_text()))
+    return max(free, 0)

@@ -1,0 +1,86 @@
+"""An episode's raw simulator states, and the fingerprint of a whole dataset."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from envs.core.errors import DatasetError
+from roboverse_learn.data.dataset.info import DatasetInfo
+from roboverse_learn.data.dataset.schema import RAW_PATH, video_keys
+from roboverse_learn.data.dataset.staging import read_tensors
+
+# When and how fast something was collected is no part of what was collected.
+VOLATILE_METADATA = frozenset({"created", "timestamp", "wall_time_s", "hostname", "worker"})
+
+
+def read_raw(root: str | Path, episode: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Reads what replays an episode.
+
+    Args:
+        root: The dataset's folder.
+        episode: Index of the episode in the dataset.
+
+    Returns:
+        The arrays and the metadata given in :class:`~roboverse_learn.data.dataset.schema.EpisodeData`.
+
+    Raises:
+        DatasetError: The dataset has no such episode or no raw states, or the file is damaged.
+    """
+    path = Path(root) / RAW_PATH.format(episode_index=episode)
+    if not path.exists():
+        count = DatasetInfo.open(root).num_episodes
+        raise DatasetError(
+            f"The dataset '{root}' has no raw states of episode {episode} ('{path.name}' is missing). It has "
+            f"{count} episodes, 0 to {count - 1}; datasets of other programs hold no raw states."
+        )
+    return read_tensors(path)
+
+
+def dataset_hash(root: str | Path) -> str:
+    """Returns a sha256 over what a dataset holds: numbers, raw states, metadata and video files.
+
+    It does not depend on the number of collecting processes, on dates, or on how tables are spread over
+    files.
+
+    Args:
+        root: The dataset's folder.
+
+    Returns:
+        64 hexadecimal digits.
+    """
+    info = DatasetInfo.open(root)
+    digest = hashlib.sha256()
+    for key, values in sorted(info.read_columns().items()):
+        _update(digest, key, values)
+    digest.update(json.dumps([list(info.tasks), info.fps]).encode())
+    has_raw = [info.raw_file(index).exists() for index in range(info.num_episodes)]
+    if any(has_raw) and not all(has_raw):  # a dataset of somebody else's may have none at all
+        missing = info.raw_file(has_raw.index(False))
+        raise DatasetError(
+            f"'{missing}' is missing, and other episodes have theirs. Restore it, or collect again."
+        )
+    for index in range(info.num_episodes):
+        if has_raw[index]:
+            arrays, metadata = read_raw(root, index)
+            kept = {name: value for name, value in metadata.items() if name not in VOLATILE_METADATA}
+            digest.update(json.dumps(kept, sort_keys=True).encode())
+            for name, values in sorted(arrays.items()):
+                _update(digest, name, values)
+    for key in video_keys(info.features):
+        files = dict.fromkeys(info.video_file(index, key) for index in range(info.num_episodes))
+        for path in files:
+            if not path.exists():
+                raise DatasetError(
+                    f"The video '{path}' is missing. Restore it from a copy, or collect again."
+                )
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _update(digest: Any, name: str, values: np.ndarray) -> None:
+    """Adds an array with its name, dtype and shape to a digest."""
+    digest.update(f"{name}:{values.dtype.str}:{values.shape}:".encode())
+    digest.update(np.ascontiguousarray(values).tobytes())

@@ -1,0 +1,118 @@
+"""Puts a dataset right after its writer was killed.
+
+The rows of ``meta/episodes`` are the truth: an episode with a row is complete, everything else that
+bears a higher number is a leftover.
+"""
+
+import logging
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+from envs.core.atomic import (
+    broken_file,
+    lock_directory,
+    remove_partial_files,
+    write_file,
+    write_json,
+)
+from envs.core.errors import DatasetError
+from roboverse_learn.data.dataset.info import METADATA_COLUMN, read_episodes, read_info
+from roboverse_learn.data.dataset.schema import FILES_PER_CHUNK, INFO_PATH
+from roboverse_learn.data.dataset.tables import parquet_bytes, read_parquet
+
+_LOG = logging.getLogger(__name__)
+_CHUNK_AND_FILE = re.compile(r"chunk-(\d+)/file-(\d+)\.(mp4|parquet)$")
+_RAW = re.compile(r"episode_(\d+)\.safetensors$")
+
+
+def recover(root: str | Path) -> int:
+    """Removes what an uncommitted episode left behind, and updates the totals to what is committed.
+
+    Opening a :class:`~roboverse_learn.data.dataset.writer.DatasetWriter` does the same. Staged episodes,
+    which are complete, are kept: collecting again commits them.
+
+    Args:
+        root: The dataset's folder.
+
+    Returns:
+        The number of complete episodes.
+
+    Raises:
+        DatasetError: There is no dataset, another process writes it, or a committed file is damaged.
+    """
+    root = Path(root)
+    read_info(root)
+    lock = lock_directory(root)
+    try:
+        return repair(root)
+    finally:
+        os.close(lock)
+
+
+def repair(root: Path) -> int:
+    """Does the work of :func:`recover` for a caller that holds the lock."""
+    remove_partial_files(root)
+    rows = read_episodes(root)
+    if rows and METADATA_COLUMN not in rows[0]:
+        raise _foreign(root)
+    info, total = read_info(root), len(rows)
+    if info["total_episodes"] > total:  # no kill leaves this: a row is written before it is counted
+        raise broken_file(
+            root / "meta" / "episodes", f"{total} of {info['total_episodes']} episodes are listed"
+        )
+    removed = _remove_leftovers(root, rows)
+    _truncate_data(root, rows)
+    if info["total_episodes"] != total:
+        info["total_episodes"], info["splits"] = total, {"train": f"0:{total}"}
+        info["total_frames"] = rows[-1]["dataset_to_index"] if rows else 0
+        info["total_tasks"] = len({task for row in rows for task in row["tasks"]})
+        write_json(root / INFO_PATH, info)
+    if removed:
+        _LOG.info("Removed %d files of an uncommitted episode from %s.", removed, root)
+    return total
+
+
+def _foreign(root: Path) -> DatasetError:
+    return DatasetError(
+        f"The dataset '{root}' was written by another program and can be read but not continued. Choose "
+        "another folder."
+    )
+
+
+def _remove_leftovers(root: Path, rows: list[dict[str, Any]]) -> int:
+    """Deletes videos and raw states numbered above the last committed episode, and data files past it."""
+    leftovers = [path for path in (root / "videos").rglob("*.mp4") if _number(path) >= len(rows)]
+    for path in (root / "raw").glob("*.safetensors"):
+        match = _RAW.search(path.name)
+        if match and int(match[1]) >= len(rows):
+            leftovers.append(path)
+    last = rows[-1] if rows else {"data/chunk_index": 0, "data/file_index": -1}
+    last_number = last["data/chunk_index"] * FILES_PER_CHUNK + last["data/file_index"]
+    leftovers += [path for path in (root / "data").rglob("*.parquet") if _number(path) > last_number]
+    for path in leftovers:
+        path.unlink()
+    return len(leftovers)
+
+
+def _number(path: Path) -> int:
+    """Returns the running number of a chunk's file."""
+    match = _CHUNK_AND_FILE.search(path.as_posix())
+    return int(match[1]) * FILES_PER_CHUNK + int(match[2]) if match else -1
+
+
+def _truncate_data(root: Path, rows: list[dict[str, Any]]) -> None:
+    """Drops the rows of an uncommitted episode from the last data file."""
+    if not rows:
+        return
+    last = rows[-1]
+    chunk, file = last["data/chunk_index"], last["data/file_index"]
+    path = root / f"data/chunk-{chunk:03d}/file-{file:03d}.parquet"
+    table = read_parquet(path)
+    in_file = [r for r in rows if (r["data/chunk_index"], r["data/file_index"]) == (chunk, file)]
+    expected = sum(row["length"] for row in in_file)
+    if table.num_rows > expected:
+        start = in_file[0]["dataset_from_index"]
+        groups = [table.slice(r["dataset_from_index"] - start, r["length"]) for r in in_file]
+        write_file(path, parquet_bytes(groups))

@@ -1,0 +1,93 @@
+"""Random order of training frames that can be resumed at any batch."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from envs.core.errors import ConfigError
+from roboverse_learn.data.dataset.info import DatasetInfo
+
+
+class EpisodeAwareSampler:
+    """Draws frames without replacement, epoch after epoch, in full batches.
+
+    The order is a function of (seed, epoch) alone, so two numbers are its whole state.
+
+    Args:
+        info: The dataset.
+        batch_size: Frames per batch over all processes.
+        seed: Seed of the order.
+        episodes: Episodes to draw from; all by default.
+        drop_last_frames: Frames left out at the end of every episode.
+        rank: Which of ``world_size`` processes this is; it gets every ``world_size``-th frame of a batch.
+        world_size: Number of training processes.
+
+    Raises:
+        ConfigError: No frame is left, or the batch does not divide over the processes.
+    """
+
+    def __init__(
+        self,
+        info: DatasetInfo,
+        *,
+        batch_size: int,
+        seed: int,
+        episodes: Sequence[int] | None = None,
+        drop_last_frames: int = 0,
+        rank: int = 0,
+        world_size: int = 1,
+    ) -> None:
+        if batch_size < 1 or batch_size % world_size:
+            raise ConfigError(
+                f"batch_size {batch_size} must be a positive multiple of {world_size} processes."
+            )
+        chosen = np.arange(info.num_episodes) if episodes is None else np.asarray(episodes, dtype=np.int64)
+        ends = np.maximum(info.episode_ends[chosen] - drop_last_frames, info.episode_starts[chosen])
+        ranges = [np.arange(s, e) for s, e in zip(info.episode_starts[chosen], ends, strict=True)]
+        self._frames = np.concatenate(ranges) if ranges else np.empty(0, dtype=np.int64)
+        if not len(self._frames):
+            raise ConfigError(
+                f"No frame of {len(chosen)} episodes is left after dropping {drop_last_frames} from the end "
+                "of each. Choose more episodes or drop fewer frames."
+            )
+        self._batch_size, self._seed = batch_size, seed
+        self._rank, self._world_size = rank, world_size
+        self._epoch = self._position = 0
+        self._order = self._permutation(0)
+
+    @property
+    def num_frames(self) -> int:
+        """Frames of one epoch."""
+        return len(self._frames)
+
+    @property
+    def epoch(self) -> int:
+        """The epoch that the next frame belongs to, from 0."""
+        return self._epoch
+
+    def next_batch(self) -> np.ndarray:
+        """Returns this process's frames of the next batch, int64 (batch_size / world_size,)."""
+        parts, missing = [], self._batch_size
+        while missing:
+            if self._position == len(self._order):
+                self._epoch, self._position = self._epoch + 1, 0
+                self._order = self._permutation(self._epoch)
+            part = self._order[self._position : self._position + missing]
+            self._position += len(part)
+            missing -= len(part)
+            parts.append(part)
+        return np.concatenate(parts)[self._rank :: self._world_size]
+
+    def state_dict(self) -> dict[str, int]:
+        """Returns the position in the order."""
+        return {"epoch": self._epoch, "position": self._position}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Continues from a position that :meth:`state_dict` gave."""
+        self._epoch, self._position = int(state["epoch"]), int(state["position"])
+        self._order = self._permutation(self._epoch)
+
+    def _permutation(self, epoch: int) -> np.ndarray:
+        generator = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=(epoch,)))
+        return generator.permutation(self._frames)

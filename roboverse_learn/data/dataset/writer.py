@@ -1,0 +1,314 @@
+"""Writes LeRobotDataset v3 so that the folder is a complete dataset after every episode.
+
+The order of a commit makes every state on the way a valid dataset to LeRobot's own reader:
+
+1. the episode's videos and raw states get their names (nothing lists them yet),
+2. ``meta/tasks.parquet`` if the instruction is new,
+3. the numeric columns are appended to ``data/`` (LeRobot reads ``total_frames`` rows and no more),
+4. **the episode's row is appended to ``meta/episodes/``: this one rename is the commit**,
+5. ``meta/stats.json`` and ``meta/info.json`` follow; both can be recomputed from the rows.
+
+Each step is one atomic rename. :func:`recover` completes step 5 or undoes steps 1 to 3.
+"""
+
+import contextlib
+import json
+import os
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from envs.core.atomic import link_file, lock_directory, write_file, write_json
+from envs.core.errors import DatasetError
+from roboverse_learn.data.dataset import stats as statistics
+from roboverse_learn.data.dataset.info import (
+    METADATA_COLUMN,
+    DatasetInfo,
+    episode_key,
+    read_episodes,
+    read_info,
+)
+from roboverse_learn.data.dataset.info import read_tasks as read_task_names
+from roboverse_learn.data.dataset.meta_tables import (
+    episode_row,
+    episode_stats,
+    layout_words,
+    num_files,
+    row_stats,
+    row_table,
+    tasks_bytes,
+)
+from roboverse_learn.data.dataset.recovery import repair
+from roboverse_learn.data.dataset.schema import (
+    BOOKKEEPING,
+    CODEBASE_VERSION,
+    DATA_PATH,
+    EPISODES_PATH,
+    FILES_PER_CHUNK,
+    INFO_PATH,
+    RAW_PATH,
+    STATS_PATH,
+    TASKS_PATH,
+    VIDEO_PATH,
+    EpisodeData,
+    Feature,
+    check_episode,
+    chunk_and_file,
+    same_layout,
+    video_keys,
+    with_bookkeeping,
+)
+from roboverse_learn.data.dataset.staging import STAGING_DIRECTORY, StagedEpisode, stage_episode
+from roboverse_learn.data.dataset.tables import GrowingTable, to_arrow
+from roboverse_learn.data.dataset.video import EncoderConfig
+
+
+class DatasetWriter:
+    """Creates or continues a dataset; one writer at a time.
+
+    Use it as a context manager, or call :meth:`close`. A process that is killed instead loses the
+    episode in flight and nothing else.
+
+    Args:
+        root: The dataset's folder, created if absent.
+        fps: Frames per second.
+        features: From :func:`~roboverse_learn.data.dataset.schema.make_features`.
+        robot_type: Name of the robot, recorded for LeRobot.
+        encoder: Video settings.
+        wait: Wait while another process writes this dataset.
+
+    Raises:
+        DatasetError: Another process writes this dataset, or it exists with other features or fps.
+    """
+
+    def __init__(
+        self,
+        root: str | Path,
+        *,
+        fps: int,
+        features: Mapping[str, Feature],
+        robot_type: str | None = None,
+        encoder: EncoderConfig | None = None,
+        wait: bool = False,
+    ) -> None:
+        self.root = Path(root)
+        self.fps = fps
+        self.encoder = encoder or EncoderConfig()
+        self.features = {key: dict(f) for key, f in features.items() if key not in BOOKKEEPING}
+        for key in video_keys(self.features):
+            height, width = self.features[key]["shape"][:2]
+            self.features[key]["info"] = self.encoder.info(height, width, fps)
+        self._robot_type = robot_type
+        self._all_features = with_bookkeeping(self.features)
+        with contextlib.suppress(FileExistsError):
+            self.root.mkdir(parents=True)
+        self._lock: int | None = lock_directory(self.root, wait=wait)
+        try:
+            self._open()
+        except BaseException:
+            self._unlock()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        # After an error there is nothing to finish: what was committed is complete as it is.
+        if exc[0] is None:
+            self.close()
+        else:
+            self._unlock()
+
+    @property
+    def num_episodes(self) -> int:
+        """Episodes committed so far, those of earlier runs included."""
+        return self._num_episodes
+
+    @property
+    def num_frames(self) -> int:
+        """Frames committed so far."""
+        return self._num_frames
+
+    @property
+    def episode_keys(self) -> frozenset[str]:
+        """Keys (:func:`~roboverse_learn.data.dataset.info.episode_key`) of the committed pool episodes."""
+        return frozenset(self._keys)
+
+    @property
+    def staging_directory(self) -> Path:
+        """Where episodes wait that are finished and not committed."""
+        return self.root / STAGING_DIRECTORY
+
+    def add_episode(self, episode: EpisodeData) -> int:
+        """Encodes and commits one episode.
+
+        Args:
+            episode: It must have exactly the dataset's features.
+
+        Returns:
+            Its index in the dataset.
+
+        Raises:
+            DatasetError: The episode does not fit the dataset, or the disk is full.
+        """
+        self._check_open()
+        check_episode(episode, self.features)
+        directory = self.staging_directory / f"writer_{self._num_episodes:06d}"
+        shutil.rmtree(directory, ignore_errors=True)
+        return self.commit(stage_episode(directory, episode, self.fps, self.encoder))
+
+    def commit(self, staged: StagedEpisode) -> int:
+        """Makes a staged episode the dataset's next one and removes its staging folder.
+
+        Args:
+            staged: Its numeric columns and videos must be the dataset's.
+
+        Returns:
+            Its index in the dataset.
+
+        Raises:
+            DatasetError: The disk is full; the dataset is then as it was before.
+        """
+        self._check_open()
+        try:
+            self._commit(staged)
+        except BaseException:
+            try:
+                self._open()  # back to what the disk holds
+            except Exception:
+                self._unlock()
+            raise
+        staged.discard()
+        return self._num_episodes - 1
+
+    def close(self) -> None:
+        """Makes the quantiles exact and releases the dataset; calling it again does nothing."""
+        if self._lock is None:
+            return
+        try:
+            self._finish_stats()
+            with contextlib.suppress(OSError):
+                self.staging_directory.rmdir()
+        finally:
+            self._unlock()
+
+    def _unlock(self) -> None:
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def _check_open(self) -> None:
+        if self._lock is None:
+            raise DatasetError(f"The writer of '{self.root}' is closed. Open a new DatasetWriter.")
+
+    def _open(self) -> None:
+        """Reads the committed state from the disk, after repairing what a kill left behind."""
+        if not (self.root / INFO_PATH).exists():
+            self._num_episodes = self._num_frames = 0
+            self._tasks: list[str] = []
+            self._stats: statistics.Stats | None = None
+            write_json(self.root / INFO_PATH, self._info())
+        info = read_info(self.root)
+        if not same_layout(info["features"], self.features) or info["fps"] != self.fps:
+            raise DatasetError(
+                f"The dataset '{self.root}' has {info['fps']} fps and the features "
+                f"{layout_words(info['features'])}; given were {self.fps} fps and "
+                f"{layout_words(self.features)}. Choose another folder, or delete this one."
+            )
+        repair(self.root)
+        rows = read_episodes(self.root, with_stats=True)
+        self._num_episodes = len(rows)
+        self._num_frames = rows[-1]["dataset_to_index"] if rows else 0
+        self._tasks = read_task_names(self.root) if (self.root / TASKS_PATH).exists() else []
+        self._stats = statistics.combine(row_stats(row) for row in rows)
+        self._keys = {k for row in rows if (k := episode_key(json.loads(row.get(METADATA_COLUMN) or "{}")))}
+        self._data = GrowingTable(self.root, DATA_PATH, num_files(rows, "data"), group_per_episode=True)
+        row_files = num_files(rows, "meta/episodes")
+        self._rows = GrowingTable(self.root, EPISODES_PATH, row_files, group_per_episode=False)
+        if rows and read_info(self.root)["total_episodes"] != len(rows):
+            self._write_summary()
+
+    def _commit(self, staged: StagedEpisode) -> None:
+        """The five steps of the module's docstring."""
+        index = self._num_episodes
+        chunk, file = chunk_and_file(index)
+        for key in video_keys(self.features):
+            path = VIDEO_PATH.format(video_key=key, chunk_index=chunk, file_index=file)
+            link_file(staged.video_file(key), self.root / path)
+        link_file(staged.raw_file, self.root / RAW_PATH.format(episode_index=index))
+        if staged.task not in self._tasks:
+            tasks = [*self._tasks, staged.task]
+            write_file(self.root / TASKS_PATH, tasks_bytes(tasks))
+            self._tasks = tasks
+        columns = self._all_columns(staged)
+        stats = episode_stats(staged, columns, self._all_features)
+        row = episode_row(
+            staged,
+            stats,
+            index=index,
+            first_frame=self._num_frames,
+            fps=self.fps,
+            data_file=self._data.position(),
+            row_file=self._rows.position(),
+        )
+        numeric = {key: f for key, f in self._all_features.items() if f["dtype"] != "video"}
+        self._data.append(to_arrow({key: columns[key] for key in numeric}, numeric))
+        self._rows.append(row_table(row))
+        self._num_episodes += 1
+        self._num_frames += staged.length
+        self._stats = statistics.merge_stats(self._stats, stats)
+        if key := episode_key(staged.metadata):
+            self._keys.add(key)
+        self._write_summary()
+
+    def _all_columns(self, staged: StagedEpisode) -> dict[str, np.ndarray]:
+        """Adds LeRobot's bookkeeping columns."""
+        frames = np.arange(staged.length)
+        return staged.columns | {
+            "timestamp": (frames / self.fps).astype(np.float32),
+            "frame_index": frames,
+            "episode_index": np.full(staged.length, self._num_episodes),
+            "index": self._num_frames + frames,
+            "task_index": np.full(staged.length, self._tasks.index(staged.task)),
+        }
+
+    def _info(self) -> dict[str, Any]:
+        """Returns the content of ``meta/info.json``, with LeRobot's keys only."""
+        return {
+            "codebase_version": CODEBASE_VERSION,
+            "fps": self.fps,
+            "features": self._all_features,
+            "total_episodes": self._num_episodes,
+            "total_frames": self._num_frames,
+            "total_tasks": len(self._tasks),
+            "chunks_size": FILES_PER_CHUNK,
+            "data_files_size_in_mb": 100,
+            "video_files_size_in_mb": 200,
+            "data_path": DATA_PATH,
+            "video_path": VIDEO_PATH if video_keys(self.features) else None,
+            "robot_type": self._robot_type,
+            "splits": {"train": f"0:{self._num_episodes}"},
+        }
+
+    def _write_summary(self) -> None:
+        """Writes what is computed from the episodes' rows."""
+        assert self._stats is not None
+        write_json(self.root / STATS_PATH, statistics.to_json(self._stats))
+        write_json(self.root / INFO_PATH, self._info())
+
+    def _finish_stats(self) -> None:
+        """Replaces the averaged quantiles of numeric columns by those of all frames together."""
+        if self._num_episodes == 0 or self._stats is None:
+            return
+        for key, values in DatasetInfo.open(self.root).read_columns().items():
+            self._stats[key] = {**self._stats[key], **_quantiles(values)}
+        write_json(self.root / STATS_PATH, statistics.to_json(self._stats))
+
+
+def _quantiles(values: np.ndarray) -> statistics.FeatureStats:
+    """Returns the exact quantiles of a column."""
+    every = statistics.column_stats(values)
+    return {name: every[name] for name in statistics.QUANTILES}

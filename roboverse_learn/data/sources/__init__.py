@@ -1,0 +1,1 @@
+"""Demonstration sources: expert, policy, and files of other projects."""

@@ -1,0 +1,1 @@
+"""Comparisons between simulators: replayed episodes and conserved quantities."""

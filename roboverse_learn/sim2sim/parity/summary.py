@@ -1,0 +1,139 @@
+"""What a replay came to, as plain JSON values: one file per task and pair of simulators."""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmark.files import write_bytes
+from envs.core.errors import ResultError
+from envs.scenario import ScenarioCfg
+from roboverse_learn.sim2sim.parity.drift import UNITS, drift, over_time
+from roboverse_learn.sim2sim.parity.recording import Recording
+from roboverse_learn.sim2sim.parity.tracks import Track
+
+SCHEMA_VERSION = 1
+
+FAR_M = 0.01
+"""From here on an object counts as somewhere else."""
+
+_KEYS = {"schema_version", "task", "recorded_in", "replayed_in", "num_episodes", "replays", "control_hz"}
+
+
+def summarize(
+    scenario: ScenarioCfg,
+    recordings: Sequence[Recording],
+    tracks: Sequence[Track],
+    recorded: Sequence[np.ndarray],
+) -> dict[str, Any]:
+    """Compares replays with their recordings.
+
+    Args:
+        scenario: Where they are of.
+        recordings: Episodes.
+        tracks: What became of each.
+        recorded: What the task says of each one's recorded moments, bool (T + 1,).
+
+    Returns:
+        ``success_rate``, ``recorded_success_rate``, ``checks`` (at how many moments the success condition
+        was asked, and how often it said the same), ``drift`` (quantity to curves over the moments, and to
+        the median and 90th percentile at the last moment), ``far_after_s`` (of each episode, when an object
+        was first more than :data:`FAR_M` away, or None) and ``episodes``.
+    """
+    curves = [
+        drift(scenario, recording.moments, track.moments)
+        for recording, track in zip(recordings, tracks, strict=True)
+    ]
+    hz = scenario.physics.control_hz
+    same = [then == now[: len(then)] for then, now in zip(recorded, (t.success for t in tracks), strict=True)]
+    return {
+        "success_rate": float(np.mean([track.solved for track in tracks])),
+        "recorded_success_rate": float(np.mean([then.any() for then in recorded])),
+        "checks": {"asked": int(sum(map(len, same))), "agree": int(sum(map(np.sum, same)))},
+        "drift": {
+            name: {
+                "over_time": over_time([curve[name] for curve in curves]),
+                "last": _spread([curve[name][-1] for curve in curves]),
+                "largest": float(max(curve[name].max() for curve in curves)),
+            }
+            for name in UNITS
+            if name in curves[0]
+        },
+        "far_after_s": [_first_far(curve, hz) for curve in curves],
+        "episodes": [
+            {
+                "index": recording.index,
+                "episode": int(recording.metadata["episode"]),
+                "recorded": bool(then.any()),
+                "replayed": track.solved,
+            }
+            for recording, track, then in zip(recordings, tracks, recorded, strict=True)
+        ],
+    }
+
+
+def _spread(values: Sequence[float]) -> dict[str, float]:
+    return {"median": float(np.median(values)), "p90": float(np.percentile(values, 90))}
+
+
+def _first_far(curve: Mapping[str, np.ndarray], control_hz: float) -> float | None:
+    if "objects_m" not in curve:
+        return None
+    far = np.flatnonzero(curve["objects_m"] > FAR_M)
+    return float(far[0] / control_hz) if len(far) else None
+
+
+def file_name(summary: Mapping[str, Any]) -> str:
+    """Returns the name of a summary's file, without its suffix."""
+    options = [f"{key}={value}" for key, value in sorted(summary.get("task_kwargs", {}).items())]
+    parts = [summary["task"], *options, summary["recorded_in"], "to", summary["replayed_in"]]
+    return re.sub(r"[^A-Za-z0-9._+=-]+", "_", "-".join(parts))
+
+
+def write(folder: Path, summary: Mapping[str, Any]) -> Path:
+    """Writes a summary atomically into a folder; returns its file.
+
+    Raises:
+        ResultError: The file cannot be written.
+    """
+    path = folder / f"{file_name(summary)}.json"
+    text = json.dumps(_rounded(summary), indent=1, sort_keys=True, allow_nan=False)
+    # A curve is a line, not a page.
+    text = re.sub(r"\[\s+([-\d.e,\s]+?)\s+\]", lambda m: "[" + " ".join(m[1].split()) + "]", text)
+    write_bytes(path, (text + "\n").encode())
+    return path
+
+
+def read_all(folder: Path) -> list[dict[str, Any]]:
+    """Reads every summary of a folder, by task and pair.
+
+    Raises:
+        ResultError: A file is no summary.
+    """
+    summaries = []
+    for path in sorted(folder.glob("*.json")):
+        try:
+            values = json.loads(path.read_bytes())
+        except ValueError as error:
+            raise ResultError(f"'{path}' is no JSON file: {error}. Remove it and replay again.") from error
+        if not isinstance(values, dict) or not set(values) >= _KEYS:
+            raise ResultError(
+                f"'{path}' is no summary of a replay. Keep other files out of '{folder}', or choose another "
+                "folder with out=<folder>."
+            )
+        summaries.append(values)
+    return summaries
+
+
+def _rounded(values: Any) -> Any:
+    """Seven significant digits: what is below is the noise of another machine."""
+    if isinstance(values, float):
+        return float(f"{values:.7g}")
+    if isinstance(values, Mapping):
+        return {key: _rounded(value) for key, value in values.items()}
+    if isinstance(values, list | tuple):
+        return [_rounded(value) for value in values]
+    return values

@@ -1,0 +1,119 @@
+"""How long a training run will take on this machine, measured."""
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+from policies.lerobot_policy import LeRobotPolicy
+from roboverse_learn.training.config import TrainConfig
+from roboverse_learn.training.device import cpu_threads, resolve_precision
+from roboverse_learn.training.imitation.train import make_optimizer
+from roboverse_learn.training.reporter import Reporter
+from roboverse_learn.training.rl import learners
+from roboverse_learn.training.rl.loop import Loop
+
+if TYPE_CHECKING:
+    from roboverse_learn.config.schema import TrainRunConfig
+
+_LARGEST_TIMED_BATCH = 4
+_LEAST_TIMED_S, _MOST_TIMED_S = 1.0, 20.0
+
+
+def estimate_training_s(policy: LeRobotPolicy, config: TrainConfig, num_timed_steps: int = 1) -> float:
+    """Times gradient steps on random data and returns the seconds of the whole run.
+
+    On a CPU a few samples stand for the batch, so that asking takes seconds, not minutes. On a GPU nothing
+    is compiled for it, so that the run will take less. The policy is changed by the steps: give it one
+    that is not needed any more.
+
+    Args:
+        policy: A policy of the kind to train.
+        config: How it will be trained.
+        num_timed_steps: Steps to time after one that warms up; the fastest counts.
+
+    Returns:
+        Seconds, at most the time limit of ``config``.
+    """
+    on_cpu = policy.device.type == "cpu"
+    batch_size = min(config.batch_size, _LARGEST_TIMED_BATCH) if on_cpu else config.batch_size
+    with cpu_threads(config.num_threads, policy.device.type), torch.random.fork_rng():
+        policy.begin_training()
+        optimizer = make_optimizer(policy, config)
+        objective = policy.objective()
+        batch = _random_batch(policy, batch_size)
+        bf16 = resolve_precision(config.precision, policy.device) == "bf16"
+        seconds = []
+        for _ in range(1 + num_timed_steps):
+            start = time.perf_counter()
+            with torch.autocast(policy.device.type, torch.bfloat16, enabled=bf16):
+                loss, _terms = objective(batch)
+            loss.backward()
+            optimizer.step()
+            optimizer.zero_grad()
+            float(loss.detach())  # waits for a GPU
+            seconds.append(time.perf_counter() - start)
+        policy.end_training()
+    return _limited(min(seconds[1:]) * config.batch_size / batch_size * config.steps, config)
+
+
+def estimate_learning_s(config: "TrainRunConfig", device: str) -> float:
+    """Times steps and updates of a policy that learns from an env; returns the seconds of the whole run.
+
+    They are those of another, smaller agent and env, for which nothing is compiled. The run's random numbers
+    are as if nobody had asked.
+
+    Args:
+        config: The run; what its policy is timed by, ``brief`` of its learner says.
+        device: ``cpu`` or ``cuda``.
+
+    Returns:
+        Seconds, at most the time limit of ``config.train``.
+
+    Raises:
+        RoboVerseError: as :class:`roboverse_learn.training.rl.learners.Learner`.
+    """
+    learner = learners.module_of(config.policy_name)
+    config = replace(config, policy=learner.brief(config.policy))
+    with cpu_threads(config.train.num_threads, device), torch.random.fork_rng():
+        env = learner.open_env(config, 0, device)
+        try:
+            agent = learner.make_agent(config, env, 0, device)
+            loop = Loop(agent, env, config.train, Path(), 0, Reporter())
+            loop.begin(None)
+            _advance(loop, 0.0)  # the first update is slower than those that follow
+            per_step = _advance(loop, _LEAST_TIMED_S)
+        finally:
+            env.close()
+    return _limited(per_step * config.train.steps, config.train)
+
+
+def _advance(loop: Loop, least_s: float) -> float:
+    """Advances until it has learned; returns the seconds of an environment step, the updates included."""
+    start, first = time.perf_counter(), loop.step
+    while True:
+        updates = loop.updates
+        loop.advance()
+        seconds = time.perf_counter() - start
+        if seconds >= (least_s if loop.updates > updates else _MOST_TIMED_S):
+            return seconds / (loop.step - first)
+
+
+def _limited(seconds: float, config: TrainConfig) -> float:
+    return seconds if config.time_limit_s is None else min(seconds, config.time_limit_s)
+
+
+def _random_batch(policy: LeRobotPolicy, batch_size: int) -> dict[str, Tensor]:
+    """Returns a batch with the shapes that a dataset would give."""
+    deltas, batch = policy.delta_indices, {}
+    for key, feature in policy.features.items():
+        time_axis = (len(deltas[key]),) if key in deltas else ()
+        shape = (batch_size, *time_axis)
+        batch[key] = torch.rand(*shape, *feature.shape, device=policy.device)
+        batch[f"{key}_is_pad"] = torch.zeros(
+            *(shape if time_axis else (*shape, 1)), dtype=torch.bool, device=policy.device
+        )
+    return batch

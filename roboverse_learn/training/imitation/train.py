@@ -1,0 +1,386 @@
+"""Imitation: a policy learns the actions of a dataset.
+
+The loop knows no loss and no network: a policy normalizes its batch and computes its loss.
+"""
+
+import logging
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from envs.core.errors import RoboVerseError
+from policies.lerobot_policy import LeRobotPolicy
+from policies.objective import Loss
+from roboverse_learn.data.dataset.info import DatasetInfo
+from roboverse_learn.data.dataset.sampler import EpisodeAwareSampler
+from roboverse_learn.training import checkpoint
+from roboverse_learn.training.config import TrainConfig
+from roboverse_learn.training.device import cpu_threads, resolve_precision
+from roboverse_learn.training.imitation.augment import augment
+from roboverse_learn.training.imitation.ema import Ema
+from roboverse_learn.training.imitation.fast_objective import NUM_BATCHES, fast_objective
+from roboverse_learn.training.imitation.schedule import learning_rate_factor, progress
+from roboverse_learn.training.interruption import Interruption, signals_noted
+from roboverse_learn.training.metrics import (
+    JsonlWriter,
+    MetricsWriter,
+    TensorBoardWriter,
+    WandbWriter,
+    read_metrics,
+)
+from roboverse_learn.training.reporter import Progress, Reporter, TrainResult
+
+logger = logging.getLogger(__name__)
+
+
+class FrameDataset(Protocol):
+    """What training needs of a dataset; see :class:`roboverse_learn.data.dataset.reader.ResidentDataset`."""
+
+    info: DatasetInfo
+
+    def sample(
+        self, indices: np.ndarray, delta_indices: Mapping[str, Sequence[int]], *, keys: Sequence[str]
+    ) -> dict[str, Tensor]:
+        """Returns frames: images uint8 (B, [T,] C, H, W), vectors float32 (B, [T,] D), ``<key>_is_pad``."""
+        ...
+
+
+class TrainingDivergedError(RoboVerseError, ArithmeticError):
+    """The loss is not a finite number any more."""
+
+
+def train(
+    policy: LeRobotPolicy,
+    dataset: FrameDataset,
+    config: TrainConfig,
+    run_dir: str | Path,
+    *,
+    seed: int = 0,
+    reporter: Reporter | None = None,
+    resume: bool = True,
+) -> TrainResult:
+    """Trains a policy, in one process or in each of those of ``accelerate launch``.
+
+    A run that is killed goes on from its last checkpoint, to the same losses on a CPU (unless a time
+    limit ends its schedule). SIGINT and SIGTERM end it with a checkpoint.
+
+    Args:
+        policy: An untrained policy, on the device to train on; trained in place.
+        dataset: The demonstrations.
+        config: How to train.
+        run_dir: Where checkpoints, metrics and plots go.
+        seed: Root of all randomness.
+        reporter: Hears of the progress.
+        resume: Go on from the last checkpoint of ``run_dir``, if there is one.
+
+    Raises:
+        CheckpointError: if the checkpoint to go on from is damaged or of another configuration, or if a
+            new one cannot be written.
+        ConfigError: if the batch cannot be divided among the processes.
+        Interrupted: after a checkpoint, if SIGINT or SIGTERM came.
+        TrainingDivergedError: if the loss becomes infinite or NaN.
+    """
+    devices = [torch.cuda.current_device()] if policy.device.type == "cuda" else []
+    with cpu_threads(config.num_threads, policy.device.type), torch.random.fork_rng(devices=devices):
+        trainer = _Trainer(policy, dataset, config, Path(run_dir), seed, reporter or Reporter())
+        return trainer.run(resume)
+
+
+def make_optimizer(policy: LeRobotPolicy, config: TrainConfig) -> torch.optim.AdamW:
+    """Returns AdamW over the parameters of a policy, those of its backbone in a group of their own."""
+    named = [(name, p) for name, p in policy.model.named_parameters() if p.requires_grad]
+    lr_backbone = config.lr if config.lr_backbone is None else config.lr_backbone
+    groups = [
+        {"params": [p for name, p in named if "backbone" not in name], "peak_lr": config.lr},
+        {"params": [p for name, p in named if "backbone" in name], "peak_lr": lr_backbone},
+    ]
+    return torch.optim.AdamW(
+        [group for group in groups if group["params"]],
+        lr=config.lr,
+        betas=(config.betas[0], config.betas[1]),
+        weight_decay=config.weight_decay,
+        fused=True,
+    )
+
+
+def step_seed(seed: int, step: int, rank: int) -> int:
+    """Returns the seed of dropout, noise and augmentation of one gradient step in one process."""
+    source = np.random.SeedSequence(seed, spawn_key=(step, rank))
+    return int(source.generate_state(1, np.uint64)[0] >> 1)
+
+
+class _Trainer:
+    """One run of :func:`train`."""
+
+    def __init__(
+        self,
+        policy: LeRobotPolicy,
+        dataset: FrameDataset,
+        config: TrainConfig,
+        run_dir: Path,
+        seed: int,
+        reporter: Reporter,
+    ) -> None:
+        from accelerate import Accelerator
+
+        self.policy, self.dataset, self.config = policy, dataset, config
+        self.run_dir, self.seed, self.reporter = run_dir, seed, reporter
+        self.accelerator: Any = Accelerator(cpu=policy.device.type == "cpu")
+        self.rank, self.world = self.accelerator.process_index, self.accelerator.num_processes
+        self.is_main = self.accelerator.is_main_process
+        if config.cuda_graphs and self.world > 1 and self.is_main:
+            logger.warning(
+                "train.cuda_graphs is for one process, and these are %d: they train without.", self.world
+            )
+        self.precision = resolve_precision(config.precision, policy.device)
+        self.sampler = EpisodeAwareSampler(
+            dataset.info,
+            batch_size=config.batch_size,
+            seed=seed,
+            drop_last_frames=policy.drop_last_frames,
+            rank=self.rank,
+            world_size=self.world,
+        )
+        self.keys = list(policy.features)
+        policy.begin_training()
+        # Every process starts from the weights of the first: DDP broadcasts them.
+        self.objective, self.optimizer = self.accelerator.prepare(
+            self._make_objective(), make_optimizer(policy, config)
+        )
+        self.ema = self._make_ema()
+        self.step, self.first_step, self.elapsed_before = 0, 0, 0.0
+        self.losses: list[dict[str, Tensor]] = []
+        self.loss: float | None = None
+        self.grad_norm: Tensor | float = 0.0
+        self.start = time.perf_counter()
+
+    def _make_objective(self) -> nn.Module:
+        on_gpu = self.policy.device.type == "cuda"
+        compile = on_gpu if self.config.compile is None else self.config.compile
+        cuda_graphs = on_gpu and self.config.cuda_graphs and self.world == 1
+        if not (compile or cuda_graphs):
+            return self.policy.objective()
+        start = self.sampler.state_dict()
+        batches = [self._batch() for _ in range(NUM_BATCHES)]
+        self.sampler.load_state_dict(start)
+        return fast_objective(self.policy, batches, self.precision, compile=compile, cuda_graphs=cuda_graphs)
+
+    def run(self, resume: bool) -> TrainResult:
+        """Trains to the end."""
+        if self.is_main:
+            checkpoint.remove_leftovers(self.run_dir)
+        directory = checkpoint.last_checkpoint(self.run_dir) if resume else None
+        if directory is not None:
+            self._load(directory)
+        self.run_dir.mkdir(parents=True, exist_ok=True)
+        writers = self._make_writers() if self.is_main else []
+        self.start = time.perf_counter()
+        saved_at = self.step if directory is not None else None
+        with signals_noted() as interruption:
+            try:
+                self._report("on_start", self._progress(), self.policy)
+                while self.step < self.config.steps and not self._is_to_stop(interruption):
+                    self._gradient_step()
+                    if self.step % self.config.log_every == 0 or self.step == self.config.steps:
+                        self._log(writers)
+                    self._report("on_step", self._progress())
+                    if self.step % self.config.save_every == 0:
+                        self._save()
+                        saved_at = self.step
+                if saved_at != self.step:
+                    self._log(writers)
+                    self._save()
+            finally:
+                for writer in writers:
+                    writer.close()
+            self.accelerator.wait_for_everyone()
+            if self.world > 1:
+                self.accelerator.end_training()  # leaves the process group, which NCCL asks for
+        return self._finish()
+
+    def _gradient_step(self) -> None:
+        config, optimizer = self.config, self.optimizer
+        torch.manual_seed(step_seed(self.seed, self.step, self.rank))
+        factor = learning_rate_factor(config, self.step, self._elapsed())
+        for group in optimizer.param_groups:
+            group["lr"] = group["peak_lr"] * factor
+        loss, terms = self.forward(self._batch())
+        self.accelerator.backward(loss)
+        if config.grad_clip:
+            self.grad_norm = self.accelerator.clip_grad_norm_(
+                self.policy.model.parameters(), config.grad_clip
+            )
+        optimizer.step()
+        optimizer.zero_grad()
+        # Copies, for a CUDA graph writes the next step's to the same memory.
+        self.losses.append({name: value.detach().clone() for name, value in {"loss": loss, **terms}.items()})
+        self.step += 1
+        if self.ema is not None:
+            self.ema.update(self.policy.state_dict())
+
+    def forward(self, batch: dict[str, Tensor]) -> Loss:
+        """Returns the loss of a batch, and its terms."""
+        enabled = self.precision == "bf16"
+        with torch.autocast(self.policy.device.type, torch.bfloat16, enabled=enabled):
+            return self.objective(batch)
+
+    def _batch(self) -> dict[str, Tensor]:
+        """Returns this process's share of the step's batch, augmented, on the device."""
+        batch = self.dataset.sample(self.sampler.next_batch(), self.policy.delta_indices, keys=self.keys)
+        images = self.policy.model.config.image_features
+        if self.config.augment.enabled:
+            batch |= {key: augment(batch[key].to(self.policy.device), self.config.augment) for key in images}
+        device = self.policy.device
+        return {key: value.to(device, non_blocking=True) for key, value in batch.items()}
+
+    def _make_ema(self) -> Ema | None:
+        wanted = self.policy.default_ema if self.config.ema is None else self.config.ema
+        if not wanted:
+            return None
+        return Ema(self.policy.state_dict(), self.config.ema_power, self.config.ema_max_decay)
+
+    def _make_writers(self) -> list[MetricsWriter]:
+        writers: list[MetricsWriter] = [
+            JsonlWriter(self.run_dir, self.step),
+            TensorBoardWriter(self.run_dir, self.step),
+        ]
+        if self.config.wandb:
+            writers.append(WandbWriter(self.run_dir, asdict(self.config) | {"policy": self.policy.name}))
+        return writers
+
+    def _log(self, writers: list[MetricsWriter]) -> None:
+        """Logs the means since the last logged step."""
+        if not self.losses:
+            return
+        names = self.losses[0].keys()
+        means = torch.stack([torch.stack([row[name] for row in self.losses]).mean() for name in names])
+        means = self.accelerator.reduce(means, "mean").tolist()
+        row = dict(zip(names, means, strict=True))
+        self.losses.clear()
+        self.loss = row["loss"]
+        if not math.isfinite(row["loss"]):
+            raise TrainingDivergedError(
+                f"The loss is {self.loss} at step {self.step}. {checkpoint.what_is_kept(self.run_dir)} "
+                "Take a smaller train.lr or train.precision=fp32."
+            )
+        row |= {
+            "lr": self.optimizer.param_groups[0]["lr"],
+            "grad_norm": float(self.grad_norm),
+            "samples_per_s": self._samples_per_s() or 0.0,
+            "elapsed_s": self._elapsed(),
+        }
+        for writer in writers:
+            writer.write(self.step, row)
+
+    def _settings(self) -> dict[str, Any]:
+        """What a resumed run must share with the one before."""
+        return {
+            "policy": self.policy.name,
+            "batch_size": self.config.batch_size,
+            "seed": self.seed,
+            "num_frames": self.sampler.num_frames,
+        }
+
+    def _load(self, directory: Path) -> None:
+        optimizer = getattr(self.optimizer, "optimizer", self.optimizer)
+        state = checkpoint.load_checkpoint(directory, self.policy, optimizer, self.ema, self._settings())
+        self.step = self.first_step = state.step
+        self.elapsed_before = state.elapsed_s
+        self.sampler.load_state_dict(dict(state.sampler))
+        logger.info("Going on from step %d of '%s'.", self.step, directory)
+
+    def _save(self) -> None:
+        self.accelerator.wait_for_everyone()
+        if not self.is_main:
+            return
+        state = checkpoint.TrainState(
+            step=self.step,
+            elapsed_s=self._elapsed(),
+            sampler=self.sampler.state_dict(),
+            settings=self._settings(),
+        )
+        optimizer = getattr(self.optimizer, "optimizer", self.optimizer)
+        directory = checkpoint.save_checkpoint(self.run_dir, self.policy, optimizer, self.ema, state)
+        self._report("on_checkpoint", self.step, directory)
+
+    def _finish(self) -> TrainResult:
+        """Leaves the policy as it was saved, and draws the losses."""
+        if self.ema is not None:
+            self.policy.model.load_state_dict(self.ema.average, strict=False)
+        self.policy.end_training()
+        done = self.step >= self.config.steps
+        result = TrainResult(
+            checkpoint=self.run_dir / "checkpoints" / "last" / checkpoint.PRETRAINED,
+            steps=self.step,
+            loss=self.loss,
+            elapsed_s=self._elapsed(),
+            samples_per_s=self._samples_per_s(),
+            stopped_by="steps" if done else "time_limit",
+            precision=self.precision,
+            plot=self._plot() if self.is_main else None,
+        )
+        self._report("on_end", result)
+        return result
+
+    def _plot(self) -> Path | None:
+        from benchmark.leaderboard.plots import plot_losses
+
+        rows = read_metrics(self.run_dir)
+        if not rows:
+            return None
+        path = self.run_dir / "losses.png"
+        plot_losses(rows, path, title=f"Training of {self.policy.name}")
+        return path
+
+    def _elapsed(self) -> float:
+        return self.elapsed_before + time.perf_counter() - self.start
+
+    def _is_to_stop(self, interruption: Interruption) -> bool:
+        """Whether time is over or a signal came, to any of the processes."""
+        limit = self.config.time_limit_s
+        over = limit is not None and self._elapsed() >= limit
+        if self.world == 1:
+            return over or bool(interruption)
+        if limit is None and self.step % self.config.log_every:
+            return False  # asking all waits for the devices, as logging does
+        # Clocks differ, and a signal comes to one process before another; processes that stop at different
+        # steps would wait for each other forever.
+        asked = torch.tensor([float(over), float(bool(interruption))], device=self.policy.device)
+        over, interrupted = (self.accelerator.reduce(asked, "sum") > 0).tolist()
+        if interrupted:
+            interruption.hear_of_others()
+        return over or interrupted
+
+    def _samples_per_s(self) -> float | None:
+        taken = self.step - self.first_step
+        seconds = time.perf_counter() - self.start
+        return taken * self.config.batch_size / seconds if taken else None
+
+    def _progress(self) -> Progress:
+        taken = self.step - self.first_step
+        eta = None
+        if taken:
+            seconds = time.perf_counter() - self.start
+            eta = seconds / taken * (self.config.steps - self.step)
+            if self.config.time_limit_s is not None:
+                eta = max(0.0, min(eta, self.config.time_limit_s - self._elapsed()))
+        return Progress(
+            step=self.step,
+            steps=self.config.steps,
+            fraction=progress(self.config, self.step, self._elapsed()),
+            loss=self.loss,
+            samples_per_s=self._samples_per_s(),
+            elapsed_s=self._elapsed(),
+            eta_s=eta,
+        )
+
+    def _report(self, event: str, *arguments: Any) -> None:
+        if self.is_main:
+            getattr(self.reporter, event)(*arguments)

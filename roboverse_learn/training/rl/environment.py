@@ -1,0 +1,147 @@
+"""The env of a run that learns by reward, from the keys that every such run has."""
+
+from contextlib import ExitStack
+from typing import Any
+
+from envs.core.errors import ConfigError
+from envs.tasks.make import make_task
+
+
+def make_env(config: Any, num_envs: int, seed: int, device: str, **own: Any) -> Any:
+    """Makes the env of a run.
+
+    Args:
+        config: Configuration of the run.
+        num_envs: Environments.
+        seed: Seeds which initial states are drawn.
+        device: ``cpu`` or ``cuda``.
+        own: What one learner alone asks for; see :class:`envs.torch_env.TorchVectorEnv`.
+
+    Raises:
+        ConfigError: as :func:`check_env`.
+    """
+    from envs.torch_env import TorchVectorEnv
+
+    check_env(config, expert_starts=own.get("expert_starts", 0.0))
+    return TorchVectorEnv(num_envs=num_envs, device=device, seed=seed, **_scene(config), **own)
+
+
+def make_multi_task_env(config: Any, num_envs: int, seed: int, device: str) -> Any:
+    """Makes the env of a run that learns several tasks together.
+
+    Args:
+        config: Configuration of the run; its ``tasks`` divide the environments among themselves, the first
+            ones taking one more where they cannot be divided evenly.
+        num_envs: Environments of all tasks together.
+        seed: Seeds which initial states are drawn.
+        device: ``cpu`` or ``cuda``.
+
+    Raises:
+        ConfigError: as :func:`check_env`.
+    """
+    from envs.multi_task_env import MultiTaskEnv
+    from envs.torch_env import TorchVectorEnv
+
+    check_env(config)
+    each, more = divmod(num_envs, len(config.tasks))
+    envs = {}
+    with ExitStack() as opened:  # closes those that there are if one cannot be made
+        for index, task in enumerate(config.tasks):
+            scene = _scene(config) | {"task": task}
+            num = each + (index < more)
+            envs[task] = TorchVectorEnv(num_envs=num, device=device, seed=seed, **scene)
+            opened.callback(envs[task].close)
+        opened.pop_all()
+    return MultiTaskEnv(envs)
+
+
+def make_pixel_env(
+    config: Any, num_envs: int, seed: int, device: str, *, num_frames: int, image_size: int
+) -> Any:
+    """Makes the env of a run that learns from pictures.
+
+    Args:
+        config: Configuration of the run; ``cameras`` and ``renderer`` say what is seen.
+        num_envs: Environments.
+        seed: Seeds which initial states are drawn.
+        device: ``cpu`` or ``cuda``.
+        num_frames: Frames of an observation.
+        image_size: Pixels a side that the policy's network takes.
+
+    Raises:
+        ConfigError, UnknownNameError: as :func:`check_pictures`.
+    """
+    from envs.pixel_env import PixelVectorEnv
+
+    check_pictures(config, image_size)
+    return PixelVectorEnv(
+        num_envs=num_envs,
+        device=device,
+        seed=seed,
+        cameras=config.cameras,
+        image_size=image_size,
+        num_frames=num_frames,
+        renderer=config.renderer,
+        num_threads=config.train.num_threads,
+        **_scene(config),
+    )
+
+
+def _scene(config: Any) -> dict[str, Any]:
+    keys = ("task", "simulator", "task_kwargs", "simulator_settings", "scenario")
+    return {key: getattr(config, key) for key in keys}
+
+
+def check_pictures(config: Any, image_size: int) -> None:
+    """Checks that the task of a run has the pictures that an agent is to learn from, and a reward.
+
+    Args:
+        config: Configuration of the run.
+        image_size: Pixels a side that the policy's network takes.
+
+    Raises:
+        ConfigError: if the task pays no reward or has no camera, or the pictures that were asked for are of
+            another size or level.
+        UnknownNameError: if the task has no camera of a name.
+    """
+    from envs.pixel_env import watched
+
+    check_env(config)
+    if config.image_size != image_size:
+        raise ConfigError(
+            f"policy={config.policy_name} takes pictures of {image_size} pixels a side, given image_size="
+            f"{config.image_size}. Add image_size={image_size}, or learn from states with "
+            "policy.observation=state."
+        )
+    if config.level or config.only:
+        given = f"only={config.only}" if config.only else f"level={config.level}"
+        raise ConfigError(
+            f"policy={config.policy_name} learns from pictures of level 0, given {given}. Leave it out; the "
+            "other levels can be evaluated, as in evaluate.levels=[0,1,2,3]."
+        )
+    scene = make_task(config.task, config.task_kwargs, config.scenario).scenario
+    watched(config.task, scene, config.cameras, image_size)
+
+
+def check_env(config: Any, *, expert_starts: float = 0.0) -> None:
+    """Checks that every task of a run has what an agent is to learn from.
+
+    Args:
+        config: Configuration of the run.
+        expert_starts: Share of the episodes that are to begin on the way of the task's expert.
+
+    Raises:
+        ConfigError: if one pays no reward, or has no expert and needs one.
+    """
+    for name in config.tasks:
+        if not make_task(name, config.task_kwargs, config.scenario).has_reward:
+            raise ConfigError(
+                f"Task '{name}' pays no reward, which policy={config.policy_name} learns from. Learn it "
+                "from demonstrations, as with policy=act, or take another task, such as PickCube."
+            )
+    if expert_starts and not make_task(config.task, config.task_kwargs, config.scenario).has_expert:
+        raise ConfigError(
+            f"policy.expert_starts={expert_starts:g} lets episodes begin on the way of the task's scripted "
+            f"expert, and '{config.task}' has none. Take policy.expert_starts=0, or a task with an expert, "
+            "such as PickCube."
+        )

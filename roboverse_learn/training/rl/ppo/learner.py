@@ -1,0 +1,150 @@
+"""Trains PPO on the task of a run, by the backend that the configuration names."""
+
+import importlib
+import importlib.util
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+
+from envs.core.errors import MissingExtraError
+from policies.ppo.config import PpoConfig
+from policies.ppo.policy import PpoPolicy
+from roboverse_learn.training.config import TrainConfig
+from roboverse_learn.training.rl import loop as off_policy
+from roboverse_learn.training.rl.environment import check_env, make_env
+from roboverse_learn.training.rl.ppo.algorithm import PpoAlgorithm
+
+if TYPE_CHECKING:
+    from roboverse_learn.config.schema import TrainRunConfig
+    from roboverse_learn.training.reporter import Reporter, TrainResult
+
+OBSERVATION = "observation.environment_state"
+"""The key that holds the whole observation when the policy is evaluated."""
+
+_TIMED_ENVS, _TIMED_STEPS = 128, 8
+_FOLDER = "roboverse_learn.training.rl.ppo"
+_CLASSES = {"rsl_rl": "RslRlPpo", "sb3": "Sb3Ppo", "torchrl": "TorchRlPpo"}
+_PACKAGES = {"rsl_rl": "rsl_rl", "sb3": "stable_baselines3", "torchrl": "torchrl"}
+_EXTRAS = {"rsl_rl": "rsl-rl", "sb3": "sb3", "torchrl": "torchrl"}
+
+
+def check(config: "TrainRunConfig") -> None:
+    """Tells what keeps PPO from learning; see :mod:`roboverse_learn.training.rl.learners`."""
+    own: PpoConfig = config.policy
+    check_installed(own.backend)
+    check_env(config, expert_starts=own.expert_starts)
+
+
+def learn(
+    config: "TrainRunConfig", run_dir: Path, device: str, seed: int, reporter: "Reporter"
+) -> "TrainResult":
+    """Trains PPO; see :class:`roboverse_learn.training.rl.learners.Learner`."""
+    env = open_env(config, seed, device)
+    try:
+        return train(config.policy, env, config.train, run_dir, config.task, seed=seed, reporter=reporter)
+    finally:
+        env.close()
+
+
+def open_env(config: "TrainRunConfig", seed: int, device: str) -> Any:
+    """Makes the env that PPO learns in."""
+    own: PpoConfig = config.policy
+    return make_env(
+        config,
+        own.num_envs,
+        seed,
+        device,
+        max_episode_steps=own.max_episode_steps,
+        substeps=own.substeps,
+        expert_starts=own.expert_starts,
+    )
+
+
+def make_agent(config: "TrainRunConfig", env: Any, seed: int, device: str) -> PpoAlgorithm:
+    """Makes an untrained agent for the env of a run, on the env's device."""
+    return _agent(config.policy, env, config.train, config.task, seed)
+
+
+def brief(own: PpoConfig) -> PpoConfig:
+    """Returns settings to time it by: rollouts of few steps of few environments."""
+    if own.num_envs <= _TIMED_ENVS:
+        return replace(own, expert_starts=0.0)
+    # A multiple of the minibatches, which divide a rollout of any number of steps then.
+    num_envs = math.ceil(_TIMED_ENVS / own.num_minibatches) * own.num_minibatches
+    return replace(own, num_envs=num_envs, num_steps=min(own.num_steps, _TIMED_STEPS), expert_starts=0.0)
+
+
+def train(
+    config: PpoConfig,
+    env: Any,
+    train_config: TrainConfig,
+    run_dir: Path,
+    task: str,
+    *,
+    seed: int = 0,
+    reporter: "Reporter | None" = None,
+) -> "TrainResult":
+    """Trains PPO on an env.
+
+    Args:
+        config: Settings of PPO.
+        env: A :class:`~envs.torch_env.TorchVectorEnv`, or what has its interface.
+        train_config: How long to train, how often to log and save; rounded up to whole rollouts.
+        run_dir: Where checkpoints, metrics and plots go.
+        task: Name of the task.
+        seed: Root of all randomness.
+        reporter: Hears of the progress.
+    """
+    return off_policy.run(
+        _agent(config, env, train_config, task, seed),
+        env,
+        whole_rollouts(train_config, config.rollout_size),
+        run_dir,
+        seed=seed,
+        reporter=reporter,
+        stagger=config.stagger,
+    )
+
+
+def _agent(config: PpoConfig, env: Any, train_config: TrainConfig, task: str, seed: int) -> PpoAlgorithm:
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        policy = PpoPolicy(config, {OBSERVATION: env.observation_size}, env.action_size, env.device)
+        policy.task = task
+        return make_algorithm(policy, env, train_config)
+
+
+def make_algorithm(policy: PpoPolicy, env: Any, train_config: TrainConfig) -> PpoAlgorithm:
+    """Makes the PPO of the backend that the policy's configuration names."""
+    backend = policy.config.backend
+    module = importlib.import_module(f"{_FOLDER}.{backend}")
+    return getattr(module, _CLASSES[backend])(policy, env, train_config)
+
+
+def whole_rollouts(config: TrainConfig, size: int) -> TrainConfig:
+    """Returns the configuration with steps between events rounded up to multiples of a rollout."""
+
+    def up(steps: int) -> int:
+        return math.ceil(steps / size) * size
+
+    return replace(
+        config, steps=up(config.steps), save_every=up(config.save_every), log_every=up(config.log_every)
+    )
+
+
+def check_installed(backend: str) -> None:
+    """Checks that a backend's package is there.
+
+    Raises:
+        MissingExtraError: if not; it says how to install it.
+    """
+    if importlib.util.find_spec(_PACKAGES[backend]) is None:
+        there = [name for name, package in _PACKAGES.items() if importlib.util.find_spec(package)]
+        raise MissingExtraError(
+            f"policy.backend={backend} needs the package '{_PACKAGES[backend]}', which is not installed. "
+            f"Install it with: pip install 'roboverse-learn[{_EXTRAS[backend]}]'. "
+            f"Installed backends: {', '.join(there) or 'none'}."
+        )

@@ -1,0 +1,254 @@
+import json
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from benchmark.protocol import Protocol
+from benchmark.records import Checkpoint, Git, Machine
+from benchmark.results import read_result, result_path, write_result
+from envs.core.errors import ResultError
+
+PROPERTY = settings(
+    deadline=None,
+    max_examples=40,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+JSON = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**53), 2**53)
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@pytest.fixture
+def written(make_result, tmp_path):
+    """A result on disk: its path and what it holds."""
+    result = make_result(protocol=Protocol(episodes=3, levels=(0, 1)))
+    path = result_path(tmp_path, result)
+    write_result(path, result)
+    return path, result
+
+
+def edit(path, change):
+    document = json.loads(path.read_text())
+    change(document)
+    path.write_text(json.dumps(document))
+
+
+def test_a_result_has_its_place(written, tmp_path):
+    assert written[0] == tmp_path / "v2" / "PickCube" / "act" / "act-s0.json"
+
+
+def test_round_trip(written):
+    path, result = written
+    assert read_result(path) == result
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("scenario", {"physics": {"decimation": 50}}), ("materials", "+pictures-1a2b3c4d")]
+)
+def test_what_was_changed_of_the_scene_is_told_and_nothing_where_nothing_was(
+    make_result, tmp_path, written, key, value
+):
+    assert key not in json.loads(written[0].read_text())
+    result = make_result(run="other", **{key: value})
+    path = result_path(tmp_path, result)
+    write_result(path, result)
+    assert json.loads(path.read_text())[key] == value
+    assert read_result(path) == result
+
+
+def test_tasks_that_were_learned_together_are_told_and_nothing_of_one_alone(make_result, tmp_path, written):
+    assert "train_tasks" not in json.loads(written[0].read_text())
+    result = make_result(run="other", train_tasks=("PickCube", "humanoid/walk"))
+    path = result_path(tmp_path, result)
+    write_result(path, result)
+    assert json.loads(path.read_text())["train_tasks"] == ["PickCube", "humanoid/walk"]
+    assert read_result(path) == result
+    with pytest.raises(ResultError, match="train_tasks"):
+        write_result(path, replace(result, train_tasks=("PickCube",)))
+
+
+def test_one_record_per_line(written):
+    lines = written[0].read_text().splitlines()
+    assert sum('"initial_state_hash"' in line for line in lines) == 12
+    assert json.loads(written[0].read_text())["cells"][0]["episodes"] == 3
+
+
+@PROPERTY
+@given(
+    config=st.dictionaries(st.text(), JSON, max_size=4),
+    command=st.text(),
+    rates=st.tuples(*[st.floats(0, 1)] * 4),
+    levels=st.lists(st.integers(0, 3), unique=True, max_size=4).map(tuple),
+    only=st.lists(st.sampled_from(["environment", "camera", "lighting"]), unique=True, min_size=1).map(tuple),
+    episodes=st.integers(1, 6),
+    seed=st.integers(0, 2**32),
+    git=st.none()
+    | st.builds(Git, sha=st.text("0123456789abcdef", min_size=40, max_size=40), dirty=st.booleans()),
+    step=st.none() | st.integers(0, 2**40),
+)
+def test_every_result_reads_back_as_it_was_written(
+    make_result, config, command, rates, levels, only, episodes, seed, git, step
+):
+    result = make_result(
+        protocol=Protocol(levels=levels, only=only, episodes=episodes, seed=seed),
+        rates=rates,
+        config=config,
+        command=command,
+        git=git,
+        checkpoint=Checkpoint(step=step),
+        machine=Machine(device="cpu", cpu_count=1),
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "run.json"
+        write_result(path, result)
+        assert read_result(path) == result
+
+
+@PROPERTY
+@given(data=st.data())
+def test_a_damaged_file_reads_as_it_was_or_not_at_all(written, data):
+    path, result = written
+    whole = path.read_bytes()
+    start = data.draw(st.integers(0, len(whole)))
+    length = data.draw(st.integers(0, 40))
+    patch = data.draw(
+        st.binary(max_size=8) | st.sampled_from([b"NaN", b"1e999", b"null", b"0", b'"', b"[" * 5000])
+    )
+    damaged = path.parent / "damaged.json"
+    damaged.write_bytes(whole[:start] + patch + whole[start + length :])
+    try:
+        assert read_result(damaged) == result
+    except ResultError as error:
+        assert "damaged.json" in str(error)
+
+
+@PROPERTY
+@given(cut=st.floats(0, 0.999))
+def test_a_truncated_file_says_so(written, cut):
+    path, _ = written
+    whole = path.read_bytes().rstrip()
+    short = path.parent / "short.json"
+    short.write_bytes(whole[: int(cut * len(whole))])
+    with pytest.raises(
+        ResultError, match=r"short.json' is not a whole JSON file.*Evaluate the checkpoint again"
+    ):
+        read_result(short)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.update(schema_version=7), "has schema version 7; this release reads 1"),
+        (lambda d: d.pop("schema_version"), "is not a results file: it has no schema_version"),
+        (lambda d: d.pop("records"), 'at the top: "records" is a required property'),
+        (lambda d: d.update(hostname="box"), "'hostname' was unexpected"),
+        (lambda d: d["protocol"].update(episodes=0), "at protocol/episodes: 0 is less than the minimum of 1"),
+        (
+            lambda d: d["records"][0].update(success="yes"),
+            'at records/0/success: "yes" is not of type "boolean"',
+        ),
+        (lambda d: d.update(task="../../etc"), 'at task: "../../etc" does not match'),
+        (lambda d: d.update(task="a/b/c"), 'at task: "a/b/c" does not match'),
+        (lambda d: d["checkpoint"].update(choice="best"), 'at checkpoint/choice: "last" was expected'),
+        (lambda d: d["protocol"].update(seed=1), "its protocol hashes to"),
+        (
+            lambda d: d["records"].pop(),
+            "Level 1, test split has 2 records of 2 episodes; the protocol asks for 3",
+        ),
+        (
+            lambda d: d["records"].__delitem__(slice(-3, None)),
+            "missing level 1, test split, not asked for none",
+        ),
+        (lambda d: d["cells"].pop(), "belongs to no cell of the file"),
+        (lambda d: d["cells"].append(d["cells"][0]), "it has 5 cells, and its records make 4"),
+        (
+            lambda d: d["cells"][0].update(successes=0),
+            "successes of level 0, train split is 0; its records give",
+        ),
+        (
+            lambda d: d["cells"][0].update(ci_low=0.99),
+            "ci_low of level 0, train split is 0.99; its records give",
+        ),
+        (lambda d: d["records"][0].update(episode=2), "3 records of 2 episodes"),
+        (lambda d: d["records"][0].update(wall_time_s=1.0), "was changed after it was written"),
+        (lambda d: d.update(command="rm -rf /"), "was changed after it was written"),
+    ],
+)
+def test_what_is_wrong_is_named(written, change, message):
+    path, _ = written
+    edit(path, change)
+    with pytest.raises(ResultError) as caught:
+        read_result(path)
+    assert message in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+def test_half_a_surrogate_pair_is_no_text(written):
+    path, _ = written
+    edit(path, lambda d: d.update(task="\ud800"))
+    with pytest.raises(ResultError, match=r"holds what is no JSON.*Evaluate the checkpoint again"):
+        read_result(path)
+
+
+@pytest.mark.parametrize("text", ["NaN", "Infinity", "1e999"])
+def test_numbers_that_are_none_are_refused(written, text):
+    path, result = written
+    path.write_text(path.read_text().replace(repr(result.records[0].wall_time_s), text))
+    with pytest.raises(ResultError, match="is not a whole JSON file"):
+        read_result(path)
+
+
+def test_an_absent_file_is_named(tmp_path):
+    with pytest.raises(ResultError, match=r"Could not read results file '.*gone.json': No such file"):
+        read_result(tmp_path / "gone.json")
+
+
+def test_a_result_that_is_not_one_is_not_written(written):
+    path, result = written
+    before = path.read_bytes()
+    lost = replace(result, records=result.records[:-1])
+    with pytest.raises(ResultError, match="asks for 3, each once"):
+        write_result(path, lost)
+    nan = replace(
+        result, records=(replace(result.records[0], episode_return=float("nan")), *result.records[1:])
+    )
+    with pytest.raises(ResultError, match=r"has a return of nan .* Check the task's reward"):
+        write_result(path, nan)
+    with pytest.raises(ResultError, match="holds a value that JSON cannot"):
+        write_result(path, replace(result, config={"optimizer": object()}))
+    assert path.read_bytes() == before
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_records_must_be_of_the_run(written):
+    path, result = written
+    other = tuple(replace(record, policy="diffusion") for record in result.records)
+    with pytest.raises(ResultError, match="has policy 'diffusion', and the run 'act-s0' has 'act'"):
+        write_result(path, replace(result, records=other))
+    other = tuple(replace(record, seed=9) for record in result.records)
+    with pytest.raises(ResultError, match="has seed 9; the protocol's is 0"):
+        write_result(path, replace(result, records=other))
+
+
+def test_a_full_disk_leaves_the_old_file(written, monkeypatch):
+    path, result = written
+    before = path.read_bytes()
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(ResultError, match=r"No space left on device. What was there before is unchanged"):
+        write_result(path, replace(result, created="2027-01-01T00:00:00Z"))
+    assert path.read_bytes() == before
+    assert list(path.parent.iterdir()) == [path]

@@ -1,0 +1,121 @@
+"""The page of tasks."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from docs.generate import task_images as gallery
+from envs.experts.record import ExpertRecord, SplitRecord
+from envs.tasks import TASKS
+from envs.tasks.pick_cube import PickCube
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+DRAWN = [name for name in TASKS if "adapted" not in TASKS.entry(name).tags]
+RECORD = ExpertRecord(
+    {"train": SplitRecord(500, 0.998, 60.25), "test": SplitRecord(400, 1.0, 61.0)}, "", None
+)
+
+
+def test_docstrings_become_markdown():
+    assert gallery.plain("One :class:`~envs.state.State`,\nin ``code``.\n\nTwo.") == (
+        "One `envs.state.State`, in `code`.\n\nTwo."
+    )
+
+
+def test_options_are_the_fields_with_their_words_and_defaults():
+    assert gallery.options(PickCube) == {
+        "variant": "``goal`` is ManiSkill's task; ``lift`` is that of the paper's code. Default: `goal`."
+    }
+    assert gallery.class_text(PickCube).startswith("Grasp a cube and hold it at the marker")
+    assert "Attributes" not in gallery.class_text(PickCube)
+
+
+def test_a_record_is_told_by_split():
+    assert gallery.described(RECORD) == ("train: 99.8 % of 500, 60.2 steps; test: 100.0 % of 400, 61.0 steps")
+    assert gallery.described(None) == "not measured"
+
+
+def test_a_section_says_everything_of_a_task():
+    text = gallery.section(TASKS.entry("PickCube"), RECORD)
+    for words in (
+        "## PickCube\n",
+        "| Source | ManiSkill 3 ([arXiv:2410.00425](https://arxiv.org/abs/2410.00425); Apache-2.0) |",
+        "“pick up the red cube and hold it at the green marker”<br>“move the red cube",
+        "| Robot | franka; an action has 9 numbers, `joint1` to `gripper/finger_joint2` |",
+        "| Horizon | 100 steps, 5 s at 20 Hz |",
+        "front 256×256",
+        "| Expert | train: 99.8 % of 500",
+        "| `task_kwargs.variant` | `goal` is ManiSkill's task",
+        "![PickCube: start and success](tasks/PickCube.jpg)",
+    ):
+        assert words in text, words
+
+
+def test_a_family_is_one_table():
+    members = [TASKS.entry("PickCube"), TASKS.entry("StackCube")]
+    text = gallery.family_section("Cubes", members, {"StackCube": RECORD})
+    assert text.startswith("## Cubes\n\n2 tasks of ManiSkill 3 ([arXiv:2410.00425]")
+    assert f"| StackCube | {TASKS.entry('StackCube').summary} | train: 99.8 % of 500" in text
+    assert "| PickCube | grasp a 4 cm cube and hold it at the green marker | not measured |" in text
+    assert text.endswith("StackCube:\n\n![StackCube: start and success](tasks/StackCube.jpg)")
+
+
+def test_adapted_tasks_are_named_and_not_shown():
+    text = gallery.page(["DoorClose", "metaworld/assembly"])
+    assert "| metaworld/assembly | " in text
+    assert text.count("![") == 1 and "![DoorClose: start and success](tasks/DoorClose.jpg)" in text
+
+
+def test_the_page_in_the_repository_is_the_one_that_is_made():
+    assert (DOCS / "tasks.md").read_text(encoding="utf-8") == gallery.page(), (
+        "Make it again: python -m docs.generate.task_images"
+    )
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_every_task_has_a_small_picture_of_its_start_and_success(name):
+    path = DOCS / gallery.picture_path(name)
+    assert path.stat().st_size <= gallery.MAX_BYTES
+    with Image.open(path) as image:
+        assert image.size == (512, 256)
+
+
+def test_a_strip_is_as_good_as_fits():
+    rng = np.random.default_rng(0)
+    noise = rng.integers(0, 255, (256, 512, 3), np.uint8)
+    smooth = np.full((256, 512, 3), 90, np.uint8)
+    assert len(gallery.encode(smooth)) < gallery.MAX_BYTES
+    fine, coarse = (Image.open(io.BytesIO(gallery.encode(strip))) for strip in (smooth, noise))
+    assert max(fine.quantization[0]) < max(coarse.quantization[0])
+
+
+def test_only_what_lacks_a_picture_is_drawn(tmp_path, monkeypatch):
+    drawn = []
+
+    def draw(name, *, renderer):
+        drawn.append((name, renderer))
+        return np.zeros((8, 16, 3), np.uint8)
+
+    monkeypatch.setattr(gallery, "draw_strip", draw)
+    monkeypatch.setattr(gallery, "page", lambda: "# Tasks\n")
+    assert gallery.main([f"out={tmp_path}"]) == 0
+    assert [name for name, _ in drawn] == sorted(DRAWN)
+    assert (tmp_path / "tasks.md").read_text() == "# Tasks\n"
+    drawn.clear()
+    assert gallery.main([f"out={tmp_path}", "redraw=[PickCube]", "renderer=gl"]) == 0
+    assert drawn == [("PickCube", "gl")]
+
+
+def test_an_unknown_task_exits_2_and_writes_nothing(tmp_path, caplog):
+    assert gallery.main([f"out={tmp_path}", "redraw=[PickCub]"]) == 2
+    assert "Unknown task 'PickCub'. Did you mean 'PickCube'?" in caplog.text
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_strip_shows_the_start_and_the_success():
+    strip = gallery.draw_strip("PickCube")
+    assert strip.shape == (256, 512, 3) and strip.dtype == np.uint8
+    assert (strip[:, :256] != strip[:, 256:]).any(-1).mean() > 0.05

@@ -1,0 +1,117 @@
+"""Lazy pictures: drawn once, at the first look, and a plain dict to everybody else."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+from envs.lazy_images import LazyPixels
+
+PICTURES = {"front": np.zeros((2, 2, 3), np.uint8), "wrist": np.ones((2, 2, 3), np.uint8)}
+
+
+@pytest.fixture
+def lazy():
+    """Lazy pixels that count how often they are drawn."""
+
+    def draw():
+        draw.calls += 1
+        return {name: picture.copy() for name, picture in PICTURES.items()}
+
+    draw.calls = 0
+    pixels = LazyPixels(PICTURES, draw)
+    return pixels, draw
+
+
+@pytest.mark.parametrize(
+    "look",
+    [
+        list,
+        len,
+        tuple,
+        lambda p: "front" in p,
+        lambda p: p.keys(),
+        lambda p: bool(p),
+        lambda p: p.get("nose"),
+    ],
+    ids=["list", "len", "tuple", "in", "keys", "bool", "get another"],
+)
+def test_names_are_known_without_drawing(lazy, look):
+    pixels, draw = lazy
+    look(pixels)
+    assert not pixels.drawn
+    assert draw.calls == 0
+
+
+@pytest.mark.parametrize(
+    "look",
+    [
+        lambda p: p["front"],
+        lambda p: p.get("front"),
+        lambda p: list(p.values()),
+        lambda p: list(p.items()),
+        lambda p: p.copy(),
+        lambda p: dict(p.items()),
+        copy.copy,
+        copy.deepcopy,
+        pickle.dumps,
+    ],
+    ids=["item", "get", "values", "items", "copy", "dict", "copy.copy", "deepcopy", "pickle"],
+)
+def test_the_first_look_draws_all_once(lazy, look):
+    pixels, draw = lazy
+    look(pixels)
+    look(pixels)
+    assert pixels.drawn
+    assert draw.calls == 1
+    np.testing.assert_array_equal(pixels["wrist"], PICTURES["wrist"])
+
+
+def test_a_camera_that_is_not_there_is_an_ordinary_mistake(lazy):
+    pixels, draw = lazy
+    with pytest.raises(KeyError, match="nose"):
+        pixels["nose"]
+    assert pixels.get("nose") is None
+    assert pixels.get("nose", 7) == 7
+    assert draw.calls == 0
+
+
+def test_copies_are_drawn_and_their_own(lazy):
+    pixels, _ = lazy
+    deep, shallow = copy.deepcopy(pixels), pixels.copy()
+    assert type(deep) is LazyPixels, "Gymnasium's checker compares the types of a copy and of the next"
+    assert deep.drawn
+    assert type(shallow) is dict
+    deep["front"][:] = 9
+    assert pixels["front"].max() == 0
+    assert shallow["front"] is pixels["front"]
+
+
+def test_it_travels_as_a_plain_dict(lazy):
+    pixels, _ = lazy
+    other = pickle.loads(pickle.dumps(pixels))
+    assert type(other) is dict
+    np.testing.assert_array_equal(other["wrist"], PICTURES["wrist"])
+
+
+def test_comparing_draws_and_compares():
+    pixels = LazyPixels(["front"], lambda: {"front": 3})
+    assert pixels == {"front": 3}
+    assert pixels != {"front": 4}
+
+
+def test_it_cannot_be_hashed(lazy):
+    with pytest.raises(TypeError, match="unhashable"):
+        hash(lazy[0])
+
+
+def test_what_cannot_be_drawn_says_so_every_time():
+    def fail():
+        raise RuntimeError("no context")
+
+    pixels = LazyPixels(["front"], fail)
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match="no context"):
+            pixels["front"]
+    assert not pixels.drawn

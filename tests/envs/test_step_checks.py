@@ -1,0 +1,101 @@
+"""What an env refuses to step with, and that it says so in one clear error."""
+
+import contextlib
+from collections.abc import Iterator
+
+import gymnasium
+import numpy as np
+import pytest
+
+import envs
+from envs.core.errors import RoboVerseError
+from envs.step_checks import InvalidActionError, ResetNeededError
+from envs.vector_env import RoboVerseVectorEnv
+
+REST = np.array([0.0, 0.0, 0.0, -1.5, 0.0, 1.5, 0.0, 0.04, 0.04], np.float32)
+
+
+@pytest.fixture(scope="module")
+def single() -> Iterator[envs.RoboVerseEnv]:
+    env = envs.RoboVerseEnv("PickCube", observation="state")
+    with contextlib.closing(env):
+        yield env
+
+
+@pytest.fixture(scope="module")
+def batch() -> Iterator[RoboVerseVectorEnv]:
+    env = envs.make_vec("PickCube", 3, observation="state")
+    with contextlib.closing(env):
+        yield env
+
+
+def not_finite(value: float, row: int = 1) -> np.ndarray:
+    actions = np.repeat(REST[None], 3, 0)
+    actions[row, 4] = value
+    return actions
+
+
+@pytest.mark.parametrize("shape", [(7,), (1, 9), (), (10,)])
+def test_one_action_of_another_shape_is_refused(single: envs.RoboVerseEnv, shape: tuple[int, ...]) -> None:
+    single.reset(seed=0)
+    with pytest.raises(InvalidActionError, match=r"An action is one row, .* shape \(9,\): joint1, ") as error:
+        single.step(np.zeros(shape, np.float32))
+    assert str(error.value).endswith(f"Given was an array of float32 of the shape {shape}.")
+
+
+@pytest.mark.parametrize("shape", [(9,), (2, 9), (3, 7), (3, 9, 1)])
+def test_actions_of_another_shape_are_refused(batch: RoboVerseVectorEnv, shape: tuple[int, ...]) -> None:
+    batch.reset(seed=0)
+    with pytest.raises(InvalidActionError, match=r"Actions are a row for each environment.* shape \(3, 9\)"):
+        batch.step(np.zeros(shape))
+
+
+def test_actions_that_are_words_are_refused(batch: RoboVerseVectorEnv) -> None:
+    batch.reset(seed=0)
+    with pytest.raises(InvalidActionError, match="Given was an array of <U1 of the shape"):
+        batch.step(np.full((3, 9), "a"))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_an_action_that_is_not_finite_is_refused_by_its_place(
+    batch: RoboVerseVectorEnv, single: envs.RoboVerseEnv, value: float
+) -> None:
+    batch.reset(seed=0)
+    with pytest.raises(InvalidActionError, match=rf"environment 1 is not finite: joint5 is {value}\."):
+        batch.step(not_finite(value))
+    single.reset(seed=0)
+    with pytest.raises(InvalidActionError, match=rf"The action is not finite: joint5 is {value}\."):
+        single.step(not_finite(value)[1])
+
+
+def test_a_refused_action_changes_nothing(batch: RoboVerseVectorEnv) -> None:
+    batch.reset(seed=0)
+    before = batch.get_states().flatten()
+    with pytest.raises(InvalidActionError):
+        batch.step(not_finite(np.nan))
+    after = batch.get_states().flatten()
+    assert all(np.array_equal(before[key], after[key]) for key in before)
+    assert batch.elapsed_steps.tolist() == [0, 0, 0]
+
+
+@pytest.mark.parametrize("observation", ["pixels", "state"])
+def test_a_step_before_the_first_reset_is_refused(observation: str) -> None:
+    for env, action in (
+        (envs.RoboVerseEnv("PickCube", observation=observation, image_size=32), REST),
+        (envs.make_vec("PickCube", 2, observation=observation, image_size=32), np.repeat(REST[None], 2, 0)),
+    ):
+        with contextlib.closing(env), pytest.raises(ResetNeededError, match=r"Call reset\(\) first"):
+            env.step(action)
+
+
+def test_an_env_that_was_left_out_of_the_reset_is_told() -> None:
+    with contextlib.closing(envs.make_vec("PickCube", 2, observation="state")) as env:
+        env.reset(options={"reset_mask": np.array([True, False])})
+        with pytest.raises(ResetNeededError):
+            env.step(np.repeat(REST[None], 2, 0))
+
+
+def test_the_errors_are_those_that_gymnasium_and_our_command_line_know() -> None:
+    assert issubclass(InvalidActionError, gymnasium.error.InvalidAction)
+    assert issubclass(ResetNeededError, gymnasium.error.ResetNeeded)
+    assert issubclass(InvalidActionError, RoboVerseError) and issubclass(ResetNeededError, RoboVerseError)

@@ -1,0 +1,205 @@
+"""Run folders: names that follow from the configuration, resuming, locks, manifests, seeds."""
+
+import dataclasses
+import json
+import logging
+from pathlib import Path
+
+import pytest
+import yaml
+
+from envs.core.errors import ConfigError
+from roboverse_learn.commands.run_folder import (
+    CONFIG_FILE,
+    MANIFEST_FILE,
+    Run,
+    default_folder,
+    read_config,
+    read_facts,
+    run_name,
+    seed_of,
+)
+from roboverse_learn.config.compose import compose
+from roboverse_learn.config.schema import TrainRunConfig
+from roboverse_learn.config.serialize import to_values
+
+COMMAND = ["roboverse", "train", "preset=quick"]
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def config(*words: str) -> TrainRunConfig:
+    return compose("train", ["preset=quick", *words])
+
+
+@pytest.mark.parametrize(
+    "word",
+    [
+        "seed=1",
+        "level=2",
+        "only=camera",
+        "num_demos=50",
+        "lr=0.5",
+        "policy.chunk_size=80",
+        "simulator_settings.impratio=5",
+        "scenario.physics.decimation=50",
+        "scenario.lighting.array_shape=[3,4]",
+        "renderer=gl",
+        "materials=m",
+    ],
+)
+def test_what_decides_the_outcome_changes_the_name(word: str) -> None:
+    assert run_name(config(word)) != run_name(config())
+
+
+@pytest.mark.parametrize(
+    "word",
+    [
+        "device=cpu",
+        "collect.num_workers=2",
+        "evaluate.num_envs=3",
+        "episodes=5",
+        "slow_ok=true",
+        "log_every=7",
+        "train.cuda_graphs=true",
+    ],
+)
+def test_what_decides_nothing_keeps_the_name(word: str) -> None:
+    assert run_name(config(word)) == run_name(config())
+
+
+def test_a_name_can_be_read() -> None:
+    assert run_name(config("seed=3")).startswith("quick-level0-seed3-")
+    assert run_name(config("only=lighting")).startswith("quick-lighting-alone-seed0-")
+
+
+def test_the_same_command_finds_the_same_run_and_continues_it() -> None:
+    with Run.open(config(), COMMAND) as first, first.stage("collect") as facts:
+        facts["num_episodes"] = 9
+    with Run.open(config("episodes=3"), COMMAND) as second:
+        assert second.folder == first.folder
+        assert second.stages["collect"]["num_episodes"] == 9
+    manifest = json.loads((first.folder / MANIFEST_FILE).read_text())
+    assert [start["command"] for start in manifest["starts"]] == ["roboverse train preset=quick"] * 2
+    assert manifest["status"] == "done"
+
+
+def test_resume_false_starts_a_run_beside_it() -> None:
+    names = []
+    for _ in range(3):
+        with Run.open(config("resume=false"), COMMAND) as run:
+            names.append(run.name)
+    base = run_name(config())
+    assert names == [base, f"{base}-2", f"{base}-3"]
+
+
+def test_the_resolved_configuration_is_saved_and_read_back() -> None:
+    chosen = config("policy=diffusion", "train.betas=[0.8,0.9]", "levels=[1]", "task_kwargs.variant=lift")
+    with Run.open(chosen, COMMAND) as run:
+        pass
+    assert read_config(run.folder) == chosen
+    assert json.loads((run.folder / MANIFEST_FILE).read_text())["config"] == to_values(chosen)
+    assert run.folder == Path("runs/PickCube/diffusion") / run_name(chosen)
+
+
+def test_run_names_a_run_to_continue_with_its_own_configuration() -> None:
+    with Run.open(config("policy=diffusion", "seed=5"), COMMAND) as run:
+        pass
+    again = compose("train", [f"run={run.folder}", "train.steps=123456"])
+    assert (again.policy_name, again.seed, again.preset) == ("diffusion", 5, "quick")
+    assert again.train.steps == 123456
+    assert again.policy == config("policy=diffusion").policy
+    with Run.open(again, COMMAND) as continued:
+        assert continued.folder == run.folder
+
+
+@pytest.mark.parametrize("word", ["seed=1", "policy.dim_model=128", "policy=diffusion", "num_demos=3"])
+def test_a_run_is_not_continued_as_another(word: str) -> None:
+    with Run.open(config(), COMMAND) as run:
+        pass
+    other = compose("train", [f"run={run.folder}", "preset=quick", word])
+    with pytest.raises(ConfigError, match=r"was started with another configuration: you gave .*it has"):
+        Run.open(other, COMMAND)
+    assert read_config(run.folder) == config()
+
+
+def test_a_run_is_open_in_one_process_only() -> None:
+    with (
+        Run.open(config(), COMMAND),
+        pytest.raises(ConfigError, match=r"Another process is working on the run .*resume=false"),
+    ):
+        Run.open(config(), COMMAND)
+    Run.open(config(), COMMAND).close()
+
+
+def test_a_stage_that_fails_is_recorded_and_tried_again() -> None:
+    with pytest.raises(ValueError, match="diverged"), Run.open(config(), COMMAND) as run, run.stage("train"):
+        raise ValueError("diverged")
+    facts = read_facts(run.folder, "train")
+    assert facts["status"] == "stopped" and facts["error"] == "ValueError: diverged"
+    assert json.loads((run.folder / MANIFEST_FILE).read_text())["status"] == "stopped"
+    with Run.open(config(), COMMAND) as run, run.stage("train") as facts:
+        facts["steps"] = 4
+    facts = read_facts(run.folder, "train")
+    assert (facts["status"], facts["steps"], "error" in facts) == ("done", 4, False)
+    assert facts["seconds"] >= 0
+
+
+def test_the_manifest_says_where_the_code_came_from() -> None:
+    with Run.open(config(), COMMAND) as run:
+        pass
+    (start,) = json.loads((run.folder / MANIFEST_FILE).read_text())["starts"]
+    assert {"python", "torch", "lerobot", "mujoco"} <= set(start["versions"])
+    assert start["git"] is None or set(start["git"]) == {"sha", "dirty"}
+
+
+def test_the_log_of_a_run_goes_to_its_folder() -> None:
+    with Run.open(config(), COMMAND) as run:
+        logging.getLogger("roboverse_learn.test").warning("a line to find again")
+    logging.getLogger("roboverse_learn.test").warning("not of this run")
+    text = (run.folder / "run.log").read_text()
+    assert "a line to find again" in text and "not of this run" not in text
+
+
+def test_a_broken_manifest_does_not_stop_a_run() -> None:
+    with Run.open(config(), COMMAND) as run:
+        pass
+    (run.folder / MANIFEST_FILE).write_text('{"starts": [')
+    assert read_facts(run.folder, "train") == {}
+    with Run.open(config(), COMMAND) as run:
+        assert run.stages == {}
+
+
+@pytest.mark.parametrize("content", ["", "train: [", "- 1\n- 2", "\x00"])
+def test_a_broken_configuration_is_a_clear_error(content: str) -> None:
+    with Run.open(config(), COMMAND) as run:
+        pass
+    (run.folder / CONFIG_FILE).write_text(content)
+    with pytest.raises(ConfigError, match=CONFIG_FILE):
+        read_config(run.folder)
+
+
+def test_a_folder_that_is_no_run_is_a_clear_error(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"is not the folder of a run: it has no config\.yaml"):
+        read_config(tmp_path)
+
+
+def test_streams_of_randomness_are_independent_and_repeatable() -> None:
+    seeds = {
+        (seed, stream): seed_of(config(f"seed={seed}"), stream)
+        for seed in (0, 1)
+        for stream in ("training", "collection")
+    }
+    assert len(set(seeds.values())) == 4
+    assert seed_of(config("seed=1"), "training") == seeds[1, "training"]
+
+
+def test_the_saved_configuration_is_yaml_that_a_person_can_read() -> None:
+    with Run.open(config(), COMMAND) as run:
+        pass
+    values = yaml.safe_load((run.folder / CONFIG_FILE).read_text())
+    assert list(values) == [item.name for item in dataclasses.fields(TrainRunConfig)]
+    assert default_folder(config()) == run.folder

@@ -1,0 +1,264 @@
+"""``roboverse sweep``: what it makes of its words, in which order it runs, and what it says of failures."""
+
+import sys
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from envs.core.errors import ConfigError, UnknownNameError
+from roboverse_learn import cli
+from roboverse_learn.collect import dataset_folder
+from roboverse_learn.config.compose import compose, values_of_key
+from roboverse_learn.config.keys import flat_keys
+from roboverse_learn.config.schema import CollectConfig, SweepConfig
+from roboverse_learn.config.serialize import to_values
+from roboverse_learn.sweep import Job, Sweep, SweepError, gpu_slots, make_jobs, plan, run_jobs, sweep
+
+WORDS = ["policy=act,diffusion", "task=PickCube,StackCube", "level=0,3", "preset=quick"]
+
+
+def at(values, key):
+    for part in key.split("."):
+        values = values[part]
+    return values
+
+
+class TestWords:
+    @pytest.mark.parametrize(
+        ("word", "expected"),
+        [
+            ("level=0,3", ["level=0", "level=3"]),
+            ("seed=range(3)", ["seed=0", "seed=1", "seed=2"]),
+            ("task=metaworld/box-close,PickCube", ["task=metaworld/box-close", "task=PickCube"]),
+            ("cameras=[front,wrist]", ["cameras=[front,wrist]"]),
+            ("cameras=[front],[front,wrist]", ["cameras=[front]", "cameras=[front,wrist]"]),
+            ("runs_dir=/data/a=b/runs", ["runs_dir=/data/a=b/runs"]),
+        ],
+    )
+    def test_a_word_stands_for_as_many_words_as_it_has_values(self, word, expected):
+        assert values_of_key(word) == expected
+
+    def test_there_is_a_run_for_every_combination(self):
+        runs = plan(WORDS).runs
+        got = [(c.policy_name, c.task, c.level, c.preset) for _, c in runs]
+        assert len(got) == 8
+        assert got[0] == ("act", "PickCube", 0, "quick")
+        assert set(got) == {
+            (p, t, k, "quick")
+            for p in ("act", "diffusion")
+            for t in ("PickCube", "StackCube")
+            for k in (0, 3)
+        }
+
+    def test_a_combination_that_is_named_twice_runs_once(self):
+        assert len(plan(["seed=1,1"]).runs) == 1
+
+    def test_its_own_keys_are_told_from_those_of_train(self):
+        planned = plan(["jobs_per_gpu=3", "dry_run=true", "seed=4"])
+        assert (planned.config.jobs_per_gpu, planned.config.dry_run) == (3, True)
+        assert [words for words, _ in planned.runs] == [("seed=4",)]
+
+    @pytest.mark.parametrize(
+        ("word", "said"),
+        [
+            ("policy=act,difusion", "Did you mean 'diffusion'"),
+            ("tsk=PickCube", "Did you mean 'task'"),
+            ("task=PickCube,StackCub", "Did you mean 'StackCube'"),
+        ],
+    )
+    def test_a_mistake_in_any_of_them_is_told_before_anything_runs(self, word, said):
+        with pytest.raises(UnknownNameError, match=said):
+            plan([word])
+
+    def test_no_run_at_a_time_is_no_sweep(self):
+        with pytest.raises(ConfigError, match="jobs_per_gpu"):
+            plan(["jobs_per_gpu=0"])
+
+
+class TestJobs:
+    def test_what_several_runs_learn_from_is_collected_once_and_first(self, tmp_path):
+        jobs, complete = make_jobs(plan([*WORDS, f"runs_dir={tmp_path}"]))
+        assert complete == []
+        assert [job.words[0] for job in jobs] == ["collect"] * 4 + ["train"] * 8
+        assert len({job.name for job in jobs}) == len(jobs)
+        collected = {job.name for job in jobs[:4]}
+        assert {job.after for job in jobs[4:]} == collected
+        assert {job.after for job in jobs[:4]} == {None}
+
+    def test_policies_that_learn_from_an_env_collect_nothing(self, tmp_path):
+        jobs, _ = make_jobs(plan(["policy=tdmpc2", f"runs_dir={tmp_path}"]))
+        assert [(job.words[0], job.after) for job in jobs] == [("train", None)]
+
+    @pytest.mark.parametrize(
+        "words",
+        [
+            ["preset=quick", "num_demos=1000"],
+            ["preset=gpu", "cameras=[front]"],
+            ["task=PickCube", "task_kwargs.variant=lift", "only=camera", "materials=my-pictures"],
+            ["simulator=mujoco_warp", "simulator_settings.njmax=768"],
+            [
+                "decimation=50",
+                "scenario.room=null",
+                "cameras.front.pos=[1,0,0.5]",
+                "cameras.wrist.turns=false",
+            ],
+            ["appearance.lights=[{kind:area},{}]", "appearance.materials.wall.texture=wood-017"],
+            ["scenario.appearance.lights.0.intensity=0.5"],
+            ["scenario.objects.cube.mjcf='a,b.xml'", "materials=a=b"],
+            ["scenario.objects.cube={mjcf:'it\\'s [a], {b}: c\\\\'}"],
+            ["scenario.objects.cube.mjcf='3'", r"scenario.appearance.materials.wall.texture='\${x}-1'"],
+            ["simulator_settings.cone='elliptic'", "scenario.objects.cube.mjcf='null'"],
+        ],
+    )
+    def test_the_collection_is_that_of_the_run(self, words):
+        """Whatever a preset says and a word changes again."""
+        planned = plan(words)
+        ((_, config),) = planned.runs
+        job = make_jobs(planned)[0][0]
+        collection = compose("collect", job.words[1:])
+        assert dataset_folder(collection) == dataset_folder(config)
+        ours, theirs = to_values(collection), to_values(config)
+        for key in set(flat_keys(to_values(CollectConfig()))) - {"preset"}:
+            assert at(ours, key) == at(theirs, key), key
+
+    @settings(max_examples=100, deadline=None)
+    @given(text=st.text(st.characters(codec="utf-8", exclude_categories=["Cc"]), min_size=1))
+    @example(text="null")
+    @example(text="a,b")
+    @example(text=r"\\${x} it's \\\\")
+    def test_any_text_inside_a_value_reaches_the_collection_as_it_is(self, text):
+        config = replace(compose("train", []), scenario={"objects": {"cube": {"mjcf": text}}})
+        job = make_jobs(Sweep(SweepConfig(), (((), config),)))[0][0]
+        assert compose("collect", job.words[1:]).scenario == config.scenario
+
+    def test_a_run_is_complete_once_it_was_evaluated_as_it_is_asked_for(self, tmp_path):
+        from roboverse_learn.commands.run_folder import Run
+
+        words = ["task=PickCube", f"runs_dir={tmp_path}"]
+        ((_, config),) = plan(words).runs
+        result = tmp_path / "result.json"
+        with Run.open(config, ["train"]) as run, run.stage("evaluate") as facts:
+            facts["result"] = str(result)
+        assert len(make_jobs(plan(words))[0]) == 2  # its result is gone
+        result.write_text("{}")
+        assert make_jobs(plan(words)) == ([], [run.folder])
+        assert len(make_jobs(plan([*words, "evaluate.episodes=7"]))[0]) == 2
+
+    def test_a_dry_run_prints_commands_that_can_be_typed(self, tmp_path, capsys):
+        assert cli.main(["sweep", "seed=0,1", f"runs_dir={tmp_path}", "cameras=[front]", "dry_run=true"]) == 0
+        lines = capsys.readouterr().out.splitlines()
+        assert lines == [
+            "roboverse collect 'cameras=[front]'",
+            f"roboverse train seed=0 runs_dir={tmp_path} 'cameras=[front]'",
+            f"roboverse train seed=1 runs_dir={tmp_path} 'cameras=[front]'",
+        ]
+
+
+class TestRunning:
+    def test_no_more_run_at_once_than_there_are_slots_and_none_before_its_turn(self):
+        lock, running, most, order = threading.Lock(), [0], [0], []
+
+        def start(job, slot):
+            with lock:
+                running[0] += 1
+                most[0] = max(most[0], running[0])
+                order.append(("start", job.name))
+            time.sleep(0.02)
+            with lock:
+                running[0] -= 1
+                order.append(("end", job.name))
+            return 0
+
+        jobs = [Job("a", ()), Job("b", ()), *(Job(f"a{i}", (), "a") for i in range(3)), Job("b0", (), "b")]
+        codes = run_jobs(jobs, [{"X": "0"}, {"X": "1"}], start, lambda *_: None)
+        assert codes == dict.fromkeys(("a", "b", "a0", "a1", "a2", "b0"), 0)
+        assert most == [2]
+        for name in ("a0", "a1", "a2"):
+            assert order.index(("end", "a")) < order.index(("start", name))
+        assert order.index(("end", "b")) < order.index(("start", "b0"))
+
+    def test_each_process_at_a_time_has_a_slot_of_its_own(self):
+        lock, taken = threading.Lock(), set()
+
+        def start(_job, slot):
+            with lock:
+                assert slot["X"] not in taken
+                taken.add(slot["X"])
+            time.sleep(0.01)
+            with lock:
+                taken.remove(slot["X"])
+            return 0
+
+        jobs = [Job(str(i), ()) for i in range(9)]
+        run_jobs(jobs, [{"X": "0"}, {"X": "1"}, {"X": "2"}], start, lambda *_: None)
+
+    def test_what_follows_a_failure_is_left_out_and_the_rest_is_done(self):
+        heard = []
+        jobs = [Job("bad", ()), Job("good", ()), Job("after-bad", (), "bad"), Job("after-good", (), "good")]
+        codes = run_jobs(
+            jobs,
+            [{}],
+            lambda job, _: int(job.name == "bad"),
+            lambda job, code: heard.append((job.name, code)),
+        )
+        assert codes == {"bad": 1, "good": 0, "after-bad": None, "after-good": 0}
+        assert sorted(heard) == sorted(codes.items())
+
+    def test_a_bug_in_a_job_stops_the_sweep(self):
+        def start(_job, _slot):
+            raise RuntimeError("broken")
+
+        with pytest.raises(RuntimeError, match="broken"):
+            run_jobs([Job("a", ()), Job("b", ())], [{}], start, lambda *_: None)
+
+    def test_gpus_are_those_that_may_be_seen(self, monkeypatch):
+        import torch
+
+        monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+        monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
+        monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+        assert [slot["CUDA_VISIBLE_DEVICES"] for slot in gpu_slots(2)] == ["0", "1", "0", "1"]
+        monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5,7")
+        assert [slot["CUDA_VISIBLE_DEVICES"] for slot in gpu_slots(1)] == ["5", "7"]
+        monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+        assert gpu_slots(3) == [{}, {}, {}]
+
+
+@pytest.fixture
+def fake_program(tmp_path, monkeypatch):
+    """Real processes, of a program that stands in for ours and fails for seed=1."""
+    (tmp_path / "fake.py").write_text(
+        "import sys\nprint('working')\nwords = sys.argv[1:]\n"
+        "sys.exit('error: no luck') if 'seed=1' in words else print('fine')\n"
+    )
+    fake = tmp_path / "python"
+    fake.write_text(f'#!/bin/sh\nshift 2\nexec "{sys.executable}" "{tmp_path}/fake.py" "$@"\n')
+    fake.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(fake))
+
+
+def test_failures_are_told_with_their_last_words_and_all_others_are_done(fake_program, tmp_path):
+    words = ["seed=0,1", f"runs_dir={tmp_path}/runs", f"results_dir={tmp_path}/results"]
+    with pytest.raises(SweepError, match="1 of 3 processes failed") as caught:
+        sweep(plan(words))
+    message = str(caught.value)
+    assert "error: no luck" in message
+    logs = sorted(path.name for path in Path(tmp_path, "runs", "sweep-logs").glob("*.log"))
+    assert len(logs) == 3
+    assert all((tmp_path / "runs" / "sweep-logs" / name).read_text().startswith("working") for name in logs)
+
+
+@pytest.mark.parametrize(("seeds", "written"), [("1", False), ("0,1", True)])
+def test_the_leaderboard_stays_as_it_is_where_every_run_failed(seeds, written, fake_program, tmp_path):
+    page = tmp_path / "results" / "leaderboard.html"
+    page.parent.mkdir()
+    page.write_text("as it was")
+    words = [f"seed={seeds}", f"runs_dir={tmp_path}/runs", f"results_dir={tmp_path}/results"]
+    with pytest.raises(SweepError, match="processes failed"):
+        sweep(plan(words))
+    assert (page.read_text() != "as it was") is written

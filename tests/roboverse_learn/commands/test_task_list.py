@@ -1,0 +1,87 @@
+"""Tasks as ``roboverse list`` shows them."""
+
+import json
+
+import pytest
+
+from envs.experts.record import ExpertRecord, SplitRecord
+from envs.tasks import TASKS
+from roboverse_learn import cli
+from roboverse_learn.commands import task_list
+
+
+def dataset(folder, task, name, count):
+    info = folder / task / name / "meta" / "info.json"
+    info.parent.mkdir(parents=True)
+    info.write_text(count if isinstance(count, str) else json.dumps({"total_episodes": count}))
+
+
+def test_demonstrations_of_all_datasets_of_a_task_count(tmp_path):
+    dataset(tmp_path, "PickCube", "level0", 700)
+    dataset(tmp_path, "PickCube", "level3", 30)
+    dataset(tmp_path, "PickCube", "broken", "{")
+    dataset(tmp_path, "metaworld/push", "level0", 5)
+    assert task_list.count_demos(tmp_path, "PickCube") == 730
+    assert task_list.count_demos(tmp_path, "metaworld/push") == 5
+    assert task_list.count_demos(tmp_path / "none", "PickCube") == 0
+
+
+def test_every_fact_of_a_task_stands_in_its_row(tmp_path, monkeypatch):
+    dataset(tmp_path, "PickCube", "level0", 700)
+    splits = {"train": SplitRecord(500, 1.0, 60.0), "test": SplitRecord(500, 0.996, 60.0)}
+    monkeypatch.setattr(task_list, "read_records", lambda: {"PickCube": ExpertRecord(splits, "", None)})
+    rows = task_list.tasks_in_detail(tmp_path).splitlines()
+    assert rows[0].split() == ["task", "source", "robot", "steps", "expert", "demos", "what", "to", "do"]
+    row = next(row for row in rows if row.startswith("  PickCube "))
+    cells = [cell for cell in row.split("  ") if cell.strip()]
+    assert [cell.strip() for cell in cells] == [
+        "PickCube",
+        "ManiSkill 3",
+        "franka",
+        "100",
+        "100.0 / 99.6 %",
+        "700",
+        TASKS.entry("PickCube").summary,
+    ]
+    other = next(row for row in rows if row.startswith("  StackCube "))
+    assert " -  " in other and "  0  " in other
+    assert " none  " in next(row for row in rows if row.startswith("  humanoid/walk "))
+
+
+def test_every_task_is_named_once_and_families_are_paragraphs(tmp_path):
+    for text in (task_list.tasks_in_short(), task_list.tasks_in_detail(tmp_path)):
+        words = text.split()
+        for name in TASKS:
+            assert words.count(name) == 1, name
+        paragraph = [line for line in text.splitlines() if line.startswith("    ")]
+        assert max(map(len, paragraph)) <= task_list.WIDTH
+
+
+def test_the_command_counts_in_the_folder_it_is_given(tmp_path, capsys):
+    dataset(tmp_path, "PickCube", "level0", 4321)
+    assert cli.main(["list", f"datasets_dir={tmp_path}"]) == 0
+    said = capsys.readouterr().out
+    assert "  4321  " in said and "\nPolicies:\n" in said
+
+
+def test_the_command_lists_the_kinds_it_is_given(tmp_path, capsys):
+    dataset(tmp_path, "PickCube", "level0", 4321)
+    assert cli.main(["list", "tasks", f"datasets_dir={tmp_path}"]) == 0
+    said = capsys.readouterr().out
+    assert "  4321  " in said and "Policies:" not in said
+    assert cli.main(["list", "robots", "policies"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("Robots:\n") and "\nPolicies:\n" in said and "Tasks:" not in said
+
+
+@pytest.mark.parametrize(
+    ("word", "message"),
+    [
+        ("dataset_dir=x", "Unknown key of list 'dataset_dir'. Did you mean 'datasets_dir'?"),
+        ("task", "Unknown kind of thing to list 'task'. Did you mean 'tasks'?"),
+        ("verbose", "Valid: policies, presets, renderers, robots, simulators, tasks."),
+    ],
+)
+def test_another_word_of_list_is_a_mistake(word, message, capsys):
+    assert cli.main(["list", word]) == 2
+    assert message in capsys.readouterr().err

@@ -1,0 +1,289 @@
+"""What is evaluated: how a checkpoint finds its run, and that no two evaluations share a results file."""
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from PIL import Image
+
+from envs.core.errors import ConfigError, UnknownNameError
+from policies import PolicyError
+from policies.checkpoint import CONFIG, WEIGHTS
+from roboverse_learn.commands.run_folder import Run
+from roboverse_learn.commands.tested_checkpoint import Subject, protocol_of, step_of, subject_of
+from roboverse_learn.config.compose import compose
+
+ACT = {
+    "type": "act",
+    "input_features": {
+        "observation.images.front": {"type": "VISUAL", "shape": [3, 128, 128]},
+        "observation.state": {"type": "STATE", "shape": [9]},
+    },
+}
+
+
+def write_checkpoint(folder: Path, config: dict[str, Any] | None = None, weights: bytes = b"weights") -> Path:
+    """Writes the two files that a subject looks at; nothing is loaded from them."""
+    folder.mkdir(parents=True)
+    (folder / CONFIG).write_text(json.dumps(ACT if config is None else config))
+    (folder / WEIGHTS).write_bytes(weights)
+    return folder
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Returns a run with two checkpoints, 100 and 200 steps old."""
+    monkeypatch.chdir(tmp_path)
+    config = compose(
+        "train", ["policy=act", "preset=quick", "level=2", "seed=5", "device=cpu", "image_size=96"]
+    )
+    with Run.open(config, ["roboverse", "train"]) as opened:
+        with opened.stage("collect") as facts:
+            facts.update(dataset_hash="0" * 64, num_episodes=400)
+        for step in (100, 200):
+            write_checkpoint(opened.folder / f"checkpoints/{step:06d}/pretrained_model")
+        (opened.folder / "checkpoints/last").symlink_to("000200")
+        return opened.folder
+
+
+@pytest.fixture
+def pictures(tmp_path: Path) -> Path:
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for number in range(4):
+        Image.new("RGB", (16, 16), (60 * number, 100, 200)).save(folder / f"{number}.png")
+    return folder
+
+
+def subject(checkpoint: Path, *words: str) -> Subject:
+    return subject_of(compose("evaluate", [f"checkpoint={checkpoint}", "preset=quick", "device=cpu", *words]))
+
+
+def test_a_checkpoint_is_known_by_the_run_that_it_lies_in(run: Path) -> None:
+    found = subject(run)
+    assert found.run == run.name
+    assert (found.task, found.simulator, found.renderer, found.image_size) == (
+        *("PickCube", "mujoco", "warp"),
+        96,
+    )
+    assert (found.train_level, found.train_only, found.seed) == (2, None, 5)
+    assert (found.dataset_hash, found.demonstrations) == ("0" * 64, 400)
+    assert step_of(found.checkpoint) == 200
+    assert found.config["run"]["level"] == 2
+
+
+def test_a_run_of_a_gpu_is_evaluated_where_there_is_none(run: Path) -> None:
+    config = run / "config.yaml"
+    config.write_text(config.read_text().replace("device: cpu", "device: cuda:7"))
+    assert "device: cuda:7" in config.read_text()
+    assert subject(run).device == "cpu"
+
+
+def test_the_folder_of_a_run_stands_for_its_last_checkpoint(run: Path) -> None:
+    last = run / "checkpoints/000200/pretrained_model"
+    assert subject(run).checkpoint.resolve() == subject(last).checkpoint.resolve() == last.resolve()
+    assert subject(run).run == subject(last).run
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["renderer=gl"],
+        ["image_size=64"],
+        ["task_kwargs.variant=lift"],
+        ["simulator_settings.impratio=5"],
+        ["scenario.cameras.front.fovy_deg=30"],
+        ["levels=[0]"],
+        ["episodes=7"],
+        ["splits=[test]"],
+        ["alone=[camera]"],
+        ["protocol_seed=1"],
+    ],
+    ids=" ".join,
+)
+def test_whatever_is_evaluated_differently_has_a_results_file_of_its_own(run: Path, words: list[str]) -> None:
+    changed = subject(run, *words).run
+    assert changed != run.name and changed.startswith(f"{run.name}-")
+    assert Path(changed).name == changed  # it is the name of a file
+
+
+def test_other_materials_have_a_results_file_of_their_own(run: Path, pictures: Path) -> None:
+    name = subject(run, f"materials=+{pictures}").run
+    assert re.fullmatch(rf"{run.name}-\+pictures-[0-9a-f]{{8}}", name)
+    assert name != subject(run, f"materials={pictures}").run
+    (pictures / "0.png").write_bytes((pictures / "1.png").read_bytes())
+    assert subject(run, f"materials=+{pictures}").run != name
+
+
+@pytest.mark.parametrize(
+    "word",
+    [
+        "task_kwargs.variant=lift",
+        "simulator=newton",
+        "simulator_settings.impratio=5",
+        "renderer=gl",
+        "scenario.room=null",
+    ],
+)
+def test_another_scene_of_a_checkpoint_of_nobody_is_in_its_name(tmp_path: Path, word: str) -> None:
+    folder = write_checkpoint(tmp_path / "their run/model")
+    usual, other = (subject(folder, "task=PickCube", *words).run for words in ([], [word]))
+    assert other.startswith(f"{usual}-") and Path(other).name == other
+
+
+def test_other_materials_of_a_checkpoint_of_nobody_are_in_its_name(tmp_path: Path, pictures: Path) -> None:
+    folder = write_checkpoint(tmp_path / "their run/model")
+    usual, other = (subject(folder, "task=PickCube", *w).run for w in ([], [f"materials={pictures}"]))
+    assert other.startswith(f"{usual}-pictures-")
+
+
+def test_settings_of_a_simulator_are_checked_against_that_of_the_demonstrations(run: Path) -> None:
+    assert subject(run, "simulator_settings.impratio=5").simulator_settings == {"impratio": 5}
+    with pytest.raises(UnknownNameError, match=r"setting of simulator=mujoco 'impratoi'.*'impratio'"):
+        subject(run, "simulator_settings.impratoi=5")
+
+
+@pytest.fixture
+def slow_run(run: Path) -> Path:
+    """Returns a run whose demonstrations were made at 10 Hz, and not at 20."""
+    values = yaml.safe_load((run / "config.yaml").read_text())
+    values["scenario"] = {"physics": {"decimation": 50}, "room": None}
+    (run / "config.yaml").write_text(yaml.safe_dump(values))
+    return run
+
+
+def test_the_scene_of_the_demonstrations_is_that_of_the_evaluation(slow_run: Path) -> None:
+    found = subject(slow_run)
+    assert found.scenario == {"physics": {"decimation": 50}, "room": None}
+    assert found.run == slow_run.name
+
+
+def test_what_is_changed_for_an_evaluation_comes_on_top(
+    slow_run: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    found = subject(slow_run, "scenario.cameras.front.fovy_deg=30")
+    assert found.scenario["physics"] == {"decimation": 50}
+    assert found.scenario["cameras"] == {"front": {"fovy_deg": 30}}
+    assert found.run.startswith(f"{slow_run.name}-scenario-")
+    assert not caplog.records
+
+
+def test_a_light_of_the_demonstrations_can_be_changed_for_an_evaluation(run: Path) -> None:
+    values = yaml.safe_load((run / "config.yaml").read_text())
+    values["scenario"] = {"appearance": {"lights": [{"intensity": 0.25}, {"kind": "area"}]}}
+    (run / "config.yaml").write_text(yaml.safe_dump(values))
+    first, second = subject(run, "scenario.appearance.lights.1.intensity=0.5").scenario["appearance"][
+        "lights"
+    ]
+    assert (first["intensity"], second["kind"], second["intensity"]) == (0.25, "area", 0.5)
+
+
+def test_another_control_rate_than_the_policy_learned_at_is_told(
+    slow_run: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert subject(slow_run, "scenario.physics.decimation=25").scenario == {"room": None}  # the task's own
+    assert "learned at 10 control steps per second and is evaluated at 20" in caplog.text
+
+
+def test_a_camera_that_the_task_of_the_demonstrations_has_not_is_told(run: Path) -> None:
+    with pytest.raises(UnknownNameError, match=r"key of scenario\.cameras 'fromt'.*Did you mean 'front'"):
+        subject(run, "scenario.cameras.fromt.fovy_deg=30")
+
+
+@pytest.mark.parametrize("words", [["num_envs=3"], ["videos=0"], ["results_dir=elsewhere"]], ids=" ".join)
+def test_what_decides_no_episode_does_not_change_the_name(run: Path, words: list[str]) -> None:
+    assert subject(run, *words).run == run.name
+
+
+def test_an_earlier_checkpoint_has_a_results_file_of_its_own(run: Path) -> None:
+    earlier = subject(run / "checkpoints/000100")
+    assert earlier.run == f"{run.name}-step100"
+    assert step_of(earlier.checkpoint) == 100
+
+
+def test_a_checkpoint_of_nobody_tells_its_pictures(tmp_path: Path) -> None:
+    found = subject(write_checkpoint(tmp_path / "their run/model"), "task=PickCube")
+    assert (found.image_size, found.simulator, found.renderer) == (128, "mujoco", "warp")
+    assert (found.train_level, found.dataset_hash, found.demonstrations) == (None, None, None)
+    assert found.run.startswith("their-run-")
+
+
+@pytest.mark.parametrize("name", ["ppo", "fasttd3", "tdmpc2"])
+def test_an_agent_of_nobody_sees_no_pictures(tmp_path: Path, name: str) -> None:
+    content = {"type": name, "config": {}, "observation": {"observation.environment_state": 51}}
+    folder = write_checkpoint(tmp_path / "their run/model", content)
+    found = subject(folder, "task=humanoid/walk", "simulator=newton")
+    assert (found.task, found.simulator, found.cameras) == ("humanoid/walk", "newton", ())
+    assert found.image_size == 256
+
+
+def test_an_agent_of_nobody_that_sees_pictures_tells_its_cameras(tmp_path: Path) -> None:
+    seen = {"observation.images.wrist": 64, "observation.images.front": 64}
+    folder = write_checkpoint(tmp_path / "model", {"type": "tdmpc2", "config": {}, "observation": seen})
+    found = subject(folder, "task=PickCube")
+    assert (found.cameras, found.image_size) == (("wrist", "front"), 64)
+
+
+def test_two_checkpoints_of_nobody_do_not_share_a_results_file(tmp_path: Path) -> None:
+    names = {
+        subject(write_checkpoint(tmp_path / str(n) / "run/model", weights=bytes([n])), "task=PickCube").run
+        for n in range(3)
+    }
+    assert len(names) == 3
+
+
+def test_a_checkpoint_of_nobody_needs_a_task(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"lies in no run of ours.*add task=<name>"):
+        subject(write_checkpoint(tmp_path / "model"))
+
+
+def test_pictures_of_two_sizes_need_a_word(tmp_path: Path) -> None:
+    images = ACT["input_features"] | {
+        "observation.images.wrist": {"type": "VISUAL", "shape": [3, 64, 64]},
+    }
+    folder = write_checkpoint(tmp_path / "model", ACT | {"input_features": images})
+    with pytest.raises(ConfigError, match=r"sizes \[64, 128\]: add image_size=<pixels>"):
+        subject(folder, "task=PickCube")
+    assert subject(folder, "task=PickCube", "image_size=64").image_size == 64
+
+
+def _drop(name: str) -> Callable[[Path], Any]:
+    return lambda folder: (folder / name).unlink()
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (_drop(WEIGHTS), f"has no {WEIGHTS}"),
+        (_drop(CONFIG), f"has no {CONFIG}"),
+        (lambda folder: (folder / CONFIG).write_text('{"type": "pi0"}'), "Unknown policy 'pi0'. Valid: act"),
+        (lambda folder: (folder / CONFIG).write_text('{"type": "act"}'), "does not say which pictures"),
+        (lambda folder: (folder / CONFIG).write_text("[]"), CONFIG),
+    ],
+    ids=["no-weights", "no-config", "unknown-policy", "no-features", "a-list"],
+)
+def test_a_broken_checkpoint_is_named_before_anything_starts(
+    tmp_path: Path, damage: Callable[[Path], Any], said: str
+) -> None:
+    folder = write_checkpoint(tmp_path / "model")
+    damage(folder)
+    with pytest.raises(PolicyError) as error:
+        subject(folder, "task=PickCube")
+    assert said in str(error.value) and str(folder) in str(error.value)
+
+
+def test_a_folder_that_does_not_exist_is_named(tmp_path: Path) -> None:
+    with pytest.raises(PolicyError, match="nowhere' does not exist"):
+        subject(tmp_path / "nowhere")
+
+
+def test_the_protocol_follows_from_the_words() -> None:
+    config = compose(
+        "evaluate", ["checkpoint=x", "levels=[0,3]", "alone=[camera]", "splits=[test]", "episodes=7"]
+    )
+    cells = [str(cell) for cell in protocol_of(config.evaluate).cells()]
+    assert cells == ["level 0, test split", "level 3, test split", "camera alone, test split"]

@@ -1,0 +1,187 @@
+"""The glue of the main command: what it refuses, where datasets lie, what it prints."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from benchmark.protocol import Protocol
+from benchmark.records import EpisodeRecord, Machine, Result
+from envs.core.errors import ConfigError
+from roboverse_learn import train as command
+from roboverse_learn.collect import dataset_folder, dataset_layout
+from roboverse_learn.commands.report import clock, collection_report, evaluation_report, train_report
+from roboverse_learn.commands.tested_checkpoint import protocol_of
+from roboverse_learn.config.compose import compose
+from roboverse_learn.data.collection.collect import CollectionSummary
+from roboverse_learn.evaluate import Evaluation
+from roboverse_learn.training import metrics
+from roboverse_learn.training.reporter import TrainResult
+
+HOUR = 3600.0
+
+
+def printed(renderable: Any) -> str:
+    console = Console(width=140)
+    with console.capture() as capture:
+        console.print(renderable)
+    return capture.get()
+
+
+@pytest.mark.parametrize(("hours", "said"), [(1.1, "66 minutes"), (30, "30 hours"), (480, "20.0 days")])
+def test_a_full_size_run_without_a_gpu_says_how_long_it_takes_and_names_the_preset(
+    hours: float, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(command, "_estimate_s", lambda *_: hours * HOUR)
+    with pytest.raises(ConfigError, match=rf"about {said} on this machine.*preset=quick.*slow_ok=true"):
+        command.refuse_long_run(compose("train", []), "cpu")
+
+
+def test_a_run_that_is_short_or_wanted_or_on_a_gpu_is_not_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(command, "_estimate_s", lambda *_: 0.5 * HOUR)
+    command.refuse_long_run(compose("train", []), "cpu")
+    monkeypatch.setattr(command, "_estimate_s", lambda *_: pytest.fail("the estimate is not needed"))
+    command.refuse_long_run(compose("train", ["slow_ok=true"]), "cpu")
+    command.refuse_long_run(compose("train", []), "cuda")
+    command.refuse_long_run(compose("train", ["preset=quick"]), "cpu")
+
+
+def test_a_missing_login_is_told_before_anything_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail() -> None:
+        raise ConfigError("Run `wandb login`")
+
+    monkeypatch.setattr(metrics, "check_wandb", fail)
+    folders = [f"{key}={tmp_path / key}" for key in ("datasets_dir", "runs_dir", "results_dir")]
+    with pytest.raises(ConfigError, match="wandb login"):
+        command.train(compose("train", ["device=cpu", "slow_ok=true", "train.wandb=true", *folders]))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_dataset_is_named_after_what_is_in_it() -> None:
+    base = dataset_folder(compose("collect", ["num_demos=20", "image_size=96"]))
+    assert base == Path("datasets/PickCube/level0-mujoco-warp-96px-20demos")
+    others = [
+        "level=1",
+        "only=camera",
+        "renderer=gl",
+        "num_demos=21",
+        "image_size=64",
+        "task_kwargs.variant=lift",
+        "simulator_settings.impratio=5",
+        "scenario.physics.decimation=50",
+        "scenario.physics.decimation=5",
+        "materials=photos",
+        "materials=+photos",
+    ]
+    folders = {dataset_folder(compose("collect", ["num_demos=20", "image_size=96", word])) for word in others}
+    assert len(folders | {base}) == len(others) + 1
+    assert dataset_folder(compose("collect", ["dataset=here"])) == Path("here")
+
+
+def test_training_and_collecting_agree_on_the_dataset() -> None:
+    words = ["preset=quick", "level=2", "num_demos=5"]
+    assert dataset_folder(compose("collect", words)) == dataset_folder(compose("train", words))
+
+
+def test_the_layout_of_a_dataset_follows_from_the_task() -> None:
+    features, fps, robot = dataset_layout(compose("collect", ["image_size=64"]))
+    assert features["observation.images.front"]["shape"] == [64, 64, 3]
+    assert len(features["action"]["names"]) == features["action"]["shape"][0] == 9
+    assert (fps, robot) == (20, "franka")
+
+
+def test_a_protocol_says_what_the_configuration_says() -> None:
+    config = compose(
+        "train", ["levels=[1]", "alone=[camera]", "splits=[test]", "episodes=7", "protocol_seed=3"]
+    )
+    assert protocol_of(config.evaluate) == Protocol(
+        levels=(1,), only=("camera",), splits=("test",), episodes=7, seed=3
+    )
+
+
+@pytest.fixture
+def evaluation() -> Evaluation:
+    protocol = Protocol(levels=(0,), splits=("train", "test"), episodes=2)
+    records = [
+        EpisodeRecord(
+            task="PickCube", policy="act", level=0, channels=("task",), split=split, episode=episode, seed=0,
+            initial_state_hash="0123456789abcdef", success=split == "train" or episode == 1, length=9,
+            episode_return=1.5, wall_time_s=0.25, simulator="mujoco", renderer="warp",
+            not_shown=("metallic",),
+        )
+        for split in protocol.splits for episode in (1, 2)
+    ]  # fmt: skip
+    result = Result(
+        run="r", created="2026-01-01T00:00:00Z", protocol=protocol, task="PickCube", max_episode_steps=100,
+        control_hz=20.0, policy="act", train_level=0, seed=0, simulator="mujoco", renderer="warp",
+        image_size=64,
+        dataset_hash=None, demonstrations=None, git=None, command="python x", records=tuple(records),
+        machine=Machine(device="cpu", cpu_count=2),
+    )  # fmt: skip
+    return Evaluation(
+        path=Path("results/r.json"), result=result, videos=tuple(Path(f"{i}.mp4") for i in range(9))
+    )
+
+
+BOARD = {
+    "json": Path("results/leaderboard.json"),
+    "markdown": Path("results/leaderboard.md"),
+    "html": Path("results/leaderboard.html"),
+    "plot a": Path("results/plots/a.png"),
+}
+SUMMARY = CollectionSummary(
+    root="datasets/x",
+    num_episodes=9,
+    num_frames=900,
+    num_attempts=10,
+    success_rate=0.9,
+    wall_time_s=61.0,
+    dataset_hash="f" * 64,
+)
+
+
+def test_the_table_has_the_test_split_first_with_its_interval(evaluation: Evaluation) -> None:
+    said = printed(evaluation_report([evaluation], BOARD))
+    assert "PickCube, act, trained on level 0: success in 2 episodes" in said
+    header, row = (
+        next(line for line in said.splitlines() if word in line) for word in ("evaluated on", "level 0  ")
+    )
+    assert header.index("test split") < header.index("train split")
+    assert "50 % [9, 91]" in row and "100 % [34, 100]" in row and "metallic" in row
+
+
+def test_the_paths_of_everything_are_printed(evaluation: Evaluation) -> None:
+    said = printed(evaluation_report([evaluation], BOARD))
+    for path in (*BOARD.values(), evaluation.path, evaluation.videos[0]):
+        assert str(path) in said
+    assert "… and 1 more beside them" in said and "8.mp4" not in said
+
+
+def test_the_report_of_a_run_tells_the_rate_of_the_expert_and_the_times(evaluation: Evaluation) -> None:
+    trained = TrainResult(
+        checkpoint=Path("runs/x/checkpoints/last/pretrained_model"), steps=1234, loss=0.5, elapsed_s=60.0,
+        samples_per_s=10.0, stopped_by="time_limit", precision="fp32", plot=Path("runs/x/losses.png"),
+    )  # fmt: skip
+    stages = {"collect": {"seconds": 5.0}, "train": {"seconds": 61.0}}
+    said = printed(
+        train_report(
+            SUMMARY, trained, [evaluation], BOARD, folder=Path("runs/x"), stages=stages, seconds=3671
+        )
+    )
+    assert "Collected 9 demonstrations; the expert succeeded in 90.0 % of 10 episodes." in said
+    assert "Trained 1,234 steps (stopped by time limit), loss 0.5000." in said
+    assert "Done in 1:01:11: collect 0:05, train 1:01." in said
+    assert "runs/x/losses.png" in said
+
+
+def test_the_report_of_a_collection() -> None:
+    said = printed(collection_report(SUMMARY))
+    assert "900 frames, 1:01, hash ffffffffffffffff." in said and "datasets/x" in said
+
+
+@pytest.mark.parametrize(("seconds", "shown"), [(0, "0:00"), (59.6, "1:00"), (75, "1:15"), (3600, "1:00:00")])
+def test_a_clock(seconds: float, shown: str) -> None:
+    assert clock(seconds) == shown

@@ -1,0 +1,399 @@
+"""Configurations: precedence, shorthand, round trips, and what no word may do."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+import policies
+from envs.core.errors import ConfigError, RoboVerseError, UnknownNameError
+from roboverse_learn import cli
+from roboverse_learn.config import scenario_overrides as scenario_keys
+from roboverse_learn.config.compose import compose, configs_folder, preset_names
+from roboverse_learn.config.keys import at, flat_keys
+from roboverse_learn.config.serialize import COMMANDS, default_values, from_values, to_values
+
+REQUIRED = {"evaluate": ["checkpoint=runs/x"], "replay": ["dataset=datasets/x"]}
+QUICK = settings(max_examples=25, deadline=None)
+
+
+def last_part(key: str) -> str:
+    return key.rpartition(".")[2]
+
+
+def typed(value: Any) -> str:
+    """A value as one would type it."""
+    return json.dumps(value) if not isinstance(value, str) else value
+
+
+def another(key: str, value: Any) -> Any:
+    """A valid value of the same kind that differs from the default."""
+    chosen = {
+        "task": "PickCube",
+        "preset": "quick",
+        "simulator": "mujoco",
+        "renderer": "gl",
+        "policy_name": "diffusion",
+        "only": "camera",
+        "level": 2,
+        "cameras": ["wrist"],
+        "image_size": 96,
+        "train.precision": "fp32",
+        "train.schedule": "constant",
+        "train.lr_backbone": 1e-6,
+        "source": "maniskill",
+        "replay": "controls",
+        "by": ["states"],
+        "simulators": ["mujoco"],
+        "train.ema": True,
+        "train.compile": False,
+        "train.time_limit_s": 12.5,
+        "evaluate.levels": [3],
+        "evaluate.alone": ["lighting"],
+        "evaluate.splits": ["test"],
+        "train.betas": [0.5, 0.75],
+        "policy.down_dims": [64, 128, 256],
+        "policy.horizon": 16,
+        "policy.n_obs_steps": 2,
+        "policy.n_action_steps": 2,
+        "policy.dim_model": 256,
+        "policy.n_heads": 4,
+        "policy.chunk_size": 120,
+        "policy.vision_backbone": "resnet34",
+        "policy.pretrained_backbone_weights": "ResNet18_Weights.IMAGENET1K_V1",
+        "policy.backbone_norm": "batch",
+        "policy.image_stats": "half",
+        "policy.noise_scheduler_type": "DDIM",
+        "policy.num_train_timesteps": 50,
+        "policy.num_inference_steps": 5,
+        "policy.backend": "sb3",
+        "policy.num_minibatches": 16,
+        "policy.hidden_dims": [64, 64],
+        "policy.activation": "tanh",
+        "policy.schedule": "fixed",
+        "policy.max_episode_steps": 50,
+        "policy.substeps": 5,
+        "policy.prediction_type": "sample",
+        "policy.actor_dim": 256,
+        "policy.critic_dim": 512,
+        "policy.observation": "pixels",
+        "policy.tasks": ["control/ant", "humanoid/walk"],
+        "policy.model_size": 19,
+        "policy.latent_dim": 256,
+        "policy.simnorm_dim": 16,
+        "policy.discount_max": 0.99,
+        "policy.compile": False,
+        "policy.cuda_graphs": False,
+        "policy.bf16": False,
+    }
+    if key in chosen:
+        return chosen[key]
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int):
+        return value + 2
+    if isinstance(value, float):
+        return value / 2 or 0.25
+    assert isinstance(value, str), f"Say in this test how {key} is changed."
+    return "somewhere/with = , [ ${x} in it"
+
+
+ALL_KEYS = [
+    (command, policy, key)
+    for command in COMMANDS
+    for policy in (policies.names() if command == "train" else ["act"])
+    for key in flat_keys(default_values(command, policy))
+    if key not in ("policy_name", "task_kwargs", "simulator_settings", "scenario", "preset", "run")
+    and (policy == "act" or key.startswith("policy."))  # the others are the same for every policy
+]
+
+
+@pytest.mark.parametrize(("command", "policy", "key"), ALL_KEYS, ids=lambda value: str(value))
+def test_every_key_can_be_set_and_survives_the_saved_configuration(
+    command: str, policy: str, key: str
+) -> None:
+    value = another(key, at(default_values(command, policy), key))
+    words = [*REQUIRED.get(command, []), *([f"policy={policy}"] if command == "train" else [])]
+    words += {"source": ["path=recorded.h5"], "path": ["source=robosuite"]}.get(key, [])
+    words += ["source=policy"] if key == "checkpoint" and command != "evaluate" else []
+    config = compose(command, [*words, f"{key}={typed(value)}"])
+    assert at(to_values(config), key) == value
+    saved = yaml.safe_load(yaml.safe_dump(to_values(config)))
+    assert from_values(command, saved) == config
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        setattr(config, dataclasses.fields(config)[0].name, "elsewhere")
+
+
+@QUICK
+@given(
+    key=st.from_regex(r"[a-z_]{1,12}(\.[a-z_]{1,12}){0,2}", fullmatch=True),
+    command=st.sampled_from([name for name in COMMANDS if name != "sweep"]),  # which takes train's keys
+)
+def test_any_unknown_key_is_one_line_and_exit_code_2(key: str, command: str) -> None:
+    import contextlib
+    import io
+
+    known = flat_keys(default_values(command))
+    assume(key != "policy" and not key.startswith(("task_kwargs.", "simulator_settings.")))
+    assume(scenario_keys.in_full(key) is None and key not in map(last_part, scenario_keys.typed_keys()))
+    assume(not any(full == key or full.endswith(f".{key}") for full in known))
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said):
+        assert cli.main([command, *REQUIRED.get(command, []), f"{key}=1"]) == 2
+    assert said.getvalue().startswith(f"error: Unknown key '{key}' of {command}.")
+    assert said.getvalue().count("\n") == 1
+
+
+@QUICK
+@given(
+    key=st.sampled_from(
+        [key for _, _, key in ALL_KEYS if key.startswith(("train.", "collect.", "evaluate."))]
+    ),
+    value=st.text(st.characters(blacklist_categories=("Cs", "Cc")), max_size=12),
+)
+def test_any_value_is_taken_or_refused_as_a_mistake(key: str, value: str) -> None:
+    try:
+        config = compose("train", [f"{key}={value}"])
+    except RoboVerseError as error:
+        assert "\n" not in str(error)
+    else:
+        assert from_values("train", to_values(config)) == config
+
+
+@QUICK
+@given(seed=st.integers(0, 2**31), lr=st.floats(1e-9, 1.0), levels=st.sets(st.integers(0, 3), min_size=1))
+def test_numbers_arrive_as_they_were_typed(seed: int, lr: float, levels: set[int]) -> None:
+    config = compose(
+        "train", [f"seed={seed}", f"train.lr={lr!r}", f"levels={sorted(levels)}".replace(" ", "")]
+    )
+    assert (config.seed, config.train.lr, config.evaluate.levels) == (seed, lr, tuple(sorted(levels)))
+
+
+def test_the_command_line_wins_over_yaml_and_yaml_over_the_dataclass() -> None:
+    default = default_values("train")["collect"]["num_demos"]
+    quick = yaml.safe_load((configs_folder() / "preset" / "quick.yaml").read_text())["collect"]["num_demos"]
+    assert default != quick
+    assert compose("train", []).collect.num_demos == default
+    assert compose("train", ["preset=quick"]).collect.num_demos == quick
+    assert compose("train", ["preset=quick", "num_demos=7"]).collect.num_demos == 7
+    assert compose("train", ["num_demos=7", "preset=quick", "num_demos=8"]).collect.num_demos == 8
+
+
+def test_a_preset_of_a_policy_wins_over_the_policy() -> None:
+    full, quick = compose("train", ["policy=act"]), compose("train", ["policy=act", "preset=quick"])
+    assert quick.policy.dim_model < full.policy.dim_model
+    assert quick.train.batch_size < full.train.batch_size
+    assert type(quick.policy) is type(full.policy) is policies.config_class("act")
+
+
+@pytest.mark.parametrize("policy", policies.names())
+def test_locomotion_is_a_farther_horizon_for_ppo_and_nothing_else(policy: str) -> None:
+    plain, legs = (
+        to_values(compose("train", [f"policy={policy}", f"preset={name}"])) for name in ("full", "locomotion")
+    )
+    of_ppo = {"num_envs", "num_steps", "gamma", "lam", "init_std", "desired_kl"} if policy == "ppo" else set()
+    changed = {key for key in flat_keys(plain) if at(plain, key) != at(legs, key)}
+    assert changed == {"preset"} | {f"policy.{key}" for key in of_ppo}
+    assert policy != "ppo" or legs["policy"]["gamma"] > plain["policy"]["gamma"]
+
+
+@pytest.mark.parametrize("preset", preset_names())
+@pytest.mark.parametrize("policy", policies.names())
+def test_every_yaml_composes(policy: str, preset: str) -> None:
+    compose("train", [f"preset={preset}", f"policy={policy}"])
+
+
+@pytest.mark.parametrize("preset", preset_names())
+@pytest.mark.parametrize("command", [name for name in COMMANDS if "preset" in default_values(name)])
+def test_every_command_that_has_presets_takes_all_of_them(command: str, preset: str) -> None:
+    compose(command, [*REQUIRED.get(command, []), f"preset={preset}"])
+
+
+@pytest.mark.parametrize("command", list(COMMANDS))
+def test_every_command_composes(command: str) -> None:
+    assert type(compose(command, REQUIRED.get(command, []))) is COMMANDS[command]
+
+
+def test_every_yaml_is_reachable() -> None:
+    known = {f"preset/{name}" for name in preset_names()} | {f"policy/{name}" for name in policies.names()}
+    known |= {f"policy_preset/{preset}_{policy}" for preset in preset_names() for policy in policies.names()}
+    found = {
+        path.relative_to(configs_folder()).with_suffix("").as_posix()
+        for path in configs_folder().rglob("*.y*ml")
+    }
+    assert found - {"run"} <= known
+
+
+def test_a_preset_does_not_change_the_scene_that_a_checkpoint_is_evaluated_in() -> None:
+    config = compose("evaluate", ["checkpoint=runs/x", "preset=quick"])
+    assert (config.task, config.simulator, config.renderer, config.image_size) == ("", "", "", 0)
+    assert config.evaluate.episodes == compose("train", ["preset=quick"]).evaluate.episodes
+    assert compose("evaluate", ["checkpoint=runs/x", "preset=quick", "image_size=64"]).image_size == 64
+
+
+@pytest.mark.parametrize(
+    ("word", "of", "value"),
+    [
+        ("levels=0", lambda config: config.evaluate.levels, (0,)),
+        ("splits=test", lambda config: config.evaluate.splits, ("test",)),
+        ("alone=camera", lambda config: config.evaluate.alone, ("camera",)),
+        ("cameras=wrist", lambda config: config.cameras, ("wrist",)),
+    ],
+)
+def test_one_value_is_a_list_of_one(word, of, value) -> None:
+    assert of(compose("train", [word])) == value
+
+
+@pytest.mark.parametrize("word", ["levels=", "levels=true", "levels=null"])
+def test_what_is_no_value_is_no_list_of_one(word: str) -> None:
+    with pytest.raises(
+        ConfigError, match=r"evaluate\.levels: input should be a list in brackets, such as \[1,2\], given"
+    ):
+        compose("train", [word])
+
+
+def test_a_level_that_does_not_exist_is_named() -> None:
+    with pytest.raises(ConfigError, match=r"Unknown level 7\. Valid: 0, 1, 2, 3"):
+        compose("evaluate", ["checkpoint=runs/x", "levels=7"])
+
+
+@pytest.mark.parametrize(
+    ("word", "nearest"), [("policy", "policy="), ("polcy", "policy="), ("taks", "task="), ("leve", "level=")]
+)
+def test_a_word_without_a_value_suggests_the_key_that_it_resembles(word: str, nearest: str) -> None:
+    with pytest.raises(ConfigError, match=rf"'{word}' is not key=value\. Did you mean '{nearest}'\?"):
+        compose("train", [word])
+
+
+def test_options_of_a_task_pass_through() -> None:
+    assert compose("collect", ["task_kwargs.variant=lift"]).task_kwargs == {"variant": "lift"}
+
+
+@pytest.mark.parametrize("command", ["collect", "train", "evaluate"])
+def test_settings_of_a_simulator_pass_through(command: str) -> None:
+    words = [*REQUIRED.get(command, []), "simulator=mujoco_warp", "simulator_settings.njmax=768"]
+    config = compose(command, words)
+    assert config.simulator_settings == {"njmax": 768}
+    assert from_values(command, yaml.safe_load(yaml.safe_dump(to_values(config)))) == config
+
+
+@pytest.mark.parametrize(
+    ("words", "error", "message"),
+    [
+        (["simulator=mujoco_warp", "simulator_settings.njmx=9"], UnknownNameError, "Did you mean 'njmax'"),
+        (["simulator_settings.njmax=9"], UnknownNameError, "setting of simulator=mujoco 'njmax'"),
+        (["simulator_settings.cone=round"], UnknownNameError, "cone of mujoco 'round'"),
+        (
+            ["simulator=mujoco_warp", "simulator_settings.njmax=many"],
+            ConfigError,
+            r"simulator_settings\.njmax: input should be a valid integer, .* given 'many'",
+        ),
+        (
+            ["simulator=mujoco_warp", "simulator_settings.nconmax=0"],
+            ConfigError,
+            "nconmax must be at least 1, given 0",
+        ),
+    ],
+)
+def test_a_wrong_setting_of_a_simulator_is_told_before_it_starts(words, error, message) -> None:
+    with pytest.raises(error, match=message):
+        compose("collect", words)
+
+
+@pytest.mark.parametrize("command", ["collect", "train", "evaluate"])
+def test_keys_of_the_scene_pass_through_whole_or_shortened(command: str) -> None:
+    words = ["scenario.cameras.front.pos=[1,0,0.5]", "lighting.array_shape=[3,4]", "decimation=50"]
+    words += ["cameras.wrist.fovy_deg=50", "scenario.room=null", "scenario.appearance.lights.0.intensity=0.5"]
+    config = compose(command, [*REQUIRED.get(command, []), *words, "cameras=[wrist]"])
+    assert config.scenario == {
+        "cameras": {"front": {"pos": [1, 0, 0.5]}, "wrist": {"fovy_deg": 50}},
+        "lighting": {"array_shape": [3, 4]},
+        "physics": {"decimation": 50},
+        "room": None,
+        "appearance": {"lights": {"0": {"intensity": 0.5}}},
+    }
+    assert config.cameras == ("wrist",)
+    assert from_values(command, yaml.safe_load(yaml.safe_dump(to_values(config)))) == config
+
+
+@pytest.mark.parametrize(
+    ("word", "error", "message"),
+    [
+        ("scenario.physics.decimaton=5", UnknownNameError, r"scenario\.physics 'decimaton'.*'decimation'"),
+        ("decimaton=5", UnknownNameError, r"Unknown key 'decimaton' of collect\. Did you mean 'decimation'"),
+        (
+            "cameras.frnt.fovy_deg=5",
+            UnknownNameError,
+            r"key of scenario\.cameras 'frnt'.*Did you mean 'front'",
+        ),
+        (
+            "height_m=3",
+            ConfigError,
+            r"'height_m' could be scenario\.table\.height_m or scenario\.room\.height_m",
+        ),
+        ("array_shape=[0,3]", ConfigError, r"array_shape is two positive counts, given \(0, 3\)"),
+        ("decimation=x", ConfigError, r"scenario\.physics\.decimation: input should be .* given 'x'"),
+        ("cameras.front.width=64", ConfigError, r"front\.width=64 was given; .* are image_size=<pixels>"),
+        (
+            "scenario=3",
+            ConfigError,
+            r"'scenario' has keys of its own: .* in scenario\.physics\.decimation",
+        ),
+        (
+            "task_kwargs=3",
+            ConfigError,
+            r"'task_kwargs' has keys of its own: .* in task_kwargs\.variant=lift",
+        ),
+        ("physics=3", ConfigError, r"scenario\.physics has keys of its own \(timestep_s, .*; given 3"),
+        ("fovy_deg=3", UnknownNameError, r"Did you mean 'scenario\.cameras\.<name>\.fovy_deg'"),
+        ("front.fovy_deg=3", UnknownNameError, r"Did you mean 'scenario\.cameras\.<name>\.fovy_deg'"),
+        ("scenario..physics=3", ConfigError, r"'scenario\.\.physics=3' is not key=value"),
+    ],
+)
+def test_a_wrong_key_of_the_scene_is_told_before_a_simulator_starts(word, error, message) -> None:
+    with pytest.raises(error, match=message):
+        compose("collect", [word])
+
+
+@pytest.mark.parametrize(
+    ("words", "others"),
+    [
+        (["decimation=25", "scenario.cameras={}", "scenario.physics.gravity=[0,0,-9.81]"], []),  # as it is
+        (["cameras.front.fovy_deg=40.0"], ["scenario.cameras.front={fovy_deg:40}"]),
+        (["room=null"], ["scenario.room=null", "scenario.physics={}"]),
+    ],
+)
+def test_one_change_is_the_same_however_it_is_written(words: list[str], others: list[str]) -> None:
+    one, other = (json.dumps(to_values(compose("collect", each))) for each in (words, others))
+    assert one == other
+
+
+@pytest.mark.parametrize("word", ["task_kwargs.variant=lift", "scenario.physics.decimation=50"])
+def test_a_part_of_an_open_section_that_is_given_to_a_saved_run_is_not_lost(
+    word: str, tmp_path: Path
+) -> None:
+    before = to_values(compose("train", ["scenario.room=null"]))
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(before))
+    config = compose("train", [f"run={tmp_path}", word])
+    section, _, rest = word.partition(".")
+    assert at(getattr(config, section), rest.partition("=")[0]) in ("lift", 50)
+    assert config.scenario["room"] is None
+
+
+def test_a_saved_configuration_with_an_unknown_key_is_refused() -> None:
+    values = to_values(compose("train", []))
+    values["train"]["momentum"] = 0.9
+    with pytest.raises(UnknownNameError, match=r"Unknown key 'train\.momentum' of train"):
+        from_values("train", values)
+
+
+def test_a_saved_configuration_of_a_wrong_type_is_refused() -> None:
+    values = to_values(compose("train", []))
+    values["train"]["steps"] = "many"
+    with pytest.raises(ConfigError, match=r"train\.steps: input should be a valid integer.*given 'many'"):
+        from_values("train", values)

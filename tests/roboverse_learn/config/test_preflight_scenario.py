@@ -1,0 +1,119 @@
+"""A file or a material that a changed scene names and that is not there, told before anything is written."""
+
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from envs.core.assets import resolve
+from envs.core.errors import ConfigError
+from envs.tasks.pick_cube import PickCube
+from policies.checkpoint import CONFIG, WEIGHTS
+from roboverse_learn import cli
+from roboverse_learn.config.preflight_scenario import check_scenario_files
+
+TEXTURE = "scenario.appearance.materials.table.texture"
+ROBOT = "scenario.robots.franka.mjcf"
+TABLE = {"appearance": {"materials": {"table": {"texture": "table.png"}}}}
+
+
+@pytest.fixture
+def pictures(tmp_path: Path) -> Path:
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for name in ("table.png", "a.png", "b.png", "c.png"):
+        Image.new("RGB", (16, 16), (200, 100, 50)).save(folder / name)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("words", "materials"),
+    [
+        ("collect", "materials"),
+        ("collect num_workers=2", "materials"),
+        ("train policy=act", "materials"),
+        ("train policy=ppo", "evaluate.materials"),
+        ("evaluate checkpoint=checkpoint task=PickCube image_size=32", "evaluate.materials"),
+    ],
+)
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        (
+            f"{ROBOT}=no.xml",
+            f"error: {ROBOT}=no.xml: give the path of a file, or package:path for one inside an installed "
+            "package. The asset 'no.xml' does not exist: there is no file /",
+        ),
+        (
+            f"{TEXTURE}=no.png",
+            f"error: {TEXTURE}=no.png: give the name of a material, or of a picture in the folder that "
+            "{materials}=+<folder> adds. Unknown material family 'no.png'. Valid: asphalt, ",
+        ),
+    ],
+)
+def test_nothing_is_left_behind(
+    words: str,
+    materials: str,
+    word: str,
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    if words.startswith("evaluate"):
+        (tmp_path / "checkpoint").mkdir()
+        (tmp_path / "checkpoint" / CONFIG).write_text('{"type": "act", "input_features": {}}')
+        (tmp_path / "checkpoint" / WEIGHTS).touch()
+    before = sorted(tmp_path.rglob("*"))
+    assert cli.main([*words.split(), "preset=quick", word]) == 2
+    assert capsys.readouterr().err.startswith(said.format(materials=materials))
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("command", ["collect", "train policy=act", "train policy=ppo"])
+def test_a_broken_file_leaves_nothing_behind(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "broken.xml").write_text("<mujoco>\n<worldbody></mujoco>")
+    assert cli.main([*command.split(), "preset=quick", f"{ROBOT}=broken.xml"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(
+        f"error: {ROBOT}=broken.xml: no scene can be made of it. 'broken.xml' is no MJCF file: XML parse"
+    )
+    assert said.endswith("Give a file that fits the rest of the scene, or change that, too.\n")
+    assert [path.name for path in tmp_path.rglob("*")] == ["broken.xml"]
+
+
+def test_a_file_that_does_not_fit_is_told_with_what_it_lacks(tmp_path: Path) -> None:
+    other = tmp_path / "other.xml"
+    other.write_text('<mujoco><worldbody><body name="trunk"/></worldbody></mujoco>')
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    flat = {"shape": "mesh", "mesh": str(tmp_path / "flat.obj")}
+    for changes, reason in (
+        ({"robots": {"franka": {"mjcf": str(other)}}}, r"Unknown root of '.*other.xml' 'base'. Valid: trunk"),
+        ({"objects": {"cube": {"geoms": {"0": flat}}}}, r"at least 4 vertices required"),
+    ):
+        with pytest.raises(ConfigError, match=rf"no scene can be made of it. .*{reason}.*Give a file that"):
+            check_scenario_files("PickCube", {}, changes, {})
+
+
+def test_what_is_there_is_taken(tmp_path: Path, pictures: Path) -> None:
+    file = str(resolve(PickCube().scenario.robots[0].mjcf))
+    check_scenario_files("PickCube", {}, {"robots": {"franka": {"mjcf": file}}}, {})
+    check_scenario_files("PickCube", {}, TABLE, {"materials": f"+{pictures}"})
+    wood = {"appearance": {"materials": {"table": {"texture": "wood-017"}}}}
+    check_scenario_files("PickCube", {}, wood, {"materials": ""})
+
+
+def test_every_library_must_know_a_material(pictures: Path) -> None:
+    both = {"materials": f"+{pictures}", "evaluate.materials": ""}
+    with pytest.raises(
+        ConfigError,
+        match=rf"^{TEXTURE}=table\.png: .* evaluate\.materials=\+<folder> adds\. Unknown material",
+    ):
+        check_scenario_files("PickCube", {}, TABLE, both)
+    (pictures / "table.png").rename(pictures / "tables.png")
+    with pytest.raises(ConfigError, match=r"Unknown material 'table\.png'\. Did you mean 'tables\.png'\?"):
+        check_scenario_files("PickCube", {}, TABLE, {"materials": f"+{pictures}"})

@@ -1,0 +1,73 @@
+"""What is changed of a scene on its way from the command line into a dataset and out of it again."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from envs.core.errors import DatasetError
+from roboverse_learn.collect import collect_dataset, dataset_folder, dataset_layout
+from roboverse_learn.config.compose import compose
+from roboverse_learn.config.help import command_help
+from roboverse_learn.config.scenario_overrides import in_full, scenario_keys, scenario_name, typed_keys
+from roboverse_learn.config.schema import CollectConfig
+from roboverse_learn.data.dataset.info import DatasetInfo
+from roboverse_learn.replay import replay_recordings
+from roboverse_learn.sim2sim.parity.recording import read_recordings
+
+WORDS = ["num_demos=1", "image_size=32", "num_workers=1", "collect.num_envs=2"]
+SLOW = "scenario.physics.decimation=50"
+
+
+def config(folder: Path, *words: str) -> CollectConfig:
+    return compose("collect", [*WORDS, f"datasets_dir={folder}", *words])
+
+
+def test_a_dataset_is_made_in_the_changed_scene_and_says_so(tmp_path: Path) -> None:
+    changed = config(tmp_path, SLOW, "cameras.front.fovy_deg=40")
+    summary = collect_dataset(changed)
+    info = DatasetInfo.open(summary.root)
+    assert Path(summary.root).name.endswith(f"-{scenario_name(changed.scenario)}")
+    assert info.fps == dataset_layout(changed)[1] == 10
+    assert info.episode_metadata[0]["scenario"] == {
+        "physics": {"decimation": 50},
+        "cameras": {"front": {"fovy_deg": 40}},
+    }
+    recordings = read_recordings(summary.root, 0)
+    replayed = replay_recordings(recordings, compose("replay", [f"dataset={summary.root}", "by=controls"]))
+    assert replayed["control_hz"] == 10.0
+    assert replayed["replays"]["controls"]["success_rate"] == 1.0
+
+
+def test_a_dataset_that_was_begun_in_another_scene_is_not_continued(tmp_path: Path) -> None:
+    first = config(tmp_path)
+    collect_dataset(first)
+    assert "scenario" not in DatasetInfo.open(dataset_folder(first)).episode_metadata[0]
+    same = f"dataset={dataset_folder(first)}"
+    with pytest.raises(DatasetError, match=r"scenario=None.*now given: scenario=\{'room': None\}"):
+        collect_dataset(config(tmp_path, same, "num_demos=2", "scenario.room=null"))
+    with pytest.raises(DatasetError, match=r"has 20 fps .* given were 10 fps"):
+        collect_dataset(config(tmp_path, same, SLOW))
+
+
+def test_a_key_is_found_by_its_end_or_by_its_part_of_the_scene() -> None:
+    assert "scenario.lighting.array_shape" in typed_keys()
+    assert in_full("cameras.front.pos") == "scenario.cameras.front.pos"
+    assert in_full("scenario.physics.decimation") == "scenario.physics.decimation"
+    assert in_full("room") == "scenario.room"
+    assert in_full("train.steps") is in_full("height_m") is None
+
+
+def test_sizes_of_pictures_and_names_are_no_keys_of_the_scene() -> None:
+    assert not [key for key in scenario_keys() if key.endswith((".width", ".height", ".name"))]
+
+
+def test_every_key_that_can_be_typed_is_in_the_help() -> None:
+    said = command_help("collect")
+    assert all(f"  {key}= " in said for key in typed_keys())
+    assert "Lamps along world x and along world y" in said
+
+
+def test_a_name_follows_from_the_content_alone() -> None:
+    one, same = {"room": None, "table": {"height_m": 0.5}}, {"table": {"height_m": 0.5}, "room": None}
+    assert scenario_name(one) == scenario_name(same) != scenario_name(json.loads('{"room": null}'))

@@ -1,0 +1,108 @@
+"""What only a GPU can get wrong of agents: compiled updates, recorded graphs, runs that go on."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from policies.fasttd3.policy import FastTd3Policy
+from policies.fasttd3.update import Updater as FastTd3Updater
+from policies.tdmpc2.agent import Tdmpc2Agent
+from policies.tdmpc2.policy import Tdmpc2Policy
+from policies.tdmpc2.update import Updater as Tdmpc2Updater
+from roboverse_learn.config.compose import compose
+from roboverse_learn.training.metrics import read_metrics
+from roboverse_learn.training.reporter import Reporter
+from roboverse_learn.training.rl.learners import learner_of
+from tests.policies.test_agents_compiled import FASTTD3, SIZES, TDMPC2, sequences
+
+pytestmark = [
+    pytest.mark.gpu,
+    pytest.mark.skipif(not torch.cuda.is_available(), reason="needs an NVIDIA GPU"),
+    # Of the compiler and of the recording of graphs, at their first use.
+    pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning", "ignore::FutureWarning"),
+]
+
+CALLS = 12
+"""The first are run as they are, then two graphs are recorded, and the rest are played back."""
+
+WORDS = {
+    "fasttd3": ("policy.num_envs=64", "policy.batch_size=256", "actor_dim=32", "critic_dim=32",
+                "buffer_size=64000", "save_replay=true"),
+    "tdmpc2": ("policy.num_envs=16", "policy.batch_size=32", "model_size=1", "num_samples=64", "num_elites=8",
+               "num_pi_trajs=8", "iterations=2", "seed_steps=320", "buffer_size=8000", "update_ratio=0.125"),
+}  # fmt: skip
+WORDS["tdmpc2 of two tasks"] = (*WORDS["tdmpc2"], "policy.tasks=[control/ant]")
+WORDS["tdmpc2 of pictures"] = (
+    *WORDS["tdmpc2"], "policy.observation=pixels", "cameras=[front,rail]", "image_size=64"
+)  # fmt: skip
+
+
+def on_gpu(given):
+    return type(given)(*(None if field is None else field.cuda() for field in given))
+
+
+def test_updates_of_tdmpc2_that_are_played_back_learn_as_plain_ones_do():
+    losses = {}
+    for fast in (False, True):
+        policy = Tdmpc2Policy.create(replace(TDMPC2, lr=3e-3), SIZES, 2, 100, "cuda")
+        updater = Tdmpc2Updater(
+            policy.config, policy.model, [policy.discount], compile=fast, cuda_graphs=fast
+        )
+        given = on_gpu(sequences(8))
+        losses[fast] = [float(updater.update(given)["reward_loss"]) for _ in range(CALLS)]
+    assert losses[True] == pytest.approx(losses[False], rel=0.05)
+    assert losses[True][-1] < losses[True][0]
+
+
+def test_plans_that_are_played_back_depend_on_what_is_seen():
+    policy = Tdmpc2Policy.create(TDMPC2, SIZES, 2, 100, "cuda")
+    for weights in policy.model.parameters():
+        if weights.ndim > 1:  # A new network's value is 0 whatever is seen, and so all plans are as good.
+            torch.nn.init.normal_(weights, std=0.5)
+    agent = Tdmpc2Agent(TDMPC2, policy.model, 0.9, 4, compile=True, cuda_graphs=True)
+    seen, anew = torch.randn(2, 4, 5, device="cuda"), torch.ones(4, dtype=torch.bool, device="cuda")
+
+    def act(observation):
+        torch.manual_seed(0)
+        return agent.act(observation, anew).clone()
+
+    actions = [act(seen[call % 2]) for call in range(CALLS)]
+    played_back = actions[-4:]
+    assert all(action.abs().max() <= 1.0 for action in actions)
+    assert (played_back[0] - played_back[2]).abs().max() < 1e-3
+    assert (played_back[1] - played_back[3]).abs().max() < 1e-3
+    assert (played_back[0] - played_back[1]).abs().max() > 0.05
+    agent.act(seen[0], ~anew)
+    assert agent.mean.isfinite().all()
+
+
+@pytest.mark.parametrize("bf16", [False, True])
+def test_updates_of_fasttd3_that_are_played_back_learn_as_plain_ones_do(bf16):
+    losses = {}
+    for fast in (False, True):
+        policy = FastTd3Policy.create(FASTTD3, SIZES, 2, "cuda")
+        updater = FastTd3Updater(
+            FASTTD3, policy.actor, policy.critics, policy.norm, compile=fast, cuda_graphs=fast, bf16=bf16
+        )
+        given = sequences(8)
+        batch = (given.observations[0], given.actions[0], given.rewards[0], given.terminated[0])
+        batch = tuple(field.cuda() for field in (*batch, given.observations[1]))
+        losses[fast] = [float(updater.update(*batch)["loss"]) for _ in range(CALLS)]
+        assert updater.updates == CALLS
+    assert losses[True] == pytest.approx(losses[False], rel=0.02)
+
+
+@pytest.mark.parametrize("name", sorted(WORDS))
+def test_a_run_on_a_gpu_goes_on_where_it_was_cut(name, tmp_path):
+    def run(steps):
+        words = (*WORDS[name], f"steps={steps}", "save_every=100000", "log_every=640")
+        config = compose("train", [f"policy={name.partition(' ')[0]}", "task=control/cartpole", *words])
+        return learner_of(config.policy_name)(config, tmp_path, "cuda", 0, Reporter())
+
+    assert run(1920).steps == 1920
+    before = read_metrics(tmp_path)[-1]["updates"]
+    assert run(3840).stopped_by == "steps"
+    rows = read_metrics(tmp_path)
+    assert rows[-1]["updates"] > before > 0
+    assert all(row["loss"] == row["loss"] for row in rows if "loss" in row)
