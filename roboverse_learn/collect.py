@@ -147,8 +147,8 @@ def _judge(config: CollectConfig) -> "ImportSummary":
 
 def _collect_episodes(config: CollectConfig, imported: "ImportSummary | None") -> "CollectionSummary":
     from envs.randomization.splits import load_split
-    from roboverse_learn.data.collection import collect as collect_episodes
     from roboverse_learn.data.collection.collect import CollectionConfig, CollectionProgress
+    from roboverse_learn.data.collection.collect import collect as collect_episodes
     from roboverse_learn.data.collection.schedule import GIVE_UP_AFTER, TooFewSuccessesError
 
     keys = ("task", "task_kwargs", "level", "only", "simulator", "renderer", "cameras", "image_size")

@@ -179,7 +179,7 @@ def _train(config: TrainRunConfig, folder: Path, dataset_root: str, device: str)
     """Trains on a dataset, in this process."""
     from roboverse_learn.commands.run_folder import seed_of
     from roboverse_learn.data.dataset.reader import ResidentDataset
-    from roboverse_learn.training.imitation import train as train_policy
+    from roboverse_learn.training.imitation.train import train as train_policy
     from roboverse_learn.training.reporter import Reporter, RichReporter
 
     dataset = ResidentDataset(dataset_root, device=device)

@@ -6,8 +6,7 @@
 >>> batch = dataset.sample([0, 7], {"action": range(20)})                       # doctest: +SKIP
 """
 
-from roboverse_learn.data.collection import collect
-from roboverse_learn.data.collection.collect import CollectionProgress, CollectionSummary
+from roboverse_learn.data.collection.collect import CollectionProgress, CollectionSummary, collect
 from roboverse_learn.data.collection.pool import CollectionConfig
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.merge import consolidate, merge

@@ -10,7 +10,7 @@ import policies
 from envs.core.errors import ConfigError
 from roboverse_learn.training.checkpoint import last_checkpoint
 from roboverse_learn.training.config import TrainConfig
-from roboverse_learn.training.imitation import train
+from roboverse_learn.training.imitation.train import train
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
 from tests.policies.examples import NARROW_CONFIGS

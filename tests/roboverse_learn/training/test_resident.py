@@ -5,7 +5,7 @@ import pytest
 import policies
 from roboverse_learn.data import DatasetWriter, ResidentDataset
 from roboverse_learn.training.config import TrainConfig
-from roboverse_learn.training.imitation import train
+from roboverse_learn.training.imitation.train import train
 from tests.policies.examples import CONFIGS, generators
 from tests.roboverse_learn.data.synthetic_episodes import FEATURES, FPS, make_episode
 

@@ -16,7 +16,7 @@ import pytest
 from envs.core.errors import ConfigError, DatasetError, RoboVerseError
 from roboverse_learn.data import CollectionConfig, DatasetInfo, DatasetWriter, collect, dataset_hash
 from roboverse_learn.data.collection.schedule import TooFewSuccessesError
-from roboverse_learn.data.dataset import merge
+from roboverse_learn.data.dataset.merge import merge
 from tests.roboverse_learn.data.synthetic_episodes import FEATURES, FPS, make_episode
 
 HERE = Path(__file__).parents[1]

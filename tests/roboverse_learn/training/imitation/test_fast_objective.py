@@ -8,8 +8,8 @@ import torch
 from torch import nn
 
 from roboverse_learn.training.imitation import fast_objective as module
-from roboverse_learn.training.imitation import train
 from roboverse_learn.training.imitation.fast_objective import EagerGradients, fast_objective
+from roboverse_learn.training.imitation.train import train
 from tests.roboverse_learn.training.imitation.test_train import CONFIG, DATA, make
 
 

@@ -9,7 +9,7 @@ import pytest
 import policies
 from roboverse_learn.training.checkpoint import last_checkpoint
 from roboverse_learn.training.config import AugmentConfig, TrainConfig
-from roboverse_learn.training.imitation import train
+from roboverse_learn.training.imitation.train import train
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
 from tests.policies.examples import NARROW_CONFIGS
