@@ -5,7 +5,6 @@ Shapes: N environments, D entries of an observation, A entries of an action, K i
 
 from collections.abc import Mapping
 from dataclasses import replace
-from itertools import cycle, islice
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
@@ -14,16 +13,13 @@ import torch
 from torch import Tensor
 
 from envs.core.errors import ConfigError
-from envs.randomization import channel_rng, load_split
 from envs.scenario import ScenarioCfg
 from envs.simulators import HANDLERS
 from envs.simulators.base import Handler
+from envs.start_states import BANK_SIZE, expert_bank, initial_bank
 from envs.state import State
 from envs.tasks.make import make_task
 from envs.tasks.outcomes import outcome, solved
-
-BANK_SIZE = 4096
-"""Initial states that are kept on the device; drawing one takes Python about 50 µs."""
 
 
 class EnvStep(NamedTuple):
@@ -104,14 +100,6 @@ class BatchedEnv(Protocol):
         ...
 
 
-def _spread(split: str, size: int) -> list[int]:
-    """Returns at most ``size`` episodes from all over a split."""
-    episodes = load_split(split).episodes
-    if size < len(episodes):
-        episodes = episodes[:: len(episodes) // size][:size]
-    return [int(episode) for episode in episodes]
-
-
 class TorchVectorEnv:
     """A task for an agent that learns by reward: tensors in, tensors out, on the simulator's device.
 
@@ -142,7 +130,7 @@ class TorchVectorEnv:
         substeps: Physics steps per control step; the task's by default. Fewer are longer, faster to
             simulate, and coarser.
         expert_starts: Share of the episodes that begin somewhere on the expert's way; see
-            :mod:`envs.experts.starts`.
+            :mod:`envs.start_states`.
     """
 
     def __init__(
@@ -182,9 +170,9 @@ class TorchVectorEnv:
         self.max_episode_steps = max_episode_steps or self.task.max_episode_steps
         self._substeps = scene.physics.decimation
         self._shift = 1.0 if shift_reward and self.task.ends_on_success else 0.0
-        self._bank, self._late = self._draw_bank(split, protocol_seed, bank_size), None
+        self._bank, self._late = initial_bank(self.task, self.handler, split, protocol_seed, bank_size), None
         if expert_starts:
-            self._late = self._draw_late(split, protocol_seed)
+            self._late = expert_bank(self.task, self.handler, split, protocol_seed, self._substeps)
         self._late_share = expert_starts
         zeros = torch.zeros(num_envs, device=self.device)
         self.elapsed_steps, self.returns = zeros.long(), zeros.clone()
@@ -195,26 +183,6 @@ class TorchVectorEnv:
 
     def _make_handler(self, simulator: str, scene: ScenarioCfg, num_threads: int) -> Handler:
         return HANDLERS.get(simulator)(scene, self.num_envs, num_threads=num_threads)
-
-    def _draw_bank(self, split: str, protocol_seed: int, size: int) -> State:
-        rngs = [channel_rng(protocol_seed, "task", episode) for episode in _spread(split, size)]
-        return self.task.initial_state(rngs).to(self.handler.device, self.handler.dtype)
-
-    def _draw_late(self, split: str, protocol_seed: int) -> State:
-        """Draws states on the expert's way, of an episode in each environment."""
-        from envs.experts.starts import states_on_the_way
-
-        episodes = list(islice(cycle(_spread(split, self.num_envs)), self.num_envs))
-        initial = self.task.initial_state([channel_rng(protocol_seed, "task", e) for e in episodes])
-        rngs = [channel_rng(protocol_seed, "expert", episode) for episode in episodes]
-        return states_on_the_way(
-            self.task,
-            self.handler,
-            initial.to(self.handler.device, self.handler.dtype),
-            rngs,
-            substeps=self._substeps,
-            moments=max(1, BANK_SIZE // self.num_envs),
-        )
 
     def seed(self, seed: int) -> None:
         """Seeds which initial states are drawn from now on."""

@@ -10,10 +10,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from envs.experts.rollout import TAIL_STEPS, Rollout
+from envs.experts.rollout import Rollout
 from envs.randomization import channel_rng
 from envs.state import State
-from envs.tasks.planner import BatchPlanner, Planner
+from envs.tasks.plan_following import PlanFollower
+from envs.tasks.planner import Planner
 from envs.vector_env import RoboVerseVectorEnv
 
 
@@ -41,18 +42,18 @@ class BatchedExpertRunner:
     def _wave(self, episodes: np.ndarray) -> Iterator[Rollout]:
         env, everyone = self._env, np.arange(len(episodes))
         env.reset_envs(everyone, episodes)
-        progress = Progress(
+        progress = PlanFollower(
             [channel_rng(env.protocol_seed, "expert", int(e)) for e in episodes], self._planner
         )
         film = _Film(self._states())
         for _ in range(env.task.max_episode_steps):
-            active = progress.going_on(film.states[-1].state)
+            active = progress.active(film.states[-1].state)
             if not len(active):
                 break
             film.draw(env, active)
-            result = env.step_envs(everyone, progress.actions())
+            result = env.step_envs(everyone, progress.next_actions())
             film.states.append(self._states())
-            progress.note(active, result.success, result.reward)
+            progress.record(active, result.success, result.reward)
         film.cut()
         for env_id in everyone.tolist():
             yield self._rollout(env_id, progress, film)
@@ -60,7 +61,7 @@ class BatchedExpertRunner:
     def _states(self) -> "_FlatStates":
         return _FlatStates(self._env.get_states())
 
-    def _rollout(self, env_id: int, progress: "Progress", film: "_Film") -> Rollout:
+    def _rollout(self, env_id: int, progress: PlanFollower, film: "_Film") -> Rollout:
         steps = int(progress.lengths[env_id])
         raw = film.raw(env_id, steps)
         return Rollout(
@@ -108,57 +109,6 @@ class _FlatStates:
         )
 
 
-class Progress:
-    """Plans and outcomes of N episodes."""
-
-    def __init__(self, rngs: Sequence[np.random.Generator], planner: Planner) -> None:
-        self._rngs, self._planner = rngs, planner
-        count = len(rngs)
-        self._plans: list[np.ndarray] = [np.zeros((0, 0), np.float32)] * count
-        self._cursor = np.zeros(count, np.int64)
-        self._left = np.full(count, -1)
-        self._over = np.zeros(count, bool)
-        self._last: list[np.ndarray | None] = [None] * count
-        self.success = np.zeros(count, bool)
-        self.lengths = np.zeros(count, np.int64)
-        self.history: list[np.ndarray] = []
-        self.rewards: list[np.ndarray] = []
-
-    def going_on(self, state: State) -> np.ndarray:
-        """Returns who acts now, and asks the planner for those whose plan is used up."""
-        self._over |= self._left == 0
-        ends = np.array([len(plan) for plan in self._plans])
-        asking = np.flatnonzero(~self._over & (self._cursor >= ends))
-        if len(asking):
-            rngs = [self._rngs[env_id] for env_id in asking]
-            for env_id, plan in zip(asking, plan_all(self._planner, state.select(asking), rngs), strict=True):
-                last = self._last[env_id]
-                if not len(plan) and self.success[env_id] and last is not None:
-                    plan = last[None]
-                self._plans[env_id], self._cursor[env_id] = plan, 0
-                self._over[env_id] = not len(plan)
-        return np.flatnonzero(~self._over)
-
-    def actions(self) -> np.ndarray:
-        """Returns everybody's next action (N, A); who is done repeats the last one."""
-        for env_id in np.flatnonzero(~self._over):
-            self._last[env_id] = self._plans[env_id][self._cursor[env_id]]
-        known = next(last for last in self._last if last is not None)
-        self.history.append(np.stack([known if last is None else last for last in self._last]))
-        return self.history[-1]
-
-    def note(self, active: np.ndarray, success: np.ndarray, rewards: np.ndarray) -> None:
-        """Notes the outcome of a step; the first success leaves a few steps more."""
-        self.rewards.append(rewards)
-        self.lengths[active] += 1
-        self._cursor[active] += 1
-        counting = active[self._left[active] > 0]
-        solved = active[success[active] & (self._left[active] < 0)]
-        self._left[counting] -= 1
-        self._left[solved] = TAIL_STEPS
-        self.success[solved] = True
-
-
 @dataclass(slots=True)
 class _Frame:
     """What those who acted at one step saw: their ids in order, and camera to pictures (n, H, W, 3)."""
@@ -203,10 +153,3 @@ class _Film:
             .numpy()
             for name in cameras
         }
-
-
-def plan_all(planner: Planner, state: State, rngs: Sequence[np.random.Generator]) -> list[np.ndarray]:
-    """Returns a plan (T, A) for each row of ``state``: at once where the planner can, else one by one."""
-    if isinstance(planner, BatchPlanner):
-        return planner.plan_batch(state, rngs)
-    return [planner.plan(state.select([row]), rng) for row, rng in enumerate(rngs)]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from envs.randomization import channel_rng
+from envs.tasks.plan_following import TAIL_STEPS
 from envs.tasks.planner import Planner
 from envs.vector_env import RoboVerseVectorEnv
 
@@ -37,10 +38,6 @@ class Rollout:
     rewards: np.ndarray
     images: dict[str, np.ndarray]
     raw: dict[str, np.ndarray]
-
-
-TAIL_STEPS = 5
-"""Steps that are recorded after success, so that a policy learns to stay where it is."""
 
 
 class _Recording:

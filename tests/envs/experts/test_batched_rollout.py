@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from envs.experts.batched_rollout import BatchedExpertRunner, plan_all
+from envs.experts.batched_rollout import BatchedExpertRunner
 from envs.experts.rollout import ExpertRunner, rollout
 from envs.kinematics.inverse import WaypointPlanner
 from envs.tasks.pick_cube import PickCube
+from envs.tasks.plan_following import plan_all
 from envs.vector_env import RoboVerseVectorEnv
 
 

@@ -1,16 +1,16 @@
-"""Episodes may begin on the expert's way."""
+"""Banks of start states: states on the expert's path."""
 
 import numpy as np
 import pytest
 import torch
 
 from envs.core.errors import ConfigError
-from envs.experts.starts import states_on_the_way
 from envs.simulators.mujoco.handler import MujocoHandler
+from envs.start_states import expert_states
 from envs.tasks.pick_cube import PickCube
 from envs.torch_env import TorchVectorEnv
 
-N, MOMENTS = 4, 20
+N, NUM_STATES = 4, 20
 
 
 @pytest.fixture(scope="module")
@@ -20,13 +20,13 @@ def kept():
         handler.launch()
         initial = task.initial_state([np.random.default_rng(row) for row in range(N)])
         rngs = [np.random.default_rng(100 + row) for row in range(N)]
-        found = states_on_the_way(task, handler, initial, rngs, substeps=25, moments=MOMENTS)
+        found = expert_states(task, handler, initial, rngs, substeps=25, num_states=NUM_STATES)
     return task, initial, found
 
 
-def test_states_are_of_the_whole_way_and_none_is_solved(kept):
+def test_states_cover_the_expert_path_and_none_is_solved(kept):
     task, _, found = kept
-    assert 0.1 * N * MOMENTS < found.num_envs < N * MOMENTS
+    assert 0.1 * N * NUM_STATES < found.num_envs < N * NUM_STATES
     height = found.objects["cube"].pos[:, 2]
     assert (height < 0.03).any() and (height > 0.05).any()
     robot = found.robots["franka"]
@@ -35,17 +35,17 @@ def test_states_are_of_the_whole_way_and_none_is_solved(kept):
     assert not task.success(found).any()
 
 
-def test_the_same_generators_give_the_same_states(kept):
+def test_same_generators_give_same_states(kept):
     task, initial, found = kept
     with MujocoHandler(task.scenario, N, num_threads=1) as handler:
         handler.launch()
         rngs = [np.random.default_rng(100 + row) for row in range(N)]
-        again = states_on_the_way(task, handler, initial, rngs, substeps=25, moments=MOMENTS)
+        again = expert_states(task, handler, initial, rngs, substeps=25, num_states=NUM_STATES)
     for key, value in found.flatten().items():
         assert torch.equal(value, again.flatten()[key]), key
 
 
-def test_a_share_of_the_episodes_begins_there():
+def test_share_of_episodes_starts_on_expert_path():
     env = TorchVectorEnv(
         "PickCube", 8, num_threads=1, bank_size=8, substeps=5, expert_starts=0.5, max_episode_steps=1
     )
@@ -58,19 +58,19 @@ def test_a_share_of_the_episodes_begins_there():
     env.close()
 
 
-def test_a_share_is_from_0_to_1():
+def test_share_outside_0_to_1_is_refused():
     with pytest.raises(ConfigError, match=r"expert_starts is a share from 0 to 1, given 1\.5"):
         TorchVectorEnv("PickCube", 1, expert_starts=1.5)
 
 
-def test_a_task_without_an_expert_says_so():
+def test_task_without_expert_is_refused():
     with pytest.raises(ConfigError, match="has no scripted expert"):
         TorchVectorEnv("control/cartpole", 1, num_threads=1, bank_size=1, expert_starts=0.5)
 
 
-def test_an_expert_that_gives_up_at_once_leaves_nothing(monkeypatch):
+def test_expert_that_gives_up_at_once_is_an_error(monkeypatch):
     monkeypatch.setattr(PickCube, "expert", lambda *_: [])
     with pytest.raises(
-        ConfigError, match=r"The expert of PickCube left no state to begin at: .* in all of 2"
+        ConfigError, match=r"The expert of PickCube left no state to start at: .* in all of 2"
     ):
         TorchVectorEnv("PickCube", 2, num_threads=1, bank_size=2, expert_starts=0.5)

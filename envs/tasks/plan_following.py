@@ -1,0 +1,80 @@
+"""Following the plans of a planner in N environments: who acts, with which action, and until when."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from envs.state import State
+from envs.tasks.planner import BatchPlanner, Planner
+
+TAIL_STEPS = 5
+"""Steps that are recorded after success, so that a policy learns to stay where it is."""
+
+
+class PlanFollower:
+    """Follows plans in N episodes and asks for another plan where one is used up.
+
+    Args:
+        rngs: N generators, one per episode, for the planner.
+        planner: Asked for plans.
+
+    Attributes:
+        success: Which episodes were solved at some step, (N,) bool.
+        lengths: Steps of each episode, (N,) int64.
+        history: The actions of each step, (N, A) each.
+        rewards: The rewards of each step, (N,) each.
+    """
+
+    def __init__(self, rngs: Sequence[np.random.Generator], planner: Planner) -> None:
+        self._rngs, self._planner = rngs, planner
+        count = len(rngs)
+        self._plans: list[np.ndarray] = [np.zeros((0, 0), np.float32)] * count
+        self._cursor = np.zeros(count, np.int64)
+        self._left = np.full(count, -1)  # steps after success; -1 before it
+        self._over = np.zeros(count, bool)
+        self._last: list[np.ndarray | None] = [None] * count
+        self.success = np.zeros(count, bool)
+        self.lengths = np.zeros(count, np.int64)
+        self.history: list[np.ndarray] = []
+        self.rewards: list[np.ndarray] = []
+
+    def active(self, state: State) -> np.ndarray:
+        """Returns the environments that act in this step; a used-up plan is replaced, from ``state``."""
+        self._over |= self._left == 0
+        ends = np.array([len(plan) for plan in self._plans])
+        asking = np.flatnonzero(~self._over & (self._cursor >= ends))
+        if len(asking):
+            rngs = [self._rngs[env_id] for env_id in asking]
+            for env_id, plan in zip(asking, plan_all(self._planner, state.select(asking), rngs), strict=True):
+                last = self._last[env_id]
+                if not len(plan) and self.success[env_id] and last is not None:
+                    plan = last[None]
+                self._plans[env_id], self._cursor[env_id] = plan, 0
+                self._over[env_id] = not len(plan)
+        return np.flatnonzero(~self._over)
+
+    def next_actions(self) -> np.ndarray:
+        """Returns the next action of every environment (N, A); one whose episode is over repeats its last."""
+        for env_id in np.flatnonzero(~self._over):
+            self._last[env_id] = self._plans[env_id][self._cursor[env_id]]
+        known = next(last for last in self._last if last is not None)
+        self.history.append(np.stack([known if last is None else last for last in self._last]))
+        return self.history[-1]
+
+    def record(self, active: np.ndarray, success: np.ndarray, rewards: np.ndarray) -> None:
+        """Records the outcome of a step; after its first success an episode lasts ``TAIL_STEPS`` more."""
+        self.rewards.append(rewards)
+        self.lengths[active] += 1
+        self._cursor[active] += 1
+        counting = active[self._left[active] > 0]
+        solved = active[success[active] & (self._left[active] < 0)]
+        self._left[counting] -= 1
+        self._left[solved] = TAIL_STEPS
+        self.success[solved] = True
+
+
+def plan_all(planner: Planner, state: State, rngs: Sequence[np.random.Generator]) -> list[np.ndarray]:
+    """Returns a plan (T, A) for each row of ``state``, in one batch where the planner supports it."""
+    if isinstance(planner, BatchPlanner):
+        return planner.plan_batch(state, rngs)
+    return [planner.plan(state.select([row]), rng) for row, rng in enumerate(rngs)]
