@@ -15,6 +15,8 @@ from envs.core.errors import SimulatorError
 
 logger = logging.getLogger(__name__)
 
+_SIGNED = {torch.uint16: torch.int16, torch.uint32: torch.int32, torch.uint64: torch.int64}
+
 
 class Device:
     """One device, under both names.
@@ -86,10 +88,14 @@ class Device:
             torch.cuda.synchronize(self.torch)
 
     def tensor(self, array: Any) -> Tensor:
-        """Returns a Warp array as a tensor of the same memory; a vector's entries are its last axis."""
+        """Returns a Warp array as a tensor of the same memory; a vector's entries are its last axis.
+
+        Unsigned integers become signed ones of the same bits: CUDA cannot index or compare the former.
+        """
         if array.size == 0:
             return torch.zeros((*array.shape, *getattr(array.dtype, "_shape_", ())), device=self.torch)
-        return wp.to_torch(array)
+        tensor = wp.to_torch(array)
+        return tensor.view(_SIGNED[tensor.dtype]) if tensor.dtype in _SIGNED else tensor
 
     def rows(self, env_ids: Any) -> Any:
         """Returns environment indices in the form that indexes tensors of this device fastest."""
