@@ -1,328 +1,108 @@
-"""Reads a pickle of numbers, words, lists, dicts, tuples and numpy arrays, and runs nothing of it.
+"""Reads pickles of numbers, strings, containers and NumPy arrays without running anything in them."""
 
-A pickle is a program: whoever unpickles a stranger's file runs the stranger's code. This module does not
-unpickle. It walks the opcodes as :mod:`pickletools` lists them and builds containers and arrays itself;
-of the callables that a pickle can name, it knows the few by which numpy writes an array, and even those
-it does not call. Any other name is refused before anything is built from it.
-"""
-
-import pickletools
-from collections.abc import Callable
-from typing import Any, NamedTuple
+import io
+import pickle
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
 from envs.core.errors import DatasetError
 
-
-class _Name(NamedTuple):
-    """A callable or class that the pickle names; never looked up."""
-
-    module: str
-    name: str
-
-    def __str__(self) -> str:
-        return f"{self.module}.{self.name}"
+_REFUSED_OPCODES = b"PQio\x81\x82\x83\x84\x8f\x90\x91\x92\x97\x98"  # objects, sets, references to outside
+_MAX_ITEMS = 1 << 28  # of all containers; a shared one counts wherever it is held
+_CONTAINERS = (list, tuple, dict)
+_LEAVES = (str, bytes, int, float, type(None), np.ndarray, np.generic)
 
 
-_CORES = ("numpy.core.", "numpy._core.")
-_RECONSTRUCT = frozenset(_Name(f"{core}multiarray", "_reconstruct") for core in _CORES)
-_FROM_BUFFER = frozenset(_Name(f"{core}numeric", "_frombuffer") for core in _CORES)
-_SCALAR = frozenset(_Name(f"{core}multiarray", "scalar") for core in _CORES)
-_NDARRAY, _DTYPE = _Name("numpy", "ndarray"), _Name("numpy", "dtype")
-_ENCODE = _Name("_codecs", "encode")
-"""How protocols 0 to 2 write bytes: as text to be encoded."""
-
-_BYTES = _Name("__builtin__", "bytes")
-"""How protocols 0 to 2 write no bytes at all: called without arguments."""
-
-_ALLOWED = _RECONSTRUCT | _FROM_BUFFER | _SCALAR | {_NDARRAY, _DTYPE, _ENCODE, _BYTES}
-_DTYPE_KINDS = "biufcSU"
-"""Booleans, numbers, bytes and text: what holds no Python object."""
-
-_MARK = object()
+class _Dict(dict):
+    def __setitem__(self, key: Any, value: Any) -> None:
+        if isinstance(key, tuple):  # the hash of shared tuples in shared tuples may take years
+            raise pickle.UnpicklingError("it has a tuple as a key")
+        super().__setitem__(key, value)
 
 
-class _Pending:
-    """An array or dtype that a later opcode fills in; the stack and the memo share it."""
-
-    def __init__(self, kind: str, value: Any = None) -> None:
-        self.kind, self.value = kind, value
-
-
-class _Arguments(tuple):
-    """A tuple with a name or an unfinished object in it: good for a call, refused as data."""
+class _DType:  # in place of numpy.dtype, whose state can turn bytes into pointers
+    def __init__(self, code: str, *_: Any) -> None:
+        self.value = np.dtype(code)
+        if self.value.kind not in "biufcSU" or self.value.fields or self.value.subdtype:
+            raise pickle.UnpicklingError(f"it has an array of '{code}'")
 
 
-class RefusedPickleError(DatasetError):
-    """A pickle that does more than hold data."""
+class _Unpickler(pickle._Unpickler):  # the Python one: that in C reserves memory before it checks lengths
+    stack: list[Any]
+
+    def __init__(self, data: bytes) -> None:
+        super().__init__(io.BytesIO(data), encoding="latin-1")
+        self.bytes_left = len(data)
+        self.names: dict[str, Any] = {
+            "numpy.ndarray": None,
+            "numpy.dtype": _DType,
+            "__builtin__.bytes": lambda: b"",
+        }
+        self.names["_codecs.encode"] = lambda text, _: str.encode(text, "latin-1")
+        for core in ("numpy.core", "numpy._core"):
+            self.names[f"{core}.multiarray._reconstruct"] = lambda *_: np.empty(0, np.int8)
+            self.names[f"{core}.multiarray.scalar"] = lambda dtype, data: self.array(data, dtype, 1)[0]
+            self.names[f"{core}.numeric._frombuffer"] = self.array
+
+    def find_class(self, module: str, name: str) -> Any:
+        if f"{module}.{name}" not in self.names:
+            raise pickle.UnpicklingError(f"it names '{module}.{name}'")
+        return self.names[f"{module}.{name}"]
+
+    def array(self, data: bytes, dtype: _DType, shape: Any, order: str = "C") -> np.ndarray:
+        self.bytes_left -= len(data)
+        if self.bytes_left < 0:
+            raise pickle.UnpicklingError("its arrays are larger than the file")
+        return np.frombuffer(data, dtype.value).reshape(shape, order="F" if order == "F" else "C").copy()
+
+    def set_state(self) -> None:
+        state: Any = self.stack.pop()
+        target = self.stack[-1]
+        if type(target) is _DType:
+            target.value = target.value.newbyteorder(state[1])
+        elif type(target) is np.ndarray:
+            array = self.array(state[4], state[2], state[1], "F" if state[3] else "C")
+            target.__setstate__(cast(Any, array.__reduce__()[2]))
+        else:
+            raise pickle.UnpicklingError(f"it sets the state of a {type(target).__name__}")
+
+    dispatch: ClassVar[dict[int, Any]] = {
+        code: load for code, load in pickle._Unpickler.dispatch.items() if code not in _REFUSED_OPCODES
+    }
+    dispatch[pickle.BUILD[0]] = set_state
+    dispatch[pickle.BYTEARRAY8[0]] = dispatch[pickle.BINBYTES8[0]]
+    dispatch[pickle.EMPTY_DICT[0]] = lambda self: self.append(_Dict())
+    dispatch[pickle.DICT[0]] = lambda self: (self.pop_mark(), self.append(_Dict()))  # always written empty
+
+
+def _count(value: Any, counts: dict[int, int]) -> int:
+    """Counts what a value holds, and checks the types."""
+    if not isinstance(value, _CONTAINERS):
+        if isinstance(value, _LEAVES):
+            return 1
+        raise pickle.UnpicklingError(f"it holds a {type(value).__name__}")
+    if id(value) not in counts:
+        counts[id(value)] = _MAX_ITEMS  # what a container that holds itself counts
+        items = value.values() if isinstance(value, dict) else value
+        counts[id(value)] = 1 + sum(_count(item, counts) for item in items)
+    return counts[id(value)]
 
 
 def load_pickle(data: bytes, source: str) -> Any:
-    """Builds what a pickle holds.
-
-    Args:
-        data: The pickle.
-        source: What to call it in an error message, such as the file's path.
-
-    Returns:
-        None, booleans, numbers, text, bytes, numpy arrays and numpy scalars, in lists, tuples and dicts.
+    """Returns the numbers, strings and NumPy arrays of a pickle, in lists, tuples and dicts.
 
     Raises:
-        RefusedPickleError: It names a class or function, or uses an opcode, that is more than data.
-        DatasetError: It is truncated or no pickle.
+        DatasetError: It is damaged or holds anything else. Nothing of it has run.
     """
-    machine = _Machine(source)
     try:
-        for opcode, argument, _ in pickletools.genops(data):
-            if opcode.name == "STOP":
-                break
-            machine.run(opcode.name, argument)
-        return machine.result()
-    except RefusedPickleError:
-        raise
-    except (ValueError, IndexError, KeyError, TypeError, AttributeError, OverflowError, MemoryError) as error:
+        content = _Unpickler(data).load()
+        if _count(content, {}) > _MAX_ITEMS:
+            raise pickle.UnpicklingError("its containers hold each other too often")
+    except Exception as error:
         raise DatasetError(
-            f"'{source}' is damaged: not a whole pickle ({type(error).__name__}: {error}). Download it again."
+            f"'{source}' was not read ({type(error).__name__}: {error}): it is damaged, or more than numbers,"
+            " strings, containers and NumPy arrays. Nothing of it was run. Download it again, or convert it "
+            "to RoboVerse's JSON form where you trust it."
         ) from error
-
-
-class _Machine:
-    """The stack, the memo, and one method per group of opcodes."""
-
-    def __init__(self, source: str) -> None:
-        self._source = source
-        self._stack: list[Any] = []
-        self._memo: dict[int, Any] = {}
-
-    def run(self, opcode: str, argument: Any) -> None:
-        """Executes one opcode."""
-        if opcode in _LITERALS:
-            self._stack.append(argument)
-        elif opcode in _CONSTANTS:
-            self._stack.append(_CONSTANTS[opcode]())
-        else:
-            action = _ACTIONS.get(opcode)
-            if action is None:
-                raise self._refusal(f"uses the opcode {opcode}")
-            action(self, argument)
-
-    def result(self) -> Any:
-        """Returns what the pickle was of."""
-        return self._data(self._stack.pop())
-
-    def _refusal(self, what: str) -> RefusedPickleError:
-        return RefusedPickleError(
-            f"'{self._source}' was not read: the pickle {what}, which is more than numbers, words, "
-            "containers and numpy arrays. Nothing of it was run. Take the file from a source that you trust, "
-            "or convert it to RoboVerse's JSON form there."
-        )
-
-    def _data(self, value: Any) -> Any:
-        """Returns a value that may be an element of a container."""
-        if _is_array(value):
-            return value.value
-        if isinstance(value, _Pending | _Name | _Arguments) or value is _MARK:
-            held = f"'{value}'" if isinstance(value, _Name) else "an unfinished object"
-            raise self._refusal(f"holds {held}")
-        return value
-
-    def _key(self, value: Any) -> Any:
-        """Returns a value that may be a key; a tuple of tuples could take forever to hash."""
-        if value is not None and not isinstance(value, str | bytes | int | float):
-            raise self._refusal(f"has a key of the type {type(value).__name__}")
-        return value
-
-    def _pairs(self) -> dict[Any, Any]:
-        items = [self._data(item) for item in self._since_mark()]
-        return dict(zip(map(self._key, items[::2]), items[1::2], strict=True))
-
-    def _since_mark(self) -> list[Any]:
-        """Pops everything above the last mark, and the mark."""
-        for position in range(len(self._stack) - 1, -1, -1):
-            if self._stack[position] is _MARK:
-                items = self._stack[position + 1 :]
-                del self._stack[position:]
-                return items
-        raise ValueError("no mark")
-
-    def _pop(self, _: Any) -> None:
-        self._stack.pop()
-
-    def _pop_mark(self, _: Any) -> None:
-        self._since_mark()
-
-    def _duplicate(self, _: Any) -> None:
-        self._stack.append(self._stack[-1])
-
-    def _memoize(self, _: Any) -> None:
-        self._memo[len(self._memo)] = self._stack[-1]
-
-    def _put(self, number: Any) -> None:
-        self._memo[int(number)] = self._stack[-1]
-
-    def _get(self, number: Any) -> None:
-        self._stack.append(self._memo[int(number)])
-
-    def _append(self, _: Any) -> None:
-        value = self._data(self._stack.pop())
-        self._container(list).append(value)
-
-    def _appends(self, _: Any) -> None:
-        items = [self._data(item) for item in self._since_mark()]
-        self._container(list).extend(items)
-
-    def _setitem(self, _: Any) -> None:
-        value, key = self._data(self._stack.pop()), self._key(self._stack.pop())
-        self._container(dict)[key] = value
-
-    def _setitems(self, _: Any) -> None:
-        pairs = self._pairs()
-        self._container(dict).update(pairs)
-
-    def _container(self, kind: type) -> Any:
-        if type(self._stack[-1]) is not kind:
-            raise ValueError(f"a {kind.__name__} was expected")
-        return self._stack[-1]
-
-    def _tuple(self, _: Any) -> None:
-        self._push_tuple(self._since_mark())
-
-    def _short_tuple(self, size: int) -> None:
-        if len(self._stack) < size:
-            raise IndexError("the stack is empty")
-        items = self._stack[-size:]
-        del self._stack[-size:]
-        self._push_tuple(items)
-
-    def _push_tuple(self, items: list[Any]) -> None:
-        done = [item.value if _is_array(item) else item for item in items]
-        names = any(isinstance(item, _Pending | _Name | _Arguments) for item in done)
-        self._stack.append(_Arguments(done) if names else tuple(done))
-
-    def _list(self, _: Any) -> None:
-        self._stack.append([self._data(item) for item in self._since_mark()])
-
-    def _dict(self, _: Any) -> None:
-        self._stack.append(self._pairs())
-
-    def _global(self, argument: str) -> None:
-        module, _, name = argument.partition(" ")
-        self._name(module, name)
-
-    def _stack_global(self, _: Any) -> None:
-        name, module = self._stack.pop(), self._stack.pop()
-        self._name(str(module), str(name))
-
-    def _name(self, module: str, name: str) -> None:
-        named = _Name(module, name)
-        if named not in _ALLOWED:
-            raise self._refusal(f"names '{named}'")
-        self._stack.append(named)
-
-    def _reduce(self, _: Any) -> None:
-        """Builds what numpy's own callables would have made of these arguments."""
-        arguments, function = self._stack.pop(), self._stack.pop()
-        if not isinstance(function, _Name) or not isinstance(arguments, tuple):
-            raise self._refusal("calls what is no name")
-        if function in _RECONSTRUCT and arguments[0] == _NDARRAY:
-            self._stack.append(_Pending("array"))
-        elif function == _DTYPE:
-            self._stack.append(_Pending("dtype", self._dtype(str(arguments[0]))))
-        elif function in _SCALAR:
-            dtype = self._dtype_of(arguments[0])
-            self._stack.append(np.frombuffer(arguments[1], dtype, count=1)[0])
-        elif function in _FROM_BUFFER:
-            buffer, dtype, shape, order = arguments
-            self._stack.append(_array(buffer, self._dtype_of(dtype), shape, order == "F"))
-        elif function == _BYTES and not arguments:
-            self._stack.append(b"")
-        elif function == _ENCODE and arguments[1:] in (("latin1",), ("latin-1",)):
-            self._stack.append(str(arguments[0]).encode("latin-1"))
-        else:
-            raise self._refusal(f"calls '{function}' with other arguments than numpy does")
-
-    def _build(self, _: Any) -> None:
-        """Fills in an array or dtype; nothing else has a state that could be set."""
-        state, target = self._stack.pop(), self._stack[-1]
-        if not isinstance(target, _Pending) or not isinstance(state, tuple):
-            raise self._refusal("sets the state of an object")
-        if target.kind == "dtype":
-            target.value = target.value.newbyteorder(str(state[1]) if state[1] != "|" else "=")
-        else:
-            _, shape, dtype, fortran, data = state
-            target.value = _array(data, self._dtype_of(dtype), shape, bool(fortran))
-
-    def _dtype(self, code: str) -> np.dtype:
-        dtype = np.dtype(code)
-        if dtype.kind not in _DTYPE_KINDS or dtype.fields or dtype.subdtype:
-            raise self._refusal(f"has an array of '{code}'")
-        return dtype
-
-    def _dtype_of(self, value: Any) -> np.dtype:
-        if not isinstance(value, _Pending) or value.kind != "dtype":
-            raise self._refusal("describes an array by something that is no dtype")
-        return value.value
-
-    @staticmethod
-    def nothing(machine: "_Machine", argument: Any) -> None:
-        """Is what framing opcodes do."""
-
-
-def _is_array(value: Any) -> bool:
-    return isinstance(value, _Pending) and value.kind == "array" and value.value is not None
-
-
-def _array(data: Any, dtype: np.dtype, shape: Any, fortran: bool) -> np.ndarray:
-    """Returns an array of its own memory; data that do not fill the shape are an error."""
-    if not isinstance(data, bytes | bytearray):
-        raise ValueError("an array's data are no bytes")
-    shape = tuple(int(size) for size in shape)
-    return np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C").copy()
-
-
-_LITERALS = frozenset(
-    {
-        *("INT", "BININT", "BININT1", "BININT2", "LONG", "LONG1", "LONG4", "FLOAT", "BINFLOAT"),
-        *("STRING", "BINSTRING", "SHORT_BINSTRING"),
-        *("UNICODE", "SHORT_BINUNICODE", "BINUNICODE", "BINUNICODE8"),
-        *("SHORT_BINBYTES", "BINBYTES", "BINBYTES8", "BYTEARRAY8"),
-    }
-)
-_CONSTANTS: dict[str, Callable[[], Any]] = {
-    "NONE": lambda: None,
-    "NEWTRUE": lambda: True,
-    "NEWFALSE": lambda: False,
-    "EMPTY_LIST": list,
-    "EMPTY_DICT": dict,
-    "EMPTY_TUPLE": tuple,
-    "MARK": lambda: _MARK,
-}
-_ACTIONS: dict[str, Callable[[_Machine, Any], None]] = {
-    "PROTO": _Machine.nothing,
-    "FRAME": _Machine.nothing,
-    "POP": _Machine._pop,
-    "POP_MARK": _Machine._pop_mark,
-    "DUP": _Machine._duplicate,
-    "MEMOIZE": _Machine._memoize,
-    "PUT": _Machine._put,
-    "BINPUT": _Machine._put,
-    "LONG_BINPUT": _Machine._put,
-    "GET": _Machine._get,
-    "BINGET": _Machine._get,
-    "LONG_BINGET": _Machine._get,
-    "APPEND": _Machine._append,
-    "APPENDS": _Machine._appends,
-    "SETITEM": _Machine._setitem,
-    "SETITEMS": _Machine._setitems,
-    "LIST": _Machine._list,
-    "DICT": _Machine._dict,
-    "TUPLE": _Machine._tuple,
-    "TUPLE1": lambda machine, _: machine._short_tuple(1),
-    "TUPLE2": lambda machine, _: machine._short_tuple(2),
-    "TUPLE3": lambda machine, _: machine._short_tuple(3),
-    "GLOBAL": _Machine._global,
-    "STACK_GLOBAL": _Machine._stack_global,
-    "REDUCE": _Machine._reduce,
-    "BUILD": _Machine._build,
-}
+    return content

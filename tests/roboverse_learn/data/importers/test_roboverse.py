@@ -9,7 +9,6 @@ from envs.core.errors import DatasetError
 from envs.rotations import from_yaw, multiply
 from envs.tasks import TASKS
 from roboverse_learn.data.importers import roboverse
-from roboverse_learn.data.importers.restricted_unpickler import RefusedPickleError
 from roboverse_learn.data.importers.retarget import ARMS, tool_path
 from roboverse_learn.data.importers.roboverse import RoboVerseFile
 from tests.roboverse_learn.data.importers.recordings import arrays, roboverse_episode
@@ -175,8 +174,6 @@ def test_a_malicious_file_is_refused(tmp_path):
             return exec, (f"open({str(tmp_path / 'made')!r}, 'w')",)
 
     file = written(tmp_path / "a.pkl.gz", {"franka": [{"init_state": Evil()}]})
-    with pytest.raises(
-        RefusedPickleError, match=r"a\.pkl\.gz' was not read: the pickle names 'builtins\.exec'"
-    ):
+    with pytest.raises(DatasetError, match=r"a\.pkl\.gz' was not read .*it names 'builtins\.exec'"):
         RoboVerseFile(file, TASK)
     assert not (tmp_path / "made").exists()
