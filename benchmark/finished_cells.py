@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmark.files import write_bytes
 from benchmark.protocol import Cell, fingerprint
 from benchmark.records import EpisodeRecord
+from envs.core.atomic import write_file
 
 log = logging.getLogger(__name__)
 
@@ -37,11 +37,11 @@ class FinishedCells:
         """Keeps a cell, atomically.
 
         Raises:
-            ResultError: The file cannot be written.
+            WriteError: The file cannot be written.
         """
         self.records[cell] = list(records)
         rows = [record.to_json() for records in self.records.values() for record in records]
-        write_bytes(self.path, json.dumps({"key": self._key, "records": rows}).encode())
+        write_file(self.path, json.dumps({"key": self._key, "records": rows}).encode())
 
     def remove(self) -> None:
         """Forgets them all: the results file is whole."""

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.files import write_bytes
 from benchmark.results import video_dir
+from envs.core.atomic import write_file
 from envs.core.errors import ResultError
 
 COLUMNS = ("step", "elapsed_s", "episode_return", "success_rate")
@@ -43,7 +43,7 @@ def write_curve(result: Path, rows: Sequence[Mapping[str, float]]) -> Path | Non
         The file, or None when there is nothing to write.
 
     Raises:
-        ResultError: The file cannot be written.
+        WriteError: The file cannot be written.
     """
     kept = [row for row in rows if all(math.isfinite(row.get(name, math.nan)) for name in COLUMNS)]
     if not kept:
@@ -53,7 +53,7 @@ def write_curve(result: Path, rows: Sequence[Mapping[str, float]]) -> Path | Non
     writer.writerow(COLUMNS)
     writer.writerows([[f"{row[name]:.8g}" for name in COLUMNS] for row in kept])
     path = curve_path(result)
-    write_bytes(path, text.getvalue().encode())
+    write_file(path, text.getvalue().encode())
     return path
 
 

@@ -13,9 +13,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, NoReturn
 
-from benchmark.files import write_bytes
 from benchmark.protocol import Protocol, fingerprint
 from benchmark.records import Checkpoint, EpisodeRecord, Git, Machine, Result
+from envs.core.atomic import write_file
 from envs.core.errors import ResultError, RoboVerseError
 
 SCHEMA_VERSION = 1
@@ -52,7 +52,8 @@ def write_result(path: Path, result: Result) -> None:
     """Writes a result, atomically and only when reading it back would succeed.
 
     Raises:
-        ResultError: The result does not follow the schema, or the file cannot be written.
+        ResultError: The result does not follow the schema.
+        WriteError: The file cannot be written.
     """
     document = _to_document(result)
     _check_schema(path, json.loads(json.dumps(document)))
@@ -62,7 +63,7 @@ def write_result(path: Path, result: Result) -> None:
         f' "{key}": ' + (_one_per_line(value) if key in lists else json.dumps(value, allow_nan=False))
         for key, value in document.items()
     ]
-    write_bytes(path, ("{\n" + ",\n".join(parts) + "\n}\n").encode())
+    write_file(path, ("{\n" + ",\n".join(parts) + "\n}\n").encode())
 
 
 def read_result(path: Path) -> Result:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmark.files import atomic_path
 from benchmark.records import EpisodeRecord
 from benchmark.runner import EvaluatedEnv, Rollout
+from envs.core.atomic import atomic_path
 from envs.core.errors import ConfigError
 from policies.base import Policy
 
@@ -69,14 +69,17 @@ def write_video(path: Path, frames: np.ndarray, fps: float) -> None:
         fps: Frames per second.
 
     Raises:
-        ResultError: A file cannot be written.
+        WriteError: A file cannot be written.
     """
     import av
     from PIL import Image
 
     height, width = (size - size % 2 for size in frames.shape[1:3])  # yuv420p halves both
-    fast_start = {"movflags": "+faststart"}  # a browser starts before it has all of the file
-    with atomic_path(path) as temporary, av.open(str(temporary), "w", options=fast_start) as container:
+    options = {"movflags": "+faststart"}  # a browser starts before it has all of the file
+    with (
+        atomic_path(path, keep_suffix=True) as temporary,
+        av.open(str(temporary), "w", options=options) as container,
+    ):
         stream = container.add_stream("libx264", rate=Fraction(fps).limit_denominator(1000))
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         stream.options = {"crf": "20", "preset": "medium"}
@@ -84,7 +87,7 @@ def write_video(path: Path, frames: np.ndarray, fps: float) -> None:
             cropped = np.ascontiguousarray(frame[:height, :width])
             container.mux(stream.encode(av.VideoFrame.from_ndarray(cropped, format="rgb24")))
         container.mux(stream.encode())
-    with atomic_path(path.with_suffix(".png")) as temporary:
+    with atomic_path(path.with_suffix(".png"), keep_suffix=True) as temporary:
         Image.fromarray(frames[-1]).save(temporary, format="PNG", optimize=True)
 
 
@@ -120,7 +123,7 @@ def film_cell(
         The videos, named ``<cell>-<episode>-<success|failure>.mp4``.
 
     Raises:
-        ResultError: A video cannot be written.
+        WriteError: A video cannot be written.
     """
     paths = []
     for record in choose_episodes(records, count):

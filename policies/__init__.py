@@ -10,13 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from policies.base import Policy, PolicyError
+from envs.core.errors import PolicyError
+from policies.base import Policy
 
 if TYPE_CHECKING:
     from policies.lerobot_policy import LeRobotPolicy
 
 __all__ = [
-    "Policy", "PolicyError", "config_class", "create", "learns_from", "load", "names", "scripted_names",
+    "Policy", "config_class", "create", "learns_from", "load", "names", "scripted_names",
     "summary",
 ]  # fmt: skip
 

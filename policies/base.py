@@ -4,15 +4,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
+from envs.core.errors import PolicyError
+
 if TYPE_CHECKING:
     import numpy as np
     import torch
 
 type Observation = Mapping[str, "np.ndarray"]
-
-
-class PolicyError(ValueError):
-    """A policy that was configured, loaded or called wrongly; the message says how to mend it."""
 
 
 def listed(names: Iterable[str]) -> str:

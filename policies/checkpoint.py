@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from policies.base import PolicyError
+from envs.core.errors import PolicyError
 
 if TYPE_CHECKING:
     import torch

@@ -7,7 +7,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from policies.base import Observation, PolicyError, observed
+from envs.core.errors import PolicyError
+from policies.base import Observation, observed
 
 
 def check_generators(num: int, generators: Sequence[torch.Generator] | None) -> None:

@@ -10,9 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from envs.core.atomic import atomic_directory
+from envs.core.errors import PolicyError
 from policies import checkpoint
-from policies.atomic import atomic_directory
-from policies.base import Observation, PolicyError
+from policies.base import Observation
 from policies.flat_observation import check_generators, joined
 
 

@@ -15,9 +15,10 @@ from lerobot.processor import PolicyProcessorPipeline
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 from torch import Tensor
 
+from envs.core.atomic import atomic_directory
+from envs.core.errors import PolicyError
 from policies import checkpoint
-from policies.atomic import atomic_directory
-from policies.base import Observation, PolicyError, observed
+from policies.base import Observation, observed
 from policies.normalization import policy_stats
 from policies.objective import Loss, Normalizer, Objective, normalizer_step
 

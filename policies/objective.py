@@ -12,7 +12,7 @@ from lerobot.configs import NormalizationMode
 from lerobot.processor import NormalizerProcessorStep
 from torch import Tensor, nn
 
-from policies.base import PolicyError
+from envs.core.errors import PolicyError
 
 type Loss = tuple[Tensor, dict[str, Tensor]]
 """What is minimized, and its terms by name: tensors without dimensions."""

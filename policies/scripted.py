@@ -9,8 +9,9 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike
 
-from policies.atomic import atomic_directory
-from policies.base import Observation, PolicyError
+from envs.core.atomic import atomic_directory
+from envs.core.errors import PolicyError
+from policies.base import Observation
 from policies.checkpoint import read_json
 
 _STATE = "observation.state"

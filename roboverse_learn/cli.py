@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from envs.core.errors import ConfigError, RoboVerseError, unknown_name
-from policies import PolicyError
 from roboverse_learn.config import help as texts
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.preflight_folders import check_folders, file_in_place_of_folder, not_a_folder
@@ -39,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     try:
         return _dispatch(words)
-    except (RoboVerseError, PolicyError) as error:
+    except RoboVerseError as error:
         return _fail(str(error))
     except KeyboardInterrupt as interrupt:
         print("\nInterrupted. What is saved stays: the same command continues from there.", file=sys.stderr)

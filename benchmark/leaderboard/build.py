@@ -16,7 +16,6 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from benchmark.files import write_bytes
 from benchmark.leaderboard.curves_section import learning_curves
 from benchmark.leaderboard.overview import overview
 from benchmark.leaderboard.plot_cache import draw_if_changed
@@ -26,6 +25,7 @@ from benchmark.protocol import Cell, canonical_json, digest
 from benchmark.records import EpisodeRecord, Result
 from benchmark.results import read_result, result_path
 from benchmark.statistics import compare
+from envs.core.atomic import write_file
 from envs.core.errors import ResultError
 
 SCHEMA_VERSION = 1
@@ -96,7 +96,7 @@ def write(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
     written: dict[str, Path] = {}
     for kind, (name, text) in contents.items():
         written[kind] = results_dir / name
-        write_bytes(written[kind], text.encode())
+        write_file(written[kind], text.encode())
     for section in board["sections"]:
         path = plots[f"plot {section['id']}"]
         draw_if_changed(plot_levels, section["rows"], path, section["title"])

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmark.files import atomic_path
 from benchmark.leaderboard.legend import legend_below
 from benchmark.leaderboard.plot_cache import KEYWORD
+from envs.core.atomic import atomic_path
 
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f", "#000000")
 """Okabe & Ito's palette, which stays apart for colour-blind readers."""
@@ -32,7 +32,7 @@ def plot_levels(
         drawn_of: As :func:`save_figure`.
 
     Raises:
-        ResultError: The file cannot be written.
+        WriteError: The file cannot be written.
     """
     figure, axes = new_figure((6.0, 3.4))
     shift = min(
@@ -88,7 +88,7 @@ def plot_losses(rows: Sequence[Mapping[str, float]], path: Path, title: str = "T
         title: Title.
 
     Raises:
-        ResultError: The file cannot be written.
+        WriteError: The file cannot be written.
         ValueError: No row holds a loss.
     """
     names = list(dict.fromkeys(name for row in rows for name in row if "loss" in name))
@@ -132,7 +132,7 @@ def plot_learning(
         drawn_of: As :func:`save_figure`.
 
     Raises:
-        ResultError: The file cannot be written.
+        WriteError: The file cannot be written.
     """
     from matplotlib.ticker import EngFormatter
 
@@ -215,9 +215,9 @@ def save_figure(figure: Any, path: Path, drawn_of: str = "") -> None:
         drawn_of: What a ``.png`` tells of itself; see :mod:`benchmark.leaderboard.plot_cache`.
 
     Raises:
-        ResultError: The file cannot be written.
+        WriteError: The file cannot be written.
     """
-    with atomic_path(path) as temporary:
+    with atomic_path(path, keep_suffix=True) as temporary:
         # Matplotlib writes its version into a PNG: the same rows must give the same bytes everywhere.
         told = {KEYWORD: drawn_of} if drawn_of else {}
         metadata = {"Software": None} | told if path.suffix == ".png" else None

@@ -1,7 +1,7 @@
-"""Files that are either complete or absent, whatever kills the process that writes them.
+"""Files and folders that are either complete or absent, even if the process that writes them is killed.
 
-Every file of a dataset is written under a temporary name, flushed to the disk, and renamed; a reader
-never sees half of one. A full disk becomes a :class:`DatasetError` and leaves nothing behind.
+Each is written under a temporary name beside its place, flushed to the disk, and renamed. Nothing reads a
+temporary name; :func:`remove_partial_files` deletes what killed processes left.
 """
 
 import contextlib
@@ -9,153 +9,191 @@ import errno
 import json
 import logging
 import os
+import re
 import shutil
+import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from envs.core.errors import DatasetError
+from envs.core.errors import RoboVerseError, WriteError
 
-TEMPORARY_SUFFIX = ".partial"
-
-_DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
+PARTIAL = ".partial"
 
 log = logging.getLogger(__name__)
 
 
-@contextlib.contextmanager
-def disk_errors(path: Path) -> Iterator[None]:
-    """Turns a full disk or a forbidden folder into an error for people.
+def partial_path(path: Path, *, keep_suffix: bool = False) -> Path:
+    """Returns a new temporary name beside ``path``.
 
     Args:
-        path: The file being written, named in the message.
+        path: What will be written.
+        keep_suffix: End in the suffix of ``path``, for a library that chooses a format by it.
+    """
+    suffix = path.suffix if keep_suffix else ""
+    return path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}{PARTIAL}{suffix}")
+
+
+def remove_partial_files(root: Path) -> None:
+    """Deletes what killed processes left under a temporary name, anywhere below ``root``."""
+    for path in list(root.rglob(f".*{PARTIAL}*")):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def write_errors(path: Path) -> Iterator[None]:
+    """Turns the system error of a full disk or a forbidden folder into a :class:`WriteError`.
+
+    Args:
+        path: What is being written, for the message.
 
     Raises:
-        DatasetError: The disk (or the quota) is full, or the folder may not be written.
+        WriteError: Nothing could be written; the message says why.
     """
     try:
         yield
-    except PermissionError as error:
-        raise DatasetError(
-            f"Cannot write '{path}': permission denied. Choose a folder that you may write to."
-        ) from error
-    except OSError as error:
-        if error.errno not in _DISK_FULL:
+    except RoboVerseError:
+        raise
+    except Exception as error:
+        foreign = re.search(r"\(os error (\d+)\)", str(error))  # of libraries in Rust, such as safetensors
+        code = int(foreign[1]) if foreign else getattr(error, "errno", None)
+        if not isinstance(code, int) or not (foreign or isinstance(error, OSError)):
             raise
-        raise DatasetError(
-            f"The disk is full: '{path}' could not be written. Nothing was left half-written; every episode "
-            "committed before is safe. Free some space and run the same command again."
+        why = "the disk is full" if code in (errno.ENOSPC, errno.EDQUOT) else os.strerror(code)
+        # The message names the final path, also of what is written into a temporary folder.
+        final = re.sub(rf"\.([^/]+)\.[0-9a-f]{{8}}{re.escape(PARTIAL)}", r"\1", str(path))
+        raise WriteError(
+            f"'{final}' could not be written: {why}. What was complete before is unchanged. Free some space "
+            "or choose a folder that you may write to, and run the same command again."
         ) from error
 
 
-def write_file(path: Path, content: bytes) -> None:
-    """Writes a file atomically: temporary name, fsync, rename.
+@contextlib.contextmanager
+def atomic_path(path: Path, *, keep_suffix: bool = False) -> Iterator[Path]:
+    """Yields a temporary path; the file written there becomes ``path`` if the block ends without an error.
 
     Args:
-        path: Where the file belongs; missing parent folders are created.
-        content: All of its bytes.
+        path: The file to write. Its folder is created.
+        keep_suffix: See :func:`partial_path`.
 
     Raises:
-        DatasetError: The disk is full or the folder may not be written.
+        WriteError: The disk is full or the folder cannot be written.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}{TEMPORARY_SUFFIX}")
-    with disk_errors(path):
+    temporary = partial_path(path, keep_suffix=keep_suffix)
+    with write_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            with open(temporary, "wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
+            yield temporary
+            fsync(temporary)
             os.replace(temporary, path)
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
 
 
+def write_file(path: Path, content: bytes) -> None:
+    """Writes a file; see :func:`atomic_path`."""
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(content)
+
+
 def write_json(path: Path, value: Any) -> None:
-    """Writes a JSON file atomically, indented as LeRobot indents its own."""
+    """Writes a JSON file, indented as LeRobot indents its own; see :func:`atomic_path`."""
     write_file(path, json.dumps(value, indent=4, ensure_ascii=False).encode())
 
 
-def read_json(path: Path) -> Any:
-    """Reads a JSON file.
-
-    Raises:
-        DatasetError: The file is absent or is not JSON.
-    """
-    try:
-        return json.loads(path.read_bytes())
-    except FileNotFoundError as error:
-        raise DatasetError(f"'{path}' does not exist. {RESTORE}") from error
-    except (ValueError, UnicodeDecodeError) as error:
-        raise broken_file(path, str(error)) from error
-
-
-RESTORE = "Restore it from a copy, or delete the dataset's folder and collect it again."
-
-
-def broken_file(path: Path, reason: str) -> DatasetError:
-    """Builds the error for a dataset file that cannot be read to its end."""
-    return DatasetError(f"'{path}' is truncated or damaged ({reason}). {RESTORE}")
-
-
 def link_file(source: Path, target: Path) -> None:
-    """Gives a complete file a second name, atomically; copies where the file system has no hard links.
+    """Gives a complete file a second name; copies it where the file system has no hard links.
 
     Args:
         source: A complete file.
         target: The new name; an older file of that name is replaced.
+
+    Raises:
+        WriteError: The disk is full or the folder cannot be written.
     """
-    temporary = target.with_name(f".{target.name}.{os.getpid()}{TEMPORARY_SUFFIX}")
-    with disk_errors(target):
+    temporary = partial_path(target)
+    with write_errors(target):
         target.parent.mkdir(parents=True, exist_ok=True)
-        temporary.unlink(missing_ok=True)
         try:
             os.link(source, temporary)
-        except OSError as error:
-            if error.errno in _DISK_FULL:
-                raise
+        except OSError:
             write_file(target, source.read_bytes())
-            return
-        os.replace(temporary, target)
-
-
-def remove_partial_files(root: Path) -> None:
-    """Deletes what killed writers left under a temporary name, anywhere below ``root``."""
-    for path in root.rglob(f".*{TEMPORARY_SUFFIX}"):
-        if path.is_dir():
-            shutil.rmtree(path, ignore_errors=True)
         else:
-            path.unlink(missing_ok=True)
+            os.replace(temporary, target)
+
+
+@contextlib.contextmanager
+def atomic_directory(directory: str | Path) -> Iterator[Path]:
+    """Yields a new folder; it becomes ``directory``, with all in it, if the block ends without an error.
+
+    Args:
+        directory: The folder to write. One of that name is replaced, and kept if the block raises.
+
+    Raises:
+        WriteError: The disk is full or the folder cannot be written.
+    """
+    directory = Path(directory)
+    staging = partial_path(directory)
+    with write_errors(directory):
+        staging.mkdir(parents=True)
+        try:
+            yield staging
+            for path in (*sorted(staging.rglob("*"), reverse=True), staging):
+                fsync(path)
+            old = partial_path(directory)
+            if directory.exists():
+                os.rename(directory, old)
+            try:
+                os.rename(staging, directory)
+            except OSError:
+                if old.exists():
+                    os.rename(old, directory)
+                raise
+            fsync(directory.parent)
+            shutil.rmtree(old, ignore_errors=True)
+        finally:
+            shutil.rmtree(staging, ignore_errors=True)
+
+
+def fsync(path: Path) -> None:
+    """Flushes a file, or the names in a folder, to the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def lock_directory(root: Path, *, wait: bool = False) -> int:
-    """Takes the one writer's place of a dataset; the system gives it back when the process dies.
+    """Makes this process the only writer of a folder; the system releases the lock when the process ends.
 
     Args:
-        root: The dataset's folder, which must exist.
+        root: The folder, which must exist.
         wait: Wait for the other process instead of raising.
 
     Returns:
         The lock's file descriptor; ``os.close`` releases it.
 
     Raises:
-        DatasetError: Another process is writing this dataset.
+        WriteError: Another process writes to this folder, or the folder cannot be written.
     """
     import fcntl
 
-    with disk_errors(root):
+    with write_errors(root):
         descriptor = os.open(root / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         if wait:
-            log.info("Another process is writing the dataset '%s'; waiting until it has finished.", root)
+            log.info("Another process is writing to '%s'; waiting until it has finished.", root)
             fcntl.flock(descriptor, fcntl.LOCK_EX)
             return descriptor
         os.close(descriptor)
-        raise DatasetError(
-            f"Another process is writing the dataset '{root}'. Wait until it has finished, or choose "
-            "another folder."
+        raise WriteError(
+            f"Another process is writing to '{root}'. Wait until it has finished, or choose another folder."
         ) from error
     return descriptor

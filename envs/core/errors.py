@@ -36,6 +36,14 @@ class DatasetError(RoboVerseError, ValueError):
     """A dataset that is absent, truncated, or of another shape than asked for."""
 
 
+class PolicyError(RoboVerseError, ValueError):
+    """A policy that is configured, loaded or called wrongly."""
+
+
+class WriteError(RoboVerseError, OSError):
+    """A file or folder that cannot be written: the disk is full, or the folder is forbidden or locked."""
+
+
 class CheckpointError(RoboVerseError, ValueError):
     """A checkpoint that is absent, incomplete, or of another policy."""
 

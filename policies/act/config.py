@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from policies.base import PolicyError
+from envs.core.errors import PolicyError
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

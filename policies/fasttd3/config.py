@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from policies.base import PolicyError
+from envs.core.errors import PolicyError
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from policies.base import PolicyError
+from envs.core.errors import PolicyError
 
 Backend = Literal["rsl_rl", "sb3", "torchrl"]
 BACKENDS = ("rsl_rl", "sb3", "torchrl")

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from policies.base import PolicyError, listed
+from envs.core.errors import PolicyError
+from policies.base import listed
 
 ModelSize = Literal[1, 5, 19, 48, 317]
 Observed = Literal["state", "pixels"]

@@ -7,7 +7,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from policies.base import Observation, PolicyError
+from envs.core.errors import PolicyError
+from policies.base import Observation
 from policies.flat_observation import joined, sizes_of
 from policies.flat_policy import FlatPolicy
 from policies.stacked_images import stacked

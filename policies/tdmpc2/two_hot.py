@@ -4,7 +4,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from policies.base import PolicyError
+from envs.core.errors import PolicyError
 
 try:
     from torchrl.modules.functional import symexp, symlog

@@ -11,7 +11,7 @@ from typing import NamedTuple, cast
 import torch
 from torch import Tensor, nn
 
-from policies.base import PolicyError
+from envs.core.errors import PolicyError
 from policies.tdmpc2.config import Tdmpc2Config
 from policies.tdmpc2.layers import PIXELS, PixelEncoder, QEnsemble, SimNorm, initialize, mlp
 from policies.tdmpc2.two_hot import TwoHot

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.files import write_bytes
 from benchmark.protocol import digest
+from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, RoboVerseError
 from roboverse_learn.config.keys import at, flat_keys
 from roboverse_learn.config.schema import TrainRunConfig
@@ -216,7 +216,7 @@ class Run:
     def _save(self, status: str) -> None:
         self._manifest |= {"status": status, "config": to_values(self.config)}
         content = json.dumps(self._manifest, indent=1, default=str)
-        write_bytes(self.folder / MANIFEST_FILE, content.encode())
+        write_file(self.folder / MANIFEST_FILE, content.encode())
 
 
 def default_folder(config: TrainRunConfig) -> Path:
@@ -243,7 +243,7 @@ def _check_same(folder: Path, config: TrainRunConfig) -> None:
 def _write_config(path: Path, config: TrainRunConfig) -> None:
     import yaml
 
-    write_bytes(path, yaml.safe_dump(to_values(config), sort_keys=False).encode())
+    write_file(path, yaml.safe_dump(to_values(config), sort_keys=False).encode())
 
 
 def _lock(folder: Path) -> int:

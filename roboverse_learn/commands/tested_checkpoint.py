@@ -233,7 +233,8 @@ def _learned_together(checkpoint: Path) -> tuple[str, ...]:
 
 def _check_whole(checkpoint: Path) -> None:
     """Refuses a checkpoint without weights, or of a policy that nobody here can load, by its name."""
-    from policies import PolicyError, config_class
+    from envs.core.errors import PolicyError
+    from policies import config_class
     from policies.checkpoint import WEIGHTS, policy_type
 
     if not (checkpoint / WEIGHTS).is_file():

@@ -8,11 +8,9 @@
 """
 
 import contextlib
-import errno
 import json
 import os
 import shutil
-import uuid
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,8 +21,8 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
+from envs.core.atomic import atomic_directory, partial_path, remove_partial_files, write_errors
 from envs.core.errors import CheckpointError
-from policies.atomic import atomic_directory
 from policies.checkpoint import load_weights
 from policies.lerobot_policy import LeRobotPolicy
 from roboverse_learn.training.imitation.ema import Ema
@@ -67,8 +65,8 @@ def save_checkpoint(
         The pretrained folder.
 
     Raises:
-        CheckpointError: if the disk is full or the folder cannot be written; the checkpoints before
-            are unchanged.
+        WriteError: if the disk is full or the folder cannot be written; the checkpoints before are
+            unchanged.
     """
     directory = run_dir / "checkpoints" / f"{state.step:06d}"
     with newest(directory) as (pretrained, inner):
@@ -99,9 +97,9 @@ def newest(directory: Path) -> Iterator[tuple[Path, Path]]:
         Where the policy is to be saved, and an empty folder for what it takes to go on.
 
     Raises:
-        CheckpointError: if the disk is full or the folder cannot be written.
+        WriteError: if the disk is full or the folder cannot be written.
     """
-    with write_errors(directory), atomic_directory(directory) as staging:
+    with atomic_directory(directory) as staging:
         (staging / STATE).mkdir()
         yield staging / PRETRAINED, staging / STATE
     with write_errors(directory):
@@ -113,11 +111,7 @@ def newest(directory: Path) -> Iterator[tuple[Path, Path]]:
 
 def remove_leftovers(run_dir: Path) -> None:
     """Deletes what a killed run was writing; only the one process that has the run open may."""
-    for path in (run_dir / "checkpoints").glob(".*.partial"):
-        if path.is_symlink():
-            path.unlink(missing_ok=True)
-        else:
-            shutil.rmtree(path, ignore_errors=True)
+    remove_partial_files(run_dir / "checkpoints")
 
 
 def last_checkpoint(run_dir: Path) -> Path | None:
@@ -248,20 +242,7 @@ def _read(path: Path) -> dict[str, Tensor]:
 
 def point_last_at(directory: Path) -> None:
     """Points the link ``last`` beside a checkpoint at it."""
-    link = directory.parent / f".last.{uuid.uuid4().hex[:8]}.partial"
+    last = directory.parent / "last"
+    link = partial_path(last)
     link.symlink_to(directory.name)
-    os.replace(link, directory.parent / "last")
-
-
-@contextlib.contextmanager
-def write_errors(directory: Path) -> Iterator[None]:
-    """Turns a full disk or a forbidden folder into an error for people."""
-    try:
-        yield
-    except (OSError, SafetensorError) as error:
-        full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT) or "No space left" in str(error)
-        why = "the disk is full" if full else str(error)
-        raise CheckpointError(
-            f"Checkpoint '{directory}' could not be written: {why}. The checkpoints before it are unchanged; "
-            "free some space or mend the folder, and run the same command to go on."
-        ) from error
+    os.replace(link, last)

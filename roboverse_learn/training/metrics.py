@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
+from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, MissingExtraError
 
 METRICS_FILE = "metrics.jsonl"
@@ -40,12 +41,7 @@ class JsonlWriter:
     def __init__(self, run_dir: Path, first_step: int = 0) -> None:
         path = run_dir / METRICS_FILE
         rows = [row for row in read_metrics(run_dir) if row["step"] <= first_step]
-        temporary = path.with_name(f".{path.name}.partial")
-        with temporary.open("w", encoding="utf-8") as stream:
-            stream.writelines(json.dumps(row) + "\n" for row in rows)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(temporary, path)
+        write_file(path, "".join(json.dumps(row) + "\n" for row in rows).encode())
         self._descriptor = os.open(path, os.O_WRONLY | os.O_APPEND)
 
     def write(self, step: int, row: Row) -> None:

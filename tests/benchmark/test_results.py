@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from benchmark.protocol import Protocol
 from benchmark.records import Checkpoint, Git, Machine
 from benchmark.results import read_result, result_path, write_result
-from envs.core.errors import ResultError
+from envs.core.errors import ResultError, WriteError
 
 PROPERTY = settings(
     deadline=None,
@@ -248,7 +248,7 @@ def test_a_full_disk_leaves_the_old_file(written, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", full)
-    with pytest.raises(ResultError, match=r"No space left on device. What was there before is unchanged"):
+    with pytest.raises(WriteError, match=r"the disk is full. What was complete before is unchanged"):
         write_result(path, replace(result, created="2027-01-01T00:00:00Z"))
     assert path.read_bytes() == before
     assert list(path.parent.iterdir()) == [path]

@@ -5,8 +5,8 @@ import json
 import pytest
 
 import policies
-from policies import PolicyError
-from policies.atomic import atomic_directory
+from envs.core.atomic import atomic_directory
+from envs.core.errors import PolicyError
 from policies.checkpoint import check_learned
 from tests.policies.examples import make
 

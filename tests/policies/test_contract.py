@@ -7,7 +7,8 @@ import pytest
 import torch
 
 import policies
-from policies import Policy, PolicyError
+from envs.core.errors import PolicyError
+from policies import Policy
 from policies.scripted import SCRIPTED
 from tests.policies.examples import generators, make, observation
 

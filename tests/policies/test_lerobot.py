@@ -10,7 +10,7 @@ from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from torchvision.ops.misc import FrozenBatchNorm2d
 
 import policies
-from policies import PolicyError
+from envs.core.errors import PolicyError
 from tests.policies.examples import CONFIGS, FEATURES, IMAGE, SIZE, generators, make, observation, stats
 
 

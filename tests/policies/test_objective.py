@@ -6,7 +6,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
 import policies
-from policies.base import PolicyError
+from envs.core.errors import PolicyError
 from policies.objective import Normalizer, normalizer_step
 from tests.policies.examples import make
 from tests.policies.test_closed_forms import raw_batch_of

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from policies import PolicyError
+from envs.core.errors import PolicyError
 from policies.stacked_images import stacked
 
 FRONT, WRIST = "observation.images.front", "observation.images.wrist"

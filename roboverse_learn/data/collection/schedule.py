@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmark.statistics import wilson
-from envs.core.atomic import read_json, write_json
+from envs.core.atomic import write_json
 from envs.core.errors import DatasetError
+from roboverse_learn.data.dataset.damage import read_json
 from roboverse_learn.data.dataset.staging import load_staged, staged_directory
 from roboverse_learn.data.dataset.writer import DatasetWriter
 

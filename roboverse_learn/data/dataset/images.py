@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.core.atomic import TEMPORARY_SUFFIX, broken_file, disk_errors
+from envs.core.atomic import atomic_path
 from envs.core.errors import DatasetError
+from roboverse_learn.data.dataset.damage import broken_file
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.tables import read_parquet
 from roboverse_learn.data.dataset.video import decode_video
@@ -115,21 +116,15 @@ def _mapped(info: DatasetInfo, key: str, shape: tuple[int, ...], num_threads: in
     path = folder / f"{key}.{_fingerprint(info, key)}.npy"
     if not path.exists():
         _LOG.info("Decoding '%s' to %s (%.1f GB).", key, path, np.prod(shape) / 1e9)
-        partial = path.with_name(f".{path.name}.{os.getpid()}{TEMPORARY_SUFFIX}")
-        with disk_errors(path):
-            folder.mkdir(exist_ok=True)
+        with atomic_path(path) as partial:
             for stale in folder.glob(f"{key}.*.npy"):
                 stale.unlink()
-            try:
-                out = np.lib.format.open_memmap(partial, mode="w+", dtype=np.uint8, shape=shape)
-                # Take the blocks now: a full disk is an error here and a crash in a mapped write.
-                with open(partial, "r+b") as file:
-                    os.posix_fallocate(file.fileno(), 0, partial.stat().st_size)
-                _decode(info, key, out, num_threads)
-                out.flush()
-                os.replace(partial, path)
-            finally:
-                partial.unlink(missing_ok=True)
+            out = np.lib.format.open_memmap(partial, mode="w+", dtype=np.uint8, shape=shape)
+            # Take the blocks now: a full disk is an error here and a crash in a mapped write.
+            with open(partial, "r+b") as file:
+                os.posix_fallocate(file.fileno(), 0, partial.stat().st_size)
+            _decode(info, key, out, num_threads)
+            out.flush()
     # Copy-on-write, because torch wants writable memory.
     return np.lib.format.open_memmap(path, mode="c")
 

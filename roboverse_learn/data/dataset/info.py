@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from envs.core.atomic import broken_file, read_json
 from envs.core.errors import DatasetError
 from roboverse_learn.data.dataset import stats as statistics
+from roboverse_learn.data.dataset.damage import broken_file, read_json
 from roboverse_learn.data.dataset.schema import (
     CODEBASE_VERSION,
     DATA_PATH,

@@ -5,7 +5,7 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from envs.core.atomic import TEMPORARY_SUFFIX, disk_errors, link_file
+from envs.core.atomic import atomic_directory, link_file, write_errors
 from envs.core.errors import DatasetError
 from roboverse_learn.data.dataset.info import METADATA_COLUMN, DatasetInfo, episode_key, read_episodes
 from roboverse_learn.data.dataset.meta_tables import row_stats
@@ -99,7 +99,7 @@ def _check_source(info: DatasetInfo, first: DatasetInfo) -> None:
 def _stage_links(directory: Path, info: DatasetInfo, index: int) -> Path:
     """Gives an episode's videos and raw states their staged names."""
     shutil.rmtree(directory, ignore_errors=True)
-    with disk_errors(directory):
+    with write_errors(directory):
         directory.mkdir(parents=True)
     for key in video_keys(info.features):
         link_file(info.video_file(index, key), directory / f"{key}.mp4")
@@ -124,15 +124,10 @@ def consolidate(root: str | Path, destination: str | Path) -> DatasetInfo:
     info, destination = DatasetInfo.open(root), Path(destination)
     if destination.exists():
         raise DatasetError(f"'{destination}' exists already. Delete it or choose another folder.")
-    partial = destination.with_name(f".{destination.name}{TEMPORARY_SUFFIX}")
-    shutil.rmtree(partial, ignore_errors=True)
-    try:
-        with disk_errors(destination):
-            aggregate_datasets(["roboverse/source"], "roboverse/merged", roots=[info.root], aggr_root=partial)
-            for index in _indices(info):
-                if info.raw_file(index).exists():
-                    link_file(info.raw_file(index), partial / info.raw_file(index).relative_to(info.root))
-            partial.rename(destination)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+    with atomic_directory(destination) as staging:
+        staging.rmdir()  # LeRobot creates it
+        aggregate_datasets(["roboverse/source"], "roboverse/merged", roots=[info.root], aggr_root=staging)
+        for index in _indices(info):
+            if info.raw_file(index).exists():
+                link_file(info.raw_file(index), staging / info.raw_file(index).relative_to(info.root))
     return DatasetInfo.open(destination)

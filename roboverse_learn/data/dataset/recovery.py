@@ -10,14 +10,9 @@ import re
 from pathlib import Path
 from typing import Any
 
-from envs.core.atomic import (
-    broken_file,
-    lock_directory,
-    remove_partial_files,
-    write_file,
-    write_json,
-)
+from envs.core.atomic import lock_directory, remove_partial_files, write_file, write_json
 from envs.core.errors import DatasetError
+from roboverse_learn.data.dataset.damage import broken_file
 from roboverse_learn.data.dataset.info import METADATA_COLUMN, read_episodes, read_info
 from roboverse_learn.data.dataset.schema import FILES_PER_CHUNK, INFO_PATH
 from roboverse_learn.data.dataset.tables import parquet_bytes, read_parquet

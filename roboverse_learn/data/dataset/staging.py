@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from envs.core.atomic import TEMPORARY_SUFFIX, broken_file, disk_errors, write_file
+from envs.core.atomic import partial_path, write_errors, write_file
 from envs.core.errors import DatasetError
+from roboverse_learn.data.dataset.damage import broken_file
 from roboverse_learn.data.dataset.schema import IMAGE_PREFIX, EpisodeData
 from roboverse_learn.data.dataset.stats import FeatureStats, from_json, image_stats, to_json
 from roboverse_learn.data.dataset.video import EncoderConfig, encode_video
@@ -81,13 +82,12 @@ def stage_episode(directory: Path, episode: EpisodeData, fps: int, encoder: Enco
     Raises:
         DatasetError: The disk is full, or the encoder lost a frame.
     """
-    partial = directory.with_name(f".{directory.name}.{os.getpid()}{TEMPORARY_SUFFIX}")
-    shutil.rmtree(partial, ignore_errors=True)
+    partial = partial_path(directory)
     try:
-        with disk_errors(directory):
+        with write_errors(directory):
             partial.mkdir(parents=True)
         _write_episode(partial, episode, fps, encoder)
-        with disk_errors(directory):
+        with write_errors(directory):
             if not directory.exists():
                 os.rename(partial, directory)
     finally:

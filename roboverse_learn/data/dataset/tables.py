@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from envs.core.atomic import broken_file, write_file
+from envs.core.atomic import write_file
 from envs.core.errors import DatasetError
+from roboverse_learn.data.dataset.damage import broken_file
 from roboverse_learn.data.dataset.schema import Feature, chunk_and_file
 
 if TYPE_CHECKING:

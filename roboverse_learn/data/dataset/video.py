@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from envs.core.atomic import broken_file
 from envs.core.errors import ConfigError, DatasetError
+from roboverse_learn.data.dataset.damage import broken_file
 
 # x264's own names; LeRobot's documentation of a dataset calls the codec "h264".
 _PRESETS = ("ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow")

@@ -7,10 +7,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from envs.core.atomic import read_json, write_json
+from envs.core.atomic import write_json
 from envs.core.errors import ConfigError, DatasetError, SimulatorError
 from envs.tasks.base import Task
 from envs.vector_env import RoboVerseVectorEnv
+from roboverse_learn.data.dataset.damage import read_json
 from roboverse_learn.data.importers import IMPORTERS
 from roboverse_learn.data.importers.demonstration import Demonstration, DemonstrationFile
 from roboverse_learn.data.importers.replayer import Replay, Replayer

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.files import write_bytes
 from benchmark.leaderboard.plots import COLORS, new_figure, save_figure
+from envs.core.atomic import write_file
 from envs.core.errors import ResultError
 from roboverse_learn.sim2sim.conservation.experiments import EXPERIMENTS, Experiment
 
@@ -37,7 +37,7 @@ def write_result(folder: Path, result: Mapping[str, Any]) -> Path:
     path = folder / f"{result['simulator']}.json"
     text = json.dumps(result, indent=1, sort_keys=True, allow_nan=False)
     text = re.sub(r"\[\s+([-\d.e,\s]+?)\s+\]", lambda m: "[" + " ".join(m[1].split()) + "]", text)
-    write_bytes(path, (text + "\n").encode())
+    write_file(path, (text + "\n").encode())
     return path
 
 
@@ -73,7 +73,7 @@ def write_page(folder: Path) -> dict[str, Path]:
     for name in QUANTITIES:
         written[f"plot {name}"] = folder / f"{name}.png"
         plot(results, name, written[f"plot {name}"])
-    write_bytes(written["table"], render(results).encode())
+    write_file(written["table"], render(results).encode())
     return written
 
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.files import write_bytes
 from benchmark.leaderboard.plots import COLORS, new_figure, save_figure
+from envs.core.atomic import write_file
 from roboverse_learn.sim2sim.parity.summary import FAR_M, file_name, read_all
 from roboverse_learn.sim2sim.parity.tracks import HOLD_STEPS
 
@@ -53,7 +53,7 @@ def write_page(folder: Path) -> dict[str, Path]:
             name = file_name(summary)
             written[f"plot {name}"] = folder / f"{name}.png"
             plot(summary, written[f"plot {name}"])
-    write_bytes(written["table"], render(summaries).encode())
+    write_file(written["table"], render(summaries).encode())
     return written
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.files import write_bytes
+from envs.core.atomic import write_file
 from envs.core.errors import ResultError
 from envs.scenario import ScenarioCfg
 from roboverse_learn.sim2sim.parity.drift import UNITS, drift, over_time
@@ -103,7 +103,7 @@ def write(folder: Path, summary: Mapping[str, Any]) -> Path:
     text = json.dumps(_rounded(summary), indent=1, sort_keys=True, allow_nan=False)
     # A curve is a line, not a page.
     text = re.sub(r"\[\s+([-\d.e,\s]+?)\s+\]", lambda m: "[" + " ".join(m[1].split()) + "]", text)
-    write_bytes(path, (text + "\n").encode())
+    write_file(path, (text + "\n").encode())
     return path
 
 

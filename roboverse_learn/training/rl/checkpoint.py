@@ -49,8 +49,8 @@ def save_agent(run_dir: Path, policy: Any, state: AgentState) -> Path:
         The pretrained folder.
 
     Raises:
-        CheckpointError: if the disk is full or the folder cannot be written; the checkpoints before
-            are unchanged.
+        WriteError: if the disk is full or the folder cannot be written; the checkpoints before are
+            unchanged.
     """
     directory = run_dir / "checkpoints" / f"{state.step:09d}"
     with newest(directory) as (pretrained, inner):

@@ -9,7 +9,7 @@ from benchmark.leaderboard import plots
 from benchmark.leaderboard.plots import plot_learning, plot_levels, plot_losses
 from benchmark.runner import evaluate_cell
 from benchmark.videos import choose_episodes, film_cell, record_episode, write_video
-from envs.core.errors import ConfigError, ResultError
+from envs.core.errors import ConfigError, WriteError
 
 MEASURE = {"mid": [0.0, 0.5], "low": None, "high": None}
 
@@ -70,7 +70,7 @@ def test_video_keeps_the_picture(tmp_path):
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(ResultError, match=r"Could not write '.*file/a.mp4'"):
+    with pytest.raises(WriteError, match=r"'.*file/a.mp4' could not be written"):
         write_video(tmp_path / "file" / "a.mp4", np.zeros((2, 16, 16, 3), np.uint8), 10)
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from policies import Policy, PolicyError
+from envs.core.errors import PolicyError
+from policies import Policy
 from policies.fasttd3.config import FastTd3Config
 from policies.fasttd3.networks import RunningNorm, project
 from policies.fasttd3.policy import FastTd3Policy

@@ -7,7 +7,8 @@ import pytest
 import torch
 
 import policies
-from policies import Policy, PolicyError
+from envs.core.errors import PolicyError
+from policies import Policy
 from policies.ppo.config import PpoConfig
 from policies.ppo.network import EPS, RunningNorm
 from policies.ppo.policy import PpoPolicy

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch.nn import functional
 
-from policies import PolicyError
+from envs.core.errors import PolicyError
 from policies.tdmpc2 import planner
 from policies.tdmpc2.agent import Tdmpc2Agent
 from policies.tdmpc2.config import ARCHITECTURES, Tdmpc2Config

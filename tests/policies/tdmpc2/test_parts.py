@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch.nn import functional
 
-from policies import PolicyError
+from envs.core.errors import PolicyError
 from policies.tdmpc2.config import ARCHITECTURES, Tdmpc2Config
 from policies.tdmpc2.layers import PixelEncoder, QEnsemble, ShiftAug, SimNorm, mlp
 from policies.tdmpc2.scale import RunningScale, percentile

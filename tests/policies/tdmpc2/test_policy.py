@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from policies import Policy, PolicyError
+from envs.core.errors import PolicyError
+from policies import Policy
 from policies.checkpoint import seen_cameras
 from policies.tdmpc2.config import Tdmpc2Config
 from policies.tdmpc2.policy import Tdmpc2Policy

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from policies import PolicyError
+from envs.core.errors import PolicyError
 from policies.checkpoint import learned_tasks
 from policies.tdmpc2 import planner
 from policies.tdmpc2.agent import Tdmpc2Agent

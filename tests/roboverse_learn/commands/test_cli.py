@@ -9,8 +9,7 @@ import pytest
 
 import policies
 from benchmark.protocol import LEVELS
-from envs.core.errors import DatasetError
-from policies import PolicyError
+from envs.core.errors import DatasetError, PolicyError
 from roboverse_learn import cli
 from roboverse_learn.config.compose import compose, preset_names
 from roboverse_learn.training.interruption import Interrupted

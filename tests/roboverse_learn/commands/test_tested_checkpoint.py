@@ -10,8 +10,7 @@ import pytest
 import yaml
 from PIL import Image
 
-from envs.core.errors import ConfigError, UnknownNameError
-from policies import PolicyError
+from envs.core.errors import ConfigError, PolicyError, UnknownNameError
 from policies.checkpoint import CONFIG, WEIGHTS
 from roboverse_learn.commands.run_folder import Run
 from roboverse_learn.commands.tested_checkpoint import Subject, protocol_of, step_of, subject_of

@@ -7,9 +7,9 @@ import warp as wp
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
+from envs.pixel_env import PixelVectorEnv
 from envs.simulators.mujoco_warp.device import Device
 from envs.simulators.mujoco_warp.handler import MujocoWarpHandler
-from envs.pixel_env import PixelVectorEnv
 from tests.envs.simulators.mujoco_warp.conftest import pictures_of, scene, starts
 
 UNSIGNED = {torch.uint16: wp.uint16, torch.uint32: wp.uint32, torch.uint64: wp.uint64}

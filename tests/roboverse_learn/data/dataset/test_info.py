@@ -12,7 +12,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from envs.core.errors import DatasetError
+from envs.core.errors import DatasetError, WriteError
 from roboverse_learn.data import DatasetInfo, ResidentDataset, consolidate, dataset_hash, read_raw
 from tests.roboverse_learn.data.synthetic_episodes import make_episode
 
@@ -133,7 +133,7 @@ class TestConsolidated:
             raise OSError(28, "No space left on device")
 
         monkeypatch.setattr(sys.modules[consolidate.__module__], "link_file", full)
-        with pytest.raises(DatasetError, match=r"The disk is full: '.*big' could not be written"):
+        with pytest.raises(WriteError, match=r"big' could not be written: the disk is full"):
             consolidate(written, tmp_path / "big")
         assert not list(tmp_path.iterdir())
 

@@ -7,9 +7,10 @@ import shutil
 import numpy as np
 import pytest
 
-from envs.core.atomic import TEMPORARY_SUFFIX, link_file, read_json, write_file, write_json
-from envs.core.errors import DatasetError
+from envs.core.atomic import PARTIAL, link_file, write_file, write_json
+from envs.core.errors import DatasetError, WriteError
 from roboverse_learn.data import DatasetInfo, DatasetWriter, ResidentDataset, dataset_hash, recover
+from roboverse_learn.data.dataset.damage import read_json
 from tests.roboverse_learn.data.synthetic_episodes import FEATURES, FPS, make_episode
 
 CAMERA = "observation.images.front"
@@ -120,7 +121,7 @@ def test_recover_agrees_with_the_rows_in_every_state(states, tmp_path):
         info = DatasetInfo.open(root)
         assert info.num_frames == sum(episode(index).length for index in range(total))
         assert len(list((root / "raw").iterdir())) == total
-        assert not list(root.rglob(f".*{TEMPORARY_SUFFIX}"))
+        assert not list(root.rglob(f".*{PARTIAL}"))
         assert recover(root) == total, "recovering twice is recovering once"
 
 
@@ -190,7 +191,5 @@ class TestFiles:
             raise PermissionError(13, "Permission denied")
 
         monkeypatch.setattr(os, "replace", forbidden)
-        with pytest.raises(
-            DatasetError, match=r"Cannot write '.*/a.json': permission denied. Choose a folder"
-        ):
+        with pytest.raises(WriteError, match=r"a.json' could not be written: Permission denied"):
             write_json(tmp_path / "a.json", {})

@@ -9,10 +9,9 @@ import yaml
 
 import envs
 import policies
-from envs.core.errors import ConfigError
+from envs.core.errors import ConfigError, PolicyError
 from envs.experts.rollout import rollout
 from envs.tasks.pick_cube import PickCube
-from policies import PolicyError
 from policies.ppo.config import PpoConfig
 from policies.ppo.policy import PpoPolicy
 from roboverse_learn.collect import collect_dataset, dataset_folder

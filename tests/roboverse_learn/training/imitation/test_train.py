@@ -13,7 +13,7 @@ import pytest
 import torch
 
 import policies
-from envs.core.errors import CheckpointError
+from envs.core.errors import CheckpointError, WriteError
 from roboverse_learn.training import checkpoint
 from roboverse_learn.training.config import AugmentConfig, TrainConfig
 from roboverse_learn.training.imitation import train as imitation
@@ -270,7 +270,7 @@ def test_a_full_disk_keeps_the_checkpoint_before(five_steps, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(checkpoint, "save_file", full)
-    with pytest.raises(CheckpointError, match=r"the disk is full. The checkpoints before it are unchanged"):
+    with pytest.raises(WriteError, match=r"the disk is full. What was complete before is unchanged"):
         train(make("act"), DATA, CONFIG, five_steps)
     assert checkpoint.last_checkpoint(five_steps).name == "000005"
     assert not list(five_steps.rglob("*.partial"))

@@ -8,9 +8,8 @@ import pytest
 import envs
 import policies
 from benchmark.runner import evaluate_cell
-from envs.core.errors import ConfigError, RoboVerseError
+from envs.core.errors import ConfigError, PolicyError, RoboVerseError
 from envs.tasks.pick_cube import PickCube
-from policies import PolicyError
 from roboverse_learn.config.compose import compose
 from roboverse_learn.evaluate import evaluate
 from roboverse_learn.training.metrics import read_metrics

@@ -9,11 +9,10 @@ import torch
 
 import policies
 from benchmark.results import read_result
-from envs.core.errors import CheckpointError, ConfigError, RoboVerseError, UnknownNameError
+from envs.core.errors import CheckpointError, ConfigError, PolicyError, RoboVerseError, UnknownNameError
 from envs.multi_task_env import MultiTaskEnv
 from envs.tasks.control.ant import Ant
 from envs.tasks.control.cartpole import Cartpole
-from policies import PolicyError
 from policies.tdmpc2.config import Tdmpc2Config
 from policies.tdmpc2.policy import TaskSizes, Tdmpc2Policy
 from roboverse_learn import cli

@@ -11,9 +11,8 @@ pytest.importorskip("torchrl")
 
 import policies
 from benchmark.learning_curves import read_curve
-from envs.core.errors import ConfigError
+from envs.core.errors import ConfigError, PolicyError
 from envs.tasks.pick_cube import PickCube
-from policies import PolicyError
 from policies.ppo.config import BACKENDS
 from roboverse_learn.config.compose import compose
 from roboverse_learn.evaluate import evaluate

@@ -5,8 +5,7 @@ import importlib.util
 import pytest
 import torch
 
-from envs.core.errors import MissingExtraError
-from policies import PolicyError
+from envs.core.errors import MissingExtraError, PolicyError
 from policies.ppo.config import PpoConfig
 from roboverse_learn.config.compose import compose
 from roboverse_learn.training.config import TrainConfig
