@@ -1,19 +1,17 @@
 """What an action means: how a row of numbers becomes something a simulator is told."""
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, override
+from typing import override
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from envs.kinematics.batched_inverse import BatchedInverseKinematics
 from envs.rotations import from_yaw, to_matrix
 from envs.scenario import Quat, RobotCfg, Vec3
 from envs.simulators.base import EnvIds, Handler
 from envs.state import State
-
-if TYPE_CHECKING:
-    from envs.kinematics.batched_inverse import BatchedInverseKinematics
 
 
 class Controller(ABC):
@@ -159,11 +157,9 @@ class HandDeltaController(Controller):
             targets[:, self._fingers] = self._closed + self._stroke * opening.clamp(min=0.0)
         return targets[:, self._driven].to(joints.dtype)
 
-    def _kinematics(self, device: torch.device) -> "BatchedInverseKinematics":
+    def _kinematics(self, device: torch.device) -> BatchedInverseKinematics:
         """Returns the robot's kinematics on a device; its first use there compiles the robot's model."""
         if self._ik is None or self._ik.rest.device != device:
-            from envs.kinematics.batched_inverse import BatchedInverseKinematics
-
             self._ik = BatchedInverseKinematics(self._robot, device)
             self._closed, self._stroke = self._closed.to(self._ik.rest), self._stroke.to(self._ik.rest)
         return self._ik

@@ -13,10 +13,19 @@ import torch
 from torch import Tensor
 
 from envs.kinematics.forward import KinematicChain, Poses, rotation_vector
-from envs.kinematics.inverse import DAMPING, ITERATIONS_PER_STEP, ORIENTATION_COST, POSTURE_COST
 from envs.kinematics.waypoints import Path, Waypoint, interpolate
 from envs.rotations import conjugate, from_euler, from_matrix, multiply, to_euler, to_matrix
 from envs.scenario import RobotCfg
+
+ITERATIONS_PER_STEP = 3
+"""Differential steps per control step; a path of 5 cm per step is then followed within 1 mm."""
+
+DAMPING = 1e-3
+ORIENTATION_COST = 0.3
+"""Metres that a radian is worth: 1° is as bad as 5 mm."""
+
+POSTURE_COST = 5e-3
+"""Pull towards the rest posture, which decides what the end effector leaves open."""
 
 _FIXED = 1e6
 """Weight that holds a joint at its limit; the others' are below 10."""

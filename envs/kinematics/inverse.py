@@ -1,79 +1,17 @@
 """Joint targets for a path of the end effector, by mink's differential inverse kinematics."""
 
 from collections.abc import Sequence
-from functools import cached_property
-from typing import TYPE_CHECKING
 
 import mink
 import mujoco
 import numpy as np
-import torch
 
+from envs.kinematics.batched_inverse import DAMPING, ITERATIONS_PER_STEP, ORIENTATION_COST, POSTURE_COST
 from envs.kinematics.waypoints import Waypoint, interpolate
 from envs.mjcf.layout import layout_of
 from envs.mjcf.model import build_model
 from envs.rotations import conjugate, from_euler, multiply, to_euler
 from envs.scenario import RobotCfg, ScenarioCfg
-from envs.state import State
-from envs.tasks.base import Task
-
-if TYPE_CHECKING:
-    from envs.kinematics.batched_inverse import BatchedPathFollower
-
-ITERATIONS_PER_STEP = 3
-"""Differential steps per control step; a path of 5 cm per step is then followed within 1 mm."""
-
-DAMPING = 1e-3
-ORIENTATION_COST = 0.3
-"""Metres that a radian is worth: 1° is as bad as 5 mm."""
-
-POSTURE_COST = 5e-3
-"""Pull towards the rest posture, which decides what the end effector leaves open."""
-
-
-class WaypointPlanner:
-    """Follows the waypoints of a task's expert.
-
-    Args:
-        task: The task; its controller takes joint positions of its first robot.
-    """
-
-    def __init__(self, task: Task) -> None:
-        scenario = task.scenario
-        self._task, self._robot = task, scenario.robots[0]
-        self._follower = PathFollower(self._robot, scenario.physics.control_hz)
-
-    def plan(self, state: State, rng: np.random.Generator) -> np.ndarray:
-        """Returns joint targets (T, J) float32; see :class:`envs.tasks.planner.Planner`."""
-        robot = state.robots[self._robot.name]
-        waypoints = self._task.expert(state, rng)
-        if not waypoints:
-            return np.zeros((0, len(self._robot.joints)), np.float32)
-        # From where the joints are told to be: what they hold may keep them a little behind.
-        start = robot.joint_pos if robot.joint_target is None else robot.joint_target
-        return self._follower.joint_targets(start[0].numpy(), waypoints).astype(np.float32)
-
-    def plan_batch(self, state: State, rngs: Sequence[np.random.Generator]) -> list[np.ndarray]:
-        """Returns the plans of all rows of ``state``; see :class:`envs.tasks.planner.BatchPlanner`."""
-        robot = state.robots[self._robot.name]
-        ways = [self._task.expert(state.select([row]), rng) for row, rng in enumerate(rngs)]
-        nothing: np.ndarray = np.zeros((0, len(self._robot.joints)), np.float32)
-        plans = [nothing] * len(ways)
-        asked = [row for row, way in enumerate(ways) if way]
-        if asked:
-            start = robot.joint_pos if robot.joint_target is None else robot.joint_target
-            found = self._batched.joint_targets(start[asked].numpy(), [ways[row] for row in asked])
-            targets = found.targets.cpu().numpy().astype(np.float32)
-            for place, row in enumerate(asked):
-                plans[row] = targets[place, : found.lengths[place]]
-        return plans
-
-    @cached_property
-    def _batched(self) -> "BatchedPathFollower":
-        from envs.kinematics.batched_inverse import BatchedPathFollower
-
-        device = "cuda" if torch.cuda.is_available() else "cpu"
-        return BatchedPathFollower(self._robot, self._task.scenario.physics.control_hz, device)
 
 
 class PathFollower:

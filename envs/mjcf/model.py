@@ -14,6 +14,7 @@ from envs.mjcf.files import keep_only, read
 from envs.mjcf.furniture import add_furniture_slots
 from envs.mjcf.meshes import VISUAL_GROUP, simplify_visuals
 from envs.mjcf.objects import HIDDEN_GROUP, SCENE_GROUP, SHAPES, add_object, add_pull
+from envs.mjcf.settings import MujocoSettings
 from envs.rotations import look_at_matrix
 from envs.scenario import (
     GROUND,
@@ -27,7 +28,6 @@ from envs.scenario import (
     ScenarioCfg,
 )
 from envs.scenario.places import WALL_HALF_THICKNESS_M
-from envs.simulators.mujoco.settings import MujocoSettings
 
 LEAST_LIGHTS = 8
 """Slots for lights that every model has; dark ones cost nothing."""

@@ -129,9 +129,9 @@ class Task(ABC):
     @property
     def planner(self) -> "Planner":
         """What turns states into the expert's actions; by default inverse kinematics along its waypoints."""
-        from envs.kinematics.inverse import WaypointPlanner
+        from envs.tasks.waypoint_planner import WaypointPlanner
 
-        return WaypointPlanner(self)
+        return WaypointPlanner(self.scenario, self.expert)
 
     def instruction(self, rng: np.random.Generator) -> str:
         """Draws one of the instructions."""

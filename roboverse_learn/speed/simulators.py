@@ -1,9 +1,8 @@
-"""Every installed simulator behind its handler against its own Python loop; two processes against one.
+"""Every installed simulator behind its handler against its own Python loop.
 
 Ours takes targets, steps, and gives the states of all robots and objects; the loop works with the same scene
 as a script on that simulator alone would (:mod:`roboverse_learn.speed.loops`). Overhead is a ratio of
-processor time, which a busy machine hardly changes; two processes against one is a ratio of real time, and
-wants two cores that nobody else uses.
+processor time, which a busy machine hardly changes.
 """
 
 import dataclasses
@@ -24,8 +23,7 @@ from roboverse_learn.speed.throughput import Measurement
 log = logging.getLogger(__name__)
 
 TASK = "PickCube"
-OVERHEAD_GOAL, SPEEDUP_GOAL = 1.15, 1.7
-NUM_PROCESSES = 2
+OVERHEAD_GOAL = 1.15
 
 
 def measure_overhead(simulator: str, *, turns: int = 11, control_steps: int = 20) -> Measurement:
@@ -71,7 +69,7 @@ def measure_overhead(simulator: str, *, turns: int = 11, control_steps: int = 20
             handler.set_states(states)
             handler.step(1)  # what is made anew after a state was set is made now
             loop.begin(states)
-            times.append(_in_turns(ours, theirs, turn, time.process_time))
+            times.append(_in_turns(ours, theirs, turn))
             joints = handler.get_states().robots[robot].joint_pos[0].numpy()
             away = np.abs(np.sort(joints) - np.sort(loop.joints())).max()
             if away > 1e-5:
@@ -86,70 +84,16 @@ def measure_overhead(simulator: str, *, turns: int = 11, control_steps: int = 20
     )
 
 
-def measure_processes(
-    simulator: str, *, num_envs: int = 32, turns: int = 7, control_steps: int = 5
-) -> Measurement:
-    """Compares control steps of environments in two processes to those of the same in one process.
-
-    Returns:
-        Seconds per control step of all environments; the ratio is one process over two: the speed-up.
-
-    Raises:
-        UnknownNameError: if there is no such simulator.
-        MissingExtraError: if it is not installed.
-    """
-    from envs.simulators.processes import ProcessHandler
-    from envs.tasks import TASKS
-
-    task = TASKS.get(TASK)()
-    scenario = dataclasses.replace(task.scenario, cameras=task.scenario.cameras[:1])
-    states = task.initial_state([np.random.default_rng(index) for index in range(num_envs)])
-    robot, decimation = scenario.robots[0].name, scenario.physics.decimation
-    options = {"simulator": simulator, "renderer": "warp", "num_threads": 1}
-    two, one = (
-        ProcessHandler(scenario, num_envs, num_processes=count, **options) for count in (NUM_PROCESSES, 1)
-    )
-    target = states.robots[robot].joint_pos
-
-    def run(handler: ProcessHandler) -> Callable[[], None]:
-        def steps() -> None:
-            for step in range(control_steps):
-                handler.step_towards({robot: target + 0.02 * np.sin(step)}, decimation)
-                handler.get_states()
-
-        return steps
-
-    with two, one:
-        times = []
-        for handler in (two, one):
-            handler.launch()
-        for turn in range(turns + 1):
-            for handler in (two, one):
-                handler.set_states(states)
-                handler.step(1)
-            times.append(_in_turns(run(two), run(one), turn, time.perf_counter))
-    seconds = np.array(times[1:]) / control_steps
-    return Measurement(
-        name=f"{simulator}: control step of {num_envs} environments, speed-up of two processes over one",
-        ours_s=median(seconds[:, 0]),
-        baseline_s=median(seconds[:, 1]),
-        ratio=median(seconds[:, 1] / seconds[:, 0]),
-        goal=f"goal ≥ {SPEEDUP_GOAL:.1f} on two free cores",
-    )
-
-
-def _in_turns(
-    ours: Callable[[], object], theirs: Callable[[], object], turn: int, clock: Callable[[], float]
-) -> tuple[float, float]:
+def _in_turns(ours: Callable[[], object], theirs: Callable[[], object], turn: int) -> tuple[float, float]:
     seconds = [0.0, 0.0]
     for which in (turn % 2, 1 - turn % 2):
-        started = clock()
+        started = time.process_time()
         (ours, theirs)[which]()
-        seconds[which] = clock() - started
+        seconds[which] = time.process_time() - started
     return seconds[0], seconds[1]
 
 
-def measure(names: Sequence[str], *, turns: int, processes: bool = True) -> bool:
+def measure(names: Sequence[str], *, turns: int) -> bool:
     """Logs the measurements of the simulators named; one that is not installed is said to be absent.
 
     Returns:
@@ -161,8 +105,6 @@ def measure(names: Sequence[str], *, turns: int, processes: bool = True) -> bool
             overhead = measure_overhead(name, turns=turns)
             reached.append(overhead.ratio <= OVERHEAD_GOAL)
             log.info("%s", overhead)
-            if processes:
-                log.info("%s", measure_processes(name, turns=max(turns // 2, 1)))
         except MissingExtraError as error:
             log.info("%s: not measured. %s", name, error)
         except RoboVerseError as error:
@@ -178,12 +120,10 @@ class Settings:
     Attributes:
         simulators: Registered simulators, as in simulators=[mujoco,sapien]; all that have a loop by default.
         turns: How often either side is timed.
-        processes: Whether to compare two processes to one as well.
     """
 
     simulators: tuple[str, ...] = tuple(LOOPS)
     turns: int = 11
-    processes: bool = True
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -198,7 +138,7 @@ def main(words: Sequence[str] | None = None) -> int:
     except RoboVerseError as error:
         log.error("%s", error)
         return 2
-    return int(not measure(settings.simulators, turns=settings.turns, processes=settings.processes))
+    return int(not measure(settings.simulators, turns=settings.turns))
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ from envs.core.errors import MissingExtraError, SimulatorError, UnknownNameError
 from envs.simulators import HANDLERS
 from envs.simulators.base import Handler
 from envs.simulators.hybrid import HybridHandler
-from envs.simulators.processes import ProcessHandler
 from envs.tasks.pick_cube import PickCube
 
 NUM_ENVS = 4
@@ -21,11 +20,7 @@ PAIRS = [f"mujoco+{name}" for name in HANDLERS if name != "mujoco"]
 def make(name, scenario, num_envs):
     """A simulator, or physics of one and pictures of another: ``mujoco+sapien``."""
     physics, _, drawing = name.partition("+")
-    inner = name.removeprefix("processes of ")
     try:
-        if inner != name:
-            options = {"renderer": "warp", "simulator": inner, "num_processes": 2}
-            return ProcessHandler(scenario, num_envs, **options)
         if drawing:
             return HybridHandler(scenario, num_envs, simulator=physics, renderer=drawing)
         return HANDLERS.get(physics)(scenario, num_envs)
@@ -33,7 +28,7 @@ def make(name, scenario, num_envs):
         pytest.skip(str(error))
 
 
-@pytest.fixture(scope="module", params=[*HANDLERS.names(), *PAIRS, "processes of mujoco"])
+@pytest.fixture(scope="module", params=[*HANDLERS.names(), *PAIRS])
 def name(request):
     return request.param
 

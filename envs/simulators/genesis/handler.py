@@ -9,7 +9,7 @@ import numpy as np
 from envs.mjcf.link_tree import describe
 from envs.simulators.genesis.batch import Batch
 from envs.simulators.genesis.settings import SIMULATOR, GenesisSettings
-from envs.simulators.translated_base import MirroredHandler, World
+from envs.simulators.translated_handler import TranslatedHandler, World
 
 
 class GenesisWorld(World):
@@ -45,7 +45,7 @@ class GenesisWorld(World):
             self._batch.close()
 
 
-class GenesisHandler(MirroredHandler[GenesisSettings]):
+class GenesisHandler(TranslatedHandler[GenesisSettings]):
     """Genesis's rigid solver, which is made after MuJoCo's: impedances, cones and drives mean the same.
 
     Every link, joint and shape is told to Genesis as the compiled model has it. What differs: a contact's

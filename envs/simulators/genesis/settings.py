@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from envs.core.errors import ConfigError, unknown_name
-from envs.simulators.settings import SimulatorSettings
+from envs.scenario.simulator_settings import SimulatorSettings
 
 SIMULATOR = "genesis"
 

@@ -17,7 +17,7 @@ from envs.mjcf.model import build_models
 from envs.mjcf.objects import rest_joints
 from envs.scenario import ScenarioCfg
 from envs.simulators.base import EnvIds, HandlerOptions
-from envs.simulators.model_base import ModelHandler, not_running
+from envs.simulators.model_handler import ModelHandler, not_running
 from envs.simulators.mujoco.lazy_state import Moment, ReadEntity, readers_of
 from envs.state import EntityState, State
 

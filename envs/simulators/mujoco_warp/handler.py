@@ -15,7 +15,7 @@ from envs.mjcf.objects import rest_joints
 from envs.rotations import from_matrix
 from envs.scenario import ScenarioCfg
 from envs.simulators.base import EnvIds, HandlerOptions
-from envs.simulators.model_base import ModelHandler, not_running
+from envs.simulators.model_handler import ModelHandler, not_running
 from envs.simulators.mujoco.render import RenderJob
 from envs.simulators.mujoco_warp.device import Device
 from envs.simulators.mujoco_warp.settings import WarpSettings

@@ -5,7 +5,7 @@ from typing import override
 
 from envs.core.errors import ConfigError
 from envs.scenario import ScenarioCfg
-from envs.simulators.settings import SimulatorSettings
+from envs.scenario.simulator_settings import SimulatorSettings
 
 SIMULATOR = "mujoco_warp"
 

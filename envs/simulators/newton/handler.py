@@ -11,10 +11,10 @@ from envs.simulators.mujoco_warp.device import quiet_start
 from envs.simulators.newton.scene import build
 from envs.simulators.newton.settings import SIMULATOR, NewtonSettings
 from envs.simulators.newton.world import NewtonWorld
-from envs.simulators.translated_base import MirroredHandler
+from envs.simulators.translated_handler import TranslatedHandler
 
 
-class NewtonHandler(MirroredHandler[NewtonSettings]):
+class NewtonHandler(TranslatedHandler[NewtonSettings]):
     """Newton's ``SolverMuJoCo``, which steps a model that Newton's builder was given, not MuJoCo's own file.
 
     Every link, joint and shape is told to Newton from the compiled model: masses, inertias, limits, gains,

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from envs.core.errors import ConfigError, unknown_name
-from envs.simulators.mujoco.settings import CONES, INTEGRATORS
-from envs.simulators.settings import SimulatorSettings
+from envs.mjcf.settings import CONES, INTEGRATORS
+from envs.scenario.simulator_settings import SimulatorSettings
 
 SIMULATOR = "newton"
 

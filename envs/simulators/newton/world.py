@@ -10,7 +10,7 @@ from envs.rotations import conjugate, rotate
 from envs.simulators.newton.scene import FreeRoot, Scene
 from envs.simulators.newton.settings import NewtonSettings
 from envs.simulators.newton.shapes import check_pairs, view
-from envs.simulators.translated_base import World
+from envs.simulators.translated_handler import World
 
 _XYZW = [1, 2, 3, 0]
 _WXYZ = [3, 0, 1, 2]

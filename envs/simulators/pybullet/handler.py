@@ -8,10 +8,10 @@ import mujoco
 from envs.simulators.pybullet.settings import SIMULATOR, PybulletSettings
 from envs.simulators.pybullet.trees import trees_of
 from envs.simulators.pybullet.world import PybulletWorld
-from envs.simulators.translated_base import MirroredHandler
+from envs.simulators.translated_handler import TranslatedHandler
 
 
-class PybulletHandler(MirroredHandler[PybulletSettings]):
+class PybulletHandler(TranslatedHandler[PybulletSettings]):
     """Bullet by PyBullet; robots and objects are loaded as URDF that :mod:`envs.convert` writes.
 
     What differs from MuJoCo: friction of two things that touch is the product of both coefficients, where

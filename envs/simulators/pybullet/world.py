@@ -11,7 +11,7 @@ from envs.rotations import conjugate, multiply, rotate
 from envs.simulators.pybullet.drives import Drives
 from envs.simulators.pybullet.settings import PybulletSettings
 from envs.simulators.pybullet.trees import Tree, still_geoms
-from envs.simulators.translated_base import World
+from envs.simulators.translated_handler import World
 
 _GEOM = mujoco.mjtGeom
 _FLAGS = (

@@ -8,10 +8,10 @@ import mujoco
 from envs.mjcf.link_tree import describe
 from envs.simulators.sapien.settings import SIMULATOR, SapienSettings
 from envs.simulators.sapien.world import SapienWorld
-from envs.simulators.translated_base import MirroredHandler
+from envs.simulators.translated_handler import TranslatedHandler
 
 
-class SapienHandler(MirroredHandler[SapienSettings]):
+class SapienHandler(TranslatedHandler[SapienSettings]):
     """PhysX (CPU) by SAPIEN; see :mod:`envs.simulators.sapien.world` for what stands for what of MuJoCo.
 
     The robot is built from the compiled MuJoCo model, not from a URDF: its principal inertias, armature,

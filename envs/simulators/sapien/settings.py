@@ -6,7 +6,7 @@ import numpy as np
 from sapien import physx
 
 from envs.core.errors import ConfigError
-from envs.simulators.settings import SimulatorSettings
+from envs.scenario.simulator_settings import SimulatorSettings
 
 SIMULATOR = "sapien"
 

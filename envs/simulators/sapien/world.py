@@ -13,7 +13,7 @@ from sapien import Pose, physx
 from envs.mjcf.link_tree import JointSpec, LinkSpec, SceneSpec, TreeSpec
 from envs.simulators.sapien.settings import SapienSettings
 from envs.simulators.sapien.shapes import ShapeFactory, pose_of
-from envs.simulators.translated_base import World
+from envs.simulators.translated_handler import World
 
 HOLD = 1e4
 """Velocity gain, N·m·s/rad (N·s/m), of what stands for dry friction: a drive whose force limit is the

@@ -207,7 +207,7 @@ def _parts(model: mujoco.MjModel) -> list[_Part]:
 
 def _solver(option: mujoco.MjOption) -> dict[str, str | float | int]:
     """Returns the settings of the scene's file, for MuJoCo."""
-    from envs.simulators.mujoco.settings import CONES, INTEGRATORS, JACOBIANS
+    from envs.mjcf.settings import CONES, INTEGRATORS, JACOBIANS
 
     def named(value: int, names: dict[str, object]) -> str:
         return next(name for name, kind in names.items() if int(kind) == int(value))  # type: ignore[call-overload]

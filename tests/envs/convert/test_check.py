@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from envs.convert import check as module
-from envs.convert.check import check, compare, installed, robosuite_files
+from docs.generate.conversion import check as module
+from docs.generate.conversion.check import check, compare, installed, robosuite_files
+from docs.generate.conversion.readers import MujocoReader
+from docs.generate.conversion.table import Errors, Row, merged, page, read_rows, table, write_rows
 from envs.convert.conversion import convert, describe_loaded
-from envs.convert.page import Errors, Row, merged, page, read_rows, table, write_rows
-from envs.convert.readers import MujocoReader
 from envs.convert.source import load
 
 SMALL = Errors(position_m=1e-7, rotation_rad=1e-7, mass=0.0, inertia=1e-9)

@@ -6,11 +6,11 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
+from docs.generate.conversion.check import check, compare
+from docs.generate.conversion.readers import MujocoReader
 from envs.convert import convert
-from envs.convert.check import check, compare
 from envs.convert.conversion import describe, describe_loaded
 from envs.convert.obj import mesh_files
-from envs.convert.readers import MujocoReader
 from envs.convert.shapes import convex_hull
 from envs.convert.source import load
 from envs.convert.urdf import roll_pitch_yaw

@@ -5,9 +5,9 @@ import pytest
 
 from envs.experts.batched_rollout import BatchedExpertRunner
 from envs.experts.rollout import ExpertRunner, rollout
-from envs.kinematics.inverse import WaypointPlanner
 from envs.tasks.pick_cube import PickCube
 from envs.tasks.plan_following import plan_all
+from envs.tasks.waypoint_planner import WaypointPlanner
 from envs.vector_env import RoboVerseVectorEnv
 
 
@@ -58,7 +58,7 @@ def test_the_simulator_decides_how_experts_are_run(env):
 
 def test_a_batch_of_plans_has_a_plan_for_each():
     task = PickCube()
-    planner = WaypointPlanner(task)
+    planner = WaypointPlanner(task.scenario, task.expert)
     states = task.initial_state([np.random.default_rng(seed) for seed in range(3)])
 
     def rngs():

@@ -12,7 +12,6 @@ import torch
 
 import envs
 from envs.core.errors import ConfigError, UnknownNameError
-from envs.kinematics.inverse import WaypointPlanner
 from envs.rotations import from_euler, to_matrix
 from envs.simulators.mujoco.handler import MujocoHandler
 from envs.tasks.libero_objects import GROCERIES, libero_root, read_init_states, rest_height
@@ -23,6 +22,7 @@ from envs.tasks.pick_chocolate_pudding import (
     PickChocolatePudding,
     _distance_to_hand,
 )
+from envs.tasks.waypoint_planner import WaypointPlanner
 
 DATA = Path(os.environ.get("ROBOVERSE_DATA", Path(__file__).resolve().parents[4] / "shared" / "data"))
 LIBERO = DATA / "libero_object_chocolate"
@@ -144,7 +144,7 @@ def test_the_expert_picks_up_a_pudding_that_stands_on_its_side():
         pudding.pos[:, 2] = 0.0233
         handler.set_states(state)
         rng = np.random.default_rng(3)
-        for target in WaypointPlanner(task).plan(handler.get_states(), rng):
+        for target in WaypointPlanner(task.scenario, task.expert).plan(handler.get_states(), rng):
             handler.set_joint_targets({"franka": target[None]})
             handler.step(task.scenario.physics.decimation)
         assert task.success(handler.get_states()).tolist() == [True]

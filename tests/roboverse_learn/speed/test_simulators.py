@@ -40,12 +40,6 @@ def test_other_physics_is_not_compared(monkeypatch):
         simulators.measure_overhead("mujoco", turns=1, control_steps=3)
 
 
-def test_two_processes_are_compared_to_one():
-    measurement = simulators.measure_processes("mujoco", num_envs=2, turns=1, control_steps=2)
-    assert measurement.name == "mujoco: control step of 2 environments, speed-up of two processes over one"
-    assert measurement.ratio == pytest.approx(measurement.baseline_s / measurement.ours_s)
-
-
 def test_what_is_absent_is_said_and_what_misses_its_goal_counts(monkeypatch, caplog):
     def overhead(name, *, turns):
         if name == "sapien":
@@ -57,10 +51,10 @@ def test_what_is_absent_is_said_and_what_misses_its_goal_counts(monkeypatch, cap
 
     monkeypatch.setattr(simulators, "measure_overhead", overhead)
     with caplog.at_level("INFO"):
-        assert simulators.main(["simulators=[mujoco,sapien]", "processes=false"]) == 0
+        assert simulators.main(["simulators=[mujoco,sapien]"]) == 0
     assert "sapien: not measured. simulator 'sapien' needs a package" in caplog.text
-    assert simulators.main(["simulators=[mujoco,pybullet]", "processes=false"]) == 1
-    assert simulators.main(["simulators=[sapien]", "processes=false"]) == 1
+    assert simulators.main(["simulators=[mujoco,pybullet]"]) == 1
+    assert simulators.main(["simulators=[sapien]"]) == 1
 
 
 def test_names_are_checked(caplog):

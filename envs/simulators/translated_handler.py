@@ -21,9 +21,9 @@ from envs.mjcf.layout import EntityLayout, as_slice, block, layout_of
 from envs.mjcf.model import build_model
 from envs.mjcf.objects import rest_joints
 from envs.scenario import ScenarioCfg
+from envs.scenario.simulator_settings import SimulatorSettings
 from envs.simulators.base import EnvIds, TextureSource
-from envs.simulators.model_base import ModelHandler, not_running
-from envs.simulators.settings import SimulatorSettings
+from envs.simulators.model_handler import ModelHandler, not_running
 from envs.state import EntityState, State
 
 
@@ -61,7 +61,7 @@ class World(ABC):
         """Frees the environment."""
 
 
-class MirroredHandler[Settings: SimulatorSettings](ModelHandler):
+class TranslatedHandler[Settings: SimulatorSettings](ModelHandler):
     """N worlds and the mirror of their states.
 
     Subclasses say how worlds are made; threads step several at once where ``steps_in_threads``.

@@ -8,8 +8,8 @@ from typing import Any, override
 
 import numpy as np
 
+from docs.generate.conversion.readers import Poses, Reader
 from envs.convert.description import Inertial
-from envs.convert.readers import Poses, Reader
 from envs.core.errors import SimulatorError
 from envs.rotations import from_matrix, multiply
 

@@ -1,11 +1,11 @@
-"""What a scenario may say about MuJoCo's solver: its block ``simulators["mujoco"]``."""
+"""Options of MuJoCo's solver, which are part of the compiled model: a scenario's ``simulators["mujoco"]``."""
 
 from dataclasses import dataclass
 
 import mujoco
 
 from envs.core.errors import unknown_name
-from envs.simulators.settings import SimulatorSettings
+from envs.scenario.simulator_settings import SimulatorSettings
 
 SIMULATOR = "mujoco"
 

@@ -1,8 +1,9 @@
-"""Whether converted robots are the robots that they were: where their links are, and what they weigh.
+"""Checks that converted robots have the kinematics, masses and inertias of their sources.
 
-``python -m envs.convert.check`` converts every robot, gripper and base that robosuite and robosuite_models
-ship, and our own, reads each file back by every program that is installed, and prints a table;
-``write=docs/conversion.md`` keeps it, and beside it the rows, which another run may add to.
+``python -m docs.generate.conversion.check`` converts every robot, gripper and base that robosuite and
+robosuite_models ship, and our own, loads each file in every installed program, and prints a table.
+``write=docs/conversion.md`` writes the page, and its rows in a JSON file beside it, to which another run may
+add.
 """
 
 import importlib.metadata
@@ -16,9 +17,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from envs.convert.conversion import convert, describe_loaded
-from envs.convert.description import Description, Inertial, Link
-from envs.convert.page import (
+from docs.generate.conversion.readers import MujocoReader, PybulletReader, Reader, UsdReader
+from docs.generate.conversion.simulator_readers import GenesisReader, SapienReader
+from docs.generate.conversion.table import (
     MAX_INERTIAL_ERROR,
     MAX_POSITION_ERROR_M,
     Errors,
@@ -29,8 +30,8 @@ from envs.convert.page import (
     table,
     write_rows,
 )
-from envs.convert.readers import MujocoReader, PybulletReader, Reader, UsdReader
-from envs.convert.simulator_readers import GenesisReader, SapienReader
+from envs.convert.conversion import convert, describe_loaded
+from envs.convert.description import Description, Inertial, Link
 from envs.convert.source import Loaded, load
 from envs.core.arguments import run_program
 from envs.core.errors import RoboVerseError, unknown_name
@@ -38,7 +39,7 @@ from envs.rotations import conjugate, multiply, rotate, to_matrix
 
 logger = logging.getLogger(__name__)
 
-_COMMAND = "python -m envs.convert.check"
+_COMMAND = "python -m docs.generate.conversion.check"
 POSTURES = 1000
 _OWN = "franka"
 """Our own robot in the table; robosuite's files have the names of others."""
@@ -215,7 +216,7 @@ def _source_name(loaded: Loaded, joint: str) -> str | int:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CheckSettings:
-    """``python -m envs.convert.check``: converts robots and reads them back.
+    """``python -m docs.generate.conversion.check``: converts robots and reads them back.
 
     Attributes:
         robots: Registered robots or files; empty takes all that are shipped.

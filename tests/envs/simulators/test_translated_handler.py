@@ -6,7 +6,7 @@ import torch
 
 from envs.core.errors import SimulatorError, UnknownNameError
 from envs.simulators.mujoco.handler import MujocoHandler
-from envs.simulators.translated_base import MirroredHandler, World
+from envs.simulators.translated_handler import TranslatedHandler, World
 from envs.tasks.close_box import CloseBox
 from envs.tasks.pick_cube import PickCube
 
@@ -40,7 +40,7 @@ class Ledger(World):
         self.told.append("close")
 
 
-class LedgerHandler(MirroredHandler):
+class LedgerHandler(TranslatedHandler):
     def make_worlds(self, model):
         return [Ledger() for _ in range(self.num_envs)]
 

@@ -1,0 +1,63 @@
+"""Planner that turns the waypoints of a task's expert into joint targets, by inverse kinematics."""
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+
+import numpy as np
+import torch
+
+from envs.kinematics.batched_inverse import BatchedPathFollower
+from envs.kinematics.inverse import PathFollower
+from envs.kinematics.waypoints import Waypoint
+from envs.scenario import ScenarioCfg
+from envs.state import State
+
+Expert = Callable[[State, np.random.Generator], list[Waypoint]]
+"""See :meth:`envs.tasks.base.Task.expert`."""
+
+
+class WaypointPlanner:
+    """Follows an expert's waypoints with the first robot of a scenario.
+
+    Args:
+        scenario: The scene; actions are joint positions of its first robot.
+        expert: Returns waypoints for a state of one row.
+    """
+
+    def __init__(self, scenario: ScenarioCfg, expert: Expert) -> None:
+        self._expert, self._robot = expert, scenario.robots[0]
+        self._control_hz = scenario.physics.control_hz
+        self._follower = PathFollower(self._robot, self._control_hz)
+
+    def plan(self, state: State, rng: np.random.Generator) -> np.ndarray:
+        """Returns joint targets (T, J) float32; see :class:`envs.tasks.planner.Planner`."""
+        waypoints = self._expert(state, rng)
+        if not waypoints:
+            return self._nothing()
+        return self._follower.joint_targets(self._starts(state)[0].numpy(), waypoints).astype(np.float32)
+
+    def plan_batch(self, state: State, rngs: Sequence[np.random.Generator]) -> list[np.ndarray]:
+        """Returns the plans of all rows of ``state``; see :class:`envs.tasks.planner.BatchPlanner`."""
+        ways = [self._expert(state.select([row]), rng) for row, rng in enumerate(rngs)]
+        plans = [self._nothing()] * len(ways)
+        asked = [row for row, way in enumerate(ways) if way]
+        if asked:
+            starts = self._starts(state)[asked].numpy()
+            found = self._batched.joint_targets(starts, [ways[row] for row in asked])
+            targets = found.targets.cpu().numpy().astype(np.float32)
+            for place, row in enumerate(asked):
+                plans[row] = targets[place, : found.lengths[place]]
+        return plans
+
+    def _starts(self, state: State) -> torch.Tensor:
+        """Returns the joints' targets (N, J): what the robot holds keeps its joints a little behind them."""
+        robot = state.robots[self._robot.name]
+        return robot.joint_pos if robot.joint_target is None else robot.joint_target
+
+    def _nothing(self) -> np.ndarray:
+        return np.zeros((0, len(self._robot.joints)), np.float32)
+
+    @cached_property
+    def _batched(self) -> BatchedPathFollower:
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+        return BatchedPathFollower(self._robot, self._control_hz, device)
