@@ -19,6 +19,42 @@ MAY_IMPORT = {
     "benchmark": {"benchmark", "envs", "policies"},
     "roboverse_learn": set(PACKAGES),
 }
+LAYERS = (
+    ("core",),
+    ("array_ops", "rotations", "scenario", "state", "robots", "randomization", "compat"),
+    ("mjcf",),
+    ("kinematics", "convert"),
+    ("simulators",),
+    ("controllers",),
+    ("tasks",),
+    (
+        "episode_hash",
+        "lazy_images",
+        "step_checks",
+        "batched_env",
+        "vector_env",
+        "torch_env",
+        "pixel_env",
+        "multi_task_env",
+    ),
+    ("spec",),
+    ("experts", "adapters", "lerobot", "gym_env", "gym_registration"),
+    ("",),
+)
+"""Folders and modules of ``envs``, the lowest first; each imports its own layer and those below it."""
+
+NOT_YET = {
+    # DOCS and CONFIG: programs that import the commands, and parse with pydantic and yaml
+    ("envs.core.arguments", "pydantic"),
+    ("envs.core.arguments", "yaml"),
+    # ENV and ROLLOUT: the states at which an expert's episodes begin
+    ("envs.torch_env", "envs.experts.starts"),
+    ("envs.experts.rollout", "envs.experts.batched_rollout"),
+    # CONFIG
+    ("roboverse_learn.commands.report", "roboverse_learn.evaluate"),
+}
+"""Imports that break a rule below and are still being changed."""
+
 MAX_FILE_LINES, MAX_HANDLER_LINES, MAX_FUNCTION_LINES = 400, 500, 70
 MIN_TEST_SHARE = 0.35
 PICKLES = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"}
@@ -77,24 +113,91 @@ def tree(path: Path) -> ast.Module:
 
 @cache
 def imports(path: Path) -> set[str]:
-    """Every module that a file imports, inside functions too, and by name through ``import_module``."""
+    """Every module that a file imports, inside functions too, and those that it names as strings."""
+    return {module for module, _ in references(path)}
+
+
+@cache
+def references(path: Path) -> set[tuple[str, str]]:
+    """Returns (module, kind) of a file's imports; kind is ``import``, ``program`` or ``string``.
+
+    ``program`` is an import below ``if __name__ == "__main__"``, which an import of the file does not run.
+    """
     found = set()
+    programs = {inner for node in tree(path).body if _is_program(node) for inner in ast.walk(node)}
     for node in ast.walk(tree(path)):
+        kind = "program" if node in programs else "import"
         if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
+            found |= {(alias.name, kind) for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{name(path)}:{node.lineno}: write absolute imports."
-            found.add(node.module or "")
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                found.add((inner if is_module(inner) else str(node.module), kind))
         elif isinstance(node, ast.Constant) and isinstance(node.value, str):
             reference = re.fullmatch(r"([a-z_]+(?:\.[a-z_0-9]+)+)(?::\w+)?", node.value)
-            if reference and reference[1].partition(".")[0] in PACKAGES and _is_module(reference[1]):
-                found.add(reference[1])
+            if reference and reference[1].partition(".")[0] in PACKAGES and is_module(reference[1]):
+                found.add((reference[1], "string" if ":" in node.value else "text"))
     return found
 
 
-def _is_module(dotted: str) -> bool:
+def _is_program(node: ast.stmt) -> bool:
+    return isinstance(node, ast.If) and ast.unparse(node.test) == "__name__ == '__main__'"
+
+
+@cache
+def is_module(dotted: str) -> bool:
     path = ROOT.joinpath(*dotted.split("."))
     return path.with_suffix(".py").is_file() or (path / "__init__.py").is_file()
+
+
+def module_name(path: Path) -> str:
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+@cache
+def module_graph() -> dict[str, set[str]]:
+    """Module to the modules of ours that it imports, in functions too.
+
+    A registry's ``"module:Class"`` counts too, but for modules in the registry's own folder.
+    """
+    graph: dict[str, set[str]] = {}
+    for path in SOURCES:
+        own, folder = module_name(path), module_name(path.parent / "__init__.py")
+        graph[own] = {
+            module
+            for module, kind in references(path)
+            if module != own and is_module(module) and module.partition(".")[0] in PACKAGES
+            if kind == "import" or (kind == "string" and not module.startswith(f"{folder}."))
+        }
+    return graph
+
+
+def circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Returns the groups of nodes that reach one another (Tarjan's strongly connected components)."""
+    order: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found = []
+
+    def visit(node: str) -> None:
+        order[node] = low[node] = len(order)
+        stack.append(node)
+        for other in graph.get(node, ()):
+            if other not in order:
+                visit(other)
+            if other in stack:
+                low[node] = min(low[node], low[other])
+        if low[node] == order[node]:
+            group = stack[stack.index(node) :]
+            del stack[stack.index(node) :]
+            if len(group) > 1:
+                found.append(sorted(group))
+
+    for node in graph:
+        if node not in order:
+            visit(node)
+    return found
 
 
 @holds_of(SOURCES)
@@ -107,6 +210,45 @@ def test_imports_point_one_way(path: Path) -> None:
     if name(path) == "roboverse_learn/training/config.py":
         allowed = allowed - {"policies"}  # read by --help, before anything is chosen
     assert ours <= allowed, f"{name(path)} imports {sorted(ours - allowed)}; {package} may not."
+
+
+def _folder(module: str) -> str:
+    """Returns which entry of :data:`LAYERS` a module of ``envs`` is in."""
+    return module.split(".")[1] if "." in module else ""
+
+
+def test_folders_of_envs_import_lower_layers_alone() -> None:
+    level = {folder: index for index, layer in enumerate(LAYERS) for folder in layer}
+    broken, folders = [], {folder: set() for folder in level}
+    for own, imported in module_graph().items():
+        if own.partition(".")[0] != "envs":
+            continue
+        assert _folder(own) in level, f"{own} is in no layer. Add its folder to LAYERS."
+        for other in {module for module in imported if (own, module) not in NOT_YET}:
+            folders[_folder(own)] |= {_folder(other)} - {_folder(own)}
+            if level[_folder(other)] > level[_folder(own)]:
+                broken.append(f"{own} imports {other}, which is in a higher layer.")
+    assert not broken, "\n".join(broken)
+    assert not circles(folders)
+
+
+def test_no_modules_import_one_another_in_a_circle() -> None:
+    graph = {
+        own: {other for other in found if (own, other) not in NOT_YET}
+        for own, found in module_graph().items()
+    }
+    found = circles(graph)
+    assert not found, "\n".join(
+        f"{own} imports {sorted(graph[own] & {*group})}" for group in found for own in group
+    )
+
+
+def test_core_imports_the_standard_library_alone() -> None:
+    for path in sources("envs/core"):
+        for module in imports(path):
+            top = module.partition(".")[0]
+            allowed = top in sys.stdlib_module_names or module.startswith("envs.core")
+            assert allowed or (module_name(path), top) in NOT_YET, f"{name(path)} imports {module}."
 
 
 def test_nothing_imports_the_tests() -> None:
