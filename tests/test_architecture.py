@@ -30,6 +30,7 @@ LAYERS = (
     (
         "episode_hash",
         "lazy_images",
+        "start_states",
         "step_checks",
         "batched_env",
         "vector_env",
@@ -47,8 +48,7 @@ NOT_YET = {
     # DOCS and CONFIG: programs that import the commands, and parse with pydantic and yaml
     ("envs.core.arguments", "pydantic"),
     ("envs.core.arguments", "yaml"),
-    # ENV and ROLLOUT: the states at which an expert's episodes begin
-    ("envs.torch_env", "envs.experts.starts"),
+    # ROLLOUT
     ("envs.experts.rollout", "envs.experts.batched_rollout"),
     # CONFIG
     ("roboverse_learn.commands.report", "roboverse_learn.evaluate"),

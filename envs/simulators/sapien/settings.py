@@ -2,9 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from sapien import physx
-
 from envs.core.errors import ConfigError
 from envs.scenario.simulator_settings import SimulatorSettings
 
@@ -33,12 +30,3 @@ class SapienSettings(SimulatorSettings):
         for name in ("position_iterations", "velocity_iterations"):
             if not 0 < getattr(self, name) < 256:
                 raise ConfigError(f"{name} of {SIMULATOR} is 1 to 255, given {getattr(self, name)}.")
-
-    def apply(self, gravity: np.ndarray) -> None:
-        """Makes them PhysX's options for what is made from now on, in this process."""
-        physx.set_scene_config(
-            gravity=np.asarray(gravity, np.float32),
-            bounce_threshold=self.bounce_threshold,
-            enable_enhanced_determinism=True,
-        )
-        physx.set_shape_config(contact_offset=self.contact_offset_m, rest_offset=0.0)

@@ -49,7 +49,7 @@ class SapienWorld(World):
 
     def _build(self) -> None:
         with _BUILDING:  # PhysX's options belong to the process, and are read when something is made
-            self._settings.apply(self._model.opt.gravity)
+            _configure(self._settings, self._model.opt.gravity)
             self._build_scene()
         self._has_stepped = False
 
@@ -445,3 +445,13 @@ def _add(scene: sapien.Scene, component, name: str, pose: Pose) -> sapien.Entity
     entity.pose = pose
     scene.add_entity(entity)
     return entity
+
+
+def _configure(settings: SapienSettings, gravity: np.ndarray) -> None:
+    """Sets PhysX's options for the scenes and shapes that this process makes from now on."""
+    physx.set_scene_config(
+        gravity=np.asarray(gravity, np.float32),
+        bounce_threshold=settings.bounce_threshold,
+        enable_enhanced_determinism=True,
+    )
+    physx.set_shape_config(contact_offset=settings.contact_offset_m, rest_offset=0.0)
