@@ -16,6 +16,7 @@ import os
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from envs.spec import EnvSpec
 from roboverse_learn.config.keys import flat_keys
 from roboverse_learn.config.preflight_installed import check_installed
 from roboverse_learn.config.preflight_materials import check_materials, folder_name
@@ -52,28 +53,28 @@ def dataset_folder(config: CollectConfig) -> Path:
     """Returns the folder of the dataset of a configuration."""
     if config.dataset:
         return Path(config.dataset)
-    varied = f"{config.only}-alone" if config.only else f"level{config.level}"
-    size, demos = f"{config.image_size}px", f"{config.collect.num_demos}demos"
-    name = "-".join([varied, config.simulator, config.renderer, *config.cameras, size, demos])
+    varied = f"{config.env.only}-alone" if config.env.only else f"level{config.env.level}"
+    size, demos = f"{config.env.image_size}px", f"{config.collect.num_demos}demos"
+    name = "-".join([varied, config.env.simulator, config.env.renderer, *config.env.cameras, size, demos])
     if config.source == "policy":
         name += f"-{_demonstrator(config).policy}-{_demonstrator(config).weights[:8]}"
     elif config.source != "expert":
         name += f"-{config.source}-{Path(config.path).name.partition('.')[0]}-by-{config.replay}"
     # Of a folder, its name alone: where it lies is this machine's affair.
-    changed = [*sorted(config.task_kwargs.items()), *sorted(config.simulator_settings.items())]
+    changed = [*sorted(config.env.task_kwargs.items()), *sorted(config.env.simulator_settings.items())]
     options = [f"{key}={Path(str(value)).name}" for key, value in changed]
-    if config.scenario:
-        options.append(scenario_name(config.scenario))
-    if config.materials:
-        options.append(folder_name(config.materials))
-    return Path(config.datasets_dir) / config.task / "-".join([name, *options])
+    if config.env.scenario:
+        options.append(scenario_name(config.env.scenario))
+    if config.env.materials:
+        options.append(folder_name(config.env.materials))
+    return Path(config.datasets_dir) / config.env.task / "-".join([name, *options])
 
 
 def collect_dataset(config: CollectConfig) -> "CollectionSummary":
     """Makes sure that the dataset of a configuration is complete, with a progress bar."""
-    check_installed(config)
-    check_materials(config.materials)
-    check_scenario_files(config.task, config.task_kwargs, config.scenario, {"materials": config.materials})
+    check_installed(config.env)
+    check_materials(config.env.materials)
+    check_scenario_files(config.env, {"materials": config.env.materials})
     if config.source == "policy":
         _check_control_rate(config)
         return _collect_episodes(config, None)
@@ -92,10 +93,10 @@ def _demand_expert(config: CollectConfig) -> None:
     from envs.core.errors import ConfigError
     from envs.tasks import TASKS
 
-    if not TASKS.get(config.task).has_expert:
+    if not TASKS.get(config.env.task).has_expert:
         raise ConfigError(
-            f"{config.task} has no scripted expert to collect from. Learn it by reward, as in: "
-            f"roboverse train policy=ppo task={config.task}"
+            f"{config.env.task} has no scripted expert to collect from. Learn it by reward, as in: "
+            f"roboverse train policy=ppo task={config.env.task}"
         )
 
 
@@ -103,7 +104,7 @@ def _demonstrator(config: CollectConfig) -> "Demonstrator":
     """Returns the policy that demonstrates."""
     from roboverse_learn.data.sources.policy import find_demonstrator
 
-    return find_demonstrator(config.checkpoint, config.task)
+    return find_demonstrator(config.checkpoint, config.env.task)
 
 
 def _check_control_rate(config: CollectConfig) -> None:
@@ -115,10 +116,10 @@ def _check_control_rate(config: CollectConfig) -> None:
     if folder is None:
         return
     trained = read_config(folder)
-    learned = learned_hz(trained, config.task)
-    asked = control_hz(config.task, config.task_kwargs, config.scenario)
+    learned = learned_hz(trained, config.env.task)
+    asked = control_hz(config.env)
     if learned != asked:
-        changes = trained.scenario.get("physics", {})
+        changes = trained.env.scenario.get("physics", {})
         words = [f"scenario.physics.{key}={value}" for key, value in changes.items()]
         remedy = f"Add {' '.join(words)}." if words else "Leave out scenario.physics."
         raise ConfigError(
@@ -132,7 +133,8 @@ def _judge(config: CollectConfig) -> "ImportSummary":
     import envs
     from roboverse_learn.data.importers.verdicts import find_files, judge, known_summary
 
-    conditions = {key: getattr(config, key) for key in ("task", "task_kwargs", "simulator")} | _tuning(config)
+    conditions = {key: getattr(config.env, key) for key in ("task", "task_kwargs", "simulator")}
+    conditions |= _tuning(config)
     given = {"source": config.source, "path": Path(config.path), "replay": config.replay}
     find_files(config.source, Path(config.path))  # a wrong path is told before a simulator starts
     known = known_summary(dataset_folder(config), **given, conditions=conditions)
@@ -152,7 +154,7 @@ def _collect_episodes(config: CollectConfig, imported: "ImportSummary | None") -
     from roboverse_learn.data.collection.schedule import GIVE_UP_AFTER, TooFewSuccessesError
 
     keys = ("task", "task_kwargs", "level", "only", "simulator", "renderer", "cameras", "image_size")
-    scene = {key: getattr(config, key) for key in keys} | {"materials": config.materials or None}
+    scene = {key: getattr(config.env, key) for key in keys} | {"materials": config.env.materials or None}
     scene |= _tuning(config)
     kwargs: dict[str, Any] = scene | {"num_envs": config.collect.num_envs}
     source, settings, target = EXPERT_SOURCE, scene, config.collect.num_demos
@@ -207,20 +209,20 @@ def _what_helps(config: CollectConfig) -> str:
     """Says what to change where too few episodes succeed."""
     if config.source == "policy":
         return f"The policy of '{config.checkpoint}' needs more training, or learned in another scene."
-    usual = CollectConfig()
-    keys = [key for key in ("level", "only", "simulator") if getattr(config, key) != getattr(usual, key)]
+    usual = EnvSpec()
+    keys = [key for key in ("level", "only", "simulator") if getattr(config.env, key) != getattr(usual, key)]
     for section in ("task_kwargs", "simulator_settings", "scenario"):
-        keys += flat_keys(getattr(config, section), f"{section}.")
+        keys += flat_keys(getattr(config.env, section), f"{section}.")
     if keys:
         return f"Leave out, or make easier, what differs from the task's own scene: {', '.join(keys)}."
     if config.source == "expert":
-        return f"Measure the expert with: python -m envs.experts.check task={config.task}"
+        return f"Measure the expert with: python -m envs.experts.check task={config.env.task}"
     return "Try the other way to replay: replay=states or replay=controls."
 
 
 def _tuning(config: CollectConfig) -> dict[str, Any]:
     """Returns what is changed of the scene and the simulator: of neither, a dataset says nothing of them."""
-    tuning = {"simulator_settings": config.simulator_settings, "scenario": config.scenario}
+    tuning = {"simulator_settings": config.env.simulator_settings, "scenario": config.env.scenario}
     return {key: values for key, values in tuning.items() if values}
 
 
@@ -245,16 +247,15 @@ def _default_workers(config: CollectConfig) -> int:
     """One process per core; one alone where a simulator steps all environments at once, as on a GPU."""
     from envs.simulators import HANDLERS
 
-    return 1 if HANDLERS.get(config.simulator).steps_together else len(os.sched_getaffinity(0))
+    return 1 if HANDLERS.get(config.env.simulator).steps_together else len(os.sched_getaffinity(0))
 
 
 def dataset_layout(config: CollectConfig) -> tuple[dict[str, Any], int, str]:
     """Returns the features, the frames per second and the robot of a task's dataset."""
-    from envs.tasks.make import make_task
     from roboverse_learn.data.dataset.schema import make_features
 
-    task = make_task(config.task, config.task_kwargs, config.scenario)
-    scenario = task.scenario.seen_by(config.cameras, config.image_size)
+    task = config.env.make_task()
+    scenario = task.scenario.seen_by(config.env.cameras, config.env.image_size)
     robot = scenario.robots[0]
     cameras = {camera.name: (camera.height, camera.width) for camera in scenario.cameras}
     features = make_features(robot.joint_names, task.controller.names, cameras)

@@ -8,11 +8,16 @@ if __name__ == "__main__":  # as a script: this folder's `data` or `run` must no
 
 import logging
 import math
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from benchmark.protocol import Cell, Protocol
-from roboverse_learn.commands.tested_checkpoint import Subject, protocol_of, step_of, subjects_of
+from roboverse_learn.commands.tested_checkpoint import (
+    TestedCheckpoint,
+    checkpoints_to_test,
+    protocol_of,
+    step_of,
+)
 from roboverse_learn.config.preflight_materials import check_materials, recorded_materials
 from roboverse_learn.config.preflight_scenario import check_scenario_files
 from roboverse_learn.config.schema import EvaluateConfig, EvaluationConfig
@@ -56,20 +61,21 @@ def evaluate(config: EvaluateConfig) -> Any:
     check_materials(config.evaluate.materials)
     results = Path(config.results_dir)
     evaluations = [
-        evaluate_subject(each, config.evaluate, results, "evaluate") for each in subjects_of(config)
+        evaluate_checkpoint(each, config.evaluate, results, "evaluate")
+        for each in checkpoints_to_test(config)
     ]
     return evaluation_report(evaluations, write_leaderboard(results))
 
 
-def evaluate_subject(
-    subject: Subject, config: EvaluationConfig, results_dir: Path, command: str
+def evaluate_checkpoint(
+    tested: TestedCheckpoint, config: EvaluationConfig, results_dir: Path, command: str
 ) -> Evaluation:
     """Evaluates a checkpoint on every cell, films it, and writes its results file.
 
     An evaluation of the same checkpoint under the same protocol is not run a second time.
 
     Args:
-        subject: The checkpoint and where it comes from.
+        tested: The checkpoint and its environment.
         config: What to evaluate it on.
         results_dir: Folder of results.
         command: The command of ours that runs, as it is recorded.
@@ -82,66 +88,67 @@ def evaluate_subject(
     from policies.checkpoint import WEIGHTS, check_learned, policy_type
 
     protocol = protocol_of(config)
-    name = policy_type(subject.checkpoint)
-    weights = file_hash(subject.checkpoint / WEIGHTS)
-    path = results_dir / protocol.version / subject.task / name / f"{subject.run}.json"
+    name = policy_type(tested.checkpoint)
+    weights = file_hash(tested.checkpoint / WEIGHTS)
+    path = results_dir / protocol.version / tested.env.task / name / f"{tested.run}.json"
     materials = recorded_materials(config.materials)
-    earlier = _earlier(path, weights, protocol, subject, materials)
+    earlier = _earlier(path, weights, protocol, tested, materials)
     if earlier is not None:
         log.info("Evaluated before: %s", path)
         return Evaluation(path=path, result=earlier, videos=_videos(path), reused=True)
 
     looks = {"evaluate.materials": config.materials}
-    check_scenario_files(subject.task, subject.task_kwargs, subject.scenario, looks)
-    check_learned(subject.checkpoint, subject.task)
-    policy = policies.load(subject.checkpoint, subject.device)
+    check_scenario_files(tested.env, looks)
+    check_learned(tested.checkpoint, tested.env.task)
+    policy = policies.load(tested.checkpoint, tested.device)
     if policies.learns_from(name) == "env":
-        policy.task = subject.task
-    checkpoint = Checkpoint(step=step_of(subject.checkpoint), hash=weights)
-    finished = FinishedCells(path, _deciding(subject, protocol, weights, materials))
+        policy.task = tested.env.task
+    checkpoint = Checkpoint(step=step_of(tested.checkpoint), hash=weights)
+    finished = FinishedCells(path, _deciding(tested, protocol, weights, materials))
     if finished.records:
         log.info("Evaluated before: %s", ", ".join(map(str, finished.records)))
     else:
         for old in _videos(path):
             old.unlink()
-    records, facts = _run_cells(policy, name, subject, config, protocol, video_dir(path), finished)
+    records, facts = _run_cells(policy, name, tested, config, protocol, video_dir(path), finished)
     facts["materials"] = materials
-    result = _result(subject, name, protocol, checkpoint, command, records, facts)
+    result = _result(tested, name, protocol, checkpoint, command, records, facts)
     assert path == result_path(results_dir, result)
     write_result(path, result)
     finished.remove()
-    _write_curve(path, subject)
+    _write_curve(path, tested)
     return Evaluation(path=path, result=result, videos=_videos(path))
 
 
-def _write_curve(path: Path, subject: Subject) -> None:
+def _write_curve(path: Path, tested: TestedCheckpoint) -> None:
     """Puts the learning curve of a run beside its result in the scene that it learned in, and no other."""
     from benchmark.learning_curves import MEASURES, write_curve
     from roboverse_learn.commands.run_folder import read_config, run_of
     from roboverse_learn.training.metrics import read_metrics
 
-    run = run_of(subject.checkpoint)
+    run = run_of(tested.checkpoint)
     if run is None:
         return
     trained = read_config(run)
     scene = ("task_kwargs", "simulator", "simulator_settings", "scenario", "renderer")
-    if all(getattr(subject, key) == getattr(trained, key) for key in scene):
+    if all(getattr(tested, key) == getattr(trained, key) for key in scene):
         rows = read_metrics(run)
-        if subject.train_tasks:
+        if tested.training.tasks:
             rows = [
-                row | {name: row.get(f"{name}/{subject.task}", math.nan) for name in MEASURES} for row in rows
+                row | {name: row.get(f"{name}/{tested.env.task}", math.nan) for name in MEASURES}
+                for row in rows
             ]
         write_curve(path, rows)
 
 
-def _deciding(subject: Subject, protocol: Protocol, weights: str, materials: str) -> dict[str, Any]:
+def _deciding(tested: TestedCheckpoint, protocol: Protocol, weights: str, materials: str) -> dict[str, Any]:
     """Returns what an evaluation that goes on must share with the one before: all that decides an episode."""
     from benchmark import provenance
 
-    apart = ("checkpoint", "config")
-    values = {item.name: getattr(subject, item.name) for item in fields(subject) if item.name not in apart}
+    values = {"run": tested.run, "device": tested.device, "env": tested.env.to_json()}
     git = provenance.git_state()
     return values | {
+        "training": asdict(tested.training),
         "weights": weights,
         "materials": materials,
         "protocol": protocol.to_json(),
@@ -151,32 +158,20 @@ def _deciding(subject: Subject, protocol: Protocol, weights: str, materials: str
 
 
 def _run_cells(
-    policy: Any, name: str, subject: Subject, config: EvaluationConfig, protocol: Protocol,
+    policy: Any, name: str, tested: TestedCheckpoint, config: EvaluationConfig, protocol: Protocol,
     video_folder: Path, finished: "FinishedCells",
 ) -> tuple[list["EpisodeRecord"], dict[str, Any]]:  # fmt: skip
     """Evaluates every cell that is not finished; returns all records, and facts of the env."""
-    import envs
     from benchmark import runner, videos
 
-    sees, view = _view_of(subject.checkpoint)
+    sees, view = _view_of(tested.checkpoint)
     keys = ("task_kwargs", "simulator", "simulator_settings", "renderer", "scenario")
-    scene: dict[str, Any] = {key: getattr(subject, key) for key in keys}
-    facts = dict(scene)
+    facts: dict[str, Any] = {key: getattr(tested.env, key) for key in keys}
 
     def make_env(cell: Cell) -> Any:
-        env = envs.make_vec(
-            subject.task,
-            min(config.num_envs, protocol.episodes),
-            level=0 if cell.level is None else cell.level,
-            only=cell.only,
-            split=cell.split,
-            cameras=subject.cameras,
-            image_size=subject.image_size,
-            materials=config.materials,
-            protocol_seed=protocol.seed,
-            **scene,
-            **view,
-        )
+        spec = tested.env.replace(level=cell.level or 0, only=cell.only, materials=config.materials)
+        num_envs = min(config.num_envs, protocol.episodes)
+        env = spec.make(num_envs, split=cell.split, protocol_seed=protocol.seed, **view)
         facts["cameras"] = env.camera_names if sees else ()
         facts.update(max_episode_steps=env.task.max_episode_steps, control_hz=float(env.control_hz))
         return env
@@ -208,7 +203,7 @@ def _run_cells(
 
 
 def _result(
-    subject: Subject, name: str, protocol: Protocol, checkpoint: "Checkpoint", command: str,
+    tested: TestedCheckpoint, name: str, protocol: Protocol, checkpoint: "Checkpoint", command: str,
     records: list["EpisodeRecord"], facts: dict[str, Any],
 ) -> "Result":  # fmt: skip
     """Puts the result together."""
@@ -216,23 +211,23 @@ def _result(
     from benchmark.records import Result
 
     return Result(
-        run=subject.run,
+        run=tested.run,
         created=provenance.now(),
         protocol=protocol,
-        task=subject.task,
+        task=tested.env.task,
         policy=name,
-        train_tasks=subject.train_tasks,
-        train_level=subject.train_level,
-        train_only=subject.train_only,
-        seed=subject.seed,
-        image_size=subject.image_size if _view_of(subject.checkpoint)[0] else None,
+        train_tasks=tested.training.tasks,
+        train_level=tested.training.level,
+        train_only=tested.training.only,
+        seed=tested.training.seed,
+        image_size=tested.env.image_size if _view_of(tested.checkpoint)[0] else None,
         checkpoint=checkpoint,
-        dataset_hash=subject.dataset_hash,
-        demonstrations=subject.demonstrations,
+        dataset_hash=tested.training.dataset_hash,
+        demonstrations=tested.training.demonstrations,
         git=provenance.git_state(),
         command=provenance.command_line([f"roboverse_learn/{command}.py", *command_words()]),
-        config=provenance.portable(subject.config),
-        machine=provenance.machine(subject.device),
+        config=provenance.portable(tested.config),
+        machine=provenance.machine(tested.device),
         versions=provenance.package_versions(),
         records=tuple(records),
         **facts,
@@ -267,7 +262,7 @@ def _progress_bar() -> Any:
 
 
 def _earlier(
-    path: Path, weights: str, protocol: Protocol, subject: Subject, materials: str
+    path: Path, weights: str, protocol: Protocol, tested: TestedCheckpoint, materials: str
 ) -> "Result | None":
     """Returns the result that stands at ``path``, if it is of the same weights, protocol and scene."""
     from benchmark.provenance import package_versions
@@ -280,7 +275,7 @@ def _earlier(
     then = (result.checkpoint.hash, result.protocol.hash, result.materials, dict(result.versions))
     keys = ("task_kwargs", "simulator", "simulator_settings", "renderer", "scenario", "image_size")
     known = [key for key in keys if getattr(result, key) is not None]  # no size: it saw no pictures
-    scene = all(getattr(result, key) == getattr(subject, key) for key in known)
+    scene = all(getattr(result, key) == getattr(tested, key) for key in known)
     return result if scene and now == then else None
 
 

@@ -143,10 +143,10 @@ def make_jobs(the_sweep: Sweep) -> tuple[list[Job], list[Path]]:
         after = None
         if policies.learns_from(config.policy_name) == "dataset":
             dataset = dataset_folder(config)
-            name = f"collect-{config.task}-{dataset.name}".replace("/", "-")
+            name = f"collect-{config.env.task}-{dataset.name}".replace("/", "-")
             job = collections.setdefault(dataset, Job(name, ("collect", *_collect_words(config))))
             after = job.name
-        name = f"train-{config.task}-{config.policy_name}-{folder.name}".replace("/", "-")
+        name = f"train-{config.env.task}-{config.policy_name}-{folder.name}".replace("/", "-")
         trainings.append(Job(name, ("train", *words), after))
     return [*collections.values(), *trainings], complete
 

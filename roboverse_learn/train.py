@@ -15,7 +15,6 @@ import logging
 import os
 import time
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import policies
@@ -48,11 +47,11 @@ def train(config: TrainRunConfig) -> Any:
     """
     from roboverse_learn.commands.report import train_report
     from roboverse_learn.commands.run_folder import Run
-    from roboverse_learn.commands.tested_checkpoint import subject_of_run
+    from roboverse_learn.commands.tested_checkpoint import checkpoint_of_run
     from roboverse_learn.config.preflight_installed import check_installed
     from roboverse_learn.config.preflight_materials import check_materials
     from roboverse_learn.config.preflight_scenario import check_scenario_files
-    from roboverse_learn.evaluate import command_words, evaluate_subject
+    from roboverse_learn.evaluate import command_words, evaluate_checkpoint
     from roboverse_learn.leaderboard import write_leaderboard
     from roboverse_learn.training.device import resolve_device
     from roboverse_learn.training.metrics import check_wandb
@@ -62,14 +61,14 @@ def train(config: TrainRunConfig) -> Any:
     from_dataset = policies.learns_from(config.policy_name) == "dataset"
     if from_dataset and int(os.environ.get("RANK", "0")) > 0:
         return _train_along(config, device)
-    check_installed(config)
+    check_installed(config.env)
     if not from_dataset:
         check_learner(config)
-    materials = {"materials": config.materials} if from_dataset else {}
+    materials = {"materials": config.env.materials} if from_dataset else {}
     materials["evaluate.materials"] = config.evaluate.materials
     for each in materials.values():
         check_materials(each)
-    check_scenario_files(config.task, config.task_kwargs, config.scenario, materials)
+    check_scenario_files(config.env, materials)
     refuse_long_run(config, device)
     if config.train.wandb:
         check_wandb()
@@ -87,9 +86,9 @@ def train(config: TrainRunConfig) -> Any:
                 facts.update(loss=trained.loss)
         results = Path(config.results_dir)
         with run.stage("evaluate") as facts:
-            subject = subject_of_run(run.folder, config, trained.checkpoint)
+            tested = checkpoint_of_run(run.folder, config, trained.checkpoint)
             evaluations = [
-                evaluate_subject(replace(subject, task=task), config.evaluate, results, "train")
+                evaluate_checkpoint(tested.with_task(task), config.evaluate, results, "train")
                 for task in config.tasks
             ]
             facts.update(results=[str(each.path) for each in evaluations])

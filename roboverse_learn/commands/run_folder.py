@@ -57,7 +57,7 @@ def identity(config: TrainRunConfig) -> dict[str, Any]:
 
 def run_name(config: TrainRunConfig) -> str:
     """Returns the name of the run of a configuration, such as ``quick-level0-seed0-1a2b3c4d``."""
-    varied = f"{config.only}-alone" if config.only else f"level{config.level}"
+    varied = f"{config.env.only}-alone" if config.env.only else f"level{config.env.level}"
     return f"{config.preset}-{varied}-seed{config.seed}-{digest(identity(config))}"
 
 
@@ -221,7 +221,7 @@ class Run:
 
 def default_folder(config: TrainRunConfig) -> Path:
     """Returns the folder that a configuration names; with ``resume=false`` the first free one."""
-    base = Path(config.runs_dir) / config.task / config.policy_name / run_name(config)
+    base = Path(config.runs_dir) / config.env.task / config.policy_name / run_name(config)
     folder, number = base, 2
     while not config.resume and folder.exists():
         folder, number = base.with_name(f"{base.name}-{number}"), number + 1

@@ -1,4 +1,4 @@
-"""What is evaluated: a checkpoint, and what is known of how it came about."""
+"""The checkpoint that is evaluated, the environment it is evaluated in, and how it was trained."""
 
 import logging
 import re
@@ -10,63 +10,72 @@ from typing import Any
 from benchmark.protocol import Protocol
 from envs.core.errors import ConfigError
 from envs.simulators.settings import check_settings
+from envs.spec import EnvSpec
 from roboverse_learn.config.preflight_materials import recorded_materials
 from roboverse_learn.config.scenario_overrides import checked_scenario, control_hz, learned_hz, scenario_name
-from roboverse_learn.config.schema import EvaluateConfig, EvaluationConfig, TrainRunConfig
+from roboverse_learn.config.schema import (
+    EVALUATE_ENV_KEYS,
+    EvaluateConfig,
+    EvaluationConfig,
+    TrainRunConfig,
+)
 
 log = logging.getLogger(__name__)
 
 _VIDEO_PX = 256
-"""Pictures of an agent that sees none: its videos."""
+"""Image size of the videos of a policy that observes no images, pixels."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Subject:
-    """What is evaluated, and where it comes from.
+class Training:
+    """What is known of the training of a checkpoint.
+
+    Attributes:
+        tasks: Tasks that were learned together; empty where it was one.
+        level: Level of the demonstrations; None where unknown or where one channel varied alone.
+        only: The channel that varied alone in the demonstrations.
+        seed: Seed of the run.
+        dataset_hash: Hash of the demonstrations.
+        demonstrations: Number of demonstrations.
+    """
+
+    tasks: tuple[str, ...] = ()
+    level: int | None = None
+    only: str | None = None
+    seed: int = 0
+    dataset_hash: str | None = None
+    demonstrations: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TestedCheckpoint:
+    """A checkpoint and the environment that it is evaluated in.
 
     Attributes:
         checkpoint: The LeRobot pretrained folder.
-        run: Name of its run.
-        task: Task.
-        task_kwargs: Options of the task.
-        simulator_settings: Settings of the simulator that replace the scene's.
-        scenario: What is changed of the task's scene.
-        simulator: Physics.
-        renderer: Pictures.
-        cameras: Cameras that are observed; empty is the task's first.
-        image_size: Pixels a side.
+        run: Name of the evaluation, unique for a task and policy.
+        env: Environment; its level, channel and materials are those of each cell of the evaluation.
         device: Torch device.
-        train_tasks: Tasks that were learned together, where there are several.
-        train_level: Level of the demonstrations; None where unknown or where one channel varied alone.
-        train_only: The channel that varied alone in the demonstrations.
-        seed: Seed of the training run.
-        dataset_hash: Hash of the training data.
-        demonstrations: Episodes of the training data.
+        training: How it was trained.
         config: Resolved configuration, plain values.
     """
 
+    __test__ = False  # no test class, whatever pytest takes from the name
+
     checkpoint: Path
     run: str
-    task: str
-    simulator: str
-    renderer: str
-    image_size: int
+    env: EnvSpec
     device: str
-    train_tasks: tuple[str, ...] = ()
-    train_level: int | None = None
-    train_only: str | None = None
-    seed: int = 0
-    task_kwargs: dict[str, Any] = field(default_factory=dict)
-    simulator_settings: dict[str, Any] = field(default_factory=dict)
-    scenario: dict[str, Any] = field(default_factory=dict)
-    cameras: tuple[str, ...] = ()
-    dataset_hash: str | None = None
-    demonstrations: int | None = None
+    training: Training = field(default_factory=Training)
     config: dict[str, Any] = field(default_factory=dict)
+
+    def with_task(self, task: str) -> "TestedCheckpoint":
+        """Returns the same checkpoint in another task."""
+        return replace(self, env=self.env.replace(task=task))
 
 
 def protocol_of(config: EvaluationConfig) -> Protocol:
-    """Returns the protocol that an evaluation follows."""
+    """Returns the protocol of an evaluation."""
     return Protocol(
         levels=config.levels,
         only=config.alone,
@@ -76,18 +85,20 @@ def protocol_of(config: EvaluationConfig) -> Protocol:
     )
 
 
-def subjects_of(config: EvaluateConfig) -> list[Subject]:
-    """Returns a subject for the task that was asked for, or for each of those that a checkpoint learned.
+def checkpoints_to_test(config: EvaluateConfig) -> list[TestedCheckpoint]:
+    """Returns the checkpoint in the given task, or in each task that it was trained on.
 
     Raises:
-        RoboVerseError: as :func:`subject_of`.
+        RoboVerseError: as :func:`checkpoint_to_test`.
     """
-    together = () if config.task else _learned_together(Path(config.checkpoint))
-    return [subject_of(replace(config, task=task)) for task in together] or [subject_of(config)]
+    together = () if "task" in config.env else _learned_together(Path(config.checkpoint))
+    if not together:
+        return [checkpoint_to_test(config)]
+    return [checkpoint_to_test(replace(config, env={**config.env, "task": task})) for task in together]
 
 
-def subject_of(config: EvaluateConfig) -> Subject:
-    """Finds out what a checkpoint was trained on, from the run that it lies in.
+def checkpoint_to_test(config: EvaluateConfig) -> TestedCheckpoint:
+    """Finds the run of a checkpoint, and from it the environment of the evaluation.
 
     Raises:
         ConfigError: It lies in no run, and the task or the image size was not given.
@@ -101,49 +112,27 @@ def subject_of(config: EvaluateConfig) -> Subject:
     _check_whole(checkpoint)
     folder = run_of(checkpoint)
     if folder is None:
-        return _foreign_subject(checkpoint, config)
+        return _checkpoint_without_run(checkpoint, config)
     trained = read_config(folder)
-    # What it was trained on need not be what it is evaluated on: a GPU's run is evaluated anywhere.
-    subject = subject_of_run(folder, replace(trained, device=config.device), checkpoint)
-    simulator = config.simulator or trained.simulator
-    inherited = trained.simulator_settings if simulator == trained.simulator else {}
-    differs = {
-        "task": config.task or trained.task,
-        "task_kwargs": config.task_kwargs or trained.task_kwargs,
-        "simulator": simulator,
-        "simulator_settings": config.simulator_settings or inherited,
-        "renderer": config.renderer or trained.renderer,
-        "cameras": config.cameras or trained.cameras,
-        "image_size": config.image_size or trained.image_size,
-    }
-    check_settings(simulator, differs["simulator_settings"])
-    differs["scenario"] = checked_scenario(
-        differs["task"], differs["task_kwargs"], trained.scenario, config.scenario
-    )
-    _tell_control_rates(trained, differs)
-    changed = [
-        _in_name(key, value)
-        for key, value in differs.items()
-        if value not in (trained.tasks if key == "task" else (getattr(trained, key),))
-    ]
+    env = _changed_env(trained.env, config.env)
+    _warn_of_control_rate(trained, env)
+    # The device of the evaluation, not of training: what a GPU trained can be evaluated anywhere.
+    tested = checkpoint_of_run(folder, replace(trained, device=config.device), checkpoint)
+    parts = _changes_in_name(trained, env)
     protocol = protocol_of(config.evaluate)
     if protocol.hash != protocol_of(trained.evaluate).hash:
-        changed.append(protocol.hash[:6])
+        parts.append(protocol.hash[:6])
     if config.evaluate.materials != trained.evaluate.materials:
-        changed.append(_materials_in_name(config.evaluate))
+        parts.append(_materials_in_name(config.evaluate))
     if step_of(checkpoint) != step_of(resolve(folder)):
-        changed.append(f"step{step_of(checkpoint)}")
-    values = {"command": to_values(config), "run": to_values(trained), "policy": to_values(trained)["policy"]}
-    return replace(
-        subject,
-        **differs,
-        run="-".join([subject.run, *changed]),
-        config=values,
-    )
+        parts.append(f"step{step_of(checkpoint)}")
+    run = to_values(trained)
+    values = {"command": to_values(config), "run": run, "policy": run["policy"]}
+    return replace(tested, env=env, run="-".join([tested.run, *parts]), config=values)
 
 
-def subject_of_run(folder: Path, config: TrainRunConfig, checkpoint: Path) -> Subject:
-    """Returns the subject of a run of ours.
+def checkpoint_of_run(folder: Path, config: TrainRunConfig, checkpoint: Path) -> TestedCheckpoint:
+    """Returns a checkpoint of a run, to be evaluated in the environment that it was trained in.
 
     Args:
         folder: The run's folder.
@@ -155,76 +144,95 @@ def subject_of_run(folder: Path, config: TrainRunConfig, checkpoint: Path) -> Su
     from roboverse_learn.training.device import resolve_device
 
     facts = read_facts(folder, "collect")
-    return Subject(
+    return TestedCheckpoint(
         checkpoint=checkpoint,
         run=folder.name,
-        task=config.task,
-        task_kwargs=config.task_kwargs,
-        simulator=config.simulator,
-        simulator_settings=config.simulator_settings,
-        scenario=config.scenario,
-        renderer=config.renderer,
-        cameras=config.cameras,
-        image_size=config.image_size,
+        env=_without_variation(config.env),
         device=resolve_device(config.device),
-        train_tasks=_learned_together(checkpoint),
-        train_level=None if config.only else config.level,
-        train_only=config.only,
-        seed=config.seed,
-        dataset_hash=facts.get("dataset_hash"),
-        demonstrations=facts.get("num_episodes"),
+        training=Training(
+            tasks=_learned_together(checkpoint),
+            level=None if config.env.only else config.env.level,
+            only=config.env.only,
+            seed=config.seed,
+            dataset_hash=facts.get("dataset_hash"),
+            demonstrations=facts.get("num_episodes"),
+        ),
         config=to_values(config),
     )
 
 
-def _foreign_subject(checkpoint: Path, config: EvaluateConfig) -> Subject:
-    """The subject of a checkpoint that lies in no run of ours, such as one of ``lerobot-train``."""
+def _without_variation(env: EnvSpec) -> EnvSpec:
+    """Returns an environment without the level, channel and materials of its demonstrations."""
+    return env.replace(level=0, only=None, materials="")
+
+
+def _changed_env(trained: EnvSpec, changes: Mapping[str, Any]) -> EnvSpec:
+    """Returns the trained environment with the changes of an evaluation.
+
+    Settings of the simulator carry over to the same simulator alone. Changes of the scene are applied after
+    those that it was trained with.
+    """
+    env = _without_variation(trained)
+    if changes.get("simulator", trained.simulator) != trained.simulator:
+        env = env.replace(simulator_settings={})
+    env = env.replace(**{key: value for key, value in changes.items() if key != "scenario"})
+    check_settings(env.simulator, env.simulator_settings)
+    scenario = checked_scenario(env.task, env.task_kwargs, trained.scenario, changes.get("scenario", {}))
+    return env.replace(scenario=scenario)
+
+
+def _changes_in_name(trained: TrainRunConfig, env: EnvSpec) -> list[str]:
+    """Returns the parts of a run's name that tell one evaluated environment from the trained one."""
+    parts = []
+    for key in EVALUATE_ENV_KEYS:
+        value = getattr(env, key)
+        as_trained = value in trained.tasks if key == "task" else value == getattr(trained.env, key)
+        if not as_trained:
+            parts.append(_in_name(key, value))
+    return parts
+
+
+def _checkpoint_without_run(checkpoint: Path, config: EvaluateConfig) -> TestedCheckpoint:
+    """Returns a checkpoint that lies in no run of this project, such as one of ``lerobot-train``."""
     from benchmark.provenance import file_hash
     from policies.checkpoint import CONFIG, WEIGHTS, read_json, seen_cameras
     from roboverse_learn.config.serialize import to_values
     from roboverse_learn.training.device import resolve_device
 
-    if not config.task:
+    if "task" not in config.env:
         raise ConfigError(
             f"Checkpoint '{checkpoint}' lies in no run of ours, which would say what it was trained on: add "
             "task=<name>."
         )
-    check_settings(config.simulator or "mujoco", config.simulator_settings)
-    scenario = checked_scenario(config.task, config.task_kwargs, config.scenario)
     values = read_json(checkpoint / CONFIG)
     cameras = seen_cameras(checkpoint)
     sizes = set(cameras.values()) or {_VIDEO_PX}
-    if not config.image_size and len(sizes) != 1:
+    if "image_size" not in config.env and len(sizes) != 1:
         raise ConfigError(
             f"Checkpoint '{checkpoint}' has images of sizes {sorted(sizes)}: add image_size=<pixels>."
         )
-    given = {
-        key: getattr(config, key) for key in ("task_kwargs", "simulator", "simulator_settings", "renderer")
-    }
-    told = [_in_name(key, value) for key, value in {**given, "scenario": scenario}.items() if value]
+    seen = EnvSpec(cameras=tuple(cameras), image_size=config.env.get("image_size") or sizes.pop())
+    env = _changed_env(seen, config.env)
+    named = ("task_kwargs", "simulator", "simulator_settings", "renderer")
+    parts = [_in_name(key, config.env[key]) for key in named if key in config.env]
+    if env.scenario:
+        parts.append(_in_name("scenario", env.scenario))
     if config.evaluate.materials:
-        told.append(_materials_in_name(config.evaluate))
+        parts.append(_materials_in_name(config.evaluate))
     weights = file_hash(checkpoint / WEIGHTS)[:8]
     base = re.sub(r"[^A-Za-z0-9._+=-]+", "-", checkpoint.absolute().parent.name).strip("-.") or "checkpoint"
-    return Subject(
+    return TestedCheckpoint(
         checkpoint=checkpoint,
-        run="-".join([base, weights, protocol_of(config.evaluate).hash[:6], *told]),
-        task=config.task,
-        task_kwargs=config.task_kwargs,
-        simulator=config.simulator or "mujoco",
-        simulator_settings=config.simulator_settings,
-        scenario=scenario,
-        renderer=config.renderer or "warp",
-        cameras=config.cameras or tuple(cameras),
-        image_size=config.image_size or sizes.pop(),
+        run="-".join([base, weights, protocol_of(config.evaluate).hash[:6], *parts]),
+        env=env,
         device=resolve_device(config.device),
-        train_tasks=_learned_together(checkpoint),
+        training=Training(tasks=_learned_together(checkpoint)),
         config={"command": to_values(config), "policy": values},
     )
 
 
 def _learned_together(checkpoint: Path) -> tuple[str, ...]:
-    """Returns the tasks that the policy of a checkpoint learned together; none where it learned one alone."""
+    """Returns the tasks that a checkpoint was trained on together; none where it was one."""
     from policies.checkpoint import learned_tasks
 
     learned = learned_tasks(checkpoint)
@@ -232,7 +240,7 @@ def _learned_together(checkpoint: Path) -> tuple[str, ...]:
 
 
 def _check_whole(checkpoint: Path) -> None:
-    """Refuses a checkpoint without weights, or of a policy that nobody here can load, by its name."""
+    """Checks that a checkpoint has weights, and that its policy is registered."""
     from envs.core.errors import PolicyError
     from policies import config_class
     from policies.checkpoint import WEIGHTS, policy_type
@@ -247,15 +255,14 @@ def _check_whole(checkpoint: Path) -> None:
 
 
 def step_of(checkpoint: Path) -> int | None:
-    """The training step of a checkpoint, which the name of its folder tells."""
+    """Returns the training step of a checkpoint, from the name of its folder."""
     name = checkpoint.resolve().parent.name
     return int(name) if name.isdecimal() else None
 
 
-def _tell_control_rates(trained: TrainRunConfig, evaluated: Mapping[str, Any]) -> None:
-    """Warns of a policy whose actions were meant to last longer or shorter than they now do."""
-    before = learned_hz(trained, evaluated["task"])
-    now = control_hz(evaluated["task"], evaluated["task_kwargs"], evaluated["scenario"])
+def _warn_of_control_rate(trained: TrainRunConfig, env: EnvSpec) -> None:
+    """Warns where the control rate differs from that of training."""
+    before, now = learned_hz(trained, env.task), control_hz(env)
     if before != now:
         log.warning(
             "The policy learned at %g control steps per second and is evaluated at %g. "
@@ -265,12 +272,12 @@ def _tell_control_rates(trained: TrainRunConfig, evaluated: Mapping[str, Any]) -
 
 
 def _materials_in_name(config: EvaluationConfig) -> str:
-    """The materials of an evaluation as a part of the name of a file."""
+    """Returns the materials of an evaluation as a part of a file name."""
     return _in_name("materials", recorded_materials(config.materials) or "built-in-materials")
 
 
 def _in_name(key: str, value: Any) -> str:
-    """A value as a part of the name of a file."""
+    """Returns a value as a part of a file name."""
     if key == "scenario":
         return scenario_name(value)
     text = "-".join(f"{key}={item}" for key, item in value.items()) if isinstance(value, dict) else str(value)

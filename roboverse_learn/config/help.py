@@ -10,6 +10,7 @@ from typing import Any
 
 import policies
 from envs.core.errors import unknown_name
+from envs.spec import EnvSpec
 from roboverse_learn.config.compose import preset_names
 from roboverse_learn.config.keys import flat_keys
 from roboverse_learn.config.scenario_overrides import SECTION, scenario_keys
@@ -184,9 +185,11 @@ def _scene_rows() -> list[tuple[str, str]]:
 def _attributes(cls: type, values: Any, policy: str, prefix: str = "") -> Iterator[tuple[str, str]]:
     """Yields each dotted key with its line of the ``Attributes`` section."""
     yield from ((prefix + name, text) for name, text in _documented(cls))
+    if "env" in getattr(cls, "__dataclass_fields__", {}):
+        yield from _documented(EnvSpec)
     for name, field in getattr(cls, "__dataclass_fields__", {}).items():
         nested = policy_config(policy) if name == "policy" else field.type
-        if is_dataclass(nested) and isinstance(nested, type):
+        if is_dataclass(nested) and isinstance(nested, type) and nested is not EnvSpec:
             yield from _attributes(nested, values, policy, f"{prefix}{name}.")
 
 

@@ -1,18 +1,15 @@
 """Tells a simulator or a renderer that is not installed before anything is written."""
 
-from typing import Any
+from envs.spec import EnvSpec
 
 
-def check_installed(config: Any) -> None:
-    """Imports the simulator and the renderer of a configuration.
-
-    Args:
-        config: With ``simulator`` and ``renderer``, which may be the name of a simulator that draws, too.
+def check_installed(env: EnvSpec) -> None:
+    """Imports the simulator and the renderer of an environment.
 
     Raises:
         MissingExtraError: A package of one is not installed; it says how to install it.
     """
     from envs.simulators import HANDLERS, RENDERERS
 
-    HANDLERS.get(config.simulator)
-    (RENDERERS if config.renderer in RENDERERS else HANDLERS).get(config.renderer)
+    HANDLERS.get(env.simulator)
+    (RENDERERS if env.renderer in RENDERERS else HANDLERS).get(env.renderer)

@@ -4,35 +4,31 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from envs.core.errors import ConfigError, RoboVerseError
+from envs.spec import EnvSpec
 
 _A_FILE = "the path of a file, or package:path for one inside an installed package"
 _A_MATERIAL = "the name of a material, or of a picture in the folder that {}=+<folder> adds"
 
 
-def check_scenario_files(
-    task: str, task_kwargs: Mapping[str, Any], changes: Mapping[str, Any], materials: Mapping[str, str]
-) -> None:
+def check_scenario_files(env: EnvSpec, materials: Mapping[str, str]) -> None:
     """Looks for every file and material that changes of a task's scene name, and reads the files.
 
     Args:
-        task: Registered task.
-        task_kwargs: Its options.
-        changes: What is changed of its scene.
+        env: The environment whose scene is changed.
         materials: Keys of materials and their values; each must know the materials that are named.
 
     Raises:
         ConfigError: One is missing, or no scene can be made of a file.
     """
-    if not changes:
+    if not env.scenario:
         return
     from envs.core.assets import resolve
     from envs.randomization.materials import MaterialLibrary
     from envs.scenario.named import named
     from envs.scenario.units import AssetRef, MaterialName
-    from envs.tasks.make import make_task
 
-    own = make_task(task, task_kwargs).scenario
-    scene = make_task(task, task_kwargs, changes).scenario
+    own = env.replace(scenario={}).make_task().scenario
+    scene = env.make_task().scenario
     checks: list[tuple[Any, Callable[[str], object], str]] = [(AssetRef, resolve, _A_FILE)]
     for key, folder in materials.items():
         checks.append((MaterialName, MaterialLibrary.chosen(folder).texture, _A_MATERIAL.format(key)))

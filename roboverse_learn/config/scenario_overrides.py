@@ -6,6 +6,7 @@ from typing import Any
 
 from benchmark.protocol import digest
 from envs.core.errors import ConfigError
+from envs.spec import EnvSpec
 
 SECTION = "scenario"
 
@@ -81,11 +82,9 @@ def _check_pixels(cameras: Any) -> None:
                 )
 
 
-def control_hz(task: str, task_kwargs: Mapping[str, Any], changes: Mapping[str, Any]) -> float:
-    """Returns the control steps per second of a task whose scene is changed."""
-    from envs.tasks.make import make_task
-
-    return make_task(task, task_kwargs, changes).scenario.physics.control_hz
+def control_hz(env: EnvSpec) -> float:
+    """Returns the control steps per second of an environment."""
+    return env.make_task().scenario.physics.control_hz
 
 
 def learned_hz(trained: Any, task: str) -> float:
@@ -95,8 +94,7 @@ def learned_hz(trained: Any, task: str) -> float:
         trained: Configuration of the run.
         task: One of its tasks; of another one, it is those of the task that the run names first.
     """
-    name = task if task in trained.tasks else trained.task
-    return control_hz(name, trained.task_kwargs, trained.scenario)
+    return control_hz(trained.env.replace(task=task) if task in trained.tasks else trained.env)
 
 
 def scenario_name(changes: Mapping[str, Any]) -> str:

@@ -4,12 +4,13 @@ Values come from here, then from the YAML deltas in ``configs/``, then from the 
 module is data only; :mod:`roboverse_learn.config.compose` reads words and files.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 from benchmark.protocol import LEVELS, SPLITS
 from envs.core.errors import ConfigError, unknown_name
 from envs.randomization.splits import load_split
+from envs.spec import EnvSpec
 from policies.base import listed
 from roboverse_learn.training.config import TrainConfig
 
@@ -108,53 +109,13 @@ class EvaluationConfig:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class SceneKeys:
-    """The keys that every command with a simulator has.
-
-    Attributes:
-        task: Registered task.
-        task_kwargs: Options of the task, such as task_kwargs.variant=lift of PickCube.
-        preset: Named set of values from ``configs/preset``.
-        simulator: Registered simulator.
-        simulator_settings: Settings of the simulator that replace the scene's, such as
-            simulator_settings.njmax=768 of mujoco_warp.
-        renderer: Registered renderer, or another simulator that draws the pictures.
-        cameras: Cameras that are observed, as in cameras=[front,wrist]; empty takes the task's first.
-        image_size: Height and width of every picture, pixels.
-        scenario: What is changed of the task's scene, as in scenario.physics.decimation=50,
-            scenario.cameras.front.fovy_deg=30 or scenario.lighting.array_shape=[3,4].
-        level: Level of the demonstrations, hence of training.
-        only: One channel to vary alone in the demonstrations, in place of the level.
-        materials: Folder of pictures that replace the built-in materials in the demonstrations; with a plus
-            before it, as in materials=+pictures, they are added to them.
-        datasets_dir: Folder of datasets.
-    """
-
-    task: str = "PickCube"
-    task_kwargs: dict[str, Any] = field(default_factory=dict)
-    preset: str = "full"
-    simulator: str = "mujoco"
-    simulator_settings: dict[str, Any] = field(default_factory=dict)
-    renderer: str = "warp"
-    cameras: tuple[str, ...] = ()
-    image_size: int = 256
-    scenario: dict[str, Any] = field(default_factory=dict)
-    level: int = 0
-    only: Channel | None = None
-    materials: str = ""
-    datasets_dir: str = "datasets"
-
-    def __post_init__(self) -> None:
-        _levels(self.level)
-        if not 16 <= self.image_size <= 2048:
-            raise ConfigError(f"image_size must be 16 to 2048 pixels, given {self.image_size}.")
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class CollectConfig(SceneKeys):
+class CollectConfig:
     """``roboverse collect``: demonstrations of the expert, a policy or a file into a LeRobot dataset.
 
     Attributes:
+        env: Environment of the demonstrations. Its fields are typed without ``env.``: ``task=PickCube``.
+        preset: Named set of values from ``configs/preset``.
+        datasets_dir: Folder of datasets.
         source: Where demonstrations come from: the task's expert, the policy of ``checkpoint``, which learned
             the task by reward, or files of this format in ``path``.
         checkpoint: Folder of that policy, or of its run.
@@ -164,6 +125,9 @@ class CollectConfig(SceneKeys):
         collect: How demonstrations are collected.
     """
 
+    env: EnvSpec = field(default_factory=EnvSpec)
+    preset: str = "full"
+    datasets_dir: str = "datasets"
     source: str = "expert"
     checkpoint: str = ""
     path: str = ""
@@ -172,8 +136,6 @@ class CollectConfig(SceneKeys):
     collect: DemonstrationConfig = field(default_factory=DemonstrationConfig)
 
     def __post_init__(self) -> None:
-        # Not super(): a dataclass with slots is another class than the one that super() would look at.
-        SceneKeys.__post_init__(self)
         if self.source not in SOURCES:
             raise unknown_name("source of demonstrations", self.source, SOURCES)
         if self.source in ("expert", "policy") and self.path:
@@ -228,14 +190,15 @@ class TrainRunConfig(CollectConfig):
     evaluate: EvaluationConfig = field(default_factory=EvaluationConfig)
 
     def __post_init__(self) -> None:
+        # Not super(): a dataclass with slots is another class than the one that super() would look at.
         CollectConfig.__post_init__(self)
         twice = next((task for task in self.tasks if self.tasks.count(task) > 1), None)
         if twice is not None:
             raise ConfigError(
-                f"'{twice}' is learned twice: task={self.task}, and policy.tasks={listed(self.tasks[1:])}. "
-                "Name every task once."
+                f"'{twice}' is learned twice: task={self.env.task}, and policy.tasks="
+                f"{listed(self.tasks[1:])}. Name every task once."
             )
-        changed = [key for key in ("task_kwargs", "scenario") if getattr(self, key)]
+        changed = [key for key in ("task_kwargs", "scenario") if getattr(self.env, key)]
         if len(self.tasks) > 1 and changed:
             raise ConfigError(
                 f"{' and '.join(f'{key}.*' for key in changed)} change one task, and {len(self.tasks)} are "
@@ -245,7 +208,7 @@ class TrainRunConfig(CollectConfig):
     @property
     def tasks(self) -> tuple[str, ...]:
         """Every task that is learned: ``task``, and those that the policy learns together with it."""
-        return (self.task, *getattr(self.policy, "tasks", ()))
+        return (self.env.task, *getattr(self.policy, "tasks", ()))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -264,37 +227,29 @@ class SweepConfig:
         _positive(jobs_per_gpu=self.jobs_per_gpu)
 
 
+EVALUATE_ENV_KEYS = tuple(
+    item.name for item in fields(EnvSpec) if item.name not in ("level", "only", "materials")
+)
+"""Fields of the trained environment that an evaluation may change; its levels and materials are its own."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EvaluateConfig:
     """``roboverse evaluate``: one checkpoint over levels and splits.
 
     Attributes:
         checkpoint: Checkpoint folder, or the folder of a run.
-        task: Registered task; empty for the one that the checkpoint was trained on.
-        task_kwargs: Options of the task; empty for those that the checkpoint was trained on.
+        env: Changes of the environment that the checkpoint was trained in: some of :data:`EVALUATE_ENV_KEYS`.
+            What is absent stays as it was trained. ``scenario`` is applied after the trained one's.
         preset: Named set of values from ``configs/preset``.
-        simulator: Registered simulator; empty for that of the demonstrations.
-        simulator_settings: Settings of the simulator that replace the scene's; empty for those of the
-            demonstrations, where it is the same simulator.
-        renderer: Registered renderer or simulator that draws; empty for that of the demonstrations.
-        cameras: Cameras that are observed; empty for those of the demonstrations.
-        image_size: Height and width of every picture, pixels; 0 for that of the demonstrations.
-        scenario: What is changed of the task's scene, beside what was changed for the demonstrations.
         device: ``auto``, ``cpu``, ``cuda``.
         results_dir: Folder of results and of the leaderboard.
         evaluate: What the checkpoint is evaluated on.
     """
 
     checkpoint: str = ""
-    task: str = ""
-    task_kwargs: dict[str, Any] = field(default_factory=dict)
+    env: dict[str, Any] = field(default_factory=dict)
     preset: str = "full"
-    simulator: str = ""
-    simulator_settings: dict[str, Any] = field(default_factory=dict)
-    renderer: str = ""
-    cameras: tuple[str, ...] = ()
-    image_size: int = 0
-    scenario: dict[str, Any] = field(default_factory=dict)
     device: str = "auto"
     results_dir: str = "results"
     evaluate: EvaluationConfig = field(default_factory=EvaluationConfig)

@@ -13,9 +13,11 @@ import policies
 from envs.core.errors import ConfigError, unknown_name, wrong_value
 from envs.core.plain_values import plain
 from envs.simulators.settings import check_settings
+from envs.spec import EnvSpec
 from roboverse_learn.config.keys import flat_keys, unknown_key
 from roboverse_learn.config.scenario_overrides import checked_scenario
 from roboverse_learn.config.schema import (
+    EVALUATE_ENV_KEYS,
     CollectConfig,
     ConservationConfig,
     ConvertConfig,
@@ -55,29 +57,49 @@ def from_values(command: str, values: Mapping[str, Any]) -> Any:
         raise unknown_key(command, unknown[0], flat_keys(defaults))
     plain = dict(values)
     try:
+        if env_keys(command):
+            plain["env"] = _environment(
+                command, {key: plain.pop(key) for key in env_keys(command) if key in plain}
+            )
         if "policy" in plain:
             plain["policy"] = _adapter(policy_config(policy_name)).validate_python(plain["policy"])
         config = _adapter(COMMANDS[command]).validate_python(plain)
     except ValidationError as error:
         raise _readable(error, policy_name if "policy" in plain else None) from error
-    check_names(config)
-    if getattr(config, "scenario", None) and config.task:
-        scenario = checked_scenario(config.task, config.task_kwargs, config.scenario)
-        config = dataclasses.replace(config, scenario=scenario)
+    _check_lists(config)
     return config
 
 
 def to_values(config: Any) -> dict[str, Any]:
-    """Returns a configuration as nested plain JSON values; :func:`from_values` reads them back."""
-    return plain(config)
+    """Returns a configuration as nested plain JSON values, which :func:`from_values` reads back.
+
+    The fields of ``env`` are at the top level, where a command line has them.
+    """
+    values = plain(config)
+    env = values.pop("env", {})
+    return env | values
+
+
+def env_keys(command: str) -> tuple[str, ...]:
+    """Returns the keys of a command that are fields of its environment."""
+    cls = COMMANDS[command]
+    if cls is EvaluateConfig:
+        return EVALUATE_ENV_KEYS
+    return tuple(EnvSpec.__dataclass_fields__) if "env" in cls.__dataclass_fields__ else ()
 
 
 def default_values(command: str, policy: str = "act") -> dict[str, Any]:
-    """Returns the dataclasses' defaults of a command, nested."""
-    values: dict[str, Any] = {}
+    """Returns the dataclasses' defaults of a command, nested; the fields of ``env`` are at the top level.
+
+    For ``evaluate``, an empty value of an environment's field stands for the checkpoint's own.
+    """
+    env = plain(EnvSpec())
+    values = {key: env[key] if command != "evaluate" else type(env[key])() for key in env_keys(command)}
     for item in dataclasses.fields(COMMANDS[command]):
+        if item.name == "env":
+            continue
         if item.name == "policy":
-            values["policy"] = to_values(policy_config(policy)())
+            values["policy"] = plain(policy_config(policy)())
         elif item.name == "policy_name":
             values["policy_name"] = policy
         elif item.default_factory is not dataclasses.MISSING:
@@ -85,6 +107,20 @@ def default_values(command: str, policy: str = "act") -> dict[str, Any]:
         else:
             values[item.name] = plain(item.default)
     return values
+
+
+def _environment(command: str, values: dict[str, Any]) -> Any:
+    """Returns the checked environment of plain values; for ``evaluate``, a mapping of the given fields."""
+    partial = command == "evaluate"
+    if partial:
+        values = {key: value for key, value in values.items() if value}
+    spec = _adapter(EnvSpec).validate_python(values)
+    given = values if partial else plain(spec)
+    _check_environment(given)
+    scenario = checked_scenario(spec.task, spec.task_kwargs, spec.scenario) if "task" in given else {}
+    if partial:  # not shortened: a change back to the task's own value counts after training with another
+        return {key: getattr(spec, key) for key in given}
+    return spec.replace(scenario=scenario)
 
 
 @cache
@@ -97,31 +133,45 @@ def policy_config(policy: str) -> type:
     return policies.config_class(policy)
 
 
-def check_names(config: Any) -> None:
-    """Checks every registered name in a configuration.
+def _check_environment(given: Mapping[str, Any]) -> None:
+    """Checks the registered names, options and settings among the fields of an environment.
 
     Raises:
-        UnknownNameError: if a task, simulator or renderer does not exist.
+        UnknownNameError: A task, simulator or renderer does not exist, or has no such option or setting.
+        ConfigError: An option or a setting has a value that it may not have.
     """
     registries = _registries()
-    for key, registry in registries.items():
-        name = getattr(config, key, "")
-        drawn_by = registries["simulator"].names() if key == "renderer" else []
-        if name and name not in registry and name not in drawn_by:
-            raise unknown_name(key, name, {*registry.names(), *drawn_by})
-    for key in ("task", "simulator"):
-        for name in getattr(config, f"{key}s", ()):  # several at once
+    for key in ("task", "simulator", "renderer"):
+        valid = set(registries[key].names())
+        if key == "renderer":  # another simulator can render
+            valid |= set(registries["simulator"].names())
+        if key in given and given[key] not in valid:
+            raise unknown_name(key, given[key], valid)
+    if "simulator" in given:
+        check_settings(given["simulator"], given.get("simulator_settings", {}))
+    if given.get("task_kwargs") and "task" in given:
+        task = registries["task"].get(given["task"])
+        options = [item.name for item in dataclasses.fields(task)]
+        for key in given["task_kwargs"]:
+            if key not in options:
+                raise unknown_name(f"option of {given['task']}", key, options)
+        task(**given["task_kwargs"])  # the task checks the values
+
+
+def _check_lists(config: Any) -> None:
+    """Checks the registered names of ``simulator``, ``simulators`` and ``tasks`` outside an environment.
+
+    Raises:
+        UnknownNameError: One does not exist.
+    """
+    registries = _registries()
+    given = {key: getattr(config, f"{key}s", ()) for key in ("task", "simulator")}
+    if hasattr(config, "simulator"):
+        given["simulator"] = (config.simulator,)
+    for key, names in given.items():
+        for name in names:
             if name not in registries[key]:
                 raise unknown_name(key, name, registries[key].names())
-    if getattr(config, "simulator", ""):
-        check_settings(config.simulator, getattr(config, "simulator_settings", {}))
-    if getattr(config, "task_kwargs", None) and config.task:
-        task = registries["task"].get(config.task)
-        options = [item.name for item in dataclasses.fields(task)]
-        for key in config.task_kwargs:
-            if key not in options:
-                raise unknown_name(f"option of {config.task}", key, options)
-        task(**config.task_kwargs)  # the task checks the values
 
 
 def _registries() -> dict[str, Any]:

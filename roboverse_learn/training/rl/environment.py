@@ -4,7 +4,6 @@ from contextlib import ExitStack
 from typing import Any
 
 from envs.core.errors import ConfigError
-from envs.tasks.make import make_task
 
 
 def make_env(config: Any, num_envs: int, seed: int, device: str, **own: Any) -> Any:
@@ -78,10 +77,10 @@ def make_pixel_env(
         num_envs=num_envs,
         device=device,
         seed=seed,
-        cameras=config.cameras,
+        cameras=config.env.cameras,
         image_size=image_size,
         num_frames=num_frames,
-        renderer=config.renderer,
+        renderer=config.env.renderer,
         num_threads=config.train.num_threads,
         **_scene(config),
     )
@@ -89,7 +88,7 @@ def make_pixel_env(
 
 def _scene(config: Any) -> dict[str, Any]:
     keys = ("task", "simulator", "task_kwargs", "simulator_settings", "scenario")
-    return {key: getattr(config, key) for key in keys}
+    return {key: getattr(config.env, key) for key in keys}
 
 
 def check_pictures(config: Any, image_size: int) -> None:
@@ -107,20 +106,20 @@ def check_pictures(config: Any, image_size: int) -> None:
     from envs.pixel_env import watched
 
     check_env(config)
-    if config.image_size != image_size:
+    if config.env.image_size != image_size:
         raise ConfigError(
             f"policy={config.policy_name} takes pictures of {image_size} pixels a side, given image_size="
-            f"{config.image_size}. Add image_size={image_size}, or learn from states with "
+            f"{config.env.image_size}. Add image_size={image_size}, or learn from states with "
             "policy.observation=state."
         )
-    if config.level or config.only:
-        given = f"only={config.only}" if config.only else f"level={config.level}"
+    if config.env.level or config.env.only:
+        given = f"only={config.env.only}" if config.env.only else f"level={config.env.level}"
         raise ConfigError(
             f"policy={config.policy_name} learns from pictures of level 0, given {given}. Leave it out; the "
             "other levels can be evaluated, as in evaluate.levels=[0,1,2,3]."
         )
-    scene = make_task(config.task, config.task_kwargs, config.scenario).scenario
-    watched(config.task, scene, config.cameras, image_size)
+    scene = config.env.make_task().scenario
+    watched(config.env.task, scene, config.env.cameras, image_size)
 
 
 def check_env(config: Any, *, expert_starts: float = 0.0) -> None:
@@ -134,14 +133,14 @@ def check_env(config: Any, *, expert_starts: float = 0.0) -> None:
         ConfigError: if one pays no reward, or has no expert and needs one.
     """
     for name in config.tasks:
-        if not make_task(name, config.task_kwargs, config.scenario).has_reward:
+        if not config.env.replace(task=name).make_task().has_reward:
             raise ConfigError(
                 f"Task '{name}' pays no reward, which policy={config.policy_name} learns from. Learn it "
                 "from demonstrations, as with policy=act, or take another task, such as PickCube."
             )
-    if expert_starts and not make_task(config.task, config.task_kwargs, config.scenario).has_expert:
+    if expert_starts and not config.env.make_task().has_expert:
         raise ConfigError(
             f"policy.expert_starts={expert_starts:g} lets episodes begin on the way of the task's scripted "
-            f"expert, and '{config.task}' has none. Take policy.expert_starts=0, or a task with an expert, "
-            "such as PickCube."
+            f"expert, and '{config.env.task}' has none. Take policy.expert_starts=0, or a task with an "
+            "expert, such as PickCube."
         )

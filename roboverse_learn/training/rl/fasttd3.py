@@ -128,7 +128,7 @@ def make_agent(config: "TrainRunConfig", env: Any, seed: int, device: str) -> Fa
     own: FastTd3Config = config.policy
     sizes = {off_policy.OBSERVATION: env.observation_size}
     policy = FastTd3Policy.create(own, sizes, env.action_size, device, seed)
-    policy.task = config.task
+    policy.task = config.env.task
     return FastTd3Algorithm(policy, own.num_envs)
 
 

@@ -1,7 +1,7 @@
 """Policies that learn from an env that they act in: which function trains which.
 
 A learner is a function ``learn(config, run_dir, device, seed, reporter) -> TrainResult``. It makes its
-env from ``config.task``, ``config.simulator`` and ``config.task_kwargs``, goes on from the last
+env from ``config.env.task``, ``config.env.simulator`` and ``config.env.task_kwargs``, goes on from the last
 checkpoint of ``run_dir``, writes ``metrics.jsonl``, TensorBoard, curves and checkpoints there, and stops
 after ``config.train.steps`` environment steps or ``config.train.time_limit_s`` seconds.
 """

@@ -173,7 +173,7 @@ def make_agent(config: "TrainRunConfig", env: Any, seed: int, device: str) -> Td
         for task, each in env.envs.items():
             several[task] = TaskSizes(each.observation_size, each.action_size, each.max_episode_steps)
     policy = Tdmpc2Policy.create(own, sizes, env.action_size, length, device, seed, several)
-    policy.task = config.task
+    policy.task = config.env.task
     return Tdmpc2Algorithm(policy, own.num_envs, length, task_ids)
 
 

@@ -60,10 +60,10 @@ def failure(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         (["train", "train.stpes=10"], "Unknown key 'train.stpes' of train. Did you mean 'train.steps'?"),
         (["train", "polcy=act"], "Unknown key 'polcy' of train. Did you mean 'policy'?"),
         (["train", "stpes=3"], "Unknown key 'stpes' of train. Did you mean 'steps'?"),
-        (["train", "level=4"], "Unknown level 4. Valid: 0, 1, 2, 3."),
+        (["train", "level=4"], "Unknown level '4'. Valid levels: 0: task; 1: "),
         (["train", "levels=[0,9]"], "Unknown level 9. Valid: 0, 1, 2, 3."),
         (["train", "splits=[validation]"], "evaluate.splits.0: input should be 'train' or 'test'"),
-        (["train", "only=colour"], "only: input should be 'environment', 'camera' or 'lighting'"),
+        (["train", "only=colour"], "Unknown channel 'colour'."),
         (["train", "num_envs=3"], "'num_envs' could be collect.num_envs or evaluate.num_envs"),
         (["train", "train.lr=fast"], "train.lr: input should be a valid number"),
         (["train", "train.lr=-1"], "train.lr must be above 0, given -1.0."),
@@ -307,4 +307,4 @@ def test_list_into_a_closed_pipe_is_no_error() -> None:
 def test_every_level_is_accepted(configurations: list) -> None:
     for level in LEVELS:
         assert cli.main(["train", f"level={level}"]) == 0
-    assert [config.level for _, config in configurations] == list(LEVELS)
+    assert [config.env.level for _, config in configurations] == list(LEVELS)

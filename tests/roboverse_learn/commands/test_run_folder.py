@@ -1,6 +1,5 @@
 """Run folders: names that follow from the configuration, resuming, locks, manifests, seeds."""
 
-import dataclasses
 import json
 import logging
 from pathlib import Path
@@ -21,7 +20,7 @@ from roboverse_learn.commands.run_folder import (
 )
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.schema import TrainRunConfig
-from roboverse_learn.config.serialize import to_values
+from roboverse_learn.config.serialize import default_values, to_values
 
 COMMAND = ["roboverse", "train", "preset=quick"]
 
@@ -201,5 +200,5 @@ def test_the_saved_configuration_is_yaml_that_a_person_can_read() -> None:
     with Run.open(config(), COMMAND) as run:
         pass
     values = yaml.safe_load((run.folder / CONFIG_FILE).read_text())
-    assert list(values) == [item.name for item in dataclasses.fields(TrainRunConfig)]
+    assert list(values) == list(default_values("train"))
     assert default_folder(config()) == run.folder

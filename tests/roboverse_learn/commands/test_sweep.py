@@ -11,6 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from envs.core.errors import ConfigError, UnknownNameError
+from envs.spec import EnvSpec
 from roboverse_learn import cli
 from roboverse_learn.collect import dataset_folder
 from roboverse_learn.config.compose import compose, values_of_key
@@ -45,7 +46,7 @@ class TestWords:
 
     def test_there_is_a_run_for_every_combination(self):
         runs = plan(WORDS).runs
-        got = [(c.policy_name, c.task, c.level, c.preset) for _, c in runs]
+        got = [(c.policy_name, c.env.task, c.env.level, c.preset) for _, c in runs]
         assert len(got) == 8
         assert got[0] == ("act", "PickCube", 0, "quick")
         assert set(got) == {
@@ -132,9 +133,9 @@ class TestJobs:
     @example(text="a,b")
     @example(text=r"\\${x} it's \\\\")
     def test_any_text_inside_a_value_reaches_the_collection_as_it_is(self, text):
-        config = replace(compose("train", []), scenario={"objects": {"cube": {"mjcf": text}}})
+        config = replace(compose("train", []), env=EnvSpec(scenario={"objects": {"cube": {"mjcf": text}}}))
         job = make_jobs(Sweep(SweepConfig(), (((), config),)))[0][0]
-        assert compose("collect", job.words[1:]).scenario == config.scenario
+        assert compose("collect", job.words[1:]).env.scenario == config.env.scenario
 
     def test_a_run_is_complete_once_it_was_evaluated_as_it_is_asked_for(self, tmp_path):
         from roboverse_learn.commands.run_folder import Run

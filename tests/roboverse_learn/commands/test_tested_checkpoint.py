@@ -13,7 +13,12 @@ from PIL import Image
 from envs.core.errors import ConfigError, PolicyError, UnknownNameError
 from policies.checkpoint import CONFIG, WEIGHTS
 from roboverse_learn.commands.run_folder import Run
-from roboverse_learn.commands.tested_checkpoint import Subject, protocol_of, step_of, subject_of
+from roboverse_learn.commands.tested_checkpoint import (
+    TestedCheckpoint,
+    checkpoint_to_test,
+    protocol_of,
+    step_of,
+)
 from roboverse_learn.config.compose import compose
 
 ACT = {
@@ -58,19 +63,21 @@ def pictures(tmp_path: Path) -> Path:
     return folder
 
 
-def subject(checkpoint: Path, *words: str) -> Subject:
-    return subject_of(compose("evaluate", [f"checkpoint={checkpoint}", "preset=quick", "device=cpu", *words]))
+def subject(checkpoint: Path, *words: str) -> TestedCheckpoint:
+    return checkpoint_to_test(
+        compose("evaluate", [f"checkpoint={checkpoint}", "preset=quick", "device=cpu", *words])
+    )
 
 
 def test_a_checkpoint_is_known_by_the_run_that_it_lies_in(run: Path) -> None:
     found = subject(run)
     assert found.run == run.name
-    assert (found.task, found.simulator, found.renderer, found.image_size) == (
+    assert (found.env.task, found.env.simulator, found.env.renderer, found.env.image_size) == (
         *("PickCube", "mujoco", "warp"),
         96,
     )
-    assert (found.train_level, found.train_only, found.seed) == (2, None, 5)
-    assert (found.dataset_hash, found.demonstrations) == ("0" * 64, 400)
+    assert (found.training.level, found.training.only, found.training.seed) == (2, None, 5)
+    assert (found.training.dataset_hash, found.training.demonstrations) == ("0" * 64, 400)
     assert step_of(found.checkpoint) == 200
     assert found.config["run"]["level"] == 2
 
@@ -141,7 +148,7 @@ def test_other_materials_of_a_checkpoint_of_nobody_are_in_its_name(tmp_path: Pat
 
 
 def test_settings_of_a_simulator_are_checked_against_that_of_the_demonstrations(run: Path) -> None:
-    assert subject(run, "simulator_settings.impratio=5").simulator_settings == {"impratio": 5}
+    assert subject(run, "simulator_settings.impratio=5").env.simulator_settings == {"impratio": 5}
     with pytest.raises(UnknownNameError, match=r"setting of simulator=mujoco 'impratoi'.*'impratio'"):
         subject(run, "simulator_settings.impratoi=5")
 
@@ -157,7 +164,7 @@ def slow_run(run: Path) -> Path:
 
 def test_the_scene_of_the_demonstrations_is_that_of_the_evaluation(slow_run: Path) -> None:
     found = subject(slow_run)
-    assert found.scenario == {"physics": {"decimation": 50}, "room": None}
+    assert found.env.scenario == {"physics": {"decimation": 50}, "room": None}
     assert found.run == slow_run.name
 
 
@@ -165,8 +172,8 @@ def test_what_is_changed_for_an_evaluation_comes_on_top(
     slow_run: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     found = subject(slow_run, "scenario.cameras.front.fovy_deg=30")
-    assert found.scenario["physics"] == {"decimation": 50}
-    assert found.scenario["cameras"] == {"front": {"fovy_deg": 30}}
+    assert found.env.scenario["physics"] == {"decimation": 50}
+    assert found.env.scenario["cameras"] == {"front": {"fovy_deg": 30}}
     assert found.run.startswith(f"{slow_run.name}-scenario-")
     assert not caplog.records
 
@@ -175,7 +182,7 @@ def test_a_light_of_the_demonstrations_can_be_changed_for_an_evaluation(run: Pat
     values = yaml.safe_load((run / "config.yaml").read_text())
     values["scenario"] = {"appearance": {"lights": [{"intensity": 0.25}, {"kind": "area"}]}}
     (run / "config.yaml").write_text(yaml.safe_dump(values))
-    first, second = subject(run, "scenario.appearance.lights.1.intensity=0.5").scenario["appearance"][
+    first, second = subject(run, "scenario.appearance.lights.1.intensity=0.5").env.scenario["appearance"][
         "lights"
     ]
     assert (first["intensity"], second["kind"], second["intensity"]) == (0.25, "area", 0.5)
@@ -184,7 +191,9 @@ def test_a_light_of_the_demonstrations_can_be_changed_for_an_evaluation(run: Pat
 def test_another_control_rate_than_the_policy_learned_at_is_told(
     slow_run: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    assert subject(slow_run, "scenario.physics.decimation=25").scenario == {"room": None}  # the task's own
+    assert subject(slow_run, "scenario.physics.decimation=25").env.scenario == {
+        "room": None
+    }  # the task's own
     assert "learned at 10 control steps per second and is evaluated at 20" in caplog.text
 
 
@@ -206,8 +215,12 @@ def test_an_earlier_checkpoint_has_a_results_file_of_its_own(run: Path) -> None:
 
 def test_a_checkpoint_of_nobody_tells_its_pictures(tmp_path: Path) -> None:
     found = subject(write_checkpoint(tmp_path / "their run/model"), "task=PickCube")
-    assert (found.image_size, found.simulator, found.renderer) == (128, "mujoco", "warp")
-    assert (found.train_level, found.dataset_hash, found.demonstrations) == (None, None, None)
+    assert (found.env.image_size, found.env.simulator, found.env.renderer) == (128, "mujoco", "warp")
+    assert (found.training.level, found.training.dataset_hash, found.training.demonstrations) == (
+        None,
+        None,
+        None,
+    )
     assert found.run.startswith("their-run-")
 
 
@@ -216,15 +229,15 @@ def test_an_agent_of_nobody_sees_no_pictures(tmp_path: Path, name: str) -> None:
     content = {"type": name, "config": {}, "observation": {"observation.environment_state": 51}}
     folder = write_checkpoint(tmp_path / "their run/model", content)
     found = subject(folder, "task=humanoid/walk", "simulator=newton")
-    assert (found.task, found.simulator, found.cameras) == ("humanoid/walk", "newton", ())
-    assert found.image_size == 256
+    assert (found.env.task, found.env.simulator, found.env.cameras) == ("humanoid/walk", "newton", ())
+    assert found.env.image_size == 256
 
 
 def test_an_agent_of_nobody_that_sees_pictures_tells_its_cameras(tmp_path: Path) -> None:
     seen = {"observation.images.wrist": 64, "observation.images.front": 64}
     folder = write_checkpoint(tmp_path / "model", {"type": "tdmpc2", "config": {}, "observation": seen})
     found = subject(folder, "task=PickCube")
-    assert (found.cameras, found.image_size) == (("wrist", "front"), 64)
+    assert (found.env.cameras, found.env.image_size) == (("wrist", "front"), 64)
 
 
 def test_two_checkpoints_of_nobody_do_not_share_a_results_file(tmp_path: Path) -> None:
@@ -247,7 +260,7 @@ def test_pictures_of_two_sizes_need_a_word(tmp_path: Path) -> None:
     folder = write_checkpoint(tmp_path / "model", ACT | {"input_features": images})
     with pytest.raises(ConfigError, match=r"sizes \[64, 128\]: add image_size=<pixels>"):
         subject(folder, "task=PickCube")
-    assert subject(folder, "task=PickCube", "image_size=64").image_size == 64
+    assert subject(folder, "task=PickCube", "image_size=64").env.image_size == 64
 
 
 def _drop(name: str) -> Callable[[Path], Any]:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 import policies
 from envs.core.errors import ConfigError, RoboVerseError, UnknownNameError
+from envs.core.plain_values import plain
 from roboverse_learn import cli
 from roboverse_learn.config import scenario_overrides as scenario_keys
 from roboverse_learn.config.compose import compose, configs_folder, preset_names
@@ -24,6 +25,11 @@ QUICK = settings(max_examples=25, deadline=None)
 
 def last_part(key: str) -> str:
     return key.rpartition(".")[2]
+
+
+def env_of(config: Any) -> dict[str, Any]:
+    """The environment of a configuration, or what it changes of one, as plain values."""
+    return plain(config.env)
 
 
 def typed(value: Any) -> str:
@@ -231,9 +237,11 @@ def test_every_yaml_is_reachable() -> None:
 
 def test_a_preset_does_not_change_the_scene_that_a_checkpoint_is_evaluated_in() -> None:
     config = compose("evaluate", ["checkpoint=runs/x", "preset=quick"])
-    assert (config.task, config.simulator, config.renderer, config.image_size) == ("", "", "", 0)
+    assert config.env == {}
     assert config.evaluate.episodes == compose("train", ["preset=quick"]).evaluate.episodes
-    assert compose("evaluate", ["checkpoint=runs/x", "preset=quick", "image_size=64"]).image_size == 64
+    assert compose("evaluate", ["checkpoint=runs/x", "preset=quick", "image_size=64"]).env == {
+        "image_size": 64
+    }
 
 
 @pytest.mark.parametrize(
@@ -242,7 +250,7 @@ def test_a_preset_does_not_change_the_scene_that_a_checkpoint_is_evaluated_in() 
         ("levels=0", lambda config: config.evaluate.levels, (0,)),
         ("splits=test", lambda config: config.evaluate.splits, ("test",)),
         ("alone=camera", lambda config: config.evaluate.alone, ("camera",)),
-        ("cameras=wrist", lambda config: config.cameras, ("wrist",)),
+        ("cameras=wrist", lambda config: config.env.cameras, ("wrist",)),
     ],
 )
 def test_one_value_is_a_list_of_one(word, of, value) -> None:
@@ -271,14 +279,14 @@ def test_a_word_without_a_value_suggests_the_key_that_it_resembles(word: str, ne
 
 
 def test_options_of_a_task_pass_through() -> None:
-    assert compose("collect", ["task_kwargs.variant=lift"]).task_kwargs == {"variant": "lift"}
+    assert compose("collect", ["task_kwargs.variant=lift"]).env.task_kwargs == {"variant": "lift"}
 
 
 @pytest.mark.parametrize("command", ["collect", "train", "evaluate"])
 def test_settings_of_a_simulator_pass_through(command: str) -> None:
     words = [*REQUIRED.get(command, []), "simulator=mujoco_warp", "simulator_settings.njmax=768"]
     config = compose(command, words)
-    assert config.simulator_settings == {"njmax": 768}
+    assert env_of(config)["simulator_settings"] == {"njmax": 768}
     assert from_values(command, yaml.safe_load(yaml.safe_dump(to_values(config)))) == config
 
 
@@ -310,14 +318,14 @@ def test_keys_of_the_scene_pass_through_whole_or_shortened(command: str) -> None
     words = ["scenario.cameras.front.pos=[1,0,0.5]", "lighting.array_shape=[3,4]", "decimation=50"]
     words += ["cameras.wrist.fovy_deg=50", "scenario.room=null", "scenario.appearance.lights.0.intensity=0.5"]
     config = compose(command, [*REQUIRED.get(command, []), *words, "cameras=[wrist]"])
-    assert config.scenario == {
+    assert env_of(config)["scenario"] == {
         "cameras": {"front": {"pos": [1, 0, 0.5]}, "wrist": {"fovy_deg": 50}},
         "lighting": {"array_shape": [3, 4]},
         "physics": {"decimation": 50},
         "room": None,
         "appearance": {"lights": {"0": {"intensity": 0.5}}},
     }
-    assert config.cameras == ("wrist",)
+    assert env_of(config)["cameras"] == ["wrist"]
     assert from_values(command, yaml.safe_load(yaml.safe_dump(to_values(config)))) == config
 
 
@@ -381,8 +389,8 @@ def test_a_part_of_an_open_section_that_is_given_to_a_saved_run_is_not_lost(
     (tmp_path / "config.yaml").write_text(yaml.safe_dump(before))
     config = compose("train", [f"run={tmp_path}", word])
     section, _, rest = word.partition(".")
-    assert at(getattr(config, section), rest.partition("=")[0]) in ("lift", 50)
-    assert config.scenario["room"] is None
+    assert at(getattr(config.env, section), rest.partition("=")[0]) in ("lift", 50)
+    assert config.env.scenario["room"] is None
 
 
 def test_a_saved_configuration_with_an_unknown_key_is_refused() -> None:

@@ -7,6 +7,7 @@ from PIL import Image
 
 from envs.core.assets import resolve
 from envs.core.errors import ConfigError
+from envs.spec import EnvSpec
 from envs.tasks.pick_cube import PickCube
 from policies.checkpoint import CONFIG, WEIGHTS
 from roboverse_learn import cli
@@ -96,15 +97,15 @@ def test_a_file_that_does_not_fit_is_told_with_what_it_lacks(tmp_path: Path) -> 
         ({"objects": {"cube": {"geoms": {"0": flat}}}}, r"at least 4 vertices required"),
     ):
         with pytest.raises(ConfigError, match=rf"no scene can be made of it. .*{reason}.*Give a file that"):
-            check_scenario_files("PickCube", {}, changes, {})
+            check_scenario_files(EnvSpec(scenario=changes), {})
 
 
 def test_what_is_there_is_taken(tmp_path: Path, pictures: Path) -> None:
     file = str(resolve(PickCube().scenario.robots[0].mjcf))
-    check_scenario_files("PickCube", {}, {"robots": {"franka": {"mjcf": file}}}, {})
-    check_scenario_files("PickCube", {}, TABLE, {"materials": f"+{pictures}"})
+    check_scenario_files(EnvSpec(scenario={"robots": {"franka": {"mjcf": file}}}), {})
+    check_scenario_files(EnvSpec(scenario=TABLE), {"materials": f"+{pictures}"})
     wood = {"appearance": {"materials": {"table": {"texture": "wood-017"}}}}
-    check_scenario_files("PickCube", {}, wood, {"materials": ""})
+    check_scenario_files(EnvSpec(scenario=wood), {"materials": ""})
 
 
 def test_every_library_must_know_a_material(pictures: Path) -> None:
@@ -113,7 +114,7 @@ def test_every_library_must_know_a_material(pictures: Path) -> None:
         ConfigError,
         match=rf"^{TEXTURE}=table\.png: .* evaluate\.materials=\+<folder> adds\. Unknown material",
     ):
-        check_scenario_files("PickCube", {}, TABLE, both)
+        check_scenario_files(EnvSpec(scenario=TABLE), both)
     (pictures / "table.png").rename(pictures / "tables.png")
     with pytest.raises(ConfigError, match=r"Unknown material 'table\.png'\. Did you mean 'tables\.png'\?"):
-        check_scenario_files("PickCube", {}, TABLE, {"materials": f"+{pictures}"})
+        check_scenario_files(EnvSpec(scenario=TABLE), {"materials": f"+{pictures}"})

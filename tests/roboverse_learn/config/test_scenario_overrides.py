@@ -27,7 +27,7 @@ def test_a_dataset_is_made_in_the_changed_scene_and_says_so(tmp_path: Path) -> N
     changed = config(tmp_path, SLOW, "cameras.front.fovy_deg=40")
     summary = collect_dataset(changed)
     info = DatasetInfo.open(summary.root)
-    assert Path(summary.root).name.endswith(f"-{scenario_name(changed.scenario)}")
+    assert Path(summary.root).name.endswith(f"-{scenario_name(changed.env.scenario)}")
     assert info.fps == dataset_layout(changed)[1] == 10
     assert info.episode_metadata[0]["scenario"] == {
         "physics": {"decimation": 50},

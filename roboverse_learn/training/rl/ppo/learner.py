@@ -44,7 +44,7 @@ def learn(
     """Trains PPO; see :class:`roboverse_learn.training.rl.learners.Learner`."""
     env = open_env(config, seed, device)
     try:
-        return train(config.policy, env, config.train, run_dir, config.task, seed=seed, reporter=reporter)
+        return train(config.policy, env, config.train, run_dir, config.env.task, seed=seed, reporter=reporter)
     finally:
         env.close()
 
@@ -65,7 +65,7 @@ def open_env(config: "TrainRunConfig", seed: int, device: str) -> Any:
 
 def make_agent(config: "TrainRunConfig", env: Any, seed: int, device: str) -> PpoAlgorithm:
     """Makes an untrained agent for the env of a run, on the env's device."""
-    return _agent(config.policy, env, config.train, config.task, seed)
+    return _agent(config.policy, env, config.train, config.env.task, seed)
 
 
 def brief(own: PpoConfig) -> PpoConfig:

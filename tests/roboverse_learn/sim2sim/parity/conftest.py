@@ -1,5 +1,6 @@
 import pytest
 
+from envs.spec import EnvSpec
 from roboverse_learn.collect import collect_dataset
 from roboverse_learn.config.schema import CollectConfig, DemonstrationConfig
 from roboverse_learn.sim2sim.parity.recording import read_recordings
@@ -9,7 +10,7 @@ from roboverse_learn.sim2sim.parity.recording import read_recordings
 def dataset(tmp_path_factory):
     """Two demonstrations of PickCube, recorded in MuJoCo; tests only read them."""
     config = CollectConfig(
-        image_size=32,
+        env=EnvSpec(image_size=32),
         datasets_dir=str(tmp_path_factory.mktemp("datasets")),
         collect=DemonstrationConfig(num_demos=2, num_workers=1, num_envs=2),
     )

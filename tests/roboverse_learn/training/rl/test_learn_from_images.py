@@ -15,9 +15,9 @@ from envs.pixel_env import PixelVectorEnv
 from envs.tasks.control.cartpole import Cartpole
 from policies.tdmpc2.config import Tdmpc2Config
 from policies.tdmpc2.policy import Tdmpc2Policy
-from roboverse_learn.commands.tested_checkpoint import subject_of
+from roboverse_learn.commands.tested_checkpoint import checkpoint_to_test
 from roboverse_learn.config.compose import compose
-from roboverse_learn.evaluate import evaluate_subject
+from roboverse_learn.evaluate import evaluate_checkpoint
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
@@ -110,8 +110,8 @@ def test_it_is_evaluated_with_the_cameras_of_its_training(tmp_path, monkeypatch)
     learn(folder, "cameras=[rail]", "train.steps=24", "policy.plan=false")
     words = [f"checkpoint={folder}", "task=control/cartpole", "device=cpu", "splits=[test]", "levels=[0,3]"]
     config = compose("evaluate", [*words, "episodes=2", "evaluate.num_envs=2"])
-    subject = subject_of(config)
-    result = evaluate_subject(subject, config.evaluate, tmp_path / "results", "evaluate").result
+    subject = checkpoint_to_test(config)
+    result = evaluate_checkpoint(subject, config.evaluate, tmp_path / "results", "evaluate").result
     assert (result.cameras, result.image_size) == (("rail",), 64)
     assert [record.length for record in result.records] == [6] * 4
 

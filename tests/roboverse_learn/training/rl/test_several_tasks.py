@@ -11,13 +11,14 @@ import policies
 from benchmark.results import read_result
 from envs.core.errors import CheckpointError, ConfigError, PolicyError, RoboVerseError, UnknownNameError
 from envs.multi_task_env import MultiTaskEnv
+from envs.spec import EnvSpec
 from envs.tasks.control.ant import Ant
 from envs.tasks.control.cartpole import Cartpole
 from policies.tdmpc2.config import Tdmpc2Config
 from policies.tdmpc2.policy import TaskSizes, Tdmpc2Policy
 from roboverse_learn import cli
 from roboverse_learn.commands.run_folder import identity, read_config, run_name
-from roboverse_learn.commands.tested_checkpoint import subjects_of
+from roboverse_learn.commands.tested_checkpoint import checkpoints_to_test
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.scenario_overrides import control_hz, learned_hz
 from roboverse_learn.data.sources.policy import find_demonstrator, make_policy_source
@@ -191,15 +192,15 @@ def test_the_learning_curve_beside_a_result_is_that_of_its_task(trained):
 
 def test_an_evaluation_is_of_every_task_or_of_the_one_that_is_named(trained, tmp_path):
     run, words = run_of(trained), ["splits=[test]", "levels=[0]", "episodes=2", "device=cpu"]
-    both = subjects_of(compose("evaluate", [f"checkpoint={run}", *words]))
-    assert [(each.task, each.run) for each in both] == [(FIRST, run.name), (SECOND, run.name)]
-    (one,) = subjects_of(compose("evaluate", [f"checkpoint={run}", f"task={SECOND}", *words]))
-    assert (one.task, one.run, one.train_tasks) == (SECOND, run.name, (FIRST, SECOND))
+    both = checkpoints_to_test(compose("evaluate", [f"checkpoint={run}", *words]))
+    assert [(each.env.task, each.run) for each in both] == [(FIRST, run.name), (SECOND, run.name)]
+    (one,) = checkpoints_to_test(compose("evaluate", [f"checkpoint={run}", f"task={SECOND}", *words]))
+    assert (one.env.task, one.run, one.training.tasks) == (SECOND, run.name, (FIRST, SECOND))
     alone = tmp_path / "model"  # of nobody's run: the checkpoint itself knows its tasks
     (run / "checkpoints/last/pretrained_model").resolve().rename(alone)
     try:
-        found = subjects_of(compose("evaluate", [f"checkpoint={alone}", *words]))
-        assert [(each.task, each.train_tasks) for each in found] == [
+        found = checkpoints_to_test(compose("evaluate", [f"checkpoint={alone}", *words]))
+        assert [(each.env.task, each.training.tasks) for each in found] == [
             (task, (FIRST, SECOND)) for task in (FIRST, SECOND)
         ]
     finally:
@@ -235,7 +236,7 @@ def test_each_of_its_tasks_can_be_demonstrated(trained):
         source.close()
     trained_with = read_config(run)
     for task in (FIRST, SECOND):
-        assert learned_hz(trained_with, task) == control_hz(task, {}, {})
+        assert learned_hz(trained_with, task) == control_hz(EnvSpec(task=task))
 
 
 def test_environments_are_divided_among_the_tasks():
