@@ -131,7 +131,7 @@ def _write_curve(path: Path, tested: TestedCheckpoint) -> None:
         return
     trained = read_config(run)
     scene = ("task_kwargs", "simulator", "simulator_settings", "scenario", "renderer")
-    if all(getattr(tested, key) == getattr(trained, key) for key in scene):
+    if all(getattr(tested.env, key) == getattr(trained.env, key) for key in scene):
         rows = read_metrics(run)
         if tested.training.tasks:
             rows = [
@@ -275,7 +275,7 @@ def _earlier(
     then = (result.checkpoint.hash, result.protocol.hash, result.materials, dict(result.versions))
     keys = ("task_kwargs", "simulator", "simulator_settings", "renderer", "scenario", "image_size")
     known = [key for key in keys if getattr(result, key) is not None]  # no size: it saw no pictures
-    scene = all(getattr(result, key) == getattr(tested, key) for key in known)
+    scene = all(getattr(result, key) == getattr(tested.env, key) for key in known)
     return result if scene and now == then else None
 
 

@@ -95,9 +95,9 @@ def test_another_control_rate_than_the_policy_learned_at_is_refused(
 def test_the_task_is_that_of_the_checkpoint_unless_another_is_asked_for(tmp_path):
     (tmp_path / "config.json").write_text(json.dumps({"type": "tdmpc2", "task": "control/cartpole"}))
     words = ["source=policy", f"checkpoint={tmp_path}"]
-    assert compose("collect", words).task == "control/cartpole"
-    assert compose("collect", [*words, "task=StackCube"]).task == "StackCube"
-    assert compose("collect", ["source=policy", f"checkpoint={tmp_path / 'none'}"]).task == "PickCube"
+    assert compose("collect", words).env.task == "control/cartpole"
+    assert compose("collect", [*words, "task=StackCube"]).env.task == "StackCube"
+    assert compose("collect", ["source=policy", f"checkpoint={tmp_path / 'none'}"]).env.task == "PickCube"
 
 
 def test_what_cannot_demonstrate_is_named(checkpoint, tmp_path):

@@ -220,7 +220,7 @@ def test_no_other_task_is_evaluated_or_demonstrated(trained, capsys):
 def test_each_of_its_tasks_can_be_demonstrated(trained):
     run = run_of(trained)
     words = ["source=policy", f"checkpoint={run}"]
-    assert compose("collect", words).task == FIRST
+    assert compose("collect", words).env.task == FIRST
     demonstrator = find_demonstrator(str(run), SECOND)
     scene = {"task": SECOND, "task_kwargs": {}, "level": 0, "only": None, "simulator": "mujoco"}
     source = make_policy_source(
