@@ -72,7 +72,7 @@ def section(entry: Entry, record: ExpertRecord | None) -> str:
     rows = {
         "Source": f"{info['source']} ({_paper(info['paper'])}; {info['licence']})",
         "Instructions": "<br>".join(f"“{text}”" for text in task.instructions),
-        "Robot": f"{info['robot']}; an action has {_numbers(task.controller.names)}",
+        "Robot": f"{scenario.robots[0].name}; an action has {_numbers(task.controller.names)}",
         "Cameras": cameras,
         "Horizon": f"{task.max_episode_steps} steps, {task.max_episode_steps / hz:g} s at {hz:g} Hz",
         "Expert": described(record) if task.has_expert else "none: learned by reward",
@@ -112,12 +112,12 @@ def _shown(task: Task) -> str:
 
 def family_section(name: str, members: Sequence[Entry], records: Mapping[str, ExpertRecord]) -> str:
     """Returns the part of the page of tasks that have one source, robot and horizon: a table."""
-    info = members[0].info
+    info, task = members[0].info, TASKS.get(members[0].name)()
     lines = [
         f"## {name}",
         "",
         f"{len(members)} tasks of {info['source']} ({_paper(info['paper'])}; {info['licence']}). "
-        f"Robot: {info['robot']}. Horizon: {info['horizon']} steps.",
+        f"Robot: {task.scenario.robots[0].name}. Horizon: {task.max_episode_steps} steps.",
         "",
         "| task | what to do | expert |",
         "|---|---|---|",

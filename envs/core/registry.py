@@ -1,10 +1,18 @@
-"""One registry for everything that has a name: tasks, simulators, renderers, robots."""
+"""One registry for everything that has a name: tasks, robots, simulators, renderers, policies, sources."""
 
 import importlib
+import importlib.metadata
+import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from envs.core.errors import MissingExtraError, unknown_name
+from envs.core.errors import ConfigError, MissingExtraError, unknown_name
+
+PLUGINS_VARIABLE = "ROBOVERSE_PLUGINS"
+"""Environment variable: modules, separated by commas, that are imported before a registry is read.
+
+``plugins=[...]`` of a command sets it, so that the processes that the command starts load them too.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,6 +26,7 @@ class Entry[T]:
         extra: The optional extra of this distribution that the target needs, if any.
         summary: One line for listings.
         info: Further facts for listings, by name; plain data, so that reading them imports nothing.
+        distribution: The installed package that registered it through an entry point; empty for the others.
     """
 
     name: str
@@ -26,6 +35,7 @@ class Entry[T]:
     extra: str | None = None
     summary: str = ""
     info: Mapping[str, str] = field(default_factory=dict)
+    distribution: str = ""
 
 
 class Registry[T]:
@@ -33,11 +43,14 @@ class Registry[T]:
 
     Args:
         kind: What is registered, as it reads in an error message (``"task"``).
+        group: Group of entry points by which other packages register, such as ``"roboverse.tasks"``: the
+            entry point's name is the registered name, its value the target.
     """
 
-    def __init__(self, kind: str) -> None:
-        self.kind = kind
+    def __init__(self, kind: str, group: str = "") -> None:
+        self.kind, self.group = kind, group
         self._entries: dict[str, Entry[T]] = {}
+        self._complete = False
 
     def add(
         self,
@@ -48,11 +61,13 @@ class Registry[T]:
         extra: str | None = None,
         summary: str = "",
         info: Mapping[str, str] | None = None,
+        distribution: str = "",
     ) -> None:
         """Registers ``target`` under ``name``; a name can be taken only once."""
         if name in self._entries:
             raise ValueError(f"The {self.kind} '{name}' is registered already.")
-        self._entries[name] = Entry(name, target, frozenset(tags), extra, summary, dict(info or {}))
+        entry = Entry(name, target, frozenset(tags), extra, summary, dict(info or {}), distribution)
+        self._entries[name] = entry
 
     def decorate(self, name: str, **kwargs) -> Callable[[T], T]:
         """Registers the decorated object; see :meth:`add`."""
@@ -70,6 +85,8 @@ class Registry[T]:
             UnknownNameError: if nothing is registered under that name.
         """
         if name not in self._entries:
+            self._load_others()
+        if name not in self._entries:
             raise unknown_name(self.kind, name, self._entries)
         return self._entries[name]
 
@@ -79,6 +96,7 @@ class Registry[T]:
         Raises:
             UnknownNameError: if nothing is registered under that name.
             MissingExtraError: if a package of the entry's extra is not installed.
+            ConfigError: if another package registered it and it cannot be imported from there.
         """
         entry = self.entry(name)
         if not isinstance(entry.target, str):
@@ -86,8 +104,14 @@ class Registry[T]:
         module, _, attribute = entry.target.partition(":")
         try:
             return getattr(importlib.import_module(module), attribute)
-        except ModuleNotFoundError as error:
-            if entry.extra is None:
+        except (ImportError, AttributeError) as error:
+            if entry.distribution:
+                raise ConfigError(
+                    f"The {self.kind} '{name}' of the package '{entry.distribution}' cannot be imported from "
+                    f"'{entry.target}': {error}. Mend its entry point in the group '{self.group}', or "
+                    "uninstall the package."
+                ) from error
+            if entry.extra is None or not isinstance(error, ModuleNotFoundError):
                 raise
             raise MissingExtraError(
                 f"The {self.kind} '{name}' needs the package '{error.name}', which is not installed. "
@@ -96,13 +120,51 @@ class Registry[T]:
 
     def names(self, tag: str | None = None) -> list[str]:
         """Returns the registered names, sorted; with ``tag``, only those that carry it."""
+        self._load_others()
         return sorted(n for n, e in self._entries.items() if tag is None or tag in e.tags)
 
     def __contains__(self, name: str) -> bool:
+        if name not in self._entries:
+            self._load_others()
         return name in self._entries
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.names())
 
     def __len__(self) -> int:
-        return len(self._entries)
+        return len(self.names())
+
+    def _load_others(self) -> None:
+        """Adds what other packages register, once; they are not imported, but for the named plugins.
+
+        Raises:
+            ConfigError: Two packages register one name, or a plugin cannot be imported.
+        """
+        if self._complete or not self.group:
+            return
+        self._complete = True
+        load_plugins()
+        for point in importlib.metadata.entry_points(group=self.group):
+            owner = point.dist.name if point.dist else "unknown"
+            if point.name in self._entries:
+                raise ConfigError(
+                    f"The package '{owner}' registers the {self.kind} '{point.name}', and so does another "
+                    f"one. Give it another name in its entry points, in the group '{self.group}'."
+                )
+            self.add(point.name, point.value, summary=f"from {owner}", distribution=owner)
+
+
+def load_plugins() -> None:
+    """Imports the modules that :data:`PLUGINS_VARIABLE` names; each registers what it has.
+
+    Raises:
+        ConfigError: One of them cannot be imported.
+    """
+    for name in filter(None, os.environ.get(PLUGINS_VARIABLE, "").split(",")):
+        try:
+            importlib.import_module(name)
+        except ImportError as error:
+            raise ConfigError(
+                f"The plugin '{name}' cannot be imported: {error}. Install it, or put its folder on "
+                "PYTHONPATH."
+            ) from error

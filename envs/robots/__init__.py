@@ -3,7 +3,7 @@
 from envs.core.registry import Registry
 from envs.scenario import RobotCfg
 
-ROBOTS: Registry[RobotCfg] = Registry("robot")
+ROBOTS: Registry[RobotCfg] = Registry("robot", group="roboverse.robots")
 ROBOTS.add("franka", "envs.robots.franka:FRANKA", summary="Franka Emika Panda with its parallel gripper")
 ROBOTS.add("h1", "envs.robots.h1:H1", extra="humanoid", summary="Unitree H1, a humanoid without hands")
 ROBOTS.add(

@@ -1,4 +1,8 @@
-"""Tasks: one file per family, one line here."""
+"""Tasks: a file or a folder per family, a line per task. Robot, horizon and instructions stand on the class.
+
+Other packages register tasks through the entry-point group ``roboverse.tasks``, or by ``TASKS.add`` in a
+module that ``plugins=[...]`` names; see ``docs/plugins.md``.
+"""
 
 from typing import TYPE_CHECKING
 
@@ -8,131 +12,86 @@ from envs.tasks.metaworld.catalogue import PREFIX, WORDS
 if TYPE_CHECKING:
     from envs.tasks.base import Task
 
-_MANISKILL = ("ManiSkill 3", "arXiv:2410.00425", "Apache-2.0")
-_ROBOSUITE = ("robosuite 1.5", "arXiv:2009.12293", "MIT")
-_LIBERO = ("LIBERO-object", "arXiv:2306.03310", "MIT; groceries are drawn by primitives")
-_RLBENCH = ("RLBench", "arXiv:1909.12271", "numbers alone; the box is RoboVerse's, Apache-2.0")
-_CALVIN = ("CALVIN", "arXiv:2112.03227", "MIT")
-_HUMANOID = ("HumanoidBench", "arXiv:2403.10506", "MIT; Unitree's H1 is BSD 3-Clause")
-_ISAAC_LAB = ("Isaac Lab", "arXiv:2301.04195", "BSD 3-Clause; the ant's shapes are Gymnasium's, MIT")
-_METAWORLD = ("Meta-World 3", "arXiv:1910.10897", "MIT")
-"""Name, paper and licence of where a task comes from."""
+TASKS: "Registry[type[Task]]" = Registry("task", group="roboverse.tasks")
 
 
-def _facts(source: tuple[str, str, str], robot: str, horizon: int, family: str = "") -> dict[str, str]:
-    """What a listing says of a task without importing it; ``tests/envs/tasks/test_facts.py`` compares."""
-    name, paper, licence = source
-    facts = {"source": name, "paper": paper, "licence": licence, "robot": robot, "horizon": str(horizon)}
+def _origin(name: str, paper: str, licence: str, family: str = "") -> dict[str, str]:
+    """Returns where a task comes from; tasks of one ``family`` are listed together."""
+    facts = {"source": name, "paper": paper, "licence": licence}
     return {**facts, "family": family} if family else facts
 
 
-TASKS: "Registry[type[Task]]" = Registry("task")
-TASKS.add(
-    "PickCube",
-    "envs.tasks.pick_cube:PickCube",
-    tags={"tabletop", "benchmark"},
-    summary="grasp a 4 cm cube and hold it at the green marker",
-    info=_facts(_MANISKILL, "franka", 100),
-)
-TASKS.add(
-    "StackCube",
-    "envs.tasks.stack_cube:StackCube",
-    tags={"tabletop", "benchmark"},
-    summary="put the red cube on the green cube and let go of it",
-    info=_facts(_MANISKILL, "franka", 200),
-)
-TASKS.add(
-    "NutAssembly",
-    "envs.tasks.nut_assembly:NutAssembly",
-    tags={"tabletop", "benchmark"},
-    summary="put the square and the round nut on their pegs",
-    info=_facts(_ROBOSUITE, "franka", 400),
-)
-TASKS.add(
-    "NutAssemblySquare",
-    "envs.tasks.nut_assembly:NutAssemblySquare",
-    tags={"tabletop"},
-    summary="put the square nut on its peg",
-    info=_facts(_ROBOSUITE, "franka", 250),
-)
-TASKS.add(
+_MANISKILL = _origin("ManiSkill 3", "arXiv:2410.00425", "Apache-2.0")
+_ROBOSUITE = _origin("robosuite 1.5", "arXiv:2009.12293", "MIT")
+_LIBERO = _origin("LIBERO-object", "arXiv:2306.03310", "MIT; groceries are built from primitives")
+_RLBENCH = _origin("RLBench", "arXiv:1909.12271", "numbers alone; the box is RoboVerse's, Apache-2.0")
+_CALVIN = _origin("CALVIN", "arXiv:2112.03227", "MIT")
+_HUMANOID = _origin("HumanoidBench", "arXiv:2403.10506", "MIT; Unitree's H1 is BSD 3-Clause")
+_ISAAC_LAB = _origin("Isaac Lab", "arXiv:2301.04195", "BSD 3-Clause; the ant's shapes are Gymnasium's, MIT")
+_METAWORLD = _origin("Meta-World 3", "arXiv:1910.10897", "MIT", family="Meta-World")
+
+
+def _add(name: str, target: str, summary: str, origin: dict[str, str], *tags: str, extra: str = "") -> None:
+    TASKS.add(name, f"envs.tasks.{target}", tags=set(tags), extra=extra or None, summary=summary, info=origin)
+
+
+for _name, _target, _source, _summary in (
+    ("PickCube", "pick_cube", _MANISKILL, "grasp a 4 cm cube and hold it at the green marker"),
+    ("StackCube", "stack_cube", _MANISKILL, "put the red cube on the green cube and let go of it"),
+    ("NutAssembly", "nut_assembly", _ROBOSUITE, "put the square and the round nut on their pegs"),
+    ("CloseBox", "close_box", _RLBENCH, "push the open lid of a box over until it is shut"),
+    ("MoveSliderLeft", "move_slider", _CALVIN, "pull the door of a play table to the left by its handle"),
+):
+    _add(_name, f"{_target}:{_name}", _summary, _source, "tabletop", "benchmark")
+_PUDDING = "put the chocolate pudding, one of seven groceries, into the basket"
+_add(
     "PickChocolatePudding",
-    "envs.tasks.pick_chocolate_pudding:PickChocolatePudding",
-    tags={"floor", "benchmark"},
-    summary="put the chocolate pudding, one of seven groceries, into the basket",
-    info=_facts(_LIBERO, "franka", 250),
+    "pick_chocolate_pudding:PickChocolatePudding",
+    _PUDDING,
+    _LIBERO,
+    "floor",
+    "benchmark",
 )
-TASKS.add(
-    "CloseBox",
-    "envs.tasks.close_box:CloseBox",
-    tags={"tabletop", "benchmark"},
-    summary="push the open lid of a box over until it is shut",
-    info=_facts(_RLBENCH, "franka", 200),
+_add(
+    "NutAssemblySquare",
+    "nut_assembly:NutAssemblySquare",
+    "put the square nut on its peg",
+    _ROBOSUITE,
+    "tabletop",
 )
-TASKS.add(
-    "MoveSliderLeft",
-    "envs.tasks.move_slider:MoveSliderLeft",
-    tags={"tabletop", "benchmark"},
-    summary="pull the sliding door of a play table to the left by its handle",
-    info=_facts(_CALVIN, "franka", 150),
-)
-for _name, _summary in {
-    "stand": "stand upright and keep still for 20 s",
-    "walk": "walk forwards at 1 m/s",
-    "run": "run forwards at 5 m/s",
-    "crawl": "crawl through a low tunnel",
-    "hurdle": "run over ten hurdles",
-    "stair": "walk up and down stairs",
-    "slide": "walk up and down ramps",
-    "pole": "walk between poles without touching them",
-    "maze": "walk through a maze from marker to marker",
-    "sit_simple": "sit down on the chair behind",
-    "sit_hard": "sit down on a chair that can be pushed away",
-    "balance_simple": "stand on a board that tips on a ball",
-    "balance_hard": "stand on a board on a rolling ball",
-}.items():
-    _module = "locomotion" if _name in ("stand", "walk", "run") else "obstacles"
-    TASKS.add(
-        f"humanoid/{_name}",
-        f"envs.tasks.humanoid.{_module}:{_name.title().replace('_', '')}",
-        tags={"humanoid", "rl"},
-        extra="humanoid",
-        summary=_summary,
-        info=_facts(_HUMANOID, "h1", 1000),
-    )
-for _name, (_class, _robot, _horizon, _summary) in {
-    "cartpole": ("cartpole:Cartpole", "cartpole", 300, "push a cart so that the pole on it stays upright"),
-    "ant": ("ant:Ant", "ant", 960, "run on four legs"),
-    "franka_reach": ("reach:FrankaReach", "franka", 120, "bring the hand to a commanded pose"),
-}.items():
-    TASKS.add(
-        f"control/{_name}",
-        f"envs.tasks.control.{_class}",
-        tags={"control", "rl"},
-        summary=_summary,
-        info=_facts(_ISAAC_LAB, _robot, _horizon),
-    )
-for _name, _summary in {
-    "DrawerOpen": "pull a drawer open by its handle",
-    "DrawerClose": "push an open drawer in",
-    "DoorClose": "push the open door of a safe shut",
-    "WindowOpen": "slide a window open",
-    "WindowClose": "slide an open window shut",
-}.items():
-    TASKS.add(
-        _name,
-        f"envs.tasks.metaworld.furniture:{_name}",
-        tags={"tabletop", "metaworld"},
-        extra="metaworld",
-        summary=_summary,
-        info=_facts(_METAWORLD, "sawyer", 500, family="Meta-World"),
-    )
+
+for _name, _target, _summary in (
+    ("stand", "locomotion:Stand", "stand upright and keep still for 20 s"),
+    ("walk", "locomotion:Walk", "walk forwards at 1 m/s"),
+    ("run", "locomotion:Run", "run forwards at 5 m/s"),
+    ("crawl", "obstacles:Crawl", "crawl through a low tunnel"),
+    ("hurdle", "obstacles:Hurdle", "run over ten hurdles"),
+    ("stair", "obstacles:Stair", "walk up and down stairs"),
+    ("slide", "obstacles:Slide", "walk up and down ramps"),
+    ("pole", "obstacles:Pole", "walk between poles without touching them"),
+    ("maze", "obstacles:Maze", "walk through a maze from marker to marker"),
+    ("sit_simple", "obstacles:SitSimple", "sit down on the chair behind"),
+    ("sit_hard", "obstacles:SitHard", "sit down on a chair that can be pushed away"),
+    ("balance_simple", "obstacles:BalanceSimple", "stand on a board that tips on a ball"),
+    ("balance_hard", "obstacles:BalanceHard", "stand on a board on a rolling ball"),
+):
+    _add(f"humanoid/{_name}", f"humanoid.{_target}", _summary, _HUMANOID, "humanoid", "rl", extra="humanoid")
+
+for _name, _target, _summary in (
+    ("cartpole", "cartpole:Cartpole", "push a cart so that the pole on it stays upright"),
+    ("ant", "ant:Ant", "run on four legs"),
+    ("franka_reach", "reach:FrankaReach", "bring the hand to a commanded pose"),
+):
+    _add(f"control/{_name}", f"control.{_target}", _summary, _ISAAC_LAB, "control", "rl")
+
+_EXTRA = "metaworld"
+for _name, _summary in (
+    ("DrawerOpen", "pull a drawer open by its handle"),
+    ("DrawerClose", "push an open drawer in"),
+    ("DoorClose", "push the open door of a safe shut"),
+    ("WindowOpen", "slide a window open"),
+    ("WindowClose", "slide an open window shut"),
+):
+    _add(_name, f"metaworld.furniture:{_name}", _summary, _METAWORLD, "tabletop", _EXTRA, extra=_EXTRA)
 for _name, _words in WORDS.items():
-    TASKS.add(
-        f"{PREFIX}{_name}",
-        f"envs.tasks.metaworld.others:{_name}",
-        tags={"metaworld", "adapted"},
-        extra="metaworld",
-        summary=_words[0],
-        info=_facts(_METAWORLD, "sawyer", 500, family="Meta-World"),
-    )
+    _add(PREFIX + _name, f"metaworld.others:{_name}", _words[0], _METAWORLD, _EXTRA, "adapted", extra=_EXTRA)

@@ -9,8 +9,8 @@ from envs.experts.record import read_records
 from envs.tasks import TASKS
 
 WIDTH = 110
-HEADINGS = ("task", "source", "robot", "steps", "expert", "demos", "what to do")
-_RIGHT = (3, 5)
+HEADINGS = ("task", "source", "expert", "demos", "what to do")
+_RIGHT = (3,)
 """Columns of numbers."""
 
 
@@ -25,7 +25,7 @@ def tasks_in_short() -> str:
 
 
 def tasks_in_detail(datasets_dir: Path) -> str:
-    """Returns a table of tasks: source, robot, horizon, the expert's success, demonstrations at hand.
+    """Returns a table of tasks: source, the expert's success, demonstrations at hand.
 
     Args:
         datasets_dir: The folder of datasets; those of a task lie in a folder of its name.
@@ -36,11 +36,8 @@ def tasks_in_detail(datasets_dir: Path) -> str:
     for entry in alone:
         unmeasured = "none" if "rl" in entry.tags else "-"
         expert = str(experts[entry.name]) if entry.name in experts else unmeasured
-        facts = entry.info
         demos = str(count_demos(datasets_dir, entry.name))
-        rows.append(
-            (entry.name, facts["source"], facts["robot"], facts["horizon"], expert, demos, entry.summary)
-        )
+        rows.append((entry.name, entry.info.get("source", ""), expert, demos, entry.summary))
     widths = [max(len(row[column]) for row in rows) for column in range(len(HEADINGS) - 1)]
     lines = []
     for row in rows:
@@ -61,7 +58,7 @@ def tasks_in_detail(datasets_dir: Path) -> str:
         expert = f"{100 * min(rates):.1f} to {100 * max(rates):.1f} %" if rates else "-"
         demos = sum(count_demos(datasets_dir, entry.name) for entry in members)
         lines += [
-            f"  {name}, {len(members)} tasks ({facts['source']}, {facts['robot']}, {facts['horizon']} steps; "
+            f"  {name}, {len(members)} tasks ({facts['source']}; "
             f"expert {expert}, {measured} measured; {demos} demos):",
             _names(members),
         ]

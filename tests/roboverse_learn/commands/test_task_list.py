@@ -31,14 +31,12 @@ def test_every_fact_of_a_task_stands_in_its_row(tmp_path, monkeypatch):
     splits = {"train": SplitRecord(500, 1.0, 60.0), "test": SplitRecord(500, 0.996, 60.0)}
     monkeypatch.setattr(task_list, "read_records", lambda: {"PickCube": ExpertRecord(splits, "", None)})
     rows = task_list.tasks_in_detail(tmp_path).splitlines()
-    assert rows[0].split() == ["task", "source", "robot", "steps", "expert", "demos", "what", "to", "do"]
+    assert rows[0].split() == ["task", "source", "expert", "demos", "what", "to", "do"]
     row = next(row for row in rows if row.startswith("  PickCube "))
     cells = [cell for cell in row.split("  ") if cell.strip()]
     assert [cell.strip() for cell in cells] == [
         "PickCube",
         "ManiSkill 3",
-        "franka",
-        "100",
         "100.0 / 99.6 %",
         "700",
         TASKS.entry("PickCube").summary,

@@ -1,0 +1,79 @@
+"""Registration: names, lazy targets, and what other packages add through entry points and plugins."""
+
+import importlib
+import sys
+
+import pytest
+
+from envs.core.errors import ConfigError, MissingExtraError, UnknownNameError
+from envs.core.registry import PLUGINS_VARIABLE, Registry
+
+GROUP = "roboverse.test_things"
+
+
+def install(folder, monkeypatch, name, points, modules=()):
+    """Puts a package with these entry points into ``folder``, as an installer would."""
+    info = folder / f"{name}-1.0.dist-info"
+    info.mkdir(parents=True)
+    info.joinpath("METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    lines = "\n".join(f"{key} = {value}" for key, value in points.items())
+    info.joinpath("entry_points.txt").write_text(f"[{GROUP}]\n{lines}\n")
+    for module, text in dict(modules).items():
+        folder.joinpath(f"{module}.py").write_text(text)
+        monkeypatch.delitem(sys.modules, module, raising=False)
+    monkeypatch.syspath_prepend(folder)
+    importlib.invalidate_caches()
+
+
+def test_entry_points_of_other_packages_are_registered_and_imported_on_use(tmp_path, monkeypatch):
+    modules = {"their_things": "THING = 42\n"}
+    install(tmp_path, monkeypatch, "theirs", {"Theirs": "their_things:THING"}, modules)
+    registry = Registry("thing", GROUP)
+    registry.add("Ours", 1)
+    assert registry.names() == ["Ours", "Theirs"]
+    assert "their_things" not in sys.modules
+    assert registry.get("Theirs") == 42
+    assert registry.entry("Theirs").distribution == "theirs"
+
+
+def test_a_name_registered_by_two_packages_is_refused(tmp_path, monkeypatch):
+    install(tmp_path, monkeypatch, "theirs", {"Ours": "their_things:THING"})
+    registry = Registry("thing", GROUP)
+    registry.add("Ours", 1)
+    with pytest.raises(ConfigError, match=r"The package 'theirs' registers the thing 'Ours'.*another name"):
+        registry.names()
+
+
+def test_an_entry_point_that_cannot_be_imported_names_its_package(tmp_path, monkeypatch):
+    install(tmp_path, monkeypatch, "theirs", {"Theirs": "no_such_module:THING"})
+    with pytest.raises(ConfigError, match=r"'Theirs' of the package 'theirs'.*no_such_module"):
+        Registry("thing", GROUP).get("Theirs")
+
+
+def test_plugins_register_by_being_imported(tmp_path, monkeypatch):
+    tmp_path.joinpath("my_plugin.py").write_text("import builtins\nbuiltins.registry.add('Mine', 7)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    registry = Registry("thing", GROUP)
+    monkeypatch.setattr("builtins.registry", registry, raising=False)
+    monkeypatch.setenv(PLUGINS_VARIABLE, "my_plugin")
+    assert registry.get("Mine") == 7
+
+
+def test_a_plugin_that_is_not_installed_is_named(monkeypatch):
+    monkeypatch.setenv(PLUGINS_VARIABLE, "no_such_plugin")
+    with pytest.raises(ConfigError, match=r"The plugin 'no_such_plugin' cannot be imported.*PYTHONPATH"):
+        Registry("thing", GROUP).names()
+
+
+def test_unknown_name_suggests_nearest():
+    registry = Registry("thing")
+    registry.add("PickCube", 1)
+    with pytest.raises(UnknownNameError, match=r"Unknown thing 'PickCub'\. Did you mean 'PickCube'\?"):
+        registry.get("PickCub")
+
+
+def test_missing_package_names_the_extra_to_install():
+    registry = Registry("thing")
+    registry.add("x", "no_such_module:X", extra="things")
+    with pytest.raises(MissingExtraError, match=r"roboverse-learn\[things\]"):
+        registry.get("x")
