@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmark.records import EpisodeRecord
-from benchmark.runner import EvaluatedEnv, Rollout
+from benchmark.runner import EvaluatedEnv, PolicyActor
 from envs.core.atomic import atomic_path
 from envs.core.errors import ConfigError
+from envs.rollout import Episode, rollout
 from policies.base import Policy
 
 logger = logging.getLogger(__name__)
@@ -35,21 +36,19 @@ def record_episode(
         ConfigError: The env's observations hold no picture.
     """
     frames: list[np.ndarray] = []
-    steps: list[int] = []
-    successes: list[bool] = []
 
-    def film(env_id: int, length: int) -> None:
-        steps.append(length)
-        if length % every == 0:
-            frames.append(_picture(env, env_id))
+    def film(running: Episode) -> None:
+        if running.length % every == 0:
+            frames.append(_image(env, running.env_id))
 
-    Rollout(policy, env, seed, "a video", film).run([episode], lambda _, success: successes.append(success))
-    if steps[-1] % every:  # the env still stands where the episode ended
-        frames.append(_picture(env, 0))
-    return np.stack(frames), successes[0]
+    actor = PolicyActor(policy, env, seed, "a video")
+    (finished,) = rollout(env, actor, [episode], on_step=film)
+    if finished.length % every:  # the environment is still where the episode ended
+        frames.append(_image(env, finished.env_id))
+    return np.stack(frames), finished.success
 
 
-def _picture(env: EvaluatedEnv, env_id: int) -> np.ndarray:
+def _image(env: EvaluatedEnv, env_id: int) -> np.ndarray:
     observation = env.observe(np.array([env_id], dtype=np.int64))
     for key, value in observation.items():
         if key.startswith("observation.images."):

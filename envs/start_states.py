@@ -85,7 +85,7 @@ def expert_states(
             kept.append(states.select(torch.from_numpy(chosen).to(states.device)).flatten())
         controller.advance(handler, follower.next_actions(), substeps)
         success = task.success(handler.get_states()).cpu().numpy()
-        follower.record(active, success, np.zeros(len(rngs)))
+        follower.record(active, success)
     if not kept:
         raise ConfigError(
             f"The expert of {task.name} left no state to start at: it gave up or succeeded at once in all of "

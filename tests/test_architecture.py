@@ -39,6 +39,7 @@ LAYERS = (
         "multi_task_env",
     ),
     ("spec",),
+    ("rollout", "playback"),
     ("experts", "adapters", "lerobot", "gym_env", "gym_registration"),
     ("",),
 )
@@ -48,8 +49,6 @@ NOT_YET = {
     # DOCS and CONFIG: programs that import the commands, and parse with pydantic and yaml
     ("envs.core.arguments", "pydantic"),
     ("envs.core.arguments", "yaml"),
-    # ROLLOUT
-    ("envs.experts.rollout", "envs.experts.batched_rollout"),
     # CONFIG
     ("roboverse_learn.commands.report", "roboverse_learn.evaluate"),
 }

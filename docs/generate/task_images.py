@@ -190,13 +190,14 @@ def draw_strip(name: str, *, renderer: str = "warp") -> np.ndarray:
 
 def _solved(name: str) -> tuple[int, np.ndarray]:
     """Returns an episode that the expert solves, and its actions up to there."""
-    from envs.experts.rollout import TAIL_STEPS, rollout
+    from envs.experts.actor import expert_episodes
+    from envs.tasks.plan_following import TAIL_STEPS
     from envs.vector_env import RoboVerseVectorEnv
 
     states = RoboVerseVectorEnv(name, 1, split="train", observation="state", num_threads=1)
     try:
         episodes = states.split_indices[:10].tolist()
-        solved = next((r for r in rollout(states, episodes) if r.success), None)
+        solved = next((r for r in expert_episodes(states, episodes, record=()) if r.success), None)
     finally:
         states.close()
     if solved is None:

@@ -16,9 +16,10 @@ import numpy as np
 
 from envs.core.arguments import parse
 from envs.core.errors import ConfigError, RoboVerseError, unknown_name
+from envs.experts.actor import expert_episodes
 from envs.experts.record import RECORDS, ExpertRecord, SplitRecord, git_sha, write_record
-from envs.experts.rollout import Rollout, rollout
 from envs.randomization.splits import SPLITS
+from envs.rollout import Episode
 from envs.vector_env import RoboVerseVectorEnv
 
 logger = logging.getLogger(__name__)
@@ -53,18 +54,18 @@ class ExpertReport:
         return SplitRecord(self.num_episodes, round(self.success_rate, 4), round(self.mean_steps, 1))
 
 
-def summarize(rollouts: Iterable[Rollout], arm: Sequence[int]) -> ExpertReport:
+def summarize(episodes: Iterable[Episode], arm: Sequence[int]) -> ExpertReport:
     """Reduces rollouts to a report.
 
     Args:
-        rollouts: At least one.
+        episodes: At least one.
         arm: Columns of an action that are the arm's joints; fingers may jump.
 
     Raises:
         ConfigError: if there is no rollout.
     """
     failures, steps, largest = [], [], 0.0
-    for episode in rollouts:
+    for episode in episodes:
         steps.append(len(episode.actions))
         if not episode.success:
             failures.append(episode.episode)
@@ -110,7 +111,8 @@ def check_expert(
     try:
         fingers = env.scenario.robots[0].gripper_joints
         arm = [column for column, name in enumerate(env.controller.names) if name not in fingers]
-        return summarize(rollout(env, env.split_indices[:num_episodes].tolist()), arm)
+        episodes = env.split_indices[:num_episodes].tolist()
+        return summarize(expert_episodes(env, episodes, record=()), arm)
     finally:
         env.close()
 

@@ -102,7 +102,7 @@ def git_sha(folder: Path | None = None) -> str | None:
     It ends in ``+`` if tracked files differ from the commit; it is None outside a checkout.
     """
     here = folder or Path(__file__).parent
-    if folder is None and _git(here, "ls-files", "--error-unmatch", "rollout.py") is None:
+    if folder is None and _git(here, "ls-files", "--error-unmatch", "record.py") is None:
         return None  # an installed package inside somebody else's checkout
     sha = _git(here, "rev-parse", "HEAD")
     return None if sha is None else sha + "+" * bool(_git(here, "status", "--porcelain", "-uno"))

@@ -8,7 +8,7 @@ from envs.state import State
 from envs.tasks.planner import BatchPlanner, Planner
 
 TAIL_STEPS = 5
-"""Steps that are recorded after success, so that a policy learns to stay where it is."""
+"""Control steps for which a demonstration goes on after success, so that a policy learns to stay."""
 
 
 class PlanFollower:
@@ -20,9 +20,6 @@ class PlanFollower:
 
     Attributes:
         success: Which episodes were solved at some step, (N,) bool.
-        lengths: Steps of each episode, (N,) int64.
-        history: The actions of each step, (N, A) each.
-        rewards: The rewards of each step, (N,) each.
     """
 
     def __init__(self, rngs: Sequence[np.random.Generator], planner: Planner) -> None:
@@ -34,9 +31,6 @@ class PlanFollower:
         self._over = np.zeros(count, bool)
         self._last: list[np.ndarray | None] = [None] * count
         self.success = np.zeros(count, bool)
-        self.lengths = np.zeros(count, np.int64)
-        self.history: list[np.ndarray] = []
-        self.rewards: list[np.ndarray] = []
 
     def active(self, state: State) -> np.ndarray:
         """Returns the environments that act in this step; a used-up plan is replaced, from ``state``."""
@@ -58,13 +52,10 @@ class PlanFollower:
         for env_id in np.flatnonzero(~self._over):
             self._last[env_id] = self._plans[env_id][self._cursor[env_id]]
         known = next(last for last in self._last if last is not None)
-        self.history.append(np.stack([known if last is None else last for last in self._last]))
-        return self.history[-1]
+        return np.stack([known if last is None else last for last in self._last])
 
-    def record(self, active: np.ndarray, success: np.ndarray, rewards: np.ndarray) -> None:
+    def record(self, active: np.ndarray, success: np.ndarray) -> None:
         """Records the outcome of a step; after its first success an episode lasts ``TAIL_STEPS`` more."""
-        self.rewards.append(rewards)
-        self.lengths[active] += 1
         self._cursor[active] += 1
         counting = active[self._left[active] > 0]
         solved = active[success[active] & (self._left[active] < 0)]

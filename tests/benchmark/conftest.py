@@ -80,6 +80,9 @@ class PointEnv:
     def initial_state_hash(self, env_id):
         return f"{int(self._episode[env_id]):016x}"
 
+    def instruction(self, env_id):
+        return f"Reach goal {int(self._episode[env_id])}."
+
     def close(self):
         self.closed = True
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from benchmark.protocol import Protocol
-from benchmark.runner import Rollout, episode_generator, evaluate, evaluate_cell
+from benchmark.runner import PolicyActor, episode_generator, evaluate, evaluate_cell
 from envs.core.errors import CheckpointError, ConfigError, SimulatorError
+from envs.rollout import rollout
 
 CELL = {"split": "test", "level": 2, "seed": 0, "policy_name": "noisy"}
 
@@ -118,7 +119,7 @@ def test_an_episode_twice_is_refused(point_env, noisy_policy):
 
 
 def test_an_env_that_never_ends_is_a_bug_of_the_env(point_env, noisy_policy):
-    with pytest.raises(SimulatorError, match=r"Episode 100 of Reach .* did not end after 24 steps"):
+    with pytest.raises(SimulatorError, match=r"Episode 100 of Reach did not end after 24 steps"):
         evaluate_cell(noisy_policy(noise=9.0), point_env(truncates=False), [100], **CELL)
 
 
@@ -155,8 +156,11 @@ def test_evaluate_closes_the_env_of_a_failed_cell(point_env, noisy_policy):
 
 
 def test_rollout_reports_every_step(point_env, noisy_policy):
-    steps = []
-    Rollout(noisy_policy(noise=9.0), point_env(), 0, "here", lambda _, length: steps.append(length)).run(
-        [100], lambda slot, success: None
-    )
+    steps, env = [], point_env()
+    actor = PolicyActor(noisy_policy(noise=9.0), env, seed=0)
+    (episode,) = rollout(env, actor, [100], on_step=lambda running: steps.append(running.length))
     assert steps == list(range(25))
+    assert (episode.length, episode.instruction) == (24, "Reach goal 100.")
+    assert episode.actions.shape == (24, 9)
+    assert not episode.success and not episode.successes.any()
+    assert episode.episode_return == pytest.approx(episode.rewards.sum())

@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import check_env
 
 import envs
 from envs.core.errors import MissingExtraError
-from envs.experts.rollout import ExpertRunner
+from envs.experts.actor import expert_episodes
 from envs.gym_registration import gym_id
 from envs.randomization import channel_rng
 from envs.state import State
@@ -37,7 +37,7 @@ def env(request):
 def rollouts(env):
     if not env.task.has_expert:
         pytest.skip(f"{env.task.name} has no expert")
-    return list(ExpertRunner(env).rollout(env.split_indices[: 2 * NUM_ENVS].tolist()))
+    return list(expert_episodes(env, env.split_indices[: 2 * NUM_ENVS].tolist()))
 
 
 def test_it_says_what_it_is(env):

@@ -78,10 +78,10 @@ class ExpertSource:
 
     def attempts(self, indices: Iterator[int]) -> Iterator[tuple[int, EpisodeData | None]]:
         """Runs the expert on the pool episodes that ``indices`` names, a batch at a time."""
-        from envs.experts.rollout import rollout
+        from envs.experts.actor import expert_episodes
 
         while batch := list(itertools.islice(indices, self._env.num_envs)):
-            for outcome in rollout(self._env, batch):
+            for outcome in expert_episodes(self._env, batch):
                 yield int(outcome.episode), self._episode(outcome) if outcome.success else None
 
     def close(self) -> None:

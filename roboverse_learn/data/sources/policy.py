@@ -9,7 +9,7 @@ from typing import Any, override
 import numpy as np
 
 from envs.core.errors import ConfigError
-from envs.experts.rollout import rollout
+from envs.experts.actor import expert_episodes
 from envs.state import State
 from envs.tasks.base import Task
 from roboverse_learn.data.dataset.schema import EpisodeData
@@ -117,7 +117,7 @@ class PolicySource(ExpertSource):
     @override
     def attempts(self, indices: Iterator[int]) -> Iterator[tuple[int, EpisodeData | None]]:
         while batch := list(itertools.islice(indices, self._env.num_envs)):
-            for outcome in rollout(self._env, batch, self._planner):
+            for outcome in expert_episodes(self._env, batch, self._planner):
                 yield (
                     int(outcome.episode),
                     self._episode(outcome, **self._facts) if outcome.success else None,

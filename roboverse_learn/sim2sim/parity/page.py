@@ -8,8 +8,8 @@ import numpy as np
 
 from benchmark.leaderboard.plots import COLORS, new_figure, save_figure
 from envs.core.atomic import write_file
+from envs.playback import HOLD_STEPS
 from roboverse_learn.sim2sim.parity.summary import FAR_M, file_name, read_all
-from roboverse_learn.sim2sim.parity.tracks import HOLD_STEPS
 
 PAGE_NAME = "parity.md"
 

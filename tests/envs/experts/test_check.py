@@ -2,29 +2,27 @@
 
 import dataclasses
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from envs.core.errors import ConfigError
 from envs.experts.check import ExpertReport, check_expert, main, summarize
-from envs.experts.rollout import Rollout
 
 
 def recorded(episode, actions, *, success=True):
-    actions = np.asarray(actions, np.float32)
-    nothing = np.zeros(0, np.float32)
-    return Rollout(episode, success, "", "", actions, actions, nothing, {}, {})
+    return SimpleNamespace(episode=episode, success=success, actions=np.asarray(actions, np.float32))
 
 
 def test_a_report_of_episodes_made_by_hand():
     """Three episodes of 3, 1 and 2 steps; fingers (column 2) may jump."""
-    rollouts = [
+    episodes = [
         recorded(4, [[0.0, 0.0, 0.04], [0.1, 0.0, 0.0], [0.1, -0.25, 0.0]]),
         recorded(9, [[0.0, 0.0, 0.0]], success=False),
         recorded(2, [[1.0, 1.0, 0.0], [1.0, 1.0, 9.0]]),
     ]
-    report = summarize(rollouts, arm=(0, 1))
+    report = summarize(episodes, arm=(0, 1))
     assert report.num_episodes == 3
     assert report.failures == (9,)
     assert report.success_rate == pytest.approx(2 / 3)

@@ -7,7 +7,7 @@ import pytest
 
 import envs
 from envs.core.errors import UnknownNameError
-from envs.experts.rollout import rollout
+from envs.experts.actor import expert_episodes
 from envs.mjcf.model import build_model
 from envs.simulators.mujoco.render import Stage
 from envs.tasks import TASKS
@@ -46,7 +46,7 @@ def test_an_env_steps_at_the_changed_control_rate() -> None:
 def test_the_expert_solves_the_task_at_another_control_rate() -> None:
     env = envs.make_vec("PickCube", 4, observation="state", split="train", scenario=SLOW)
     with contextlib.closing(env):
-        lengths = [outcome for outcome in rollout(env, env.split_indices[:4].tolist())]
+        lengths = [outcome for outcome in expert_episodes(env, env.split_indices[:4].tolist())]
     assert sum(outcome.success for outcome in lengths) >= 3
     assert max(len(outcome.actions) for outcome in lengths if outcome.success) <= 50  # of twice the length
 

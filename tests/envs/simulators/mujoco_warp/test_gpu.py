@@ -8,7 +8,7 @@ import pytest
 import torch
 import warp as wp
 
-from envs.experts.rollout import rollout
+from envs.experts.actor import expert_episodes
 from envs.kinematics.batched_inverse import BatchedPathFollower
 from envs.kinematics.waypoints import Waypoint
 from envs.randomization import Randomizer
@@ -162,7 +162,7 @@ def test_inverse_kinematics_is_that_of_the_cpu():
 def test_experts_succeed_in_an_env():
     env = RoboVerseVectorEnv("PickCube", 8, split="train", simulator="mujoco_warp", image_size=32)
     assert env.handler.device.type == "cuda"
-    found = list(rollout(env, env.split_indices[:8].tolist()))
+    found = list(expert_episodes(env, env.split_indices[:8].tolist()))
     assert sum(episode.success for episode in found) >= 7
     assert found[0].images["front"].shape[1:] == (32, 32, 3)
     observation, _ = env.reset(seed=0)

@@ -24,14 +24,14 @@ def lift_env():
 @pytest.fixture(scope="session")
 def played(pick_env):
     """Two episodes of the expert of PickCube."""
-    from envs.experts.rollout import rollout
+    from envs.experts.actor import expert_episodes
 
-    return list(rollout(pick_env, pick_env.split_indices[100:102].tolist()))
+    return list(expert_episodes(pick_env, pick_env.split_indices[100:102].tolist()))
 
 
 @pytest.fixture(scope="session")
 def lifted(lift_env):
     """Two episodes of the expert of its other variant."""
-    from envs.experts.rollout import rollout
+    from envs.experts.actor import expert_episodes
 
-    return list(rollout(lift_env, lift_env.split_indices[100:102].tolist()))
+    return list(expert_episodes(lift_env, lift_env.split_indices[100:102].tolist()))

@@ -7,7 +7,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from envs.experts.rollout import Rollout
+from envs.rollout import Episode
 from envs.rotations import rotate
 
 PANDA = [f"panda_joint{i}" for i in range(1, 8)] + ["panda_finger_joint1", "panda_finger_joint2"]
@@ -40,7 +40,7 @@ ROBOSUITE_XML = """
 """
 
 
-def arrays(played: Rollout) -> dict[str, np.ndarray]:
+def arrays(played: Episode) -> dict[str, np.ndarray]:
     """Returns an episode's raw arrays under short names."""
     out = {}
     for key, values in played.raw.items():
@@ -49,7 +49,7 @@ def arrays(played: Rollout) -> dict[str, np.ndarray]:
     return out
 
 
-def write_maniskill(path: Path, episodes: list[Rollout], **env_kwargs: Any) -> Path:
+def write_maniskill(path: Path, episodes: list[Episode], **env_kwargs: Any) -> Path:
     """Writes ``<path>.h5`` and ``<path>.json``; returns the former."""
     described = []
     with h5py.File(path.with_suffix(".h5"), "w") as file:
@@ -74,7 +74,7 @@ def write_maniskill(path: Path, episodes: list[Rollout], **env_kwargs: Any) -> P
     return path.with_suffix(".h5")
 
 
-def roboverse_episode(played: Rollout, *, states: bool = True) -> dict[str, Any]:
+def roboverse_episode(played: Episode, *, states: bool = True) -> dict[str, Any]:
     """Returns an episode in RoboVerse's v2 layout, of plain Python values."""
     raw = arrays(played)
 
@@ -92,7 +92,7 @@ def roboverse_episode(played: Rollout, *, states: bool = True) -> dict[str, Any]
     }
 
 
-def write_robosuite(path: Path, episodes: list[Rollout], *, base_z: float = 0.8, env: str = "Lift") -> Path:
+def write_robosuite(path: Path, episodes: list[Episode], *, base_z: float = 0.8, env: str = "Lift") -> Path:
     """Writes a robosuite file whose table top is at z = 0.8 m; returns its path."""
     with h5py.File(path, "w") as file:
         data = file.create_group("data")

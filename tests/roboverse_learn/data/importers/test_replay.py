@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from envs.core.errors import ConfigError, UnknownNameError
-from envs.experts.rollout import TAIL_STEPS
+from envs.playback import HOLD_STEPS
+from envs.tasks.plan_following import TAIL_STEPS
 from roboverse_learn.data.importers.maniskill import ManiSkillFile
-from roboverse_learn.data.importers.replayer import HOLD_STEPS, Replayer
+from roboverse_learn.data.importers.replayer import Replayer
 from tests.roboverse_learn.data.importers.recordings import write_maniskill
 
 

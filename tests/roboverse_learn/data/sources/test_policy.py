@@ -10,7 +10,7 @@ import yaml
 import envs
 import policies
 from envs.core.errors import ConfigError, PolicyError
-from envs.experts.rollout import rollout
+from envs.experts.actor import expert_episodes
 from envs.tasks.pick_cube import PickCube
 from policies.ppo.config import PpoConfig
 from policies.ppo.policy import PpoPolicy
@@ -45,7 +45,7 @@ def test_its_actions_are_recorded_as_the_tasks_own_and_lead_to_the_same_states(c
     policy = policies.load(checkpoint)
     env, agent = make(observation="state"), make(observation="full", actions="rl")
     episodes = env.split_indices[:2].tolist()
-    recorded = list(rollout(env, episodes, PolicyPlanner(policy, env.task)))
+    recorded = list(expert_episodes(env, episodes, PolicyPlanner(policy, env.task)))
     assert [each.actions.shape[1] for each in recorded] == [9, 9]
     agent.reset_envs(np.arange(2), episodes)
     for step in range(6):

@@ -10,6 +10,7 @@ import pytest
 
 import envs
 from envs.core.errors import DatasetError, ResultError
+from envs.playback import HOLD_STEPS
 from roboverse_learn.cli import main
 from roboverse_learn.config.schema import ReplayConfig
 from roboverse_learn.replay import replay_recordings
@@ -89,7 +90,7 @@ def test_what_goes_wrong_is_told(env, recordings):
 def test_the_last_action_is_held(env, recordings):
     """An episode that is cut off before its success succeeds in the steps that follow, or does not count."""
     (track,) = replaying.by_controls(env, recordings[:1])
-    assert len(track.success) == recordings[0].num_steps + 1 + replaying.HOLD_STEPS
+    assert len(track.success) == recordings[0].num_steps + 1 + HOLD_STEPS
     assert track.moments.num_envs == recordings[0].num_steps + 1
 
 

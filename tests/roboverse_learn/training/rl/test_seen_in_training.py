@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from benchmark.runner import Rollout
+from benchmark.runner import PolicyActor
 from envs.pixel_env import PixelVectorEnv
+from envs.rollout import rollout
 from envs.vector_env import RoboVerseVectorEnv
 from policies.stacked_images import stacked
 
@@ -34,7 +35,7 @@ def evaluated(simulator, episode):
     )
     watchers = [Watcher(push) for push in PUSHES]
     for watcher in watchers:
-        Rollout(watcher, env, 0, "a test").run([episode], lambda *_: None)
+        list(rollout(env, PolicyActor(watcher, env, seed=0), [episode]))
     env.close()
     return [torch.stack(watcher.shown) for watcher in watchers]
 
