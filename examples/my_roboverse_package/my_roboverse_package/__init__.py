@@ -1,0 +1,1 @@
+"""A task and a robot of one's own for RoboVerse Learn."""

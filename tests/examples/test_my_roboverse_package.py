@@ -1,0 +1,50 @@
+"""The example package, installed as a user installs it: every command knows its task and its robot."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLE = ROOT / "examples" / "my_roboverse_package"
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """Returns the environment variables of processes that have the package."""
+    pytest.importorskip("setuptools", minversion="77", reason="builds the example without a package index")
+    target = tmp_path_factory.mktemp("site")
+    copy = tmp_path_factory.mktemp("source") / EXAMPLE.name
+    subprocess.run(["cp", "-r", str(EXAMPLE), str(copy)], check=True)
+    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation"]
+    subprocess.run([*command, "--target", str(target), str(copy)], check=True)
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(target), str(ROOT)])}
+
+
+def run(installed, *words):
+    command = [sys.executable, "-m", "roboverse_learn.cli", *words]
+    return subprocess.run(command, env=installed, capture_output=True, text=True, check=False)
+
+
+def test_task_of_an_installed_package_is_listed(installed):
+    done = run(installed, "list", "tasks")
+    assert done.returncode == 0, done.stderr
+    assert "PushCube" in done.stdout and "from my-roboverse-package" in done.stdout
+
+
+def test_task_of_an_installed_package_is_collected_with_its_robot(installed, tmp_path):
+    words = ("task=PushCube", "task_kwargs.line_x_m=0.1", "collect.num_demos=2", "collect.num_workers=1")
+    done = run(installed, "collect", *words, "image_size=32", f"dataset={tmp_path / 'd'}")
+    assert done.returncode == 0, done.stderr
+    info = json.loads((tmp_path / "d" / "meta" / "info.json").read_text(encoding="utf-8"))
+    assert info["total_episodes"] == 2 and info["robot_type"] == "franka_on_block"
+
+
+def test_an_option_out_of_range_is_refused_by_the_task(installed, tmp_path):
+    done = run(installed, "collect", "task=PushCube", "task_kwargs.line_x_m=3", f"dataset={tmp_path / 'd'}")
+    assert done.returncode == 2
+    assert "task_kwargs.line_x_m must be 0.07 to 0.2, given 3" in done.stderr
+    assert not (tmp_path / "d").exists()
