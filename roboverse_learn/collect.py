@@ -189,6 +189,7 @@ def _collect_episodes(config: CollectConfig, imported: "ImportSummary | None") -
         features=features,
         robot_type=robot,
         num_workers=workers,
+        batch_size=config.collect.num_envs,
         settings=settings,
         fewer_ok=imported is not None,
         give_up_after=max(GIVE_UP_AFTER, _ROUNDS * workers * config.collect.num_envs),

@@ -1,29 +1,21 @@
-"""Collects demonstrations with several processes into one dataset that is whole at every moment.
+"""Collects demonstrations with several processes into one dataset that is complete at every moment.
 
 Workers (:mod:`roboverse_learn.data.collection.worker`) run the simulator, encode, and stage finished
-episodes; they ask this process for the next pool index over a pipe. This process alone commits, in the
-order of the candidates. So the dataset is the first ``num_episodes`` successes of the candidate list,
-whatever the number of workers, and a kill loses only episodes in flight: staged ones are committed when
-the same call runs again.
+episodes. This process alone commits, in the order of the candidates. So the dataset is the first
+``num_episodes`` successes of the candidate list, whatever the number of workers, and a kill loses only
+episodes that run: staged ones are committed when the same call runs again.
 """
 
 import contextlib
-import os
-import selectors
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from envs.core.errors import DatasetError
-from roboverse_learn.data.collection.ordered_map import side_by_side
-from roboverse_learn.data.collection.pool import CollectionConfig, Worker
+from roboverse_learn.data.collection.pool import CollectionConfig, attempts
 from roboverse_learn.data.collection.schedule import Schedule
 from roboverse_learn.data.dataset.raw import dataset_hash
-from roboverse_learn.data.dataset.schema import EpisodeData
 from roboverse_learn.data.dataset.writer import DatasetWriter
-from roboverse_learn.data.sources.base import make_source, run_attempts, stage_attempt
 
 if TYPE_CHECKING:
     from roboverse_learn.data.importers.verdicts import ImportSummary
@@ -116,8 +108,12 @@ def collect(
         )
         report = _Reporter(writer, schedule, config.num_episodes, on_progress)
         if not schedule.finished:
-            run = _run_here if config.num_workers == 1 else _run_workers
-            run(config, schedule, report)
+            with contextlib.closing(
+                attempts(config, lambda: schedule.next_batch(config.batch_size))
+            ) as results:
+                for index, staged in results:
+                    schedule.resolve(index, staged)
+                    report()
         num_frames = writer.num_frames
         num_attempts = schedule.num_successes + schedule.num_failures
         num_episodes = writer.num_episodes
@@ -163,59 +159,3 @@ class _Reporter:
                 remaining_s=elapsed / fresh * max(self._target - done, 0) if fresh else None,
             )
         )
-
-
-def _run_here(config: CollectionConfig, schedule: Schedule, report: Callable[[], None]) -> None:
-    """Collects in this process; what it has simulated, its threads encode."""
-    source = make_source(config.source, config.source_kwargs)
-
-    def stage(attempt: tuple[int, EpisodeData | None]) -> tuple[int, Path | None]:
-        index, episode = attempt
-        return index, stage_attempt(
-            Path(config.root),
-            index,
-            episode,
-            features=config.features,
-            fps=config.fps,
-            encoder=config.encoder,
-        )
-
-    with contextlib.closing(source):
-        while not schedule.finished:
-            attempts = run_attempts(source, iter(schedule.next_index, None))
-            for index, staged in side_by_side(stage, attempts, len(os.sched_getaffinity(0))):
-                schedule.resolve(index, staged)
-                report()
-
-
-def _run_workers(config: CollectionConfig, schedule: Schedule, report: Callable[[], None]) -> None:
-    """Collects with worker processes and commits what they stage."""
-    with contextlib.ExitStack() as stack, selectors.DefaultSelector() as selector:
-        workers = [stack.enter_context(Worker(config, number)) for number in range(config.num_workers)]
-        for worker in workers:
-            selector.register(worker.results, selectors.EVENT_READ, worker)
-        waiting: list[Worker] = []
-        while not schedule.finished:
-            for key, _ in selector.select():
-                for message in key.data.messages():
-                    _handle(message, key.data, schedule, waiting)
-                    if "done" in message:
-                        report()
-            while waiting and (index := schedule.next_index()) is not None:
-                waiting.pop().send(index=index)
-        for worker in workers:
-            worker.send(index=None)
-
-
-def _handle(message: dict[str, Any], worker: Worker, schedule: Schedule, waiting: list[Worker]) -> None:
-    """Answers one message of a worker."""
-    if "error" in message:
-        log = f" Its log is '{worker.log}'." if message.get("bug") else ""
-        raise DatasetError(f"{message['error']} (collection worker {worker.number}).{log}")
-    if message.get("want") == "wait":
-        waiting.append(worker)
-    elif message.get("want") == "now":
-        worker.send(index=schedule.next_index())
-    else:
-        index = message["done"]
-        schedule.resolve(index, worker.staged_directory(index) if message["success"] else None)

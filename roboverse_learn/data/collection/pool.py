@@ -1,20 +1,24 @@
-"""The processes of a collection: what they are told, and the pipe to each."""
+"""What a collection runs, and the processes that run it."""
 
 import contextlib
-import json
 import os
-import subprocess
-import sys
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field, replace
+from multiprocessing import active_children, get_context
+from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import IO, Any, Self
+from typing import Any
 
 from envs.core.errors import ConfigError, DatasetError
 from roboverse_learn.data.collection.schedule import GIVE_UP_AFTER
+from roboverse_learn.data.collection.worker import Attempt, run_batch, start, work
 from roboverse_learn.data.dataset.schema import Feature
-from roboverse_learn.data.dataset.staging import STAGING_DIRECTORY, staged_directory
+from roboverse_learn.data.dataset.staging import STAGING_DIRECTORY
 from roboverse_learn.data.dataset.video import EncoderConfig
+from roboverse_learn.data.sources.base import EpisodeSource, load_source
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,13 +29,13 @@ class CollectionConfig:
         root: The dataset's folder; an existing one is continued.
         num_episodes: Successful episodes wanted in it.
         candidates: Pool indices in the order of preference, such as a split's.
-        source: ``"package.module:function"`` that returns an
-            :class:`~roboverse_learn.data.sources.base.EpisodeSource`.
-        source_kwargs: JSON-able arguments of the function.
+        source: ``"package.module:Class"`` of an :class:`~roboverse_learn.data.sources.base.EpisodeSource`.
+        source_kwargs: Its JSON-able arguments.
         fps: Frames per second.
         features: From :func:`~roboverse_learn.data.dataset.schema.make_features`.
         robot_type: Name of the robot.
         num_workers: Processes; 1 collects in this process.
+        batch_size: Pool episodes that a worker runs at once, such as the number of its environments.
         settings: JSON-able; what continuing the dataset must have in common with its beginning, such as
             task, level, seed. ``source_kwargs`` by default.
         encoder: Video settings.
@@ -48,95 +52,93 @@ class CollectionConfig:
     features: Mapping[str, Feature]
     robot_type: str | None = None
     num_workers: int = 1
+    batch_size: int = 1
     settings: Mapping[str, Any] | None = None
     encoder: EncoderConfig = field(default_factory=EncoderConfig)
     fewer_ok: bool = False
     give_up_after: int = GIVE_UP_AFTER
 
     def __post_init__(self) -> None:
-        if self.num_episodes < 1 or self.num_workers < 1:
-            raise ConfigError(
-                f"num_episodes and num_workers must be at least 1, given {self.num_episodes} and "
-                f"{self.num_workers}."
-            )
+        for key in ("num_episodes", "num_workers", "batch_size"):
+            if getattr(self, key) < 1:
+                raise ConfigError(f"{key} must be at least 1, given {getattr(self, key)}.")
         if len(set(self.candidates)) != len(self.candidates):
             raise ConfigError("The candidates name a pool episode twice. Give each index once.")
 
+    def make_source(self) -> EpisodeSource:
+        """Returns the source; see :func:`~roboverse_learn.data.sources.base.load_source`."""
+        return load_source(self.source, self.source_kwargs)
 
-class Worker:
-    """A worker process, seen from the collecting process."""
 
-    def __init__(self, config: CollectionConfig, number: int) -> None:
-        self.number = number
-        self._root = Path(config.root)
-        self.log = self._root / STAGING_DIRECTORY / f"worker_{number}.log"
-        self.log.parent.mkdir(parents=True, exist_ok=True)
-        threads = max((os.cpu_count() or 1) // config.num_workers, 1)
-        environment = {"OMP_NUM_THREADS": str(threads), **os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-        with open(self.log, "wb") as log:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "roboverse_learn.data.collection.worker"],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=log,
-                env=environment,
-                start_new_session=True,  # Ctrl-C is for the collecting process, which then ends its workers
-            )
-        assert self._process.stdin is not None and self._process.stdout is not None
-        self._commands: IO[bytes] = self._process.stdin
-        self.results: IO[bytes] = self._process.stdout
-        self._buffer = b""
-        self._work = {
-            "root": str(self._root),
-            "source": config.source,
-            "source_kwargs": dict(config.source_kwargs),
-            "features": dict(config.features),
-            "fps": config.fps,
-            "encoder": asdict(config.encoder),
-        }
+def attempts(config: CollectionConfig, next_batch: Callable[[], list[int]]) -> Iterator[Attempt]:
+    """Runs batches of pool episodes until there is none, in this process or in several.
 
-    def __enter__(self) -> Self:
-        self.send(**self._work)
-        return self
+    Args:
+        config: What to collect.
+        next_batch: Called for the next pool indices; none while those that run may be enough.
 
-    def __exit__(self, *exc: object) -> None:
-        if exc[0] is not None:
-            self._process.terminate()
-        with contextlib.suppress(OSError):
-            self._commands.close()
+    Raises:
+        DatasetError: A source failed, a worker died, or the disk is full.
+    """
+    if config.num_workers == 1:
+        with contextlib.closing(config.make_source()) as source:
+            while batch := next_batch():
+                yield from run_batch(config, source, batch, num_cores())
+        return
+    yield from _attempts_of_workers(config, next_batch)
+
+
+def _attempts_of_workers(config: CollectionConfig, next_batch: Callable[[], list[int]]) -> Iterator[Attempt]:
+    logs = Path(config.root) / STAGING_DIRECTORY
+    logs.mkdir(parents=True, exist_ok=True)
+    others, workers = set(active_children()), set[BaseProcess]()
+    running: set[Future[list[Attempt]]] = set()
+    initial = (replace(config, candidates=()), logs)
+    with ProcessPoolExecutor(config.num_workers, get_context("spawn"), start, initial) as pool:
         try:
-            self._process.wait(timeout=30)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        self.results.close()
-        if exc[0] is None:
-            self.log.unlink(missing_ok=True)
-
-    def staged_directory(self, index: int) -> Path:
-        """Where the worker staged a pool episode."""
-        return staged_directory(self._root, index)
-
-    def send(self, **message: Any) -> None:
-        """Sends one message; a worker that is gone shows when its results end."""
-        with contextlib.suppress(BrokenPipeError):
-            self._commands.write(json.dumps(message).encode() + b"\n")
-            self._commands.flush()
-
-    def messages(self) -> Iterator[dict[str, Any]]:
-        """Yields the messages that have arrived.
-
-        Raises:
-            DatasetError: The worker died.
-        """
-        chunk = os.read(self.results.fileno(), 65536)
-        if not chunk:
-            code = self._process.wait()
+            while True:
+                while len(running) < config.num_workers and (batch := next_batch()):
+                    with _starting(config.num_workers):
+                        running.add(pool.submit(work, batch))
+                    workers |= set(active_children()) - others
+                if not running:
+                    break
+                done, running = wait(running, return_when=FIRST_COMPLETED)
+                for future in done:
+                    yield from future.result()
+        except BrokenProcessPool as error:
+            pool.shutdown()
+            ended = {str(worker.exitcode) for worker in workers} - {"0", str(-signal.SIGTERM)}
+            code = ", ".join(sorted(ended)) or "unknown"
             raise DatasetError(
-                f"Collection worker {self.number} died (exit code {code}"
-                f"{'; out of memory?' if code == -9 else ''}). Its log is '{self.log}'. The episodes so far "
-                "are safe; run the same command again, with fewer workers if memory was short."
-            )
-        *lines, self._buffer = (self._buffer + chunk).split(b"\n")
-        for line in lines:
-            yield json.loads(line)
+                f"A collection worker died (exit code {code}; out of memory?). "
+                f"Logs are in '{logs}'. The episodes so far are safe; run the same command again, with fewer "
+                "workers if memory was short."
+            ) from error
+        except BaseException:  # an interruption too: batches that run are not waited for
+            for worker in workers:
+                worker.terminate()
+            raise
+    for log in logs.glob("worker_*.log"):
+        log.unlink()
+
+
+@contextlib.contextmanager
+def _starting(num_workers: int) -> Iterator[None]:
+    """Surrounds the start of workers: they share the cores, and Ctrl-C is blocked until they ignore it."""
+    given = os.environ.get("OMP_NUM_THREADS")
+    os.environ["OMP_NUM_THREADS"] = given or str(max(num_cores() // num_workers, 1))
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        if given is None:
+            del os.environ["OMP_NUM_THREADS"]
+        if hasattr(signal, "pthread_sigmask"):
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+def num_cores() -> int:
+    """Returns the CPU cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,5 +1,6 @@
 """Which pool episode is tried next, and which finished ones are committed, so that order is deterministic."""
 
+import itertools
 import json
 import shutil
 from collections.abc import Mapping, Sequence
@@ -94,6 +95,10 @@ class Schedule:
         """Whether every candidate was tried, and the successes are too few."""
         tried = self._next >= len(self._candidates) and not self._outstanding
         return tried and self._hopeful < self._target
+
+    def next_batch(self, size: int) -> list[int]:
+        """Hands out at most ``size`` candidates; see :meth:`next_index`."""
+        return list(itertools.islice(iter(self.next_index, None), size))
 
     def next_index(self) -> int | None:
         """Hands out a candidate, or None while those in flight may be enough.

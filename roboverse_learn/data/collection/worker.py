@@ -1,84 +1,98 @@
-"""One process of a collection: simulates, encodes, stages, and asks for the next pool index.
+"""What the processes of a collection do: simulate, encode, and stage batches of pool episodes."""
 
-Messages are lines of JSON: on standard input what to do, on standard output what was done. When the
-collecting process dies, the input ends and so does this process.
-"""
-
-import json
 import os
-import sys
+import signal
+import threading
 import traceback
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from multiprocessing import parent_process
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any
 
-from envs.core.errors import RoboVerseError
-from roboverse_learn.data.dataset.video import EncoderConfig
-from roboverse_learn.data.sources.base import make_source, run_attempts, stage_attempt
+from envs.core.errors import DatasetError, RoboVerseError
+from roboverse_learn.data.dataset.schema import EpisodeData, check_episode
+from roboverse_learn.data.dataset.staging import stage_episode, staged_directory
+from roboverse_learn.data.sources.base import EpisodeSource
 
+if TYPE_CHECKING:
+    from roboverse_learn.data.collection.pool import CollectionConfig
+    from roboverse_learn.data.sources.base import EpisodeSource
 
-class _Channel:
-    """The pipe to the collecting process."""
+Attempt = tuple[int, Path | None]
+"""A pool index and its staged folder, or None where the demonstrator failed."""
 
-    def __init__(self, commands: TextIO, results: TextIO) -> None:
-        self._commands, self._results = commands, results
-
-    def receive(self) -> dict[str, Any]:
-        line = self._commands.readline()
-        if not line:  # the collecting process is gone
-            raise SystemExit(1)
-        return json.loads(line)
-
-    def send(self, **message: Any) -> None:
-        self._results.write(json.dumps(message) + "\n")
-        self._results.flush()
-
-    def ask(self, *, wait: bool) -> int | None:
-        """Asks for a pool index; with ``wait``, None means that the collection is over."""
-        self.send(want="wait" if wait else "now")
-        return self.receive()["index"]
-
-    def indices(self, first: int) -> Iterator[int]:
-        """Yields ``first``, and whatever the collecting process gives without waiting."""
-        index: int | None = first
-        while index is not None:
-            yield index
-            index = self.ask(wait=False)
+_process: dict[str, Any] = {}
 
 
-def main() -> int:
-    """Runs one worker."""
-    # Libraries print to standard output; the results keep it to themselves.
-    results = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)
-    channel = _Channel(sys.stdin, results)
+def start(config: "CollectionConfig", log: Path) -> None:
+    """Prepares a worker process, which logs to a file and ends when its parent does, however that ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the collecting process, which ends this one
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
+    _process.update(config=config, log=log / f"worker_{os.getpid()}.log")
+    with open(_process["log"], "wb") as file:
+        os.dup2(file.fileno(), 1)
+        os.dup2(file.fileno(), 2)
+
+
+def _exit_with_parent() -> None:
+    parent = parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
+
+
+def work(indices: Sequence[int]) -> list[Attempt]:
+    """Runs one batch in a worker process.
+
+    Raises:
+        DatasetError: The source or the disk failed.
+    """
+    name = f"collection worker {os.getpid()}"
     try:
-        work = channel.receive()
-        _run(channel, work)
+        if "source" not in _process:
+            _process["source"] = _process["config"].make_source()
+        return list(run_batch(_process["config"], _process["source"], indices, threads=1))
     except RoboVerseError as error:
-        channel.send(error=str(error))
-        return 2
+        raise DatasetError(f"{error} ({name})") from None
     except Exception as error:
         traceback.print_exc()
-        channel.send(error=f"{type(error).__name__}: {error}", bug=True)
-        return 1
-    return 0
+        raise DatasetError(
+            f"{type(error).__name__}: {error} ({name}). Its log is '{_process['log']}'."
+        ) from None
 
 
-def _run(channel: _Channel, work: dict[str, Any]) -> None:
-    """Works until the collection is over."""
-    root, encoder = Path(work["root"]), EncoderConfig(**work["encoder"])
-    source = make_source(work["source"], work["source_kwargs"])
-    try:
-        while (first := channel.ask(wait=True)) is not None:
-            for index, episode in run_attempts(source, channel.indices(first)):
-                staged = stage_attempt(
-                    root, index, episode, features=work["features"], fps=work["fps"], encoder=encoder
+def run_batch(
+    config: "CollectionConfig", source: EpisodeSource, indices: Sequence[int], threads: int
+) -> Iterator[Attempt]:
+    """Runs pool episodes and stages the successful ones, in threads beside the simulation.
+
+    Raises:
+        DatasetError: An episode does not fit the dataset, an index is missing, or the disk is full.
+    """
+
+    def stage(index: int, episode: EpisodeData | None) -> Attempt:
+        if episode is None:
+            return index, None
+        check_episode(episode, config.features)
+        directory = staged_directory(Path(config.root), index)
+        return index, stage_episode(directory, episode, config.fps, config.encoder).directory
+
+    missing, pending = set(indices), deque[Future[Attempt]]()
+    with ThreadPoolExecutor(threads) as pool:
+        for index, episode in source.attempts(indices):
+            found = index if episode is None else episode.metadata.get("episode")
+            if index not in missing or found != index:
+                raise DatasetError(
+                    f"The source was asked for the pool episodes {list(indices)} and yielded "
+                    f"{index} with metadata['episode'] = {found!r}. They must be the same, and each once."
                 )
-                channel.send(done=index, success=staged is not None)
-    finally:
-        source.close()
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+            missing.discard(index)
+            pending.append(pool.submit(stage, index, episode))
+            while pending and (pending[0].done() or len(pending) > 2 * threads):
+                yield pending.popleft().result()
+        while pending:
+            yield pending.popleft().result()
+    if missing:
+        raise DatasetError(f"The source took the pool episodes {sorted(missing)} and never yielded them.")

@@ -1,6 +1,5 @@
 """Demonstrations of a task's expert, as the collection wants them."""
 
-import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -76,13 +75,12 @@ class ExpertSource:
         tuning = {"simulator_settings": simulator_settings, "scenario": scenario}
         self._metadata |= {key: values for key, values in tuning.items() if values}
 
-    def attempts(self, indices: Iterator[int]) -> Iterator[tuple[int, EpisodeData | None]]:
-        """Runs the expert on the pool episodes that ``indices`` names, a batch at a time."""
+    def attempts(self, indices: Sequence[int]) -> Iterator[tuple[int, EpisodeData | None]]:
+        """Runs the expert on pool episodes, at most ``num_envs`` of them."""
         from envs.experts.actor import expert_episodes
 
-        while batch := list(itertools.islice(indices, self._env.num_envs)):
-            for outcome in expert_episodes(self._env, batch):
-                yield int(outcome.episode), self._episode(outcome) if outcome.success else None
+        for outcome in expert_episodes(self._env, list(indices)):
+            yield int(outcome.episode), self._episode(outcome) if outcome.success else None
 
     def close(self) -> None:
         """Releases the simulator."""

@@ -1,6 +1,5 @@
 """Demonstrations of other projects, as the collection wants them."""
 
-import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, override
@@ -42,22 +41,21 @@ class ImportSource(ExpertSource):
         self._open: dict[str, DemonstrationFile] = {}
 
     @override
-    def attempts(self, indices: Iterator[int]) -> Iterator[tuple[int, EpisodeData | None]]:
-        while batch := list(itertools.islice(indices, self._env.num_envs)):
-            places = [self._demonstrations[str(index)] for index in batch]
-            demonstrations = [self._file(file).read(name) for file, name in places]
-            outcomes = self._replayer.replay(demonstrations, batch, self._by)
-            for (file, _), demonstration, outcome in zip(places, demonstrations, outcomes, strict=True):
-                facts = {
-                    "source": self._format,
-                    "replay": self._by,
-                    "file": file,
-                    "file_sha256": self._hashes[file],
-                    "demonstration": demonstration.name,
-                    "file_success": demonstration.succeeded,
-                    **demonstration.facts,
-                }
-                yield outcome.episode, self._episode(outcome, **facts) if outcome.success else None
+    def attempts(self, indices: Sequence[int]) -> Iterator[tuple[int, EpisodeData | None]]:
+        places = [self._demonstrations[str(index)] for index in indices]
+        demonstrations = [self._file(file).read(name) for file, name in places]
+        outcomes = self._replayer.replay(demonstrations, indices, self._by)
+        for (file, _), demonstration, outcome in zip(places, demonstrations, outcomes, strict=True):
+            facts = {
+                "source": self._format,
+                "replay": self._by,
+                "file": file,
+                "file_sha256": self._hashes[file],
+                "demonstration": demonstration.name,
+                "file_success": demonstration.succeeded,
+                **demonstration.facts,
+            }
+            yield outcome.episode, self._episode(outcome, **facts) if outcome.success else None
 
     def _file(self, name: str) -> DemonstrationFile:
         if name not in self._open:

@@ -1,6 +1,5 @@
 """Demonstrations of a policy that learned a task by reward, as the collection wants them."""
 
-import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -115,13 +114,9 @@ class PolicySource(ExpertSource):
         self._planner = PolicyPlanner(policy, self._env.task)
 
     @override
-    def attempts(self, indices: Iterator[int]) -> Iterator[tuple[int, EpisodeData | None]]:
-        while batch := list(itertools.islice(indices, self._env.num_envs)):
-            for outcome in expert_episodes(self._env, batch, self._planner):
-                yield (
-                    int(outcome.episode),
-                    self._episode(outcome, **self._facts) if outcome.success else None,
-                )
+    def attempts(self, indices: Sequence[int]) -> Iterator[tuple[int, EpisodeData | None]]:
+        for outcome in expert_episodes(self._env, list(indices), self._planner):
+            yield int(outcome.episode), self._episode(outcome, **self._facts) if outcome.success else None
 
 
 def make_policy_source(**kwargs: Any) -> PolicySource:

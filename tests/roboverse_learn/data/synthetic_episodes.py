@@ -1,10 +1,8 @@
 """Small deterministic episodes, and a source of them that worker processes import by name."""
 
-import itertools
 import os
-import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -41,57 +39,33 @@ def make_episode(index: int, length: int | None = None, task: str = "lift the cu
 
 
 class SyntheticSource:
-    """Fails every ``fail_every``-th pool episode, and looks ahead like a batched environment."""
+    """Fails every ``fail_every``-th pool episode, and yields a batch in reverse order."""
 
-    def __init__(
-        self, fail_every: int = 4, lookahead: int = 2, delay_s: float = 0.0, die_at: int = -1
-    ) -> None:
-        self._fail_every, self._lookahead, self._delay_s = fail_every, lookahead, delay_s
-        self._die_at = die_at
-        self.closed = False
+    def __init__(self, fail_every: int = 4, delay_s: float = 0.0, die_at: int = -1) -> None:
+        self._fail_every, self._delay_s, self._die_at = fail_every, delay_s, die_at
 
-    def attempts(self, indices: Iterator[int]) -> Iterator[tuple[int, EpisodeData | None]]:
-        """Yields batches of episodes in reverse order."""
-        while batch := list(itertools.islice(indices, self._lookahead)):
-            for index in reversed(batch):
-                if index == self._die_at:
-                    os.kill(os.getpid(), signal.SIGKILL)
-                time.sleep(self._delay_s)
-                yield index, None if index % self._fail_every == 0 else make_episode(index)
-
-    def close(self) -> None:
-        """Nothing to release."""
-        self.closed = True
-
-
-def make_source(**kwargs: float) -> SyntheticSource:
-    """Returns a source, as a collection's configuration names it."""
-    return SyntheticSource(**kwargs)
-
-
-class ForgetfulSource:
-    """Takes indices and drops every second one; sleeps where ``slow_at`` is taken."""
-
-    def __init__(self, slow_at: int = -1) -> None:
-        self._slow_at = slow_at
-
-    def attempts(self, indices: Iterator[int]) -> Iterator[tuple[int, EpisodeData | None]]:
-        """Yields every second episode that it takes."""
-        for position, index in enumerate(indices):
-            if index == self._slow_at:
-                time.sleep(60)  # until the collection has heard another worker and stops this one
-            if position % 2:
-                yield index, make_episode(index)
+    def attempts(self, indices: Sequence[int]) -> Iterator[tuple[int, EpisodeData | None]]:
+        """Yields what became of each pool episode."""
+        for index in reversed(indices):
+            if index == self._die_at:
+                os._exit(9)
+            time.sleep(self._delay_s)
+            yield index, None if index % self._fail_every == 0 else make_episode(index)
 
     def close(self) -> None:
         """Nothing to release."""
 
 
-def make_forgetful_source(slow_at: int = -1) -> ForgetfulSource:
-    """Returns a source that breaks its promise."""
-    return ForgetfulSource(slow_at)
+class ForgetfulSource(SyntheticSource):
+    """Drops every second pool episode."""
+
+    def attempts(self, indices: Sequence[int]) -> Iterator[tuple[int, EpisodeData | None]]:
+        """Yields the others."""
+        return super().attempts(indices[::2])
 
 
-def make_broken_source() -> SyntheticSource:
+class BrokenSource(SyntheticSource):
     """Fails as a mistyped task does."""
-    raise ConfigError("Unknown task 'PickCub'. Did you mean 'PickCube'?")
+
+    def __init__(self) -> None:
+        raise ConfigError("Unknown task 'PickCub'. Did you mean 'PickCube'?")

@@ -1,7 +1,6 @@
 import json
 import os
 import random
-import re
 import signal
 import subprocess
 import sys
@@ -10,17 +9,15 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from envs.core.errors import ConfigError, DatasetError, RoboVerseError
 from roboverse_learn.data import CollectionConfig, DatasetInfo, DatasetWriter, collect, dataset_hash
 from roboverse_learn.data.collection.schedule import TooFewSuccessesError
-from roboverse_learn.data.dataset.merge import merge
-from tests.roboverse_learn.data.synthetic_episodes import FEATURES, FPS, make_episode
+from tests.roboverse_learn.data.synthetic_episodes import FEATURES, FPS
 
 HERE = Path(__file__).parents[1]
-SOURCE = "synthetic_episodes:make_source"
+SOURCE = "synthetic_episodes:SyntheticSource"
 
 
 @pytest.fixture(autouse=True)
@@ -29,6 +26,7 @@ def _importable_source(monkeypatch):
 
 
 def config(root, num_episodes=9, num_workers=1, candidates=range(100, 140), settings=None, **source_kwargs):
+    """Settings of a collection; other arguments are the source's."""
     return CollectionConfig(
         root=root,
         num_episodes=num_episodes,
@@ -39,6 +37,7 @@ def config(root, num_episodes=9, num_workers=1, candidates=range(100, 140), sett
         features=FEATURES,
         robot_type="franka",
         num_workers=num_workers,
+        batch_size=source_kwargs.pop("batch_size", 2),
         settings={"task": "PickCube"} if settings is None else settings,
     )
 
@@ -62,9 +61,9 @@ def test_successes_are_kept_in_the_order_of_the_candidates(undisturbed):
     assert undisturbed.dataset_hash == dataset_hash(undisturbed.root)
 
 
-@pytest.mark.parametrize(("num_workers", "lookahead"), [(2, 1), (3, 3)])
-def test_the_dataset_does_not_depend_on_the_workers(undisturbed, tmp_path, num_workers, lookahead):
-    summary = collect(config(tmp_path / "d", num_workers=num_workers, lookahead=lookahead))
+@pytest.mark.parametrize(("num_workers", "batch_size"), [(2, 1), (3, 3)])
+def test_the_dataset_does_not_depend_on_the_workers(undisturbed, tmp_path, num_workers, batch_size):
+    summary = collect(config(tmp_path / "d", num_workers=num_workers, batch_size=batch_size))
     assert summary.dataset_hash == undisturbed.dataset_hash
     assert (summary.num_attempts, summary.num_episodes) == (12, 9)
     assert sorted(path.name for path in (tmp_path / "d").iterdir()) == [
@@ -119,50 +118,29 @@ def test_without_a_success_it_ends_and_a_better_demonstrator_goes_on(tmp_path, n
 
 @pytest.mark.parametrize("num_workers", [1, 2])
 def test_errors_of_a_source_reach_the_user(tmp_path, num_workers):
-    with pytest.raises(RoboVerseError, match="Did you mean 'PickCube'"):
-        collect(
-            config(tmp_path / "d", num_workers=num_workers, source="synthetic_episodes:make_broken_source")
-        )
-
-
-def test_a_source_must_yield_what_it_takes(tmp_path):
-    source = "synthetic_episodes:make_forgetful_source"
-    with pytest.raises(
-        DatasetError, match=r"took the pool episodes \[100, 102, 104, 106, 108\] and never yielded"
+    for source, says in (
+        ("synthetic_episodes:BrokenSource", "Did you mean 'PickCube'"),
+        ("synthetic_episodes:ForgetfulSource", r"took the pool episodes \[101\] and never yielded"),
+        ("nowhere:make", r"No episode source 'nowhere:make'.*package.module:Class"),
     ):
-        collect(config(tmp_path / "d", source=source))
+        with pytest.raises(RoboVerseError, match=says) as caught:
+            collect(
+                config(tmp_path / "d", num_workers=num_workers, candidates=range(100, 104), source=source)
+            )
+        assert ("(collection worker " in str(caught.value)) == (num_workers == 2)
 
 
-@pytest.mark.parametrize("slow_at", [-1, 100])
-def test_a_worker_names_the_episodes_that_it_took_itself(tmp_path, slow_at):
-    """Which worker gets episode 100, and which one is heard first, is the operating system's affair."""
-    source = "synthetic_episodes:make_forgetful_source"
-    with pytest.raises(DatasetError, match=r"and never yielded them. \(collection worker \d\)") as caught:
-        collect(config(tmp_path / "d", num_workers=2, source=source, slow_at=slow_at))
-    named = json.loads(re.search(r"\[.*?\]", str(caught.value))[0])
-    assert named == sorted(named)
-    assert set(named) <= set(range(100, 109))  # the nine that were handed out
-    if slow_at == 100:  # the other worker took all the rest before this one woke up
-        assert named == [101, 103, 105, 107]
-
-
-def test_a_source_that_does_not_exist(tmp_path):
-    with pytest.raises(DatasetError, match=r"No episode source 'nowhere:make'.*package.module:function"):
-        collect(config(tmp_path / "d", source="nowhere:make"))
-
-
-def test_a_dead_worker_is_named_and_the_rest_is_kept(undisturbed, tmp_path):
+def test_dead_worker_is_named_and_committed_episodes_stay(undisturbed, tmp_path):
     root = tmp_path / "d"
-    with pytest.raises(DatasetError, match=r"worker \d died \(exit code -9; out of memory\?\)"):
-        collect(config(root, num_workers=2, lookahead=1, delay_s=0.05, die_at=106))
+    with pytest.raises(DatasetError, match=r"worker died \(exit code 9; out of memory\?\)"):
+        collect(config(root, num_workers=2, batch_size=1, delay_s=0.05, die_at=106))
     kept = [metadata["episode"] for metadata in DatasetInfo.open(root).episode_metadata]
-    # The other worker's episode was in flight, whichever it was; those after it wait for it.
     assert kept == [101, 102, 103, 105][: len(kept)]
     assert collect(config(root)).dataset_hash == undisturbed.dataset_hash
 
 
 def test_impossible_numbers():
-    with pytest.raises(ConfigError, match="at least 1, given 0 and 1"):
+    with pytest.raises(ConfigError, match="num_episodes must be at least 1, given 0"):
         config("d", num_episodes=0)
     with pytest.raises(ConfigError, match="name a pool episode twice"):
         config("d", candidates=[1, 1])
@@ -211,6 +189,50 @@ def test_killed_at_any_moment_and_resumed(tmp_path, undisturbed, open_with_lerob
     assert collect(config(root)).dataset_hash == undisturbed.dataset_hash
 
 
+def children_of(pid):
+    tasks = Path(f"/proc/{pid}/task/{pid}/children")
+    return [int(child) for child in tasks.read_text().split()]
+
+
+def running(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="reads /proc")
+@pytest.mark.parametrize(("sent", "ends"), [(signal.SIGKILL, -9), (signal.SIGINT, -2)])
+def test_workers_end_with_their_parent(tmp_path, sent, ends):
+    given = {
+        "root": str(tmp_path / "d"),
+        "num_episodes": 9,
+        "candidates": list(range(100, 140)),
+        "source": SOURCE,
+        "source_kwargs": {"delay_s": 60.0},
+        "num_workers": 2,
+    }
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), *sys.path])}
+    command = [sys.executable, "-c", COLLECT, json.dumps(given)]
+    process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, start_new_session=True)
+    logs = tmp_path / "d/.staging"
+    wait_until(lambda: len(list(logs.glob("worker_*.log"))) == 2)
+    children = children_of(process.pid)
+    assert len(children) >= 2
+    os.killpg(process.pid, sent) if sent == signal.SIGINT else process.send_signal(sent)
+    printed = process.communicate(timeout=20)[1]
+    assert process.returncode == ends
+    assert printed.count(b"KeyboardInterrupt") == (sent == signal.SIGINT)
+    wait_until(lambda: not any(running(child) for child in children))
+
+
+def wait_until(holds, timeout_s=30):
+    deadline = time.monotonic() + timeout_s
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
 def wait_for_more(root, episodes, process, timeout_s=30):
     """Waits until a collection has committed one more episode, or has ended."""
     deadline = time.monotonic() + timeout_s
@@ -252,59 +274,3 @@ def test_who_waits_says_so(tmp_path, caplog):
         writer.close()  # whatever is wrong: a thread that waits would hold up the end of the tests
         assert waiting and f"writing the dataset '{root}'; waiting until it has finished" in caplog.text
         assert collected.result(timeout=60).num_episodes == 2
-
-
-class TestMerge:
-    def write(self, root, indices):
-        with DatasetWriter(root, fps=FPS, features=FEATURES, robot_type="franka") as writer:
-            for index in indices:
-                writer.add_episode(make_episode(index, task=f"task {index % 2}"))
-        return root
-
-    def test_the_result_does_not_depend_on_the_parts(self, tmp_path, open_with_lerobot):
-        whole = self.write(tmp_path / "whole", range(6))
-        odd, even = self.write(tmp_path / "odd", [5, 1, 3]), self.write(tmp_path / "even", [4, 0, 2])
-        merged = merge([odd, even], tmp_path / "merged")
-        assert dataset_hash(merged.root) == dataset_hash(whole)
-        assert (merged.root / "meta/stats.json").read_text() == (whole / "meta/stats.json").read_text()
-        dataset = open_with_lerobot(merged.root)
-        assert [int(dataset[i]["index"]) for i in range(len(dataset))] == list(range(merged.num_frames))
-
-    def test_a_killed_merge_is_completed(self, tmp_path, monkeypatch):
-        parts = [self.write(tmp_path / "odd", [1, 3]), self.write(tmp_path / "even", [0, 2])]
-        commit, calls = DatasetWriter.commit, iter(range(9))
-
-        def killed(self, staged):
-            if next(calls) == 2:
-                raise KeyboardInterrupt
-            return commit(self, staged)
-
-        monkeypatch.setattr(DatasetWriter, "commit", killed)
-        with pytest.raises(KeyboardInterrupt):
-            merge(parts, tmp_path / "merged")
-        assert DatasetInfo.open(tmp_path / "merged").num_episodes == 2
-        merge(parts, tmp_path / "merged")
-        merge(parts, tmp_path / "merged")
-        whole = self.write(tmp_path / "whole", range(4))
-        assert dataset_hash(tmp_path / "merged") == dataset_hash(whole)
-
-    def test_lerobot_aggregates_ours(self, tmp_path, open_with_lerobot):
-        from lerobot.datasets import aggregate_datasets
-
-        parts = [self.write(tmp_path / "a", [0, 1]), self.write(tmp_path / "b", [2, 3])]
-        aggregate_datasets(["l/a", "l/b"], "l/c", roots=parts, aggr_root=tmp_path / "c")
-        dataset = open_with_lerobot(tmp_path / "c")
-        assert dataset.num_episodes == 4
-        np.testing.assert_array_equal(
-            dataset[len(dataset) - 1]["observation.state"], make_episode(3).states[-1]
-        )
-
-    def test_sources_of_another_kind(self, tmp_path):
-        episode = make_episode(0)
-        del episode.metadata["episode"]
-        with DatasetWriter(tmp_path / "a", fps=FPS, features=FEATURES) as writer:
-            writer.add_episode(episode)
-        with pytest.raises(DatasetError, match=r"without a pool index.*aggregate_datasets"):
-            merge([tmp_path / "a"], tmp_path / "b")
-        with pytest.raises(DatasetError, match="Nothing to merge"):
-            merge([], tmp_path / "b")

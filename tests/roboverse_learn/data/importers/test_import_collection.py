@@ -202,7 +202,7 @@ def test_fewer_successes_can_be_enough(tmp_path, monkeypatch, num_workers):
         "root": tmp_path / "d",
         "num_episodes": 9,
         "candidates": list(range(100, 105)),
-        "source": "synthetic_episodes:make_source",
+        "source": "synthetic_episodes:SyntheticSource",
         "source_kwargs": {},
         "fps": FPS,
         "features": FEATURES,

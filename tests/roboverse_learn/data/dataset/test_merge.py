@@ -1,0 +1,64 @@
+import numpy as np
+import pytest
+
+from envs.core.errors import DatasetError
+from roboverse_learn.data import DatasetInfo, DatasetWriter, dataset_hash
+from roboverse_learn.data.dataset.merge import merge
+from tests.roboverse_learn.data.synthetic_episodes import FEATURES, FPS, make_episode
+
+
+def write(root, indices):
+    with DatasetWriter(root, fps=FPS, features=FEATURES, robot_type="franka") as writer:
+        for index in indices:
+            writer.add_episode(make_episode(index, task=f"task {index % 2}"))
+    return root
+
+
+def test_the_result_does_not_depend_on_the_parts(tmp_path, open_with_lerobot):
+    whole = write(tmp_path / "whole", range(6))
+    odd, even = write(tmp_path / "odd", [5, 1, 3]), write(tmp_path / "even", [4, 0, 2])
+    merged = merge([odd, even], tmp_path / "merged")
+    assert dataset_hash(merged.root) == dataset_hash(whole)
+    assert (merged.root / "meta/stats.json").read_text() == (whole / "meta/stats.json").read_text()
+    dataset = open_with_lerobot(merged.root)
+    assert [int(dataset[i]["index"]) for i in range(len(dataset))] == list(range(merged.num_frames))
+
+
+def test_a_killed_merge_is_completed(tmp_path, monkeypatch):
+    parts = [write(tmp_path / "odd", [1, 3]), write(tmp_path / "even", [0, 2])]
+    commit, calls = DatasetWriter.commit, iter(range(9))
+
+    def killed(self, staged):
+        if next(calls) == 2:
+            raise KeyboardInterrupt
+        return commit(self, staged)
+
+    monkeypatch.setattr(DatasetWriter, "commit", killed)
+    with pytest.raises(KeyboardInterrupt):
+        merge(parts, tmp_path / "merged")
+    assert DatasetInfo.open(tmp_path / "merged").num_episodes == 2
+    merge(parts, tmp_path / "merged")
+    merge(parts, tmp_path / "merged")
+    whole = write(tmp_path / "whole", range(4))
+    assert dataset_hash(tmp_path / "merged") == dataset_hash(whole)
+
+
+def test_lerobot_aggregates_ours(tmp_path, open_with_lerobot):
+    from lerobot.datasets import aggregate_datasets
+
+    parts = [write(tmp_path / "a", [0, 1]), write(tmp_path / "b", [2, 3])]
+    aggregate_datasets(["l/a", "l/b"], "l/c", roots=parts, aggr_root=tmp_path / "c")
+    dataset = open_with_lerobot(tmp_path / "c")
+    assert dataset.num_episodes == 4
+    np.testing.assert_array_equal(dataset[len(dataset) - 1]["observation.state"], make_episode(3).states[-1])
+
+
+def test_sources_of_another_kind(tmp_path):
+    episode = make_episode(0)
+    del episode.metadata["episode"]
+    with DatasetWriter(tmp_path / "a", fps=FPS, features=FEATURES) as writer:
+        writer.add_episode(episode)
+    with pytest.raises(DatasetError, match=r"without a pool index.*aggregate_datasets"):
+        merge([tmp_path / "a"], tmp_path / "b")
+    with pytest.raises(DatasetError, match="Nothing to merge"):
+        merge([], tmp_path / "b")
