@@ -37,8 +37,8 @@ def test_a_python_block_runs(block: str, monkeypatch: pytest.MonkeyPatch, tmp_pa
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     exec(compile(block, "README.md", "exec"), names)
-    picture = names["picture"]
-    assert picture.shape == (256, 256, 3) and picture.std() > 1
+    image = names["image"]
+    assert image.shape == (128, 128, 3) and image.std() > 1
 
 
 @pytest.mark.parametrize("text", shown_commands())
