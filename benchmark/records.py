@@ -8,6 +8,7 @@ from typing import Any
 from benchmark.protocol import Cell, Protocol
 from benchmark.statistics import wilson
 from envs.core.errors import ResultError
+from envs.spec import EnvSpec
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -28,8 +29,8 @@ class EpisodeRecord:
         length: Control steps.
         episode_return: Sum of the rewards, undiscounted.
         wall_time_s: The episode's share of the clock; those of a cell add up to the cell's time.
-        simulator: Physics.
-        renderer: Pictures.
+        simulator: Simulator.
+        renderer: Renderer of the images.
         not_shown: Properties that varied and that the renderer cannot show.
         versions: Versions of the packages that decide the outcome.
     """
@@ -146,31 +147,24 @@ class Result:
     Attributes:
         run: Name of the run, unique for a policy and task.
         created: When, ``YYYY-MM-DDThh:mm:ssZ``.
-        protocol: What was evaluated.
-        task: Task.
-        task_kwargs: What was changed of the task, such as its success criterion.
-        max_episode_steps: Where an episode is cut off, control steps.
+        protocol: Levels, splits and episodes.
+        env: Environment. Its level and channel are those of each cell, and its materials are recorded by the
+            folder's name and the first digits of its content's SHA-256, as in ``+images-1a2b3c4d``.
+        sees_images: Whether the policy observes images; otherwise ``env.cameras`` is empty.
+        max_episode_steps: Length at which an episode is truncated, control steps.
         control_hz: Control steps per second.
         policy: Policy.
         train_tasks: Tasks that one policy learned together, this one among them; empty where it is alone.
         train_level: Level of the demonstrations, or None.
         train_only: The channel that varied alone in training, or None.
         seed: Seed of the training run.
-        simulator: Physics.
-        simulator_settings: Settings of the simulator that replaced the scene's.
-        scenario: What was changed of the task's scene.
-        renderer: Pictures.
-        materials: Folder of pictures that the materials were taken from, by its name and the first digits of
-            its content's SHA-256, as in ``+pictures-1a2b3c4d``; empty for the built-in ones alone.
-        cameras: What the policy saw through, in order; empty where the file does not say.
-        image_size: Pixels a side, or None for a policy that sees no pictures.
         checkpoint: Which checkpoint.
         dataset_hash: Hash of the training data, or None when nothing was trained.
         demonstrations: Episodes of the training data, or None when nothing was trained.
         git: The checkout, or None outside one.
         command: The command line.
         config: The resolved configuration, plain JSON values.
-        machine: What it ran on.
+        machine: Device and number of CPU cores.
         versions: Versions of the packages that decide the outcome.
         records: Every episode.
     """
@@ -178,8 +172,8 @@ class Result:
     run: str
     created: str
     protocol: Protocol
-    task: str
-    task_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    env: EnvSpec
+    sees_images: bool = True
     max_episode_steps: int
     control_hz: float
     policy: str
@@ -187,13 +181,6 @@ class Result:
     train_level: int | None
     train_only: str | None = None
     seed: int
-    simulator: str
-    simulator_settings: Mapping[str, Any] = field(default_factory=dict)
-    scenario: Mapping[str, Any] = field(default_factory=dict)
-    renderer: str
-    materials: str = ""
-    cameras: tuple[str, ...] = ()
-    image_size: int | None
     checkpoint: Checkpoint = field(default_factory=Checkpoint)
     dataset_hash: str | None
     demonstrations: int | None

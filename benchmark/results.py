@@ -17,8 +17,10 @@ from benchmark.protocol import Protocol, fingerprint
 from benchmark.records import Checkpoint, EpisodeRecord, Git, Machine, Result
 from envs.core.atomic import write_file
 from envs.core.errors import ResultError, RoboVerseError
+from envs.spec import EnvSpec
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+_READABLE_VERSIONS = (1, SCHEMA_VERSION)
 
 _RECORD_KEYS = (
     "level",
@@ -33,14 +35,20 @@ _RECORD_KEYS = (
 )
 """What differs between the episodes of a cell; the rest stands once in the file."""
 
-_SHARED_KEYS = ("task", "policy", "simulator", "renderer", "versions")
+_SHARED_ENV_KEYS = ("task", "simulator", "renderer")
+
+_LOOSE_KEYS = (
+    *("task", "task_kwargs", "simulator", "simulator_settings", "renderer"),
+    *("cameras", "image_size", "scenario", "materials"),
+)
+"""Fields of the environment that a file of schema 1 has at its top level."""
 
 _AGAIN = "Evaluate the checkpoint again, or remove the file."
 
 
 def result_path(results_dir: Path, result: Result) -> Path:
     """Returns where a result belongs."""
-    return results_dir / result.protocol.version / result.task / result.policy / f"{result.run}.json"
+    return results_dir / result.protocol.version / result.env.task / result.policy / f"{result.run}.json"
 
 
 def video_dir(path: Path) -> Path:
@@ -124,14 +132,13 @@ def _to_document(result: Result) -> dict[str, Any]:
     values |= {
         "protocol": result.protocol.to_json(),
         "train_tasks": list(result.train_tasks),
-        "cameras": list(result.cameras),
+        "env": result.env.to_json(),
         "checkpoint": asdict(result.checkpoint),
         "git": asdict(result.git) if result.git else None,
         "machine": asdict(result.machine),
     }
-    for key in ("train_tasks", "simulator_settings", "scenario", "materials"):
-        if not values[key]:  # this task alone, its own, the built-in ones: nothing to say
-            del values[key]
+    if not result.train_tasks:
+        del values["train_tasks"]
     records = values.pop("records")
     document = {"schema_version": SCHEMA_VERSION, **values, "protocol_hash": result.protocol.hash}
     document["cells"] = [summary.to_json() for summary in result.cells()]
@@ -146,10 +153,10 @@ def _to_document(result: Result) -> dict[str, Any]:
 
 
 @cache
-def _validator() -> Any:
+def _validator(version: int) -> Any:
     from jsonschema_rs import Draft202012Validator  # a hundredth of the time that jsonschema takes
 
-    schema = json.loads(files("benchmark").joinpath(f"schema/result.v{SCHEMA_VERSION}.json").read_text())
+    schema = json.loads(files("benchmark").joinpath(f"schema/result.v{version}.json").read_text())
     return Draft202012Validator(schema)
 
 
@@ -157,20 +164,21 @@ def _check_schema(path: Path, document: Any) -> None:
     if not isinstance(document, dict) or "schema_version" not in document:
         raise ResultError(f"'{path}' is not a results file: it has no schema_version. {_AGAIN}")
     version = document["schema_version"]
-    if version != SCHEMA_VERSION or isinstance(version, bool):
+    if version not in _READABLE_VERSIONS or isinstance(version, bool):
         raise ResultError(
-            f"Results file '{path}' has schema version {version!r}; this release reads {SCHEMA_VERSION}. "
+            f"Results file '{path}' has schema version {version!r}; this release reads "
+            f"{' and '.join(map(str, _READABLE_VERSIONS))}. "
             "Evaluate the checkpoint again, or install the release that wrote the file."
         )
     try:
-        error = next(_validator().iter_errors(document), None)
+        error = next(_validator(version).iter_errors(document), None)
     except ValueError as problem:  # half a surrogate pair is no text
         raise ResultError(f"Results file '{path}' holds what is no JSON: {problem}. {_AGAIN}") from problem
     if error is not None:
         where = "/".join(map(str, error.instance_path)) or "the top"
         message = error.message if len(error.message) < 300 else error.message[:300] + " …"
         raise ResultError(
-            f"Results file '{path}' does not follow schema {SCHEMA_VERSION}: at {where}: {message}. {_AGAIN}"
+            f"Results file '{path}' does not follow schema {version}: at {where}: {message}. {_AGAIN}"
         )
 
 
@@ -182,7 +190,7 @@ def _from_document(path: Path, document: dict[str, Any]) -> Result:
             raise ResultError(
                 f"its protocol hashes to {protocol.hash}, and it names {document['protocol_hash']}"
             )
-        result = _build(document, protocol)
+        result = _build(_upgraded(document), protocol)
         _check_cells(document["cells"], result)
     except RoboVerseError as error:
         raise ResultError(f"Results file '{path}': {error} {_AGAIN}") from error
@@ -193,8 +201,19 @@ def _from_document(path: Path, document: dict[str, Any]) -> Result:
     return result
 
 
+def _upgraded(document: dict[str, Any]) -> dict[str, Any]:
+    """Returns a document of any readable schema as one of the present schema."""
+    if document["schema_version"] == SCHEMA_VERSION:
+        return document
+    rest = {key: value for key, value in document.items() if key not in _LOOSE_KEYS}
+    env = {key: document[key] for key in _LOOSE_KEYS if document.get(key) is not None}
+    return rest | {"env": env, "sees_images": document["image_size"] is not None}
+
+
 def _build(document: dict[str, Any], protocol: Protocol) -> Result:
-    shared = {key: document[key] for key in _SHARED_KEYS}
+    env = EnvSpec.from_json(document["env"])
+    shared = {key: getattr(env, key) for key in _SHARED_ENV_KEYS}
+    shared |= {"policy": document["policy"], "versions": document["versions"]}
     by_cell = {(cell["level"], cell["only"], cell["split"]): cell for cell in document["cells"]}
     records = []
     for row in document["records"]:
@@ -207,7 +226,7 @@ def _build(document: dict[str, Any], protocol: Protocol) -> Result:
     values |= {
         "protocol": protocol,
         "train_tasks": tuple(document.get("train_tasks", ())),
-        "cameras": tuple(document.get("cameras", ())),
+        "env": env,
         "checkpoint": Checkpoint(**document["checkpoint"]),
         "git": Git(**document["git"]) if document["git"] else None,
         "machine": Machine(**document["machine"]),
@@ -231,9 +250,11 @@ def _check_cells(cells: list[dict[str, Any]], result: Result) -> None:
 
 def _check_shared(result: Result) -> None:
     """Checks that every record is of the run: what they share stands once in the file."""
+    shared = {key: getattr(result.env, key) for key in _SHARED_ENV_KEYS}
+    shared |= {"policy": result.policy, "versions": result.versions}
     for record in result.records:
-        for key in _SHARED_KEYS:
-            given, expected = getattr(record, key), getattr(result, key)
+        for key, expected in shared.items():
+            given = getattr(record, key)
             if given != expected:
                 raise ResultError(
                     f"Episode {record.episode} of {record.cell} has {key} {given!r}, and the run "

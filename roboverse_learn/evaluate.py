@@ -111,7 +111,7 @@ def evaluate_checkpoint(
         for old in _videos(path):
             old.unlink()
     records, facts = _run_cells(policy, name, tested, config, protocol, video_dir(path), finished)
-    facts["materials"] = materials
+    facts["env"] = tested.env.replace(cameras=facts.pop("cameras"), materials=materials)
     result = _result(tested, name, protocol, checkpoint, command, records, facts)
     assert path == result_path(results_dir, result)
     write_result(path, result)
@@ -165,8 +165,7 @@ def _run_cells(
     from benchmark import runner, videos
 
     sees, view = _view_of(tested.checkpoint)
-    keys = ("task_kwargs", "simulator", "simulator_settings", "renderer", "scenario")
-    facts: dict[str, Any] = {key: getattr(tested.env, key) for key in keys}
+    facts: dict[str, Any] = {"sees_images": sees}
 
     def make_env(cell: Cell) -> Any:
         spec = tested.env.replace(level=cell.level or 0, only=cell.only, materials=config.materials)
@@ -214,13 +213,11 @@ def _result(
         run=tested.run,
         created=provenance.now(),
         protocol=protocol,
-        task=tested.env.task,
         policy=name,
         train_tasks=tested.training.tasks,
         train_level=tested.training.level,
         train_only=tested.training.only,
         seed=tested.training.seed,
-        image_size=tested.env.image_size if _view_of(tested.checkpoint)[0] else None,
         checkpoint=checkpoint,
         dataset_hash=tested.training.dataset_hash,
         demonstrations=tested.training.demonstrations,
@@ -264,19 +261,19 @@ def _progress_bar() -> Any:
 def _earlier(
     path: Path, weights: str, protocol: Protocol, tested: TestedCheckpoint, materials: str
 ) -> "Result | None":
-    """Returns the result that stands at ``path``, if it is of the same weights, protocol and scene."""
+    """Returns the result at ``path``, if it is of the same weights, protocol and environment."""
     from benchmark.provenance import package_versions
     from benchmark.results import read_result
 
     if not path.exists():
         return None
     result = read_result(path)
-    now = (weights, protocol.hash, materials, package_versions())
-    then = (result.checkpoint.hash, result.protocol.hash, result.materials, dict(result.versions))
-    keys = ("task_kwargs", "simulator", "simulator_settings", "renderer", "scenario", "image_size")
-    known = [key for key in keys if getattr(result, key) is not None]  # no size: it saw no pictures
-    scene = all(getattr(result, key) == getattr(tested.env, key) for key in known)
-    return result if scene and now == then else None
+    now = (weights, protocol.hash, package_versions(), tested.env.replace(materials=materials))
+    env = result.env.replace(cameras=tested.env.cameras)  # recorded by name, also where none was named
+    if not result.sees_images:
+        env = env.replace(image_size=tested.env.image_size)
+    then = (result.checkpoint.hash, result.protocol.hash, dict(result.versions), env)
+    return result if now == then else None
 
 
 def _videos(path: Path) -> tuple[Path, ...]:

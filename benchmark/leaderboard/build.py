@@ -162,17 +162,17 @@ def _load(results_dir: Path) -> list[Entry]:
 
 def _section_key(result: Result) -> dict[str, Any]:
     """Returns what two results must share for their numbers to be compared."""
-    tuning = {"simulator_settings": result.simulator_settings, "scenario": result.scenario}
+    tuning = {"simulator_settings": result.env.simulator_settings, "scenario": result.env.scenario}
     tuned = {name: dict(values) for name, values in tuning.items() if values}
     return {
         "protocol": result.protocol.version,
         "protocol_seed": result.protocol.seed,
-        "task": result.task,
-        "task_kwargs": dict(result.task_kwargs),
+        "task": result.env.task,
+        "task_kwargs": dict(result.env.task_kwargs),
         "max_episode_steps": result.max_episode_steps,
         "control_hz": result.control_hz,
-        "simulator": result.simulator,
-        "renderer": result.renderer,
+        "simulator": result.env.simulator,
+        "renderer": result.env.renderer,
         **tuned,
     }
 

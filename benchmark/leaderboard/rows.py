@@ -43,8 +43,8 @@ def row_key(result: Result) -> dict[str, Any]:
         "transferred_from": transferred_from(result),
         "train_level": result.train_level,
         "train_only": result.train_only,
-        "cameras": " and ".join(result.cameras) or None,
-        "image_size": result.image_size,
+        "cameras": " and ".join(result.env.cameras) or None,
+        "image_size": result.env.image_size if result.sees_images else None,
         "demonstrations": result.demonstrations,
         **_training_length(result),
         "protocol_hash": result.protocol.hash,
@@ -52,14 +52,14 @@ def row_key(result: Result) -> dict[str, Any]:
         "settings": {
             **learned_settings(result.config.get("policy"), _trained_with(result).get("train")),
             **_trained_in(result),
-            "materials": result.materials or "built-in",
+            "materials": result.env.materials or "built-in",
         },
     }
 
 
 def _learned_with(result: Result) -> dict[str, Any]:
     """Returns the further tasks that the policy learned, sorted; nothing where it learned this one alone."""
-    others = sorted(set(result.train_tasks) - {result.task})
+    others = sorted(set(result.train_tasks) - {result.env.task})
     return {"learned_with": others} if others else {}
 
 
@@ -95,7 +95,7 @@ def transferred_from(result: Result) -> str | None:
     """Returns where the policy was trained, ``"mujoco, drawn by warp"``, if it was tested somewhere else."""
     trained = _trained_with(result)
     simulator, renderer = trained.get("simulator"), trained.get("renderer")
-    if not simulator or not renderer or (simulator, renderer) == (result.simulator, result.renderer):
+    if not simulator or not renderer or (simulator, renderer) == (result.env.simulator, result.env.renderer):
         return None
     return f"{simulator}, drawn by {renderer}"
 

@@ -105,10 +105,10 @@ def success_table(evaluation: "Evaluation") -> Table:
     """Success by level and split, with Wilson's 95 % interval; the test split is the headline."""
     result = evaluation.result
     trained = f"{result.train_only} alone" if result.train_only else f"level {result.train_level}"
-    others = [task for task in result.train_tasks if task != result.task]
+    others = [task for task in result.train_tasks if task != result.env.task]
     trained += f" together with {', '.join(others)}" if others else ""
     episodes = f"{result.protocol.episodes} episodes"
-    title = f"{result.task}, {result.policy}, trained on {trained}: success in {episodes}"
+    title = f"{result.env.task}, {result.policy}, trained on {trained}: success in {episodes}"
     table = Table(
         title=title,
         title_justify="left",

@@ -164,6 +164,7 @@ def make_result(make_records):
     """Returns a function that invents a whole result."""
     from benchmark.protocol import Protocol
     from benchmark.records import Checkpoint, Git, Machine, Result
+    from envs.spec import EnvSpec
 
     def make(
         *,
@@ -177,19 +178,17 @@ def make_result(make_records):
     ):
         protocol = protocol or Protocol(episodes=4)
         shared = {key: changes[key] for key in ("simulator", "renderer") if key in changes}
+        env = {key: changes.pop(key) for key in EnvSpec.__dataclass_fields__ if key in changes}
         values = {
             "run": run or f"{policy}-s{seed}",
             "created": "2026-03-01T12:00:00Z",
             "protocol": protocol,
-            "task": task,
+            "env": EnvSpec(**{"task": task, "image_size": 128} | env),
             "max_episode_steps": 250,
             "control_hz": 20.0,
             "policy": policy,
             "train_level": 0,
             "seed": seed,
-            "simulator": "mujoco",
-            "renderer": "warp",
-            "image_size": 128,
             "checkpoint": Checkpoint(step=2000, hash="ab" * 32),
             "dataset_hash": "cd" * 8,
             "demonstrations": 100,

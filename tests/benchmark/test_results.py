@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from benchmark.protocol import Protocol
+from benchmark.protocol import Protocol, fingerprint
 from benchmark.records import Checkpoint, Git, Machine
 from benchmark.results import read_result, result_path, write_result
 from envs.core.errors import ResultError, WriteError
@@ -52,18 +52,29 @@ def test_round_trip(written):
     assert read_result(path) == result
 
 
-@pytest.mark.parametrize(
-    ("key", "value"), [("scenario", {"physics": {"decimation": 50}}), ("materials", "+pictures-1a2b3c4d")]
-)
-def test_what_was_changed_of_the_scene_is_told_and_nothing_where_nothing_was(
-    make_result, tmp_path, written, key, value
-):
-    assert key not in json.loads(written[0].read_text())
-    result = make_result(run="other", **{key: value})
-    path = result_path(tmp_path, result)
-    write_result(path, result)
-    assert json.loads(path.read_text())[key] == value
-    assert read_result(path) == result
+def test_file_of_schema_1_reads_as_the_same_result(make_result, tmp_path):
+    changed = {
+        "scenario": {"physics": {"decimation": 50}},
+        "cameras": ("front", "wrist"),
+        "task": "StackCube",
+    }
+    for result in (make_result(**changed), make_result(sees_images=False, image_size=256)):
+        path = result_path(tmp_path, result)
+        write_result(path, result)
+        edit(path, _as_schema_1)
+        assert read_result(path) == result
+
+
+def _as_schema_1(document):
+    """Turns a document into what schema 1 was: loose fields, the empty ones left out."""
+    env = document.pop("env")
+    if not document.pop("sees_images"):
+        env["image_size"] = None
+    optional = ("simulator_settings", "scenario", "materials")
+    document |= {key: value for key, value in env.items() if value or key not in optional}
+    del document["level"], document["only"]
+    document["schema_version"] = 1
+    document["digest"] = fingerprint({key: value for key, value in document.items() if key != "digest"})
 
 
 def test_tasks_that_were_learned_together_are_told_and_nothing_of_one_alone(make_result, tmp_path, written):
@@ -148,7 +159,7 @@ def test_a_truncated_file_says_so(written, cut):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d.update(schema_version=7), "has schema version 7; this release reads 1"),
+        (lambda d: d.update(schema_version=7), "has schema version 7; this release reads 1 and 2"),
         (lambda d: d.pop("schema_version"), "is not a results file: it has no schema_version"),
         (lambda d: d.pop("records"), 'at the top: "records" is a required property'),
         (lambda d: d.update(hostname="box"), "'hostname' was unexpected"),
@@ -157,8 +168,8 @@ def test_a_truncated_file_says_so(written, cut):
             lambda d: d["records"][0].update(success="yes"),
             'at records/0/success: "yes" is not of type "boolean"',
         ),
-        (lambda d: d.update(task="../../etc"), 'at task: "../../etc" does not match'),
-        (lambda d: d.update(task="a/b/c"), 'at task: "a/b/c" does not match'),
+        (lambda d: d["env"].update(task="../../etc"), 'at env/task: "../../etc" does not match'),
+        (lambda d: d["env"].update(task="a/b/c"), 'at env/task: "a/b/c" does not match'),
         (lambda d: d["checkpoint"].update(choice="best"), 'at checkpoint/choice: "last" was expected'),
         (lambda d: d["protocol"].update(seed=1), "its protocol hashes to"),
         (

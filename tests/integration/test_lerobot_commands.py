@@ -130,7 +130,7 @@ def test_our_command_evaluates_what_lerobot_trained(
     assert cli.main(["evaluate", f"checkpoint={checkpoint}", f"results_dir={tmp_path}", *words]) == 0
     (path,) = (tmp_path / "v2/PickCube/act").glob("*.json")
     result = read_result(path)
-    assert (result.policy, result.image_size, len(result.records)) == ("act", 32, 1)
+    assert (result.policy, result.env.image_size, len(result.records)) == ("act", 32, 1)
     assert result.train_level is None  # nothing says what it was trained on
     assert "level 0" in capsys.readouterr().out
 

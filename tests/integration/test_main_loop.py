@@ -63,7 +63,7 @@ def test_a_checkpoint_is_evaluated_alone(run: Path, capsys: pytest.CaptureFixtur
         Path("results/v2/PickCube/act") / f"{run.name}.json"
     }
     result = read_result(path)
-    assert result.run.startswith(run.name) and result.image_size == read_config(run).image_size == 32
+    assert result.run.startswith(run.name) and result.env.image_size == read_config(run).env.image_size == 32
     assert result.cells()[0].channels == ("task", "camera")
     assert cli.main(["leaderboard"]) == 0
     path.unlink()
@@ -78,9 +78,9 @@ def test_a_checkpoint_is_evaluated_in_a_changed_scene_on_other_materials(run: Pa
     folder = Path("results/v2/PickCube/act")
     (path,) = set(folder.glob("*.json")) - {folder / f"{run.name}.json"}
     result = read_result(path)
-    assert result.scenario == {"physics": {"decimation": 50}, "cameras": {"front": {"fovy_deg": 60}}}
+    assert result.env.scenario == {"physics": {"decimation": 50}, "cameras": {"front": {"fovy_deg": 60}}}
     assert result.control_hz == 10.0
-    assert result.materials.startswith(f"+{tmp_path.name}-")
+    assert result.env.materials.startswith(f"+{tmp_path.name}-")
     before = path.stat().st_mtime_ns
     assert cli.main(["evaluate", f"checkpoint={run}", *words, *scene]) == 0
     assert path.stat().st_mtime_ns == before  # it was not evaluated again
@@ -98,7 +98,7 @@ def test_a_checkpoint_is_evaluated_in_another_simulator(run: Path, simulator: st
     folder = Path("results/v2/PickCube/act")
     (path,) = set(folder.glob("*.json")) - {folder / f"{run.name}.json"}
     result, trained = read_result(path), read_result(folder / f"{run.name}.json")
-    assert (result.simulator, trained.simulator) == (simulator, "mujoco")
+    assert (result.env.simulator, trained.env.simulator) == (simulator, "mujoco")
     assert result.checkpoint == trained.checkpoint
     assert cli.main(["leaderboard"]) == 0
     assert simulator in Path("results/leaderboard.md").read_text()

@@ -9,6 +9,7 @@ from rich.console import Console
 from benchmark.protocol import Protocol
 from benchmark.records import EpisodeRecord, Machine, Result
 from envs.core.errors import ConfigError
+from envs.spec import EnvSpec
 from roboverse_learn import train as command
 from roboverse_learn.collect import dataset_folder, dataset_layout
 from roboverse_learn.commands.report import clock, collection_report, evaluation_report, train_report
@@ -115,9 +116,9 @@ def evaluation() -> Evaluation:
         for split in protocol.splits for episode in (1, 2)
     ]  # fmt: skip
     result = Result(
-        run="r", created="2026-01-01T00:00:00Z", protocol=protocol, task="PickCube", max_episode_steps=100,
-        control_hz=20.0, policy="act", train_level=0, seed=0, simulator="mujoco", renderer="warp",
-        image_size=64,
+        run="r", created="2026-01-01T00:00:00Z", protocol=protocol, env=EnvSpec(image_size=64),
+        max_episode_steps=100,
+        control_hz=20.0, policy="act", train_level=0, seed=0,
         dataset_hash=None, demonstrations=None, git=None, command="python x", records=tuple(records),
         machine=Machine(device="cpu", cpu_count=2),
     )  # fmt: skip

@@ -112,7 +112,7 @@ def test_it_is_evaluated_with_the_cameras_of_its_training(tmp_path, monkeypatch)
     config = compose("evaluate", [*words, "episodes=2", "evaluate.num_envs=2"])
     subject = checkpoint_to_test(config)
     result = evaluate_checkpoint(subject, config.evaluate, tmp_path / "results", "evaluate").result
-    assert (result.cameras, result.image_size) == (("rail",), 64)
+    assert (result.env.cameras, result.env.image_size) == (("rail",), 64)
     assert [record.length for record in result.records] == [6] * 4
 
 
