@@ -1,6 +1,6 @@
-"""Places and velocities of all bodies of a robot, from its state alone, for N states at once.
+"""Poses and velocities of all bodies of a robot, from its state alone, for N states at once.
 
-Shapes: N states, B bodies. A simulator is not asked, so that the same reward is paid on every one.
+Shapes: N states, B bodies. No simulator takes part, so that a reward is the same on every simulator.
 """
 
 from dataclasses import dataclass, replace
@@ -12,13 +12,12 @@ import torch
 from torch import Tensor
 
 from envs.core.errors import ConfigError, unknown_name
+from envs.kinematics.tree import TreeBody, by_depth, joints_of
 from envs.mjcf.layout import layout_of
 from envs.mjcf.model import build_model
 from envs.rotations import to_matrix
 from envs.scenario import RobotCfg, ScenarioCfg
 from envs.state import EntityState
-
-_HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,46 +140,40 @@ class _Body:
 @lru_cache(maxsize=16)
 def _depths_of(robot: RobotCfg) -> list[list[_Body]]:
     """Reads the tree from the compiled robot, depth by depth."""
-    alone = replace(robot, feels=())  # what it feels is not here
+    alone = replace(robot, feels=())  # the objects that it senses are not in this scene
     scenario = ScenarioCfg(robots=(alone,), table=None, room=None)
     model = build_model(scenario, simplify=False)
     layout = layout_of(model, scenario).robots[0]
     column_of = {int(address): column for column, address in enumerate(layout.qpos)}
-    depths, ids = [], [[model.body(f"{robot.name}/{robot.root}").id]]
-    while ids[-1]:
-        above = ids[-2] if len(ids) > 1 else [0]
-        depths.append([_read(model, body, above, column_of, robot) for body in ids[-1]])
-        ids.append([body for body in range(1, model.nbody) if int(model.body_parentid[body]) in ids[-1]])
-    return depths
+    depths = by_depth(model, model.body(f"{robot.name}/{robot.root}").id)
+    above = [[], *([body.index for body in depth] for depth in depths)]
+    return [
+        [_read(model, body, parents, column_of, robot) for body in depth]
+        for depth, parents in zip(depths, above, strict=False)
+    ]
 
 
 def _read(
-    model: mujoco.MjModel, body: int, above: list[int], column_of: dict[int, int], robot: RobotCfg
+    model: mujoco.MjModel, body: TreeBody, parents: list[int], column_of: dict[int, int], robot: RobotCfg
 ) -> _Body:
-    is_root = len(above) == 1 and above[0] == 0
-    matrix = np.zeros(9)
-    mujoco.mju_quat2Mat(matrix, model.body_quat[body])
-    frame, still = matrix.reshape(3, 3), np.eye(3)
-    sine, cosine, axis, column = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3), 0
-    first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-    name = model.body(body).name.removeprefix(f"{robot.name}/")
-    if count and not is_root:
-        if count > 1 or model.jnt_type[first] != _HINGE:
+    name = body.name.removeprefix(f"{robot.name}/")
+    still, sine, cosine, axis, column = np.eye(3), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3), 0
+    joints = joints_of(model, body.index) if parents else []
+    if joints:
+        joint = joints[0]
+        if len(joints) > 1 or not joint.is_hinge:
             raise ConfigError(f"Body '{name}' of robot '{robot.name}' needs one hinge, or no joint at all.")
-        if model.jnt_pos[first].any():
+        if joint.anchor.any():
             raise ConfigError(f"The hinge of body '{name}' of robot '{robot.name}' is not at its origin.")
-        axis = model.jnt_axis[first].copy()
-        column = column_of[int(model.jnt_qposadr[first])]
-        along = np.outer(axis, axis)
-        x, y, z = axis
-        still, cosine = along, np.eye(3) - along
-        sine = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        axis, column = joint.axis, column_of[joint.qpos]
+        still, sine, cosine = (part[:3, :3] for part in (joint.fixed, joint.first, joint.second))
+    frame = body.frame[:3, :3]
     return _Body(
         name=name,
-        parents=0 if is_root else above.index(int(model.body_parentid[body])),
-        mass=float(model.body_mass[body]),
-        com=model.body_ipos[body].copy(),
-        offset=model.body_pos[body].copy(),
+        parents=parents.index(body.parent) if parents else 0,
+        mass=body.mass,
+        com=body.com,
+        offset=body.frame[:3, 3],
         still=frame @ still,
         sine=frame @ sine,
         cosine=frame @ cosine,
