@@ -1,4 +1,4 @@
-"""What an action means: how a row of numbers becomes something a simulator is told."""
+"""Controllers: map actions to joint targets."""
 
 from abc import ABC, abstractmethod
 from typing import override
@@ -54,18 +54,19 @@ class Controller(ABC):
 
 
 class JointPositionController(Controller):
-    """An action is where the position target of every joint of one robot is when the step ends, rad and m.
+    """An action is the position target of every driven joint of one robot at the end of the step, rad and m.
 
-    It moves there evenly. A target that jumps shakes the hand, and a cube in it slides twice as far.
+    Targets move there evenly. A target that jumps shakes the hand, and a cube in it slides twice as far.
 
     Args:
         robot: The robot.
     """
 
     def __init__(self, robot: RobotCfg) -> None:
-        self.names = robot.joint_names
-        self.low, self.high = np.array([joint.range for joint in robot.joints], np.float32).T
-        self._robot = robot.name
+        joints = [robot.joints[index] for index in robot.driven]
+        self.names = tuple(joint.name for joint in joints)
+        self.low, self.high = np.array([joint.range for joint in joints], np.float32).T
+        self._robot, self._driven = robot.name, list(robot.driven)
 
     @override
     def apply(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None) -> None:
@@ -79,7 +80,7 @@ class JointPositionController(Controller):
 
     @override
     def hold(self, state: State) -> np.ndarray:
-        return state.robots[self._robot].joint_pos.cpu().numpy()
+        return state.robots[self._robot].joint_pos[:, self._driven].cpu().numpy()
 
 
 _SQUEEZE = 0.25

@@ -275,6 +275,7 @@ def _add_robot(spec: mujoco.MjSpec, robot: RobotCfg, simplify: bool) -> None:
     if arm.site(robot.ee_site) is None:
         _add_site_at_body(arm, robot)
     _set_joints(arm, robot)
+    _refuse_undeclared_joints(arm, robot)
     if not robot.fixed_base:
         _free_base(arm, robot.root)
     frame = spec.worldbody.add_frame(pos=robot.pos, quat=robot.rot)
@@ -344,7 +345,7 @@ def _load(
 
 
 def _set_joints(spec: mujoco.MjSpec, robot: RobotCfg) -> None:
-    """Gives each joint its range and damping, and each driven one its actuator, in the robot's order."""
+    """Sets each joint's range and damping, and adds the actuators of driven ones, in the robot's order."""
     for cfg in robot.joints:
         joint = spec.joint(cfg.name)
         if joint is None:
@@ -368,3 +369,14 @@ def _set_joints(spec: mujoco.MjSpec, robot: RobotCfg) -> None:
         actuator.ctrllimited = actuator.forcelimited = 1
         actuator.ctrlrange = cfg.target_range or cfg.range
         actuator.forcerange = (-cfg.force_limit, cfg.force_limit)
+
+
+def _refuse_undeclared_joints(spec: mujoco.MjSpec, robot: RobotCfg) -> None:
+    """Raises ConfigError if the file has joints that no reset would restore."""
+    moving = [joint.name for joint in spec.joints if joint.type != mujoco.mjtJoint.mjJNT_FREE]
+    undeclared = [name for name in moving if name not in robot.joint_names]
+    if undeclared:
+        raise ConfigError(
+            f"Robot '{robot.name}' does not declare the joints {', '.join(undeclared)} of its file, so no "
+            "reset would restore them. Add them to its joints; a passive one is JointCfg(..., driven=False)."
+        )

@@ -20,21 +20,23 @@ class WaypointPlanner:
     """Follows an expert's waypoints with the first robot of a scenario.
 
     Args:
-        scenario: The scene; actions are joint positions of its first robot.
+        scenario: The scene; actions are targets of its first robot's driven joints.
         expert: Returns waypoints for a state of one row.
     """
 
     def __init__(self, scenario: ScenarioCfg, expert: Expert) -> None:
         self._expert, self._robot = expert, scenario.robots[0]
+        self._driven = list(self._robot.driven)
         self._control_hz = scenario.physics.control_hz
         self._follower = PathFollower(self._robot, self._control_hz)
 
     def plan(self, state: State, rng: np.random.Generator) -> np.ndarray:
-        """Returns joint targets (T, J) float32; see :class:`envs.tasks.planner.Planner`."""
+        """Returns targets (T, D) float32 of the D driven joints; see :class:`envs.tasks.planner.Planner`."""
         waypoints = self._expert(state, rng)
         if not waypoints:
             return self._nothing()
-        return self._follower.joint_targets(self._starts(state)[0].numpy(), waypoints).astype(np.float32)
+        targets = self._follower.joint_targets(self._starts(state)[0].numpy(), waypoints)
+        return targets[:, self._driven].astype(np.float32)
 
     def plan_batch(self, state: State, rngs: Sequence[np.random.Generator]) -> list[np.ndarray]:
         """Returns the plans of all rows of ``state``; see :class:`envs.tasks.planner.BatchPlanner`."""
@@ -46,16 +48,20 @@ class WaypointPlanner:
             found = self._batched.joint_targets(starts, [ways[row] for row in asked])
             targets = found.targets.cpu().numpy().astype(np.float32)
             for place, row in enumerate(asked):
-                plans[row] = targets[place, : found.lengths[place]]
+                plans[row] = targets[place, : found.lengths[place]][:, self._driven]
         return plans
 
     def _starts(self, state: State) -> torch.Tensor:
-        """Returns the joints' targets (N, J): what the robot holds keeps its joints a little behind them."""
+        """Returns targets (N, J) of driven joints, which a load keeps them from, and positions of others."""
         robot = state.robots[self._robot.name]
-        return robot.joint_pos if robot.joint_target is None else robot.joint_target
+        if robot.joint_target is None:
+            return robot.joint_pos
+        starts = robot.joint_pos.clone()
+        starts[:, self._driven] = robot.joint_target
+        return starts
 
     def _nothing(self) -> np.ndarray:
-        return np.zeros((0, len(self._robot.joints)), np.float32)
+        return np.zeros((0, len(self._driven)), np.float32)
 
     @cached_property
     def _batched(self) -> BatchedPathFollower:

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from envs.core.errors import UnknownNameError
+from envs.core.errors import ConfigError, UnknownNameError
 from envs.mjcf.model import build_model
 from envs.scenario import CameraCfg, SiteCfg
 from tests.contracts.walker import MASS_KG, SCENARIO, WALKER
@@ -57,6 +57,14 @@ def test_unknown_bodies_are_refused():
         model_of(bodies=(trunk,))
     with pytest.raises(UnknownNameError, match=r"Unknown body of robot 'walker' 'lef_leg'"):
         model_of(sites=(SiteCfg(name="head", body="lef_leg", pos=(0.0, 0.0, 0.0)),))
+
+
+def test_undeclared_joints_are_refused_and_passive_ones_are_not():
+    """A reset would not restore the state of a joint that the robot does not declare."""
+    left, right = WALKER.joints
+    with pytest.raises(ConfigError, match=f"does not declare the joints {right.name} of its file"):
+        model_of(joints=(left,))
+    assert model_of(joints=(left, dataclasses.replace(right, driven=False))).nu == 1
 
 
 def test_a_camera_that_does_not_turn_only_goes_along():
