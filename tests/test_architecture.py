@@ -49,6 +49,8 @@ NOT_YET = {
     # DOCS and CONFIG: programs that import the commands, and parse with pydantic and yaml
     ("envs.core.arguments", "pydantic"),
     ("envs.core.arguments", "yaml"),
+    # DATA
+    ("roboverse_learn.data.collection.worker", "roboverse_learn.data.collection.pool"),
     # CONFIG
     ("roboverse_learn.commands.report", "roboverse_learn.evaluate"),
 }
