@@ -1,6 +1,6 @@
-"""Simulated scenes, their simulators, tasks and randomization, and Gymnasium environments made of them.
+"""Scenes, simulators, tasks, randomization, and the Gymnasium environments made of them.
 
-Importing it registers every task with Gymnasium, which imports none of them:
+Importing it registers every task with Gymnasium and imports no task:
 ``gymnasium.make("RoboVerse/PickCube-v0")``, or ``gymnasium.make("envs:RoboVerse/PickCube-v0")`` without an
 import.
 """
@@ -11,15 +11,17 @@ from envs.gym_registration import register_envs
 
 if TYPE_CHECKING:
     from envs.gym_env import RoboVerseEnv, make_vec
+    from envs.spec import EnvSpec
     from envs.vector_env import RoboVerseVectorEnv
 
 _HOMES = {
+    "EnvSpec": "envs.spec",
     "RoboVerseEnv": "envs.gym_env",
     "make_vec": "envs.gym_env",
     "RoboVerseVectorEnv": "envs.vector_env",
 }
 
-__all__ = ["RoboVerseEnv", "RoboVerseVectorEnv", "make_vec", "register_envs"]
+__all__ = ["EnvSpec", "RoboVerseEnv", "RoboVerseVectorEnv", "make_vec", "register_envs"]
 
 
 def __getattr__(name: str) -> Any:

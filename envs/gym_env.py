@@ -1,4 +1,4 @@
-"""The single-environment view for ``gymnasium.make``, and what ``gymnasium.make_vec`` makes."""
+"""One environment with the interface of ``gymnasium.Env``, and the functions behind ``gymnasium.make``."""
 
 from typing import Any
 
@@ -6,47 +6,53 @@ import gymnasium
 import numpy as np
 
 from envs.lazy_images import row_of
+from envs.spec import EnvSpec, split_options
 from envs.step_checks import wrong_shape
 from envs.vector_env import RoboVerseVectorEnv
 
 
-def make_vec(task: str, num_envs: int = 1, *, split: str = "train", **kwargs: Any) -> RoboVerseVectorEnv:
-    """Makes ``num_envs`` environments of a task; see :class:`~envs.vector_env.RoboVerseVectorEnv`."""
-    return RoboVerseVectorEnv(task, num_envs, split=split, **kwargs)
+def make_vec(task: str, num_envs: int = 1, **options: Any) -> RoboVerseVectorEnv:
+    """Makes ``num_envs`` environments of a task.
+
+    Args:
+        task: Name of the task.
+        num_envs: Number of environments.
+        **options: Fields of :class:`~envs.spec.EnvSpec` and options of :meth:`~envs.spec.EnvSpec.make`.
+
+    Raises:
+        UnknownNameError: An option or a name does not exist.
+        ConfigError: A value is out of range.
+    """
+    fields, runtime = split_options(options)
+    return EnvSpec.from_json({"task": task, **fields}).make(num_envs, **runtime)
 
 
 class RoboVerseEnv(gymnasium.Env):
     """One environment, with the interface of ``gymnasium.Env`` and the keys that LeRobot expects.
 
     Args:
-        task: Name of a task.
-        split: ``"train"`` or ``"test"``.
+        task: Name of the task.
         render_mode: ``"rgb_array"`` or None.
-        **kwargs: Options of :class:`~envs.vector_env.RoboVerseVectorEnv`.
+        **options: As of :func:`make_vec`.
 
     Attributes:
         task: The task's name.
         task_description: The present instruction.
-        batch: The batched env of one environment behind this view.
+        batch: The environment of a batch of one behind this interface.
+        env_spec: The :class:`~envs.spec.EnvSpec` that made it.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 (Gymnasium's interface)
 
-    def __init__(
-        self,
-        task: str,
-        *,
-        split: str = "train",
-        render_mode: str | None = "rgb_array",
-        **kwargs: Any,
-    ) -> None:
-        self.batch = RoboVerseVectorEnv(task, 1, split=split, autoreset_mode="Disabled", **kwargs)
+    def __init__(self, task: str, *, render_mode: str | None = "rgb_array", **options: Any) -> None:
+        self.batch = make_vec(task, 1, autoreset_mode="Disabled", **options)
+        self.env_spec = self.batch.env_spec
         self.task = task
         self.render_mode = render_mode
         self.observation_space = self.batch.single_observation_space
         self.action_space = self.batch.single_action_space
         self.metadata = {**self.metadata, "render_fps": self.batch.metadata["render_fps"]}
-        self._max_episode_steps = self.batch.task.max_episode_steps
+        self._max_episode_steps = self.batch.max_episode_steps
 
     @property
     def task_description(self) -> str:
@@ -65,7 +71,7 @@ class RoboVerseEnv(gymnasium.Env):
         return row_of(observation, 0), self._info(False)
 
     def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Steps by one control step; ``action`` (J,) are joint position targets, rad and m.
+        """Steps by one control step; ``action`` (A,) is the controller's.
 
         Raises:
             InvalidActionError: It has another shape, or is not finite.
@@ -76,14 +82,14 @@ class RoboVerseEnv(gymnasium.Env):
             names = self.batch.controller.names
             raise wrong_shape(action, (len(names),), names)
         observation, reward, terminated, truncated, info = self.batch.step(action[None])
-        told = self._info(bool(info["is_success"][0]))
-        return row_of(observation, 0), float(reward[0]), bool(terminated[0]), bool(truncated[0]), told
+        own_info = self._info(bool(info["is_success"][0]))
+        return row_of(observation, 0), float(reward[0]), bool(terminated[0]), bool(truncated[0]), own_info
 
     def _info(self, success: bool) -> dict[str, Any]:
         return {"success": success, "is_success": success, "episode_index": int(self.batch.episodes[0])}
 
     def render(self) -> np.ndarray | None:
-        """Returns the first camera's picture, (H, W, 3) uint8."""
+        """Returns the first camera's image, (H, W, 3) uint8."""
         return self.batch.render()[0] if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""N environments of one task as batched pictures, for agents that learn by reward from what cameras see.
+"""N environments of one task with images as tensors, for reinforcement learning from cameras.
 
 Shapes: N environments, F frames of an observation, C = 3 × cameras channels of a frame, P pixels a side.
 """
@@ -10,68 +10,33 @@ import torch
 from torch import Tensor
 
 from envs.core.errors import ConfigError
-from envs.randomization import MaterialLibrary
 from envs.scenario import ScenarioCfg
 from envs.simulators.base import Handler
-from envs.simulators.hybrid import make_handler
 from envs.state import State
+from envs.tasks.base import Task
 from envs.torch_env import TorchVectorEnv
 
 
 class PixelVectorEnv(TorchVectorEnv):
-    """A :class:`~envs.torch_env.TorchVectorEnv` whose observations are pictures, (N, F C, P, P) uint8.
+    """A :class:`~envs.torch_env.TorchVectorEnv` whose observations are images, (N, F C, P, P) uint8.
 
-    An observation is the last F frames, the oldest first, and a frame the pictures of all cameras. Where an
-    episode has had fewer, its first one stands in for those before it, as in an evaluation. A frame is drawn
-    once; scenes look as at level 0.
+    An observation is the last F frames, oldest first; a frame is the images of all cameras. In the first
+    steps of an episode its first frame is repeated. Scenes look as at level 0.
 
     Args:
-        task: Name of a task.
-        num_envs: N.
-        cameras: Names of the cameras, in order; empty is the task's first.
-        image_size: P.
+        task: The task.
+        handler: Its simulator, not yet launched; its scene has the cameras that are observed.
         num_frames: F.
-        simulator: Name of a simulator.
-        renderer: Name of a renderer, or of another simulator that draws the pictures.
         options: Options of :class:`~envs.torch_env.TorchVectorEnv`.
 
     Attributes:
-        camera_names: Names of the cameras.
+        num_frames: F.
         observation_shape: (F C, P, P).
-
-    Raises:
-        ConfigError: if the task has no camera.
-        UnknownNameError: if it has none of a name.
     """
 
-    def __init__(
-        self,
-        task: str,
-        num_envs: int,
-        *,
-        cameras: Sequence[str] = (),
-        image_size: int = 64,
-        num_frames: int = 3,
-        simulator: str = "mujoco",
-        renderer: str = "warp",
-        **options: Any,
-    ) -> None:
-        self._cameras, self._image_size, self._renderer = tuple(cameras), image_size, renderer
+    def __init__(self, task: Task, handler: Handler, *, num_frames: int = 3, **options: Any) -> None:
         self.num_frames, self._frames = num_frames, torch.empty(0)
-        super().__init__(task, num_envs, simulator=simulator, **options)
-
-    @override
-    def _make_handler(self, simulator: str, scene: ScenarioCfg, num_threads: int) -> Handler:
-        seen = watched(self.task.name, scene, self._cameras, self._image_size)
-        self.camera_names = tuple(camera.name for camera in seen.cameras)
-        return make_handler(
-            simulator,
-            seen,
-            self.num_envs,
-            renderer=self._renderer,
-            num_threads=num_threads,
-            textures=MaterialLibrary.built_in().texture,
-        )
+        super().__init__(task, handler, **options)
 
     @override
     def _observe(self, states: State) -> Tensor:
@@ -80,7 +45,7 @@ class PixelVectorEnv(TorchVectorEnv):
         return self._frames
 
     @override
-    def _observe_begun(self, ids: Tensor) -> Tensor:
+    def _observe_started(self, ids: Tensor) -> Tensor:
         if not len(ids):
             return self._frames
         first = self._draw(ids).repeat(1, self.num_frames, 1, 1)
@@ -91,10 +56,11 @@ class PixelVectorEnv(TorchVectorEnv):
         return self._frames
 
     def _draw(self, ids: Tensor | None = None) -> Tensor:
-        """Returns a frame of the environments ``ids``, None all of them, (n, C, P, P) uint8."""
+        """Returns a frame of the environments ``ids``, (n, C, P, P) uint8; None means all."""
         jobs = None if ids is None else self.handler.snapshot(ids.tolist())
-        pictures = self.handler.render_tensors(jobs, self.camera_names)
-        frame = torch.cat([pictures[camera]["rgb"] for camera in self.camera_names], dim=-1)
+        cameras = self.camera_names
+        images = self.handler.render_tensors(jobs, cameras)
+        frame = torch.cat([images[camera]["rgb"] for camera in cameras], dim=-1)
         return frame.permute(0, 3, 1, 2).contiguous().to(self.device)
 
     @override
@@ -109,22 +75,22 @@ class PixelVectorEnv(TorchVectorEnv):
 
 
 def watched(task: str, scene: ScenarioCfg, cameras: Sequence[str], image_size: int) -> ScenarioCfg:
-    """Returns a task's scene with the cameras that an agent learns from, at least one.
+    """Returns a task's scene with the cameras that are observed, at least one.
 
     Args:
         task: Name of the task, for the message.
         scene: Its scenario.
-        cameras: Names of the cameras, in order; empty is the scene's first.
+        cameras: Names of the cameras, in order; empty means the scene's first.
         image_size: Pixels a side.
 
     Raises:
-        ConfigError: if the scene has no camera.
-        UnknownNameError: if it has none of a name.
+        ConfigError: The scene has no camera.
+        UnknownNameError: The scene has no camera of a name.
     """
     seen = scene.seen_by(cameras, image_size)
     if not seen.cameras:
         raise ConfigError(
-            f"Task '{task}' has no camera, so there are no pictures to learn from. Learn from its state "
+            f"Task '{task}' has no camera, so there are no images to learn from. Learn from its state "
             "(policy.observation=state), or give its scenario a camera."
         )
     return seen

@@ -5,6 +5,7 @@ making one imports no simulator, and its JSON form is the same on every machine.
 """
 
 import hashlib
+import inspect
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -15,6 +16,9 @@ from envs.core.plain_values import plain
 from envs.randomization.levels import channels_of
 
 if TYPE_CHECKING:
+    from envs.randomization import MaterialLibrary
+    from envs.scenario import ScenarioCfg
+    from envs.simulators.base import Handler
     from envs.tasks.base import Task
     from envs.torch_env import TorchVectorEnv
     from envs.vector_env import RoboVerseVectorEnv
@@ -77,7 +81,7 @@ class EnvSpec:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Self:
-        """Returns the spec of JSON values; what is absent takes its default.
+        """Returns the spec of JSON values; what is absent or None takes its default.
 
         Raises:
             UnknownNameError: A key is no field.
@@ -87,7 +91,7 @@ class EnvSpec:
         for key in values:
             if key not in known:
                 raise unknown_name("field of an environment", str(key), known)
-        given = dict(values)
+        given = {key: value for key, value in values.items() if value is not None}
         if "cameras" in given:
             given["cameras"] = tuple(given["cameras"])
         return cls(**given)
@@ -116,7 +120,9 @@ class EnvSpec:
         split: str = "train",
         observation: Literal["pixels", "state", "full"] = "pixels",
         actions: Literal["task", "rl"] = "task",
-        **runtime: Any,
+        protocol_seed: int = 0,
+        num_threads: int = 0,
+        autoreset_mode: str = "NextStep",
     ) -> "RoboVerseVectorEnv":
         """Returns ``num_envs`` environments that are stepped together, with a NumPy interface.
 
@@ -124,34 +130,121 @@ class EnvSpec:
             num_envs: Number of environments.
             split: ``"train"`` or ``"test"``: which episodes.
             observation: What is observed; see :class:`~envs.vector_env.RoboVerseVectorEnv`.
-            actions: The task's own controller or its controller for reinforcement learning.
-            **runtime: ``protocol_seed``, ``num_threads``, ``autoreset_mode``.
+            actions: ``"task"`` for the task's controller, ``"rl"`` for that of reinforcement learning.
+            protocol_seed: Seeds every draw.
+            num_threads: Threads of the simulator; 0 means one per core.
+            autoreset_mode: Gymnasium's: what ``step`` does with an environment whose episode is over.
+
+        Raises:
+            UnknownNameError: A name does not exist.
+            ConfigError: A value is out of range.
         """
+        from envs.randomization import MaterialLibrary, Randomizer
         from envs.vector_env import RoboVerseVectorEnv
 
-        values: dict[str, Any] = {item.name: getattr(self, item.name) for item in fields(self)}
-        task = values.pop("task")
-        values["materials"] = self.materials or None
-        return RoboVerseVectorEnv(
-            task, num_envs, split=split, observation=observation, actions=actions, **values, **runtime
+        task = self.make_task()
+        library = MaterialLibrary.chosen(self.materials)
+        scene = self._scene(task, num_envs).seen_by(self.cameras, self.image_size)
+        randomizer = Randomizer(
+            scene.appearance,
+            task.scenario.cameras,  # all of them: an episode does not depend on which are observed
+            channels=self.channels,
+            split=split,
+            seed=protocol_seed,
+            library=library,
+            scenario=task.scenario,
         )
+        env = RoboVerseVectorEnv(
+            task,
+            self._handler(scene, num_envs, num_threads, library),
+            randomizer,
+            observation=observation,
+            actions=actions,
+            autoreset_mode=autoreset_mode,
+        )
+        env.env_spec = self
+        return env
 
-    def make_torch(self, num_envs: int, **runtime: Any) -> "TorchVectorEnv":
+    def make_torch(
+        self,
+        num_envs: int,
+        *,
+        observation: Literal["state", "pixels"] = "state",
+        num_frames: int = 3,
+        substeps: int | None = None,
+        num_threads: int = 0,
+        **options: Any,
+    ) -> "TorchVectorEnv":
         """Returns ``num_envs`` environments with a Torch interface, on the simulator's device.
 
         Args:
             num_envs: Number of environments.
-            **runtime: Options of :class:`~envs.torch_env.TorchVectorEnv` beside the spec's, such as ``seed``,
-                ``device``, ``substeps``, ``expert_starts``.
+            observation: ``"state"`` for the task's ``rl_observation``; ``"pixels"`` for images, see
+                :class:`~envs.pixel_env.PixelVectorEnv`. The randomization level has no effect.
+            num_frames: Frames of an observation of images.
+            substeps: Physics steps per control step; the task's by default. Fewer are longer, faster and
+                less accurate.
+            num_threads: Threads of the simulator; 0 means one per core.
+            **options: Options of :class:`~envs.torch_env.TorchVectorEnv`, such as ``seed`` and ``device``.
+
+        Raises:
+            UnknownNameError: A name does not exist.
+            ConfigError: A value is out of range, or the task has no camera to observe.
         """
+        from envs.pixel_env import PixelVectorEnv, watched
+        from envs.randomization import MaterialLibrary
+        from envs.simulators import HANDLERS
         from envs.torch_env import TorchVectorEnv
 
-        return TorchVectorEnv(
-            self.task,
+        if observation not in ("state", "pixels"):
+            raise unknown_name("observation", str(observation), ("state", "pixels"))
+        task = self.make_task()
+        scene = self._scene(task, num_envs)
+        if substeps is not None:
+            scene = replace(scene, physics=scene.physics.divided(substeps))
+        if observation == "state":
+            handler = HANDLERS.get(self.simulator)(scene, num_envs, num_threads=num_threads)
+            env = TorchVectorEnv(task, handler, **options)
+        else:
+            scene = watched(self.task, scene, self.cameras, self.image_size)
+            handler = self._handler(scene, num_envs, num_threads, MaterialLibrary.chosen(self.materials))
+            env = PixelVectorEnv(task, handler, num_frames=num_frames, **options)
+        env.env_spec = self
+        return env
+
+    def _scene(self, task: "Task", num_envs: int) -> "ScenarioCfg":
+        """Returns the task's scene with the simulator's settings."""
+        if num_envs < 1:
+            raise ConfigError(f"num_envs must be at least 1, given {num_envs}.")
+        return task.scenario.tuned(self.simulator, self.simulator_settings)
+
+    def _handler(
+        self, scene: "ScenarioCfg", num_envs: int, num_threads: int, library: "MaterialLibrary"
+    ) -> "Handler":
+        from envs.simulators.hybrid import make_handler
+
+        return make_handler(
+            self.simulator,
+            scene,
             num_envs,
-            simulator=self.simulator,
-            task_kwargs=self.task_kwargs,
-            simulator_settings=self.simulator_settings,
-            scenario=self.scenario,
-            **runtime,
+            renderer=self.renderer,
+            num_threads=num_threads,
+            textures=library.texture,
         )
+
+
+def split_options(options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Divides options into fields of :class:`EnvSpec` and options of :meth:`EnvSpec.make`.
+
+    Raises:
+        UnknownNameError: An option is neither.
+    """
+    names = {item.name for item in fields(EnvSpec)}
+    runtime = set(inspect.signature(EnvSpec.make).parameters) - {"self", "num_envs"}
+    for key in options:
+        if key not in names | runtime:
+            raise unknown_name("option of an environment", key, names | runtime)
+    return (
+        {key: value for key, value in options.items() if key in names},
+        {key: value for key, value in options.items() if key in runtime},
+    )

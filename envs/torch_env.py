@@ -1,35 +1,33 @@
-"""N environments of one task as batched tensors, for agents that learn by reward.
+"""N environments of one task with tensors on one device, for reinforcement learning.
 
 Shapes: N environments, D entries of an observation, A entries of an action, K initial states.
 """
 
+import math
 from collections.abc import Mapping
-from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, override
 
-import numpy as np
 import torch
 from torch import Tensor
 
+from envs.batched_env import BatchedEnv
 from envs.core.errors import ConfigError
-from envs.scenario import ScenarioCfg
-from envs.simulators import HANDLERS
 from envs.simulators.base import Handler
 from envs.start_states import BANK_SIZE, expert_bank, initial_bank
 from envs.state import State
-from envs.tasks.make import make_task
-from envs.tasks.outcomes import outcome, solved
+from envs.tasks.base import Task
+from envs.tasks.outcomes import Outcome, outcome
 
 
 class EnvStep(NamedTuple):
-    """What a control step did to every environment.
+    """The outcome of a control step of every environment.
 
     Attributes:
-        obs: What is seen next, (N, D): already of the new episode where one is over.
-        reward: What the agent learns from, (N,).
-        terminated: The episode is over for good: nothing comes after it, (N,) bool.
-        truncated: The episode was cut off: its value goes on with ``final_obs``, (N,) bool.
+        obs: The next observation, (N, D): of the new episode where one is over.
+        reward: The reward that the agent learns from, (N,).
+        terminated: Success or failure ended the episode: no value follows it, (N,) bool.
+        truncated: The time limit ended the episode: bootstrap the value of ``final_obs``, (N,) bool.
         final_obs: The last observation of the episode that the step belongs to, (N, D).
         success: Whether the episode is solved, (N,) bool.
     """
@@ -47,10 +45,10 @@ class EpisodeStatistics(NamedTuple):
 
     Attributes:
         episodes: Their number; the means are NaN where it is 0.
-        episode_return: Return, of the task's own reward.
+        episode_return: Return of the task's own reward.
         length: Control steps.
         success_rate: Share that was solved.
-        by_task: The same of each task by its name, where there are several.
+        by_task: The same for each task by its name, where there are several.
     """
 
     episodes: int
@@ -60,7 +58,7 @@ class EpisodeStatistics(NamedTuple):
     by_task: "Mapping[str, EpisodeStatistics]" = MappingProxyType({})
 
     def means(self) -> dict[str, float]:
-        """Returns what is logged: nothing of no episode, and of a task as in ``success_rate/PickCube``."""
+        """Returns the means by name, for logs; those of one task as in ``success_rate/PickCube``."""
         own = {
             "episode_return": self.episode_return,
             "episode_length": self.length,
@@ -73,8 +71,8 @@ class EpisodeStatistics(NamedTuple):
         }
 
 
-class BatchedEnv(Protocol):
-    """What the adapters in :mod:`envs.adapters` take: this module's class, or a test's chain of states."""
+class TorchEnv(Protocol):
+    """The interface of an environment with tensors, which the adapters in :mod:`envs.adapters` take."""
 
     num_envs: int
     device: torch.device
@@ -92,7 +90,7 @@ class BatchedEnv(Protocol):
         ...
 
     def seed(self, seed: int) -> None:
-        """Seeds what is drawn from now on."""
+        """Seeds the draws of initial states."""
         ...
 
     def close(self) -> None:
@@ -100,135 +98,109 @@ class BatchedEnv(Protocol):
         ...
 
 
-class TorchVectorEnv:
-    """A task for an agent that learns by reward: tensors in, tensors out, on the simulator's device.
+class TorchVectorEnv(BatchedEnv):
+    """N environments of one task that are stepped together, with tensors in and out.
 
-    Actions are those of the task's ``rl_controller``, observations those of ``rl_observation``, float32.
-    An episode that is over starts anew in the same step. Episodes begin at states that the task drew for
-    episodes of the split, once; how they look is not drawn, for nothing is seen.
-
-    Reward: where success ends an episode, the agent is paid the task's reward less 1, which is what it
-    would get if it stayed solved for ever at 1 a step, moved by a constant: going on next to the goal, at
-    nearly 1 a step, never pays more than reaching it. A failure pays for the steps that are left.
-    :meth:`pop_statistics` tells the task's own return. ``shift_reward=False`` pays the task's own reward.
+    An episode starts at one of K initial states that are drawn once, or, for a share of the episodes, at a
+    state on the expert's path. An environment whose episode is over restarts in the same step. Actions are
+    those of the task's ``rl_controller``, in [-1, 1]. The task's reward is at most 1 and success ends an
+    episode with 1; with ``shift_reward`` an agent gets the reward less 1, so that it has no reason to put
+    success off, and a failure costs as much as not being rewarded until the time limit. Make one with
+    :meth:`envs.spec.EnvSpec.make_torch`.
 
     Args:
-        task: Name of a task.
-        num_envs: N.
-        simulator: Name of a simulator.
-        split: ``"train"`` or ``"test"``: of which episodes the initial states are.
-        device: Where tensors come out; the simulator's device by default.
-        seed: Seeds which initial states are drawn.
-        max_episode_steps: Control steps after which an episode is cut off; the task's by default.
-        task_kwargs: Options of the task.
+        task: The task.
+        handler: Its simulator, not yet launched.
+        split: ``"train"`` or ``"test"``: which episodes.
+        device: Where tensors go; the simulator's by default.
+        seed: Seeds the draws of initial states.
+        max_episode_steps: Time limit, control steps; the task's by default.
         shift_reward: See above.
         protocol_seed: Seed of the episodes.
-        bank_size: K, initial states that are drawn.
-        num_threads: Threads of the simulator; 0 means one per core.
-        simulator_settings: Settings of the simulator that replace the scenario's.
-        scenario: What is changed of the task's scene; see :func:`envs.tasks.make.make_task`.
-        substeps: Physics steps per control step; the task's by default. Fewer are longer, faster to
-            simulate, and coarser.
-        expert_starts: Share of the episodes that begin somewhere on the expert's way; see
-            :mod:`envs.start_states`.
+        bank_size: K.
+        expert_starts: Share of the episodes that start on the expert's path; see :mod:`envs.start_states`.
+
+    Attributes:
+        device: See above.
+        action_size: A.
+        observation_shape: Shape of one environment's observation, (D,).
+        observation_size: D.
+
+    Raises:
+        ConfigError: ``expert_starts`` is no share, or the task has no expert.
     """
 
     def __init__(
         self,
-        task: str,
-        num_envs: int,
+        task: Task,
+        handler: Handler,
         *,
-        simulator: str = "mujoco",
         split: str = "train",
         device: str | torch.device | None = None,
         seed: int = 0,
         max_episode_steps: int | None = None,
-        task_kwargs: Mapping[str, Any] | None = None,
         shift_reward: bool = True,
         protocol_seed: int = 0,
         bank_size: int = BANK_SIZE,
-        num_threads: int = 0,
-        simulator_settings: Mapping[str, Any] | None = None,
-        scenario: Mapping[str, Any] | None = None,
-        substeps: int | None = None,
         expert_starts: float = 0.0,
     ) -> None:
-        if num_envs < 1:
-            raise ConfigError(f"num_envs must be at least 1, given {num_envs}.")
         if not 0.0 <= expert_starts <= 1.0:
             raise ConfigError(f"expert_starts is a share from 0 to 1, given {expert_starts}.")
-        self.task = make_task(task, task_kwargs, scenario)
-        self.num_envs = num_envs
-        scene = self.task.scenario.tuned(simulator, simulator_settings or {})
-        if substeps is not None:
-            scene = replace(scene, physics=scene.physics.divided(substeps))
-        self.handler = self._make_handler(simulator, scene, num_threads)
-        self.handler.launch()
-        self.controller = self.task.rl_controller
-        self.device = torch.device(device) if device is not None else self.handler.device
+        super().__init__(task, handler, task.rl_controller, max_episode_steps)
+        self.device = torch.device(device) if device is not None else handler.device
         self.action_size = len(self.controller.names)
-        self.max_episode_steps = max_episode_steps or self.task.max_episode_steps
-        self._substeps = scene.physics.decimation
-        self._shift = 1.0 if shift_reward and self.task.ends_on_success else 0.0
-        self._bank, self._late = initial_bank(self.task, self.handler, split, protocol_seed, bank_size), None
+        self._shift = shift_reward and task.ends_on_success
+        self._bank = initial_bank(task, handler, split, protocol_seed, bank_size)
+        self._expert_share, self._expert_bank = expert_starts, None
         if expert_starts:
-            self._late = expert_bank(self.task, self.handler, split, protocol_seed, self._substeps)
-        self._late_share = expert_starts
-        zeros = torch.zeros(num_envs, device=self.device)
+            self._expert_bank = expert_bank(task, handler, split, protocol_seed, self._substeps)
+        zeros = torch.zeros(self.num_envs, device=self.device)
         self.elapsed_steps, self.returns = zeros.long(), zeros.clone()
         self._sums = torch.zeros(4, device=self.device, dtype=torch.float64)
         self.seed(seed)
-        seen = self.reset().shape[1:]
-        self.observation_shape, self.observation_size = tuple(seen), seen.numel()
-
-    def _make_handler(self, simulator: str, scene: ScenarioCfg, num_threads: int) -> Handler:
-        return HANDLERS.get(simulator)(scene, self.num_envs, num_threads=num_threads)
+        self.observation_shape = tuple(self.reset().shape[1:])
+        self.observation_size = math.prod(self.observation_shape)
 
     def seed(self, seed: int) -> None:
-        """Seeds which initial states are drawn from now on."""
+        """Seeds the draws of initial states."""
         self._generator = torch.Generator(self.handler.device).manual_seed(seed)
 
     def random_state(self) -> Tensor:
-        """Returns which initial states are drawn next, which :meth:`set_random_state` takes back."""
+        """Returns the state of the generator of initial states."""
         return self._generator.get_state()
 
     def set_random_state(self, state: Tensor) -> None:
-        """Goes on drawing initial states where :meth:`random_state` was."""
+        """Restores a state that :meth:`random_state` returned."""
         self._generator.set_state(state)
 
     @torch.no_grad()
     def reset(self, mask: Tensor | None = None) -> Tensor:
-        """Starts new episodes everywhere, or where ``mask`` (N,) says so; returns observations (N, D)."""
+        """Starts new episodes everywhere, or where ``mask`` (N,) is true; returns observations (N, D)."""
         ids = torch.arange(self.num_envs) if mask is None else mask.nonzero()[:, 0]
         if len(ids):
             self._restart(ids)
-        return self._observe_begun(ids)
+        return self._observe_started(ids)
 
     @torch.no_grad()
     def step(self, actions: Tensor) -> EnvStep:
         """Steps every environment by one control step; ``actions`` (N, A) in [-1, 1]."""
-        given = actions.detach().clamp(-1.0, 1.0).to(self.handler.device)
-        self.controller.advance(self.handler, given, self._substeps)
-        states = self.handler.get_states()
-        judged = outcome(self.task, states)
-        reward, terminated, success = (values.to(self.device) for values in judged)
-        reward = reward.float()
-        final_obs = self._observe(states)
-        self.elapsed_steps += 1
-        self.returns += reward
-        cut_off = self.elapsed_steps >= self.max_episode_steps
-        over = terminated | cut_off
-        success = solved(self.task, success, over, self.returns)
+        states, result = self._advance(actions.detach().clamp(-1.0, 1.0).to(self.handler.device))
+        obs = final_obs = self._observe(states)
+        reward = result.reward
         if self._shift:
-            left = (self.max_episode_steps - self.elapsed_steps) * (terminated & ~success)
+            left = (self.max_episode_steps - self.elapsed_steps) * (result.terminated & ~result.success)
             reward = reward - 1.0 - left
-        self._count(over, success)
-        ids = over.nonzero()[:, 0]  # the one place where the host waits for the device
-        obs = final_obs
+        self._count(result.over, result.success)
+        ids = result.over.nonzero()[:, 0]  # the only host synchronization
         if len(ids):
             self._restart(ids)
-            obs = self._observe_begun(ids)
-        return EnvStep(obs, reward, terminated, cut_off & ~terminated, final_obs, success)
+            obs = self._observe_started(ids)
+        return EnvStep(obs, reward, result.terminated, result.truncated, final_obs, result.success)
+
+    @override
+    def _judge(self, states: State) -> Outcome:
+        reward, terminated, success = (values.to(self.device) for values in outcome(self.task, states))
+        return Outcome(reward.float(), terminated, success)
 
     def _count(self, over: Tensor, success: Tensor) -> None:
         done = over.double()
@@ -236,27 +208,25 @@ class TorchVectorEnv:
         self._sums += torch.stack([row.sum() for row in rows])
 
     def pop_statistics(self) -> EpisodeStatistics:
-        """Returns what the episodes came to that ended since the last call, and forgets them."""
+        """Returns the statistics of the episodes that ended since the last call, and resets them."""
         count, *sums = self._sums.tolist()
         self._sums.zero_()
         returns, length, success = (value / count if count else float("nan") for value in sums)
         return EpisodeStatistics(int(count), returns, length, success)
 
     def _restart(self, ids: Tensor) -> None:
-        device = self.handler.device
-        if self._late is None:
+        """Starts episodes in the environments ``ids``."""
+        if self._expert_bank is None:
             self._place(ids, self._bank)
         else:
-            draws = torch.rand(len(ids), generator=self._generator, device=device)
-            late = (draws < self._late_share).to(ids.device)
+            draws = torch.rand(len(ids), generator=self._generator, device=self.handler.device)
+            late = (draws < self._expert_share).to(ids.device)
             self._place(ids[~late], self._bank)
-            self._place(ids[late], self._late)
-        ids = ids.to(self.device)
-        self.elapsed_steps[ids] = 0
-        self.returns[ids] = 0.0
+            self._place(ids[late], self._expert_bank)
+        self._clear(ids.to(self.device))
 
     def _place(self, ids: Tensor, bank: State) -> None:
-        """Puts environments to states of a bank."""
+        """Sets environments to states that are drawn from a bank."""
         if not len(ids):
             return
         device = self.handler.device
@@ -265,20 +235,20 @@ class TorchVectorEnv:
         self.handler.set_states(bank.select(rows), where)
 
     def stagger(self) -> None:
-        """Lets every environment be somewhere in its episode, so that not all of them end at once."""
+        """Sets random elapsed steps, so that not all episodes end at once."""
         generator = torch.Generator(self.device).manual_seed(int(self._generator.initial_seed()))
         self.elapsed_steps = torch.randint(
             self.max_episode_steps, (self.num_envs,), generator=generator, device=self.device
         )
 
     def state_dict(self) -> dict[str, Tensor]:
-        """Returns where every environment is, which :meth:`load_state_dict` takes back."""
+        """Returns the state of every environment, for :meth:`load_state_dict`."""
         states = self.handler.get_states().flatten()
         flat = {f"states/{key}": value.clone() for key, value in states.items()}  # some may share memory
         return flat | {"elapsed_steps": self.elapsed_steps.clone(), "returns": self.returns.clone()}
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> Tensor:
-        """Puts every environment to a saved state; returns observations (N, D)."""
+        """Restores every environment's state; returns observations (N, D)."""
         of_handler = {key.removeprefix("states/"): value for key, value in state.items() if "/" in key}
         self.handler.set_states(State.unflatten(of_handler).to(self.handler.device, self.handler.dtype))
         self.elapsed_steps = state["elapsed_steps"].to(self.device, copy=True)
@@ -286,19 +256,10 @@ class TorchVectorEnv:
         return self._observe(self.handler.get_states())
 
     def _observe(self, states: State) -> Tensor:
-        """Returns what is seen after a step that ended in ``states``, (N, D)."""
+        """Returns the observations after a step that led to ``states``, (N, D)."""
         return self.task.rl_observation(states).to(device=self.device, dtype=torch.float32)
 
-    def _observe_begun(self, ids: Tensor) -> Tensor:
-        """Returns what is seen when the episodes of the environments ``ids`` have just begun, (N, D)."""
-        del ids  # all states are as they were, or new
+    def _observe_started(self, ids: Tensor) -> Tensor:
+        """Returns all observations (N, D) after episodes started in the environments ``ids``."""
+        del ids
         return self._observe(self.handler.get_states())
-
-    def picture(self, env_id: int = 0) -> np.ndarray:
-        """Returns the first camera's picture of one environment, (H, W, 3) uint8."""
-        camera = self.handler.scenario.cameras[0].name
-        return self.handler.render((camera,), ("rgb",), [env_id])[camera]["rgb"][0]
-
-    def close(self) -> None:
-        """Frees the simulator."""
-        self.handler.close()

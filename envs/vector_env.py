@@ -1,8 +1,8 @@
-"""N environments of one task, stepped together: a handler, a task and a randomizer."""
+"""N environments of one task behind Gymnasium's vector interface, with NumPy arrays."""
 
 import contextlib
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, override
 
 import gymnasium
 import numpy as np
@@ -11,140 +11,84 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from envs.array_ops import to_numpy
-from envs.core.errors import ConfigError, unknown_name
+from envs.batched_env import BatchedEnv, StepResult
+from envs.core.errors import unknown_name
 from envs.episode_hash import episode_digest
 from envs.lazy_images import LazyPixels, row_of
-from envs.randomization import MaterialLibrary, Randomizer, channel_rng, channels_of, load_split
+from envs.randomization import Randomizer, channel_rng
 from envs.scenario import Appearance
-from envs.simulators.hybrid import make_handler
+from envs.simulators.base import EnvIds, Handler
 from envs.state import State
 from envs.step_checks import check_step
-from envs.tasks.make import make_task
-from envs.tasks.outcomes import outcome, solved
+from envs.tasks.base import Task
+from envs.tasks.outcomes import Outcome, outcome
 
 OBSERVATIONS = ("pixels", "state", "full")
 
 ACTIONS = ("task", "rl")
 
 STATE_LIMIT = 100.0
-"""Bound of every entry of ``environment_state``: farther, m, than anything falls in an episode."""
+"""Bound of every entry of ``environment_state``, m: nothing falls farther in an episode."""
 
 
-class StepResult(NamedTuple):
-    """What a control step did to n environments; each array is (n,)."""
+class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
+    """N environments of one task: Gymnasium's vector interface, and episodes by index.
 
-    reward: np.ndarray
-    terminated: np.ndarray
-    truncated: np.ndarray
-    success: np.ndarray
-
-
-class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
-    """A Gymnasium vector env, and what collection and evaluation need beside it.
-
-    An episode is an index into the task's pool: object poses, looks and instruction follow from it and
-    from ``protocol_seed``, whatever ``num_envs`` is. Success and failure end an episode (``terminated``),
-    the task's horizon cuts it off (``truncated``); see :class:`~envs.tasks.base.Task`.
+    An episode is an index into the task's pool: object poses, appearance and instruction follow from it and
+    from the randomizer's seed, whatever ``num_envs`` is. Success and failure end an episode
+    (``terminated``), the task's time limit cuts it off (``truncated``); see :class:`~envs.tasks.base.Task`.
+    Make one with :meth:`envs.spec.EnvSpec.make`.
 
     Args:
-        task: Name of a task.
-        num_envs: Number of environments.
-        split: ``"train"`` or ``"test"``: which episodes.
-        level: Level of randomization, 0 to 3.
-        only: One channel to vary instead of a level.
-        simulator: Name of a simulator.
-        renderer: Name of a renderer, or of another simulator that draws the pictures.
+        task: The task.
+        handler: Its simulator, not yet launched.
+        randomizer: Draws the appearance of episodes; its split is the environment's.
         observation: ``"pixels"`` (cameras and joint positions), ``"state"`` (joints and objects), or
             ``"full"`` (the task's ``rl_observation`` as environment state).
-        cameras: Names of the cameras that are observed; none or None is the task's first.
-        image_size: Height and width of every camera, or None for the scenario's.
-        protocol_seed: Seeds every draw.
-        materials: Folder of pictures in place of the built-in materials, with ``+`` before it beside them.
-        num_threads: Threads of the simulator; 0 means one per core.
-        autoreset_mode: Gymnasium's: what ``step`` does with an environment whose episode is over.
-        task_kwargs: Options of the task.
-        simulator_settings: Settings of the simulator that replace the scenario's, such as ``impratio`` of
-            MuJoCo.
-        scenario: What is changed of the task's scene; see :func:`envs.tasks.make.make_task`.
         actions: ``"task"`` for those of the task's ``controller``, ``"rl"`` for those of its
             ``rl_controller``.
+        autoreset_mode: Gymnasium's: what ``step`` does with an environment whose episode is over.
+
+    Raises:
+        UnknownNameError: There is no such observation or kind of actions.
     """
 
     def __init__(
         self,
-        task: str,
-        num_envs: int = 1,
+        task: Task,
+        handler: Handler,
+        randomizer: Randomizer,
         *,
-        split: str,
-        level: int | str = 0,
-        only: str | None = None,
-        simulator: str = "mujoco",
-        renderer: str = "warp",
         observation: Literal["pixels", "state", "full"] = "pixels",
-        cameras: Sequence[str] | None = None,
-        image_size: int | None = None,
-        protocol_seed: int = 0,
-        materials: str | None = None,
-        num_threads: int = 0,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        task_kwargs: Mapping[str, Any] | None = None,
-        simulator_settings: Mapping[str, Any] | None = None,
-        scenario: Mapping[str, Any] | None = None,
         actions: Literal["task", "rl"] = "task",
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ) -> None:
-        if num_envs < 1:
-            raise ConfigError(f"num_envs must be at least 1, given {num_envs}.")
         if observation not in OBSERVATIONS:
             raise unknown_name("observation", str(observation), OBSERVATIONS)
         if actions not in ACTIONS:
             raise unknown_name("kind of actions", str(actions), ACTIONS)
-        self.task = make_task(task, task_kwargs, scenario)
-        self.num_envs, self.observation = num_envs, observation
-        self.simulator, self.renderer = simulator, renderer
-        self.channels, self.protocol_seed = channels_of(level, only), protocol_seed
-        scene = self.task.scenario.seen_by(cameras, image_size).tuned(simulator, simulator_settings or {})
-        library = MaterialLibrary.chosen(materials)
-        self.split = load_split(split, library)
-        self.randomizer = Randomizer(
-            scene.appearance,
-            self.task.scenario.cameras,  # drawn for all, so that an episode does not depend on who looks
-            channels=self.channels,
-            split=self.split,
-            seed=protocol_seed,
-            library=library,
-            scenario=self.task.scenario,
-        )
-        self.handler = make_handler(
-            simulator,
-            scene,
-            num_envs,
-            renderer=renderer,
-            num_threads=num_threads,
-            textures=library.texture,
-        )
-        self.handler.launch()
-        self.scenario = scene
-        self.controller = self.task.controller if actions == "task" else self.task.rl_controller
-        self._robot = scene.robots[0]
-        self._substeps = scene.physics.decimation
-        self._in_arrays = self.task.takes_arrays and self.handler.device.type == "cpu"
-        # An operation on tensors takes a third less time so; to enter it takes longer than one on arrays.
+        controller = task.controller if actions == "task" else task.rl_controller
+        BatchedEnv.__init__(self, task, handler, controller)
+        self.observation, self.randomizer = observation, randomizer
+        self._robot = self.scenario.robots[0]
+        self._in_arrays = task.takes_arrays and handler.device.type == "cpu"
+        # Inference mode makes operations on tensors 1.5× faster; entering it costs more than NumPy needs.
         self._judging = contextlib.nullcontext if self._in_arrays else torch.inference_mode
-        self._every = np.arange(num_envs)
-        self.episodes = np.full(num_envs, -1)
-        self.elapsed_steps = np.zeros(num_envs, np.int64)
-        self.returns = np.zeros(num_envs)
-        self._instructions = [self.task.description] * num_envs
-        self._began: list[tuple[State, int, Appearance] | None] = [None] * num_envs
-        self._over = np.zeros(num_envs, bool)
-        self._rngs = [np.random.default_rng(i) for i in range(num_envs)]
+        self._every = np.arange(self.num_envs)
+        self.episodes = np.full(self.num_envs, -1)
+        self.elapsed_steps = np.zeros(self.num_envs, np.int64)
+        self.returns = np.zeros(self.num_envs)
+        self._instructions = [task.description] * self.num_envs
+        self._starts: list[tuple[State, int, Appearance] | None] = [None] * self.num_envs
+        self._over = np.zeros(self.num_envs, bool)
+        self._rngs = [np.random.default_rng(i) for i in range(self.num_envs)]
         self._make_spaces(AutoresetMode(autoreset_mode))
 
     def _make_spaces(self, autoreset_mode: AutoresetMode) -> None:
         box = gymnasium.spaces.Box
         low, high = np.array([joint.range for joint in self._robot.joints], np.float32).T
         self.single_action_space = box(self.controller.low, self.controller.high, dtype=np.float32)
-        # Joint limits are soft: a collision can push a joint beyond its range by a little.
+        # Joint limits are soft: a collision can push a joint a little beyond its range.
         spaces: dict[str, gymnasium.Space] = {"agent_pos": box(low - 1.0, high + 1.0, dtype=np.float32)}
         if self.observation == "pixels":
             spaces["pixels"] = gymnasium.spaces.Dict(
@@ -152,8 +96,8 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
             )
         else:
             self.reset_envs(self._every[:1], self.split_indices[:1])
-            size = self._known(self._present(self._every[:1])).shape[-1]
-            self.episodes[0], self._began[0] = -1, None  # that was no episode of anybody
+            size = self._environment_state(self._present(self._every[:1])).shape[-1]
+            self.episodes[0], self._starts[0] = -1, None  # it was started for its size alone
             limit = np.inf if self.observation == "full" else STATE_LIMIT  # speeds have no bound
             spaces["environment_state"] = box(-limit, limit, (size,), np.float32)
         self.single_observation_space = gymnasium.spaces.Dict(spaces)
@@ -167,27 +111,32 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         self.render_mode = "rgb_array"
         self._autoreset = autoreset_mode
 
-    # -- what every caller may ask ------------------------------------------------------------------
+    # -- properties ---------------------------------------------------------------------------------
 
     @property
-    def control_hz(self) -> float:
-        """Control steps per second."""
-        return self.scenario.physics.control_hz
+    def simulator(self) -> str:
+        """Name of the simulator."""
+        return self.env_spec.simulator
+
+    @property
+    def renderer(self) -> str:
+        """Name of the renderer."""
+        return self.env_spec.renderer
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Randomization channels that vary."""
+        return self.randomizer.channels
+
+    @property
+    def protocol_seed(self) -> int:
+        """Seed of every draw."""
+        return self.randomizer.seed
 
     @property
     def split_indices(self) -> np.ndarray:
-        """Episodes of this env's split, in their frozen order."""
-        return self.split.episodes
-
-    @property
-    def not_shown(self) -> tuple[str, ...]:
-        """Properties of the looks that the renderer cannot show."""
-        return self.handler.not_shown
-
-    @property
-    def camera_names(self) -> tuple[str, ...]:
-        """Names of the cameras."""
-        return tuple(camera.name for camera in self.scenario.cameras)
+        """Episodes of this environment's split, in their frozen order."""
+        return self.randomizer.split.episodes
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -195,12 +144,12 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         return self._robot.joint_names
 
     def initial_state_hash(self, env_id: int) -> str:
-        """Returns the first 16 hex digits of the SHA-256 of how the present episode began and looks."""
-        began = self._began[env_id]
-        if began is None:
+        """Returns the first 16 hex digits of the SHA-256 of the episode's initial state and appearance."""
+        start = self._starts[env_id]
+        if start is None:
             return ""
-        states, row, look = began
-        return episode_digest(states.select([row]), look)
+        states, row, appearance = start
+        return episode_digest(states.select([row]), appearance)
 
     def instruction(self, env_id: int) -> str:
         """Returns the instruction of the present episode."""
@@ -223,11 +172,11 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         Args:
             env_ids: The environments.
             episodes: Their episodes.
-            states: How they begin, one row each, instead of as the task draws it; what it does not name
-                begins as drawn.
+            states: Initial states in place of those that the task draws, one row each; robots and objects
+                that are absent start as drawn.
 
         Raises:
-            ConfigError: if an episode is not of this env's split.
+            ConfigError: An episode is not in this environment's split.
         """
         env_ids, episodes = np.asarray(env_ids), np.asarray(episodes)
         looks = [self.randomizer.appearance(int(episode)) for episode in episodes]
@@ -242,56 +191,46 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
             self.handler.set_appearance(looks[row], env_id)
             words = channel_rng(self.protocol_seed, "instruction", episode)
             self._instructions[env_id] = self.task.instruction(words)
-            self._began[env_id] = (states, row, looks[row])
+            self._starts[env_id] = (states, row, looks[row])
         self.episodes[env_ids] = episodes
-        self.elapsed_steps[env_ids] = 0
-        self.returns[env_ids] = 0.0
+        self._clear(env_ids)
         self._over[env_ids] = False
 
     def step_envs(self, env_ids: Sequence[int] | np.ndarray, actions: np.ndarray) -> StepResult:
         """Steps these environments by one control step; ``actions`` (n, A) are the controller's."""
         order = np.argsort(env_ids)
-        result = self._advance(np.asarray(env_ids)[order], np.asarray(actions)[order])
+        _, result = self._advance(np.asarray(actions)[order], np.asarray(env_ids)[order])
         back = np.argsort(order)
         return StepResult(*(values[back] for values in result))
 
     def observe(self, env_ids: Sequence[int] | np.ndarray | None = None) -> dict[str, np.ndarray]:
-        """Returns LeRobot's observation of these environments now; pictures are drawn here.
+        """Returns LeRobot's observation of these environments now, and renders their images.
 
         Returns:
-            ``observation.state`` (n, J) float32, and ``observation.images.<camera>`` (n, H, W, 3) uint8
-            or ``observation.environment_state`` (n, D) float32.
+            ``observation.state`` (n, J) float32; ``observation.images.<camera>`` (n, H, W, 3) uint8 or
+            ``observation.environment_state`` (n, D) float32; and the instructions as ``task``, (n,) strings.
         """
         ids = self._every if env_ids is None else np.asarray(env_ids)
         order = np.argsort(ids)
-        back, ids = np.argsort(order), ids[order]
-        states = self._present(ids)
+        back, ordered = np.argsort(order), ids[order]
+        states = self._present(ordered)
         out = {"observation.state": self._agent_pos(states)[back]}
         if self.observation == "pixels":
-            for camera, pictures in self.handler.render(None, ("rgb",), ids).items():
-                out[f"observation.images.{camera}"] = pictures["rgb"][back]
+            for camera, images in self.handler.render(None, ("rgb",), ordered).items():
+                out[f"observation.images.{camera}"] = images["rgb"][back]
         else:
-            out["observation.environment_state"] = self._known(states)[back]
+            out["observation.environment_state"] = self._environment_state(states)[back]
+        out["task"] = np.array([self._instructions[env_id] for env_id in ids])
         return out
 
-    def get_states(self, env_ids: Sequence[int] | np.ndarray | None = None) -> State:
-        """Returns the state of these environments."""
-        return self.handler.get_states(env_ids)
-
-    def _advance(self, env_ids: np.ndarray | None, actions: np.ndarray) -> StepResult:
-        self.controller.advance(self.handler, actions, self._substeps, env_ids)
-        self._states = states = self._present(env_ids)
+    @override
+    def _judge(self, states: State) -> Outcome:
         with self._judging():
             reward, terminated, success = map(to_numpy, outcome(self.task, states))
-        rows = slice(None) if env_ids is None else env_ids
-        self.elapsed_steps[rows] += 1
-        self.returns[rows] += reward
-        cut_off = self.elapsed_steps[rows] >= self.task.max_episode_steps
-        success = solved(self.task, success, terminated | cut_off, self.returns[rows])
-        return StepResult(reward.astype(np.float64, copy=False), terminated, cut_off & ~terminated, success)
+        return Outcome(reward.astype(np.float64, copy=False), terminated, success)
 
-    def _present(self, env_ids: np.ndarray | None = None) -> State:
-        """Returns the states as the task takes them with least effort: in arrays, where it can."""
+    @override
+    def _present(self, env_ids: EnvIds = None) -> State:
         states = self.handler.get_states(env_ids)
         return states.arrays() if self._in_arrays else states
 
@@ -314,17 +253,13 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
             for env_id, value in enumerate(seeds):
                 if value is not None:
                     self._rngs[env_id] = np.random.default_rng(value)
-        episodes = options.get("episodes")
-        if episodes is None:
-            episodes = [self._rngs[env_id].choice(self.split_indices) for env_id in ids]
-        self.reset_envs(ids, np.asarray(episodes))
-        success = np.zeros(self.num_envs, bool)
-        return self._gym_observation(self._present()), self._info(success)
+        self._restart(ids, options.get("episodes"))
+        return self._gym_observation(self._present()), self._info(np.zeros(self.num_envs, bool))
 
     def step(
         self, actions: np.ndarray
     ) -> tuple[dict[str, Any], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Steps every environment; ``actions`` (N, A) are the task's controller's.
+        """Steps every environment; ``actions`` (N, A) are the controller's.
 
         Raises:
             InvalidActionError: They have another shape, or are not finite.
@@ -332,27 +267,27 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         """
         actions = np.asarray(actions)
         check_step(actions, self.controller.names, self.episodes)
-        begin = self._over.nonzero()[0] if self._autoreset == AutoresetMode.NEXT_STEP else self._every[:0]
-        result = self._advance(None, actions)
-        info = self._info(result.success)
-        if len(begin):
-            self._restart(begin)
-            result = StepResult(
-                *(np.where(np.isin(self._every, begin), 0, v).astype(v.dtype) for v in result)
-            )
-            info = self._info(result.success)
-            self._states = self._present()
-        self._over = result.terminated | result.truncated
-        observation = self._gym_observation(self._states)
-        if self._autoreset == AutoresetMode.SAME_STEP and self._over.any():
+        restarts = self._autoreset is AutoresetMode.NEXT_STEP and self._over.any()
+        states, result = self._advance(actions)
+        if restarts:
+            started = self._over.copy()
+            self._restart(started.nonzero()[0])
+            result = StepResult(*(np.where(started, 0, v).astype(v.dtype) for v in result))
+            states = self._present()
+        self._over = result.over
+        info, observation = self._info(result.success), self._gym_observation(states)
+        if self._autoreset is AutoresetMode.SAME_STEP and self._over.any():
             info |= {"final_obs": self._rows_of(observation), "final_info": dict(info)}
             info |= {"_final_obs": self._over.copy(), "_final_info": self._over.copy()}
             self._restart(self._over.nonzero()[0])
             observation = self._gym_observation(self._present())
         return observation, result.reward, result.terminated, result.truncated, info
 
-    def _restart(self, env_ids: np.ndarray) -> None:
-        self.reset_envs(env_ids, [self._rngs[env_id].choice(self.split_indices) for env_id in env_ids])
+    def _restart(self, env_ids: np.ndarray, episodes: Sequence[int] | None = None) -> None:
+        """Starts episodes in these environments, by default ones that their generators draw."""
+        if episodes is None:
+            episodes = [self._rngs[env_id].choice(self.split_indices) for env_id in env_ids]
+        self.reset_envs(env_ids, episodes)
 
     def _rows_of(self, observation: dict[str, Any]) -> np.ndarray:
         rows = np.full(self.num_envs, None, dtype=object)
@@ -363,7 +298,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
     def _gym_observation(self, states: State) -> dict[str, Any]:
         observation: dict[str, Any] = {"agent_pos": self._agent_pos(states)}
         if self.observation != "pixels":
-            observation["environment_state"] = self._known(states)
+            observation["environment_state"] = self._environment_state(states)
             return observation
         jobs = self.handler.snapshot()
 
@@ -373,7 +308,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
         observation["pixels"] = LazyPixels(self.camera_names, draw)
         return observation
 
-    def _known(self, states: State) -> np.ndarray:
+    def _environment_state(self, states: State) -> np.ndarray:
         observe = self.task.rl_observation if self.observation == "full" else self.task.observe
         with self._judging():
             return to_numpy(observe(states)).astype(np.float32)
@@ -383,18 +318,36 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv):
 
     def _info(self, success: np.ndarray) -> dict[str, Any]:
         present = np.ones(self.num_envs, bool)
-        told = {key: success.copy() for key in ("success", "is_success")}  # LeRobot asks for the second
-        return told | {f"_{key}": present for key in told}
-
-    def picture(self, env_id: int) -> np.ndarray:
-        """Returns the first camera's picture of one environment, (H, W, 3) uint8, whatever is observed."""
-        camera = self.camera_names[:1]
-        return self.handler.render(camera, ("rgb",), [env_id])[camera[0]]["rgb"][0]
+        info = {key: success.copy() for key in ("success", "is_success")}  # LeRobot reads the second
+        return info | {f"_{key}": present for key in info}
 
     def render(self) -> tuple[np.ndarray, ...]:
-        """Returns the first camera's picture of every environment, each (H, W, 3) uint8."""
+        """Returns the first camera's image of every environment, each (H, W, 3) uint8."""
         return tuple(self.handler.render(self.camera_names[:1])[self.camera_names[0]]["rgb"])
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """Returns the value of ``name`` for each environment: what LeRobot's evaluation calls.
+
+        Raises:
+            AttributeError: ``name`` is none of ``task``, ``task_description``, ``_max_episode_steps`` and
+                ``render``.
+        """
+        known: dict[str, Callable[[], tuple[Any, ...]]] = {
+            "render": self.render,
+            "task_description": lambda: tuple(self._instructions),
+            "task": lambda: (self.task.name,) * self.num_envs,
+            "_max_episode_steps": lambda: (self.max_episode_steps,) * self.num_envs,
+        }
+        if name not in known:
+            raise AttributeError(
+                f"RoboVerse's vector env has no '{name}' to call; it has {', '.join(known)}."
+            )
+        return known[name]()
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Returns the value of ``name`` for each environment; see :meth:`call`."""
+        return self.call(name)
 
     def close_extras(self, **_: Any) -> None:
         """Frees the simulator."""
-        self.handler.close()
+        BatchedEnv.close(self)

@@ -191,10 +191,10 @@ def draw_strip(name: str, *, renderer: str = "warp") -> np.ndarray:
 def _solved(name: str) -> tuple[int, np.ndarray]:
     """Returns an episode that the expert solves, and its actions up to there."""
     from envs.experts.actor import expert_episodes
+    from envs.spec import EnvSpec
     from envs.tasks.plan_following import TAIL_STEPS
-    from envs.vector_env import RoboVerseVectorEnv
 
-    states = RoboVerseVectorEnv(name, 1, split="train", observation="state", num_threads=1)
+    states = EnvSpec(task=name).make(observation="state", num_threads=1)
     try:
         episodes = states.split_indices[:10].tolist()
         solved = next((r for r in expert_episodes(states, episodes, record=()) if r.success), None)
@@ -207,9 +207,9 @@ def _solved(name: str) -> tuple[int, np.ndarray]:
 
 def _drawn(name: str, renderer: str, solution: tuple[int, np.ndarray] | None) -> np.ndarray:
     """Returns the pictures before and after an episode's actions; by default random ones in the first."""
-    from envs.vector_env import RoboVerseVectorEnv
+    from envs.spec import EnvSpec
 
-    env = RoboVerseVectorEnv(name, 1, split="train", image_size=IMAGE_SIZE, renderer=renderer, num_threads=1)
+    env = EnvSpec(task=name, image_size=IMAGE_SIZE, renderer=renderer).make(num_threads=1)
     try:
         only = np.array([0])
         if solution is None:

@@ -1,4 +1,4 @@
 """The batched env behind the interfaces of Stable-Baselines3, rsl_rl and TorchRL.
 
-Each adapter translates and computes nothing. All of them take a :class:`~envs.torch_env.BatchedEnv`.
+Each adapter translates and computes nothing. All of them take a :class:`~envs.torch_env.TorchEnv`.
 """

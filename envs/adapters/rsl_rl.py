@@ -6,7 +6,7 @@ from rsl_rl.env import VecEnv
 from tensordict import TensorDict
 from torch import Tensor
 
-from envs.torch_env import BatchedEnv
+from envs.torch_env import TorchEnv
 
 GROUP = "policy"
 """Name of the only group of observations."""
@@ -22,7 +22,7 @@ class RslRlVecEnv(VecEnv):
         env: The batched env.
     """
 
-    def __init__(self, env: BatchedEnv) -> None:
+    def __init__(self, env: TorchEnv) -> None:
         self.env = env
         self.num_envs, self.num_actions = env.num_envs, env.action_size
         self.max_episode_length = env.max_episode_steps

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
-from envs.torch_env import BatchedEnv
+from envs.torch_env import TorchEnv
 
 
 class Sb3VecEnv(VecEnv):
@@ -22,7 +22,7 @@ class Sb3VecEnv(VecEnv):
         env: The batched env.
     """
 
-    def __init__(self, env: BatchedEnv) -> None:
+    def __init__(self, env: TorchEnv) -> None:
         self.env = env
         shape = (env.observation_size,)
         seen = gymnasium.spaces.Box(-np.inf, np.inf, shape, np.float32)

@@ -8,7 +8,7 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from envs.torch_env import BatchedEnv
+from envs.torch_env import TorchEnv
 
 
 class TorchRlEnv(EnvBase):
@@ -21,7 +21,7 @@ class TorchRlEnv(EnvBase):
         env: The batched env.
     """
 
-    def __init__(self, env: BatchedEnv) -> None:
+    def __init__(self, env: TorchEnv) -> None:
         count = env.num_envs
         super().__init__(device=env.device, batch_size=torch.Size([count]))
         self.env = env

@@ -20,7 +20,7 @@ from envs.experts.actor import expert_episodes
 from envs.experts.record import RECORDS, ExpertRecord, SplitRecord, git_sha, write_record
 from envs.randomization.splits import SPLITS
 from envs.rollout import Episode
-from envs.vector_env import RoboVerseVectorEnv
+from envs.spec import EnvSpec
 
 logger = logging.getLogger(__name__)
 
@@ -100,13 +100,8 @@ def check_expert(
     """
     if num_episodes < 1:
         raise ConfigError(f"The expert's check needs at least one episode, given {num_episodes}.")
-    env = RoboVerseVectorEnv(
-        task,
-        min(num_envs, num_episodes),
-        split=split,
-        simulator=simulator,
-        observation="state",
-        num_threads=num_threads,
+    env = EnvSpec(task=task, simulator=simulator).make(
+        min(num_envs, num_episodes), split=split, observation="state", num_threads=num_threads
     )
     try:
         fingers = env.scenario.robots[0].gripper_joints

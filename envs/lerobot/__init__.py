@@ -4,6 +4,6 @@ LeRobot imports installed distributions called ``lerobot_env_*``; the folder ``p
 is one, which imports this package. Without it, say ``--env.discover_packages_path=envs.lerobot``.
 """
 
-from envs.lerobot.env import LeRobotVectorEnv, RoboVerseEnvConfig
+from envs.lerobot.env import RoboVerseEnvConfig
 
-__all__ = ["LeRobotVectorEnv", "RoboVerseEnvConfig"]
+__all__ = ["RoboVerseEnvConfig"]

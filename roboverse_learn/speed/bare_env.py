@@ -17,7 +17,7 @@ _HORIZON = 100
 
 
 class BareEnv:
-    """See :class:`~envs.torch_env.BatchedEnv`.
+    """See :class:`~envs.torch_env.TorchEnv`.
 
     Args:
         num_envs: N.

@@ -6,6 +6,7 @@ from typing import Any
 
 import torch
 
+from envs.spec import EnvSpec
 from envs.torch_env import TorchVectorEnv
 from policies.ppo.config import PpoConfig
 from roboverse_learn.training.config import TrainConfig
@@ -126,12 +127,5 @@ def make_env(
     num_envs: int, device: str, *, split: str = "train", seed: int = 0, **options: Any
 ) -> TorchVectorEnv:
     """Makes the env that is measured; ``options`` are those of the env."""
-    return TorchVectorEnv(
-        TASK,
-        num_envs,
-        simulator="mujoco_warp",
-        split=split,
-        seed=seed,
-        simulator_settings={"device": device},
-        **options,
-    )
+    spec = EnvSpec(task=TASK, simulator="mujoco_warp", simulator_settings={"device": device})
+    return spec.make_torch(num_envs, split=split, seed=seed, **options)

@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from envs.core.errors import ConfigError, MissingExtraError
+from envs.spec import EnvSpec
 from envs.state import State
 from envs.tasks import TASKS
-from envs.torch_env import TorchVectorEnv
 
 LEARNED_BY_REWARD = (
     "PickCube",
@@ -44,10 +44,8 @@ PAIRS = [
 
 def made(name, simulator):
     try:
-        return TorchVectorEnv(
-            name,
+        return EnvSpec(task=name, simulator=simulator).make_torch(
             NUM_ENVS,
-            simulator=simulator,
             num_threads=1,
             bank_size=NUM_ENVS,
             max_episode_steps=STEPS,

@@ -88,6 +88,7 @@ def test_observations_are_finite_and_their_own(env):
     first = env.observe()
     copies = {key: value.copy() for key, value in first.items()}
     env.step(np.stack([env.single_action_space.sample() for _ in range(NUM_ENVS)]))
+    assert set(first.pop("task")) <= set(env.task.instructions)
     for key, value in first.items():
         assert np.isfinite(value).all()
         np.testing.assert_array_equal(value, copies[key])

@@ -1,5 +1,6 @@
-"""The batched env for agents that learn by reward from pictures."""
+"""The environment with images as tensors, for reinforcement learning."""
 
+import itertools
 from dataclasses import replace
 
 import pytest
@@ -8,24 +9,26 @@ import torch
 from envs.core.errors import ConfigError, UnknownNameError
 from envs.pixel_env import PixelVectorEnv
 from envs.simulators.mujoco.handler import MujocoHandler
+from envs.spec import EnvSpec
 from envs.tasks.control.cartpole import Cartpole
-from envs.torch_env import TorchVectorEnv
 
 
-def make(cls=PixelVectorEnv, num_envs=2, **options):
-    return cls("control/cartpole", num_envs, **{"bank_size": 5, "num_threads": 1} | options)
+def make(num_envs=2, *, cameras=(), simulator="mujoco", **options):
+    spec = EnvSpec(task="control/cartpole", cameras=cameras, image_size=64, simulator=simulator)
+    return spec.make_torch(num_envs, **{"observation": "pixels", "bank_size": 5, "num_threads": 1} | options)
 
 
-class Numbered(PixelVectorEnv):
-    """The k-th drawing shows the number k in every pixel, and 50 more with each environment."""
+@pytest.fixture
+def numbered(monkeypatch):
+    """The k-th frame of an environment shows the number k, and 50 more with each environment."""
 
-    drawings: int = 0
-
-    def _draw(self, ids=None):
+    def draw(self, ids=None):
         ids = torch.arange(self.num_envs) if ids is None else ids
-        number = (50 * ids + self.drawings).to(torch.uint8)
-        self.drawings += 1
+        drawn = self.__dict__.setdefault("drawn", itertools.count())
+        number = (50 * ids + next(drawn)).to(torch.uint8)
         return number[:, None, None, None].expand(-1, 3, 64, 64)
+
+    monkeypatch.setattr(PixelVectorEnv, "_draw", draw)
 
 
 def numbers(stack):
@@ -35,8 +38,9 @@ def numbers(stack):
     return frames[:, :, 0, 0, 0].tolist()
 
 
-def test_what_is_seen_is_the_last_three_frames_and_an_episode_begins_with_its_first():
-    env = make(Numbered, max_episode_steps=4)
+@pytest.mark.usefixtures("numbered")
+def test_observation_is_the_last_three_frames_and_repeats_the_first():
+    env = make(max_episode_steps=4)
     env.elapsed_steps = torch.tensor([0, 2])  # the second episode has two steps left
     seen, ends = [numbers(env._frames)], []
     for _ in range(4):
@@ -52,9 +56,10 @@ def test_what_is_seen_is_the_last_three_frames_and_an_episode_begins_with_its_fi
     assert ends[1][1] == [50, 51, 52]
 
 
+@pytest.mark.usefixtures("numbered")
 @pytest.mark.parametrize("num_envs", [1, 2, 5])
 def test_every_environment_keeps_its_own_frames(num_envs):
-    env = make(Numbered, num_envs, max_episode_steps=3)
+    env = make(num_envs, max_episode_steps=3)
     env.elapsed_steps = torch.arange(num_envs) % 3
     history = [[each[-1]] * 3 for each in numbers(env._frames)]
     for _ in range(7):
@@ -69,8 +74,9 @@ def test_every_environment_keeps_its_own_frames(num_envs):
     env.close()
 
 
-def test_some_can_be_reset_alone():
-    env = make(Numbered, 3)
+@pytest.mark.usefixtures("numbered")
+def test_masked_environments_reset():
+    env = make(3)
     env.step(torch.zeros(3, 1))
     assert numbers(env.reset(torch.tensor([False, True, False]))) == [[0, 0, 1], [52] * 3, [100, 100, 101]]
     assert numbers(env.reset(torch.zeros(3, dtype=torch.bool)))[1] == [52] * 3
@@ -85,11 +91,11 @@ def test_shapes_and_types(simulator):
     step = env.step(torch.ones(2, 1))
     assert step.obs.shape == (2, 12, 64, 64) and step.obs.dtype == torch.uint8
     assert step.obs[:, :6].equal(before[:, 6:]) and not step.obs[:, 6:].equal(before[:, 6:])
-    assert env.picture().shape == (64, 64, 3)
+    assert env.image().shape == (64, 64, 3)
     env.close()
 
 
-def test_it_goes_on_from_a_saved_state():
+def test_saved_state_resumes():
     env = make()
     for _ in range(2):
         env.step(torch.ones(2, 1))
@@ -102,25 +108,25 @@ def test_it_goes_on_from_a_saved_state():
     env.close()
 
 
-def test_what_sees_the_state_draws_nothing(monkeypatch):
+def test_state_observation_renders_nothing(monkeypatch):
     def refuse(*_, **__):
-        raise AssertionError("a picture was drawn")
+        raise AssertionError("an image was rendered")
 
     for name in ("render_jobs", "render_tensors", "snapshot"):
         monkeypatch.setattr(MujocoHandler, name, refuse)
-    env = make(TorchVectorEnv, max_episode_steps=2)
+    env = make(observation="state", max_episode_steps=2)
     for _ in range(3):
         env.step(torch.zeros(2, 1))
     env.close()
 
 
-def test_a_task_without_a_camera_is_an_error(monkeypatch):
+def test_task_without_camera_is_refused(monkeypatch):
     scene = replace(Cartpole().scenario, cameras=())
     monkeypatch.setattr(Cartpole, "scenario", property(lambda _: scene))
     with pytest.raises(ConfigError, match=r"'control/cartpole' has no camera.*policy.observation=state"):
         make()
 
 
-def test_a_camera_that_is_not_there_is_an_error():
+def test_unknown_camera_suggests_nearest():
     with pytest.raises(UnknownNameError, match=r"camera 'frnot'. Did you mean 'front'.*front, rail"):
         make(cameras=("frnot",))

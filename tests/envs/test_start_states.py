@@ -6,9 +6,9 @@ import torch
 
 from envs.core.errors import ConfigError
 from envs.simulators.mujoco.handler import MujocoHandler
+from envs.spec import EnvSpec
 from envs.start_states import expert_states
 from envs.tasks.pick_cube import PickCube
-from envs.torch_env import TorchVectorEnv
 
 N, NUM_STATES = 4, 20
 
@@ -46,8 +46,8 @@ def test_same_generators_give_same_states(kept):
 
 
 def test_share_of_episodes_starts_on_expert_path():
-    env = TorchVectorEnv(
-        "PickCube", 8, num_threads=1, bank_size=8, substeps=5, expert_starts=0.5, max_episode_steps=1
+    env = EnvSpec().make_torch(
+        8, num_threads=1, bank_size=8, substeps=5, expert_starts=0.5, max_episode_steps=1
     )
     begun = [env.handler.get_states().objects["cube"].pos[:, 2].clone()]
     for _ in range(12):  # each step ends every episode
@@ -60,12 +60,12 @@ def test_share_of_episodes_starts_on_expert_path():
 
 def test_share_outside_0_to_1_is_refused():
     with pytest.raises(ConfigError, match=r"expert_starts is a share from 0 to 1, given 1\.5"):
-        TorchVectorEnv("PickCube", 1, expert_starts=1.5)
+        EnvSpec().make_torch(1, expert_starts=1.5)
 
 
 def test_task_without_expert_is_refused():
     with pytest.raises(ConfigError, match="has no scripted expert"):
-        TorchVectorEnv("control/cartpole", 1, num_threads=1, bank_size=1, expert_starts=0.5)
+        EnvSpec(task="control/cartpole").make_torch(1, num_threads=1, bank_size=1, expert_starts=0.5)
 
 
 def test_expert_that_gives_up_at_once_is_an_error(monkeypatch):
@@ -73,4 +73,4 @@ def test_expert_that_gives_up_at_once_is_an_error(monkeypatch):
     with pytest.raises(
         ConfigError, match=r"The expert of PickCube left no state to start at: .* in all of 2"
     ):
-        TorchVectorEnv("PickCube", 2, num_threads=1, bank_size=2, expert_starts=0.5)
+        EnvSpec().make_torch(2, num_threads=1, bank_size=2, expert_starts=0.5)

@@ -1,4 +1,4 @@
-"""The batched env for agents that learn by reward."""
+"""The environment with tensors, for reinforcement learning."""
 
 import math
 
@@ -6,15 +6,14 @@ import pytest
 import torch
 
 from envs.core.errors import ConfigError
-from envs.torch_env import TorchVectorEnv
-from envs.vector_env import RoboVerseVectorEnv
+from envs.spec import EnvSpec
+from envs.tasks.pick_cube import PickCube
 
 N = 3
 
 
-def make(**kwargs) -> TorchVectorEnv:
-    kwargs = {"bank_size": 5, "num_threads": 1} | kwargs
-    return TorchVectorEnv("PickCube", kwargs.pop("num_envs", N), **kwargs)
+def make(num_envs=N, simulator="mujoco", **options):
+    return EnvSpec(simulator=simulator).make_torch(num_envs, **{"bank_size": 5, "num_threads": 1} | options)
 
 
 @pytest.fixture(scope="module", params=["mujoco", "mujoco_warp"])
@@ -33,7 +32,7 @@ def test_shapes_and_types(env):
     assert {step.terminated.dtype, step.truncated.dtype, step.success.dtype} == {torch.bool}
 
 
-def test_an_episode_that_is_over_starts_anew_and_shows_its_end(env):
+def test_finished_episode_restarts_and_returns_its_final_observation(env):
     env.reset()
     env.pop_statistics()
     for _ in range(3):
@@ -43,7 +42,7 @@ def test_an_episode_that_is_over_starts_anew_and_shows_its_end(env):
     step = env.step(torch.ones(N, 5))
     assert step.truncated.all() and not step.terminated.any()
     assert not torch.isclose(step.obs[:, :3], step.final_obs[:, :3]).all()
-    assert (step.obs[:, 9:18] == 0).all()  # it begins at rest
+    assert (step.obs[:, 9:18] == 0).all()  # it starts at rest
     assert env.elapsed_steps.tolist() == [0] * N
     statistics = env.pop_statistics()
     assert statistics.episodes == N and statistics.length == 4 and statistics.success_rate == 0
@@ -51,7 +50,7 @@ def test_an_episode_that_is_over_starts_anew_and_shows_its_end(env):
     assert math.isnan(env.pop_statistics().episode_return)
 
 
-def test_some_can_be_reset_alone(env):
+def test_masked_environments_reset(env):
     env.reset()
     before = env.step(torch.ones(N, 5)).obs
     after = env.reset(torch.tensor([False, True, False]))
@@ -60,7 +59,7 @@ def test_some_can_be_reset_alone(env):
     assert (after[1, 9:18] == 0).all()
 
 
-def test_the_seed_decides_which_episodes_come(env):
+def test_equal_seeds_give_equal_episodes(env):
     env.seed(3)
     first = env.reset()
     env.seed(3)
@@ -77,67 +76,57 @@ def test_staggered_episodes_end_at_different_times():
     env.close()
 
 
-def test_it_sees_and_does_what_the_env_of_an_evaluation_does():
+def test_observations_and_rewards_match_the_numpy_environment():
     ours = make(num_envs=1, bank_size=1)
-    theirs = RoboVerseVectorEnv("PickCube", 1, split="train", observation="full", actions="rl", num_threads=1)
+    theirs = EnvSpec().make(observation="full", actions="rl", num_threads=1)
     theirs.reset_envs([0], theirs.split_indices[:1])
     torch.testing.assert_close(ours.reset()[0].numpy(), theirs.observe()["observation.environment_state"][0])
     generator = torch.Generator().manual_seed(0)
     for _ in range(3):
         action = torch.rand(1, 5, generator=generator) * 2 - 1
-        step, told = ours.step(action), theirs.step_envs([0], action.numpy())
+        step, result = ours.step(action), theirs.step_envs([0], action.numpy())
         seen = theirs.observe()["observation.environment_state"]
         torch.testing.assert_close(step.obs.numpy(), seen)
-        assert float(step.reward) == pytest.approx(float(told.reward[0]) - 1.0, abs=1e-6)
+        assert float(step.reward) == pytest.approx(float(result.reward[0]) - 1.0, abs=1e-6)
     ours.close()
     theirs.close()
 
 
-class Pays(TorchVectorEnv):
-    """Lets a test say what a step comes to."""
-
-    def judge(self, monkeypatch, *, success=False, failure=False):
-        def told(value):
-            return lambda _, state: torch.full((state.num_envs,), value)
-
-        for name, value in {"success": success, "failure": failure, "reward": 0.25}.items():
-            monkeypatch.setattr(type(self.task), name, told(value))
-
-
 @pytest.mark.parametrize(
-    ("outcome", "shift", "paid"),
+    ("outcome", "shift", "reward"),
     [
         ({}, True, -0.75),
         ({"success": True}, True, 0.0),
-        ({"failure": True}, True, -0.75 - 9),  # as if nothing were paid for the nine steps that are left
+        ({"failure": True}, True, -0.75 - 9),  # as if the nine steps that are left had no reward
         ({}, False, 0.25),
         ({"success": True}, False, 1.0),
         ({"failure": True}, False, 0.25),
     ],
 )
-def test_what_an_agent_is_paid(monkeypatch, outcome, shift, paid):
-    env = Pays("PickCube", 2, bank_size=2, num_threads=1, max_episode_steps=10, shift_reward=shift)
-    env.judge(monkeypatch, **outcome)
+def test_shifted_reward_of_success_and_failure(monkeypatch, outcome, shift, reward):
+    env = make(2, max_episode_steps=10, shift_reward=shift)
+    for name, value in ({"success": False, "failure": False, "reward": 0.25} | outcome).items():
+        monkeypatch.setattr(PickCube, name, lambda _, state, v=value: torch.full((state.num_envs,), v))
     step = env.step(torch.zeros(2, 5))
-    assert step.reward.tolist() == [paid] * 2
+    assert step.reward.tolist() == [reward] * 2
     assert step.terminated.tolist() == [bool(outcome)] * 2
     assert step.success.tolist() == [bool(outcome.get("success"))] * 2
     env.close()
 
 
-def test_no_environments_are_an_error():
+def test_zero_environments_are_refused():
     with pytest.raises(ConfigError, match="num_envs must be at least 1, given 0"):
         make(num_envs=0)
 
 
-def test_a_picture_can_be_had():
+def test_image_of_one_environment():
     env = make(num_envs=1)
-    assert env.picture().ndim == 3
+    assert env.image().shape == (256, 256, 3)
     env.close()
 
 
 @pytest.mark.parametrize("simulator", ["mujoco", "mujoco_warp"])
-def test_it_goes_on_from_a_saved_state(simulator):
+def test_saved_state_resumes(simulator):
     env = make(simulator=simulator)
     env.step(torch.ones(N, 5))
     saved = {key: value.clone() for key, value in env.state_dict().items()}
@@ -151,7 +140,7 @@ def test_it_goes_on_from_a_saved_state(simulator):
     env.close()
 
 
-def test_a_control_step_can_have_fewer_and_longer_physics_steps():
+def test_substeps_make_physics_steps_longer():
     few, all_of_them = make(num_envs=1, substeps=5), make(num_envs=1)
     assert few.handler.scenario.physics.timestep_s == pytest.approx(0.01)
     step, other = few.step(torch.ones(1, 5)), all_of_them.step(torch.ones(1, 5))

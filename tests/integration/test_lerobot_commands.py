@@ -1,5 +1,6 @@
 """LeRobot both ways: its commands, as they are, on our envs and our policies; our command on its policy."""
 
+import functools
 import json
 import os
 import subprocess
@@ -14,7 +15,7 @@ import pytest
 import torch
 
 from benchmark.results import read_result
-from envs.lerobot.env import LeRobotVectorEnv
+from envs.spec import EnvSpec
 from policies.checkpoint import WEIGHTS
 from roboverse_learn import cli
 from roboverse_learn.data.dataset.raw import read_raw
@@ -197,16 +198,10 @@ class Replay(torch.nn.Module):
         return action.expand(len(observation["observation.state"]), -1)
 
 
-class OneSolvable(LeRobotVectorEnv):
-    """Begins with the demonstrated episode, and with others that its actions do not solve."""
-
-    first_episodes: tuple[int, ...] = ()
-
-    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        return super().reset(seed=seed, options=(options or {}) | {"episodes": self.first_episodes})
-
-
-def test_lerobot_counts_the_successes_that_our_env_reports(main_run: MainRun) -> None:
+def test_lerobot_counts_the_successes_that_our_env_reports(
+    main_run: MainRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The demonstrated actions solve their own episode and not another one."""
     import pyarrow.parquet as pq
     from lerobot.scripts.lerobot_eval import rollout
 
@@ -214,9 +209,10 @@ def test_lerobot_counts_the_successes_that_our_env_reports(main_run: MainRun) ->
     rows = table.filter(np.array(table["episode_index"]) == 0)
     actions = np.stack(rows["action"].to_numpy()).astype(np.float32)
     _, facts = read_raw(main_run.dataset, 0)
-    env = OneSolvable("PickCube", 2, split="train", image_size=32, autoreset_mode="SameStep")
+    env = EnvSpec(image_size=32).make(2, autoreset_mode="SameStep")
     others = [int(index) for index in env.split_indices if index != facts["episode"]]
-    env.first_episodes = (facts["episode"], others[7])
+    options = {"episodes": (facts["episode"], others[7])}
+    monkeypatch.setattr(env, "reset", functools.partial(env.reset, options=options))
     try:
         out = rollout(env, Replay(actions), *[lambda value: value] * 4, seeds=[0, 1])
     finally:

@@ -19,10 +19,8 @@ def make_env(config: Any, num_envs: int, seed: int, device: str, **own: Any) -> 
     Raises:
         ConfigError: as :func:`check_env`.
     """
-    from envs.torch_env import TorchVectorEnv
-
     check_env(config, expert_starts=own.get("expert_starts", 0.0))
-    return TorchVectorEnv(num_envs=num_envs, device=device, seed=seed, **_scene(config), **own)
+    return config.env.make_torch(num_envs, device=device, seed=seed, **own)
 
 
 def make_multi_task_env(config: Any, num_envs: int, seed: int, device: str) -> Any:
@@ -39,16 +37,14 @@ def make_multi_task_env(config: Any, num_envs: int, seed: int, device: str) -> A
         ConfigError: as :func:`check_env`.
     """
     from envs.multi_task_env import MultiTaskEnv
-    from envs.torch_env import TorchVectorEnv
 
     check_env(config)
     each, more = divmod(num_envs, len(config.tasks))
     envs = {}
     with ExitStack() as opened:  # closes those that there are if one cannot be made
         for index, task in enumerate(config.tasks):
-            scene = _scene(config) | {"task": task}
             num = each + (index < more)
-            envs[task] = TorchVectorEnv(num_envs=num, device=device, seed=seed, **scene)
+            envs[task] = config.env.replace(task=task).make_torch(num, device=device, seed=seed)
             opened.callback(envs[task].close)
         opened.pop_all()
     return MultiTaskEnv(envs)
@@ -70,25 +66,16 @@ def make_pixel_env(
     Raises:
         ConfigError, UnknownNameError: as :func:`check_pictures`.
     """
-    from envs.pixel_env import PixelVectorEnv
-
     check_pictures(config, image_size)
-    return PixelVectorEnv(
-        num_envs=num_envs,
+    spec = config.env.replace(image_size=image_size)
+    return spec.make_torch(
+        num_envs,
+        observation="pixels",
+        num_frames=num_frames,
+        num_threads=config.train.num_threads,
         device=device,
         seed=seed,
-        cameras=config.env.cameras,
-        image_size=image_size,
-        num_frames=num_frames,
-        renderer=config.env.renderer,
-        num_threads=config.train.num_threads,
-        **_scene(config),
     )
-
-
-def _scene(config: Any) -> dict[str, Any]:
-    keys = ("task", "simulator", "task_kwargs", "simulator_settings", "scenario")
-    return {key: getattr(config.env, key) for key in keys}
 
 
 def check_pictures(config: Any, image_size: int) -> None:

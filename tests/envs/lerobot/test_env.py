@@ -10,7 +10,9 @@ from lerobot.envs import EnvConfig, make_env
 from lerobot.envs.utils import preprocess_observation
 
 from envs.core.errors import UnknownNameError
-from envs.lerobot import LeRobotVectorEnv, RoboVerseEnvConfig
+from envs.lerobot import RoboVerseEnvConfig
+from envs.spec import EnvSpec
+from envs.vector_env import RoboVerseVectorEnv
 
 
 @dataclass
@@ -49,16 +51,14 @@ def test_features_say_what_the_env_gives():
 
 
 def test_options_reach_the_env():
-    config = RoboVerseEnvConfig(only="camera", split="train", renderer="warp", image_size=48)
-    assert config.gym_kwargs == {
-        "level": 0,
-        "only": "camera",
-        "split": "train",
-        "simulator": "mujoco",
-        "renderer": "warp",
-        "cameras": [],
-        "image_size": 48,
-    }
+    spec = EnvSpec(only="camera", renderer="mujoco", image_size=48, simulator_settings={"impratio": 5.0})
+    config = RoboVerseEnvConfig(**spec.to_json(), split="train")
+    assert config.spec == spec
+    assert config.gym_kwargs.items() >= {"only": "camera", "split": "train", "image_size": 48}.items()
+    assert "task" not in config.gym_kwargs
+    env = config.create_envs(1)["roboverse"][0]
+    assert env.env_spec == spec and env.handler.physics_model.opt.impratio == 5.0
+    env.close()
 
 
 def test_a_task_that_does_not_exist_is_refused_at_once():
@@ -68,15 +68,17 @@ def test_a_task_that_does_not_exist_is_refused_at_once():
 
 def test_it_is_read_from_a_command_line():
     given = ["--env.type=roboverse", "--env.task=PickCube", "--env.level=2", "--env.image_size=96"]
+    given += ["--env.cameras=[wrist,front]", "--env.task_kwargs={variant: lift}"]
     config = draccus.parse(Command, args=given).env
     assert isinstance(config, RoboVerseEnvConfig)
-    assert (config.level, config.image_size) == (2, 96)
+    assert (config.level, config.image_size, config.cameras) == (2, 96, ("wrist", "front"))
+    assert config.spec.make_task().variant == "lift"
     assert config.features["pixels/front"].shape == (96, 96, 3)
 
 
 def test_lerobot_makes_it_by_its_own_function():
     made = make_env(RoboVerseEnvConfig(image_size=32), n_envs=1)["roboverse"][0]
-    assert isinstance(made, LeRobotVectorEnv)
+    assert isinstance(made, RoboVerseVectorEnv)
     assert made.num_envs == 1
     made.close()
 

@@ -10,9 +10,9 @@ from envs.core.errors import UnknownNameError
 from envs.experts.actor import expert_episodes
 from envs.mjcf.model import build_model
 from envs.simulators.mujoco.render import Stage
+from envs.spec import EnvSpec
 from envs.tasks import TASKS
 from envs.tasks.make import make_task
-from envs.torch_env import TorchVectorEnv
 
 SLOW = {"physics": {"decimation": 50}}
 
@@ -88,7 +88,7 @@ def test_the_same_draws_light_the_scene_whatever_the_shape_of_the_array() -> Non
 
 
 def test_an_agent_learns_in_the_changed_scene() -> None:
-    env = TorchVectorEnv("PickCube", 2, scenario=SLOW)
+    env = EnvSpec(scenario=SLOW).make_torch(2)
     assert env.handler.scenario.physics.control_hz == 10.0
     env.close()
 

@@ -5,10 +5,10 @@ import pytest
 import torch
 
 from envs.core.errors import UnknownNameError
+from envs.gym_env import make_vec
 from envs.rotations import from_yaw, multiply
 from envs.tasks.nut_assembly import YAW_RANGE_RAD, NutAssembly, NutAssemblySquare, _grasp_turn
 from envs.tasks.tabletop import hand_yaw
-from envs.vector_env import RoboVerseVectorEnv
 
 BOTH, SQUARE = NutAssembly(), NutAssemblySquare()
 SQUARE_PEG, ROUND_PEG = (0.23, 0.1), (0.23, -0.1)
@@ -184,7 +184,7 @@ def test_observation_says_where_to_go():
 
 def test_a_nut_is_held_for_ten_seconds():
     """What the fingers lift stays between them: it creeps by less than half a millimetre."""
-    env = RoboVerseVectorEnv("NutAssembly", 1, split="test", observation="state")
+    env = make_vec("NutAssembly", split="test", observation="state")
     try:
         env.reset_envs([0], env.split_indices[:1])
         actions = env.task.planner.plan(env.get_states(), np.random.default_rng(0))

@@ -7,9 +7,9 @@ import warp as wp
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
-from envs.pixel_env import PixelVectorEnv
 from envs.simulators.mujoco_warp.device import Device
 from envs.simulators.mujoco_warp.handler import MujocoWarpHandler
+from envs.spec import EnvSpec
 from tests.envs.simulators.mujoco_warp.conftest import pictures_of, scene, starts
 
 UNSIGNED = {torch.uint16: wp.uint16, torch.uint32: wp.uint32, torch.uint64: wp.uint64}
@@ -69,7 +69,8 @@ def test_physics_states_and_images_need_no_operation_that_cuda_lacks():
 
 def test_agents_that_see_images_need_no_operation_that_cuda_lacks():
     with RefusesWhatCudaLacks():
-        env = PixelVectorEnv("control/cartpole", 2, simulator="mujoco_warp", num_frames=2, bank_size=4)
+        spec = EnvSpec(task="control/cartpole", simulator="mujoco_warp", image_size=64)
+        env = spec.make_torch(2, observation="pixels", num_frames=2, bank_size=4)
         step = env.step(torch.ones(2, 1))
         env.load_state_dict(env.state_dict())
         env.close()

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from envs.vector_env import RoboVerseVectorEnv
+from envs.gym_env import make_vec
 
 
 @pytest.fixture(scope="module")
 def envs():
     both = [
-        RoboVerseVectorEnv(
+        make_vec(
             "PickCube",
             2,
             split="test",

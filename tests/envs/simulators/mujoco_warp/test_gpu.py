@@ -9,13 +9,13 @@ import torch
 import warp as wp
 
 from envs.experts.actor import expert_episodes
+from envs.gym_env import make_vec
 from envs.kinematics.batched_inverse import BatchedPathFollower
 from envs.kinematics.waypoints import Waypoint
 from envs.randomization import Randomizer
 from envs.robots.franka import FRANKA
 from envs.simulators.mujoco_warp.handler import MujocoWarpHandler
 from envs.tasks.pick_cube import PickCube
-from envs.vector_env import RoboVerseVectorEnv
 from tests.envs.simulators.mujoco_warp.conftest import NUM_ENVS, pictures_of, scene, starts
 from tests.envs.simulators.mujoco_warp.test_worlds import everything, moving
 
@@ -160,7 +160,7 @@ def test_inverse_kinematics_is_that_of_the_cpu():
 
 
 def test_experts_succeed_in_an_env():
-    env = RoboVerseVectorEnv("PickCube", 8, split="train", simulator="mujoco_warp", image_size=32)
+    env = make_vec("PickCube", 8, split="train", simulator="mujoco_warp", image_size=32)
     assert env.handler.device.type == "cuda"
     found = list(expert_episodes(env, env.split_indices[:8].tolist()))
     assert sum(episode.success for episode in found) >= 7

@@ -8,16 +8,16 @@ pytest.importorskip("sapien", reason="SAPIEN is not installed: pip install 'robo
 
 from envs.experts.actor import expert_episodes
 from envs.experts.check import check_expert
+from envs.gym_env import make_vec
 from envs.simulators import HANDLERS
 from envs.state import State
-from envs.vector_env import RoboVerseVectorEnv
 
 TASKS = ("PickCube", "StackCube", "CloseBox")
 
 
 @pytest.mark.parametrize("task", TASKS)
 def test_states_of_an_episode_are_judged_alike(task):
-    env = RoboVerseVectorEnv(task, 2, split="train", observation="state", num_threads=1)
+    env = make_vec(task, 2, split="train", observation="state", num_threads=1)
     episodes = list(expert_episodes(env, env.split_indices[:2].tolist()))
     verdicts = []
     with HANDLERS.get("sapien")(env.scenario, 64, renderer="warp") as handler:

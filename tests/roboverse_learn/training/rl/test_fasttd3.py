@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from envs.torch_env import TorchVectorEnv
+from envs.spec import EnvSpec
 from policies.fasttd3.config import FastTd3Config
 from policies.fasttd3.policy import FastTd3Policy
 from roboverse_learn.training.config import TrainConfig
@@ -74,7 +74,8 @@ def test_a_checkpoint_that_does_not_say_what_is_due_has_nothing_due(tmp_path):
 
 
 def cartpole():
-    return TorchVectorEnv("control/cartpole", TINY.num_envs, max_episode_steps=15, bank_size=8, num_threads=1)
+    spec = EnvSpec(task="control/cartpole")
+    return spec.make_torch(TINY.num_envs, max_episode_steps=15, bank_size=8, num_threads=1)
 
 
 @pytest.mark.parametrize("make_env", [lambda: PointMass(TINY.num_envs), cartpole])

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 import torch
 
-import envs
 import policies
 from benchmark.runner import evaluate_cell
 from envs.core.errors import CheckpointError, ConfigError, UnknownNameError
-from envs.pixel_env import PixelVectorEnv
+from envs.spec import EnvSpec
 from envs.tasks.control.cartpole import Cartpole
 from policies.tdmpc2.config import Tdmpc2Config
 from policies.tdmpc2.policy import Tdmpc2Policy
@@ -74,8 +73,10 @@ def test_the_replay_holds_bytes_and_is_of_these_cameras_alone(trained, tmp_path)
         learn(tmp_path, "cameras=[front,rail]")
 
 
-def test_an_evaluation_sees_what_it_learned_from(trained):
-    ours = PixelVectorEnv("control/cartpole", 1, bank_size=1, num_threads=1, cameras=("front", "rail"))
+def test_an_evaluation_sees_what_it_learned_from(trained, monkeypatch):
+    monkeypatch.setattr(Cartpole, "max_episode_steps", 5)
+    spec = EnvSpec(task="control/cartpole", cameras=("front", "rail"), image_size=64)
+    ours = spec.make_torch(1, observation="pixels", bank_size=1, num_threads=1)
     seen = [ours.reset(), *(ours.step(torch.full((1, 1), 0.3)).obs for _ in range(4))]
     ours.close()
     given = []
@@ -85,15 +86,7 @@ def test_an_evaluation_sees_what_it_learned_from(trained):
             given.append(seen)
             return torch.full((1, 1), 0.3)
 
-    theirs = envs.make_vec(
-        "control/cartpole", 1, observation="pixels", actions="rl", cameras=("front", "rail"), image_size=64,
-        num_threads=1,
-    )  # fmt: skip
-
-    class Short(Cartpole):
-        max_episode_steps = 5
-
-    theirs.task = Short()
+    theirs = spec.make(actions="rl", num_threads=1)
     evaluate_cell(
         Pushes.load(trained), theirs, theirs.split_indices[:1].tolist(), split="train", level=0, seed=0,
         policy_name="tdmpc2",

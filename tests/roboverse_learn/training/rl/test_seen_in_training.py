@@ -5,12 +5,15 @@ import pytest
 import torch
 
 from benchmark.runner import PolicyActor
-from envs.pixel_env import PixelVectorEnv
 from envs.rollout import rollout
-from envs.vector_env import RoboVerseVectorEnv
+from envs.spec import EnvSpec
 from policies.stacked_images import stacked
 
 TASK, CAMERAS, PUSHES = "control/cartpole", ("front", "rail"), (1.0, -0.7)
+
+
+def spec(simulator):
+    return EnvSpec(task=TASK, cameras=CAMERAS, image_size=64, simulator=simulator)
 
 
 class Watcher:
@@ -30,9 +33,7 @@ class Watcher:
 
 def evaluated(simulator, episode):
     """What an evaluation shows of an episode until the cart is off its rail, for each push."""
-    env = RoboVerseVectorEnv(
-        TASK, 1, cameras=CAMERAS, image_size=64, simulator=simulator, actions="rl", split="train", level=0
-    )
+    env = spec(simulator).make(actions="rl")
     watchers = [Watcher(push) for push in PUSHES]
     for watcher in watchers:
         list(rollout(env, PolicyActor(watcher, env, seed=0), [episode]))
@@ -42,7 +43,7 @@ def evaluated(simulator, episode):
 
 @pytest.mark.parametrize("simulator", ["mujoco", "mujoco_warp"])
 def test_training_shows_what_an_evaluation_shows_after_a_reset_too(simulator):
-    env = PixelVectorEnv(TASK, 2, cameras=CAMERAS, simulator=simulator, bank_size=1, num_threads=1)
+    env = spec(simulator).make_torch(2, observation="pixels", bank_size=1, num_threads=1)
     expected = evaluated(simulator, 0)
     lengths = [len(each) for each in expected]
     assert 10 < lengths[0] < lengths[1] < 100, "one begins anew while the other goes on"
