@@ -1,4 +1,4 @@
-"""``python roboverse_learn/conservation.py``: what each simulator keeps of what physics keeps."""
+"""``python roboverse_learn/conservation.py``: tests the conservation laws on each simulator."""
 
 import sys
 from pathlib import Path
@@ -20,10 +20,11 @@ def conservation(config: ConservationConfig) -> Any:
 
     Raises:
         MissingExtraError: A simulator that was named is not installed.
-        ResultError: A file cannot be written.
+        ResultError: A JSON file of the folder is not such a result.
+        WriteError: A file cannot be written.
     """
     from roboverse_learn.commands.report import conservation_report
-    from roboverse_learn.sim2sim.conservation.page import render, write_page, write_result
+    from roboverse_learn.sim2sim.conservation.conservation_page import render, write_page, write_result
 
     folder = Path(config.out)
     results = [run_on(simulator, config.timestep_s) for simulator in _chosen(config)]

@@ -1,4 +1,4 @@
-"""``python roboverse_learn/replay.py dataset=… simulator=…``: recorded episodes in another simulator."""
+"""``python roboverse_learn/replay.py dataset=… simulator=…``: replays episodes in another simulator."""
 
 import sys
 from pathlib import Path
@@ -16,20 +16,20 @@ if TYPE_CHECKING:
 
 
 def replay(config: ReplayConfig) -> Any:
-    """Replays a dataset's episodes, writes what came of it, and the page; returns a printable report.
+    """Replays a dataset's episodes, writes a summary and the page; returns a printable report.
 
     Raises:
-        DatasetError: There is no dataset, or it holds no states of ours.
-        ResultError: A file cannot be written.
+        DatasetError: There is no dataset, or it holds no raw states.
+        WriteError: A file cannot be written.
     """
     from roboverse_learn.commands.report import replay_report
-    from roboverse_learn.sim2sim.parity import page, summary
+    from roboverse_learn.sim2sim.parity import parity_page, summary
     from roboverse_learn.sim2sim.parity.recording import read_recordings
 
     recordings = read_recordings(config.dataset, config.episodes)
     values = replay_recordings(recordings, config)
     path = summary.write(Path(config.out), values)
-    return replay_report(values, path, page.write_page(Path(config.out)))
+    return replay_report(values, path, parity_page.write_page(Path(config.out)))
 
 
 def replay_recordings(recordings: "list[Recording]", config: ReplayConfig) -> dict[str, Any]:
@@ -37,10 +37,11 @@ def replay_recordings(recordings: "list[Recording]", config: ReplayConfig) -> di
     import envs
     from benchmark import provenance
     from roboverse_learn.evaluate import command_words
-    from roboverse_learn.sim2sim.parity import tracks as replaying
+    from roboverse_learn.sim2sim.parity import tracks
     from roboverse_learn.sim2sim.parity.summary import SCHEMA_VERSION, summarize
 
     first = recordings[0].metadata
+    settings = first.get("simulator_settings") if config.simulator == first["simulator"] else None
     env = envs.make_vec(
         first["task"],
         min(config.num_envs, len(recordings)),
@@ -50,9 +51,7 @@ def replay_recordings(recordings: "list[Recording]", config: ReplayConfig) -> di
         protocol_seed=first.get("protocol_seed", 0),
         task_kwargs=first.get("task_kwargs", {}),
         scenario=first.get("scenario"),
-        simulator_settings=first.get("simulator_settings")
-        if config.simulator == first["simulator"]
-        else None,
+        simulator_settings=settings,
     )
     if len(env.controller.names) != recordings[0].actions.shape[1]:
         env.close()
@@ -61,9 +60,9 @@ def replay_recordings(recordings: "list[Recording]", config: ReplayConfig) -> di
             f"{first['task']} have {len(env.controller.names)}: {', '.join(env.controller.names)}. "
             "Collect it anew with: roboverse collect"
         )
-    ways = {"states": replaying.by_states, "controls": replaying.by_controls}
+    ways = {"states": tracks.by_states, "controls": tracks.by_controls}
     try:
-        recorded = [replaying.recorded_success(env, recording) for recording in recordings]
+        recorded = [tracks.recorded_success(env, recording) for recording in recordings]
         replays = {
             name: summarize(env.scenario, recordings, ways[name](env, recordings), recorded)
             for name in config.by

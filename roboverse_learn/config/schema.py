@@ -283,16 +283,16 @@ class ConvertConfig:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ReplayConfig:
-    """``roboverse replay``: recorded episodes in another simulator, by their states and by their controls.
+    """``roboverse replay``: replays recorded episodes in another simulator, by states and by controls.
 
     Attributes:
         dataset: Folder of a dataset that was collected here.
         simulator: Registered simulator that replays.
-        by: How: states sets every recorded moment, controls lets physics decide.
+        by: states sets every recorded state, controls gives the recorded actions.
         episodes: Episodes of the dataset, from the first on; 0 takes all.
         num_envs: Environments that step at once.
-        note: What the page says of the result, such as why few controls succeed.
-        out: Folder of the summaries, plots and the page.
+        note: Remark on the page, such as why few replays succeed.
+        out: Folder that gets the summary, the plots and the page of all its summaries.
     """
 
     dataset: str = ""
@@ -301,7 +301,7 @@ class ReplayConfig:
     episodes: int = 0
     num_envs: int = 10
     note: str = ""
-    out: str = "docs/parity"
+    out: str = "replays"
 
     def __post_init__(self) -> None:
         if not self.dataset:
@@ -314,7 +314,7 @@ class ReplayConfig:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ConservationConfig:
-    """``roboverse conservation``: what each simulator keeps of momentum and energy.
+    """``roboverse conservation``: tests conservation of momentum and energy on each simulator.
 
     Attributes:
         simulators: Registered simulators, as in simulators=[mujoco]; empty takes all that are installed.
@@ -324,7 +324,7 @@ class ConservationConfig:
 
     simulators: tuple[str, ...] = ()
     timestep_s: float = 0.005
-    out: str = "docs/conservation"
+    out: str = "conservation"
 
     def __post_init__(self) -> None:
         _positive(timestep_s=self.timestep_s)

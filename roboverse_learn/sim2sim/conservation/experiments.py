@@ -1,10 +1,10 @@
-"""Three scenes without gravity, run on a simulator through its handler.
+"""Three scenes without gravity that test conservation laws on a simulator.
 
-- ``collision``: a ball hits another one off its centre, with friction: momentum and angular momentum stay,
-  kinetic energy may only be lost.
-- ``spin``: a box turns about its middle axis of inertia, which is unstable (Dzhanibekov's effect): everything
-  stays.
-- ``chain``: three links on two hinges without damping drift and turn freely: everything stays.
+- ``collision``: a ball hits another one off its centre, with friction. Momentum and angular momentum are
+  conserved; kinetic energy may only be lost.
+- ``spin``: a box turns about its middle axis of inertia, which is unstable (the Dzhanibekov effect). All
+  three are conserved.
+- ``chain``: three links on two hinges without damping move freely. All three are conserved.
 """
 
 from collections.abc import Mapping
@@ -20,24 +20,24 @@ from envs.state import EntityState, State
 from roboverse_learn.sim2sim.conservation.mechanics import Conserved, conserved
 
 MIDDLE = (0.0, 0.0, 2.0)
-"""Where everything happens, far above the ground, m."""
+"""Centre of every scene, far above the ground, m."""
 
 SAMPLES = 200
-"""Moments at which each experiment is looked at."""
+"""Samples of the state in each experiment."""
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Experiment:
-    """One scene and how it begins.
+    """One scene and its initial state.
 
     Attributes:
         name: Its name.
-        objects: What is in it.
-        start: Object to ``pos``, ``rot``, ``lin_vel`` (world), ``ang_vel`` (body), ``joint_pos``,
-            ``joint_vel``.
-        duration_s: How long it runs.
+        objects: Its objects.
+        start: Initial state: object to ``pos``, ``rot``, ``lin_vel`` (world), ``ang_vel`` (body),
+            ``joint_pos``, ``joint_vel``.
+        duration_s: Simulated time.
         keeps_energy: Whether kinetic energy is conserved; a contact may lose some.
     """
 
@@ -113,7 +113,7 @@ def scene(experiment: Experiment, timestep_s: float) -> ScenarioCfg:
 
 
 def start_of(experiment: Experiment) -> State:
-    """Returns how an experiment begins, as the state of one environment."""
+    """Returns the initial state of an experiment, one row."""
     objects = {}
     for item in experiment.objects:
         given = experiment.start[item.name]
@@ -130,10 +130,10 @@ def run(experiment: Experiment, simulator: str, timestep_s: float) -> tuple[np.n
     """Runs an experiment.
 
     Returns:
-        The moments, (T,), s, and what should not have changed over them.
+        Time of each sample, (T,), s, and the conserved quantities.
 
     Raises:
-        RoboVerseError: if the simulator cannot show this scene, or stops.
+        RoboVerseError: The simulator does not support this scene, or fails.
     """
     steps = max(1, round(experiment.duration_s / timestep_s / SAMPLES))
     with HANDLERS.get(simulator)(scene(experiment, timestep_s), 1) as handler:
@@ -150,9 +150,9 @@ def run(experiment: Experiment, simulator: str, timestep_s: float) -> tuple[np.n
 
 
 def deviations(found: Conserved) -> dict[str, np.ndarray]:
-    """Returns how far each quantity is from its first value, relative to it, (T,) each.
+    """Returns the deviation of each quantity from its first value, relative to it, (T,) each.
 
-    Kinetic energy keeps its sign: what is gained is above zero.
+    That of kinetic energy is signed: positive where energy is gained.
     """
     out: dict[str, Any] = {}
     for name in ("momentum", "angular_momentum"):

@@ -1,10 +1,10 @@
-"""Momentum, angular momentum and kinetic energy of objects, from their description and their states alone.
+"""Momentum, angular momentum and kinetic energy of objects, from their description and states.
 
 Textbook rigid-body mechanics (Goldstein, "Classical Mechanics", chapter 5): each geom contributes p = m v,
-L = c × m v + I ω and E = m v²/2 + ω·I ω/2, with its own centre of mass c. No simulator is asked, so the same
-states give the same numbers everywhere.
+L = c × m v + I ω and E = m v²/2 + ω·I ω/2, with its own centre of mass c. No simulator is involved: equal
+states give equal numbers.
 
-Shape legend: T = moments.
+Shape legend: T = samples in time.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ from envs.state import EntityState
 
 
 class Motion(NamedTuple):
-    """Where a frame is and how it moves.
+    """Pose and velocity of a frame.
 
     Attributes:
         pos: Position of its origin, (T, 3), m.
@@ -34,13 +34,13 @@ class Motion(NamedTuple):
     ang_vel: np.ndarray
 
     def at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns place and velocity, each (T, 3), of a point (3,) of the frame."""
+        """Returns position and velocity, each (T, 3), of a point (3,) of the frame."""
         arm = rotate(self.rot, np.broadcast_to(point, self.pos.shape))
         return self.pos + arm, self.lin_vel + np.cross(self.ang_vel, arm)
 
 
 class Conserved(NamedTuple):
-    """What an isolated system keeps.
+    """Quantities that an isolated system conserves.
 
     Attributes:
         momentum: (T, 3), kg·m/s.
@@ -56,12 +56,12 @@ class Conserved(NamedTuple):
 def conserved(
     objects: Sequence[ObjectCfg], states: Mapping[str, EntityState], about: Sequence[float]
 ) -> Conserved:
-    """Sums what is conserved over free objects.
+    """Sums the conserved quantities of free objects.
 
     Args:
         objects: Objects of boxes and spheres.
-        states: Object's name to its states at T moments.
-        about: The point that angular momentum is about, m.
+        states: Object's name to its T states.
+        about: Reference point of angular momentum, m.
 
     Raises:
         ConfigError: if a geom with a mass is no box and no sphere.
@@ -104,7 +104,7 @@ def _moving_geoms(item: ObjectCfg, state: EntityState) -> list[tuple[Motion, Geo
 
 
 def _moved(parent: Motion, link: LinkCfg, joint: tuple[np.ndarray, np.ndarray] | None) -> Motion:
-    """Returns how a link moves, whose parent moves so and whose joint has this position and speed, (T,)."""
+    """Returns the motion of a link from that of its parent and its joint's position and speed, each (T,)."""
     rot = multiply(parent.rot, np.broadcast_to(link.rot, parent.rot.shape))
     if link.joint is None or joint is None:
         pos, velocity = parent.at(np.asarray(link.pos))

@@ -1,1 +1,1 @@
-"""What becomes of recorded episodes in another simulator: by their states, and by their controls."""
+"""Replays of recorded episodes in another simulator, by their states and by their controls."""

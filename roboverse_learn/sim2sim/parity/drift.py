@@ -1,6 +1,6 @@
-"""How far a replay is from what was recorded, moment by moment.
+"""How far a replay is from the recording, state by state.
 
-Shape legend: E = episodes, T = moments of the longest of them.
+Shape legend: E = episodes, T = states of the longest of them.
 """
 
 from collections.abc import Sequence
@@ -17,17 +17,17 @@ UNITS = {
     "objects_rad": "rad",
     "object_joints": "rad or m",
 }
-"""Quantities: way of the end effector, farthest way and turn of any free object, farthest joint of any
-articulated one."""
+"""Quantities and their units: distance of the end effector, largest distance and angle of any free object,
+and largest difference of any joint of an articulated object."""
 
 
 def drift(scenario: ScenarioCfg, recorded: State, replayed: State) -> dict[str, np.ndarray]:
     """Compares two states row by row.
 
     Args:
-        scenario: Where they are of.
-        recorded: What was recorded, in T rows.
-        replayed: What became of it, in T rows.
+        scenario: Their scene.
+        recorded: Recorded states, T rows.
+        replayed: Replayed states, T rows.
 
     Returns:
         Quantity of :data:`UNITS` to its values (T,), those that the scenario has.
@@ -61,10 +61,10 @@ def _angle(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
 
 
 def over_time(series: Sequence[np.ndarray]) -> dict[str, list[float]]:
-    """Returns median and 90th percentile over the episodes, at each moment that half of them reach.
+    """Returns median and 90th percentile over the episodes, for each step that half of them reach.
 
     Args:
-        series: Of each episode, its values (T_e,).
+        series: Values (T_e,) of each episode.
 
     Returns:
         ``median`` and ``p90``, each of equal length.

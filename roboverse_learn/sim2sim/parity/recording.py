@@ -1,4 +1,4 @@
-"""Episodes of a dataset of ours, as far as replaying them goes: states, actions, where they come from."""
+"""Recorded episodes of a dataset: states, actions and where they come from."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,13 +22,13 @@ class Recording:
 
     Attributes:
         index: Its index in the dataset.
-        moments: States before each step and after the last: T + 1 rows.
+        states: States before each step and after the last: T + 1 rows.
         actions: Actions of the task's controller, (T, A) float32.
-        metadata: What the dataset says of it; see :class:`~roboverse_learn.data.dataset.schema.EpisodeData`.
+        metadata: Metadata of the dataset; see :class:`~roboverse_learn.data.dataset.schema.EpisodeData`.
     """
 
     index: int
-    moments: State
+    states: State
     actions: np.ndarray
     metadata: dict[str, Any]
 

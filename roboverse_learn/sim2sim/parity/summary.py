@@ -1,6 +1,5 @@
-"""What a replay came to, as plain JSON values: one file per task and pair of simulators."""
+"""Summaries of replays as JSON values: one file per task and pair of simulators."""
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -8,17 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from envs.core.atomic import write_file
-from envs.core.errors import ResultError
 from envs.scenario import ScenarioCfg
 from roboverse_learn.sim2sim.parity.drift import UNITS, drift, over_time
 from roboverse_learn.sim2sim.parity.recording import Recording
 from roboverse_learn.sim2sim.parity.tracks import Track
+from roboverse_learn.sim2sim.result_files import read_json_results, write_json_result
 
 SCHEMA_VERSION = 1
 
 FAR_M = 0.01
-"""From here on an object counts as somewhere else."""
+"""Distance from its recorded position from which on an object counts as displaced, m."""
 
 _KEYS = {"schema_version", "task", "recorded_in", "replayed_in", "num_episodes", "replays", "control_hz"}
 
@@ -32,19 +30,19 @@ def summarize(
     """Compares replays with their recordings.
 
     Args:
-        scenario: Where they are of.
+        scenario: Their scene.
         recordings: Episodes.
-        tracks: What became of each.
-        recorded: What the task says of each one's recorded moments, bool (T + 1,).
+        tracks: The replay of each.
+        recorded: Success of each one's recorded states, bool (T + 1,).
 
     Returns:
-        ``success_rate``, ``recorded_success_rate``, ``checks`` (at how many moments the success condition
-        was asked, and how often it said the same), ``drift`` (quantity to curves over the moments, and to
-        the median and 90th percentile at the last moment), ``far_after_s`` (of each episode, when an object
-        was first more than :data:`FAR_M` away, or None) and ``episodes``.
+        ``success_rate``, ``recorded_success_rate``, ``checks`` (how many states the success condition judged,
+        and how many of them it judged as in the recording), ``drift`` (quantity to curves over time, and to
+        the median and 90th percentile at the end), ``far_after_s`` (for each episode, when an object was
+        first more than :data:`FAR_M` away, or None) and ``episodes``.
     """
     curves = [
-        drift(scenario, recording.moments, track.moments)
+        drift(scenario, recording.states, track.states)
         for recording, track in zip(recordings, tracks, strict=True)
     ]
     hz = scenario.physics.control_hz
@@ -94,46 +92,20 @@ def file_name(summary: Mapping[str, Any]) -> str:
 
 
 def write(folder: Path, summary: Mapping[str, Any]) -> Path:
-    """Writes a summary atomically into a folder; returns its file.
+    """Writes a summary into a folder; returns its file.
 
     Raises:
-        ResultError: The file cannot be written.
+        WriteError: The file cannot be written.
     """
     path = folder / f"{file_name(summary)}.json"
-    text = json.dumps(_rounded(summary), indent=1, sort_keys=True, allow_nan=False)
-    # A curve is a line, not a page.
-    text = re.sub(r"\[\s+([-\d.e,\s]+?)\s+\]", lambda m: "[" + " ".join(m[1].split()) + "]", text)
-    write_file(path, (text + "\n").encode())
+    write_json_result(path, summary)
     return path
 
 
 def read_all(folder: Path) -> list[dict[str, Any]]:
-    """Reads every summary of a folder, by task and pair.
+    """Reads every summary of a folder, ordered by task and pair of simulators.
 
     Raises:
         ResultError: A file is no summary.
     """
-    summaries = []
-    for path in sorted(folder.glob("*.json")):
-        try:
-            values = json.loads(path.read_bytes())
-        except ValueError as error:
-            raise ResultError(f"'{path}' is no JSON file: {error}. Remove it and replay again.") from error
-        if not isinstance(values, dict) or not set(values) >= _KEYS:
-            raise ResultError(
-                f"'{path}' is no summary of a replay. Keep other files out of '{folder}', or choose another "
-                "folder with out=<folder>."
-            )
-        summaries.append(values)
-    return summaries
-
-
-def _rounded(values: Any) -> Any:
-    """Seven significant digits: what is below is the noise of another machine."""
-    if isinstance(values, float):
-        return float(f"{values:.7g}")
-    if isinstance(values, Mapping):
-        return {key: _rounded(value) for key, value in values.items()}
-    if isinstance(values, list | tuple):
-        return [_rounded(value) for value in values]
-    return values
+    return read_json_results(folder, _KEYS, "summary of a replay")

@@ -22,33 +22,33 @@ class Track:
     """The replay of one recording of T control steps.
 
     Attributes:
-        moments: Replayed states, one row for each recorded one: T + 1.
+        states: Replayed states, one row for each recorded one: T + 1.
         success: Whether the task is solved in each of them and while the last action is held; bool (…,).
     """
 
-    moments: State
+    states: State
     success: np.ndarray
 
     @property
     def solved(self) -> bool:
-        """Whether the task is solved at any moment."""
+        """Whether the task is solved at any step."""
         return bool(self.success.any())
 
 
 def by_states(env: RoboVerseVectorEnv, recordings: Sequence[Recording]) -> list[Track]:
     """Sets every recorded state and reads it back, as many at once as the env has environments."""
-    recorded = concatenated([recording.moments for recording in recordings])
-    found, success = [], []
+    recorded = concatenated([recording.states for recording in recordings])
+    parts, success = [], []
     for first in range(0, recorded.num_envs, env.num_envs):
         rows = range(first, min(first + env.num_envs, recorded.num_envs))
-        states, solved = set_and_judge(env, range(len(rows)), recorded.select(rows))
-        found.append(states.to("cpu"))
+        found, solved = set_and_judge(env, range(len(rows)), recorded.select(rows))
+        parts.append(found.to("cpu"))
         success.append(solved)
-    moments, solved = concatenated(found), np.concatenate(success)
+    states, solved = concatenated(parts), np.concatenate(success)
     tracks, first = [], 0
     for recording in recordings:
         end = first + recording.num_steps + 1
-        tracks.append(Track(moments.select(range(first, end)), solved[first:end]))
+        tracks.append(Track(states.select(range(first, end)), solved[first:end]))
         first = end
     return tracks
 
@@ -59,20 +59,20 @@ def by_controls(env: RoboVerseVectorEnv, recordings: Sequence[Recording]) -> lis
     Raises:
         SimulatorError: if a state is no longer finite.
     """
-    starts = [recording.moments.select([0]) for recording in recordings]
+    starts = [recording.states.select([0]) for recording in recordings]
     actor = ReplayActor(starts, [recording.actions for recording in recordings])
     episodes = [int(recording.metadata["episode"]) for recording in recordings]
     tracks = []
     for recording, episode in zip(
         recordings, in_order(rollout(env, actor, episodes, record=["states"])), strict=True
     ):
-        moments = episode.states.select(range(recording.num_steps + 1))
-        begun = moments.select([0]).to(env.handler.device, env.handler.dtype)
+        states = episode.states.select(range(recording.num_steps + 1))
+        begun = states.select([0]).to(env.handler.device, env.handler.dtype)
         first = env.task.success(begun).cpu().numpy()
-        tracks.append(Track(moments, np.concatenate([first, episode.successes])))
+        tracks.append(Track(states, np.concatenate([first, episode.successes])))
     return tracks
 
 
 def recorded_success(env: RoboVerseVectorEnv, recording: Recording) -> np.ndarray:
     """Returns the success of the recorded states themselves, bool (T + 1,)."""
-    return env.task.success(recording.moments).cpu().numpy()
+    return env.task.success(recording.states).cpu().numpy()

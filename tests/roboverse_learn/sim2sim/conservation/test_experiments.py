@@ -1,4 +1,4 @@
-"""What physics keeps, every simulator keeps too, as far as its time step goes."""
+"""Conservation laws hold in every simulator, to the accuracy of its time step."""
 
 import json
 
@@ -9,7 +9,7 @@ from envs.core.errors import MissingExtraError, ResultError, SimulatorError
 from envs.simulators import HANDLERS
 from roboverse_learn import conservation
 from roboverse_learn.cli import main
-from roboverse_learn.sim2sim.conservation import page
+from roboverse_learn.sim2sim.conservation import conservation_page as page
 from roboverse_learn.sim2sim.conservation.experiments import (
     CHAIN,
     COLLISION,
@@ -35,23 +35,23 @@ def simulator(request):
     return request.param
 
 
-def test_a_collision_keeps_momentum_and_gains_no_energy(simulator):
+def test_collision_conserves_momentum_and_gains_no_energy(simulator):
     seconds, found = run(COLLISION, simulator, 0.005)
     away = deviations(found)
     assert away["momentum"].max() < 1e-3
     assert away["kinetic_energy"].max() < 1e-3
-    assert away["kinetic_energy"][-1] < -0.05  # they did meet
+    assert away["kinetic_energy"][-1] < -0.05  # the balls did collide
     assert seconds[-1] == pytest.approx(COLLISION.duration_s, rel=0.02)
 
 
-def test_energy_and_momentum_stay_with_a_smaller_time_step():
+def test_smaller_time_step_conserves_better():
     for experiment in (SPIN, CHAIN):
         coarse, fine = (largest(experiment, "mujoco", step) for step in (0.005, 0.0005))
         for name in ("angular_momentum", "kinetic_energy"):
             assert fine[name] < coarse[name] / 5 < 0.02, (experiment.name, name)
 
 
-def test_the_middle_axis_is_unstable():
+def test_rotation_about_the_middle_axis_is_unstable():
     """The brick turns over: otherwise the experiment would be a trivial one."""
     with HANDLERS.get("mujoco")(conservation_scene(), 1) as handler:
         handler.launch()
@@ -69,7 +69,7 @@ def conservation_scene():
     return scene(SPIN, 0.005)
 
 
-def test_the_page_is_a_function_of_the_files(tmp_path):
+def test_page_is_a_function_of_the_results(tmp_path):
     page.write_result(tmp_path, conservation.run_on("mujoco", 0.01))
     before = page.write_page(tmp_path)
     text = before["table"].read_text()
@@ -82,7 +82,7 @@ def test_the_page_is_a_function_of_the_files(tmp_path):
     assert {path: path.read_bytes() for path in before.values()} == contents
 
 
-def test_a_simulator_that_stops_is_named(tmp_path, monkeypatch):
+def test_failed_simulator_is_named_on_the_page(tmp_path, monkeypatch):
     def stop(*_):
         raise SimulatorError("It stopped.")
 
@@ -93,7 +93,7 @@ def test_a_simulator_that_stops_is_named(tmp_path, monkeypatch):
     assert "mujoco did not run spin: It stopped." in text
 
 
-def test_files_of_others_are_refused(tmp_path):
+def test_other_json_files_are_refused(tmp_path):
     (tmp_path / "notes.json").write_text("{}")
     with pytest.raises(ResultError, match=r"notes.json' is no result of roboverse conservation"):
         page.write_page(tmp_path)
@@ -102,7 +102,7 @@ def test_files_of_others_are_refused(tmp_path):
         page.write_page(tmp_path)
 
 
-def test_the_command(tmp_path, capsys):
+def test_command_writes_results_and_page(tmp_path, capsys):
     assert main(["conservation", "simulators=[mujoco]", "timestep_s=0.02", f"out={tmp_path}"]) == 0
     assert "collision" in capsys.readouterr().out
     values = json.loads((tmp_path / "mujoco.json").read_text())
@@ -118,6 +118,6 @@ def test_the_command(tmp_path, capsys):
         (["timestep=0.1"], "Unknown key 'timestep' of conservation. Did you mean 'timestep_s'?"),
     ],
 )
-def test_mistakes_are_told_in_a_sentence(words, message, capsys):
+def test_invalid_settings_name_the_mistake(words, message, capsys):
     assert main(["conservation", *words]) == 2
     assert message in capsys.readouterr().err

@@ -27,7 +27,7 @@ def moving(pos=(0.0, 0.0, 0.0), lin_vel=(0.0, 0.0, 0.0), ang_vel=(0.0, 0.0, 0.0)
     return state
 
 
-def test_a_flying_ball():
+def test_flying_ball():
     state = moving(pos=(0.0, 3.0, 0.0), lin_vel=(4.0, 0.0, 0.0), ang_vel=(0.0, 0.0, 10.0))
     found = conserved((ball(),), {"ball": state}, ORIGIN)
     np.testing.assert_allclose(found.momentum, [[8.0, 0.0, 0.0]])
@@ -36,13 +36,13 @@ def test_a_flying_ball():
     np.testing.assert_allclose(found.kinetic_energy, [16.0 + 0.5 * inertia * 100.0])
 
 
-def test_a_mass_away_from_its_root_moves_as_that_turns():
+def test_offset_mass_moves_with_the_rotation_of_its_root():
     found = conserved((ball(pos=(2.0, 0.0, 0.0)),), {"ball": moving(ang_vel=(0.0, 0.0, 3.0))}, ORIGIN)
     np.testing.assert_allclose(found.momentum, [[0.0, 12.0, 0.0]])
     np.testing.assert_allclose(found.angular_momentum, [[0.0, 0.0, 24.0 + 0.2 * 3.0]])
 
 
-def test_a_box_has_its_moments_of_inertia():
+def test_moments_of_inertia_of_a_box():
     box = GeomCfg(shape="box", size=(0.5, 1.0, 1.5), mass_kg=12.0)  # sides 1, 2, 3
     np.testing.assert_allclose(principal_inertia(box), [4.0 + 9.0, 1.0 + 9.0, 1.0 + 4.0])
 
@@ -52,7 +52,7 @@ def test_other_shapes_are_refused():
         principal_inertia(GeomCfg(shape="capsule", size=(0.1, 0.2), mass_kg=1.0))
 
 
-def test_a_drawer_carries_its_mass_along():
+def test_slide_joint_carries_its_mass():
     slide = ObjectJointCfg(kind="slide", axis=(1.0, 0.0, 0.0), range=(0.0, 5.0))
     load = GeomCfg(shape="sphere", size=(0.5,), mass_kg=2.0)
     light = GeomCfg(shape="sphere", size=(0.5,), mass_kg=1e-12)
@@ -62,8 +62,8 @@ def test_a_drawer_carries_its_mass_along():
     np.testing.assert_allclose(found.momentum, [[10.0, 12.0, 0.0]], atol=1e-9)
 
 
-def test_a_chain_agrees_with_mujoco():
-    """Link by link, at a posture and speeds drawn at random; MuJoCo sums over the tree of bodies."""
+def test_chain_agrees_with_mujoco():
+    """At random positions and speeds; MuJoCo sums over the tree of bodies."""
     model = build_model(scene(CHAIN, 0.005))
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     data.qpos[:] = rng.normal(size=model.nq)

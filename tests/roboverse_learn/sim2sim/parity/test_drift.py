@@ -1,4 +1,4 @@
-"""Distances that can be worked out by hand."""
+"""Drift of states whose distances are known."""
 
 import math
 
@@ -22,7 +22,7 @@ SCENE = ScenarioCfg(
 )
 
 
-def moments(*, near=(0.0, 0.0, 0.0), far=(0.0, 0.0, 0.0), rot=(1.0, 0.0, 0.0, 0.0), door=0.0, goal=0.0):
+def states(*, near=(0.0, 0.0, 0.0), far=(0.0, 0.0, 0.0), rot=(1.0, 0.0, 0.0, 0.0), door=0.0, goal=0.0):
     rest = np.array([1.0, 0.0, 0.0, 0.0])
     objects = {
         "near": EntityState.at_rest(np.tile(near, (2, 1)), rest),
@@ -37,33 +37,33 @@ def turned(angle):
     return (math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2))
 
 
-def test_the_farthest_free_object_counts():
-    found = drift(SCENE, moments(), moments(near=(0.0, 0.0, 0.1), far=(0.3, 0.0, 0.4), door=-0.25, goal=9.0))
+def test_drift_is_that_of_the_farthest_free_object():
+    found = drift(SCENE, states(), states(near=(0.0, 0.0, 0.1), far=(0.3, 0.0, 0.4), door=-0.25, goal=9.0))
     assert set(found) == {"objects_m", "objects_rad", "object_joints"}
     np.testing.assert_allclose(found["objects_m"], [0.5, 0.5])
     np.testing.assert_allclose(found["object_joints"], [0.25, 0.25])
 
 
 @pytest.mark.parametrize("angle", [1e-9, 0.2, math.pi - 1e-3])
-def test_angles_are_exact(angle):
+def test_small_and_large_angles_are_exact(angle):
     np.testing.assert_allclose(
-        drift(SCENE, moments(), moments(rot=turned(angle)))["objects_rad"], angle, rtol=1e-6
+        drift(SCENE, states(), states(rot=turned(angle)))["objects_rad"], angle, rtol=1e-6
     )
 
 
-def test_a_quaternion_and_its_negative_are_the_same_turn():
-    found = drift(SCENE, moments(rot=turned(0.3)), moments(rot=tuple(-x for x in turned(0.3))))
+def test_quaternion_and_its_negative_have_no_angle():
+    found = drift(SCENE, states(rot=turned(0.3)), states(rot=tuple(-x for x in turned(0.3))))
     np.testing.assert_allclose(found["objects_rad"], 0.0, atol=1e-15)
 
 
-def test_the_same_is_exactly_zero():
-    for values in drift(SCENE, moments(rot=turned(0.3)), moments(rot=turned(0.3))).values():
+def test_equal_states_have_no_drift():
+    for values in drift(SCENE, states(rot=turned(0.3)), states(rot=turned(0.3))).values():
         assert not values.any()
 
 
 def test_another_precision_is_compared_in_double():
-    single = moments(near=(0.25, 0.0, 0.0)).to("cpu", torch.float32)
-    np.testing.assert_array_equal(drift(SCENE, moments(), single)["objects_m"], [0.25, 0.25])
+    single = states(near=(0.25, 0.0, 0.0)).to("cpu", torch.float32)
+    np.testing.assert_array_equal(drift(SCENE, states(), single)["objects_m"], [0.25, 0.25])
 
 
 def test_curves_end_where_half_of_the_episodes_do():

@@ -1,4 +1,4 @@
-"""Recorded episodes in the simulator that they come from, in another one, and the page that tells."""
+"""Replays of recorded episodes in their own simulator and in another one, and their page."""
 
 import contextlib
 import dataclasses
@@ -14,8 +14,8 @@ from envs.playback import HOLD_STEPS
 from roboverse_learn.cli import main
 from roboverse_learn.config.schema import ReplayConfig
 from roboverse_learn.replay import replay_recordings
-from roboverse_learn.sim2sim.parity import page, summary
-from roboverse_learn.sim2sim.parity import tracks as replaying
+from roboverse_learn.sim2sim.parity import parity_page as page
+from roboverse_learn.sim2sim.parity import summary, tracks
 from roboverse_learn.sim2sim.parity.recording import read_recordings
 
 
@@ -29,7 +29,7 @@ def env(recordings):
 
 @pytest.fixture(scope="module")
 def same(dataset, recordings):
-    """MuJoCo's episodes in MuJoCo, one after the other."""
+    """Episodes of MuJoCo replayed in MuJoCo, one at a time."""
     return replay_recordings(recordings, ReplayConfig(dataset=str(dataset), num_envs=1))
 
 
@@ -39,15 +39,15 @@ def warp(dataset, recordings):
     return replay_recordings(recordings, config)
 
 
-def test_a_recording_is_the_episode(recordings):
+def test_recording_has_states_actions_and_metadata(recordings):
     for index, recording in enumerate(recordings):
         assert recording.index == index
-        assert recording.moments.num_envs == recording.num_steps + 1
+        assert recording.states.num_envs == recording.num_steps + 1
         assert recording.actions.shape == (recording.num_steps, 9)
         assert recording.metadata["simulator"] == "mujoco"
 
 
-def test_in_its_own_simulator_an_episode_is_the_same_to_the_bit(same):
+def test_replay_in_the_same_simulator_is_bit_identical(same):
     assert (same["recorded_in"], same["replayed_in"], same["num_episodes"]) == ("mujoco", "mujoco", 2)
     for found in same["replays"].values():
         assert found["success_rate"] == found["recorded_success_rate"] == 1.0
@@ -57,7 +57,7 @@ def test_in_its_own_simulator_an_episode_is_the_same_to_the_bit(same):
             assert values["largest"] == 0.0
 
 
-def test_states_are_the_same_in_another_simulator(warp):
+def test_replay_by_states_agrees_in_another_simulator(warp):
     found = warp["replays"]["states"]
     assert found["success_rate"] == 1.0
     assert found["checks"]["agree"] == found["checks"]["asked"] > 0
@@ -65,7 +65,7 @@ def test_states_are_the_same_in_another_simulator(warp):
     assert found["drift"]["objects_m"]["largest"] < 1e-6
 
 
-def test_controls_in_another_simulator_drift(warp):
+def test_replay_by_controls_drifts_in_another_simulator(warp):
     found = warp["replays"]["controls"]
     assert found["success_rate"] == 1.0
     assert 0.0 < found["drift"]["end_effector_m"]["largest"] < 5e-3
@@ -74,12 +74,12 @@ def test_controls_in_another_simulator_drift(warp):
     assert (np.array(curve["p90"]) >= np.array(curve["median"])).all()
 
 
-def test_what_goes_wrong_is_told(env, recordings):
+def test_summary_of_a_failed_replay_shows_failure_and_drift(env, recordings):
     still = [
         dataclasses.replace(r, actions=np.repeat(r.actions[:1], r.num_steps, axis=0)) for r in recordings
     ]
-    recorded = [replaying.recorded_success(env, recording) for recording in recordings]
-    found = summary.summarize(env.scenario, still, replaying.by_controls(env, still), recorded)
+    recorded = [tracks.recorded_success(env, recording) for recording in recordings]
+    found = summary.summarize(env.scenario, still, tracks.by_controls(env, still), recorded)
     assert (found["success_rate"], found["recorded_success_rate"]) == (0.0, 1.0)
     assert found["checks"]["agree"] < found["checks"]["asked"]
     assert found["drift"]["objects_m"]["last"]["median"] > 0.05
@@ -87,14 +87,13 @@ def test_what_goes_wrong_is_told(env, recordings):
     assert [episode["replayed"] for episode in found["episodes"]] == [False, False]
 
 
-def test_the_last_action_is_held(env, recordings):
-    """An episode that is cut off before its success succeeds in the steps that follow, or does not count."""
-    (track,) = replaying.by_controls(env, recordings[:1])
+def test_last_action_is_held(env, recordings):
+    (track,) = tracks.by_controls(env, recordings[:1])
     assert len(track.success) == recordings[0].num_steps + 1 + HOLD_STEPS
-    assert track.moments.num_envs == recordings[0].num_steps + 1
+    assert track.states.num_envs == recordings[0].num_steps + 1
 
 
-def test_the_page_is_a_function_of_the_files(tmp_path, same, warp):
+def test_page_is_a_function_of_the_summaries(tmp_path, same, warp):
     paths = [summary.write(tmp_path, {**values, "note": "A note."}) for values in (same, warp)]
     assert [path.name for path in paths] == [
         "PickCube-mujoco-to-mujoco.json",
@@ -115,23 +114,23 @@ def test_the_page_is_a_function_of_the_files(tmp_path, same, warp):
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_options_of_a_task_are_in_the_name(same):
+def test_file_name_contains_task_options(same):
     assert summary.file_name({**same, "task": "metaworld/reach", "task_kwargs": {"variant": "lift"}}) == (
         "metaworld_reach-variant=lift-mujoco-to-mujoco"
     )
 
 
-def test_files_of_others_are_refused(tmp_path):
+def test_other_json_files_are_refused(tmp_path):
     (tmp_path / "notes.json").write_text("{}")
     with pytest.raises(ResultError, match=r"notes.json' is no summary of a replay. Keep other files out"):
         page.write_page(tmp_path)
     (tmp_path / "notes.json").write_text("{")
-    with pytest.raises(ResultError, match=r"notes.json' is no JSON file.*replay again"):
+    with pytest.raises(ResultError, match=r"notes.json' is no JSON file.*run again"):
         page.write_page(tmp_path)
     assert not (tmp_path / "parity.md").exists()
 
 
-def test_the_command(tmp_path, dataset, capsys):
+def test_command_writes_summary_and_page(tmp_path, dataset, capsys):
     words = [f"dataset={dataset}", "episodes=1", "by=[states]", f"out={tmp_path}"]
     assert main(["replay", *words]) == 0
     shown = capsys.readouterr().out
@@ -155,12 +154,12 @@ def test_the_command(tmp_path, dataset, capsys):
         (["dataset=x", "num_envs=0"], "num_envs must be above 0, given 0"),
     ],
 )
-def test_mistakes_are_told_in_a_sentence(words, message, capsys):
+def test_invalid_settings_name_the_mistake(words, message, capsys):
     assert main(["replay", *words]) == 2
     assert message in capsys.readouterr().err
 
 
-def test_a_dataset_that_does_not_say_where_it_is_from_is_refused(tmp_path, dataset, monkeypatch):
+def test_dataset_without_states_or_metadata_is_refused(tmp_path, dataset, monkeypatch):
     root = tmp_path / "d"
     shutil.copytree(dataset, root)
     for path in (root / "raw").rglob("*.safetensors"):
@@ -174,7 +173,7 @@ def test_a_dataset_that_does_not_say_where_it_is_from_is_refused(tmp_path, datas
         read_recordings(root)
 
 
-def test_actions_of_another_kind_are_refused(dataset, recordings):
+def test_actions_of_another_size_are_refused(dataset, recordings):
     short = [dataclasses.replace(recordings[0], actions=recordings[0].actions[:, :4])]
     with pytest.raises(DatasetError, match=r"have 4 numbers; those of PickCube have 9: joint1"):
         replay_recordings(short, ReplayConfig(dataset=str(dataset)))

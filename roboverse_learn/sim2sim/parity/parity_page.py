@@ -1,4 +1,4 @@
-"""The page of parity: a table and plots, a pure function of the summaries of a folder."""
+"""The page of replays across simulators: a table and plots, a pure function of a folder's summaries."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -34,17 +34,18 @@ _SHOWN = {
 }
 
 _LEAST_SHOWN = 1e-6
-"""Least value of an axis of drift, mm or rad: an exact replay is drawn on it."""
+"""Lower end of the axes of drift, mm or rad; the curve of an exact replay lies on it."""
 
 
 def write_page(folder: Path) -> dict[str, Path]:
     """Writes the table, and the plot of every summary that was replayed by controls.
 
     Returns:
-        What was written: ``table``, and ``plot <name>`` for each plot.
+        The written files: ``table``, and ``plot <name>`` for each plot.
 
     Raises:
-        ResultError: A file of the folder is no summary, or one cannot be written.
+        ResultError: A JSON file of the folder is no summary.
+        WriteError: A file cannot be written.
     """
     summaries = read_all(folder)
     written = {"table": folder / PAGE_NAME}
@@ -64,14 +65,13 @@ def render(summaries: Sequence[Mapping[str, Any]]) -> str:
         "# Replays across simulators",
         "",
         "This page is made by `roboverse replay dataset=… simulator=…` from the JSON files beside it. "
-        "**By states**, every recorded moment is set in the other simulator: success, and how often the "
-        "success condition says there what it says of the recording, tell whether states, kinematics and "
-        "the condition mean the same. **By controls**, the first moment is set and the recorded actions are "
-        f"given, the last of them for {HOLD_STEPS} steps more: physics decides. Of drift, the median over "
-        "the episodes and, in brackets, the 90th percentile; of objects, the one that is farthest, and the "
-        "farthest joint. The last "
-        f"column: in how many episodes an object was ever {1000 * FAR_M:.0f} mm from where it had been, and "
-        "when first, as a median.",
+        "**By states**, every recorded state is set in the other simulator and read back. Success, and how "
+        "often the success condition agrees with the recording, show whether states, kinematics and the "
+        "condition mean the same there. **By controls**, the first state is set and the recorded actions are "
+        f"given, the last of them for {HOLD_STEPS} more steps: physics decides. Drift is the median over the "
+        "episodes, with the 90th percentile in brackets, of the object or object joint that drifts farthest. "
+        f"The last column counts the episodes in which an object was ever {1000 * FAR_M:.0f} mm from its "
+        "recorded position, with the median time at which it first was.",
         "",
         "| " + " | ".join(_HEAD) + " |",
         "|" + "---|" * len(_HEAD),
@@ -135,7 +135,7 @@ def _percent(rate: float) -> str:
 
 
 def _length(metres: float) -> str:
-    """A length in the unit in which it can be read."""
+    """Returns a length in mm, or in µm if it is short."""
     if metres == 0.0:
         return "0"
     return f"{1000 * metres:.2g} mm" if metres >= 1e-5 else f"{1e6 * metres:.2g} µm"
@@ -146,10 +146,10 @@ def _joint(radians: float) -> str:
 
 
 def plot(summary: Mapping[str, Any], path: Path) -> None:
-    """Draws the drift of a replay by controls over time: median, and the 90th percentile above it.
+    """Plots the drift of a replay by controls over time: median and 90th percentile.
 
     Raises:
-        ResultError: The file cannot be written.
+        WriteError: The file cannot be written.
     """
     found = summary["replays"]["controls"]["drift"]
     shown = [name for name in _SHOWN if name in found]

@@ -1,7 +1,5 @@
-"""The page of conservation: one JSON file per simulator, a table and three plots made of them alone."""
+"""The page of conservation laws: a table and three plots, made from one JSON file per simulator."""
 
-import json
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,8 +8,8 @@ import numpy as np
 
 from benchmark.leaderboard.plots import COLORS, new_figure, save_figure
 from envs.core.atomic import write_file
-from envs.core.errors import ResultError
 from roboverse_learn.sim2sim.conservation.experiments import EXPERIMENTS, Experiment
+from roboverse_learn.sim2sim.result_files import read_json_results, write_json_result
 
 PAGE_NAME = "conservation.md"
 
@@ -23,52 +21,28 @@ QUANTITIES = {
 
 _LEAST_SHOWN = 1e-16
 _WIDEST_LINE = 5.0
-"""Points; simulators that agree lie on each other, so each line is thinner than the one below it."""
+"""Points. Lines of simulators that agree overlap, so each is thinner than the one below it."""
 
 _KEYS = {"simulator", "timestep_s", "experiments"}
 
 
-def write_result(folder: Path, result: Mapping[str, Any]) -> Path:
-    """Writes what one simulator came to; returns its file.
+def write_result(folder: Path, result: Mapping[str, Any]) -> None:
+    """Writes the result of one simulator.
 
     Raises:
-        ResultError: The file cannot be written.
+        WriteError: The file cannot be written.
     """
-    path = folder / f"{result['simulator']}.json"
-    text = json.dumps(result, indent=1, sort_keys=True, allow_nan=False)
-    text = re.sub(r"\[\s+([-\d.e,\s]+?)\s+\]", lambda m: "[" + " ".join(m[1].split()) + "]", text)
-    write_file(path, (text + "\n").encode())
-    return path
-
-
-def read_results(folder: Path) -> list[dict[str, Any]]:
-    """Reads the files of a folder, by simulator.
-
-    Raises:
-        ResultError: A file is none of ours.
-    """
-    results = []
-    for path in sorted(folder.glob("*.json")):
-        try:
-            values = json.loads(path.read_bytes())
-        except ValueError as error:
-            raise ResultError(f"'{path}' is no JSON file: {error}. Remove it and run again.") from error
-        if not isinstance(values, dict) or not set(values) >= _KEYS:
-            raise ResultError(
-                f"'{path}' is no result of roboverse conservation. Keep other files out of '{folder}', or "
-                "choose another folder with out=<folder>."
-            )
-        results.append(values)
-    return results
+    write_json_result(folder / f"{result['simulator']}.json", result)
 
 
 def write_page(folder: Path) -> dict[str, Path]:
     """Writes the table and the three plots; returns what was written.
 
     Raises:
-        ResultError: A file of the folder is none of ours, or one cannot be written.
+        ResultError: A JSON file of the folder is not such a result.
+        WriteError: A file cannot be written.
     """
-    results = read_results(folder)
+    results = read_json_results(folder, _KEYS, "result of roboverse conservation")
     written = {"table": folder / PAGE_NAME}
     for name in QUANTITIES:
         written[f"plot {name}"] = folder / f"{name}.png"
@@ -84,12 +58,11 @@ def render(results: Sequence[Mapping[str, Any]]) -> str:
         "# Conservation laws",
         "",
         "This page is made by `roboverse conservation` from the JSON files beside it: scenes without gravity "
-        "and without a robot, each run through the handler of every simulator that is installed. In "
-        "**collision** a ball hits another off its centre; **spin** is a box that turns about its middle "
-        "axis; **chain** has three links on two hinges without damping. Momentum, angular momentum and "
-        "kinetic energy are worked out from the states and the description of the objects alone. Numbers "
-        "are the largest deviation from the start, relative to it; a collision may lose kinetic energy, so "
-        "there it is what is left of it at the end.",
+        "and without a robot, run on every installed simulator. In **collision** a ball hits another one off "
+        "its centre. **spin** is a box that turns about its middle axis of inertia. **chain** has three "
+        "links on two hinges without damping. Momentum, angular momentum and kinetic energy are computed "
+        "from the states and the description of the objects. Numbers are the largest deviation from the "
+        "start, relative to it. A collision may lose kinetic energy; its share at the end is shown.",
         "",
         "| " + " | ".join(head) + " |",
         "|" + "---|" * len(head),
@@ -120,7 +93,7 @@ def plot(results: Sequence[Mapping[str, Any]], name: str, path: Path) -> None:
     """Draws the deviation of one quantity over time, one panel per experiment, one line per simulator.
 
     Raises:
-        ResultError: The file cannot be written.
+        WriteError: The file cannot be written.
     """
     figure, axes = new_figure((10.0, 3.0), len(EXPERIMENTS))
     for each, experiment in zip(axes, EXPERIMENTS, strict=True):
