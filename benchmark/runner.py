@@ -12,7 +12,7 @@ from benchmark.protocol import Protocol as EvaluationProtocol
 from benchmark.provenance import package_versions
 from benchmark.records import EpisodeRecord
 from envs.core.errors import CheckpointError, ConfigError
-from envs.rollout import Actor, BatchedEnv, Episode, rollout
+from envs.rollout import Actor, Episode, EpisodeEnv, rollout
 from envs.state import State
 from policies.base import Policy
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 OnEpisode = Callable[[EpisodeRecord], None]
 
 
-class EvaluatedEnv(BatchedEnv, Protocol):
+class EvaluatedEnv(EpisodeEnv, Protocol):
     """What an evaluation asks of a batched environment."""
 
     simulator: str
@@ -30,6 +30,10 @@ class EvaluatedEnv(BatchedEnv, Protocol):
     channels: tuple[str, ...]
     not_shown: tuple[str, ...]
     split_indices: np.ndarray
+
+    def image(self, env_id: int, /) -> np.ndarray:
+        """Returns the first camera's image of one environment, (H, W, 3) uint8, whatever is observed."""
+        ...
 
     def close(self) -> None:
         """Frees the simulator."""
@@ -46,7 +50,7 @@ class PolicyActor(Actor):
         where: The cell, for messages.
     """
 
-    def __init__(self, policy: Policy, env: BatchedEnv, seed: int, where: str = "") -> None:
+    def __init__(self, policy: Policy, env: EpisodeEnv, seed: int, where: str = "") -> None:
         self._policy, self._env, self._seed = policy, env, seed
         self._where = ", ".join(filter(None, (env.task.name, where)))
         self.n_obs_steps = policy.n_obs_steps

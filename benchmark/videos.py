@@ -1,4 +1,4 @@
-"""Films episodes by running them again: an evaluation itself renders no more than its policy needs."""
+"""Films episodes by running them again: an evaluation renders only what its policy needs."""
 
 import logging
 from collections.abc import Sequence
@@ -10,7 +10,6 @@ import numpy as np
 from benchmark.records import EpisodeRecord
 from benchmark.runner import EvaluatedEnv, PolicyActor
 from envs.core.atomic import atomic_path
-from envs.core.errors import ConfigError
 from envs.rollout import Episode, rollout
 from policies.base import Policy
 
@@ -24,39 +23,25 @@ def record_episode(
 
     Args:
         policy: The policy.
-        env: The env that the episode was evaluated in, with pictures among its observations.
+        env: The environment that the episode was evaluated in.
         episode: Index in the task's pool of episodes.
         seed: The protocol's seed.
         every: A frame every so many control steps; the first and the last are always kept.
 
     Returns:
-        Frames (T, H, W, 3) uint8 of the env's first camera, and whether the episode succeeded.
-
-    Raises:
-        ConfigError: The env's observations hold no picture.
+        Frames (T, H, W, 3) uint8 of the first camera, and whether the episode succeeded.
     """
     frames: list[np.ndarray] = []
 
     def film(running: Episode) -> None:
         if running.length % every == 0:
-            frames.append(_image(env, running.env_id))
+            frames.append(env.image(running.env_id))
 
     actor = PolicyActor(policy, env, seed, "a video")
     (finished,) = rollout(env, actor, [episode], on_step=film)
     if finished.length % every:  # the environment is still where the episode ended
-        frames.append(_image(env, finished.env_id))
+        frames.append(env.image(finished.env_id))
     return np.stack(frames), finished.success
-
-
-def _image(env: EvaluatedEnv, env_id: int) -> np.ndarray:
-    observation = env.observe(np.array([env_id], dtype=np.int64))
-    for key, value in observation.items():
-        if key.startswith("observation.images."):
-            return np.ascontiguousarray(value[0])
-    picture = getattr(env, "picture", None)
-    if picture is not None:  # an agent that sees the state
-        return np.ascontiguousarray(picture(env_id))
-    raise ConfigError("A video needs an env with pictures: make it with obs='pixels' to film its episodes.")
 
 
 def write_video(path: Path, frames: np.ndarray, fps: float) -> None:

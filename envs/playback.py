@@ -7,9 +7,10 @@ from typing import Any, override
 import numpy as np
 import torch
 
+from envs.batched_env import StepResult
 from envs.rollout import Actor, Episode
 from envs.state import State
-from envs.vector_env import RoboVerseVectorEnv, StepResult
+from envs.vector_env import RoboVerseVectorEnv
 
 HOLD_STEPS = 10
 """Control steps for which a replay holds the last action: half a second for an arm that lags behind."""
@@ -76,7 +77,7 @@ class PlaybackEnv:
         rows = [self._recordings[i].select([moment]) for i, moment in zip(ids, moments, strict=True)]
         states, success = set_and_judge(self._env, env_ids, concatenated(rows))
         reward = np.where(success, 1.0, self._env.task.reward(states).cpu().numpy())
-        return StepResult(reward, success, np.zeros_like(success), success)
+        return StepResult(reward, success, np.zeros_like(success), success, success)
 
 
 def set_and_judge(

@@ -32,7 +32,7 @@ from envs.core.errors import SimulatorError
 from envs.state import State
 
 
-class BatchedEnv(Protocol):
+class EpisodeEnv(Protocol):
     """A batch of environments whose episodes start by index; ``env_ids`` are sorted and unique."""
 
     num_envs: int
@@ -206,7 +206,7 @@ def rollout(
     """Runs every episode once, each in whichever environment is free.
 
     Args:
-        env: A :class:`BatchedEnv`; a :class:`~envs.vector_env.RoboVerseVectorEnv` to record, or for an actor
+        env: An :class:`EpisodeEnv`; a :class:`~envs.vector_env.RoboVerseVectorEnv` to record, or for an actor
             that does not look at observations.
         actor: Chooses the actions.
         episodes: Indices in the task's pool of episodes.

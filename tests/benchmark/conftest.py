@@ -30,7 +30,7 @@ class PointEnv:
     simulator, renderer = "point", "flat"
     channels, not_shown = ("task",), ("metallic",)
 
-    def __init__(self, num_envs=1, *, pictures=True, horizon=24, truncates=True, split_size=50):
+    def __init__(self, num_envs=1, *, horizon=24, truncates=True, split_size=50):
         self.num_envs = num_envs
         self.task = SimpleNamespace(name="Reach", max_episode_steps=horizon)
         self.single_action_space = SimpleNamespace(shape=(JOINTS,))
@@ -38,7 +38,7 @@ class PointEnv:
         self.observed = Counter()
         self.observe_batches = []
         self.closed = False
-        self._pictures, self._truncates = pictures, truncates
+        self._truncates = truncates
         self._episode = np.full(num_envs, -1)
         self._t = np.zeros(num_envs, dtype=int)
         self._x = np.zeros((num_envs, JOINTS))
@@ -61,11 +61,13 @@ class PointEnv:
         self.observed.update(int(episode) for episode in self._episode[env_ids])
         state = np.concatenate([self._x[env_ids, :8], self._goal[env_ids, :1]], axis=1).astype(np.float32)
         observation: dict[str, np.ndarray] = {"observation.state": state}
-        if self._pictures:
-            pictures = np.zeros((len(env_ids), 16, 16, 3), np.uint8)
-            pictures[..., 0] = self._t[env_ids][:, None, None] * 10
-            observation["observation.images.front"] = pictures
+        observation["observation.images.front"] = np.stack([self.image(env_id) for env_id in env_ids])
         return observation
+
+    def image(self, env_id):
+        image = np.zeros((16, 16, 3), np.uint8)
+        image[..., 0] = self._t[env_id] * 10
+        return image
 
     def step_envs(self, env_ids, actions):
         self._check(env_ids)

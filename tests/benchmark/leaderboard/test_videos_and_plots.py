@@ -9,7 +9,7 @@ from benchmark.leaderboard import plots
 from benchmark.leaderboard.plots import plot_learning, plot_levels, plot_losses
 from benchmark.runner import evaluate_cell
 from benchmark.videos import choose_episodes, film_cell, record_episode, write_video
-from envs.core.errors import ConfigError, WriteError
+from envs.core.errors import WriteError
 
 MEASURE = {"mid": [0.0, 0.5], "low": None, "high": None}
 
@@ -29,11 +29,6 @@ def test_an_episode_is_filmed_from_its_first_to_its_last_step(point_env, noisy_p
         assert success is record.success
         assert len(frames) == 1 + math.ceil(record.length / every)
         assert (frames[0, 0, 0, 0], frames[-1, 0, 0, 0]) == (0, record.length * 10)
-
-
-def test_a_video_needs_pictures(point_env, noisy_policy):
-    with pytest.raises(ConfigError, match="make it with obs='pixels'"):
-        record_episode(noisy_policy(), point_env(pictures=False), 100, seed=0)
 
 
 def test_the_first_of_either_kind_is_chosen(cell_records):
