@@ -1,12 +1,15 @@
-"""Words of a command line, ``key=value``, as the fields of a dataclass: for what is run as ``python -m``."""
+"""Command-line arguments, ``key=value``, as the fields of a dataclass: for programs run as ``python -m``."""
 
 import inspect
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from types import NoneType, UnionType
+from typing import Any, get_args, get_origin, get_type_hints
 
 from envs.core.errors import ConfigError, RoboVerseError, unknown_name
+
+_BOOLEANS = {"true": True, "yes": True, "false": False, "no": False}
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +23,7 @@ def run_program[T](
     """Runs a program with the settings that its words give; see :func:`parse`.
 
     Returns:
-        Its exit code; 2, after one line that says what to do, for a mistake that the user can mend.
+        Its exit code; 2, after one line that says what to do, for an error that the user can correct.
     """
     try:
         return run(parse(command, settings, words))
@@ -30,49 +33,61 @@ def run_program[T](
 
 
 def parse[T](command: str, settings: type[T], words: Sequence[str] | None = None) -> T:
-    """Returns the settings that the words give; what they leave out keeps its default.
+    """Returns the settings that the words give; a field without a word keeps its default.
 
-    Values are YAML, as everywhere else: ``task=PickCube``, ``record=true``, ``redraw=[PickCube,CloseBox]``.
-    ``--help`` prints what the settings' docstring says of them, and ends the program.
+    Values are written as on every command line: ``task=PickCube``, ``record=true``,
+    ``redraw=[PickCube,CloseBox]``. ``--help`` prints the settings' docstring and ends the program.
 
     Args:
         command: What is run, such as ``"python -m envs.experts.check"``.
-        settings: A dataclass whose fields have defaults.
+        settings: A dataclass whose fields have defaults, and are texts, numbers, booleans, paths, or tuples
+            of one of these.
         words: The words; the program's own by default.
 
     Raises:
-        ConfigError: if a word is no ``key=value``, or a value is of another kind.
-        UnknownNameError: if a key is none of the settings'.
+        ConfigError: if a word is no ``key=value``, or a value is of another type.
+        UnknownNameError: if no field has that name.
     """
-    from pydantic import TypeAdapter, ValidationError  # listings import this module, and are quick
-
     words = sys.argv[1:] if words is None else words
     if {"-h", "--help", "help"} & set(words):
         sys.stdout.write(f"{command} key=value …\n\n{inspect.getdoc(settings)}\n")
         raise SystemExit(0)
-    valid = [field.name for field in fields(settings)]  # type: ignore[arg-type]
+    kinds = {name: kind for name, kind in get_type_hints(settings).items() if name in _names(settings)}
     values: dict[str, Any] = {}
     for word in words:
-        if not valid:
+        if not kinds:
             raise ConfigError(f"{command} takes no words, given '{word}'.")
         key, equals, text = word.partition("=")
         if not equals:
-            raise ConfigError(f"'{word}' is no key=value. Keys of {command}: {', '.join(valid)}.")
-        if key not in valid:
-            raise unknown_name(f"key of {command}", key, valid)
-        values[key] = _value(word, text)
+            raise ConfigError(f"'{word}' is no key=value. Keys of {command}: {', '.join(kinds)}.")
+        if key not in kinds:
+            raise unknown_name(f"key of {command}", key, kinds)
+        values[key] = _value(key, text, kinds[key])
+    return settings(**values)
+
+
+def _names(settings: type) -> set[str]:
+    return {field.name for field in fields(settings)}
+
+
+def _value(key: str, text: str, kind: Any) -> Any:
+    """Returns a text as a value of a field's type."""
+    if isinstance(kind, UnionType):
+        if text in ("", "null", "None"):
+            return None
+        kind = next(option for option in get_args(kind) if option is not NoneType)
+    if get_origin(kind) is tuple:
+        listed = text.startswith("[") and text.endswith("]")
+        if text.startswith("[") != listed:
+            raise ConfigError(f"The value of '{key}={text}' cannot be read: a list is [A,B].")
+        items = [item.strip() for item in (text[1:-1] if listed else text).split(",")]
+        return tuple(_value(key, item, get_args(kind)[0]) for item in items if item)
+    text = text.strip("'\"")
+    if kind is bool:
+        if text.lower() not in _BOOLEANS:
+            raise ConfigError(f"{key}: given '{text}'. It is true or false.")
+        return _BOOLEANS[text.lower()]
     try:
-        return TypeAdapter(settings).validate_python(values)
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or command
-        raise ConfigError(f"{key}: given {first['input']!r}. {first['msg']}.") from None
-
-
-def _value(word: str, text: str) -> Any:
-    import yaml
-
-    try:
-        return yaml.safe_load(text)
-    except yaml.YAMLError:
-        raise ConfigError(f"The value of '{word}' cannot be read; put quotes round it.") from None
+        return kind(text)
+    except ValueError:
+        raise ConfigError(f"{key}: given '{text}'. It is of the type {kind.__name__}.") from None

@@ -24,7 +24,7 @@ _BEYOND_RAD = 0.05
 _LEAST_GAP_M = 5e-4
 
 
-def untouched(model: mujoco.MjModel) -> list[tuple[str, str]]:
+def pairs_never_in_contact(model: mujoco.MjModel) -> list[tuple[str, str]]:
     """Returns the names of pairs of bodies that MuJoCo tests and that never touch.
 
     Postures are tried on a grid over the ranges of the joints between two bodies; pairs with more joints

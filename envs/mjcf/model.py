@@ -9,7 +9,7 @@ import numpy as np
 
 from envs.core.assets import resolve
 from envs.core.errors import ConfigError, unknown_name
-from envs.mjcf.contact_exclusions import untouched
+from envs.mjcf.contact_exclusions import pairs_never_in_contact
 from envs.mjcf.files import keep_only, read
 from envs.mjcf.furniture import add_furniture_slots
 from envs.mjcf.meshes import VISUAL_GROUP, simplify_visuals
@@ -80,7 +80,7 @@ def build_models(
     drawn = _drawn(spec)
     spec.compiler.discardvisual = True
     simulated = spec.compile()
-    apart = untouched(simulated) if prune else []
+    apart = pairs_never_in_contact(simulated) if prune else []
     for one, other in apart:
         spec.add_exclude(bodyname1=one, bodyname2=other)
     return drawn, spec.compile() if apart else simulated

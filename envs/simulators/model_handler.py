@@ -1,4 +1,4 @@
-"""What simulators share that keep the compiled MuJoCo model of a scenario, by which they are drawn."""
+"""Base of simulators that keep the compiled MuJoCo model of a scenario, and render from it."""
 
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from envs.core.errors import SimulatorError
+from envs.mjcf.layout import Layout
 from envs.scenario import Appearance, ScenarioCfg
 from envs.simulators import RENDERERS
 from envs.simulators.base import EnvIds, Handler, HandlerOptions
@@ -15,18 +16,20 @@ from envs.simulators.mujoco.render import Renderer, RenderJob
 
 
 def not_running() -> SimulatorError:
-    """Returns the error of a simulator that was not launched, or is closed."""
+    """Returns the error of a simulator that is not launched, or is closed."""
     return SimulatorError("The simulator does not run: call launch() first, and nothing after close().")
 
 
 class ModelHandler(Handler):
-    """A handler with a compiled model, the look of each environment, and a renderer.
+    """A handler with a compiled model, the appearance of each environment, and a renderer.
 
     Attributes:
-        model: What is drawn, once launched.
+        model: The model that is rendered, once launched.
+        layout: Where each robot and object lives in the model's arrays, once launched.
     """
 
     model: mujoco.MjModel
+    layout: Layout
     _qpos: np.ndarray
     _mocap_pos: np.ndarray
     _mocap_quat: np.ndarray
@@ -70,7 +73,7 @@ class ModelHandler(Handler):
 
     @property
     def renderer(self) -> Renderer:
-        """The renderer, made at the first picture."""
+        """The renderer, made for the first image."""
         self._check_open()
         if self._renderer is None:
             self._renderer = self._renderer_class(

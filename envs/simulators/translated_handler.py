@@ -1,8 +1,8 @@
-"""What simulators share whose scene is built from the compiled MuJoCo model of a scenario.
+"""Base of simulators whose scene is translated from the compiled MuJoCo model of a scenario.
 
-The model is the one description: its bodies, joints and geoms are translated once per environment. The
-state is mirrored in arrays of the model's layout, so that what is set comes back bit by bit, in whatever
-way the simulator stores it, and so that every renderer of MuJoCo models can draw it.
+The bodies, joints and geoms of the model are translated once per environment. States are also kept in arrays
+of the model's layout. So a state that is set is bit-identical when it is read, however the simulator stores
+it, and every renderer of MuJoCo models can render it.
 """
 
 import math
@@ -28,11 +28,11 @@ from envs.state import EntityState, State
 
 
 class World(ABC):
-    """One environment in the simulator; its arrays are one row of the mirror, in the model's layout."""
+    """One environment in the simulator; its arrays are one row of the handler's, in the model's layout."""
 
     @abstractmethod
     def put(self, qpos: np.ndarray, qvel: np.ndarray, ctrl: np.ndarray) -> None:
-        """Puts joints and free bodies where the row says, and forgets the past."""
+        """Sets the state of joints and free bodies, and resets warm-start state."""
 
     @abstractmethod
     def place(self, mocap_pos: np.ndarray, mocap_quat: np.ndarray) -> None:
@@ -62,15 +62,16 @@ class World(ABC):
 
 
 class TranslatedHandler[Settings: SimulatorSettings](ModelHandler):
-    """N worlds and the mirror of their states.
+    """N worlds and a copy of their states.
 
-    Subclasses say how worlds are made; threads step several at once where ``steps_in_threads``.
+    Subclasses make the worlds; threads step several at once where ``steps_in_threads``.
 
     Attributes:
         takes_forces: Whether worlds drive joints by torques too, and not to positions alone.
-        settings_class: What reads the scenario's block of settings.
-        settings: What it says, where there is such a class.
+        settings_class: Class of the simulator's settings.
+        settings: The scenario's settings of this simulator, where there is such a class.
         model: The compiled scene, once launched.
+        worlds: The environments, once launched.
     """
 
     dtype = torch.float32
@@ -92,7 +93,7 @@ class TranslatedHandler[Settings: SimulatorSettings](ModelHandler):
         super().__init__(scenario, num_envs, renderer=name, num_threads=num_threads, textures=textures)
         if self.settings_class is not None:
             self.settings = self.settings_class.of(scenario)
-        self._worlds: list[World] = []
+        self.worlds: list[World] = []
         self._pool: ThreadPoolExecutor | None = None
 
     @abstractmethod
@@ -109,9 +110,9 @@ class TranslatedHandler[Settings: SimulatorSettings](ModelHandler):
                 )
         self.model = model = build_model(self.scenario)
         self._data = mujoco.MjData(model)
-        self._layout = layout_of(model, self.scenario)
-        self._entities = {item.name: item for item in (*self._layout.robots, *self._layout.objects)}
-        self._robots = {item.name for item in self._layout.robots}
+        self.layout = layout_of(model, self.scenario)
+        self._entities = {item.name: item for item in (*self.layout.robots, *self.layout.objects)}
+        self._robots = {item.name for item in self.layout.robots}
         self._readers = {
             name: (item, as_slice(item.qpos), as_slice(item.qvel), as_slice(item.ctrl))
             for name, item in self._entities.items()
@@ -119,22 +120,22 @@ class TranslatedHandler[Settings: SimulatorSettings](ModelHandler):
         self._resting: dict[int, tuple] = {}
         self._low, self._high = model.actuator_ctrlrange.astype(np.float32).T.copy()
         self._rest_rows()
-        self._worlds = [*self.make_worlds(model)]
+        self.worlds = [*self.make_worlds(model)]
         if self.steps_in_threads and self.num_threads != 1 and self.num_envs > 1:
             self._pool = ThreadPoolExecutor(self.num_threads or None, thread_name_prefix="step")
         for row in range(self.num_envs):
             self._put(row)
 
     def _rest_rows(self) -> None:
-        """Fills the mirror with the scenario at rest."""
+        """Fills the arrays with the scenario at rest."""
         model, count = self.model, self.num_envs
         mocap = np.flatnonzero(model.body_mocapid >= 0)
         mocap = mocap[np.argsort(model.body_mocapid[mocap])]
         qpos, ctrl = model.qpos0.copy(), np.zeros(model.nu)
-        for robot, cfg in zip(self._layout.robots, self.scenario.robots, strict=True):
+        for robot, cfg in zip(self.layout.robots, self.scenario.robots, strict=True):
             qpos[robot.qpos] = cfg.default_qpos
             ctrl[robot.ctrl] = [cfg.joints[index].rest_target for index in cfg.driven]
-        for item, cfg in zip(self._layout.objects, self.scenario.objects, strict=True):
+        for item, cfg in zip(self.layout.objects, self.scenario.objects, strict=True):
             qpos[item.qpos] = rest_joints(cfg)
         rows = (qpos, np.zeros(model.nv), ctrl, model.body_pos[mocap], model.body_quat[mocap])
         self._qpos, self._qvel, self._ctrl, self._mocap_pos, self._mocap_quat = (
@@ -178,14 +179,14 @@ class TranslatedHandler[Settings: SimulatorSettings](ModelHandler):
         return *bases[item.name], still, still
 
     def _rest(self, count: int) -> tuple[dict[str, tuple[Tensor, Tensor]], Tensor]:
-        """Returns what never changes, for ``count`` environments."""
+        """Returns poses of fixed bases, and zero velocities, for ``count`` environments."""
         if count not in self._resting:
             bases = {
                 item.name: tuple(
                     torch.from_numpy(np.tile(part.astype(np.float32), (count, 1)))
                     for part in (item.pos, item.rot)
                 )
-                for item in self._layout.robots
+                for item in self.layout.robots
             }
             self._resting[count] = (bases, torch.zeros((count, 3), dtype=self.dtype))
         return self._resting[count]
@@ -236,21 +237,21 @@ class TranslatedHandler[Settings: SimulatorSettings](ModelHandler):
             self._ctrl[columns, item.ctrl] = _array(target)
 
     def _put(self, row: int) -> None:
-        world = self._worlds[row]
+        world = self.worlds[row]
         world.place(self._mocap_pos[row], self._mocap_quat[row])
         world.put(self._qpos[row], self._qvel[row], self._ctrl[row])
 
     @override
     def set_poses(self, poses: Mapping[str, tuple[Tensor, Tensor]], env_ids: EnvIds = None) -> None:
         rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
-        placed = {item.name: item for item in self._layout.objects if item.root == "mocap"}
+        placed = {item.name: item for item in self.layout.objects if item.root == "mocap"}
         for name, (pos, rot) in poses.items():
             if name not in placed:
                 raise unknown_name("fixed object or marker", name, placed)
             self._mocap_pos[rows, placed[name].mocap] = np.asarray(pos)
             self._mocap_quat[rows, placed[name].mocap] = np.asarray(rot)
         for row in rows:
-            self._worlds[row].place(self._mocap_pos[row], self._mocap_quat[row])
+            self.worlds[row].place(self._mocap_pos[row], self._mocap_quat[row])
 
     @override
     def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:
@@ -282,7 +283,7 @@ class TranslatedHandler[Settings: SimulatorSettings](ModelHandler):
         self.step_worlds(rows, start, num_steps)
         if not math.isfinite(self._qpos.sum()):
             bad = [row for row in rows if not np.isfinite(self._qpos[row]).all()]
-            if not bad:  # one that was not asked for, and was told before
+            if not bad:  # one that was not stepped, and was reported before
                 return
             raise SimulatorError(
                 f"The state of environments {bad} is no longer finite. "
@@ -290,16 +291,16 @@ class TranslatedHandler[Settings: SimulatorSettings](ModelHandler):
             )
 
     def step_worlds(self, rows: Sequence[int], start: np.ndarray | None, num_steps: int) -> None:
-        """Advances environments to their present targets, and mirrors their states.
+        """Advances environments to their present targets, and reads their states.
 
         Args:
             rows: Environments.
-            start: Targets from which those of all environments move evenly, (N, nu); None if they stand.
+            start: Targets from which those of all environments move evenly, (N, nu); None if they stay.
             num_steps: Physics steps.
         """
 
         def advance(row: int) -> None:
-            world = self._worlds[row]
+            world = self.worlds[row]
             if start is None:
                 world.drive(self._ctrl[row])
                 world.step(num_steps)
@@ -315,7 +316,7 @@ class TranslatedHandler[Settings: SimulatorSettings](ModelHandler):
 
     @override
     def _check_open(self) -> None:
-        if not self._worlds:
+        if not self.worlds:
             raise not_running()
 
     @override
@@ -324,9 +325,9 @@ class TranslatedHandler[Settings: SimulatorSettings](ModelHandler):
         if self._pool is not None:
             self._pool.shutdown()
             self._pool = None
-        for world in self._worlds:
+        for world in self.worlds:
             world.close()
-        self._worlds = []
+        self.worlds = []
 
 
 def _array(*tensors: Tensor) -> np.ndarray:

@@ -24,7 +24,7 @@ class Loop(ABC):
 
     def __init__(self, handler: Any, robot: str) -> None:
         self._handler, self._robot = handler, robot
-        layout = next(item for item in handler._layout.robots if item.name == robot)
+        layout = next(item for item in handler.layout.robots if item.name == robot)
         self._qpos, self._ctrl = layout.qpos, layout.ctrl
 
     def begin(self, states: State) -> None:
@@ -63,7 +63,7 @@ class MujocoLoop(Loop):
 
     @override
     def find(self) -> None:
-        site = next(item.ee_site for item in self._handler._layout.robots if item.name == self._robot)
+        site = next(item.ee_site for item in self._handler.layout.robots if item.name == self._robot)
         self._hand = self._data.site(site)
 
     @override
@@ -83,7 +83,7 @@ class SapienLoop(Loop):
 
     @override
     def find(self) -> None:
-        self._system = self._handler._worlds[0]._scene.physx_system
+        self._system = self._handler.worlds[0]._scene.physx_system
         links = self._system.articulation_link_components
         self._arm = next(link.articulation for link in links if link.name.startswith(f"{self._robot}/"))
         self._joints = [joint for joint in self._arm.get_active_joints() if joint.stiffness > 0.0]
@@ -116,7 +116,7 @@ class PybulletLoop(Loop):
     def find(self) -> None:
         import pybullet
 
-        world = self._handler._worlds[0]
+        world = self._handler.worlds[0]
         driven = [part for part in world._parts if part.drives is not None and len(part.drives._driven)]
         (arm,) = driven
         self._bullet, self._client, self._drives = pybullet, world.client, arm.drives
@@ -150,7 +150,7 @@ class NewtonLoop(Loop):
 
     @override
     def find(self) -> None:
-        world = self._handler._worlds[0]
+        world = self._handler.worlds[0]
         self._solver, self._control = world._solver, world._control
         self._now, self._next, self._step_s = world._now, world._next, world._timestep_s
         self._targets = self._control.joint_target_q.numpy()
@@ -183,7 +183,7 @@ class GenesisLoop(Loop):
 
     @override
     def find(self) -> None:
-        self._batch = batch = self._handler._batch
+        self._batch = batch = self._handler.batch
         self._scene, self._solver = batch._scene, batch._solver
         self._row, self._drives = np.zeros(self._handler.model.nu), batch.drives_of(np.array([0]))
 

@@ -143,7 +143,7 @@ class Loop:
             model = build_models(scenario)[1]
         variant.edit(model)
         self.model = model
-        self.handler._worlds = Worlds(model, num_envs, self.handler.on, self.handler.settings)
+        self.handler.worlds = Worlds(model, num_envs, self.handler.on, self.handler.settings)
         self.decimation = scenario.physics.decimation
         self.controller = self.task.rl_controller
         rngs = [np.random.default_rng(index) for index in range(num_envs)]
@@ -175,7 +175,7 @@ class Loop:
         import mujoco_warp as mjw
         import warp as wp
 
-        worlds, device = self.handler._worlds, self.handler.on
+        worlds, device = self.handler.worlds, self.handler.on
         with device.scope():
             mjw.step(worlds.model, worlds.data)
             wp.timing_begin(cuda_filter=wp.TIMING_ALL)
@@ -189,7 +189,7 @@ class Loop:
 
     def solver(self) -> dict[str, float]:
         """Returns how hard the last physics step was: iterations of the solver, rows, contacts."""
-        data = self.handler._worlds.data
+        data = self.handler.worlds.data
         iterations, rows = data.solver_niter.numpy(), data.nefc.numpy()
         return {
             "iterations, mean": float(iterations.mean()),

@@ -16,33 +16,33 @@ class GenesisWorld(World):
     """One environment of a batch."""
 
     def __init__(self, batch: Batch, row: int) -> None:
-        self._batch, self._row = batch, row
+        self.batch, self._row = batch, row
 
     @override
     def put(self, qpos: np.ndarray, qvel: np.ndarray, ctrl: np.ndarray) -> None:
-        self._batch.put(self._row, qpos, qvel, ctrl)
+        self.batch.put(self._row, qpos, qvel, ctrl)
 
     @override
     def place(self, mocap_pos: np.ndarray, mocap_quat: np.ndarray) -> None:
-        self._batch.place(self._row, mocap_pos, mocap_quat)
+        self.batch.place(self._row, mocap_pos, mocap_quat)
 
     @override
     def drive(self, ctrl: np.ndarray) -> None:
         self._ctrl = ctrl.copy()
-        self._batch.drive(self._row, ctrl)
+        self.batch.drive(self._row, ctrl)
 
     @override
     def step(self, num_steps: int) -> None:
-        self._batch.step([self._row], self._ctrl[None], self._ctrl[None], num_steps)
+        self.batch.step([self._row], self._ctrl[None], self._ctrl[None], num_steps)
 
     @override
     def read(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
-        self._batch.read(self._row, qpos, qvel)
+        self.batch.read(self._row, qpos, qvel)
 
     @override
     def close(self) -> None:
         if self._row == 0:
-            self._batch.close()
+            self.batch.close()
 
 
 class GenesisHandler(TranslatedHandler[GenesisSettings]):
@@ -59,12 +59,12 @@ class GenesisHandler(TranslatedHandler[GenesisSettings]):
 
     @override
     def make_worlds(self, model: mujoco.MjModel) -> Sequence[GenesisWorld]:
-        self._batch = Batch(model, describe(model, SIMULATOR), self.settings, self.num_envs)
-        return [GenesisWorld(self._batch, row) for row in range(self.num_envs)]
+        self.batch = Batch(model, describe(model, SIMULATOR), self.settings, self.num_envs)
+        return [GenesisWorld(self.batch, row) for row in range(self.num_envs)]
 
     @override
     def step_worlds(self, rows: Sequence[int], start: np.ndarray | None, num_steps: int) -> None:
         ends = self._ctrl[rows]
-        self._batch.step(rows, ends if start is None else start[rows], ends, num_steps)
+        self.batch.step(rows, ends if start is None else start[rows], ends, num_steps)
         for row in rows:
-            self._batch.read(row, self._qpos[row], self._qvel[row])
+            self.batch.read(row, self._qpos[row], self._qvel[row])

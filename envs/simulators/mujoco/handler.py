@@ -18,7 +18,7 @@ from envs.mjcf.objects import rest_joints
 from envs.scenario import ScenarioCfg
 from envs.simulators.base import EnvIds, HandlerOptions
 from envs.simulators.model_handler import ModelHandler, not_running
-from envs.simulators.mujoco.lazy_state import Moment, ReadEntity, readers_of
+from envs.simulators.mujoco.lazy_state import ReadEntity, StateArrays, readers_of
 from envs.state import EntityState, State
 
 _POSITION_STAGE = int(mujoco.mjtStage.mjSTAGE_POS)
@@ -30,12 +30,12 @@ class MujocoHandler(ModelHandler):
     Args:
         scenario: The scene.
         num_envs: Number of environments.
-        simplify_meshes: Draw the robots with simplified meshes.
+        simplify_meshes: Render the robots with simplified meshes.
         **options: ``renderer``, ``num_threads``, ``textures``; see :class:`~envs.simulators.base.Handler`.
 
     Attributes:
-        model: What is drawn.
-        physics_model: What is simulated: the same without what is only seen.
+        model: The model that is rendered.
+        physics_model: The model that is simulated: without visual geoms.
     """
 
     own_renderers = ("warp", "gl", "filament", "sapien")
@@ -58,39 +58,39 @@ class MujocoHandler(ModelHandler):
         # A state that has blown up must be seen, not replaced by the initial one.
         self.physics_model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self._batch = Batch(self.physics_model, self.num_envs, self.num_threads)
-        self._layout = layout_of(self.model, self.scenario)
+        self.layout = layout_of(self.model, self.scenario)
         self._qpos, self._qvel = self._batch.qpos, self._batch.qvel
         self._ctrl, self._mocap_pos = self._batch.ctrl, self._batch.mocap_pos
         self._mocap_quat, self._warmstart = self._batch.mocap_quat, self._batch.qacc_warmstart
-        self._arrays = [self._batch.bind(name) for name in Moment.__slots__]
+        self._arrays = [self._batch.bind(name) for name in StateArrays.__slots__]
         self._robots, self._objects = (
             {entity.name: readers_of(entity, len(entity.qpos)) for entity in entities}
-            for entities in (self._layout.robots, self._layout.objects)
+            for entities in (self.layout.robots, self.layout.objects)
         )
-        for robot, cfg in zip(self._layout.robots, self.scenario.robots, strict=True):
+        for robot, cfg in zip(self.layout.robots, self.scenario.robots, strict=True):
             self._qpos[:, robot.qpos] = cfg.default_qpos
             self._ctrl[:, robot.ctrl] = [cfg.joints[index].rest_target for index in cfg.driven]
-        for layout, item in zip(self._layout.objects, self.scenario.objects, strict=True):
+        for layout, item in zip(self.layout.objects, self.scenario.objects, strict=True):
             self._qpos[:, layout.qpos] = rest_joints(item)
         low, high = self.model.actuator_ctrlrange.T.copy()
         self._drives = {  # robot to the columns of its targets, and their limits
             robot.name: (columns := as_slice(robot.ctrl), low[columns], high[columns])
-            for robot in self._layout.robots
+            for robot in self.layout.robots
         }
         self._batch.forward(stage=_POSITION_STAGE)
 
     @override
     def get_states(self, env_ids: EnvIds = None) -> State:
-        moment = Moment.of(self._arrays, None if env_ids is None else np.asarray(env_ids))
+        arrays = StateArrays.of(self._arrays, None if env_ids is None else np.asarray(env_ids))
         return State(
-            {name: ReadEntity(moment, readers) for name, readers in self._robots.items()},
-            {name: ReadEntity(moment, readers) for name, readers in self._objects.items()},
+            {name: ReadEntity(arrays, readers) for name, readers in self._robots.items()},
+            {name: ReadEntity(arrays, readers) for name, readers in self._objects.items()},
         )
 
     @override
     def set_states(self, states: State, env_ids: EnvIds = None) -> None:
         rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
-        layouts = {entity.name: entity for entity in (*self._layout.robots, *self._layout.objects)}
+        layouts = {entity.name: entity for entity in (*self.layout.robots, *self.layout.objects)}
         for name, entity in states.entities().items():
             if name not in layouts:
                 raise unknown_name("robot or object", name, layouts)
@@ -125,7 +125,7 @@ class MujocoHandler(ModelHandler):
     @override
     def set_poses(self, poses: Mapping[str, tuple[Tensor, Tensor]], env_ids: EnvIds = None) -> None:
         rows = slice(None) if env_ids is None else np.asarray(env_ids)
-        placed = {item.name: item for item in self._layout.objects if item.root == "mocap"}
+        placed = {item.name: item for item in self.layout.objects if item.root == "mocap"}
         for name, (pos, rot) in poses.items():
             if name not in placed:
                 raise unknown_name("fixed object or marker", name, placed)

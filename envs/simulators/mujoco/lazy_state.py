@@ -1,7 +1,7 @@
-"""States of MuJoCo that are cut into entities when somebody reads them.
+"""States of MuJoCo whose fields are made when they are read.
 
-A task reads a few of the many fields of a state, and one environment steps in half a millisecond: cutting all
-of them into tensors would take a tenth of it.
+A task reads few of the many fields of a state, and one environment steps in half a millisecond: making a
+tensor of every field would take a tenth of it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -15,12 +15,12 @@ import torch
 from envs.mjcf.layout import EntityLayout, as_slice
 from envs.state import EntityState
 
-Reader = Callable[["Moment"], np.ndarray | None]
+Reader = Callable[["StateArrays"], np.ndarray | None]
 
 
 @dataclass(slots=True)  # frozen, it takes twice the time to make
-class Moment:
-    """MuJoCo's arrays of n environments at one moment, in copies.
+class StateArrays:
+    """MuJoCo's arrays of n environments at one time, in copies.
 
     Attributes:
         qpos: Joint positions, (n, nq).
@@ -43,29 +43,29 @@ class Moment:
     sensordata: np.ndarray
 
     @classmethod
-    def of(cls, arrays: Sequence[np.ndarray], rows: np.ndarray | None) -> "Moment":
+    def of(cls, arrays: Sequence[np.ndarray], rows: np.ndarray | None) -> "StateArrays":
         """Copies rows, or all, of live arrays, which are in the order of the fields."""
         return cls(*[array.copy() if rows is None else array[rows] for array in arrays])
 
 
 class ArrayEntity(EntityState):
-    """An entity at one moment, in numpy arrays; a field is made when it is read, and is then kept.
+    """An entity in numpy arrays; a field is made when it is first read.
 
     Args:
-        moment: The arrays.
+        arrays: The arrays.
         readers: Field to how it is read from them.
     """
 
-    __slots__ = ("_moment", "_readers")
+    __slots__ = ("_arrays", "_readers")
 
-    def __init__(self, moment: Moment, readers: Mapping[str, Reader]) -> None:  # no field is set yet
-        self._moment, self._readers = moment, readers
+    def __init__(self, arrays: StateArrays, readers: Mapping[str, Reader]) -> None:  # no field is set yet
+        self._arrays, self._readers = arrays, readers
 
     def __getattr__(self, name: str) -> Any:
         reader = None if name == "_readers" else self._readers.get(name)
         if reader is None:
             raise AttributeError(name)
-        value = reader(self._moment)
+        value = reader(self._arrays)
         setattr(self, name, value)
         return value
 
@@ -91,7 +91,7 @@ class ReadEntity(ArrayEntity):
 
     @override
     def arrays(self) -> EntityState:
-        return ArrayEntity(self._moment, self._readers)
+        return ArrayEntity(self._arrays, self._readers)
 
 
 def readers_of(entity: EntityLayout, num_joints: int) -> dict[str, Reader]:
@@ -149,7 +149,7 @@ def _still(size: int) -> Reader:
     return lambda m: np.zeros((len(m.qpos), size))
 
 
-def _none(moment: Moment) -> None:
+def _none(arrays: StateArrays) -> None:
     return None
 
 

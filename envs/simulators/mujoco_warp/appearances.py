@@ -1,4 +1,4 @@
-"""How each world looks: appearances as rows of the arrays that the ray tracer reads."""
+"""Appearances of worlds, as rows of the arrays that the ray tracer reads."""
 
 import dataclasses
 from collections import OrderedDict
@@ -44,7 +44,7 @@ _KEPT_APPEARANCES = 4096
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class _Look:
+class _Arrays:
     """The arrays of one appearance: field to values, without a first axis for worlds."""
 
     appearance: Appearance
@@ -52,14 +52,14 @@ class _Look:
     textures: tuple[str | None, ...]
 
 
-class Wardrobe:
-    """Puts appearances on worlds, and writes only the rows that change.
+class AppearanceWriter:
+    """Writes the appearances of worlds into the ray tracer's model, only the rows that change.
 
     Args:
-        stage: Turns an appearance into arrays of a model, as for every other renderer.
+        stage: Writes an appearance into a model's arrays, as for every other renderer.
         model: The ray tracer's model, whose fields :data:`PER_WORLD` have ``num_worlds`` rows.
         num_worlds: How many.
-        textures: Pictures of the materials.
+        textures: Images of the materials.
         device: Where the model is.
 
     Attributes:
@@ -76,26 +76,26 @@ class Wardrobe:
         self._surfaces = [stage.model.material(surface).id for surface in SURFACES]
         self._materials = [*self._surfaces, stage.model.material(OBJECT_MATERIAL).id]
         self._slots = stage.furniture.geoms
-        self._worn: list[_Look | None] = [None] * num_worlds
-        self._looks: OrderedDict[int, _Look] = OrderedDict()
+        self._written: list[_Arrays | None] = [None] * num_worlds
+        self._looks: OrderedDict[int, _Arrays] = OrderedDict()
         self.table_quat = torch.zeros((num_worlds, 4), device=device.torch)
         self.furniture_pos = torch.zeros((num_worlds, len(self._slots), 3), device=device.torch)
         self.furniture_mat = torch.zeros((num_worlds, len(self._slots), 3, 3), device=device.torch)
         self._poses = {name: getattr(self, name) for name in ("table_quat", "furniture_pos", "furniture_mat")}
 
-    def wear(self, appearances: Sequence[Appearance]) -> bool:
-        """Makes the first worlds look like this, one appearance each; returns whether that changed any."""
-        worn = self._worn
+    def write(self, appearances: Sequence[Appearance]) -> bool:
+        """Sets the appearances of the first worlds, one each; returns whether any changed."""
+        written = self._written
         rows = [
             row
             for row, appearance in enumerate(appearances)
-            if (look := worn[row]) is None or look.appearance is not appearance
+            if (look := written[row]) is None or look.appearance is not appearance
         ]
         if not rows:
             return False
         looks = [self._look(appearances[row]) for row in rows]
         for row, look in zip(rows, looks, strict=True):
-            worn[row] = look
+            written[row] = look
         index = self._device.rows(rows)
         for name in (*LIGHTS, *CAMERAS):
             self._fields[name][index] = self._stacked(looks, name, self._fields[name].dtype)
@@ -107,24 +107,24 @@ class Wardrobe:
             self._fields[name][index[:, None], columns] = self._stacked(looks, name, torch.float32)
         for name, kept in self._poses.items():
             kept[index] = self._stacked(looks, name, torch.float32)
-        self._wear_textures(index, looks)
+        self._write_textures(index, looks)
         return True
 
-    def _wear_textures(self, index: Tensor, looks: Sequence[_Look]) -> None:
+    def _write_textures(self, index: Tensor, looks: Sequence[_Arrays]) -> None:
         names = [name for look in looks for name in look.textures]
-        others = {name for look in self._worn if look is not None for name in look.textures if name}
+        others = {name for look in self._written if look is not None for name in look.textures if name}
         ids = torch.tensor(self._textures.ids_of(names, others), dtype=torch.int32)
         surfaces = torch.tensor(self._surfaces, device=self._device.torch)
         table = ids.view(len(looks), -1).to(self._device.torch)
         self._fields[TEXTURES][index[:, None], surfaces, _RGB] = table
 
-    def _stacked(self, looks: Sequence[_Look], name: str, dtype: torch.dtype) -> Tensor:
+    def _stacked(self, looks: Sequence[_Arrays], name: str, dtype: torch.dtype) -> Tensor:
         values = torch.from_numpy(np.stack([look.values[name] for look in looks]))
         return values.to(device=self._device.torch, dtype=dtype)
 
-    def _look(self, appearance: Appearance) -> _Look:
+    def _look(self, appearance: Appearance) -> _Arrays:
         known = self._looks.get(id(appearance))
-        if known is not None:  # it holds its appearance, whose id nobody else can have meanwhile
+        if known is not None:  # it holds its appearance, so no other object has this id
             self._looks.move_to_end(id(appearance))
             return known
         self._stage.dress(appearance)
@@ -136,7 +136,7 @@ class Wardrobe:
         values["furniture_mat"] = to_matrix(model.geom_quat[self._slots])
         values["table_quat"] = from_yaw(appearance.table_yaw_rad)
         textures = tuple(self._stage.surface_textures[surface] for surface in SURFACES)
-        look = self._looks[id(appearance)] = _Look(appearance, values, textures)
+        look = self._looks[id(appearance)] = _Arrays(appearance, values, textures)
         if len(self._looks) > _KEPT_APPEARANCES:
             self._looks.popitem(last=False)
         return look

@@ -31,27 +31,28 @@ _TRACED = "warp"
 
 
 class MujocoWarpHandler(ModelHandler):
-    """Every world steps with every other one.
+    """MuJoCo Warp: all worlds step together.
 
-    On a CPU a world is the same to the bit whatever their number is. On a GPU contacts are found in any
-    order, so two runs agree to rounding only; see ``deterministic`` in the settings.
+    On a CPU a world is bit-identical for any number of worlds. On a GPU contacts are found in any order, so
+    two runs agree to rounding only; see ``deterministic`` in the settings.
 
-    States are float32 tensors on the device. What is set is rounded to float32 once, and no bit changes
-    after that. A world whose state is no longer finite goes back to the last state that was set, and the
-    others do not notice: see :attr:`num_resets`.
+    States are float32 tensors on the device. A state that is set is rounded to float32 once. A world whose
+    state is no longer finite returns to the last state that was set, without an effect on the others: see
+    :attr:`num_resets`.
 
     Args:
         scenario: The scene; its block ``simulators["mujoco_warp"]`` is a
             :class:`~envs.simulators.mujoco_warp.settings.WarpSettings`.
         num_envs: Number of environments.
-        simplify_meshes: Draw the robots with simplified meshes.
+        simplify_meshes: Render the robots with simplified meshes.
         **options: ``renderer``, ``num_threads``, ``textures``; see :class:`~envs.simulators.base.Handler`.
 
     Attributes:
         settings: Sizes of the buffers.
-        model: What is drawn.
-        physics_model: What is simulated: the same without what is only seen.
+        model: The model that is rendered.
+        physics_model: The model that is simulated: without visual geoms.
         on: The device, once launched.
+        worlds: The physics, once launched.
     """
 
     own_renderers = ("warp", "gl", "filament", "sapien")
@@ -69,7 +70,7 @@ class MujocoWarpHandler(ModelHandler):
         super().__init__(scenario, num_envs, **options)
         self.settings = WarpSettings.of(scenario)
         self._simplify_meshes = simplify_meshes
-        self._worlds: Worlds | None = None
+        self.worlds: Worlds | None = None
         self._tracer: BatchTracer | None = None
 
     @override
@@ -79,9 +80,9 @@ class MujocoWarpHandler(ModelHandler):
         self.model, self.physics_model = build_models(
             self.scenario, simplify=self._simplify_meshes, prune=True
         )
-        self._layout = layout_of(self.model, self.scenario)
-        self._worlds = Worlds(self.physics_model, self.num_envs, device, self.settings)
-        self._entities = (*self._layout.robots, *self._layout.objects)
+        self.layout = layout_of(self.model, self.scenario)
+        self.worlds = Worlds(self.physics_model, self.num_envs, device, self.settings)
+        self._entities = (*self.layout.robots, *self.layout.objects)
         self._columns = {
             entity.name: tuple(self._index(part) for part in (entity.qpos, entity.qvel, entity.ctrl))
             for entity in self._entities
@@ -89,16 +90,16 @@ class MujocoWarpHandler(ModelHandler):
         bounds = torch.from_numpy(self.model.actuator_ctrlrange.T.copy())
         self._low, self._high = bounds.to(device=self.device, dtype=self.dtype)
         self._rests: dict[int, tuple[Tensor, Tensor]] = {}
-        self._bases = {r.name: (self._float(r.pos), self._float(r.rot)) for r in self._layout.robots}
-        views = self._worlds.views
-        for robot, cfg in zip(self._layout.robots, self.scenario.robots, strict=True):
+        self._bases = {r.name: (self._float(r.pos), self._float(r.rot)) for r in self.layout.robots}
+        views = self.worlds.views
+        for robot, cfg in zip(self.layout.robots, self.scenario.robots, strict=True):
             joints, _, targets = self._columns[robot.name]
             views.qpos[:, joints] = self._float(cfg.default_qpos)
             views.ctrl[:, targets] = self._float([cfg.joints[index].rest_target for index in cfg.driven])
-        for layout, item in zip(self._layout.objects, self.scenario.objects, strict=True):
+        for layout, item in zip(self.layout.objects, self.scenario.objects, strict=True):
             views.qpos[:, self._columns[layout.name][0]] = self._float(rest_joints(item))
         with device.scope():
-            self._worlds.begin(slice(None))
+            self.worlds.begin(slice(None))
 
     def _index(self, addresses: np.ndarray) -> slice | Tensor:
         columns = as_slice(addresses)
@@ -111,9 +112,9 @@ class MujocoWarpHandler(ModelHandler):
 
     @property
     def _running(self) -> Worlds:
-        if self._worlds is None:
+        if self.worlds is None:
             raise not_running()
-        return self._worlds
+        return self.worlds
 
     @override
     def _check_open(self) -> None:
@@ -136,8 +137,8 @@ class MujocoWarpHandler(ModelHandler):
         views, rows = self._running.views, self.on.rows(env_ids)
         with self.on.scope():
             qpos, qvel, ctrl = (value[rows].clone() for value in (views.qpos, views.qvel, views.ctrl))
-            robots = {r.name: self._robot_state(r, qpos, qvel, ctrl, rows) for r in self._layout.robots}
-            objects = {o.name: self._object_state(o, qpos, qvel, rows) for o in self._layout.objects}
+            robots = {r.name: self._robot_state(r, qpos, qvel, ctrl, rows) for r in self.layout.robots}
+            objects = {o.name: self._object_state(o, qpos, qvel, rows) for o in self.layout.objects}
         return State(robots, objects)
 
     def _robot_state(self, robot: EntityLayout, qpos, qvel, ctrl, rows) -> EntityState:
@@ -233,7 +234,7 @@ class MujocoWarpHandler(ModelHandler):
     @override
     def set_poses(self, poses: Mapping[str, tuple[Tensor, Tensor]], env_ids: EnvIds = None) -> None:
         rows = self.on.rows(env_ids)
-        placed = {item.name: item for item in self._layout.objects if item.root == "mocap"}
+        placed = {item.name: item for item in self.layout.objects if item.root == "mocap"}
         with self.on.scope():
             for name, (pos, rot) in poses.items():
                 if name not in placed:
@@ -248,7 +249,7 @@ class MujocoWarpHandler(ModelHandler):
     def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:
         rows, ctrl = self.on.rows(env_ids), self._running.views.ctrl
         with self.on.scope():
-            for robot in self._layout.robots:
+            for robot in self.layout.robots:
                 if robot.name in targets:
                     columns = self._columns[robot.name][2]
                     target = self._float(targets[robot.name])
@@ -361,7 +362,7 @@ class MujocoWarpHandler(ModelHandler):
     @override
     def close(self) -> None:
         super().close()
-        self._tracer = self._worlds = None
+        self._tracer = self.worlds = None
 
 
 def _put(target: Tensor, rows: slice | Tensor, columns: slice | Tensor, values: Tensor) -> None:

@@ -18,7 +18,7 @@ from envs.scenario import Appearance, ScenarioCfg
 from envs.simulators.base import TextureSource
 from envs.simulators.mujoco.render import Stage, segmentation_of_geoms
 from envs.simulators.mujoco.render_warp import create_context, ready_for_tracing
-from envs.simulators.mujoco_warp.appearances import PER_WORLD, Wardrobe
+from envs.simulators.mujoco_warp.appearances import PER_WORLD, AppearanceWriter
 from envs.simulators.mujoco_warp.device import Device, Graph
 from envs.simulators.mujoco_warp.settings import WarpSettings
 from envs.simulators.mujoco_warp.textures import TextureTable
@@ -105,15 +105,15 @@ class BatchTracer:
             for first in range(0, len(appearances), self._capacity):
                 part = slice(first, min(first + self._capacity, len(appearances)))
                 count = part.stop - part.start
-                if self._wardrobe.wear(appearances[part]):
+                if self._writer.write(appearances[part]):
                     # The tracer's own kinematics leaves alone what is fixed to the world.
-                    self._geom_xpos[:, self._slots] = self._wardrobe.furniture_pos
-                    self._geom_xmat[:, self._slots] = self._wardrobe.furniture_mat
+                    self._geom_xpos[:, self._slots] = self._writer.furniture_pos
+                    self._geom_xmat[:, self._slots] = self._writer.furniture_mat
                 self._qpos[:count] = qpos[part]
                 self._mocap_pos[:count] = mocap_pos[part]
                 self._mocap_quat[:count] = mocap_quat[part]
                 if self._table >= 0:
-                    self._mocap_quat[:count, self._table] = self._wardrobe.table_quat[:count]
+                    self._mocap_quat[:count, self._table] = self._writer.table_quat[:count]
                 self._trace(context, count)
                 context.fetch(pictures, part, self._of_geom)
         return {camera: dict(kinds) for camera, kinds in pictures.items()}
@@ -146,7 +146,7 @@ class BatchTracer:
                 self._textures = TextureTable(
                     context.textures_registry, self._source, self._settings.num_textures, self._device
                 )
-                self._wardrobe = Wardrobe(
+                self._writer = AppearanceWriter(
                     self._stage, self._model, self._capacity, self._textures, self._device
                 )
             context.textures = self._textures.array

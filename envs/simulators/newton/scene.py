@@ -40,7 +40,7 @@ class FreeRoot:
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class NewtonScene:
     """A builder, and addresses: of joints in Newton's and in MuJoCo's arrays, in one order.
 
     Attributes:
@@ -68,7 +68,7 @@ class Scene:
     pusher: np.ndarray
 
 
-def build(model: mujoco.MjModel, spec: SceneSpec) -> Scene:
+def build(model: mujoco.MjModel, spec: SceneSpec) -> NewtonScene:
     """Builds one world from a compiled model.
 
     Raises:
@@ -88,7 +88,7 @@ def build(model: mujoco.MjModel, spec: SceneSpec) -> Scene:
     shapes.keep_apart()
     driven = [item for item in joints if item[2].actuator >= 0 and not item[2].takes_force]
     pushed = [item for item in joints if item[2].takes_force]
-    return Scene(
+    return NewtonScene(
         builder=builder,
         roots=tuple(roots),
         q=np.array([q for q, _, _ in joints], np.intp),

@@ -7,7 +7,7 @@ import newton
 import numpy as np
 
 from envs.rotations import conjugate, rotate
-from envs.simulators.newton.scene import FreeRoot, Scene
+from envs.simulators.newton.scene import FreeRoot, NewtonScene
 from envs.simulators.newton.settings import NewtonSettings
 from envs.simulators.newton.shapes import check_pairs, view
 from envs.simulators.translated_handler import World
@@ -28,7 +28,7 @@ class NewtonWorld(World):
         SimulatorError: if the solver's model has other pairs of shapes that touch.
     """
 
-    def __init__(self, model: mujoco.MjModel, scene: Scene, settings: NewtonSettings) -> None:
+    def __init__(self, model: mujoco.MjModel, scene: NewtonScene, settings: NewtonSettings) -> None:
         self._scene, self._timestep_s = scene, float(model.opt.timestep)
         self._newton = scene.builder.finalize(device="cpu")
         self._solver = newton.solvers.SolverMuJoCo(

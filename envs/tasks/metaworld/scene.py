@@ -54,7 +54,7 @@ class _Part:
     qvel: tuple[int, ...]
 
 
-class Scene:
+class MetaworldScene:
     """A scenario, and the way between its states and Meta-World's arrays.
 
     Args:
@@ -164,9 +164,9 @@ class Scene:
 
 
 @cache
-def scene_of(original: Original) -> Scene:
+def scene_of(original: Original) -> MetaworldScene:
     """Returns the scene of an environment."""
-    return Scene(original)
+    return MetaworldScene(original)
 
 
 def _array(values: torch.Tensor) -> np.ndarray:

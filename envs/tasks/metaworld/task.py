@@ -14,7 +14,7 @@ from envs.scenario import ScenarioCfg
 from envs.state import State
 from envs.tasks.base import Task
 from envs.tasks.metaworld.original import FRAME_SIZE, Original, Pose, original
-from envs.tasks.metaworld.scene import PULLER, PULLER_ROT, Scene, scene_of
+from envs.tasks.metaworld.scene import PULLER, PULLER_ROT, MetaworldScene, scene_of
 
 HORIZON = 500
 """Meta-World's ``max_path_length``."""
@@ -44,7 +44,7 @@ class MetaWorldTask(Task):
         return original(self.original_name)
 
     @property
-    def scene(self) -> Scene:
+    def scene(self) -> MetaworldScene:
         """The scenario, and the way to Meta-World's arrays."""
         return scene_of(self.original)
 

@@ -34,6 +34,7 @@ def test_values_have_the_kinds_of_the_fields():
     words = ("task=StackCube", "draws=3", "out=docs/a.png", "redraw=[A,B]", "record=true")
     expected = Settings(task="StackCube", draws=3, out=Path("docs/a.png"), redraw=("A", "B"), record=True)
     assert read(*words) == expected
+    assert read("out=null", "redraw=A,B").redraw == ("A", "B")
 
 
 def test_an_unknown_key_names_the_nearest():
@@ -48,10 +49,12 @@ def test_a_word_without_a_value_lists_the_keys(word):
 
 
 def test_a_value_of_another_kind_says_which():
-    with pytest.raises(ConfigError, match=r"draws: given 'many'. Input should be a valid integer"):
+    with pytest.raises(ConfigError, match=r"draws: given 'many'. It is of the type int"):
         read("draws=many")
     with pytest.raises(ConfigError, match=r"The value of 'redraw=\[A' cannot be read"):
         read("redraw=[A")
+    with pytest.raises(ConfigError, match="record: given 'perhaps'"):
+        read("record=perhaps")
 
 
 def test_a_mistake_ends_a_program_with_one_line(capsys):

@@ -19,7 +19,7 @@ def test_bodies_are_where_mujoco_has_them_and_move_as_it_says():
     states = random_states(0, COUNT)
     with MujocoHandler(SCENARIO, 1, num_threads=1) as handler:
         handler.launch()
-        model, layout = handler.model, handler._layout.robots[0]
+        model, layout = handler.model, handler.layout.robots[0]
     tree = BodyTree(WALKER)
     bodies = tree(states.robots["walker"])
     com_vel = tree.com_velocity(bodies)

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from envs.mjcf.contact_exclusions import untouched
+from envs.mjcf.contact_exclusions import pairs_never_in_contact
 from envs.mjcf.model import build_models
 from envs.tasks.pick_cube import PickCube
 
@@ -28,7 +28,7 @@ TWO_ARMS = """
     [("-60 60", [("base", "near"), ("base", "far")]), ("-180 180", [("base", "near")])],
 )
 def test_limits_decide_what_cannot_touch(limits, apart):
-    assert untouched(mujoco.MjModel.from_xml_string(TWO_ARMS.format(range=limits))) == apart
+    assert pairs_never_in_contact(mujoco.MjModel.from_xml_string(TWO_ARMS.format(range=limits))) == apart
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def models():
 
 
 def test_links_around_an_elbow_of_the_panda_cannot_touch(models):
-    found = {(one.split("/")[-1], other.split("/")[-1]) for one, other in untouched(models[0])}
+    found = {(one.split("/")[-1], other.split("/")[-1]) for one, other in pairs_never_in_contact(models[0])}
     elbows = {("link1", "link3"), ("link2", "link4"), ("link3", "link5"), ("link4", "link6")}
     assert found >= {("link0", "link1"), ("link0", "link2"), *elbows}
     assert not found & {("link5", "link7"), ("link2", "link5"), ("leftfinger", "rightfinger")}

@@ -90,7 +90,7 @@ def test_what_was_read_stays_what_it_was(task):
 def test_only_the_environments_named_are_told_and_targets_come_first():
     task = PickCube()
     with launched(task.scenario) as handler:
-        worlds = handler._worlds
+        worlds = handler.worlds
         for world in worlds:
             world.told.clear()
         handler.step(5, [1])
@@ -107,7 +107,7 @@ def test_targets_move_evenly_and_arrive():
     with launched(task.scenario) as handler:
         handler.set_states(starts(task))
         before = handler.get_joint_targets("franka")[0].numpy()
-        world = handler._worlds[0]
+        world = handler.worlds[0]
         world.told.clear()
         handler.step_towards({"franka": before[None] + 0.01}, 4, [0])
         told = [entry[1] for entry in world.told if entry[0] == "drive"]
@@ -127,14 +127,14 @@ def test_what_is_not_placed_is_refused_by_name():
 
 def test_a_state_that_is_no_number_names_its_environments():
     with launched(PickCube().scenario) as handler:
-        handler._worlds[2]._qpos[3] = np.nan
+        handler.worlds[2]._qpos[3] = np.nan
         with pytest.raises(SimulatorError, match=r"environments \[2\] is no longer finite"):
             handler.step(1)
 
 
 def test_closing_closes_every_world_once():
     handler = launched(PickCube().scenario)
-    worlds = handler._worlds
+    worlds = handler.worlds
     handler.close()
     handler.close()
     assert [world.told.count("close") for world in worlds] == [1] * NUM_ENVS
