@@ -1,7 +1,7 @@
-"""How often the expert succeeds, and how smoothly.
+"""Measures how often the expert succeeds, and how smoothly it moves.
 
-``python -m envs.experts.check task=PickCube episodes=1000`` rolls the expert out in the first episodes
-of each split, without pictures, and prints one line per split; ``record=true`` writes the outcome to
+``python -m envs.experts.check task=PickCube episodes=1000`` runs the expert in the first episodes of each
+split, without rendering, and prints one line per split; ``record=true`` writes the result to
 ``envs/tasks/experts.json``, which listings and pages read.
 """
 
@@ -29,12 +29,12 @@ _COMMAND = "python -m envs.experts.check"
 
 @dataclass(frozen=True, slots=True)
 class ExpertReport:
-    """What the expert did in some episodes.
+    """Results of the expert in some episodes.
 
     Attributes:
-        num_episodes: How many episodes.
-        failures: Indices of those that were not solved, in the order they were played.
-        mean_steps: Mean number of control steps, those after success included.
+        num_episodes: Number of episodes.
+        failures: Indices of those that were not solved, in the order in which they were run.
+        mean_steps: Mean number of control steps, including those after success.
         largest_step_rad: Largest change of an arm joint's target from one control step to the next.
     """
 
@@ -50,19 +50,19 @@ class ExpertReport:
 
     @property
     def summary(self) -> SplitRecord:
-        """The figures that are kept."""
+        """The figures that are recorded."""
         return SplitRecord(self.num_episodes, round(self.success_rate, 4), round(self.mean_steps, 1))
 
 
 def summarize(episodes: Iterable[Episode], arm: Sequence[int]) -> ExpertReport:
-    """Reduces rollouts to a report.
+    """Reduces episodes to a report.
 
     Args:
         episodes: At least one.
         arm: Columns of an action that are the arm's joints; fingers may jump.
 
     Raises:
-        ConfigError: if there is no rollout.
+        ConfigError: There is no episode.
     """
     failures, steps, largest = [], [], 0.0
     for episode in episodes:
@@ -85,18 +85,18 @@ def check_expert(
     num_threads: int = 0,
     simulator: str = "mujoco",
 ) -> ExpertReport:
-    """Rolls the expert out in the first episodes of a split.
+    """Runs the expert in the first episodes of a split.
 
     Args:
         task: Name of a task.
         split: ``"train"`` or ``"test"``.
-        num_episodes: How many episodes; a split that has fewer is played whole.
+        num_episodes: Number of episodes; all of a split that has fewer.
         num_envs: Environments stepped at once; the result does not depend on it.
         num_threads: Threads of the simulator; 0 means one per core.
-        simulator: Name of a simulator; the planner sees its states and is asked again where they differ.
+        simulator: Name of a simulator.
 
     Raises:
-        ConfigError: if ``num_episodes`` is below 1.
+        ConfigError: ``num_episodes`` is below 1.
     """
     if num_episodes < 1:
         raise ConfigError(f"The expert's check needs at least one episode, given {num_episodes}.")
@@ -114,16 +114,16 @@ def check_expert(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CheckSettings:
-    """What to try.
+    """Settings of the command.
 
     Attributes:
         task: Name of a task.
         episodes: Episodes of each split.
         split: ``train`` or ``test`` alone; both by default.
         num_envs: Environments stepped at once.
-        simulator: Simulator whose physics it is tried in.
-        record: Whether to note the outcome in ``records``.
-        records: File of outcomes.
+        simulator: Name of a simulator.
+        record: Whether to write the result to ``records``.
+        records: File of results.
     """
 
     task: str = "PickCube"
@@ -145,7 +145,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise unknown_name("split", settings.split, SPLITS)
         if settings.record and settings.simulator != "mujoco":
             raise ConfigError(
-                f"The file of records is MuJoCo's; record=true and simulator={settings.simulator} differ."
+                f"Records are measured in mujoco, given simulator={settings.simulator}. "
+                "Leave out record=true."
             )
         splits = SPLITS if settings.split is None else (settings.split,)
         measured = {split: _check(settings, split) for split in splits}
@@ -159,7 +160,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _check(settings: CheckSettings, split: str) -> SplitRecord:
-    """Tries one split, and says what came of it."""
+    """Measures one split and logs the result."""
     report = check_expert(
         settings.task, split, settings.episodes, num_envs=settings.num_envs, simulator=settings.simulator
     )
@@ -180,7 +181,7 @@ def _check(settings: CheckSettings, split: str) -> SplitRecord:
 
 
 def _public(words: Sequence[str]) -> list[str]:
-    """The words of a command without a machine's folders."""
+    """Returns the words of a command with paths reduced to file names."""
     pairs = (word.partition("=") for word in words)
     return [
         f"{key}={Path(value).name}" if value.startswith(("/", "~")) else f"{key}{equals}{value}"

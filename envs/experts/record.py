@@ -1,18 +1,16 @@
-"""How often each task's expert succeeds, as last measured: a JSON file beside the tasks.
+"""Success rates of the experts as last measured: a JSON file beside the tasks.
 
-``python -m envs.experts.check task=PickCube record=true`` measures and writes it; listings and pages read
-it, without importing anything heavy.
+``python -m envs.experts.check task=PickCube record=true`` measures and writes one; listings and
+pages read the file without importing anything heavy.
 """
 
 import json
-import os
 import subprocess
-import tempfile
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from envs.core.atomic import write_file
 from envs.core.errors import ConfigError
 
 RECORDS = Path(__file__).parents[1] / "tasks" / "experts.json"
@@ -21,10 +19,10 @@ RECORDS = Path(__file__).parents[1] / "tasks" / "experts.json"
 
 @dataclass(frozen=True, slots=True)
 class SplitRecord:
-    """What was measured on one split.
+    """The measurement on one split.
 
     Attributes:
-        num_episodes: How many episodes.
+        num_episodes: Number of episodes.
         success_rate: Share of them that were solved, in [0, 1].
         mean_steps: Mean number of control steps.
     """
@@ -36,12 +34,12 @@ class SplitRecord:
 
 @dataclass(frozen=True, slots=True)
 class ExpertRecord:
-    """What was measured of one task's expert.
+    """The measurement of one task's expert.
 
     Attributes:
         splits: Split to its measurement.
-        command: What was run.
-        git_sha: Commit of the checkout, ending in ``+`` if files differed from it; None outside one.
+        command: The command that measured it.
+        git_sha: Commit of the checkout, with ``+`` if files differed from it; None outside a checkout.
     """
 
     splits: Mapping[str, SplitRecord]
@@ -49,15 +47,15 @@ class ExpertRecord:
     git_sha: str | None
 
     def __str__(self) -> str:
-        """The success rates of the splits, in percent: ``"100.0 / 99.8 %"``."""
+        """Returns the success rates of the splits in percent: ``"100.0 / 99.8 %"``."""
         return " / ".join(f"{100 * split.success_rate:.1f}" for split in self.splits.values()) + " %"
 
 
 def read_records(path: Path = RECORDS) -> dict[str, ExpertRecord]:
-    """Returns task to its record; empty if there is no file.
+    """Returns the record of each task; none if there is no file.
 
     Raises:
-        ConfigError: if the file is not one of records.
+        ConfigError: The file is damaged.
     """
     if not path.is_file():
         return {}
@@ -79,21 +77,10 @@ def read_records(path: Path = RECORDS) -> dict[str, ExpertRecord]:
 
 
 def write_record(task: str, record: ExpertRecord, path: Path = RECORDS) -> None:
-    """Puts one task's record into the file, which is replaced as a whole; the other tasks' stay."""
+    """Writes one task's record into the file atomically; those of other tasks stay."""
     records = {**read_records(path), task: record}
     text = json.dumps({name: asdict(records[name]) for name in sorted(records)}, indent=1) + "\n"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix, dir=path.parent)
-    try:
-        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(name, 0o644)
-        os.replace(name, path)
-    finally:
-        with suppress(FileNotFoundError):
-            os.unlink(name)
+    write_file(path, text.encode())
 
 
 def git_sha(folder: Path | None = None) -> str | None:

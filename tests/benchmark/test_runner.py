@@ -28,7 +28,7 @@ def test_records_do_not_depend_on_the_number_of_envs(point_env, noisy_policy, n_
 
 
 @pytest.mark.parametrize("num_envs", [1, 3])
-def test_an_episode_renders_once_per_chunk(point_env, noisy_policy, num_envs):
+def test_episode_renders_once_per_chunk(point_env, noisy_policy, num_envs):
     env = point_env(num_envs)
     records = evaluate_cell(noisy_policy(n_action_steps=5), env, list(range(100, 112)), **CELL)
     assert {r.episode: math.ceil(r.length / 5) for r in records} == dict(env.observed)
@@ -66,7 +66,7 @@ def test_more_envs_than_episodes(point_env, noisy_policy):
     assert [record.episode for record in records] == [103, 101]
 
 
-def test_records_hold_what_the_env_says(point_env, noisy_policy):
+def test_records_name_simulator_channels_and_versions(point_env, noisy_policy):
     (record,) = evaluate_cell(noisy_policy(), point_env(), [100], **CELL)
     assert (record.task, record.policy, record.simulator, record.renderer) == (
         "Reach",
@@ -94,7 +94,7 @@ def test_noise_follows_seed_and_episode():
     assert episode_generator(1, 5).initial_seed() != first.initial_seed()
 
 
-def test_nan_action_names_the_episode(point_env, noisy_policy):
+def test_nan_action_names_episode_and_step(point_env, noisy_policy):
     class Diverged(noisy_policy):
         def act(self, observation, generators=None):
             chunk = super().act(observation, generators)
@@ -104,7 +104,7 @@ def test_nan_action_names_the_episode(point_env, noisy_policy):
         evaluate_cell(Diverged(noise=9.0), point_env(), [100], **CELL)
 
 
-def test_wrong_action_shape_says_what_is_right(point_env, noisy_policy):
+def test_wrong_action_shape_names_the_expected_one(point_env, noisy_policy):
     class Short(noisy_policy):
         def act(self, observation, generators=None):
             return super().act(observation, generators)[:, :, :7]
@@ -113,17 +113,17 @@ def test_wrong_action_shape_says_what_is_right(point_env, noisy_policy):
         evaluate_cell(Short(), point_env(), [100], **CELL)
 
 
-def test_an_episode_twice_is_refused(point_env, noisy_policy):
+def test_repeated_episode_is_refused(point_env, noisy_policy):
     with pytest.raises(ConfigError, match="asked for twice"):
         evaluate_cell(noisy_policy(), point_env(), [100, 100], **CELL)
 
 
-def test_an_env_that_never_ends_is_a_bug_of_the_env(point_env, noisy_policy):
+def test_env_that_never_truncates_is_an_error(point_env, noisy_policy):
     with pytest.raises(SimulatorError, match=r"Episode 100 of Reach did not end after 24 steps"):
         evaluate_cell(noisy_policy(noise=9.0), point_env(truncates=False), [100], **CELL)
 
 
-def test_evaluate_walks_the_protocol_and_closes_its_envs(point_env, noisy_policy):
+def test_evaluate_runs_every_cell_and_closes_its_envs(point_env, noisy_policy):
     envs, cells = [], []
 
     def make_env(cell):
@@ -155,7 +155,7 @@ def test_evaluate_closes_the_env_of_a_failed_cell(point_env, noisy_policy):
     assert env.closed
 
 
-def test_rollout_reports_every_step(point_env, noisy_policy):
+def test_rollout_calls_on_step_and_gathers_the_episode(point_env, noisy_policy):
     steps, env = [], point_env()
     actor = PolicyActor(noisy_policy(noise=9.0), env, seed=0)
     (episode,) = rollout(env, actor, [100], on_step=lambda running: steps.append(running.length))

@@ -23,7 +23,7 @@ def cell_records(point_env, noisy_policy):
 
 
 @pytest.mark.parametrize("every", [1, 2, 3, 4])
-def test_an_episode_is_filmed_from_its_first_to_its_last_step(point_env, noisy_policy, cell_records, every):
+def test_video_spans_the_first_to_the_last_step(point_env, noisy_policy, cell_records, every):
     for record in cell_records[:4]:
         frames, success = record_episode(noisy_policy(), point_env(4), record.episode, seed=0, every=every)
         assert success is record.success
@@ -31,13 +31,13 @@ def test_an_episode_is_filmed_from_its_first_to_its_last_step(point_env, noisy_p
         assert (frames[0, 0, 0, 0], frames[-1, 0, 0, 0]) == (0, record.length * 10)
 
 
-def test_the_first_of_either_kind_is_chosen(cell_records):
+def test_first_failure_and_first_success_are_chosen(cell_records):
     chosen = choose_episodes(cell_records)
     assert [record.success for record in chosen] == [False, True]
     assert chosen[0] == next(record for record in cell_records if not record.success)
 
 
-def test_films_of_a_cell_say_what_they_show(point_env, noisy_policy, cell_records, tmp_path):
+def test_videos_of_a_cell_are_named_by_episode_and_outcome(point_env, noisy_policy, cell_records, tmp_path):
     paths = film_cell(noisy_policy(), point_env(4), cell_records, tmp_path, control_hz=20.0)
     failure, success = choose_episodes(cell_records)
     assert [path.name for path in paths] == [

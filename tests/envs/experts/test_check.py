@@ -1,6 +1,5 @@
-"""The command that says how often the expert succeeds."""
+"""The command that measures how often the expert succeeds."""
 
-import dataclasses
 import re
 from types import SimpleNamespace
 
@@ -15,7 +14,7 @@ def recorded(episode, actions, *, success=True):
     return SimpleNamespace(episode=episode, success=success, actions=np.asarray(actions, np.float32))
 
 
-def test_a_report_of_episodes_made_by_hand():
+def test_report_of_known_episodes():
     """Three episodes of 3, 1 and 2 steps; fingers (column 2) may jump."""
     episodes = [
         recorded(4, [[0.0, 0.0, 0.04], [0.1, 0.0, 0.0], [0.1, -0.25, 0.0]]),
@@ -30,14 +29,14 @@ def test_a_report_of_episodes_made_by_hand():
     assert report.largest_step_rad == pytest.approx(0.25)
 
 
-def test_no_episode_is_no_report():
+def test_no_episode_is_refused():
     with pytest.raises(ConfigError, match="needs at least one episode, given none"):
         summarize([], arm=(0,))
     with pytest.raises(ConfigError, match="needs at least one episode, given 0"):
         check_expert("PickCube", "train", 0)
 
 
-def test_the_report_does_not_depend_on_how_many_run_at_once():
+def test_report_does_not_depend_on_the_number_of_envs():
     reports = [check_expert("PickCube", "test", 6, num_envs=count, num_threads=1) for count in (2, 6)]
     assert reports[0] == reports[1]
     assert reports[0].success_rate == 1.0
@@ -45,7 +44,7 @@ def test_the_report_does_not_depend_on_how_many_run_at_once():
     assert 0.0 < reports[0].largest_step_rad < 0.35
 
 
-def test_the_command_prints_a_line_for_each_split(monkeypatch):
+def test_command_logs_a_line_per_split(monkeypatch):
     asked = []
 
     def pretend(task, split, episodes, *, num_envs, simulator):
@@ -67,18 +66,13 @@ def test_the_command_prints_a_line_for_each_split(monkeypatch):
     assert len(asked) == 3
 
 
-def test_a_mistake_ends_with_code_two(caplog):
+def test_unknown_task_exits_with_code_two(caplog):
     assert main(["task=PickKube", "episodes=1"]) == 2
     assert re.search(r"Unknown task 'PickKube'\. Did you mean 'PickCube'\?", caplog.text)
 
 
-def test_the_file_of_records_is_mujocos(caplog, monkeypatch):
+def test_records_of_another_simulator_are_refused(caplog, monkeypatch):
     report = ExpertReport(1, (), 42.5, 0.125)
     monkeypatch.setattr("envs.experts.check.check_expert", lambda *_, **__: report)
     assert main(["simulator=sapien", "record=true", "records=elsewhere.json"]) == 2
-    assert "The file of records is MuJoCo's" in caplog.text
-
-
-def test_a_report_is_frozen():
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        ExpertReport(1, (), 1.0, 0.0).num_episodes = 2
+    assert "Records are measured in mujoco, given simulator=sapien" in caplog.text

@@ -1,4 +1,4 @@
-"""The file of how often experts succeed."""
+"""The file of success rates of experts."""
 
 import json
 import subprocess
@@ -14,7 +14,7 @@ from envs.tasks import TASKS
 RECORD = ExpertRecord({"train": SplitRecord(50, 0.98, 42.5)}, "python -m envs.experts.check", "abc")
 
 
-def test_records_come_back_and_other_tasks_stay(tmp_path):
+def test_written_records_are_read_back_and_other_tasks_stay(tmp_path):
     path = tmp_path / "new" / "experts.json"
     assert read_records(path) == {}
     write_record("PickCube", RECORD, path)
@@ -25,13 +25,13 @@ def test_records_come_back_and_other_tasks_stay(tmp_path):
     assert [entry.name for entry in path.parent.iterdir()] == ["experts.json"]
 
 
-def test_a_record_reads_as_percent_by_split():
+def test_record_prints_percent_per_split():
     both = {"train": SplitRecord(500, 1.0, 9.0), "test": SplitRecord(500, 0.998, 9.0)}
     assert str(ExpertRecord(both, "", None)) == "100.0 / 99.8 %"
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"PickCube": {"splits": {}}}', '{"PickCube": 3}'])
-def test_a_broken_file_is_told_with_the_way_out(tmp_path, text):
+def test_damaged_file_is_an_error_with_a_remedy(tmp_path, text):
     path = tmp_path / "experts.json"
     path.write_text(text)
     with pytest.raises(ConfigError, match=r"experts\.json does not say .* measure again: python -m envs"):
@@ -41,7 +41,7 @@ def test_a_broken_file_is_told_with_the_way_out(tmp_path, text):
     assert path.read_text() == text
 
 
-def test_what_is_committed_is_of_registered_tasks_and_public():
+def test_committed_records_are_of_registered_tasks_without_local_paths():
     records = read_records()
     assert set(records) <= set(TASKS)
     for task, record in records.items():
@@ -50,7 +50,7 @@ def test_what_is_committed_is_of_registered_tasks_and_public():
             assert split.num_episodes >= 1 and 0.0 <= split.success_rate <= 1.0
 
 
-def test_the_check_notes_both_splits_and_its_command(tmp_path, monkeypatch):
+def test_check_records_both_splits_and_its_command(tmp_path, monkeypatch):
     monkeypatch.setattr(check, "check_expert", lambda *_, **__: ExpertReport(50, (17,), 42.48, 0.1))
     monkeypatch.setattr(check, "git_sha", lambda: "abc+")
     path = tmp_path / "experts.json"
@@ -63,7 +63,7 @@ def test_the_check_notes_both_splits_and_its_command(tmp_path, monkeypatch):
     assert (RECORDS.read_bytes() if RECORDS.is_file() else None) == before
 
 
-def test_the_commit_is_marked_when_files_differ_from_it(tmp_path):
+def test_git_sha_is_marked_when_files_differ(tmp_path):
     assert git_sha(tmp_path) is None
 
     def git(*words):

@@ -23,7 +23,7 @@ def looks(pick_env):
     return pick_env.split_indices[:2].tolist()
 
 
-def test_what_our_expert_did_passes_both_ways(pick_env, demonstrations, looks):
+def test_episodes_of_our_expert_pass_by_states_and_by_controls(pick_env, demonstrations, looks):
     replayer = Replayer(pick_env)
     assert replayer.passes(demonstrations, looks, "states") == [True, True]
     assert replayer.passes(demonstrations, looks, "controls") == [True, True]
@@ -31,7 +31,7 @@ def test_what_our_expert_did_passes_both_ways(pick_env, demonstrations, looks):
 
 
 @pytest.mark.parametrize("by", ["states", "controls"])
-def test_a_replay_is_recorded_like_an_experts_episode(pick_env, demonstrations, played, looks, by):
+def test_replay_is_recorded_like_an_episode_of_the_expert(pick_env, demonstrations, played, looks, by):
     done = list(Replayer(pick_env).replay(demonstrations, looks, by))
     for outcome, demonstration, original, episode in zip(done, demonstrations, played, looks, strict=True):
         steps = len(outcome.actions)
@@ -49,7 +49,7 @@ def test_a_replay_is_recorded_like_an_experts_episode(pick_env, demonstrations, 
             )
 
 
-def test_by_states_nothing_moves_by_itself(pick_env, demonstrations, looks):
+def test_replay_by_states_runs_no_physics(pick_env, demonstrations, looks):
     """The cube hangs in the air, and stays there: no physics is asked."""
     states = demonstrations[0].states.select(np.arange(12))
     states.objects["cube"].pos[:] = states.objects["goal"].pos + 0.1
@@ -59,7 +59,7 @@ def test_by_states_nothing_moves_by_itself(pick_env, demonstrations, looks):
     assert np.ptp(outcome.raw["objects/cube/pos"], axis=0).max() == 0.0
 
 
-def test_by_controls_physics_decides(pick_env, demonstrations, looks):
+def test_replay_by_controls_runs_physics(pick_env, demonstrations, looks):
     """The recording with an open gripper: by states it is what it was, by controls nothing is grasped."""
     targets = demonstrations[0].targets.copy()
     targets[:, 7:] = 0.04
@@ -72,7 +72,7 @@ def test_by_controls_physics_decides(pick_env, demonstrations, looks):
     assert (outcome.actions[-HOLD_STEPS:] == outcome.actions[-HOLD_STEPS - 1]).all()
 
 
-def test_the_moments_before_a_jump_are_left_out_by_states(pick_env, demonstrations, looks):
+def test_replay_by_states_starts_at_first_state(pick_env, demonstrations, looks):
     jumping = dataclasses.replace(demonstrations[0], first_state=7)
     (outcome,) = Replayer(pick_env).replay([jumping], looks[:1], "states")
     recorded = demonstrations[0].states.robots["franka"].joint_pos[7].numpy()
@@ -80,7 +80,7 @@ def test_the_moments_before_a_jump_are_left_out_by_states(pick_env, demonstratio
     np.testing.assert_allclose(outcome.actions[0], demonstrations[0].targets[7], atol=1e-6)
 
 
-def test_what_cannot_be_replayed_is_refused(pick_env, demonstrations, looks):
+def test_missing_states_and_unknown_replay_are_refused(pick_env, demonstrations, looks):
     replayer = Replayer(pick_env)
     blind = dataclasses.replace(demonstrations[0], states=demonstrations[0].states.select([0]))
     with pytest.raises(
@@ -92,7 +92,7 @@ def test_what_cannot_be_replayed_is_refused(pick_env, demonstrations, looks):
         replayer.passes(demonstrations, looks, "state")
 
 
-def test_looks_are_those_of_the_train_split_alone(pick_env, demonstrations):
+def test_episode_of_another_split_is_refused(pick_env, demonstrations):
     from envs.randomization import load_split
 
     with pytest.raises(ConfigError):
