@@ -21,14 +21,17 @@ class StepResult(NamedTuple):
         terminated: Whether success or failure ended the episode.
         truncated: Whether the time limit ended the episode.
         success: Whether the episode is solved.
-        over: ``terminated`` or ``truncated``.
     """
 
     reward: Array
     terminated: Array
     truncated: Array
     success: Array
-    over: Array
+
+    @property
+    def over(self) -> Array:
+        """Whether the episode is over: ``terminated`` or ``truncated``."""
+        return self.terminated | self.truncated
 
 
 class BatchedEnv(ABC):
@@ -98,9 +101,8 @@ class BatchedEnv(ABC):
             self.returns[env_ids] += reward
             elapsed, returns = self.elapsed_steps[env_ids], self.returns[env_ids]
         timed_out = elapsed >= self.max_episode_steps
-        over = terminated | timed_out
-        success = solved(self.task, success, over, returns)
-        return states, StepResult(reward, terminated, timed_out & ~terminated, success, over)
+        success = solved(self.task, success, terminated | timed_out, returns)
+        return states, StepResult(reward, terminated, timed_out & ~terminated, success)
 
     def _clear(self, env_ids: Array) -> None:
         """Resets the counters of environments whose episodes start."""

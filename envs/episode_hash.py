@@ -1,4 +1,4 @@
-"""A short name for how an episode begins and looks."""
+"""A hash of the initial state and the appearance of an episode."""
 
 import hashlib
 import json
@@ -12,15 +12,14 @@ import torch
 from envs.scenario import Appearance
 from envs.state import State
 
-_PICTURE_SIZE = ("width", "height")
+_IMAGE_SIZE = ("width", "height")
 
 
 def episode_digest(state: State, appearance: Appearance) -> str:
-    """Returns the first 16 hex digits of a SHA-256 of a state of one environment and of its looks.
+    """Returns the first 16 hex digits of the SHA-256 of one environment's state and appearance.
 
-    What is hashed are values under their names, without those that are a field's default. A field that is
-    added later, with a default that changes nothing, leaves the hashes of episodes as they were. The size
-    of a picture is no part of an episode.
+    Values are hashed with their names; fields with their default value are left out. So a field that is
+    added later, with a default that changes nothing, changes no hash. The image size has no influence.
     """
     sha = hashlib.sha256()
     for key, value in sorted(state.flatten().items()):
@@ -29,14 +28,14 @@ def episode_digest(state: State, appearance: Appearance) -> str:
         sha.update(np.ascontiguousarray(numbers, "<f8").tobytes())
     looks = named_values(appearance)
     for camera in looks.get("cameras", {}).values():
-        for name in _PICTURE_SIZE:
+        for name in _IMAGE_SIZE:
             camera.pop(name, None)
     sha.update(json.dumps(looks, sort_keys=True, separators=(",", ":"), allow_nan=False).encode())
     return sha.hexdigest()[:16]
 
 
 def named_values(value: Any) -> Any:
-    """Returns frozen data as plain JSON values: of a dataclass, the fields that are not their defaults."""
+    """Returns frozen data as JSON values; dataclass fields with their default value are left out."""
     if is_dataclass(value) and not isinstance(value, type):
         given = ((field, getattr(value, field.name)) for field in fields(value))
         return {field.name: named_values(v) for field, v in given if not _is_default(field, v)}

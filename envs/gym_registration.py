@@ -1,4 +1,4 @@
-"""Tasks under the names that ``gymnasium.make`` and ``gymnasium.make_vec`` know."""
+"""Registers the tasks with Gymnasium, for ``gymnasium.make`` and ``gymnasium.make_vec``."""
 
 import gymnasium
 
@@ -6,7 +6,7 @@ from envs.tasks import TASKS
 
 
 def gym_id(task: str) -> str:
-    """Returns a task's name with Gymnasium, such as ``"RoboVerse/PickCube-v0"``; it knows one slash only."""
+    """Returns a task's Gymnasium id, such as ``"RoboVerse/PickCube-v0"``; an id has one slash only."""
     return f"RoboVerse/{task.replace('/', '-')}-v0"
 
 

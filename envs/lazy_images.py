@@ -1,20 +1,20 @@
-"""Pictures that are drawn when somebody reads them."""
+"""Images that are rendered when they are first read."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
 
 class LazyPixels(dict):
-    """A dict from camera to picture that draws all of them when the first one is read.
+    """A dict from camera to image that renders all images when the first one is read.
 
-    It shows the moment at which it was made, however many steps have been taken since, and is a plain
-    dict to everybody who checks, pickles or compares it.
+    The images show the time at which it was made, however many steps have been taken since. It checks,
+    pickles and compares like a plain dict.
 
     Args:
         cameras: Names of the cameras: the keys.
-        draw: Draws the pictures; called once at most.
+        draw: Renders the images; called at most once.
     """
 
     def __init__(self, cameras: Iterable[str], draw: Callable[[], dict[str, np.ndarray]]) -> None:
@@ -23,13 +23,13 @@ class LazyPixels(dict):
 
     @property
     def drawn(self) -> bool:
-        """Whether the pictures exist."""
+        """Whether the images have been rendered."""
         return self._draw is None
 
     def _materialize(self) -> None:
         if self._draw is not None:
-            pictures, self._draw = self._draw(), None
-            super().update(pictures)
+            images, self._draw = self._draw(), None
+            super().update(images)
 
     def __getitem__(self, camera: str) -> np.ndarray:
         if camera in self:
@@ -37,27 +37,24 @@ class LazyPixels(dict):
         return super().__getitem__(camera)
 
     def get(self, camera: str, default=None):
-        """Returns the picture of ``camera``, or ``default``."""
+        """Returns the image of ``camera``, or ``default``."""
         if camera in self:
             self._materialize()
         return super().get(camera, default)
 
     def values(self):
-        """Returns the pictures."""
+        """Returns the images."""
         self._materialize()
         return super().values()
 
     def items(self):
-        """Returns cameras and pictures."""
+        """Returns cameras and images."""
         self._materialize()
         return super().items()
 
     def copy(self) -> dict[str, np.ndarray]:
         """Returns a plain dict."""
         return dict(self.items())
-
-    def __iter__(self) -> Iterator[str]:
-        return super().__iter__()
 
     def __eq__(self, other: object) -> bool:
         self._materialize()
@@ -66,9 +63,9 @@ class LazyPixels(dict):
     __hash__ = None  # type: ignore[assignment]
 
     def __deepcopy__(self, memo: dict) -> "LazyPixels":
-        """Returns one whose pictures are drawn: Gymnasium's checker compares types, too."""
-        pictures = {camera: picture.copy() for camera, picture in self.items()}
-        drawn = LazyPixels(pictures, lambda: pictures)
+        """Returns a rendered copy of the same type, which Gymnasium's checker compares."""
+        images = {camera: image.copy() for camera, image in self.items()}
+        drawn = LazyPixels(images, lambda: images)
         drawn._materialize()
         return drawn
 
@@ -77,7 +74,7 @@ class LazyPixels(dict):
 
 
 def row_of(observation: Mapping[str, Any], env_id: int) -> dict[str, Any]:
-    """Returns one environment's part of a batched observation; pictures stay undrawn."""
+    """Returns one environment's part of a batched observation; images are not rendered."""
     out: dict[str, Any] = {}
     for key, value in observation.items():
         if isinstance(value, LazyPixels):

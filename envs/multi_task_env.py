@@ -1,4 +1,4 @@
-"""Several tasks as one batch of environments, for an agent that learns them together.
+"""Several tasks as one batch of environments, for multi-task reinforcement learning.
 
 Shapes: N environments of T tasks, D entries of the largest observation, A entries of the largest action.
 """
@@ -16,28 +16,27 @@ from envs.torch_env import EnvStep, EpisodeStatistics
 
 
 class MultiTaskEnv:
-    """A batched env per task, side by side: the first environments are of the first task, and so on.
+    """One batched environment per task: the first rows are of the first task, and so on.
 
-    Observations of smaller tasks are padded with zeros to the largest one, (N, D); of an action (N, A) a
-    task takes the first entries, as many as it has, and the rest has no influence. What one task draws does
-    not depend on the others.
+    Observations of smaller tasks are padded with zeros to the largest one, (N, D). A task uses the first
+    entries of an action (N, A), as many as it has. Random draws of a task do not depend on the others.
 
     Args:
-        envs: Task to its :class:`~envs.torch_env.TorchVectorEnv`, or what has its interface; observations
-            are vectors.
+        envs: Task to its :class:`~envs.torch_env.TorchVectorEnv`, or an environment with its interface;
+            observations are vectors.
 
     Attributes:
         envs: See above, in order.
-        task_ids: Index of each environment's task (N,) int64.
-        max_episode_steps: Control steps of an episode of the task whose episodes are the longest.
+        task_ids: Index of each environment's task, (N,) int64.
+        max_episode_steps: The longest time limit of a task, control steps.
 
     Raises:
-        ConfigError: if there is no task.
+        ConfigError: There is no task.
     """
 
     def __init__(self, envs: Mapping[str, Any]) -> None:
         if not envs:
-            raise ConfigError("MultiTaskEnv needs one task at least, given none.")
+            raise ConfigError("MultiTaskEnv needs at least one task, given none.")
         self.envs = dict(envs)
         each = list(self.envs.values())
         self.device: torch.device = each[0].device
@@ -50,21 +49,21 @@ class MultiTaskEnv:
         self.task_ids = torch.arange(len(each), device=self.device).repeat_interleave(counts)
 
     def seed(self, seed: int) -> None:
-        """Seeds what is drawn from now on, of each task by itself."""
+        """Seeds the draws of initial states, differently for each task."""
         for index, env in enumerate(self.envs.values()):
             env.seed(int(np.random.SeedSequence(seed, spawn_key=(index,)).generate_state(1)[0]))
 
     def random_state(self) -> Tensor:
-        """Returns what is drawn next in every task (T, …), which :meth:`set_random_state` takes back."""
+        """Returns the states of the tasks' generators, (T, …)."""
         return torch.stack([env.random_state() for env in self.envs.values()])
 
     def set_random_state(self, state: Tensor) -> None:
-        """Goes on drawing where :meth:`random_state` was."""
+        """Restores states that :meth:`random_state` returned."""
         for env, own in zip(self.envs.values(), state, strict=True):
-            env.set_random_state(own.clone())  # torch reads a row of a tensor from its beginning
+            env.set_random_state(own.clone())  # torch reads from the start of the storage
 
     def reset(self, mask: Tensor | None = None) -> Tensor:
-        """Starts new episodes everywhere, or where ``mask`` (N,) says so; returns observations (N, D)."""
+        """Starts new episodes everywhere, or where ``mask`` (N,) is true; returns observations (N, D)."""
         masks = [None] * len(self.envs) if mask is None else mask.split(self._sizes)
         return self._padded(env.reset(own) for env, own in zip(self.envs.values(), masks, strict=True))
 
@@ -84,7 +83,7 @@ class MultiTaskEnv:
         )
 
     def pop_statistics(self) -> EpisodeStatistics:
-        """Returns what the episodes of all tasks came to, and of each by itself, and forgets them."""
+        """Returns the statistics of all tasks and of each since the last call, and resets them."""
         by_task = {name: env.pop_statistics() for name, env in self.envs.items()}
         ended = [own for own in by_task.values() if own.episodes]
         episodes = sum(own.episodes for own in ended)
@@ -98,7 +97,7 @@ class MultiTaskEnv:
         )
 
     def state_dict(self) -> dict[str, Tensor]:
-        """Returns where every environment is, which :meth:`load_state_dict` takes back."""
+        """Returns the state of every environment, for :meth:`load_state_dict`."""
         return {
             f"{index}.{key}": value
             for index, env in enumerate(self.envs.values())
@@ -106,7 +105,7 @@ class MultiTaskEnv:
         }
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> Tensor:
-        """Puts every environment to a saved state; returns observations (N, D)."""
+        """Restores every environment's state; returns observations (N, D)."""
         parts: list[dict[str, Tensor]] = [{} for _ in self.envs]
         for key, value in state.items():
             index, _, own = key.partition(".")
@@ -121,6 +120,6 @@ class MultiTaskEnv:
             env.close()
 
     def _padded(self, observations: Iterator[Tensor]) -> Tensor:
-        """Returns observations of all tasks as one (N, D)."""
+        """Returns the observations of all tasks as one tensor (N, D)."""
         size = self.observation_size
         return torch.cat([functional.pad(each, (0, size - each.shape[1])) for each in observations])

@@ -1,4 +1,4 @@
-"""What an env refuses to step with: actions of another shape, actions that are no numbers, no episode."""
+"""Checks before a step: the shape of the actions, finite numbers, and a started episode."""
 
 from collections.abc import Sequence
 
@@ -13,16 +13,16 @@ class InvalidActionError(RoboVerseError, gymnasium.error.InvalidAction):
 
 
 class ResetNeededError(RoboVerseError, gymnasium.error.ResetNeeded):
-    """A step of an environment that has no episode yet."""
+    """A step of an environment without an episode."""
 
 
 def check_step(actions: np.ndarray, names: Sequence[str], episodes: np.ndarray) -> None:
-    """Checks what a step of N environments is given, in a few microseconds.
+    """Checks the actions of a step of N environments, in a few microseconds.
 
     Args:
-        actions: What was given, to be (N, A).
-        names: What each entry of an action is, A of them.
-        episodes: The episode of each environment, (N,); below 0 where none has begun.
+        actions: The actions; (N, A) is valid.
+        names: Names of the A entries of an action.
+        episodes: The episode of each environment, (N,); negative where none has started.
 
     Raises:
         InvalidActionError: The actions have another shape, or an entry is not finite.
@@ -38,14 +38,13 @@ def check_step(actions: np.ndarray, names: Sequence[str], episodes: np.ndarray) 
             "it, such as a policy whose training diverged."
         )
     if episodes.min() < 0:
-        raise ResetNeededError("step() was called before an episode began. Call reset() first.")
+        raise ResetNeededError("step() was called before an episode started. Call reset() first.")
 
 
 def wrong_shape(actions: np.ndarray, shape: tuple[int, ...], names: Sequence[str]) -> InvalidActionError:
-    """Builds the error for actions of another shape, or of something else than numbers."""
-    known = ", ".join(names)
-    what = "Actions are a row for each environment" if len(shape) > 1 else "An action is one row"
+    """Returns the error for actions of another shape, or that are not numbers."""
+    what = "Actions have one row per environment" if len(shape) > 1 else "An action is one row"
     return InvalidActionError(
-        f"{what}, numbers of the shape {shape}: {known}. Given was an array of {actions.dtype} of the shape "
+        f"{what}, numbers of shape {shape}: {', '.join(names)}. Given: an array of {actions.dtype} of shape "
         f"{actions.shape}."
     )

@@ -190,8 +190,9 @@ class TorchVectorEnv(BatchedEnv):
         if self._shift:
             left = (self.max_episode_steps - self.elapsed_steps) * (result.terminated & ~result.success)
             reward = reward - 1.0 - left
-        self._count(result.over, result.success)
-        ids = result.over.nonzero()[:, 0]  # the only host synchronization
+        over = result.over
+        self._count(over, result.success)
+        ids = over.nonzero()[:, 0]  # the only host synchronization
         if len(ids):
             self._restart(ids)
             obs = self._observe_started(ids)

@@ -1,4 +1,4 @@
-"""The batched env behind the interfaces of Stable-Baselines3, rsl_rl and TorchRL.
+"""Adapters of the Torch environment for Stable-Baselines3, rsl_rl and TorchRL.
 
 Each adapter translates and computes nothing. All of them take a :class:`~envs.torch_env.TorchEnv`.
 """

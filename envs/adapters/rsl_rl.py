@@ -1,4 +1,4 @@
-"""The batched env as an rsl_rl ``VecEnv``: TensorDict observations, tensors on the device."""
+"""The Torch environment as an rsl_rl ``VecEnv``."""
 
 from typing import Any
 
@@ -13,13 +13,13 @@ GROUP = "policy"
 
 
 class RslRlVecEnv(VecEnv):
-    """rsl_rl's interface.
+    """rsl_rl's interface: TensorDict observations, tensors on the device.
 
-    ``extras["time_outs"]`` are the episodes that were cut off. rsl_rl's PPO bootstraps them by the value
-    of the observation before the last step; the last one itself is ``extras["final_obs"]``.
+    ``extras["time_outs"]`` are the truncated episodes. rsl_rl's PPO bootstraps them with the value of the
+    observation before the last step; the last observation is ``extras["final_obs"]``.
 
     Args:
-        env: The batched env.
+        env: The environment.
     """
 
     def __init__(self, env: TorchEnv) -> None:
@@ -41,7 +41,7 @@ class RslRlVecEnv(VecEnv):
         self.env.elapsed_steps = steps.to(self.env.elapsed_steps)
 
     def get_observations(self) -> TensorDict:
-        """Returns what is seen now."""
+        """Returns the present observations."""
         return self._grouped(self._obs)
 
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:

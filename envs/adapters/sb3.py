@@ -1,6 +1,6 @@
-"""The batched env as a Stable-Baselines3 ``VecEnv``: numpy, and one info per environment."""
+"""The Torch environment as a Stable-Baselines3 ``VecEnv``."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
@@ -12,14 +12,14 @@ from envs.torch_env import TorchEnv
 
 
 class Sb3VecEnv(VecEnv):
-    """Stable-Baselines3's interface.
+    """Stable-Baselines3's interface: NumPy arrays, and one info per environment.
 
-    An episode's last observation is ``info["terminal_observation"]``, and ``info["TimeLimit.truncated"]``
-    says whether its value goes on: Stable-Baselines3 bootstraps then. ``info["episode"]`` holds return
-    and length as ``Monitor`` would, of the reward that the agent is paid.
+    ``info["terminal_observation"]`` is an episode's last observation; Stable-Baselines3 bootstraps its value
+    where ``info["TimeLimit.truncated"]`` is true. ``info["episode"]`` holds return and length as ``Monitor``
+    gives them, of the agent's reward.
 
     Args:
-        env: The batched env.
+        env: The environment.
     """
 
     def __init__(self, env: TorchEnv) -> None:
@@ -73,29 +73,25 @@ class Sb3VecEnv(VecEnv):
         self.env.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Returns an attribute of the batched env, once per environment."""
+        """Returns an attribute of the batch, once per environment."""
         return [getattr(self.env, attr_name, None)] * len(self._ids(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Sets an attribute of the batched env, which all environments share."""
+        """Sets an attribute of the batch, which all environments share."""
         setattr(self.env, attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Calls a method of the batched env once; returns its answer once per environment."""
+        """Calls a method of the batch once; returns its result once per environment."""
         answer = getattr(self.env, method_name)(*method_args, **method_kwargs)
         return [answer] * len(self._ids(indices))
 
     def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
-        """Returns False for each: a batched env has no wrappers."""
+        """Returns False for each: a batch has no wrappers."""
         return [False] * len(self._ids(indices))
 
     def _ids(self, indices: VecEnvIndices) -> Sequence[int]:
         if indices is None:
             return range(self.num_envs)
-        return [indices] if isinstance(indices, int) else list(_ints(indices))
-
-
-def _ints(indices: Iterable[int]) -> Iterable[int]:
-    return (int(index) for index in indices)
+        return [indices] if isinstance(indices, int) else [int(index) for index in indices]

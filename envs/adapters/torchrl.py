@@ -1,4 +1,4 @@
-"""The batched env as a TorchRL ``EnvBase``: terminated, truncated and done, and true last observations."""
+"""The Torch environment as a TorchRL ``EnvBase``."""
 
 from typing import Any, override
 
@@ -12,13 +12,13 @@ from envs.torch_env import TorchEnv
 
 
 class TorchRlEnv(EnvBase):
-    """TorchRL's interface.
+    """TorchRL's interface: terminated, truncated and done, and true last observations.
 
-    A step returns the last observation of an episode that is over, and the reset that TorchRL then asks
-    for returns the first one of the next: the batched env has begun it already.
+    A step returns the last observation of an episode that is over. The reset that TorchRL calls next returns
+    the first observation of the next episode, which the environment has already started.
 
     Args:
-        env: The batched env.
+        env: The environment.
     """
 
     def __init__(self, env: TorchEnv) -> None:
@@ -37,19 +37,19 @@ class TorchRlEnv(EnvBase):
             {key: flag.clone() for key in ("done", "terminated", "truncated")}, shape=torch.Size((count,))
         )
         self._next: Tensor | None = None
-        self._begun = torch.ones(count, dtype=torch.bool, device=device)
+        self._started = torch.ones(count, dtype=torch.bool, device=device)
 
     @override
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         step = self.env.step(tensordict["action"])
-        self._next, self._begun = step.obs, step.terminated | step.truncated
-        return self._told(
+        self._next, self._started = step.obs, step.terminated | step.truncated
+        return self._outputs(
             observation=step.final_obs,
             success=step.success,
             reward=step.reward,
             terminated=step.terminated,
             truncated=step.truncated,
-            done=self._begun,
+            done=self._started,
         )
 
     @override
@@ -58,19 +58,21 @@ class TorchRlEnv(EnvBase):
         if mask is None or self._next is None:
             self._next = self.env.reset()
         else:
-            others = mask.reshape(-1) & ~self._begun
+            others = mask.reshape(-1) & ~self._started
             if others.any():
                 self._next = self.env.reset(others)
-        self._begun = torch.zeros_like(self._begun)
-        none = torch.zeros_like(self._begun)
-        return self._told(observation=self._next, success=none, terminated=none, truncated=none, done=none)
+        self._started = torch.zeros_like(self._started)
+        none = torch.zeros_like(self._started)
+        return self._outputs(
+            observation=self._next, success=none, terminated=none, truncated=none, done=none
+        )
 
     @override
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:
             self.env.seed(seed)
 
-    def _told(self, **values: Tensor) -> TensorDict:
+    def _outputs(self, **values: Tensor) -> TensorDict:
         columns = {key: value if value.ndim == 2 else value[:, None] for key, value in values.items()}
         return TensorDict(columns, batch_size=self.batch_size, device=self.device)
 

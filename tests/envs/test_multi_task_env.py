@@ -101,5 +101,5 @@ def test_closing_it_closes_all_and_no_task_is_an_error():
     env = make()
     env.close()
     assert all(each.closed for each in env.envs.values())
-    with pytest.raises(ConfigError, match="needs one task at least"):
+    with pytest.raises(ConfigError, match="needs at least one task"):
         MultiTaskEnv({})

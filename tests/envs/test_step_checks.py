@@ -40,7 +40,7 @@ def test_one_action_of_another_shape_is_refused(single: envs.RoboVerseEnv, shape
     single.reset(seed=0)
     with pytest.raises(InvalidActionError, match=r"An action is one row, .* shape \(9,\): joint1, ") as error:
         single.step(np.zeros(shape, np.float32))
-    assert str(error.value).endswith(f"Given was an array of float32 of the shape {shape}.")
+    assert str(error.value).endswith(f"Given: an array of float32 of shape {shape}.")
 
 
 @pytest.mark.parametrize("shape", [(9,), (2, 9), (3, 7), (3, 9, 1)])
@@ -52,7 +52,7 @@ def test_actions_of_another_shape_are_refused(batch: RoboVerseVectorEnv, shape: 
 
 def test_actions_that_are_words_are_refused(batch: RoboVerseVectorEnv) -> None:
     batch.reset(seed=0)
-    with pytest.raises(InvalidActionError, match="Given was an array of <U1 of the shape"):
+    with pytest.raises(InvalidActionError, match="Given: an array of <U1 of shape"):
         batch.step(np.full((3, 9), "a"))
 
 
