@@ -77,7 +77,7 @@ class PlaybackEnv:
         rows = [self._recordings[i].select([moment]) for i, moment in zip(ids, moments, strict=True)]
         states, success = set_and_judge(self._env, env_ids, concatenated(rows))
         reward = np.where(success, 1.0, self._env.task.reward(states).cpu().numpy())
-        return StepResult(reward, success, np.zeros_like(success), success, success)
+        return StepResult(reward, success, np.zeros_like(success), success)
 
 
 def set_and_judge(

@@ -63,9 +63,7 @@ class TorchRlEnv(EnvBase):
                 self._next = self.env.reset(others)
         self._started = torch.zeros_like(self._started)
         none = torch.zeros_like(self._started)
-        return self._outputs(
-            observation=self._next, success=none, terminated=none, truncated=none, done=none
-        )
+        return self._outputs(observation=self._next, success=none, terminated=none, truncated=none, done=none)
 
     @override
     def _set_seed(self, seed: int | None) -> None:

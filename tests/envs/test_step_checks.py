@@ -46,7 +46,7 @@ def test_one_action_of_another_shape_is_refused(single: envs.RoboVerseEnv, shape
 @pytest.mark.parametrize("shape", [(9,), (2, 9), (3, 7), (3, 9, 1)])
 def test_actions_of_another_shape_are_refused(batch: RoboVerseVectorEnv, shape: tuple[int, ...]) -> None:
     batch.reset(seed=0)
-    with pytest.raises(InvalidActionError, match=r"Actions are a row for each environment.* shape \(3, 9\)"):
+    with pytest.raises(InvalidActionError, match=r"Actions have one row per environment.* shape \(3, 9\)"):
         batch.step(np.zeros(shape))
 
 
