@@ -46,8 +46,6 @@ LAYERS = (
 """Folders and modules of ``envs``, the lowest first; each imports its own layer and those below it."""
 
 NOT_YET = {
-    # DATA
-    ("roboverse_learn.data.collection.worker", "roboverse_learn.data.collection.pool"),
     # CONFIG
     ("roboverse_learn.commands.report", "roboverse_learn.evaluate"),
 }

@@ -8,18 +8,16 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 from benchmark.protocol import LEVELS, SPLITS
-from envs.core.errors import ConfigError, unknown_name
+from envs.core.errors import ConfigError
 from envs.randomization.splits import load_split
 from envs.spec import EnvSpec
 from policies.base import listed
+from roboverse_learn.data.sources import SOURCES
 from roboverse_learn.training.config import TrainConfig
 
 Channel = Literal["environment", "camera", "lighting"]
 Split = Literal["train", "test"]
 Replay = Literal["states", "controls"]
-
-SOURCES = ("expert", "policy", "maniskill", "robosuite", "roboverse")
-"""The task's expert, what learned by reward, and the formats of :mod:`roboverse_learn.data.importers`."""
 
 
 def _positive(**values: float) -> None:
@@ -116,8 +114,8 @@ class CollectConfig:
         env: Environment of the demonstrations. Its fields are typed without ``env.``: ``task=PickCube``.
         preset: Named set of values from ``configs/preset``.
         datasets_dir: Folder of datasets.
-        source: Where demonstrations come from: the task's expert, the policy of ``checkpoint``, which learned
-            the task by reward, or files of this format in ``path``.
+        source: Registered source of demonstrations: the task's expert, the policy of ``checkpoint``, trained
+            by reinforcement learning, or files of this format in ``path``.
         checkpoint: Folder of that policy, or of its run.
         path: File of demonstrations, or a folder of them; of files, num_demos is the most that is taken.
         replay: How a file's demonstrations become ours: by recorded states, or by controls in our physics.
@@ -136,26 +134,9 @@ class CollectConfig:
     collect: DemonstrationConfig = field(default_factory=DemonstrationConfig)
 
     def __post_init__(self) -> None:
-        if self.source not in SOURCES:
-            raise unknown_name("source of demonstrations", self.source, SOURCES)
-        if self.source in ("expert", "policy") and self.path:
-            raise ConfigError(
-                f"path={self.path} was given, and source={self.source} reads no file. Name its format, as in "
-                "source=maniskill."
-            )
-        if self.source not in ("expert", "policy") and not self.path:
-            raise ConfigError(f"source={self.source} needs path=<file or folder>.")
-        if self.source == "policy" and not self.checkpoint:
-            raise ConfigError(
-                "source=policy needs checkpoint=<folder>: that of a run of a policy that learned by reward, "
-                "as in checkpoint=runs/PickCube/ppo/<run>."
-            )
-        if self.source != "policy" and self.checkpoint:
-            raise ConfigError(
-                f"checkpoint={self.checkpoint} was given, and source={self.source} asks no policy. Add "
-                "source=policy."
-            )
-        if self.source in ("expert", "policy"):  # of files, num_demos is only the most that is taken
+        source = SOURCES.get(self.source)
+        source.check_keys(self)
+        if not source.num_demos_is_most:
             _within_split("train", num_demos=self.collect.num_demos)
 
 

@@ -12,7 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from roboverse_learn.data.collection.pool import CollectionConfig, attempts
+from roboverse_learn.data.collection.config import CollectionConfig
+from roboverse_learn.data.collection.pool import attempts
 from roboverse_learn.data.collection.schedule import Schedule
 from roboverse_learn.data.dataset.raw import dataset_hash
 from roboverse_learn.data.dataset.writer import DatasetWriter

@@ -1,76 +1,23 @@
-"""What a collection runs, and the processes that run it."""
+"""The processes of a collection."""
 
 import contextlib
 import os
 import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from multiprocessing import active_children, get_context
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any
 
-from envs.core.errors import ConfigError, DatasetError
-from roboverse_learn.data.collection.schedule import GIVE_UP_AFTER
+from envs.core.errors import DatasetError
+from roboverse_learn.data.collection.config import CollectionConfig
 from roboverse_learn.data.collection.worker import Attempt, run_batch, start, work
-from roboverse_learn.data.dataset.schema import Feature
 from roboverse_learn.data.dataset.staging import STAGING_DIRECTORY
-from roboverse_learn.data.dataset.video import EncoderConfig
-from roboverse_learn.data.sources.base import EpisodeSource, load_source
 
 
-@dataclass(frozen=True, kw_only=True)
-class CollectionConfig:
-    """What to collect.
-
-    Attributes:
-        root: The dataset's folder; an existing one is continued.
-        num_episodes: Successful episodes wanted in it.
-        candidates: Pool indices in the order of preference, such as a split's.
-        source: ``"package.module:Class"`` of an :class:`~roboverse_learn.data.sources.base.EpisodeSource`.
-        source_kwargs: Its JSON-able arguments.
-        fps: Frames per second.
-        features: From :func:`~roboverse_learn.data.dataset.schema.make_features`.
-        robot_type: Name of the robot.
-        num_workers: Processes; 1 collects in this process.
-        batch_size: Pool episodes that a worker runs at once, such as the number of its environments.
-        settings: JSON-able; what continuing the dataset must have in common with its beginning, such as
-            task, level, seed. ``source_kwargs`` by default.
-        encoder: Video settings.
-        fewer_ok: Once every candidate was tried, fewer successes than ``num_episodes`` are a result too.
-        give_up_after: Failures of a call before it may end because too few episodes succeed.
-    """
-
-    root: str | Path
-    num_episodes: int
-    candidates: Sequence[int]
-    source: str
-    source_kwargs: Mapping[str, Any]
-    fps: int
-    features: Mapping[str, Feature]
-    robot_type: str | None = None
-    num_workers: int = 1
-    batch_size: int = 1
-    settings: Mapping[str, Any] | None = None
-    encoder: EncoderConfig = field(default_factory=EncoderConfig)
-    fewer_ok: bool = False
-    give_up_after: int = GIVE_UP_AFTER
-
-    def __post_init__(self) -> None:
-        for key in ("num_episodes", "num_workers", "batch_size"):
-            if getattr(self, key) < 1:
-                raise ConfigError(f"{key} must be at least 1, given {getattr(self, key)}.")
-        if len(set(self.candidates)) != len(self.candidates):
-            raise ConfigError("The candidates name a pool episode twice. Give each index once.")
-
-    def make_source(self) -> EpisodeSource:
-        """Returns the source; see :func:`~roboverse_learn.data.sources.base.load_source`."""
-        return load_source(self.source, self.source_kwargs)
-
-
-def attempts(config: CollectionConfig, next_batch: Callable[[], list[int]]) -> Iterator[Attempt]:
+def attempts(config: CollectionConfig, next_batch: Callable[[], list[int]]) -> Generator[Attempt]:
     """Runs batches of pool episodes until there is none, in this process or in several.
 
     Args:
@@ -88,7 +35,7 @@ def attempts(config: CollectionConfig, next_batch: Callable[[], list[int]]) -> I
     yield from _attempts_of_workers(config, next_batch)
 
 
-def _attempts_of_workers(config: CollectionConfig, next_batch: Callable[[], list[int]]) -> Iterator[Attempt]:
+def _attempts_of_workers(config: CollectionConfig, next_batch: Callable[[], list[int]]) -> Generator[Attempt]:
     logs = Path(config.root) / STAGING_DIRECTORY
     logs.mkdir(parents=True, exist_ok=True)
     others, workers = set(active_children()), set[BaseProcess]()

@@ -9,16 +9,13 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from multiprocessing import parent_process
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from envs.core.errors import DatasetError, RoboVerseError
+from roboverse_learn.data.collection.config import CollectionConfig
 from roboverse_learn.data.dataset.schema import EpisodeData, check_episode
 from roboverse_learn.data.dataset.staging import stage_episode, staged_directory
 from roboverse_learn.data.sources.base import EpisodeSource
-
-if TYPE_CHECKING:
-    from roboverse_learn.data.collection.pool import CollectionConfig
-    from roboverse_learn.data.sources.base import EpisodeSource
 
 Attempt = tuple[int, Path | None]
 """A pool index and its staged folder, or None where the demonstrator failed."""
@@ -26,7 +23,7 @@ Attempt = tuple[int, Path | None]
 _process: dict[str, Any] = {}
 
 
-def start(config: "CollectionConfig", log: Path) -> None:
+def start(config: CollectionConfig, log: Path) -> None:
     """Prepares a worker process, which logs to a file and ends when its parent does, however that ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the collecting process, which ends this one
     threading.Thread(target=_exit_with_parent, daemon=True).start()
@@ -64,7 +61,7 @@ def work(indices: Sequence[int]) -> list[Attempt]:
 
 
 def run_batch(
-    config: "CollectionConfig", source: EpisodeSource, indices: Sequence[int], threads: int
+    config: CollectionConfig, source: EpisodeSource, indices: Sequence[int], threads: int
 ) -> Iterator[Attempt]:
     """Runs pool episodes and stages the successful ones, in threads beside the simulation.
 

@@ -50,11 +50,13 @@ class DemonstrationFile(ABC):
     """One file of demonstrations, opened for one task.
 
     Attributes:
-        suffixes: How the names of such files end.
+        format: Name of the format, which is also that of its source.
+        suffixes: Ends of such files' names.
         path: The file.
         names: Its episodes.
     """
 
+    format: ClassVar[str]
     suffixes: ClassVar[tuple[str, ...]]
     path: Path
     names: tuple[str, ...]

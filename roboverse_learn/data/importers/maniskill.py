@@ -28,6 +28,7 @@ from roboverse_learn.data.importers.demonstration import (
     within_range,
 )
 from roboverse_learn.data.importers.hdf5 import READ_ERRORS, open_hdf5
+from roboverse_learn.data.sources.importer import FileSource
 
 SCENES = {
     "PickCube-v1": Scene("PickCube", {"cube": "cube", "goal_site": "goal"}),
@@ -49,6 +50,7 @@ _ROOT = 13
 class ManiSkillFile(DemonstrationFile):
     """See the module."""
 
+    format: ClassVar = "maniskill"
     suffixes: ClassVar[tuple[str, ...]] = (".h5",)
 
     @override
@@ -126,6 +128,12 @@ class ManiSkillFile(DemonstrationFile):
     @override
     def close(self) -> None:
         self._file.close()
+
+
+class ManiSkillSource(FileSource):
+    """``source=maniskill``."""
+
+    file_type: ClassVar = ManiSkillFile
 
 
 def _object(values: np.ndarray, placement: Placement) -> EntityState:

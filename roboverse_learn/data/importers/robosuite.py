@@ -31,6 +31,7 @@ from roboverse_learn.data.importers.demonstration import (
 )
 from roboverse_learn.data.importers.hdf5 import READ_ERRORS, open_hdf5
 from roboverse_learn.data.importers.retarget import Poses, Retargeter, set_fingers
+from roboverse_learn.data.sources.importer import FileSource
 
 _NUTS = {"SquareNut0": "square_nut", "RoundNut0": "round_nut"}
 
@@ -66,6 +67,7 @@ _MOVING_TAGS = ("body", "joint", "freejoint", "inertial", "geom", "site")
 class RobosuiteFile(DemonstrationFile):
     """See the module."""
 
+    format: ClassVar = "robosuite"
     suffixes: ClassVar[tuple[str, ...]] = (".hdf5",)
 
     @override
@@ -146,6 +148,12 @@ class RobosuiteFile(DemonstrationFile):
     @override
     def close(self) -> None:
         self._file.close()
+
+
+class RobosuiteSource(FileSource):
+    """``source=robosuite``."""
+
+    file_type: ClassVar = RobosuiteFile
 
 
 class _Motion(NamedTuple):

@@ -41,6 +41,7 @@ from roboverse_learn.data.importers.retarget import (
     set_fingers,
     tool_path,
 )
+from roboverse_learn.data.sources.importer import FileSource
 
 MAX_BYTES = 1 << 30
 """Largest file after unpacking: fifty times RoboVerse's own; a bomb ends here."""
@@ -66,6 +67,7 @@ Frame = Mapping[str, Any]
 class RoboVerseFile(DemonstrationFile):
     """See the module."""
 
+    format: ClassVar = "roboverse"
     suffixes: ClassVar[tuple[str, ...]] = (".pkl.gz", ".pkl", ".json.gz", ".json")
 
     @override
@@ -186,6 +188,12 @@ class RoboVerseFile(DemonstrationFile):
         entity.lin_vel = tensor(velocities(entity.pos.numpy(), self._hz, first))
         entity.ang_vel = tensor(angular_velocities(entity.rot.numpy(), self._hz))
         return entity
+
+
+class RoboVerseSource(FileSource):
+    """``source=roboverse``."""
+
+    file_type: ClassVar = RoboVerseFile
 
 
 def _joint(given: Mapping[str, float], name: str, cfg: ObjectCfg) -> str:

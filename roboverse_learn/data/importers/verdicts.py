@@ -9,10 +9,8 @@ from typing import Any
 
 from envs.core.atomic import write_json
 from envs.core.errors import ConfigError, DatasetError, SimulatorError
-from envs.tasks.base import Task
 from envs.vector_env import RoboVerseVectorEnv
 from roboverse_learn.data.dataset.damage import read_json
-from roboverse_learn.data.importers import IMPORTERS
 from roboverse_learn.data.importers.demonstration import Demonstration, DemonstrationFile
 from roboverse_learn.data.importers.replayer import Replay, Replayer
 
@@ -127,15 +125,13 @@ class ImportSummary:
         }
 
 
-def find_files(source: str, path: Path) -> list[Path]:
+def find_files(file_type: type[DemonstrationFile], path: Path) -> list[Path]:
     """Returns the files of a format: ``path`` itself, or those in the folder that it is.
 
     Raises:
-        UnknownNameError: There is no such format.
-        MissingExtraError: The format needs a package that is not installed.
         DatasetError: There is no such file.
     """
-    suffixes = IMPORTERS.get(source).suffixes
+    source, suffixes = file_type.format, file_type.suffixes
     if path.is_file():
         return [path]
     if not path.is_dir():
@@ -146,19 +142,9 @@ def find_files(source: str, path: Path) -> list[Path]:
     return files
 
 
-def open_demonstrations(source: str, path: Path, task: Task) -> DemonstrationFile:
-    """Opens one file of demonstrations for a task.
-
-    Raises:
-        UnknownNameError: There is no such format.
-        DatasetError: The file is absent, damaged, or of another task.
-    """
-    return IMPORTERS.get(source)(path, task)
-
-
 def judge(
     *,
-    source: str,
+    file_type: type[DemonstrationFile],
     path: Path,
     env: RoboVerseVectorEnv,
     replay: Replay,
@@ -168,7 +154,7 @@ def judge(
     """Replays every demonstration both ways, without drawing a picture.
 
     Args:
-        source: Format.
+        file_type: Reads the format.
         path: A file, or a folder of files.
         env: The env to replay in, of the train split.
         replay: The replay that a dataset is wanted of.
@@ -178,13 +164,13 @@ def judge(
     Raises:
         DatasetError: No demonstration can be read, or there are more than episodes in the split.
     """
-    files = find_files(source, path)
+    files = find_files(file_type, path)
     replayer, episodes = Replayer(env), iter(env.split_indices.tolist())
     verdicts: list[Verdict] = []
     for file in files:
         relative = _relative(file, path)
         try:
-            opened = open_demonstrations(source, file, env.task)
+            opened = file_type(file, env.task)
         except DatasetError as error:
             if len(files) == 1:
                 raise
@@ -199,7 +185,7 @@ def judge(
         finally:
             opened.close()
     summary = ImportSummary(
-        source=source,
+        source=file_type.format,
         replay=replay,
         files=_hashes(files, path),
         conditions=conditions,
@@ -288,13 +274,18 @@ def _hashes(files: Sequence[Path], path: Path) -> dict[str, str]:
 
 
 def known_summary(
-    root: Path, *, source: str, path: Path, replay: Replay, conditions: Mapping[str, Any]
+    root: Path,
+    *,
+    file_type: type[DemonstrationFile],
+    path: Path,
+    replay: Replay,
+    conditions: Mapping[str, Any],
 ) -> ImportSummary | None:
     """Returns what :func:`judge` found when the dataset was made, or None where that does not hold now.
 
     Args:
         root: Folder of the dataset.
-        source: Format.
+        file_type: Reads the format.
         path: A file, or a folder of files.
         replay: The replay that a dataset is wanted of.
         conditions: As given to :func:`judge`.
@@ -302,7 +293,8 @@ def known_summary(
     if not (root / IMPORT_PATH).exists():
         return None
     saved = read_json(root / IMPORT_PATH)
-    files = _hashes(find_files(source, path), path)
+    files = _hashes(find_files(file_type, path), path)
+    source = file_type.format
     same = (source, files, json.loads(json.dumps(conditions)))
     if (saved.get("source"), saved.get("files"), saved.get("conditions")) != same:
         return None

@@ -1,17 +1,32 @@
-"""Where demonstrations come from."""
+"""What a source of demonstrations is: what it needs before a run, and how it makes episodes."""
 
 import importlib
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
-from envs.core.errors import DatasetError
-from roboverse_learn.data.dataset.schema import EpisodeData
+from envs.core.errors import ConfigError, DatasetError
+from envs.spec import EnvSpec
+from roboverse_learn.config.keys import flat_keys
+
+if TYPE_CHECKING:
+    from roboverse_learn.data.dataset.schema import EpisodeData
+
+Progress = Callable[[str], AbstractContextManager[Callable[[int, int, str], None]]]
+"""Shows a progress bar of a name; it yields a function of the number done, the number in all, and a text."""
+
+_KEYS = {
+    "path": "reads no file. Name its format, as in source=maniskill.",
+    "checkpoint": "asks no policy. Add source=policy.",
+}
+"""Keys that some sources need: what to say where they are given to another."""
 
 
 class EpisodeSource(Protocol):
     """Runs episodes of a pool, in the processes of a collection."""
 
-    def attempts(self, indices: Sequence[int]) -> Iterator[tuple[int, EpisodeData | None]]:
+    def attempts(self, indices: Sequence[int]) -> "Iterator[tuple[int, EpisodeData | None]]":
         """Runs a batch of pool episodes.
 
         Yields:
@@ -25,21 +40,114 @@ class EpisodeSource(Protocol):
         ...
 
 
-def load_source(reference: str, kwargs: Mapping[str, Any]) -> EpisodeSource:
-    """Calls the class or function that a ``"package.module:name"`` reference names.
+def spec_changes(env: EnvSpec) -> dict[str, Any]:
+    """Returns the changes of the simulator and of the scene; a dataset without any does not mention them."""
+    changes = {"simulator_settings": dict(env.simulator_settings), "scenario": dict(env.scenario)}
+    return {key: values for key, values in changes.items() if values}
 
-    Args:
-        reference: Importable in a fresh process.
-        kwargs: JSON-able arguments.
+
+def imported(reference: str) -> Any:
+    """Returns the class or function of a reference ``"package.module:name"``, importable in any process.
 
     Raises:
         DatasetError: There is no such class or function.
     """
     module, _, name = reference.partition(":")
     try:
-        factory = getattr(importlib.import_module(module), name)
+        return getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
         raise DatasetError(
             f"No episode source '{reference}': {error}. Give 'package.module:Class'."
         ) from error
-    return factory(**kwargs)
+
+
+class DemonstrationSource:
+    """One value of ``source=``, for one configuration. A subclass overrides what differs.
+
+    Args:
+        config: The configuration of ``roboverse collect``.
+
+    Attributes:
+        episodes: ``"package.module:Class"`` of its :class:`EpisodeSource`, which collecting processes make.
+        needs: Keys of the configuration that must be given, to what they are, for a message.
+        num_demos_is_most: Whether ``num_demos`` is only the most that is taken.
+    """
+
+    episodes: ClassVar[str]
+    needs: ClassVar[Mapping[str, str]] = {}
+    num_demos_is_most: ClassVar[bool] = False
+
+    def __init__(self, config: Any) -> None:
+        self.config = config
+
+    @classmethod
+    def check_keys(cls, config: Any) -> None:
+        """Checks which keys are given.
+
+        Raises:
+            ConfigError: One is missing, or is not for this source.
+        """
+        for key, advice in _KEYS.items():
+            given = getattr(config, key)
+            if given and key not in cls.needs:
+                raise ConfigError(f"{key}={given} was given, and source={config.source} {advice}")
+            if key in cls.needs and not given:
+                raise ConfigError(f"source={config.source} needs {key}={cls.needs[key]}")
+
+    def check(self) -> None:
+        """Checks before a run whether there is something to collect from.
+
+        Raises:
+            ConfigError: There is not, for this task.
+        """
+
+    def prepare(self, dataset: Path, progress: Progress) -> None:
+        """Does what comes before the first episode.
+
+        Args:
+            dataset: Folder of the dataset, which may not exist yet.
+            progress: Shows a progress bar.
+        """
+
+    def name_part(self) -> str:
+        """Returns the source's part of the name of the dataset's folder."""
+        return ""
+
+    def settings(self) -> dict[str, Any]:
+        """Returns the settings of the dataset, which one that is continued must share; JSON values."""
+        env = self.config.env
+        keys = ("task", "task_kwargs", "level", "only", "simulator", "renderer", "cameras", "image_size")
+        scene = {key: getattr(env, key) for key in keys} | {"materials": env.materials or None}
+        return scene | spec_changes(env) | self.identity()
+
+    def identity(self) -> dict[str, Any]:
+        """Returns the part of the settings that names the demonstrator; JSON values."""
+        return {}
+
+    def arguments(self) -> dict[str, Any]:
+        """Returns the arguments of :attr:`episodes`; JSON values."""
+        return {"env": self.config.env.to_json(), "num_envs": self.config.collect.num_envs}
+
+    def candidates(self) -> list[int]:
+        """Returns the episodes of the train split that are tried, in this order."""
+        from envs.randomization.splits import load_split
+
+        return [int(index) for index in load_split("train").episodes]
+
+    def advice(self) -> str:
+        """Says what to change where too few episodes succeed."""
+        env, usual = self.config.env, EnvSpec()
+        keys = [key for key in ("level", "only", "simulator") if getattr(env, key) != getattr(usual, key)]
+        for section in ("task_kwargs", "simulator_settings", "scenario"):
+            keys += flat_keys(getattr(env, section), f"{section}.")
+        if keys:
+            return f"Leave out, or make easier, what differs from the task's own scene: {', '.join(keys)}."
+        return self.advice_for_task()
+
+    def advice_for_task(self) -> str:
+        """Says what to do where too few episodes succeed in the task's own scene."""
+        return "Give a smaller num_demos."
+
+    def finish(self, dataset: Path) -> Any:
+        """Adds what the source knows to a complete dataset; returns it for the report, None if nothing."""
+        del dataset

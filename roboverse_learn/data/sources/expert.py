@@ -1,79 +1,61 @@
-"""Demonstrations of a task's expert, as the collection wants them."""
+"""Demonstrations of a task's scripted expert."""
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, ClassVar, override
 
-from benchmark.provenance import package_versions
+from envs.core.errors import ConfigError
+from envs.spec import EnvSpec
 from roboverse_learn.data.dataset.schema import EpisodeData
+from roboverse_learn.data.sources.base import DemonstrationSource, spec_changes
 
 
-class ExpertSource:
+class ExpertSource(DemonstrationSource):
+    """``source=expert``."""
+
+    episodes: ClassVar = "roboverse_learn.data.sources.expert:ExpertEpisodes"
+
+    @override
+    def check(self) -> None:
+        from envs.tasks import TASKS
+
+        task = self.config.env.task
+        if not TASKS.get(task).has_expert:
+            raise ConfigError(
+                f"{task} has no scripted expert to collect from. Train it by reinforcement learning, as in: "
+                f"roboverse train policy=ppo task={task}"
+            )
+
+    @override
+    def advice_for_task(self) -> str:
+        return f"Measure the expert with: python -m envs.experts.check task={self.config.env.task}"
+
+
+class ExpertEpisodes:
     """Runs the expert in a batch of environments of the train split.
 
     Args:
-        task: Registered task.
-        task_kwargs: Options of the task.
+        env: JSON values of an :class:`~envs.spec.EnvSpec`.
         num_envs: Environments that step at once.
-        level: Level, or None when one channel varies alone.
-        only: The channel that varies alone, or None.
-        simulator: Registered simulator.
-        renderer: Registered renderer.
-        cameras: Cameras that are observed; empty is the task's first.
-        image_size: Pixels a side.
-        materials: Folder of pictures in place of the built-in materials, with ``+`` before it beside them.
-        simulator_settings: Settings of the simulator that replace the scene's.
-        scenario: What is changed of the task's scene.
     """
 
-    def __init__(
-        self,
-        *,
-        task: str,
-        task_kwargs: dict[str, Any],
-        num_envs: int,
-        level: int,
-        only: str | None,
-        simulator: str,
-        renderer: str,
-        cameras: Sequence[str],
-        image_size: int,
-        materials: str | None = None,
-        simulator_settings: dict[str, Any] | None = None,
-        scenario: dict[str, Any] | None = None,
-    ) -> None:
-        import envs
+    def __init__(self, *, env: Mapping[str, Any], num_envs: int) -> None:
+        from benchmark.provenance import package_versions
 
-        self._env = envs.make_vec(
-            task,
-            num_envs,
-            level=level,
-            only=only,
-            split="train",
-            simulator=simulator,
-            renderer=renderer,
-            cameras=cameras,
-            image_size=image_size,
-            task_kwargs=task_kwargs,
-            materials=materials,
-            simulator_settings=simulator_settings,
-            scenario=scenario,
-            num_threads=1,  # the processes of a collection share the cores
-        )
+        spec = EnvSpec.from_json(env)
+        self._env = spec.make(num_envs, num_threads=1)  # the processes of a collection share the cores
         self._metadata = {
-            "task": task,
-            "task_kwargs": task_kwargs,
-            "level": None if only else level,
-            "only": only,
+            "task": spec.task,
+            "task_kwargs": dict(spec.task_kwargs),
+            "level": None if spec.only else spec.level,
+            "only": spec.only,
             "channels": list(self._env.channels),
             "not_shown": list(self._env.not_shown),
             "split": "train",
-            "simulator": simulator,
-            "renderer": renderer,
+            "simulator": spec.simulator,
+            "renderer": spec.renderer,
             "protocol_seed": self._env.protocol_seed,
             "versions": package_versions(),
-        }
-        tuning = {"simulator_settings": simulator_settings, "scenario": scenario}
-        self._metadata |= {key: values for key, values in tuning.items() if values}
+        } | spec_changes(spec)
 
     def attempts(self, indices: Sequence[int]) -> Iterator[tuple[int, EpisodeData | None]]:
         """Runs the expert on pool episodes, at most ``num_envs`` of them."""
@@ -87,22 +69,16 @@ class ExpertSource:
         self._env.close()
 
     def _episode(self, outcome: Any, **facts: Any) -> EpisodeData:
+        own = {
+            "episode": int(outcome.episode),
+            "success": True,
+            "initial_state_hash": outcome.initial_state_hash,
+        }
         return EpisodeData(
             states=outcome.observation_state,
             actions=outcome.actions,
             images=outcome.images,
             task=outcome.instruction,
             raw=outcome.raw,
-            metadata=self._metadata
-            | {
-                "episode": int(outcome.episode),
-                "success": True,
-                "initial_state_hash": outcome.initial_state_hash,
-            }
-            | facts,
+            metadata=self._metadata | own | facts,
         )
-
-
-def make_expert_source(**kwargs: Any) -> ExpertSource:
-    """Builds an :class:`ExpertSource`: what collecting processes call by name."""
-    return ExpertSource(**kwargs)

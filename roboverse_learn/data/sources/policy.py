@@ -1,9 +1,10 @@
-"""Demonstrations of a policy that learned a task by reward, as the collection wants them."""
+"""Demonstrations of a policy that was trained by reinforcement learning."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any, override
+from typing import Any, ClassVar, override
 
 import numpy as np
 
@@ -11,18 +12,20 @@ from envs.core.errors import ConfigError
 from envs.experts.actor import expert_episodes
 from envs.state import State
 from envs.tasks.base import Task
+from roboverse_learn.config.scenario_overrides import control_hz, learned_hz
 from roboverse_learn.data.dataset.schema import EpisodeData
-from roboverse_learn.data.sources.expert import ExpertSource
+from roboverse_learn.data.sources.base import DemonstrationSource
+from roboverse_learn.data.sources.expert import ExpertEpisodes
 
 OBSERVATION = "observation.environment_state"
-"""The key under which such a policy is given the whole observation."""
+"""Key of the whole observation that such a policy takes."""
 
 
 class PolicyPlanner:
-    """A policy behind the interface of an expert: what it does next, in the task's own actions.
+    """A policy with the interface of an expert: its next action, in the task's own actions.
 
     Args:
-        policy: A policy that learned the task by reward.
+        policy: A policy that was trained on the task by reinforcement learning.
         task: The task.
     """
 
@@ -91,17 +94,73 @@ def find_demonstrator(checkpoint: str, task: str) -> Demonstrator:
     return Demonstrator(checkpoint=folder, policy=name, weights=file_hash(folder / WEIGHTS)[:16])
 
 
-class PolicySource(ExpertSource):
+class PolicySource(DemonstrationSource):
+    """``source=policy``."""
+
+    episodes: ClassVar = "roboverse_learn.data.sources.policy:PolicyEpisodes"
+    needs: ClassVar = {
+        "checkpoint": "<folder>: that of a run of a policy that was trained by reinforcement learning, as in "
+        "checkpoint=runs/PickCube/ppo/<run>."
+    }
+
+    @cached_property
+    def demonstrator(self) -> Demonstrator:
+        """The policy of the checkpoint."""
+        return find_demonstrator(self.config.checkpoint, self.config.env.task)
+
+    @override
+    def check(self) -> None:
+        """Refuses a policy that was trained at another control rate than the dataset's."""
+        from roboverse_learn.commands.run_folder import read_config, run_of
+
+        folder = run_of(self.demonstrator.checkpoint)
+        if folder is None:
+            return
+        trained = read_config(folder)
+        learned, asked = learned_hz(trained, self.config.env.task), control_hz(self.config.env)
+        if learned != asked:
+            changes = trained.env.scenario.get("physics", {})
+            words = [f"scenario.physics.{key}={value}" for key, value in changes.items()]
+            remedy = f"Add {' '.join(words)}." if words else "Leave out scenario.physics."
+            raise ConfigError(
+                f"The policy of '{folder}' learned at {learned:g} control steps per second, and {asked:g} "
+                f"were asked for. {remedy}"
+            )
+
+    @override
+    def name_part(self) -> str:
+        return f"{self.demonstrator.policy}-{self.demonstrator.weights[:8]}"
+
+    @override
+    def identity(self) -> dict[str, Any]:
+        return self.demonstrator.identity()
+
+    @override
+    def arguments(self) -> dict[str, Any]:
+        from roboverse_learn.training.device import resolve_device
+
+        return super().arguments() | {
+            "checkpoint": str(self.demonstrator.checkpoint),
+            "identity": self.identity(),
+            "device": resolve_device("auto"),
+        }
+
+    @override
+    def advice(self) -> str:
+        return f"The policy of '{self.config.checkpoint}' needs more training, or learned in another scene."
+
+
+class PolicyEpisodes(ExpertEpisodes):
     """Runs a policy in a batch of environments of the train split.
 
-    Its actions are recorded as the task's own, such as joint targets, so that what learns from them may
-    be evaluated like any other policy.
+    Its actions are recorded as the task's own, such as joint targets, so that what learns from them can be
+    evaluated like any other policy.
 
     Args:
         checkpoint: Pretrained folder.
         identity: Of the :class:`Demonstrator`.
         device: Torch device of the policy.
-        scene: See :class:`~roboverse_learn.data.sources.expert.ExpertSource`.
+        scene: See :class:`~roboverse_learn.data.sources.expert.ExpertEpisodes`.
     """
 
     def __init__(self, *, checkpoint: str, identity: dict[str, Any], device: str, **scene: Any) -> None:
@@ -110,15 +169,10 @@ class PolicySource(ExpertSource):
         super().__init__(**scene)
         self._facts = identity
         policy: Any = policies.load(checkpoint, device)
-        policy.task = scene["task"]
+        policy.task = self._env.task.name
         self._planner = PolicyPlanner(policy, self._env.task)
 
     @override
     def attempts(self, indices: Sequence[int]) -> Iterator[tuple[int, EpisodeData | None]]:
         for outcome in expert_episodes(self._env, list(indices), self._planner):
             yield int(outcome.episode), self._episode(outcome, **self._facts) if outcome.success else None
-
-
-def make_policy_source(**kwargs: Any) -> PolicySource:
-    """Builds a :class:`PolicySource`: what collecting processes call by name."""
-    return PolicySource(**kwargs)

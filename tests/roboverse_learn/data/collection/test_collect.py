@@ -272,5 +272,5 @@ def test_who_waits_says_so(tmp_path, caplog):
             time.sleep(0.01)
         waiting = not collected.done()
         writer.close()  # whatever is wrong: a thread that waits would hold up the end of the tests
-        assert waiting and f"writing the dataset '{root}'; waiting until it has finished" in caplog.text
+        assert waiting and f"writing to '{root}'; waiting until it has finished" in caplog.text
         assert collected.result(timeout=60).num_episodes == 2

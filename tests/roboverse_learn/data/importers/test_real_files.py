@@ -10,7 +10,7 @@ import pytest
 
 import envs
 from roboverse_learn.data.importers.replayer import Replayer
-from roboverse_learn.data.importers.verdicts import open_demonstrations
+from roboverse_learn.data.sources import SOURCES
 
 DATA = Path(os.environ.get("ROBOVERSE_DATA", Path(__file__).resolve().parents[5] / "shared" / "data"))
 MANISKILL = {
@@ -31,7 +31,7 @@ def opened(source, name, task, num_envs=2, **task_kwargs):
     """Opens a real file and an env for it."""
     path = real(name)
     env = envs.make_vec(task, num_envs, split="train", observation="state", task_kwargs=task_kwargs)
-    with contextlib.closing(env), contextlib.closing(open_demonstrations(source, path, env.task)) as file:
+    with contextlib.closing(env), contextlib.closing(SOURCES.get(source).file_type(path, env.task)) as file:
         yield file, env
 
 
@@ -126,4 +126,4 @@ def test_no_task_of_ours_is_robosuites_pick_place():
 
     path = real("robosuite_demos/panda_pick-place_demo.hdf5")
     with pytest.raises(DatasetError, match="'PickPlace', and no registered task is the same"):
-        open_demonstrations("robosuite", path, TASKS.get("PickCube")())
+        SOURCES.get("robosuite").file_type(path, TASKS.get("PickCube")())

@@ -21,7 +21,7 @@ from roboverse_learn.commands.run_folder import identity, read_config, run_name
 from roboverse_learn.commands.tested_checkpoint import checkpoints_to_test
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.scenario_overrides import control_hz, learned_hz
-from roboverse_learn.data.sources.policy import find_demonstrator, make_policy_source
+from roboverse_learn.data.sources.policy import PolicyEpisodes, find_demonstrator
 from roboverse_learn.train import train as train_command
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.metrics import read_metrics
@@ -222,11 +222,13 @@ def test_each_of_its_tasks_can_be_demonstrated(trained):
     words = ["source=policy", f"checkpoint={run}"]
     assert compose("collect", words).env.task == FIRST
     demonstrator = find_demonstrator(str(run), SECOND)
-    scene = {"task": SECOND, "task_kwargs": {}, "level": 0, "only": None, "simulator": "mujoco"}
-    source = make_policy_source(
-        checkpoint=str(demonstrator.checkpoint), identity=demonstrator.identity(), device="cpu", num_envs=1,
-        renderer="warp", cameras=(), image_size=32, **scene,
-    )  # fmt: skip
+    source = PolicyEpisodes(
+        checkpoint=str(demonstrator.checkpoint),
+        identity=demonstrator.identity(),
+        device="cpu",
+        env=EnvSpec(task=SECOND, image_size=32).to_json(),
+        num_envs=1,
+    )
     try:
         source._env.reset_envs(np.arange(1), [0])
         state = source._env.handler.get_states()

@@ -1,0 +1,48 @@
+"""How many processes and environments of a collection this machine can hold."""
+
+import dataclasses
+import logging
+
+import psutil
+
+from roboverse_learn.config.schema import CollectConfig
+from roboverse_learn.data.collection.pool import num_cores
+
+WORKER_BYTES = 700 << 20
+"""Memory of one process: Python, torch and a compiled scene."""
+
+_STATE_BYTES = 2 << 20
+"""Memory of one environment's simulation."""
+
+_LOG = logging.getLogger(__name__)
+
+
+def within_machine(config: CollectConfig) -> CollectConfig:
+    """Returns the configuration with no more workers and environments than fit, and logs what it lowers.
+
+    ``num_workers=0`` becomes one process per core, or a single one where the simulator steps all environments
+    at once, as on a GPU.
+    """
+    from envs.simulators import HANDLERS
+
+    asked = config.collect
+    cores, free = num_cores(), psutil.virtual_memory().available
+    default = 1 if HANDLERS.get(config.env.simulator).steps_together else cores
+    workers = max(1, min(asked.num_workers or default, cores, free // WORKER_BYTES))
+    envs = max(1, min(asked.num_envs, (free // workers - WORKER_BYTES) // _bytes_of_env(config)))
+    if workers < asked.num_workers or envs < asked.num_envs:
+        _LOG.warning(
+            "num_workers=%d with num_envs=%d is more than this machine holds (%d cores, %.1f GB free); "
+            "num_workers=%d with num_envs=%d is used.",
+            *(asked.num_workers or default, asked.num_envs, cores, free / 1e9, workers, envs),
+        )
+    collect = dataclasses.replace(asked, num_workers=workers, num_envs=envs)
+    return dataclasses.replace(config, collect=collect)
+
+
+def _bytes_of_env(config: CollectConfig) -> int:
+    """Memory of one environment with the images of half of the longest episode."""
+    task = config.env.make_task()
+    scenario = task.scenario.seen_by(config.env.cameras, config.env.image_size)
+    pixels = sum(camera.height * camera.width for camera in scenario.cameras)
+    return _STATE_BYTES + 3 * pixels * task.max_episode_steps // 2
