@@ -30,14 +30,14 @@ CONFIGS = {
 }  # fmt: skip
 
 
-NARROW = "resnet18_narrow"
+NARROW, SHALLOW = "resnet18_narrow", "resnet10_narrow"
 
 
 class NarrowResNet(ResNet):
     """A ResNet18 with a quarter of the channels: of a tiny policy's time, nearly all is the backbone's."""
 
-    def __init__(self, **kwargs) -> None:
-        super().__init__(BasicBlock, [2, 2, 2, 2], **kwargs)
+    def __init__(self, blocks: int = 2, **kwargs) -> None:
+        super().__init__(BasicBlock, [blocks] * 4, **kwargs)
         self.fc = torch.nn.Linear(512 // 4, 1000)
 
     def _make_layer(self, block, planes, *args, **kwargs):
@@ -49,7 +49,12 @@ def _narrow(weights=None, **kwargs) -> NarrowResNet:
     return NarrowResNet(**kwargs)
 
 
+def _shallow(weights=None, **kwargs) -> NarrowResNet:
+    return _narrow(weights, blocks=1, **kwargs)
+
+
 setattr(torchvision.models, NARROW, _narrow)  # where LeRobot looks the name up
+setattr(torchvision.models, SHALLOW, _shallow)
 
 NARROW_CONFIGS = {name: replace(config, vision_backbone=NARROW) for name, config in CONFIGS.items()}
 """For tests of what is done with a policy: how it is trained, saved, gone on with."""

@@ -1,4 +1,4 @@
-"""What is done around a recording; that it plays back is shown in test_compilation_gpu.py."""
+"""What is done around a recording; tests/gpu/test_losses.py shows that it plays back."""
 
 import pytest
 import torch
