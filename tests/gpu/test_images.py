@@ -11,9 +11,9 @@ import warp as wp
 
 import envs
 from envs.core.errors import MissingExtraError, SimulatorError
-from envs.pixel_env import PixelVectorEnv
 from envs.randomization import Randomizer
 from envs.simulators import HANDLERS, RENDERERS
+from envs.spec import EnvSpec
 from envs.tasks.pick_cube import PickCube
 from tests.envs.simulators.mujoco_warp.conftest import NUM_ENVS, pictures_of, scene, starts
 
@@ -153,7 +153,8 @@ def test_a_renderer_beside_the_gpu_shows_what_the_ray_tracer_does(renderer):
 
 
 def test_agents_see_images_that_stay_on_the_gpu():
-    env = PixelVectorEnv("control/cartpole", 4, simulator="mujoco_warp", num_frames=2, bank_size=8)
+    spec = EnvSpec(task="control/cartpole", simulator="mujoco_warp", image_size=64)
+    env = spec.make_torch(4, observation="pixels", num_frames=2, bank_size=8)
     with closing(env):
         before = env.reset()
         step = env.step(torch.ones(4, 1, device="cuda"))
