@@ -76,6 +76,11 @@ def _dispatch(words: list[str]) -> int:
         return 0
     if command == "benchmark":
         return _benchmark(rest)
+    if command == "dataset":
+        from roboverse_learn.dataset import dataset
+
+        print(dataset(rest))
+        return 0
     if any(word in HELP for word in rest):
         chosen = [word.removeprefix("policy=") for word in rest if word.startswith("policy=")]
         print(texts.command_help(command, (chosen or ["act"])[-1]))

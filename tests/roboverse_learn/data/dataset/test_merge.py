@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from envs.core.errors import DatasetError
+from roboverse_learn import cli
 from roboverse_learn.data import DatasetInfo, DatasetWriter, dataset_hash
 from roboverse_learn.data.dataset.merge import merge
 from tests.roboverse_learn.data.synthetic_episodes import FEATURES, FPS, make_episode
@@ -62,3 +63,21 @@ def test_sources_of_another_kind(tmp_path):
         merge([tmp_path / "a"], tmp_path / "b")
     with pytest.raises(DatasetError, match="Nothing to merge"):
         merge([], tmp_path / "b")
+
+
+def test_commands_merge_and_describe(tmp_path, capsys):
+    whole = write(tmp_path / "whole", range(4))
+    parts = [write(tmp_path / "a", [3, 1]), write(tmp_path / "b", [2, 0])]
+    words = [f"out={tmp_path}/merged", f"from=[{parts[0]},{parts[1]}]"]
+    assert cli.main(["dataset", "merge", *words]) == 0
+    assert f"4 episodes, {DatasetInfo.open(whole).num_frames} frames" in capsys.readouterr().out
+    assert cli.main(["dataset", "info", f"dataset={tmp_path}/merged"]) == 0
+    assert f"hash {dataset_hash(whole)[:16]}" in capsys.readouterr().out
+    for wrong, says in (
+        (["merge", "out=x"], "needs from=[<folder>,<folder>] and out=<folder>"),
+        (["info"], "needs dataset=<folder>"),
+        (["merg"], "Did you mean 'merge'?"),
+        (["info", f"dataset={tmp_path}/none"], "none"),
+    ):
+        assert cli.main(["dataset", *wrong]) == 2
+        assert says in capsys.readouterr().err

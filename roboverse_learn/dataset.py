@@ -1,0 +1,64 @@
+"""``roboverse dataset merge out=<folder> from=[a,b]`` and ``roboverse dataset info dataset=<folder>``."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from envs.core.arguments import parse
+from envs.core.errors import ConfigError, unknown_name
+
+ACTIONS = ("merge", "info")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MergeConfig:
+    """Appends every episode of several datasets that another does not hold yet; videos are not encoded again.
+
+    Attributes:
+        parts: Folders of datasets of the same robot, cameras and image size; typed as ``from=[a,b]``.
+        out: Folder of the merged dataset; it may exist.
+    """
+
+    parts: tuple[str, ...] = ()
+    out: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class InfoConfig:
+    """Says what a dataset holds.
+
+    Attributes:
+        dataset: Folder of the dataset.
+    """
+
+    dataset: str = ""
+
+
+def dataset(words: Sequence[str]) -> str:
+    """Runs one action on datasets; returns what to print.
+
+    Raises:
+        ConfigError: A key is missing.
+        DatasetError: A dataset is absent, damaged, or does not fit the others.
+    """
+    from roboverse_learn.data import DatasetInfo, dataset_hash, merge
+
+    action, *rest = words or [""]
+    if action not in ACTIONS:
+        raise unknown_name("action on datasets", action, ACTIONS, "As in: roboverse dataset merge --help")
+    if action == "merge":
+        rest = [f"parts={word.removeprefix('from=')}" if word.startswith("from=") else word for word in rest]
+        merged = parse("roboverse dataset merge", MergeConfig, rest)
+        if not merged.parts or not merged.out:
+            raise ConfigError("dataset merge needs from=[<folder>,<folder>] and out=<folder>.")
+        info = merge(merged.parts, merged.out)
+    else:
+        folder = parse("roboverse dataset info", InfoConfig, rest).dataset
+        if not folder:
+            raise ConfigError("dataset info needs dataset=<folder>.")
+        info = DatasetInfo.open(folder)
+    return (
+        f"{info.root}: {info.num_episodes} episodes, {info.num_frames} frames at {info.fps} Hz, "
+        f"hash {dataset_hash(info.root)[:16]}\n"
+        f"tasks: {', '.join(info.tasks)}\n"
+        f"features: {', '.join(info.features)}"
+    )
