@@ -1,4 +1,4 @@
-"""The conversion itself, cached by the content of what is converted."""
+"""Converts robots to URDF, USD or MJCF, with a cache by content."""
 
 import hashlib
 import json
@@ -42,7 +42,7 @@ def convert(
         source: A robot of a scenario, the name of a registered one, or a path to an MJCF (or URDF) file.
         to: ``"urdf"``, ``"usd"`` or ``"mjcf"``.
         root: Body of a file that is the robot, where the file holds several.
-        simplify: Merge and simplify a robot's visual meshes, as our own renderers draw it.
+        simplify: Merge and simplify a robot's visual meshes, as our own renderers show it.
         out: Folder to write to, which must not exist or be empty; None is a cache, by content.
 
     Returns:

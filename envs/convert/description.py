@@ -1,4 +1,4 @@
-"""What a robot is made of, between formats: links, joints, shapes, as every description language has them.
+"""Description of a robot, independent of the file format: links, joints, shapes and materials.
 
 Metres, kilograms, radians; quaternions wxyz. A link's frame lies on its joint's anchor, so that the joint
 moves about (along) an axis through the frame's origin, as URDF and USD want it.
@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+
+from envs.mjcf.link_tree import Inertia
 
 JointKind = Literal["fixed", "hinge", "slide", "ball", "free"]
 
@@ -22,7 +24,7 @@ class Mesh:
         vertices: (V, 3), m.
         faces: (F, 3) indices of vertices.
         normals: Unit normals, (K, 3), and (F, 3) indices of them; or None.
-        uvs: Texture coordinates, (T, 2), v pointing up in the picture, and (F, 3) indices; or None.
+        uvs: Texture coordinates, (T, 2), v pointing up in the image, and (F, 3) indices; or None.
     """
 
     name: str
@@ -34,12 +36,12 @@ class Mesh:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Material:
-    """How a shape looks.
+    """Appearance of a shape.
 
     Attributes:
         name: Its name, unique.
-        rgba: Colour and opacity; multiplies the picture.
-        picture: Picture (H, W, 3) uint8 that texture coordinates refer to, or None.
+        rgba: Colour and opacity; multiplies the image.
+        picture: Image (H, W, 3) uint8 that texture coordinates refer to, or None.
         roughness: 0 to 1.
         metallic: 0 to 1.
     """
@@ -61,7 +63,7 @@ class Shape:
         size: Sizes of a primitive, m.
         pos: Position in the link.
         rot: Orientation in the link.
-        material: How it looks.
+        material: Its appearance.
         mesh: The mesh of a ``mesh``.
         friction: Sliding friction coefficient.
     """
@@ -123,23 +125,6 @@ class Joint:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Inertial:
-    """Mass and inertia of a link.
-
-    Attributes:
-        mass: kg.
-        com: Centre of mass in the link, m.
-        rot: Orientation of the principal axes in the link.
-        moments: Principal moments of inertia about the centre of mass, (3,), kg·m².
-    """
-
-    mass: float
-    com: np.ndarray
-    rot: np.ndarray
-    moments: np.ndarray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Link:
     """A rigid part.
 
@@ -151,8 +136,8 @@ class Link:
         pos: Position of its frame in the parent where the joint is at 0, m.
         rot: Orientation likewise.
         inertial: Mass and inertia.
-        visuals: What is drawn.
-        collisions: What is touched; a mesh is convex.
+        visuals: Visual shapes.
+        collisions: Collision shapes; a mesh is convex.
         body_offset: Position of this frame in the frame of the source's body, m.
     """
 
@@ -162,7 +147,7 @@ class Link:
     joint: Joint
     pos: np.ndarray
     rot: np.ndarray
-    inertial: Inertial
+    inertial: Inertia
     visuals: tuple[Shape, ...] = ()
     collisions: tuple[Shape, ...] = ()
     body_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))

@@ -1,4 +1,4 @@
-"""From a compiled MuJoCo model to a :class:`~envs.convert.description.Description`."""
+"""Reads a compiled MuJoCo model into a :class:`~envs.convert.description.Description`."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,9 +6,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from envs.convert.description import Description, Drive, Inertial, Joint, JointKind, Link, Mimic
+from envs.convert.description import Description, Drive, Joint, JointKind, Link, Mimic
 from envs.convert.shapes import ShapeReader
 from envs.core.errors import ConfigError
+from envs.mjcf.link_tree import Inertia
 from envs.rotations import multiply, rotate
 from envs.scenario.units import IDENTITY
 
@@ -79,7 +80,7 @@ class _Reader:
             )
         links: list[Link] = []
         if not self._is_root(tops):
-            still = Inertial(0.0, np.zeros(3), np.array(IDENTITY), np.zeros(3))
+            still = Inertia(0.0, np.zeros(3), np.array(IDENTITY), np.zeros(3))
             links.append(self._with_shapes(0, Link("world", 0, None, _fixed("world"), *_at_origin(), still)))
             self.link_of_body[0] = links[0]
         for body in range(1, model.nbody):
@@ -91,7 +92,7 @@ class _Reader:
         """Describes a top body of a scene, with what it carries, and the world if it is jointed to that."""
         model, links = self.model, []
         if self._kinds(root) not in ([], ["free"]):
-            still = Inertial(0.0, np.zeros(3), np.array(IDENTITY), np.zeros(3))
+            still = Inertia(0.0, np.zeros(3), np.array(IDENTITY), np.zeros(3))
             self.link_of_body[0] = Link("world", 0, None, _fixed("world"), *_at_origin(), still)
             links.append(self.link_of_body[0])
         for body in range(root, model.nbody):
@@ -170,7 +171,7 @@ class _Reader:
         offset: np.ndarray,
     ) -> Link:
         model, name = self.model, self.body_names[body]
-        inertial = Inertial(
+        inertial = Inertia(
             mass=float(model.body_mass[body]),
             com=model.body_ipos[body] - offset,
             rot=model.body_iquat[body].copy(),
@@ -295,8 +296,8 @@ def _fixed(name: str) -> Joint:
     return Joint(name, "fixed")
 
 
-def _light() -> Inertial:
-    return Inertial(TINY_MASS_KG, np.zeros(3), np.array(IDENTITY), np.full(3, TINY_INERTIA))
+def _light() -> Inertia:
+    return Inertia(TINY_MASS_KG, np.zeros(3), np.array(IDENTITY), np.full(3, TINY_INERTIA))
 
 
 def _at_origin() -> tuple[np.ndarray, np.ndarray]:

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.convert.description import Description, Inertial, Joint, Link, Shape
+from envs.convert.description import Description, Joint, Link, Shape
 from envs.convert.obj import mesh_files
 from envs.core.errors import ConfigError
+from envs.mjcf.link_tree import Inertia
 from envs.rotations import to_matrix
 
 UNLIMITED = 1e4
@@ -23,7 +24,7 @@ _DRAKE = "http://drake.mit.edu"
 
 
 def write_urdf(description: Description, folder: Path) -> Path:
-    """Writes ``<name>.urdf`` and, under ``meshes/``, what it draws and touches.
+    """Writes ``<name>.urdf`` and, under ``meshes/``, its visual and collision meshes.
 
     Args:
         description: The robot.
@@ -81,7 +82,7 @@ def _add_link(root: ET.Element, link: Link, files: dict[tuple[int, int], str]) -
             _add_shape(ET.SubElement(element, "collision"), part, files, seen=False)
 
 
-def _add_inertial(link: ET.Element, inertial: Inertial) -> None:
+def _add_inertial(link: ET.Element, inertial: Inertia) -> None:
     element = ET.SubElement(link, "inertial")
     _add_origin(element, inertial.com, inertial.rot)
     ET.SubElement(element, "mass", {"value": _number(inertial.mass)})

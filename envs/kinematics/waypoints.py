@@ -1,4 +1,4 @@
-"""Waypoints of a gripper, and the smooth path through them."""
+"""Waypoints of a gripper, and minimum-jerk paths through them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -8,7 +8,7 @@ import numpy as np
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Waypoint:
-    """Where the gripper is to be, when.
+    """A pose of the gripper and the time to reach it.
 
     Attributes:
         pos: End effector position in the world, m, (3,).

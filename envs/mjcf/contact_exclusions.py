@@ -1,8 +1,8 @@
-"""Bodies of one tree that cannot touch, whatever their joints do: nobody has to look for their contacts.
+"""Pairs of bodies of one tree that no posture brings into contact, so that collision tests can skip them.
 
-Links of an arm that are near each other overlap in every test that is cheaper than the exact one. The Panda's
-base and first link, 1 mm apart, and four pairs of links around an elbow are looked at in every step of every
-world, and one of these meshes has 6,260 vertices.
+The bounding volumes of neighbouring links overlap, so MuJoCo tests their meshes in every step. Of the Panda
+these are the base and the first link, 1 mm apart, and four pairs around the elbow; one mesh has 6,260
+vertices.
 """
 
 import itertools

@@ -1,4 +1,4 @@
-"""Colours and pictures of a compiled model's geoms, for renderers that are told them."""
+"""Colours and texture images of the geoms of a compiled model, for renderers that need them."""
 
 import mujoco
 import numpy as np
@@ -33,7 +33,7 @@ def texture_id(model: mujoco.MjModel, geom: int) -> int:
 
 
 def picture_of(model: mujoco.MjModel, texture: int) -> np.ndarray:
-    """Returns the picture of a texture, (H, W, 3) uint8; of a grey one all channels are alike."""
+    """Returns the image of a texture, (H, W, 3) uint8; a grey one has equal channels."""
     height, width = int(model.tex_height[texture]), int(model.tex_width[texture])
     channels, first = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
     pixels = model.tex_data[first : first + height * width * channels].reshape(height, width, channels)

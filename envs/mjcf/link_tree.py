@@ -1,8 +1,9 @@
-"""A compiled MuJoCo model as trees of rigid links: what another simulator needs to know of it.
+"""A compiled MuJoCo model as trees of rigid links, from which other simulators build their scenes.
 
-Bodies that no joint parts are one link, with their common mass, centre and inertia. The frame of a link is
-that of its uppermost body. A body with several joints becomes a chain of links, all but the last of them
-nearly massless.
+Bodies without a joint between them are one link, with their combined mass, centre of mass and inertia. The
+frame of a link is that of its uppermost body. A body with several joints becomes a chain of links, all but
+the last of them nearly massless. :mod:`envs.convert.description` keeps every body instead, with its
+appearance, for files.
 """
 
 from dataclasses import dataclass, field
@@ -18,7 +19,7 @@ Frame = tuple[np.ndarray, np.ndarray]
 """Position (3,) and orientation (4,), wxyz."""
 
 SLIGHT_MASS_KG, SLIGHT_INERTIA = 1e-3, 1e-6
-"""Of a link that only stands between two joints of one body."""
+"""Of a link between two joints of one body."""
 
 _FREE, _BALL, _SLIDE, _HINGE = (
     int(kind)
@@ -31,13 +32,26 @@ _FREE, _BALL, _SLIDE, _HINGE = (
 )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Inertia:
-    """Mass, kg; where its centre is and its principal axes point, in the link; principal moments, kg·m²."""
+    """Mass and inertia of a link.
+
+    Attributes:
+        mass: kg.
+        com: Centre of mass in the link, m, (3,).
+        rot: Orientation of the principal axes in the link, wxyz, (4,).
+        moments: Principal moments of inertia about the centre of mass, kg·m², (3,).
+    """
 
     mass: float
-    frame: Frame
+    com: np.ndarray
+    rot: np.ndarray
     moments: np.ndarray
+
+    @property
+    def frame(self) -> Frame:
+        """Centre of mass and orientation of the principal axes."""
+        return self.com, self.rot
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +75,7 @@ class JointSpec:
         kp: Position gain of the actuator.
         kd: Its velocity gain.
         force_limit: Its largest force.
-        takes_force: What it is told is a force, N·m (N), and no position.
+        takes_force: Its target is a force, N·m (N), not a position.
     """
 
     name: str
@@ -131,7 +145,7 @@ class TreeSpec:
 
 @dataclass(frozen=True, slots=True)
 class SceneSpec:
-    """What stands still for good, and what moves.
+    """The static geoms of a scene, and the trees that move.
 
     Attributes:
         still: Ids of the geoms of the world that touch something, and their frames in it.
@@ -147,7 +161,7 @@ def describe(model: mujoco.MjModel, simulator: str) -> SceneSpec:
 
     Args:
         model: The scene.
-        simulator: Who is to simulate it, for messages.
+        simulator: Name of the simulator, for messages.
 
     Raises:
         SimulatorError: if it has a ball joint, an equality constraint, or an actuator that is not one of a
@@ -260,7 +274,7 @@ def _tree(
     free = first_joint >= 0 and model.jnt_type[first_joint] == _FREE
     mocap = int(model.body_mocapid[root])
     pose = (np.array(model.body_pos[root]), np.array(model.body_quat[root]))
-    if first_joint >= 0 and not free:  # a joint against the world itself needs something to be jointed to
+    if first_joint >= 0 and not free:  # a joint to the world needs a link for the world
         links.append(LinkSpec(0, "world", -1, None, None, (), True))
         pose = (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
     for head in members:
@@ -277,7 +291,7 @@ def _tree(
             joint = _joint(model, int(model.body_jntadr[head]) + index, at)
             at = (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
             whole = index == count - 1
-            slight = Inertia(SLIGHT_MASS_KG, at, np.full(3, SLIGHT_INERTIA))
+            slight = Inertia(SLIGHT_MASS_KG, *at, np.full(3, SLIGHT_INERTIA))
             name = model.body(head).name if whole else joint.name
             of_link = (inertia, geoms) if whole else (slight, ())
             links.append(LinkSpec(head, name, parent, joint, *of_link, weightless))
@@ -306,7 +320,7 @@ def _inertia(model: mujoco.MjModel, bodies: list[int], frames: list[Frame]) -> I
     at = [compose(frames[b], (np.array(model.body_ipos[b]), np.array(model.body_iquat[b]))) for b in bodies]
     if np.count_nonzero(masses) == 1:
         index = int(masses.argmax())
-        return Inertia(float(masses.sum()), at[index], np.array(model.body_inertia[bodies[index]]))
+        return Inertia(float(masses.sum()), *at[index], np.array(model.body_inertia[bodies[index]]))
     centre = np.sum([mass * frame[0] for mass, frame in zip(masses, at, strict=True)], axis=0) / masses.sum()
     total = np.zeros((3, 3))
     for body, mass, (pos, rot) in zip(bodies, masses, at, strict=True):
@@ -315,14 +329,14 @@ def _inertia(model: mujoco.MjModel, bodies: list[int], frames: list[Frame]) -> I
         total += mass * (away @ away * np.eye(3) - np.outer(away, away))
     moments, quat = np.empty(3), np.empty(4)
     mujoco.mju_eig3(moments, np.empty(9), quat, total.ravel())
-    return Inertia(float(masses.sum()), (centre, quat), moments)
+    return Inertia(float(masses.sum()), centre, quat, moments)
 
 
 def _joint(model: mujoco.MjModel, joint: int, at: Frame) -> JointSpec:
     qpos, dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
     hinge = model.jnt_type[joint] == _HINGE
     own = (np.array(model.jnt_pos[joint]), _x_to(np.array(model.jnt_axis[joint])))
-    back = -float(model.qpos0[qpos])  # the model is drawn where the joint stands at qpos0
+    back = -float(model.qpos0[qpos])  # the model's frames are those at qpos0
     turned = np.array([np.cos(back / 2), np.sin(back / 2), 0.0, 0.0]) if hinge else np.array([1.0, 0, 0, 0])
     moved = np.zeros(3) if hinge else np.array([back, 0.0, 0.0])
     actuators = [index for index in range(model.nu) if model.actuator_trnid[index, 0] == joint]

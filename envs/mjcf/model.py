@@ -1,7 +1,7 @@
-"""From a :class:`~envs.scenario.ScenarioCfg` to a compiled ``mujoco.MjModel``.
+"""Compiles a :class:`~envs.scenario.ScenarioCfg` to a ``mujoco.MjModel``.
 
-What the model offers to a draw of a level, so that one compiled model serves all of them:
-one material and one texture slot per surface, a slot per light, and a table top that can be turned.
+One compiled model serves every appearance of a level: it has a material and a texture slot per surface, a
+slot per light, and a table top that can be turned.
 """
 
 import mujoco
@@ -46,7 +46,7 @@ GRIPPER_PREFIX = "gripper/"
 """What the names of a gripper's joints and sites begin with."""
 
 MAX_FACES_PER_BODY = 2000
-"""Visual triangles of one robot link. At 256 pixels the difference to 20,000 is below one grey level."""
+"""Visual triangles of one robot link. At 256 pixels the difference from 20,000 is below one grey level."""
 
 
 def build_model(scenario: ScenarioCfg, *, simplify: bool = True) -> mujoco.MjModel:
@@ -54,39 +54,39 @@ def build_model(scenario: ScenarioCfg, *, simplify: bool = True) -> mujoco.MjMod
 
     Args:
         scenario: The scene.
-        simplify: Draw the robots with merged and simplified visual meshes.
+        simplify: Render the robots with merged and simplified visual meshes.
 
     Returns:
         The model; robots' names are prefixed by ``<robot>/``.
     """
-    return _drawn(_scene_spec(scenario, simplify))
+    return _for_rendering(_scene_spec(scenario, simplify))
 
 
 def build_models(
     scenario: ScenarioCfg, *, simplify: bool = True, prune: bool = False
 ) -> tuple[mujoco.MjModel, mujoco.MjModel]:
-    """Compiles the scenario twice: to be drawn, and to be simulated.
+    """Compiles the scenario twice: for rendering, and for simulation.
 
-    The second lacks what is only seen. It moves to the bit as the first does, and a step of it takes a tenth
-    less time; bodies, joints, sites, sensors and actuators have the same ids in both.
+    The second has no visual geoms. Its states are bit-identical to the first's, and a step takes a tenth less
+    time; bodies, joints, sites, sensors and actuators have the same ids in both.
 
     Args:
         scenario: The scene.
-        simplify: Draw the robots with simplified meshes.
+        simplify: Render the robots with simplified meshes.
         prune: Do not look for contacts of bodies that cannot touch; see
             :mod:`envs.mjcf.contact_exclusions`.
     """
     spec = _scene_spec(scenario, simplify)
-    drawn = _drawn(spec)
+    rendered = _for_rendering(spec)
     spec.compiler.discardvisual = True
     simulated = spec.compile()
     apart = pairs_never_in_contact(simulated) if prune else []
     for one, other in apart:
         spec.add_exclude(bodyname1=one, bodyname2=other)
-    return drawn, spec.compile() if apart else simulated
+    return rendered, spec.compile() if apart else simulated
 
 
-def _drawn(spec: mujoco.MjSpec) -> mujoco.MjModel:
+def _for_rendering(spec: mujoco.MjSpec) -> mujoco.MjModel:
     model = spec.compile()
     # Robots and objects keep their colours and share one material, which says how they reflect.
     seen = np.isin(model.geom_group, (VISUAL_GROUP, SCENE_GROUP))
@@ -116,7 +116,7 @@ def _scene_spec(scenario: ScenarioCfg, simplify: bool) -> mujoco.MjSpec:
 
 
 def light_slots(scenario: ScenarioCfg) -> int:
-    """Returns how many lights a look of the scenario may have: its own, or those of the lighting channel."""
+    """Returns how many lights an appearance of the scenario may have: its own, or those of the lighting channel."""
     return max(LEAST_LIGHTS, len(scenario.appearance.lights), 1 + scenario.lighting.num_lamps)
 
 

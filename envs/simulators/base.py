@@ -1,4 +1,4 @@
-"""The interface of a simulator: states in and out, targets, time, pictures. It knows no task."""
+"""The interface of a simulator: states, joint targets, steps and images."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -17,13 +17,13 @@ EnvIds = Sequence[int] | np.ndarray | None
 """Sorted, unique environment indices; None means all."""
 
 TextureSource = Callable[[str, int], np.ndarray]
-"""``textures(name, size)`` gives the picture (size, size, 3) uint8 of a material."""
+"""``textures(name, size)`` returns the image (size, size, 3) uint8 of a material."""
 
 MODALITIES = ("rgb", "depth", "segmentation")
 
 
 class HandlerOptions(TypedDict, total=False):
-    """What every simulator may be given by keyword; see :class:`Handler`."""
+    """Keyword arguments of every simulator; see :class:`Handler`."""
 
     renderer: str
     num_threads: int
@@ -34,16 +34,16 @@ class Handler(ABC):
     """One simulator with ``num_envs`` copies of one scenario.
 
     Attributes:
-        scenario: What is simulated.
+        scenario: The scene.
         num_envs: Number of environments.
-        renderer_name: Name of the renderer that draws it.
-        num_threads: Threads that step and draw; 0 means one per core.
-        textures: Pictures of the named materials, or None for plain colours.
-        dtype: Precision of its states. A state that is set is rounded to it, and comes back bit by bit.
+        renderer_name: Name of the renderer.
+        num_threads: Threads that step and render; 0 means one per core.
+        textures: Images of the named materials, or None for plain colours.
+        dtype: Precision of its states. A state that is set is rounded to it, and reads bit-identical.
         device: Where its states are.
         steps_together: Whether stepping all environments costs no more than stepping some.
-        own_renderers: Renderers that it draws with itself, its default first, where it has more than the one
-            that is called as it is; any other draws as :mod:`envs.simulators.hybrid` says.
+        own_renderers: Its own renderers, the default first, where it has more than the one that has its
+            name; any other renderer is combined with it by :mod:`envs.simulators.hybrid`.
     """
 
     own_renderers: ClassVar[tuple[str, ...]] = ()
@@ -76,14 +76,14 @@ class Handler(ABC):
 
     @abstractmethod
     def set_states(self, states: State, env_ids: EnvIds = None) -> None:
-        """Puts the environments ``env_ids`` into ``states`` (one row each) and forgets their past.
+        """Puts the environments ``env_ids`` into ``states`` (one row each) and resets warm-start state.
 
         Entities that ``states`` does not name keep their state.
         """
 
     @abstractmethod
     def set_poses(self, poses: Mapping[str, tuple[Tensor, Tensor]], env_ids: EnvIds = None) -> None:
-        """Moves fixed objects and markers, without forgetting anything: for what is moved in an episode.
+        """Moves fixed objects and markers, without a reset: for objects that move during an episode.
 
         Args:
             poses: Name to position (n, 3), m, and orientation (n, 4), wxyz.
@@ -118,8 +118,8 @@ class Handler(ABC):
     ) -> None:
         """Advances by ``num_steps`` physics steps while the targets of joints move evenly to ``targets``.
 
-        In step k of n a target lies k/n of the way from where it was; in the last it is there. An arm that
-        is told so moves without the jerk of a jump, which shakes what its fingers hold.
+        In step k of n a target lies k/n of the way from where it was; in the last it is there. So an
+        arm moves without the jerk of a jump, which shakes what its fingers hold.
 
         Args:
             targets: Robot to position targets (n, J); see :meth:`set_joint_targets`.
@@ -139,7 +139,7 @@ class Handler(ABC):
 
     @abstractmethod
     def set_appearance(self, appearance: Appearance, env_id: int) -> None:
-        """Says how the environment ``env_id`` looks from now on."""
+        """Sets the appearance of the environment ``env_id``."""
 
     def render(
         self,
@@ -147,10 +147,10 @@ class Handler(ABC):
         modalities: Sequence[str] = ("rgb",),
         env_ids: EnvIds = None,
     ) -> dict[str, dict[str, np.ndarray]]:
-        """Draws the environments ``env_ids`` through the named cameras (None: all of them).
+        """Renders the environments ``env_ids`` with the named cameras (None: all of them).
 
         Returns:
-            Camera to modality to picture: ``rgb`` (n, H, W, 3) uint8; ``depth`` (n, H, W) float32, metres
+            Camera to modality to image: ``rgb`` (n, H, W, 3) uint8; ``depth`` (n, H, W) float32, metres
             along the optical axis, 0 where there is nothing; ``segmentation`` (n, H, W) int32, an index
             into :attr:`segmentation_names`, or -1.
         """
@@ -159,7 +159,7 @@ class Handler(ABC):
     def checked_names(
         self, cameras: Sequence[str] | None, modalities: Sequence[str]
     ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Returns which cameras (None: all of them) and modalities are to be drawn.
+        """Returns which cameras (None: all of them) and modalities are rendered.
 
         Raises:
             UnknownNameError: if the scenario has no such camera, or there is no such modality.
@@ -176,7 +176,7 @@ class Handler(ABC):
 
     @abstractmethod
     def snapshot(self, env_ids: EnvIds = None) -> Sequence[Any]:
-        """Returns what :meth:`render_jobs` needs to draw the environments as they are now, later."""
+        """Returns what :meth:`render_jobs` needs to render the present state of the environments later."""
 
     @abstractmethod
     def render_jobs(
@@ -185,7 +185,7 @@ class Handler(ABC):
         cameras: Sequence[str] | None = None,
         modalities: Sequence[str] = ("rgb",),
     ) -> dict[str, dict[str, np.ndarray]]:
-        """Draws snapshots; see :meth:`render`."""
+        """Renders snapshots; see :meth:`render`."""
 
     def render_tensors(
         self,
@@ -193,19 +193,17 @@ class Handler(ABC):
         cameras: Sequence[str] | None = None,
         modalities: Sequence[str] = ("rgb",),
     ) -> dict[str, dict[str, Tensor]]:
-        """Draws snapshots, or every environment as it is now, and leaves the pictures on :attr:`device`."""
-        pictures = self.render_jobs(self.snapshot() if jobs is None else jobs, cameras, modalities)
+        """Renders snapshots, or every environment's present state, to images on :attr:`device`."""
+        images = self.render_jobs(self.snapshot() if jobs is None else jobs, cameras, modalities)
         return {
-            camera: {
-                modality: torch.from_numpy(picture).to(self.device) for modality, picture in kinds.items()
-            }
-            for camera, kinds in pictures.items()
+            camera: {modality: torch.from_numpy(image).to(self.device) for modality, image in kinds.items()}
+            for camera, kinds in images.items()
         }
 
     @property
     @abstractmethod
     def segmentation_names(self) -> tuple[str, ...]:
-        """Names of what the segmentation tells apart: robots, objects and surfaces."""
+        """Names of the segmentation's classes: robots, objects and surfaces."""
 
     @property
     @abstractmethod

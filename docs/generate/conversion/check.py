@@ -31,10 +31,11 @@ from docs.generate.conversion.table import (
     write_rows,
 )
 from envs.convert.conversion import convert, describe_loaded
-from envs.convert.description import Description, Inertial, Link
+from envs.convert.description import Description, Link
 from envs.convert.source import Loaded, load
 from envs.core.arguments import run_program
 from envs.core.errors import RoboVerseError, unknown_name
+from envs.mjcf.link_tree import Inertia
 from envs.rotations import conjugate, multiply, rotate, to_matrix
 
 logger = logging.getLogger(__name__)
@@ -189,20 +190,20 @@ def _distances(
     return dict(zip(names, away.tolist(), strict=True)), dict(zip(names, turned.tolist(), strict=True))
 
 
-def _source_inertial(model: mujoco.MjModel, link: Link) -> Inertial:
+def _source_inertial(model: mujoco.MjModel, link: Link) -> Inertia:
     body = link.body
     com = model.body_ipos[body] - link.body_offset
-    return Inertial(float(model.body_mass[body]), com, model.body_iquat[body], model.body_inertia[body])
+    return Inertia(float(model.body_mass[body]), com, model.body_iquat[body], model.body_inertia[body])
 
 
-def _inertia_error(ours: Inertial, theirs: Inertial) -> float:
+def _inertia_error(ours: Inertia, theirs: Inertia) -> float:
     """Difference of the inertia matrices, or of the centres of mass (m), whichever is larger."""
     away = float(np.abs(ours.com - theirs.com).max()) if ours.mass > 0 else 0.0
     size = float(np.abs(ours.moments).max())
     return max(away, float(np.abs(_matrix(ours) - _matrix(theirs)).max()) / size if size > 0 else 0.0)
 
 
-def _matrix(inertial: Inertial) -> np.ndarray:
+def _matrix(inertial: Inertia) -> np.ndarray:
     turn = to_matrix(inertial.rot / np.linalg.norm(inertial.rot))
     return turn @ np.diag(inertial.moments) @ turn.T
 

@@ -1,7 +1,4 @@
-"""Converted robots, read back by those who read them: where their links are, and what they weigh.
-
-Each reader takes a file of :func:`envs.convert.convert` and answers two questions, by the link's name.
-"""
+"""Loaders of converted robots: MuJoCo, PyBullet and UsdPhysics, each with poses and inertias of the links."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -12,9 +9,8 @@ from typing import Any, override
 import mujoco
 import numpy as np
 
-from envs.convert.description import Inertial
 from envs.convert.source import compile_with_thin_meshes
-from envs.rotations import conjugate, multiply, rotate
+from envs.mjcf.link_tree import Frame, Inertia, compose, inverse
 
 Poses = dict[str, tuple[np.ndarray, np.ndarray]]
 """Link to position, m, and orientation, wxyz, in the world."""
@@ -28,7 +24,7 @@ class Reader(ABC):
         """Returns where each link is when the named joints are at these positions, rad (m)."""
 
     @abstractmethod
-    def inertials(self) -> dict[str, Inertial]:
+    def inertials(self) -> dict[str, Inertia]:
         """Returns mass and inertia of each link."""
 
     def close(self) -> None:  # noqa: B027 (most have nothing to free)
@@ -54,10 +50,10 @@ class MujocoReader(Reader):
         }
 
     @override
-    def inertials(self) -> dict[str, Inertial]:
+    def inertials(self) -> dict[str, Inertia]:
         model = self._model
         return {
-            model.body(index).name: Inertial(
+            model.body(index).name: Inertia(
                 float(model.body_mass[index]),
                 model.body_ipos[index],
                 model.body_iquat[index],
@@ -106,12 +102,12 @@ class PybulletReader(Reader):
         return np.array(pos), np.array(rot)[[3, 0, 1, 2]]
 
     @override
-    def inertials(self) -> dict[str, Inertial]:
+    def inertials(self) -> dict[str, Inertia]:
         found = {}
         for name, index in self._links.items():
             info = self._bullet.getDynamicsInfo(self._robot, index, physicsClientId=self._client)
             rot = np.array(info[4])[[3, 0, 1, 2]]
-            found[name] = Inertial(float(info[0]), np.array(info[3]), rot, np.array(info[2]))
+            found[name] = Inertia(float(info[0]), np.array(info[3]), rot, np.array(info[2]))
         return found
 
     @override
@@ -119,8 +115,7 @@ class PybulletReader(Reader):
         self._bullet.disconnect(self._client)
 
 
-Pose = tuple[np.ndarray, np.ndarray]
-_ORIGIN: Pose = (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+_ORIGIN: Frame = (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,8 +126,8 @@ class _UsdJoint:
     kind: str
     parent: Any
     child: Any
-    frame: Pose
-    back: Pose
+    frame: Frame
+    back: Frame
 
 
 class UsdReader(Reader):
@@ -165,16 +160,16 @@ class UsdReader(Reader):
         for joint in self._joints:  # parents first, as they were written
             origin = placed[joint.parent] if joint.parent else _ORIGIN
             turn, shift = _motion(joint.kind, joints.get(joint.name, 0.0))
-            at = _compose(_compose(origin, joint.frame), (shift, turn))
-            placed[joint.child] = _compose(at, joint.back)
+            at = compose(compose(origin, joint.frame), (shift, turn))
+            placed[joint.child] = compose(at, joint.back)
             moved.add(joint.child)
         for prim in self._links.values():  # frames of a rigid body move with it
             path, carrier = prim.GetPath(), prim.GetPath()
             while carrier not in moved and carrier.GetParentPath() in placed:
                 carrier = carrier.GetParentPath()
             if carrier != path:
-                offset = _compose(_inverse(self._rest[carrier]), self._rest[path])
-                placed[path] = _compose(placed[carrier], offset)
+                offset = compose(inverse(self._rest[carrier]), self._rest[path])
+                placed[path] = compose(placed[carrier], offset)
         return {name: placed[prim.GetPath()] for name, prim in self._links.items()}
 
     def _read_joint(self, joint) -> "_UsdJoint":
@@ -186,18 +181,18 @@ class UsdReader(Reader):
             parent=parents[0] if parents else None,
             child=child,
             frame=_frame(joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr()),
-            back=_inverse(_frame(joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr())),
+            back=inverse(_frame(joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr())),
         )
 
     @override
-    def inertials(self) -> dict[str, Inertial]:
+    def inertials(self) -> dict[str, Inertia]:
         found = {}
         for name, prim in self._links.items():
             mass = self._physics.MassAPI(prim)
             if not prim.HasAPI(self._physics.MassAPI):
-                found[name] = Inertial(0.0, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
+                found[name] = Inertia(0.0, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
                 continue
-            found[name] = Inertial(
+            found[name] = Inertia(
                 float(mass.GetMassAttr().Get()),
                 np.array(mass.GetCenterOfMassAttr().Get()),
                 _wxyz(mass.GetPrincipalAxesAttr().Get()),
@@ -206,7 +201,7 @@ class UsdReader(Reader):
         return found
 
 
-def _motion(kind: str, position: float) -> Pose:
+def _motion(kind: str, position: float) -> Frame:
     """What a joint adds along the X axis of its frame: a turn (wxyz) and a shift."""
     if kind == "revolute":
         return np.array([np.cos(position / 2), np.sin(position / 2), 0.0, 0.0]), np.zeros(3)
@@ -214,24 +209,15 @@ def _motion(kind: str, position: float) -> Pose:
     return np.array([1.0, 0.0, 0.0, 0.0]), np.array([shift, 0.0, 0.0])
 
 
-def _pose_of(cache, prim) -> Pose:
+def _pose_of(cache, prim) -> Frame:
     matrix = cache.GetLocalToWorldTransform(prim)
     return np.array(matrix.ExtractTranslation()), _wxyz(matrix.ExtractRotationQuat())
 
 
-def _frame(pos, rot) -> Pose:
+def _frame(pos, rot) -> Frame:
     quat = _wxyz(rot.Get())
     return np.array(pos.Get(), np.float64), quat / np.linalg.norm(quat)
 
 
 def _wxyz(quat) -> np.ndarray:
     return np.array([quat.GetReal(), *quat.GetImaginary()], np.float64)
-
-
-def _compose(first: Pose, second: Pose) -> Pose:
-    return first[0] + rotate(first[1], second[0]), multiply(first[1], second[1])
-
-
-def _inverse(pose: Pose) -> Pose:
-    back = conjugate(pose[1])
-    return -rotate(back, pose[0]), back

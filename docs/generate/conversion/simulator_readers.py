@@ -9,8 +9,8 @@ from typing import Any, override
 import numpy as np
 
 from docs.generate.conversion.readers import Poses, Reader
-from envs.convert.description import Inertial
 from envs.core.errors import SimulatorError
+from envs.mjcf.link_tree import Inertia
 from envs.rotations import from_matrix, multiply
 
 
@@ -67,11 +67,11 @@ class SapienReader(Reader):
         return found
 
     @override
-    def inertials(self) -> dict[str, Inertial]:
+    def inertials(self) -> dict[str, Inertia]:
         found = {}
         for name, link in self._links.items():
             com = link.cmass_local_pose
-            found[name] = Inertial(
+            found[name] = Inertia(
                 float(link.mass), com.p.astype(float), com.q.astype(float), np.array(link.inertia, float)
             )
         return found
@@ -121,7 +121,7 @@ class GenesisReader(Reader):
         return {link.name: (places[i], turns[i]) for i, link in enumerate(self._robot.links)}
 
     @override
-    def inertials(self) -> dict[str, Inertial]:
+    def inertials(self) -> dict[str, Inertia]:
         robot, found = self._robot, {}
         masses, centres = robot.get_links_mass().cpu().numpy(), robot.get_links_COM().cpu().numpy()
         matrices = robot.get_links_inertia().cpu().numpy().astype(np.float64)
@@ -129,7 +129,5 @@ class GenesisReader(Reader):
             moments, axes = np.linalg.eigh(matrices[index])
             axes[:, 0] *= np.sign(np.linalg.det(axes))
             turn = multiply(np.array(link.desc.inertial_quat, np.float64), from_matrix(axes))
-            found[link.name] = Inertial(
-                float(masses[index]), centres[index].astype(np.float64), turn, moments
-            )
+            found[link.name] = Inertia(float(masses[index]), centres[index].astype(np.float64), turn, moments)
         return found
