@@ -116,7 +116,7 @@ def _scene_spec(scenario: ScenarioCfg, simplify: bool) -> mujoco.MjSpec:
 
 
 def light_slots(scenario: ScenarioCfg) -> int:
-    """Returns how many lights an appearance may have: the scenario's own, or those of the lighting channel."""
+    """Returns how many lights an appearance may have: the scenario's own or those of the lighting channel."""
     return max(LEAST_LIGHTS, len(scenario.appearance.lights), 1 + scenario.lighting.num_lamps)
 
 
