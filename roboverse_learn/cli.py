@@ -10,13 +10,14 @@ import logging
 import os
 import sys
 from collections.abc import Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from envs.core.errors import ConfigError, RoboVerseError, unknown_name
-from roboverse_learn.config import help as texts
+from roboverse_learn.config import help as help_texts
 from roboverse_learn.config.compose import compose
-from roboverse_learn.config.preflight_folders import check_folders, file_in_place_of_folder, not_a_folder
+from roboverse_learn.config.preflight import check_folders, file_in_place_of_folder, not_a_folder
 from roboverse_learn.training.interruption import Interrupted
 
 HELP = ("-h", "--help", "help")
@@ -66,13 +67,16 @@ def script(command: str) -> None:
 
 def _dispatch(words: list[str]) -> int:
     if not words or words[0] in HELP:
-        print(texts.overview())
+        print(help_texts.overview())
+        return 0
+    if words == ["--version"]:
+        print(f"roboverse {version('roboverse-learn')}")
         return 0
     command, rest = words[0], words[1:]
-    if command not in texts.SUMMARIES:
-        raise unknown_name("command", command, texts.SUMMARIES, "Start with: roboverse --help")
+    if command not in help_texts.SUMMARIES:
+        raise unknown_name("command", command, help_texts.SUMMARIES, "Start with: roboverse --help")
     if command == "list":
-        print(texts.list_command([word for word in rest if word not in HELP]))
+        print(help_texts.list_command([word for word in rest if word not in HELP]))
         return 0
     if command == "benchmark":
         return _benchmark(rest)
@@ -81,9 +85,9 @@ def _dispatch(words: list[str]) -> int:
 
         print(dataset(rest))
         return 0
-    if any(word in HELP for word in rest):
+    if any(word in HELP for word in rest) or words == ["sweep"]:
         chosen = [word.removeprefix("policy=") for word in rest if word.startswith("policy=")]
-        print(texts.command_help(command, (chosen or ["act"])[-1]))
+        print(help_texts.command_help(command, (chosen or ["act"])[-1]))
         return 0
     config = _read(command, rest)
     _start_logging()

@@ -18,8 +18,8 @@ from roboverse_learn.commands.tested_checkpoint import (
     protocol_of,
     step_of,
 )
-from roboverse_learn.config.preflight_materials import check_materials, recorded_materials
-from roboverse_learn.config.preflight_scenario import check_scenario_files
+from roboverse_learn.config.preflight import check_materials, check_scenario_files
+from roboverse_learn.config.scenario_overrides import recorded_materials
 from roboverse_learn.config.schema import EvaluateConfig, EvaluationConfig
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from roboverse_learn.collect import dataset_folder
 from roboverse_learn.commands.run_folder import CONFIG_FILE, default_folder, read_config, read_facts
 from roboverse_learn.config.compose import compose, values_of_key
 from roboverse_learn.config.keys import flat_keys
-from roboverse_learn.config.preflight_folders import check_folders
+from roboverse_learn.config.preflight import check_folders
 from roboverse_learn.config.schema import CollectConfig, SweepConfig, TrainRunConfig
 from roboverse_learn.config.serialize import to_values
 
@@ -270,8 +270,7 @@ def _quoted(text: str) -> str:
     """A text that could be read as something else, such as two values or a number."""
     from hydra.core.override_parser.types import Quote, QuotedString
 
-    literal = re.sub(r"(\\*)\$\{", r"\1\1\\${", text)  # to OmegaConf, ${…} is another key's value
-    return QuotedString(literal, Quote.single).with_quotes()
+    return QuotedString(text, Quote.single).with_quotes()
 
 
 def _last_line(log_file: Path) -> str:

@@ -48,9 +48,7 @@ def train(config: TrainRunConfig) -> Any:
     from roboverse_learn.commands.report import train_report
     from roboverse_learn.commands.run_folder import Run
     from roboverse_learn.commands.tested_checkpoint import checkpoint_of_run
-    from roboverse_learn.config.preflight_installed import check_installed
-    from roboverse_learn.config.preflight_materials import check_materials
-    from roboverse_learn.config.preflight_scenario import check_scenario_files
+    from roboverse_learn.config.preflight import check_installed, check_materials, check_scenario_files
     from roboverse_learn.evaluate import command_words, evaluate_checkpoint
     from roboverse_learn.leaderboard import write_leaderboard
     from roboverse_learn.training.device import resolve_device

@@ -11,8 +11,13 @@ from benchmark.protocol import Protocol
 from envs.core.errors import ConfigError
 from envs.simulators.settings import check_settings
 from envs.spec import EnvSpec
-from roboverse_learn.config.preflight_materials import recorded_materials
-from roboverse_learn.config.scenario_overrides import checked_scenario, control_hz, learned_hz, scenario_name
+from roboverse_learn.config.scenario_overrides import (
+    checked_scenario,
+    control_hz,
+    learned_hz,
+    recorded_materials,
+    scenario_name,
+)
 from roboverse_learn.config.schema import (
     EVALUATE_ENV_KEYS,
     EvaluateConfig,

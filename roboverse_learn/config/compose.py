@@ -1,26 +1,29 @@
 """From the words of a command line to a frozen configuration.
 
-Hydra composes the groups of ``configs/`` over the dataclasses' defaults,
-:mod:`roboverse_learn.config.serialize` checks the values, and every mistake becomes one message that says
-what was given and what is valid.
+A value comes from the last of these that has it:
+
+1. the defaults of the dataclasses (:mod:`roboverse_learn.config.schema`),
+2. ``configs/policy/<policy>.yaml``, ``configs/preset/<preset>.yaml`` and
+   ``configs/policy_preset/<preset>_<policy>.yaml``, composed by Hydra,
+3. the saved configuration of the run that ``run=`` names, in place of 1 and 2,
+4. the command line, in Hydra's grammar of values, later words last.
+
+What is evaluated follows the checkpoint: ``evaluate`` takes no field of the environment from 2. The task of
+``collect source=policy`` is that of its checkpoint, where the command line names none.
 """
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import policies
 from envs.core.errors import ConfigError, unknown_name
 from envs.scenario.changes import merged
 from policies.checkpoint import learned_tasks
-from roboverse_learn.config.grammar import UNKNOWN, check_value
-from roboverse_learn.config.keys import OPEN, at, flat_keys, full_key, in_open_section, split_word
-from roboverse_learn.config.serialize import default_values, from_values, to_values
-
-if TYPE_CHECKING:
-    from omegaconf import DictConfig
+from roboverse_learn.config.keys import at, flat_keys, full_key, in_open_section, split_word
+from roboverse_learn.config.serialize import default_values, env_keys, from_values, to_values
 
 _GROUPS = ("policy", "preset")
 
@@ -43,10 +46,8 @@ def compose(command: str, words: Sequence[str]) -> Any:
     """Builds the configuration of a command.
 
     Args:
-        command: One of :data:`COMMANDS`.
-        words: ``key=value`` words, later ones winning. A key may be shortened to its last part where no
-            other key ends so: ``num_demos=50`` is ``collect.num_demos=50``. One value is a list of one
-            where a list is meant: ``levels=0`` is ``levels=[0]``.
+        command: One of :data:`roboverse_learn.config.schema.COMMANDS`.
+        words: ``key=value`` words. One value is a list of one where a list is meant: ``levels=0``.
 
     Returns:
         The command's frozen dataclass.
@@ -56,56 +57,27 @@ def compose(command: str, words: Sequence[str]) -> Any:
         ConfigError: A value is of the wrong kind or out of range, or a word is not ``key=value``.
     """
     pairs = [_split(word) for word in words]
-    saved = _saved_values(command, dict(pairs))
-    choices = {"policy": saved.get("policy_name", "act"), "preset": "full"}
-    choices |= {key: value for key, value in pairs if key in _GROUPS}
-    if choices["policy"] not in policies.names():
-        raise unknown_name("policy", choices["policy"], policies.names())
-    if choices["preset"] not in preset_names():
-        raise unknown_name("preset", choices["preset"], preset_names())
-    defaults = default_values(command, choices["policy"])
-    keys = flat_keys(defaults)
-    full = [full_key(command, key, keys) for key, _ in pairs]
-    given = {key: value for key, (_, value) in zip(full, pairs, strict=True)}
-    # A path or a name is taken as it was typed: Hydra's grammar would stumble over its '=', ',' and '['.
-    texts = {
-        key: value
-        for key, value in given.items()
-        if key not in _GROUPS and isinstance(at(defaults, key), str)
-    }
-    for key, (typed, value) in zip(full, pairs, strict=True):
-        if key not in (*texts, *_GROUPS):
-            default = UNKNOWN if in_open_section(key) else at(defaults, key)
-            check_value(f"{typed}={value}", command, default)
-    overrides = [
-        f"{'++' if in_open_section(key) else ''}{key}={value}"
-        for key, value in given.items()
-        if key not in (*texts, *_GROUPS)
-    ]
-    composed = _overridden(_composed(command, choices["policy"], choices["preset"]), overrides)
-    for key, value in texts.items():
-        _set(composed, key, value)
-    for key in given:
-        if isinstance(at(defaults, key), list):
-            _set(composed, key, _as_list(at(composed, key)))
-    values = _after_checkpoint(command, {name: composed[name] for name in defaults}, defaults, set(given))
-    if saved and saved["policy_name"] == values["policy_name"]:
-        values = _overlay(saved, values, set(full))
+    typed = dict(pairs)
+    saved = _saved_values(typed.get("run", "")) if command == "train" else {}
+    policy = typed.get("policy", saved.get("policy_name", "act"))
+    preset = typed.get("preset", "full")
+    for kind, name, names in (("policy", policy, policies.names()), ("preset", preset, preset_names())):
+        if name not in names:
+            raise unknown_name(kind, name, names)
+    defaults = default_values(command, policy)
+    keys = [full_key(command, key, flat_keys(defaults)) for key, _ in pairs]
+    if saved.get("policy_name") == policy:
+        values = saved | ({"preset": preset} if "preset" in typed else {})
+    else:
+        values = copy.deepcopy(_composed(command, policy, preset))
+    if command == "evaluate":
+        values |= {key: defaults[key] for key in env_keys(command)}
+    for word, key, (_, text) in zip(words, keys, pairs, strict=True):
+        if key not in _GROUPS:
+            _put(values, key, _value(word, text, command, key, at(defaults, key)))
+    if command == "collect" and values["source"] == "policy" and "task" not in typed:
+        values["task"] = next(iter(learned_tasks(str(values["checkpoint"]))), values["task"])
     return from_values(command, values)
-
-
-def _after_checkpoint(
-    command: str, values: dict[str, Any], defaults: dict[str, Any], given: set[str]
-) -> dict[str, Any]:
-    """Returns the values of a command that takes a checkpoint, which decides what the user leaves open."""
-    if command == "evaluate":  # its scene follows the checkpoint, whatever a preset says of training
-        return {
-            name: value if isinstance(value, dict) or name in given or name == "preset" else defaults[name]
-            for name, value in values.items()
-        }
-    if command == "collect" and values["source"] == "policy" and "task" not in given:
-        return values | {"task": next(iter(learned_tasks(str(values["checkpoint"]))), values["task"])}
-    return values
 
 
 def values_of_key(word: str) -> list[str]:
@@ -116,109 +88,90 @@ def values_of_key(word: str) -> list[str]:
     Raises:
         ConfigError: The word is not ``key=value``.
     """
-    from hydra.core.override_parser.overrides_parser import OverridesParser
     from hydra.errors import HydraException
 
-    key, _ = _split(word)
+    key, text = _split(word)
     try:
-        override = OverridesParser.create().parse_override(word)
-    except HydraException:  # a path, which is one value; what is wrong with it is said when it is read
+        override = _parsed(text)
+    except HydraException:  # a path, which is one value; compose names what is wrong with it
         return [word]
     if not override.is_sweep_override():
         return [word]
     return [f"{key}={value}" for value in override.sweep_string_iterator()]
 
 
-def _all_defaults(command: str, policy: str) -> dict[str, Any]:
-    """The defaults of the commands that presets speak of, and of this one, which takes its part."""
-    return {
-        key: value
-        for each in ("leaderboard", "evaluate", "train", command)
-        for key, value in default_values(each, policy).items()
-    }
-
-
-def _as_list(value: Any) -> Any:
-    """Returns a list of one for one number or word; what is neither is refused later, as it was typed."""
-    return [value] if (value and isinstance(value, str)) or type(value) in (int, float) else value
-
-
-def _set(values: dict[str, Any], key: str, value: Any) -> None:
-    """Sets a dotted key."""
-    *sections, last = key.split(".")
-    for section in sections:
-        values = values[section]
-    values[last] = value
-
-
 def _split(word: str) -> tuple[str, str]:
     return split_word(word, flat_keys(default_values("train")))
 
 
-def _saved_values(command: str, words: Mapping[str, str]) -> dict[str, Any]:
-    """Returns what the run named by ``run=`` was started with, if it exists."""
-    if command != "train" or not words.get("run"):
-        return {}
+def _saved_values(run: str) -> dict[str, Any]:
+    """Returns the configuration that a run was started with; nothing where there is no such run."""
     from roboverse_learn.commands.run_folder import CONFIG_FILE, read_config
 
-    folder = Path(words["run"])
-    return to_values(read_config(folder)) if (folder / CONFIG_FILE).exists() else {}
-
-
-def _overlay(
-    saved: Mapping[str, Any], values: Mapping[str, Any], given: set[str], prefix: str = ""
-) -> dict[str, Any]:
-    """Returns ``saved`` with those leaves of ``values`` whose dotted key is ``given``."""
-    return {
-        name: _overlay(saved[name], value, given, f"{prefix}{name}.")
-        if isinstance(value, Mapping) and name not in OPEN
-        else _one_of(saved.get(name, value), value, f"{prefix}{name}", given)
-        for name, value in values.items()
-    }
-
-
-def _one_of(saved: Any, value: Any, key: str, given: set[str]) -> Any:
-    """Returns a saved value, or what was given in its place; an open section may be given in part."""
-    if key in OPEN and any(full.startswith(f"{key}.") for full in given):
-        return merged(saved, value)
-    return value if key in given else saved
+    folder = Path(run)
+    return to_values(read_config(folder)) if run and (folder / CONFIG_FILE).exists() else {}
 
 
 @cache
-def _composed(command: str, policy: str, preset: str) -> "DictConfig":
-    """Lets Hydra merge the defaults and the groups: always the same, and nearly all that takes time."""
+def _composed(command: str, policy: str, preset: str) -> dict[str, Any]:
+    """Returns the defaults of a command with the YAML files over them, merged by Hydra."""
+    defaults = default_values(command, policy)
+    if "preset" not in defaults:
+        return defaults
     import hydra
     from hydra.core.config_store import ConfigStore
-
-    ConfigStore.instance().store(name="defaults_of_dataclasses", node=_all_defaults(command, policy))
-    with hydra.initialize_config_dir(str(configs_folder()), version_base="1.3"):
-        return hydra.compose("run", [f"policy={policy}", f"preset={preset}"])
-
-
-def _overridden(composed: "DictConfig", overrides: list[str]) -> dict[str, Any]:
-    """Puts the words of a command line, in Hydra's grammar, over what was composed; returns plain values."""
-    from hydra.core.override_parser.overrides_parser import OverridesParser
-    from hydra.errors import HydraException
     from omegaconf import OmegaConf
-    from omegaconf.errors import InterpolationResolutionError, OmegaConfBaseException
 
-    config = copy.deepcopy(composed)
+    ConfigStore.instance().store(name="defaults_of_dataclasses", node=defaults)
+    with hydra.initialize_config_dir(str(configs_folder()), version_base="1.3"):
+        composed = hydra.compose("run", [f"policy={policy}", f"preset={preset}"])
+    values: Any = OmegaConf.to_container(composed, resolve=True)
+    return {key: values[key] for key in defaults}  # the files also have keys of other commands
+
+
+def _parsed(text: str) -> Any:
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+
+    return OverridesParser.create().parse_override(f"key={text}")
+
+
+def _value(word: str, text: str, command: str, key: str, default: Any) -> Any:
+    """Reads a value in Hydra's grammar; a path or a name is taken as it was typed.
+
+    Raises:
+        ConfigError: It is neither one value nor one list.
+    """
+    from hydra.errors import HydraException
+
+    if isinstance(default, str):
+        return text
+    example = "" if default is None else f", such as {key}={str(default).lower()}"
+    takes = "Write a list in brackets, such as [1,2]." if isinstance(default, list) else ""
+    takes = takes or f"{key} takes one value{example}."
+    if in_open_section(key):
+        takes = "Write a list in brackets, such as [1,2], and text with other signs in quotes."
     try:
-        for each in OverridesParser.create().parse_overrides(overrides):
-            OmegaConf.update(config, each.key_or_group, each.value(), force_add=each.is_force_add())
-        values = OmegaConf.to_container(config, resolve=True)
-    except InterpolationResolutionError as error:
-        named = " ".join(word.lstrip("+") for word in overrides if "${" in word)
-        raise ConfigError(
-            f"'{named}' cannot be read: ${{…}} stands for the value of another key, and there is none of "
-            "this name. Where the characters themselves are meant, write \\${ instead."
-        ) from error
-    except (HydraException, OmegaConfBaseException) as error:
-        raise ConfigError(f"The command line could not be read: {_first_lines(error)}") from error
-    assert isinstance(values, dict)
-    return {str(key): value for key, value in values.items()}
+        override = _parsed(text)
+    except HydraException as error:
+        raise ConfigError(f"'{word}' cannot be read: check its brackets and quotes. {takes}") from error
+    if override.is_sweep_override():
+        runs = f" For a run with each of them: roboverse sweep {word}" if command == "train" else ""
+        raise ConfigError(f"'{word}' gives several values. {takes}{runs}")
+    value = override.value()
+    if isinstance(value, dict) and not in_open_section(key):
+        raise ConfigError(f"'{word}' gives keys of its own. {takes}")
+    one = (value and isinstance(value, str)) or type(value) in (int, float)
+    return [value] if isinstance(default, list) and one else value
 
 
-def _first_lines(error: Exception) -> str:
-    """One line of what a library said over several."""
-    return " ".join(line.strip() for line in str(error).splitlines() if line.strip())
+def _put(values: dict[str, Any], key: str, value: Any) -> None:
+    """Puts the value of a dotted key into nested values; keys of an open section are merged."""
+    section, *parts = key.split(".")
+    if in_open_section(key):
+        for part in reversed(parts):
+            value = {part: value}
+        values[section] = merged(values[section], value)
+        return
+    while parts:
+        values, section = values[section], parts.pop(0)
+    values[section] = value

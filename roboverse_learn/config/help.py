@@ -1,4 +1,4 @@
-"""What ``--help`` and ``roboverse list`` say, from names, dataclasses and docstrings alone."""
+"""Text of ``--help`` and ``roboverse list``, from registries, dataclasses and docstrings."""
 
 import importlib
 import inspect
@@ -12,9 +12,10 @@ import policies
 from envs.core.errors import unknown_name
 from envs.spec import EnvSpec
 from roboverse_learn.config.compose import preset_names
-from roboverse_learn.config.keys import flat_keys
+from roboverse_learn.config.keys import at, flat_keys
 from roboverse_learn.config.scenario_overrides import SECTION, scenario_keys
-from roboverse_learn.config.serialize import COMMANDS, default_values, policy_config
+from roboverse_learn.config.schema import COMMANDS
+from roboverse_learn.config.serialize import default_values
 
 SUMMARIES = {
     "train": "collect what is missing, train, evaluate over the levels, write the leaderboard",
@@ -151,51 +152,44 @@ PRESETS = {
 
 
 def _key_rows(command: str, skip: tuple[str, ...] = (), policy: str = "act") -> list[tuple[str, str]]:
-    """Rows ``key=default`` and what the docstring of its dataclass says of it."""
+    """Returns rows of ``key=default`` and the line of its dataclass's docstring."""
     values = default_values(command, policy)
-    about = dict(_attributes(COMMANDS[command], values, policy))
+    about = dict(_attributes(COMMANDS[command], policy))
     rows = []
     for key in flat_keys(values):
         if key == "policy_name":
             rows.append((f"policy={values[key]}", "Policy: " + ", ".join(policies.names()) + "."))
-        elif not key.startswith(skip or ("\0",)):
-            value = values
-            for part in key.split("."):
-                value = value[part]
-            rows.append((f"{key}={_shown(value)}", about.get(key, "")))
+        elif not any(key.startswith(start) for start in skip):
+            rows.append((f"{key}={_shown(at(values, key))}", about.get(key, "")))
             rows += _scene_rows() if key == SECTION and not skip else []
     return rows
 
 
-_LEFT_TO_THE_CODE = ("robots", "objects", "appearance.cameras", "appearance.furniture")
-"""Parts of a scene whose every key would fill pages."""
+_NOT_LISTED = ("robots", "objects", "appearance.cameras", "appearance.furniture")
+"""Parts of a scene with too many keys for a listing."""
 
 
 def _scene_rows() -> list[tuple[str, str]]:
-    """Rows of what can be changed of a scene; what it is by default, the task says."""
-    rows = []
-    for key, (cls, field) in scenario_keys().items():
-        if not key.startswith(tuple(f"{SECTION}.{part}." for part in _LEFT_TO_THE_CODE)):
-            rows.append((f"{key}=", dict(_documented(cls)).get(field, "")))
-    rows += [
-        (f"{SECTION}.{part}.<name>.*=", "Every field, as in envs/scenario.") for part in _LEFT_TO_THE_CODE
-    ]
-    return rows
+    """Returns rows of the keys of a scene, whose defaults are the task's."""
+    rows = [(f"{SECTION}.{part}.<name>.*=", "Every field, as in envs/scenario.") for part in _NOT_LISTED]
+    hidden = tuple(f"{SECTION}.{part}." for part in _NOT_LISTED)
+    listed = {key: of for key, of in scenario_keys().items() if not key.startswith(hidden)}
+    return [(f"{key}=", dict(_documented(cls)).get(name, "")) for key, (cls, name) in listed.items()] + rows
 
 
-def _attributes(cls: type, values: Any, policy: str, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yields each dotted key with its line of the ``Attributes`` section."""
+def _attributes(cls: type, policy: str, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yields each dotted key of a dataclass with its line of the ``Attributes`` section."""
     yield from ((prefix + name, text) for name, text in _documented(cls))
-    if "env" in getattr(cls, "__dataclass_fields__", {}):
-        yield from _documented(EnvSpec)
-    for name, field in getattr(cls, "__dataclass_fields__", {}).items():
-        nested = policy_config(policy) if name == "policy" else field.type
-        if is_dataclass(nested) and isinstance(nested, type) and nested is not EnvSpec:
-            yield from _attributes(nested, values, policy, f"{prefix}{name}.")
+    for name, item in getattr(cls, "__dataclass_fields__", {}).items():
+        nested = policies.config_class(policy) if name == "policy" else item.type
+        if name == "env":
+            yield from _documented(EnvSpec)
+        elif is_dataclass(nested) and isinstance(nested, type):
+            yield from _attributes(nested, policy, f"{prefix}{name}.")
 
 
 def _documented(cls: type) -> Iterator[tuple[str, str]]:
-    """Yields each attribute of a dataclass, and of its bases, with what its docstring says."""
+    """Yields each attribute of a dataclass and of its bases with its text in the docstring."""
     for base in reversed(cls.__mro__):
         docstring = inspect.cleandoc(base.__doc__ or "")
         for name, text in re.findall(r"^    (\w+): (.+(?:\n {8,}.+)*)", docstring, re.MULTILINE):
@@ -203,7 +197,7 @@ def _documented(cls: type) -> Iterator[tuple[str, str]]:
 
 
 def _shown(value: Any) -> str:
-    """A value as one would type it."""
+    """Returns a value as it is typed."""
     if isinstance(value, list):
         return "[" + ",".join(_shown(item) for item in value) + "]"
     if value is None or isinstance(value, bool):

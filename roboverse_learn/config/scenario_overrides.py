@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from benchmark.protocol import digest
@@ -27,18 +28,6 @@ def scenario_keys() -> dict[str, tuple[type, str]]:
     return {
         key: (cls, name) for key, (cls, name) in keys.items() if cls is not CameraCfg or name not in _PIXELS
     }
-
-
-def typed_keys() -> list[str]:
-    """Returns those of :func:`scenario_keys` that can be typed as they are, for no name stands in them."""
-    return [key for key in scenario_keys() if "<" not in key]
-
-
-def in_full(key: str) -> str | None:
-    """Returns ``scenario.cameras.front.pos`` for ``cameras.front.pos``; None for no key of a scene."""
-    section = key.partition(".")[0]
-    tops = {known.split(".")[1] for known in scenario_keys()}
-    return key if section == SECTION else f"{SECTION}.{key}" if section in tops else None
 
 
 def checked_scenario(
@@ -100,3 +89,21 @@ def learned_hz(trained: Any, task: str) -> float:
 def scenario_name(changes: Mapping[str, Any]) -> str:
     """Returns what stands for changes of a scene in the name of a folder or a file."""
     return f"{SECTION}-{digest(changes)}"
+
+
+def folder_name(materials: str) -> str:
+    """Returns the materials in the name of a dataset: ``+images`` for ``+somewhere/images``."""
+    return "+" * materials.startswith("+") + Path(materials).name.removeprefix("+")
+
+
+def recorded_materials(materials: str) -> str:
+    """Returns the materials as a result records them: by folder name and content; empty for built-in ones.
+
+    Raises:
+        ConfigError: The folder does not exist, has too few images, or one that cannot be read.
+    """
+    from envs.randomization.materials import MaterialLibrary
+
+    if not materials:
+        return ""
+    return f"{folder_name(materials)}-{MaterialLibrary.chosen(materials).digest()[:8]}"

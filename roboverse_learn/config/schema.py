@@ -320,3 +320,16 @@ class LeaderboardConfig:
     """
 
     results_dir: str = "results"
+
+
+COMMANDS: dict[str, type] = {
+    "collect": CollectConfig,
+    "train": TrainRunConfig,
+    "sweep": SweepConfig,
+    "evaluate": EvaluateConfig,
+    "leaderboard": LeaderboardConfig,
+    "convert": ConvertConfig,
+    "replay": ReplayConfig,
+    "conservation": ConservationConfig,
+}
+"""Every command that takes ``key=value`` words, with its configuration."""

@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -59,7 +60,7 @@ def failure(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         ),
         (["train", "train.stpes=10"], "Unknown key 'train.stpes' of train. Did you mean 'train.steps'?"),
         (["train", "polcy=act"], "Unknown key 'polcy' of train. Did you mean 'policy'?"),
-        (["train", "stpes=3"], "Unknown key 'stpes' of train. Did you mean 'steps'?"),
+        (["train", "stpes=3"], "Unknown key 'stpes' of train. Did you mean 'train.steps'?"),
         (["train", "level=4"], "Unknown level '4'. Valid levels: 0: task; 1: "),
         (["train", "levels=[0,9]"], "Unknown level 9. Valid: 0, 1, 2, 3."),
         (["train", "splits=[validation]"], "evaluate.splits.0: input should be 'train' or 'test'"),
@@ -81,7 +82,7 @@ def failure(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         (["train", "policy_name=act"], "Unknown key 'policy_name' of train. Did you mean 'policy'?"),
         (["train", "steps"], "'steps' is not key=value."),
         (["train", "--steps=3"], "'--steps=3' is not key=value."),
-        (["train", "train.steps=[1"], "train.steps=[1' cannot be read: the [ is not closed."),
+        (["train", "train.steps=[1"], "train.steps=[1' cannot be read: check its brackets and quotes."),
         (["train", "seed=1,2"], "For a run with each of them: roboverse sweep seed=1,2"),
         (["train", "image_size=4"], "image_size must be 16 to 2048 pixels, given 4."),
         (["collect", "num_demos=0"], "num_demos must be above 0, given 0."),
@@ -296,12 +297,22 @@ def test_listing_and_help_import_nothing_heavy(words: list[str]) -> None:
 
 
 def test_list_into_a_closed_pipe_is_no_error() -> None:
-    command = f"'{sys.executable}' -m roboverse_learn.cli list | true; exit ${{PIPESTATUS[0]}}"
+    command = f"'{sys.executable}' -m roboverse_learn list | true; exit ${{PIPESTATUS[0]}}"
     root = Path(__file__).resolve().parents[3]
     done = subprocess.run(
         ["bash", "-c", command], capture_output=True, text=True, check=False, timeout=60, cwd=root
     )
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"roboverse {version('roboverse-learn')}\n"
+
+
+def test_bare_sweep_prints_its_usage(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["sweep"]) == 0
+    assert "Usage: roboverse sweep" in capsys.readouterr().out
 
 
 def test_every_level_is_accepted(configurations: list) -> None:

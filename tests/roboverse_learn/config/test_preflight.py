@@ -11,7 +11,7 @@ from envs.spec import EnvSpec
 from envs.tasks.pick_cube import PickCube
 from policies.checkpoint import CONFIG, WEIGHTS
 from roboverse_learn import cli
-from roboverse_learn.config.preflight_scenario import check_scenario_files
+from roboverse_learn.config.preflight import check_scenario_files
 
 TEXTURE = "scenario.appearance.materials.table.texture"
 ROBOT = "scenario.robots.franka.mjcf"
@@ -47,7 +47,7 @@ def pictures(tmp_path: Path) -> Path:
         ),
         (
             f"{TEXTURE}=no.png",
-            f"error: {TEXTURE}=no.png: give the name of a material, or of a picture in the folder that "
+            f"error: {TEXTURE}=no.png: give the name of a material, or of an image in the folder that "
             "{materials}=+<folder> adds. Unknown material family 'no.png'. Valid: asphalt, ",
         ),
     ],

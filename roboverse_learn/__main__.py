@@ -1,0 +1,7 @@
+"""``python -m roboverse_learn``: the command line ``roboverse``."""
+
+import sys
+
+from roboverse_learn.cli import main
+
+sys.exit(main())

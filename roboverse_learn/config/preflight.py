@@ -1,0 +1,113 @@
+"""Checks before a run, so that a mistake is reported before anything is written."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from envs.core.errors import ConfigError, RoboVerseError
+from envs.spec import EnvSpec
+
+_FOLDER_KEYS = ("dataset", "datasets_dir", "run", "runs_dir", "results_dir", "out")
+_A_FILE = "the path of a file, or package:path for one inside an installed package"
+_A_MATERIAL = "the name of a material, or of an image in the folder that {}=+<folder> adds"
+
+
+def check_folders(config: Any) -> None:
+    """Checks that no folder of a configuration is a file, or would be in a file.
+
+    Raises:
+        ConfigError: A file is where a folder is meant.
+    """
+    for key in _FOLDER_KEYS:
+        given = getattr(config, key, "")
+        file = file_in_place_of_folder(Path(given)) if given else None
+        if file is not None:
+            raise ConfigError(f"{key}={given}: {not_a_folder(file)}")
+
+
+def file_in_place_of_folder(path: Path) -> Path | None:
+    """Returns the file at ``path`` or above it, which keeps ``path`` from being a folder."""
+    return next((each for each in (path, *path.parents) if each.exists() and not each.is_dir()), None)
+
+
+def not_a_folder(file: Path) -> str:
+    """Returns the message for a file where a folder is meant."""
+    return f"'{file}' is a file, not a folder. Name another folder, or move the file away."
+
+
+def check_installed(env: EnvSpec) -> None:
+    """Imports the simulator and the renderer of an environment.
+
+    Raises:
+        MissingExtraError: A package of one is not installed; it says how to install it.
+    """
+    from envs.simulators import HANDLERS, RENDERERS
+
+    HANDLERS.get(env.simulator)
+    (RENDERERS if env.renderer in RENDERERS else HANDLERS).get(env.renderer)
+
+
+def check_materials(materials: str) -> None:
+    """Reads a folder of materials.
+
+    Args:
+        materials: The folder, with or without ``+`` before it; empty for the built-in materials.
+
+    Raises:
+        ConfigError: It does not exist, has too few images, or one that cannot be read.
+    """
+    from envs.randomization.materials import MaterialLibrary
+    from envs.randomization.splits import load_split
+
+    if materials:
+        load_split("train", MaterialLibrary.chosen(materials))
+
+
+def check_scenario_files(env: EnvSpec, materials: Mapping[str, str]) -> None:
+    """Finds every file and material that the changes of a scene name, and compiles a scene with new files.
+
+    Args:
+        env: The environment whose scene is changed.
+        materials: Keys of materials and their values; each must have the materials that are named.
+
+    Raises:
+        ConfigError: One is missing, or no scene can be made of a file.
+    """
+    if not env.scenario:
+        return
+    from envs.core.assets import resolve
+    from envs.randomization.materials import MaterialLibrary
+    from envs.scenario.named import named
+    from envs.scenario.units import AssetRef, MaterialName
+
+    own = env.replace(scenario={}).make_task().scenario
+    scene = env.make_task().scenario
+    checks: list[tuple[Any, Callable[[str], object], str]] = [(AssetRef, resolve, _A_FILE)]
+    for key, folder in materials.items():
+        checks.append((MaterialName, MaterialLibrary.chosen(folder).texture, _A_MATERIAL.format(key)))
+    files = []
+    for kind, find, wanted in checks:
+        known = set(named(own, kind))
+        for key, name in named(scene, kind):
+            try:
+                if (key, name) not in known:
+                    find(name)
+                    files += [f"{key}={name}"] if kind is AssetRef else []
+            except RoboVerseError as error:
+                raise ConfigError(f"{key}={name}: give {wanted}. {error}") from error
+    if files:
+        _compile(scene, " ".join(files))
+
+
+def _compile(scene: Any, given: str) -> None:
+    """Compiles a scene with other files than the task's."""
+    from envs.mjcf.model import build_model
+
+    try:
+        build_model(scene, simplify=False)
+    except (RoboVerseError, ValueError) as error:  # MuJoCo's message has several lines
+        reason = " ".join(str(error).split()).rstrip(".")
+        raise ConfigError(
+            f"{given}: no scene can be made of it. {reason}. Give a file that fits the rest of the scene, or "
+            "change that, too."
+        ) from error
