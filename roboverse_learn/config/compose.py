@@ -59,7 +59,7 @@ def compose(command: str, words: Sequence[str]) -> Any:
     pairs = [_split(word) for word in words]
     typed = dict(pairs)
     saved = _saved_values(typed.get("run", "")) if command == "train" else {}
-    policy = typed.get("policy", saved.get("policy_name", "act"))
+    policy = str(typed.get("policy", saved.get("policy_name", "act")))
     preset = typed.get("preset", "full")
     for kind, name, names in (("policy", policy, policies.names()), ("preset", preset, preset_names())):
         if name not in names:

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 import policies
 from envs.core.errors import ConfigError, RoboVerseError, UnknownNameError
-from envs.core.plain_values import plain
 from roboverse_learn import cli
 from roboverse_learn.config.compose import compose, configs_folder, preset_names
 from roboverse_learn.config.keys import at, flat_keys
@@ -297,127 +296,6 @@ def test_a_level_that_does_not_exist_is_named() -> None:
 def test_a_word_without_a_value_suggests_the_key_that_it_resembles(word: str, nearest: str) -> None:
     with pytest.raises(ConfigError, match=rf"'{word}' is not key=value\. Did you mean '{nearest}'\?"):
         compose("train", [word])
-
-
-@pytest.mark.parametrize("command", ["collect", "train", "evaluate"])
-def test_settings_of_a_simulator_pass_through(command: str) -> None:
-    words = [*REQUIRED.get(command, []), "simulator=mujoco_warp", "simulator_settings.njmax=768"]
-    config = compose(command, words)
-    assert plain(config.env)["simulator_settings"] == {"njmax": 768}
-    assert from_values(command, yaml.safe_load(yaml.safe_dump(to_values(config)))) == config
-
-
-@pytest.mark.parametrize(
-    ("words", "error", "message"),
-    [
-        (["simulator=mujoco_warp", "simulator_settings.njmx=9"], UnknownNameError, "Did you mean 'njmax'"),
-        (["simulator_settings.njmax=9"], UnknownNameError, "setting of simulator=mujoco 'njmax'"),
-        (["simulator_settings.cone=round"], UnknownNameError, "cone of mujoco 'round'"),
-        (
-            ["simulator=mujoco_warp", "simulator_settings.njmax=many"],
-            ConfigError,
-            r"simulator_settings\.njmax: input should be a valid integer, .* given 'many'",
-        ),
-        (
-            ["simulator=mujoco_warp", "simulator_settings.nconmax=0"],
-            ConfigError,
-            "nconmax must be at least 1, given 0",
-        ),
-    ],
-)
-def test_a_wrong_setting_of_a_simulator_is_told_before_it_starts(words, error, message) -> None:
-    with pytest.raises(error, match=message):
-        compose("collect", words)
-
-
-@pytest.mark.parametrize("command", ["collect", "train", "evaluate"])
-def test_keys_of_the_scene_pass_through(command: str) -> None:
-    words = [
-        "scenario.cameras.front.pos=[1,0,0.5]",
-        "scenario.lighting.array_shape=[3,4]",
-        "scenario.physics.decimation=50",
-    ]
-    words += [
-        "scenario.cameras.wrist.fovy_deg=50",
-        "scenario.room=null",
-        "scenario.appearance.lights.0.intensity=0.5",
-    ]
-    config = compose(command, [*REQUIRED.get(command, []), *words, "cameras=[wrist]"])
-    assert plain(config.env)["scenario"] == {
-        "cameras": {"front": {"pos": [1, 0, 0.5]}, "wrist": {"fovy_deg": 50}},
-        "lighting": {"array_shape": [3, 4]},
-        "physics": {"decimation": 50},
-        "room": None,
-        "appearance": {"lights": {"0": {"intensity": 0.5}}},
-    }
-    assert plain(config.env)["cameras"] == ["wrist"]
-    assert from_values(command, yaml.safe_load(yaml.safe_dump(to_values(config)))) == config
-
-
-@pytest.mark.parametrize(
-    ("word", "error", "message"),
-    [
-        ("scenario.physics.decimaton=5", UnknownNameError, r"scenario\.physics 'decimaton'.*'decimation'"),
-        ("decimation=5", UnknownNameError, r"Did you mean 'scenario\.physics\.decimation'"),
-        (
-            "scenario.cameras.frnt.fovy_deg=5",
-            UnknownNameError,
-            r"key of scenario\.cameras 'frnt'.*Did you mean 'front'",
-        ),
-        (
-            "scenario.lighting.array_shape=[0,3]",
-            ConfigError,
-            r"array_shape is two positive counts, given \(0, 3\)",
-        ),
-        (
-            "scenario.physics.decimation=x",
-            ConfigError,
-            r"scenario\.physics\.decimation: input should be .* given 'x'",
-        ),
-        (
-            "scenario.cameras.front.width=64",
-            ConfigError,
-            r"front\.width=64 was given; .* are image_size=<pixels>",
-        ),
-        (
-            "scenario=3",
-            ConfigError,
-            r"'scenario' has keys of its own: .* in scenario\.physics\.decimation",
-        ),
-        (
-            "task_kwargs=3",
-            ConfigError,
-            r"'task_kwargs' has keys of its own: .* in task_kwargs\.variant=lift",
-        ),
-        (
-            "scenario.physics=3",
-            ConfigError,
-            r"scenario\.physics has keys of its own \(timestep_s, .*; given 3",
-        ),
-        ("fovy_deg=3", UnknownNameError, r"Did you mean 'scenario\.cameras\.<name>\.fovy_deg'"),
-        ("front.fovy_deg=3", UnknownNameError, r"Did you mean 'scenario\.cameras\.<name>\.fovy_deg'"),
-        ("scenario..physics=3", ConfigError, r"'scenario\.\.physics=3' is not key=value"),
-    ],
-)
-def test_a_wrong_key_of_the_scene_is_told_before_a_simulator_starts(word, error, message) -> None:
-    with pytest.raises(error, match=message):
-        compose("collect", [word])
-
-
-@pytest.mark.parametrize(
-    ("words", "others"),
-    [
-        (
-            ["scenario.physics.decimation=25", "scenario.cameras={}", "scenario.physics.gravity=[0,0,-9.81]"],
-            [],
-        ),  # as it is
-        (["scenario.cameras.front.fovy_deg=40.0"], ["scenario.cameras.front={fovy_deg:40}"]),
-        (["scenario.room=null"], ["scenario.room=null", "scenario.physics={}"]),
-    ],
-)
-def test_one_change_is_the_same_however_it_is_written(words: list[str], others: list[str]) -> None:
-    one, other = (json.dumps(to_values(compose("collect", each))) for each in (words, others))
-    assert one == other
 
 
 @pytest.mark.parametrize("word", ["task_kwargs.variant=lift", "scenario.physics.decimation=50"])
