@@ -15,10 +15,8 @@ import dataclasses
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from roboverse_learn.config.preflight_installed import check_installed
-from roboverse_learn.config.preflight_materials import check_materials, folder_name
-from roboverse_learn.config.preflight_scenario import check_scenario_files
-from roboverse_learn.config.scenario_overrides import scenario_name
+from roboverse_learn.config.preflight import check_installed, check_materials, check_scenario_files
+from roboverse_learn.config.scenario_overrides import folder_name, scenario_name
 from roboverse_learn.config.schema import CollectConfig
 from roboverse_learn.data.sources import SOURCES
 
