@@ -8,6 +8,7 @@ import pytest
 from roboverse_learn.collect import collect_dataset, dataset_folder
 from roboverse_learn.config.compose import compose
 from roboverse_learn.data.collection import schedule
+from roboverse_learn.data.sources import SOURCES
 
 
 def test_what_makes_a_scene_impossible_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -38,6 +39,5 @@ def test_what_makes_a_scene_impossible_is_named(tmp_path: Path, monkeypatch: pyt
     ],
 )
 def test_every_source_has_its_own_help(words: list[str], help_: str) -> None:
-    from roboverse_learn.collect import _what_helps
-
-    assert help_ in _what_helps(compose("collect", words))
+    config = compose("collect", words)
+    assert help_ in SOURCES.get(config.source)(config).advice()
