@@ -48,7 +48,7 @@ def measure_evaluation(*, turns: int = 3) -> Measurement:
     with tempfile.TemporaryDirectory() as folder:
         policy.save(Path(folder) / "pretrained_model")
         policy = policies.load(folder)
-    env_config = RoboVerseEnvConfig(task=TASK, level=LEVEL, split=SPLIT, image_size=config.image_size)
+    env_config = RoboVerseEnvConfig(task=TASK, level=LEVEL, split=SPLIT, image_size=config.env.image_size)
     (env,) = env_config.create_envs(NUM_EPISODES)[env_config.type].values()
     times = []
     for _ in range(turns + 1):
@@ -60,7 +60,7 @@ def measure_evaluation(*, turns: int = 3) -> Measurement:
     env.close()
     mine, baseline = np.array(times[1:]).T / NUM_EPISODES  # the first turn imports the renderer
     return Measurement(
-        name=f"evaluation of ACT, {config.image_size}×{config.image_size}, LeRobot / ours",
+        name=f"evaluation of ACT, {config.env.image_size}×{config.env.image_size}, LeRobot / ours",
         ours_s=median(mine),
         baseline_s=median(baseline),
         ratio=median(baseline / mine),

@@ -29,7 +29,7 @@ def test_every_policy_has_its_file_and_every_file_its_policy():
 def test_the_network_of_every_preset_builds(preset, name):
     config = compose("train", [f"preset={preset}", f"policy={name}"])
     cls = policies.policy_class(name)
-    inputs, outputs = policy_features(features(config.image_size))
+    inputs, outputs = policy_features(features(config.env.image_size))
     with torch.device("meta"):  # shapes without numbers: the full networks are large
         model = cls.model_class(cls.lerobot_config(config.policy, inputs, outputs, "cpu"))
     policy = cls(model, cls.lerobot_processors(model.config, stats()))
