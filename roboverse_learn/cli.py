@@ -73,13 +73,15 @@ def _dispatch(words: list[str]) -> int:
         print(f"roboverse {version('roboverse-learn')}")
         return 0
     command, rest = words[0], words[1:]
+    if command == "benchmark":  # the former name of speed, until the next release
+        command = "speed"
     if command not in help_texts.SUMMARIES:
         raise unknown_name("command", command, help_texts.SUMMARIES, "Start with: roboverse --help")
     if command == "list":
         print(help_texts.list_command([word for word in rest if word not in HELP]))
         return 0
-    if command == "benchmark":
-        return _benchmark(rest)
+    if command == "speed":
+        return _speed(rest)
     if command == "dataset":
         from roboverse_learn.dataset import dataset
 
@@ -156,28 +158,28 @@ def _run(command: str, config: Any) -> None:
         _show(leaderboard(config))
 
 
-def _benchmark(words: list[str]) -> int:
-    from roboverse_learn.speed import BENCHMARKS, run
+def _speed(words: list[str]) -> int:
+    from roboverse_learn.speed import PROGRAMS, run
 
     names = [word for word in words if "=" not in word and word not in HELP]
     settings = [word for word in words if "=" in word]
     if len(names) == 1 and len(words) > 1 and words[-1] in HELP:
         return run(names[0], ["--help"])
     if any(word in HELP for word in words):
-        rows = "\n".join(f"  {name:<12} {BENCHMARKS.entry(name).summary}" for name in BENCHMARKS)
+        rows = "\n".join(f"  {name:<12} {PROGRAMS.entry(name).summary}" for name in PROGRAMS)
         print(
-            "Usage: roboverse benchmark [name ...]\n       roboverse benchmark name key=value ...\n\n"
-            f"{rows}\n\nroboverse benchmark name --help tells what it can be told."
+            "Usage: roboverse speed [name ...]\n       roboverse speed name key=value ...\n\n"
+            f"{rows}\n\nroboverse speed name --help lists its settings."
         )
         return 0
     for name in names:
-        BENCHMARKS.entry(name)  # every name is checked before the first one runs
+        PROGRAMS.entry(name)  # every name is checked before the first one runs
     if settings and len(names) != 1:
         raise ConfigError(
-            f"'{settings[0]}' is for one benchmark, and {len(names) or 'none'} were named. Valid: "
-            f"{', '.join(BENCHMARKS.names())}."
+            f"'{settings[0]}' is a setting of one program, given {len(names)} names. Valid: "
+            f"{', '.join(PROGRAMS.names())}."
         )
-    return max(run(name, settings) for name in names or BENCHMARKS.names())
+    return max(run(name, settings) for name in names or PROGRAMS.names())
 
 
 def _show(report: Any) -> None:

@@ -65,7 +65,7 @@ energy: [conservation/conservation.md](conservation/conservation.md).
 - `roboverse evaluate checkpoint=runs/… simulator=sapien` evaluates a policy where it was not trained. The \
 leaderboard keeps simulator and renderer in the key of a section: the result is a row of that simulator's \
 section, labelled with where the policy was trained, beside what was trained there.
-- `roboverse benchmark simulators` compares each handler to a script on that simulator alone.
+- `roboverse speed simulators` compares handlers to scripts on the simulator alone.
 """
 
 

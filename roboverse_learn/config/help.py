@@ -27,7 +27,7 @@ SUMMARIES = {
     "leaderboard": "write tables, plots and the page from the result files",
     "convert": "write a robot as URDF or USD, its meshes beside it",
     "dataset": "merge datasets, or say what one holds",
-    "benchmark": "measure the speed of the parts, each against its reference",
+    "speed": "measure the speed of the parts, each against its reference",
     "list": "list tasks with all facts, policies, simulators, renderers, robots and presets",
 }
 

@@ -1,33 +1,36 @@
-"""Updates and planning of TD-MPC2, and updates of FastTD3: as training runs them, against plain torch.
+"""TD-MPC2, FastTD3 and the replay buffer, against plain torch and TorchRL: ``roboverse speed agents``.
 
-And the batches that TD-MPC2 learns from: those of our replay buffer against TorchRL's.
-
-Both sides learn from the same batches of a humanoid's size (51 numbers observed, 19 actions). On a GPU ours
-is compiled and recorded as a CUDA graph, FastTD3 in bf16; plain torch computes in tf32. On a CPU neither is
-compiled, and the sizes are small: it shows that the benchmark runs. ``parts=[replay]`` tells as much there.
+Both sides of an update learn from the same batches of a humanoid's size (51 observations, 19 actions). On a
+GPU our side is compiled and recorded as a CUDA graph, FastTD3 in bf16; plain torch computes in tf32. On a
+CPU neither is compiled, and the sizes are small. The replay buffer is compared on any device to TorchRL's
+``SliceSampler`` over the same episodes.
 """
 
-import json
-import logging
 import sys
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from statistics import median
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-from envs.core.arguments import run_program
-from envs.core.errors import unknown_name
-from roboverse_learn.speed.throughput import Measurement
+import torch
 
-log = logging.getLogger(__name__)
+from envs.core.errors import MissingExtraError
+from roboverse_learn.speed.harness import (
+    Call,
+    Goal,
+    Measurement,
+    Settings,
+    cuda_wait,
+    in_turns,
+    measurement,
+    program,
+    repeat,
+)
 
 OBSERVATION, OBSERVED, ACTIONS, EPISODE = "observation.environment_state", 51, 19, 1000
-PARTS = ("tdmpc2_update", "tdmpc2_planning", "fasttd3_update", "replay")
+STEPS, ENVS, SEQUENCES, HORIZON = 100_000, 100, 256, 4
+"""Size of the replay buffer, and of the batches drawn from it."""
 GOAL = 2.0
-WARMUP = 8
-"""Calls before the clock: compilation, then the recording of graphs, of which FastTD3 has two."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -36,18 +39,18 @@ class Scale:
 
     Attributes:
         model_size: Size of TD-MPC2.
-        tdmpc2_batch: Its sequences per update.
+        sequences: Its sequences per update.
         plan_envs: Environments that are planned for at once.
-        fasttd3_batch: Steps per update of FastTD3.
+        fasttd3_steps: Steps per update of FastTD3.
         fasttd3_dim: Width of its critics; the actor's is half of it.
-        updates: Timed calls of one turn.
-        turns: How often either side is timed.
+        updates: Timed calls of one turn; the turn that warms up compiles and records.
+        turns: How often each side is timed.
     """
 
     model_size: Any
-    tdmpc2_batch: int
+    sequences: int
     plan_envs: int
-    fasttd3_batch: int
+    fasttd3_steps: int
     fasttd3_dim: int
     updates: int
     turns: int
@@ -55,74 +58,79 @@ class Scale:
 
 GPU = Scale(
     model_size=5,
-    tdmpc2_batch=256,
+    sequences=256,
     plan_envs=64,
-    fasttd3_batch=32_768,
+    fasttd3_steps=32_768,
     fasttd3_dim=1024,
     updates=50,
     turns=5,
 )
-CPU = Scale(model_size=1, tdmpc2_batch=4, plan_envs=1, fasttd3_batch=64, fasttd3_dim=64, updates=2, turns=2)
+CPU = Scale(model_size=1, sequences=4, plan_envs=1, fasttd3_steps=64, fasttd3_dim=64, updates=2, turns=2)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class AgentsBenchmark:
-    """``python -m roboverse_learn.speed.agents``.
+class AgentsSettings(Settings):
+    """Compares updates and planning to plain torch, and the replay buffer to TorchRL's.
 
     Attributes:
-        parts: What is measured: tdmpc2_update, tdmpc2_planning, fasttd3_update, replay.
+        parts: tdmpc2_update, tdmpc2_planning, fasttd3_update, replay.
         device: ``auto``, ``cpu``, ``cuda``.
-        out: File for what was measured, as JSON; empty writes none.
+        out: JSON file for the measurements.
     """
 
-    parts: tuple[str, ...] = PARTS
     device: str = "auto"
-    out: str = ""
-
-    def __post_init__(self) -> None:
-        for part in self.parts:
-            if part not in PARTS:
-                raise unknown_name("part of this benchmark", part, PARTS)
 
 
-def measure(scale: Scale, device: str, *, compiled: bool, parts: Sequence[str] = PARTS) -> list[Measurement]:
-    """Measures updates, planning and the replay buffer.
+def parts(settings: AgentsSettings) -> Mapping[str, Callable[[], Measurement]]:
+    """Returns what is measured."""
+    from roboverse_learn.training.device import resolve_device
+
+    device = resolve_device(settings.device)
+    torch.set_float32_matmul_precision("high")
+    return measurements(GPU if device == "cuda" else CPU, device, compiled=device == "cuda")
+
+
+def measurements(scale: Scale, device: str, *, compiled: bool) -> Mapping[str, Callable[[], Measurement]]:
+    """Returns the measurements by name.
 
     Args:
         scale: How much.
         device: Torch device.
-        compiled: Compile ours, and record it as CUDA graphs.
-        parts: Which of :data:`PARTS`.
-
-    Returns:
-        Seconds per call; the ratio is the other's time over ours.
+        compiled: Compile our side, and record it as CUDA graphs on a GPU.
     """
-    size, batch = f"size {scale.model_size}", f"batch {scale.tdmpc2_batch}"
-    named = {
-        "tdmpc2_update": (f"TD-MPC2, update, {size}, {batch}", tdmpc2_update),
-        "tdmpc2_planning": (f"TD-MPC2, planning for {scale.plan_envs} envs, {size}", tdmpc2_planning),
-        "fasttd3_update": (f"FastTD3, update, batch {scale.fasttd3_batch:,}", fasttd3_update),
+    size, goal = f"size {scale.model_size}", Goal(GOAL, applies=device == "cuda")
+    against_torch = {
+        "tdmpc2_update": (f"TD-MPC2, update, {size}, batch {scale.sequences}", tdmpc2_update, goal),
+        "tdmpc2_planning": (
+            f"TD-MPC2, planning for {scale.plan_envs} envs, {size}",
+            tdmpc2_planning,
+            Goal(),
+        ),
+        "fasttd3_update": (f"FastTD3, update, batch {scale.fasttd3_steps:,}", fasttd3_update, Goal()),
     }
 
-    def compare(part: str) -> Measurement:
-        if part == "replay":
-            return _replay(scale, device)
-        name, make = named[part]
-        return _compare(name, scale, device, make(scale, device, compiled=compiled), make(scale, device))
+    def compare(name: str, make: Callable[..., Call], goal: Goal) -> Measurement:
+        sides = (make(scale, device, compiled=compiled), make(scale, device))
+        return _compare(f"{name} on {device}, plain torch / ours", scale, device, sides, goal)
 
-    return [compare(part) for part in parts]
+    found = {part: partial(compare, *named) for part, named in against_torch.items()}
+    return {**found, "replay": partial(measure_replay, scale, device)}
 
 
-def tdmpc2_update(scale: Scale, device: str, *, compiled: bool = False) -> Callable[[], Any]:
-    """Returns an update of a fresh TD-MPC2 on a batch that stays the same."""
-    import torch
+def _compare(name: str, scale: Scale, device: str, sides: tuple[Call, Call], goal: Goal) -> Measurement:
+    calls = [repeat(side, scale.updates) for side in sides]
+    seconds = in_turns(*calls, scale.turns, wait=cuda_wait(device))
+    return measurement(name, seconds, goal, units=scale.updates)
 
+
+def tdmpc2_update(scale: Scale, device: str, *, compiled: bool = False) -> Call:
+    """Returns an update of a fresh TD-MPC2 on a fixed batch."""
     from policies.tdmpc2.update import Sequences, Updater
 
     policy = _tdmpc2(scale, device)
     graphs = compiled and device == "cuda"
     updater = Updater(policy.config, policy.model, [policy.discount], compile=compiled, cuda_graphs=graphs)
-    horizon, batch = policy.config.horizon, scale.tdmpc2_batch
+    horizon, batch = policy.config.horizon, scale.sequences
     given = Sequences(
         torch.randn(horizon + 1, batch, OBSERVED, device=device),
         torch.rand(horizon, batch, ACTIONS, device=device) * 2 - 1,
@@ -130,13 +138,11 @@ def tdmpc2_update(scale: Scale, device: str, *, compiled: bool = False) -> Calla
         torch.zeros(horizon, batch, device=device),
         torch.ones(horizon, batch, device=device),
     )
-    return lambda: updater.update(given)
+    return partial(updater.update, given)
 
 
-def tdmpc2_planning(scale: Scale, device: str, *, compiled: bool = False) -> Callable[[], Any]:
+def tdmpc2_planning(scale: Scale, device: str, *, compiled: bool = False) -> Call:
     """Returns the choice of actions in several environments at once."""
-    import torch
-
     from policies.tdmpc2.agent import Tdmpc2Agent
 
     policy = _tdmpc2(scale, device)
@@ -146,44 +152,7 @@ def tdmpc2_planning(scale: Scale, device: str, *, compiled: bool = False) -> Cal
     )
     seen = torch.randn(scale.plan_envs, OBSERVED, device=device)
     first = torch.zeros(scale.plan_envs, dtype=torch.bool, device=device)
-    return lambda: agent.act(seen, first)
-
-
-def fasttd3_update(scale: Scale, device: str, *, compiled: bool = False) -> Callable[[], Any]:
-    """Returns an update of a fresh FastTD3; every second one updates the actor."""
-    import torch
-
-    from policies.fasttd3.config import FastTd3Config
-    from policies.fasttd3.policy import FastTd3Policy
-    from policies.fasttd3.update import Updater
-
-    config = FastTd3Config(critic_dim=scale.fasttd3_dim, actor_dim=scale.fasttd3_dim // 2)
-    policy = FastTd3Policy.create(config, {OBSERVATION: OBSERVED}, ACTIONS, device)
-    on_gpu = compiled and device == "cuda"
-    updater = Updater(
-        config, policy.actor, policy.critics, policy.norm, compile=compiled, cuda_graphs=on_gpu, bf16=on_gpu
-    )
-    batch = scale.fasttd3_batch
-    given = (
-        torch.randn(batch, OBSERVED, device=device),
-        torch.rand(batch, ACTIONS, device=device) * 2 - 1,
-        torch.rand(batch, device=device),
-        torch.full((batch,), config.discount, device=device),
-        torch.randn(batch, OBSERVED, device=device),
-    )
-    return lambda: updater.update(*given)
-
-
-def _replay(scale: Scale, device: str) -> Measurement:
-    """Draws batches by one thread, and so many that small ones are told apart."""
-    from roboverse_learn.speed.replay import HORIZON, SEQUENCES, our_sequences, torchrl_slices
-    from roboverse_learn.training.device import cpu_threads
-
-    name = f"Replay, {SEQUENCES} sequences of {HORIZON}"
-    draws = replace(scale, updates=50 * scale.updates, turns=5 * scale.turns)
-    with cpu_threads(1, device):
-        ours, theirs = (make(OBSERVED, ACTIONS, device) for make in (our_sequences, torchrl_slices))
-        return _compare(name, draws, device, ours, theirs, against="TorchRL's SliceSampler", goal="reported")
+    return partial(agent.act, seen, first)
 
 
 def _tdmpc2(scale: Scale, device: str) -> Any:
@@ -194,71 +163,92 @@ def _tdmpc2(scale: Scale, device: str) -> Any:
     return Tdmpc2Policy.create(config, {OBSERVATION: OBSERVED}, ACTIONS, EPISODE, device)
 
 
-def _compare(
-    name: str,
-    scale: Scale,
-    device: str,
-    ours: Callable[[], Any],
-    theirs: Callable[[], Any],
-    *,
-    against: str = "plain torch",
-    goal: str = f"goal ≥ {GOAL:.1f} on a GPU",
-) -> Measurement:
-    """Times both in turns."""
-    for call in (ours, theirs):
-        _time(call, WARMUP if device == "cuda" else 2, device)
-    times = [
-        (_time(ours, scale.updates, device), _time(theirs, scale.updates, device)) for _ in range(scale.turns)
-    ]
-    return Measurement(
-        name=f"{name} on {device}, {against} / ours",
-        ours_s=median(mine for mine, _ in times),
-        baseline_s=median(other for _, other in times),
-        ratio=median(other / mine for mine, other in times),
-        goal=goal,
+def fasttd3_update(scale: Scale, device: str, *, compiled: bool = False) -> Call:
+    """Returns an update of a fresh FastTD3; every second one updates the actor."""
+    from policies.fasttd3.config import FastTd3Config
+    from policies.fasttd3.policy import FastTd3Policy
+    from policies.fasttd3.update import Updater
+
+    config = FastTd3Config(critic_dim=scale.fasttd3_dim, actor_dim=scale.fasttd3_dim // 2)
+    policy = FastTd3Policy.create(config, {OBSERVATION: OBSERVED}, ACTIONS, device)
+    on_gpu = compiled and device == "cuda"
+    updater = Updater(
+        config, policy.actor, policy.critics, policy.norm, compile=compiled, cuda_graphs=on_gpu, bf16=on_gpu
     )
+    batch = scale.fasttd3_steps
+    given = (
+        torch.randn(batch, OBSERVED, device=device),
+        torch.rand(batch, ACTIONS, device=device) * 2 - 1,
+        torch.rand(batch, device=device),
+        torch.full((batch,), config.discount, device=device),
+        torch.randn(batch, OBSERVED, device=device),
+    )
+    return partial(updater.update, *given)
 
 
-def _time(call: Callable[[], Any], count: int, device: str) -> float:
-    """Returns the seconds of a call, of several that are waited for together."""
-    import torch
+def measure_replay(scale: Scale, device: str) -> Measurement:
+    """Compares batches of both replay buffers, sampled by one thread.
 
-    wait = torch.cuda.synchronize if device == "cuda" else lambda: None
-    wait()
-    started = time.perf_counter()
-    for _ in range(count):
-        call()
-    wait()
-    return (time.perf_counter() - started) / count
+    Args:
+        scale: How often; a batch is small, so 50 times as many are sampled as there are updates.
+        device: Torch device.
+    """
+    from roboverse_learn.training.device import cpu_threads
+
+    count, turns = 50 * scale.updates, 5 * scale.turns
+    with cpu_threads(1, device):
+        sides = [make(OBSERVED, ACTIONS, device) for make in (our_sequences, torchrl_slices)]
+        seconds = in_turns(*(repeat(side, count) for side in sides), turns, wait=cuda_wait(device))
+    name = f"replay, {SEQUENCES} sequences of {HORIZON} on {device}, TorchRL's SliceSampler / ours"
+    return measurement(name, seconds, Goal(), units=count)
 
 
-def main(words: Sequence[str] | None = None) -> int:
-    """Logs every measurement; the exit code is 1 where TD-MPC2's update misses its goal on a GPU."""
-    return run_program("python -m roboverse_learn.speed.agents", AgentsBenchmark, _measure_all, words)
+def our_sequences(observed: int, actions: int, device: str) -> Callable[[], Any]:
+    """Returns what samples a batch of :class:`roboverse_learn.training.rl.replay_buffer.ReplayBuffer`."""
+    from roboverse_learn.training.rl.replay_buffer import ReplayBuffer, Transitions
+
+    where = torch.device(device)
+    buffer = ReplayBuffer(STEPS, ENVS, observed, actions, where, horizon=HORIZON)
+    seen, done = torch.randn(ENVS, observed, device=where), torch.rand(ENVS, actions, device=where)
+    nothing = torch.zeros(ENVS, device=where)
+    step = Transitions(seen, done, nothing, nothing, seen)
+    for moment in range(STEPS // ENVS):
+        buffer.add(step, torch.full((ENVS,), (moment + 1) % EPISODE == 0, device=where))
+    return partial(buffer.sequences, SEQUENCES)
 
 
-def _measure_all(given: AgentsBenchmark) -> int:
-    import torch
+def torchrl_slices(observed: int, actions: int, device: str) -> Callable[[], Any]:
+    """Returns what samples a batch by TorchRL's ``SliceSampler``, whose slices are of one episode.
 
-    from roboverse_learn.training.device import resolve_device
+    Raises:
+        MissingExtraError: if TorchRL is not installed.
+    """
+    try:
+        from tensordict import TensorDict
+        from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+        from torchrl.data.replay_buffers.samplers import SliceSampler
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(
+            f"parts=[replay] compares with TorchRL, and the package '{error.name}' is not installed. "
+            "Install it with: pip install 'roboverse-learn[torchrl]'."
+        ) from error
 
-    logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stdout)
-    log.setLevel(logging.INFO)
-    device = resolve_device(given.device)
-    on_gpu = device == "cuda"
-    torch.set_float32_matmul_precision("high")
-    measurements = measure(GPU if on_gpu else CPU, device, compiled=on_gpu, parts=given.parts)
-    for measurement in measurements:
-        log.info("%s", measurement)
-        log.info("  %.1f per second; the other %.1f", 1 / measurement.ours_s, 1 / measurement.baseline_s)
-    if given.out:
-        rows = [asdict(measurement) for measurement in measurements]
-        out = Path(given.out)
-        out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(json.dumps({"device": device, "rows": rows}, indent=2), encoding="utf-8")
-    updates = [each for each in measurements if each.name.startswith("TD-MPC2, update")]
-    return int(on_gpu and any(each.ratio < GOAL for each in updates))
+    # It looks for the episodes once: with cache_values=False it would do so for every batch.
+    sampler = SliceSampler(slice_len=HORIZON, traj_key="episode", cache_values=True)
+    buffer = TensorDictReplayBuffer(
+        storage=LazyTensorStorage(STEPS, device=device), sampler=sampler, batch_size=SEQUENCES * HORIZON
+    )
+    fields = {
+        "observation": torch.randn(STEPS, observed),
+        "action": torch.rand(STEPS, actions),
+        "reward": torch.zeros(STEPS),
+        "terminated": torch.zeros(STEPS),
+        "next_observation": torch.randn(STEPS, observed),
+        "episode": torch.arange(STEPS) // EPISODE,
+    }
+    buffer.extend(TensorDict(fields, batch_size=[STEPS]).to(device))
+    return buffer.sample
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(program("agents", AgentsSettings, parts))

@@ -1,7 +1,7 @@
-"""PickCube for agents, written by hand on bare ``mujoco_warp``: what our env is compared with.
+"""PickCube for agents on bare ``mujoco_warp``: the baseline of our env.
 
-It has the scene, the actions, the size of the observation and the length of the episodes, and nothing
-more: no checks, no success, and the simplest reward. Shapes: N environments.
+It has the same scene, actions, size of the observation and length of the episodes, but no checks, no
+success, and the simplest reward. Shapes: N environments.
 """
 
 from typing import Any
@@ -11,7 +11,7 @@ from torch import Tensor
 
 from envs.controllers import HandDeltaController
 from envs.torch_env import EnvStep, EpisodeStatistics
-from roboverse_learn.speed.mujoco_warp import make_handler
+from roboverse_learn.speed.mujoco_warp import make_handler, put_physics
 
 _HORIZON = 100
 
@@ -29,14 +29,11 @@ class BareEnv:
     def __init__(self, num_envs: int, device: str = "auto") -> None:
         import mujoco_warp as mjw
 
-        # Ours builds the model and draws the initial states; none of it steps.
+        # Our handler compiles the model and samples the initial states; it does not step.
         handler, scenario = make_handler(num_envs, device)
         self._on, self.num_envs, self.device = handler.on, num_envs, handler.on.torch
-        model, settings = handler.physics_model, handler.settings
-        with self._on.scope():
-            self._model = mjw.put_model(model)
-            self._model.opt.warn_overflow = 0
-            self._data = mjw.make_data(model, nworld=num_envs, nconmax=settings.nconmax, njmax=settings.njmax)
+        model = handler.physics_model
+        self._model, self._data = put_physics(handler)
         self._graph = self._on.capture(lambda: mjw.step(self._model, self._data))
         views = {name: self._on.tensor(getattr(self._data, name)) for name in (*_STATE, "site_xpos")}
         self._views: dict[str, Tensor] = views
@@ -51,7 +48,7 @@ class BareEnv:
         self.observation_size = self.reset().shape[-1]
 
     def seed(self, seed: int) -> None:
-        """Does nothing: every environment always begins at its own state."""
+        """Does nothing: every environment always starts from its own state."""
         del seed
 
     def reset(self, mask: Tensor | None = None) -> Tensor:
@@ -82,15 +79,15 @@ class BareEnv:
         return EnvStep(self.reset(over), 1.0 - torch.tanh(5.0 * gap), none, over, final, none)
 
     def stagger(self) -> None:
-        """Lets every environment be somewhere in its episode."""
+        """Sets a random elapsed time in every environment."""
         self.elapsed_steps = torch.randint(_HORIZON, (self.num_envs,), device=self.device)
 
     def pop_statistics(self) -> EpisodeStatistics:
-        """Counts nothing."""
+        """Returns empty statistics."""
         return EpisodeStatistics(0, float("nan"), float("nan"), float("nan"))
 
     def close(self) -> None:
-        """Frees nothing that would not go by itself."""
+        """Does nothing."""
 
     def _observe(self) -> Tensor:
         views: Any = self._views

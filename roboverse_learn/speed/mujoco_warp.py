@@ -1,29 +1,24 @@
-"""MuJoCo Warp behind our interface, against bare ``mujoco_warp`` on the same worlds, in one process.
+"""``simulator=mujoco_warp`` against bare ``mujoco_warp`` on the same envs: ``roboverse speed mujoco_warp``.
 
-On a GPU both replay CUDA graphs, physics with 8,192 worlds and pictures with 1,024. On a CPU a few worlds
-show that the program works; a CPU is not what either is for.
+On a GPU both replay CUDA graphs, physics with 8,192 envs and images with 1,024. On a CPU a few envs show
+that the program works.
 """
 
 import dataclasses
-import logging
 import sys
-import time
-from collections.abc import Callable, Sequence
-from statistics import median
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from envs.core.arguments import run_program
 from envs.core.errors import SimulatorError
-from roboverse_learn.speed.throughput import Measurement
-
-log = logging.getLogger(__name__)
+from roboverse_learn.speed.harness import Goal, Measurement, Settings, in_turns, measurement, program, repeat
 
 TASK = "PickCube"
-GOAL = 0.9
-SIMPLIFIED_GOAL = 2.0
+GOAL, SIMPLIFIED_GOAL = 0.9, 2.0
 IMAGE_SIZES = (128, 256)
+_COPIED = ("qpos", "qvel", "ctrl", "mocap_pos", "mocap_quat", "qacc_warmstart")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
@@ -31,43 +26,75 @@ class Scale:
     """How much is measured.
 
     Attributes:
-        physics_worlds: Worlds that are stepped.
+        physics_envs: Envs that are stepped.
         control_steps: Control steps of one turn.
-        render_worlds: Worlds that are drawn.
-        pictures: Pictures of each world in one turn.
-        turns: How often either side is timed, after one turn that warms up.
+        render_envs: Envs that are rendered.
+        images: Images of each env in one turn.
+        turns: How often each side is timed.
     """
 
-    physics_worlds: int
+    physics_envs: int
     control_steps: int
-    render_worlds: int
-    pictures: int
+    render_envs: int
+    images: int
     turns: int
 
 
-GPU = Scale(physics_worlds=8192, control_steps=20, render_worlds=1024, pictures=5, turns=5)
-CPU = Scale(physics_worlds=8, control_steps=2, render_worlds=4, pictures=1, turns=3)
+GPU = Scale(physics_envs=8192, control_steps=20, render_envs=1024, images=5, turns=5)
+CPU = Scale(physics_envs=8, control_steps=2, render_envs=4, images=1, turns=3)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
+class WarpSettings(Settings):
+    """Compares our handler to bare mujoco_warp.
+
+    Attributes:
+        parts: physics, render_128, render_256, unsimplified_128, unsimplified_256 (the bare tracer renders
+            the robot's own meshes, ours are simplified).
+        device: ``auto``, ``cpu``, ``cuda``, ``cuda:1``.
+        physics_envs: Envs that are stepped; 0 takes what suits the device.
+        render_envs: Envs that are rendered; 0 takes what suits the device.
+        out: JSON file for the measurements.
+    """
+
+    device: str = "auto"
+    physics_envs: int = 0
+    render_envs: int = 0
+
+
+def parts(settings: WarpSettings) -> Mapping[str, Callable[[], Measurement]]:
+    """Returns what is measured."""
+    from envs.simulators.mujoco_warp.device import Device
+
+    scale = GPU if Device(settings.device).is_cuda else CPU
+    sizes = {key: getattr(settings, key) for key in ("physics_envs", "render_envs")}
+    scale = dataclasses.replace(scale, **{key: size for key, size in sizes.items() if size})
+    found = {"physics": partial(measure_physics, scale, settings.device)}
+    for name, simplified in (("render", True), ("unsimplified", False)):
+        for size in IMAGE_SIZES:
+            measure = partial(measure_render, scale, size, settings.device, simplified=simplified)
+            found[f"{name}_{size}"] = measure
+    return found
 
 
 def measure_physics(scale: Scale, device: str = "auto") -> Measurement:
-    """Compares control steps (targets in, states out) to the same number of bare ``mujoco_warp.step``.
+    """Compares control steps (targets in, states out) to as many bare ``mujoco_warp.step``.
+
+    Args:
+        scale: How much.
+        device: Torch device, or ``auto``.
 
     Returns:
-        Seconds per physics step of all worlds; the ratio is the bare time over ours.
+        Seconds per physics step of all envs.
 
     Raises:
-        SimulatorError: The two did not end in the same state, so it was not the same physics.
+        SimulatorError: The two did not end in the same state.
     """
     import mujoco_warp as mjw
 
-    handler, scenario = make_handler(scale.physics_worlds, device)
-    on, settings = handler.on, handler.settings
-    with on.scope():
-        model = mjw.put_model(handler.physics_model)
-        model.opt.warn_overflow = 0
-        data = mjw.make_data(
-            handler.physics_model, nworld=handler.num_envs, nconmax=settings.nconmax, njmax=settings.njmax
-        )
+    handler, scenario = make_handler(scale.physics_envs, device)
+    on = handler.on
+    model, data = put_physics(handler)
     step = on.capture(lambda: mjw.step(model, data))
     views = {name: on.tensor(getattr(data, name)) for name in _COPIED}
     robot, decimation = scenario.robots[0].name, scenario.physics.decimation
@@ -92,34 +119,34 @@ def measure_physics(scale: Scale, device: str = "auto") -> Measurement:
             views["ctrl"].copy_(target)
             step.launch(decimation)
 
-    times = [_in_turns(ours, bare, begin, on.synchronize, turn) for turn in range(scale.turns + 1)][1:]
-    away = (handler.views.qpos - views["qpos"]).abs().mean().item()
-    if not away < 1e-2:
-        raise SimulatorError(f"The joints ended {away:.2g} apart on average: this is not the same physics.")
+    def check() -> None:
+        gap = (handler.views.qpos - views["qpos"]).abs().mean().item()
+        if not gap < 1e-2:
+            raise SimulatorError(
+                f"The joints ended {gap:.2g} apart on average: this is not the same physics."
+            )
+
+    seconds = in_turns(ours, bare, scale.turns, before=begin, after=check, wait=on.synchronize)
     handler.close()
-    steps = decimation * scale.control_steps
-    name = f"physics of {TASK}, {scale.physics_worlds} worlds on {on.torch}, bare mujoco_warp / ours"
-    return _measurement(name, np.array(times) / steps)
-
-
-_COPIED = ("qpos", "qvel", "ctrl", "mocap_pos", "mocap_quat", "qacc_warmstart")
+    name = f"physics of {TASK}, {scale.physics_envs} envs on {on.torch}, bare mujoco_warp / ours"
+    return measurement(name, seconds, Goal(GOAL, applies=on.is_cuda), units=decimation * scale.control_steps)
 
 
 def measure_render(
     scale: Scale, image_size: int, device: str = "auto", *, simplified: bool = True
 ) -> Measurement:
-    """Compares RGB pictures as torch tensors to the bare tracer, which leaves packed pixels in its buffer.
+    """Compares RGB images as torch tensors to the bare tracer, which leaves packed pixels in its buffer.
 
-    Ours includes posing the bodies, the looks of each world, and unpacking; both draw one camera.
+    Ours includes the poses of the bodies, the appearance of each env, and unpacking; both render one camera.
 
     Args:
         scale: How much.
         image_size: Pixels a side.
         device: Torch device, or ``auto``.
-        simplified: Whether the bare tracer draws our simplified meshes too, or the robot's own.
+        simplified: Whether the bare tracer renders our simplified meshes too, or the robot's own.
 
     Returns:
-        Seconds per picture of all worlds; the ratio is the bare time over ours.
+        Seconds per image of all envs.
     """
     import mujoco_warp as mjw
 
@@ -127,10 +154,9 @@ def measure_render(
     from envs.simulators.mujoco.render import Stage
     from envs.simulators.mujoco.render_warp import create_context, ready_for_tracing
 
-    handler, scenario = make_handler(scale.render_worlds, device, image_size)
+    handler, scenario = make_handler(scale.render_envs, device, image_size)
     on, cameras = handler.on, tuple(camera.name for camera in scenario.cameras)
-    drawn = handler.model if simplified else build_model(scenario, simplify=False)
-    stage = Stage(drawn, scenario)
+    stage = Stage(handler.model if simplified else build_model(scenario, simplify=False), scenario)
     ready_for_tracing(stage.model)
     stage.dress(scenario.appearance)
     with on.scope():
@@ -146,24 +172,17 @@ def measure_render(
         mjw.refit_bvh(model, data, context)
         mjw.render(model, data, context)
 
-    def bare() -> None:
-        for _ in range(scale.pictures):
-            graph.launch() if graph is not None else trace()
-
-    def ours() -> None:
-        for _ in range(scale.pictures):
-            handler.render_tensors()
-
-    graph = on.capture(trace) if on.is_cuda else None
+    bare = on.capture(trace).launch if on.is_cuda else trace
     with on.scope():
-        times = [_in_turns(ours, bare, lambda: None, on.synchronize, t) for t in range(scale.turns + 1)][1:]
+        sides = [repeat(call, scale.images) for call in (handler.render_tensors, bare)]
+        seconds = in_turns(*sides, scale.turns, wait=on.synchronize)
     handler.close()
     name = (
-        f"RGB {image_size}×{image_size}, {scale.render_worlds} worlds on {on.torch}, "
+        f"RGB {image_size}×{image_size}, {scale.render_envs} envs on {on.torch}, "
         f"bare mujoco_warp.render{'' if simplified else ' of unsimplified meshes'} / ours"
     )
-    goal = GOAL if simplified else SIMPLIFIED_GOAL
-    return _measurement(name, np.array(times) / scale.pictures, goal)
+    goal = Goal(GOAL if simplified else SIMPLIFIED_GOAL, applies=on.is_cuda)
+    return measurement(name, seconds, goal, units=scale.images)
 
 
 def make_handler(num_envs: int, device: str, image_size: int | None = None) -> tuple[Any, Any]:
@@ -173,9 +192,8 @@ def make_handler(num_envs: int, device: str, image_size: int | None = None) -> t
 
     task = TASKS.get(TASK)()
     scenario = task.scenario
-    camera = dataclasses.replace(
-        scenario.cameras[0], **({} if image_size is None else {"width": image_size, "height": image_size})
-    )
+    size = {} if image_size is None else {"width": image_size, "height": image_size}
+    camera = dataclasses.replace(scenario.cameras[0], **size)
     scenario = dataclasses.replace(
         scenario, cameras=(camera,), simulators={"mujoco_warp": {"device": device}}
     )
@@ -186,75 +204,17 @@ def make_handler(num_envs: int, device: str, image_size: int | None = None) -> t
     return handler, scenario
 
 
-def _in_turns(
-    ours: Callable[[], object],
-    bare: Callable[[], object],
-    begin: Callable[[], object],
-    wait: Callable[[], object],
-    turn: int,
-) -> tuple[float, float]:
-    """Times both from the same beginning, now the one first and now the other."""
-    seconds = [0.0, 0.0]
-    begin()
-    for which in (turn % 2, 1 - turn % 2):
-        wait()
-        started = time.perf_counter()
-        (ours, bare)[which]()
-        wait()
-        seconds[which] = time.perf_counter() - started
-    return seconds[0], seconds[1]
+def put_physics(handler: Any) -> tuple[Any, Any]:
+    """Returns the model of a handler and empty data, for bare mujoco_warp on the handler's device."""
+    import mujoco_warp as mjw
 
-
-def _measurement(name: str, times: np.ndarray, goal: float = GOAL) -> Measurement:
-    ours, bare = times.T
-    return Measurement(
-        name=name,
-        ours_s=median(ours),
-        baseline_s=median(bare),
-        ratio=median(bare / ours),
-        goal=f"goal ≥ {goal:.2f} on a GPU",
-    )
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
-class WarpBenchmark:
-    """``python -m roboverse_learn.speed.mujoco_warp``: our handler against bare mujoco_warp.
-
-    Attributes:
-        device: ``auto``, ``cpu``, ``cuda``, ``cuda:1``.
-        physics_worlds: Worlds that are stepped; 0 takes what suits the device.
-        render_worlds: Worlds that are drawn; 0 takes what suits the device.
-    """
-
-    device: str = "auto"
-    physics_worlds: int = 0
-    render_worlds: int = 0
-
-
-def main(words: Sequence[str] | None = None) -> int:
-    """Logs every measurement; the exit code is 1 where a GPU misses a goal."""
-    return run_program("python -m roboverse_learn.speed.mujoco_warp", WarpBenchmark, _measure_all, words)
-
-
-def _measure_all(arguments: WarpBenchmark) -> int:
-    from envs.simulators.mujoco_warp.device import Device
-
-    logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stdout)
-    log.setLevel(logging.INFO)
-    on_gpu = Device(arguments.device).is_cuda
-    scale = GPU if on_gpu else CPU
-    sizes = {key: getattr(arguments, key) for key in ("physics_worlds", "render_worlds")}
-    scale = dataclasses.replace(scale, **{key: size for key, size in sizes.items() if size})
-    physics = measure_physics(scale, arguments.device)
-    log.info("%s", physics)
-    missed = physics.ratio < GOAL
-    for size in IMAGE_SIZES:
-        for simplified, goal in ((True, GOAL), (False, SIMPLIFIED_GOAL)):
-            measurement = measure_render(scale, size, arguments.device, simplified=simplified)
-            log.info("%s", measurement)
-            missed |= measurement.ratio < goal
-    return int(on_gpu and missed)
+    settings, model = handler.settings, handler.physics_model
+    with handler.on.scope():
+        warp_model = mjw.put_model(model)
+        warp_model.opt.warn_overflow = 0
+        data = mjw.make_data(model, nworld=handler.num_envs, nconmax=settings.nconmax, njmax=settings.njmax)
+    return warp_model, data
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(program("mujoco_warp", WarpSettings, parts))

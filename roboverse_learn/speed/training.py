@@ -1,35 +1,40 @@
-"""A gradient step of ours, on frames that stay on the GPU, against LeRobot's own training step.
+"""A gradient step on frames that stay on the device, against LeRobot's: ``roboverse speed training``.
 
-Both train the same network, in the paper's size, from the same weights, on the same frames, in bf16, and
-take AdamW's step. LeRobot's side is what its ``lerobot-train`` does in a step after the batch is there:
-its processors, its policy's forward, backward, clipping, optimizer, and the loss as a number. It is given
-its batch on the device already, so what its loader costs is left out, in its favour.
+Both train the same network, in the paper's size, from the same weights, on the same frames, in bf16, with
+AdamW. LeRobot's side is what ``lerobot-train`` does once it has a batch: its processors, its policy's
+forward and backward pass, clipping, optimizer, and the loss as a number. Its batch is on the device
+already, so the cost of its loader is left out, in its favor.
 """
 
-import dataclasses
-import logging
+import itertools
 import sys
-import time
-from collections.abc import Callable, Mapping, Sequence
-from statistics import median
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-from envs.core.arguments import run_program
-from envs.core.errors import unknown_name
-from roboverse_learn.speed.throughput import Measurement
+import torch
 
-log = logging.getLogger(__name__)
+from envs.core.errors import SimulatorError
+from roboverse_learn.speed.harness import (
+    Goal,
+    Measurement,
+    Settings,
+    cuda_wait,
+    in_turns,
+    measurement,
+    program,
+    repeat,
+)
 
 POLICIES = ("act", "diffusion")
-
+CAMERA = "observation.images.front"
 GOAL = 2.0
 SAME_LOSS = 0.02
-"""Largest relative difference of the two losses: bf16 has 8 bits, and a compiled kernel rounds elsewhere."""
-
-CAMERA = "observation.images.front"
+"""Largest relative difference of the losses: bf16 has 8 bits, and compiled kernels round differently."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Scale:
     """How much is measured.
 
@@ -38,7 +43,7 @@ class Scale:
         image_size: Pixels a side.
         num_frames: Frames that batches are gathered from.
         steps: Timed steps of one turn.
-        turns: How often either side is timed.
+        turns: How often each side is timed.
         compared: Steps whose losses are compared.
     """
 
@@ -54,33 +59,63 @@ GPU = Scale(batch_size=256, image_size=256, num_frames=4000, steps=10, turns=5, 
 CPU = Scale(batch_size=2, image_size=64, num_frames=16, steps=1, turns=2, compared=3)
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TrainingSettings(Settings):
+    """Compares a gradient step to LeRobot's, and the losses of the first steps.
+
+    Attributes:
+        parts: act, diffusion.
+        device: ``auto``, ``cpu``, ``cuda``.
+        cuda_graphs: Whether our side replays CUDA graphs on a GPU, as with ``preset=gpu``.
+        out: JSON file for the measurements.
+    """
+
+    device: str = "auto"
+    cuda_graphs: bool = True
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Compilation:
+    """Whether our side is compiled, and whether it replays CUDA graphs."""
+
+    enabled: bool
+    cuda_graphs: bool = False
+
+
+def parts(settings: TrainingSettings) -> Mapping[str, Callable[[], Measurement]]:
+    """Returns what is measured."""
+    from roboverse_learn.training.device import resolve_device
+
+    device = resolve_device(settings.device)
+    on_gpu = device == "cuda"
+    compilation = Compilation(enabled=on_gpu, cuda_graphs=on_gpu and settings.cuda_graphs)
+    scale = GPU if on_gpu else CPU
+    return {name: partial(measure, name, scale, device, compilation) for name in POLICIES}
+
+
 class Frames:
-    """Random frames on a device, and batches of them: what a resident dataset gives.
+    """Random frames on a device, and batches of them, as a resident dataset returns them.
 
     Args:
         scale: How many, and how large.
-        windows: Frames relative to a sample's own, by key, as a policy wants them.
+        windows: Frames relative to a sample's own, by key, as a policy reads them.
         device: Torch device.
     """
 
     def __init__(self, scale: Scale, windows: Mapping[str, list[int]], device: str) -> None:
-        import torch
-
         generator = torch.Generator().manual_seed(0)
         size = scale.image_size
         coarse = torch.rand(scale.num_frames, 3, 8, 8, generator=generator)
-        pictures = torch.nn.functional.interpolate(coarse, (size, size), mode="bilinear")
+        images = torch.nn.functional.interpolate(coarse, (size, size), mode="bilinear")
         self._frames = {
-            CAMERA: (255 * pictures).to(torch.uint8).to(device),
+            CAMERA: (255 * images).to(torch.uint8).to(device),
             "observation.state": torch.rand(scale.num_frames, 9, generator=generator).to(device),
             "action": torch.rand(scale.num_frames, 9, generator=generator).to(device),
         }
         self._windows, self._scale, self._device = windows, scale, device
 
     def batch(self, step: int) -> dict[str, Any]:
-        """Returns the batch of a step, which is the same whenever it is asked for."""
-        import torch
-
+        """Returns the batch of a step; the same step has the same batch."""
         generator = torch.Generator().manual_seed(step)
         rows = torch.randint(self._scale.num_frames, (self._scale.batch_size,), generator=generator)
         batch = {}
@@ -94,58 +129,51 @@ class Frames:
         return batch
 
 
-def features(image_size: int) -> dict[str, Any]:
-    """Returns the features of such frames."""
-    vector = {"dtype": "float32", "shape": (9,), "names": None}
-    names = ["height", "width", "channels"]
-    picture = {"dtype": "video", "shape": (image_size, image_size, 3), "names": names}
-    return {CAMERA: picture, "observation.state": vector, "action": vector}
-
-
 type Side = Callable[[int], Any]
-"""Takes a step, whose number is given; returns its loss."""
+"""Makes the step of a number; returns its loss."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
-class Compilation:
-    """Whether our side is compiled, and whether it is played back as CUDA graphs."""
+def measure(name: str, scale: Scale, device: str, compilation: Compilation) -> Measurement:
+    """Compares the steps of one policy, each side training a network of its own.
 
-    enabled: bool
-    cuda_graphs: bool = False
+    Args:
+        name: Policy.
+        scale: How much.
+        device: Torch device.
+        compilation: Of our side.
 
-
-def measure(name: str, scale: Scale, device: str, compilation: Compilation) -> tuple[Measurement, float]:
-    """Compares the steps of one policy.
-
-    Returns:
-        Seconds per step, the ratio LeRobot's over ours; and the largest relative difference of the losses
-        of the first steps, each side training its own network.
+    Raises:
+        SimulatorError: if the losses of the first steps differ by more than :data:`SAME_LOSS`.
     """
     apart = _losses_apart(name, scale, device, compilation)
+    if not apart <= SAME_LOSS:
+        raise SimulatorError(f"The losses differ by {apart:.1%}: the two do not train the same network.")
     sides = _sides(name, scale, device, compilation, {})
-    times = [
-        [_time(take, scale, device, turn * scale.steps) for take in sides] for turn in range(scale.turns)
-    ]
-    measurement = Measurement(
-        name=f"training step of {name}, batch {scale.batch_size}, {scale.image_size}×{scale.image_size}, "
-        f"bf16 on {device}, LeRobot / ours",
-        ours_s=median(mine for mine, _ in times),
-        baseline_s=median(theirs for _, theirs in times),
-        ratio=median(theirs / mine for mine, theirs in times),
-        goal=f"goal ≥ {GOAL:.1f} on a GPU",
+    seconds = in_turns(
+        *(repeat(partial(_next, side, itertools.count()), scale.steps) for side in sides),
+        scale.turns,
+        wait=cuda_wait(device),
     )
-    return measurement, apart
+    title = (
+        f"training step of {name}, batch {scale.batch_size}, {scale.image_size}×{scale.image_size}, bf16 on "
+        f"{device}, LeRobot / ours (losses differ by {apart:.2%})"
+    )
+    return measurement(title, seconds, Goal(GOAL, applies=device == "cuda"), units=scale.steps)
+
+
+def _next(side: Side, steps: itertools.count) -> None:
+    side(next(steps))
 
 
 def _losses_apart(name: str, scale: Scale, device: str, compilation: Compilation) -> float:
     """Returns the largest relative difference of the losses of the first steps.
 
-    Without dropout: beside the noise of ACT's style, compiled code draws it in another order, and the loss
-    of a first step is then 4 % off.
+    Without dropout: compiled code samples it in another order than the noise of ACT's style variable, and
+    the losses of the first step would differ by 4 %.
     """
     sides = _sides(name, scale, device, compilation, {"dropout": 0.0} if name == "act" else {})
     losses = [[float(take(step)) for take in sides] for step in range(scale.compared)]
-    return max(abs(mine - theirs) / abs(theirs) for mine, theirs in losses)
+    return max(abs(ours - theirs) / abs(theirs) for ours, theirs in losses)
 
 
 def _sides(
@@ -155,13 +183,15 @@ def _sides(
     import policies
     from roboverse_learn.train import plain_stats
 
-    # Frozen norms, for LeRobot's trains them frozen.
-    norms = {"backbone_norm": "frozen"} if name == "act" else {}
+    norms = {"backbone_norm": "frozen"} if name == "act" else {}  # as LeRobot trains
     config = policies.config_class(name)(**norms, **changes)
-    layout = features(scale.image_size)
+    size = (scale.image_size, scale.image_size, 3)
+    vector = {"dtype": "float32", "shape": (9,), "names": None}
+    image = {"dtype": "video", "shape": size, "names": ["height", "width", "channels"]}
+    features = {CAMERA: image, "observation.state": vector, "action": vector}
 
     def side(make: Callable[[Any, Frames, Compilation], Side]) -> Side:
-        policy = policies.create(name, layout, plain_stats(layout), config, device)
+        policy = policies.create(name, features, plain_stats(features), config, device)
         return make(policy, Frames(scale, policy.delta_indices, device), compilation)
 
     return side(_our_step), side(_lerobot_step)
@@ -169,8 +199,6 @@ def _sides(
 
 def _our_step(policy: Any, frames: Frames, compilation: Compilation) -> Side:
     """Returns a step of :mod:`roboverse_learn.training.imitation.train`."""
-    import torch
-
     from policies.compilation import compile_objective
     from policies.cuda_graphs import RecordedObjective
     from roboverse_learn.training.config import TrainConfig
@@ -188,10 +216,7 @@ def _our_step(policy: Any, frames: Frames, compilation: Compilation) -> Side:
         torch.manual_seed(step)
         with torch.autocast(policy.device.type, torch.bfloat16):
             loss, _terms = objective(frames.batch(step))
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(policy.model.parameters(), 10.0)
-        optimizer.step()
-        optimizer.zero_grad()
+        _update(loss, policy, optimizer)
         return loss.detach().clone()
 
     return take
@@ -199,82 +224,29 @@ def _our_step(policy: Any, frames: Frames, compilation: Compilation) -> Side:
 
 def _lerobot_step(policy: Any, frames: Frames, _compilation: Compilation) -> Side:
     """Returns the step of ``lerobot.scripts.lerobot_train.update_policy``, in bf16."""
-    import torch
-
     policy.model.train()
     optimizer = torch.optim.AdamW(policy.model.parameters(), lr=1e-4, weight_decay=1e-4)
 
     def take(step: int) -> Any:
         torch.manual_seed(step)
         batch = frames.batch(step)
-        batch[CAMERA] = batch[CAMERA].float() / 255.0  # as its dataset gives pictures
+        batch[CAMERA] = batch[CAMERA].float() / 255.0  # as its dataset returns images
         batch = policy.preprocessor(batch)
         with torch.autocast(policy.device.type, torch.bfloat16):
             loss, _terms = policy.model.forward(batch)
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(policy.model.parameters(), 10.0)
-        optimizer.step()
-        optimizer.zero_grad()
+        _update(loss, policy, optimizer)
         loss.item()
         return loss.detach()
 
     return take
 
 
-def _time(take: Side, scale: Scale, device: str, first: int) -> float:
-    """Returns the seconds of a step, over several that are waited for together."""
-    import torch
-
-    wait = torch.cuda.synchronize if device == "cuda" else lambda: None
-    take(first)
-    wait()
-    started = time.perf_counter()
-    for step in range(first, first + scale.steps):
-        take(step)
-    wait()
-    return (time.perf_counter() - started) / scale.steps
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
-class TrainingBenchmark:
-    """``python -m roboverse_learn.speed.training``: a gradient step, against LeRobot's.
-
-    Attributes:
-        policies: Policies that are trained, as in policies=[act].
-        device: ``auto``, ``cpu``, ``cuda``.
-        cuda_graphs: Whether our side is played back as CUDA graphs on a GPU, as with ``preset=gpu``.
-    """
-
-    policies: tuple[str, ...] = POLICIES
-    device: str = "auto"
-    cuda_graphs: bool = True
-
-    def __post_init__(self) -> None:
-        for name in self.policies:
-            if name not in POLICIES:
-                raise unknown_name("policy of this benchmark", name, POLICIES)
-
-
-def main(words: Sequence[str] | None = None) -> int:
-    """Logs every measurement; the exit code is 1 where a GPU misses a goal or the losses differ."""
-    return run_program("python -m roboverse_learn.speed.training", TrainingBenchmark, _measure_all, words)
-
-
-def _measure_all(arguments: TrainingBenchmark) -> int:
-    from roboverse_learn.training.device import resolve_device
-
-    logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stdout)
-    log.setLevel(logging.INFO)
-    device = resolve_device(arguments.device)
-    on_gpu, missed = device == "cuda", False
-    compilation = Compilation(enabled=on_gpu, cuda_graphs=on_gpu and arguments.cuda_graphs)
-    for name in arguments.policies:
-        measurement, apart = measure(name, GPU if on_gpu else CPU, device, compilation)
-        log.info("%s", measurement)
-        log.info("  losses of the first steps differ by at most %.3f %%", 100 * apart)
-        missed |= apart > SAME_LOSS or (on_gpu and measurement.ratio < GOAL)
-    return int(missed)
+def _update(loss: Any, policy: Any, optimizer: Any) -> None:
+    loss.backward()
+    torch.nn.utils.clip_grad_norm_(policy.model.parameters(), 10.0)
+    optimizer.step()
+    optimizer.zero_grad()
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(program("training", TrainingSettings, parts))

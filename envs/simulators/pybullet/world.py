@@ -36,6 +36,10 @@ class PybulletWorld(World):
         model: The compiled model.
         trees: What was written of it.
         settings: Options of the solver.
+
+    Attributes:
+        client: Bullet's physics client.
+        drives: Joint motors of the trees that have joints.
     """
 
     def __init__(self, model: mujoco.MjModel, trees: tuple[Tree, ...], settings: PybulletSettings) -> None:
@@ -64,7 +68,7 @@ class PybulletWorld(World):
         self._still = [_add_still(client, self._model, geom) for geom in still_geoms(self._model)]
         self._parts = [_Part(client, self._model, tree) for tree in self._trees]
         _filter(client, self._model, self._still, self._parts)
-        self._drives = [part.drives for part in self._parts if part.drives is not None]
+        self.drives = [part.drives for part in self._parts if part.drives is not None]
         self._has_stepped = False
 
     @override
@@ -97,7 +101,7 @@ class PybulletWorld(World):
     @override
     def drive(self, ctrl: np.ndarray) -> None:
         self.settle()
-        for drives in self._drives:
+        for drives in self.drives:
             drives.aim(ctrl)
 
     @override
@@ -105,10 +109,10 @@ class PybulletWorld(World):
         self.settle()
         self._has_stepped = True
         client, step = self.client, pybullet.stepSimulation
-        for drives in self._drives:
+        for drives in self.drives:
             drives.linearize()
         for _ in range(num_steps):
-            for drives in self._drives:
+            for drives in self.drives:
                 drives.push()
             step(physicsClientId=client)
 

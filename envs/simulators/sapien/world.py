@@ -47,6 +47,11 @@ class SapienWorld(World):
         self._put: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._build()
 
+    @property
+    def native(self) -> sapien.Scene:
+        """SAPIEN's scene, until the world is built anew."""
+        return self._scene
+
     def _build(self) -> None:
         with _BUILDING:  # PhysX's options belong to the process, and are read when something is made
             _configure(self._settings, self._model.opt.gravity)

@@ -3,7 +3,7 @@
 Shapes: T time steps, N environments, D observation, A action, B samples, H steps of a sequence.
 
 A batch is one gather of each field, and nothing waits for a GPU. It takes half the time of TorchRL's
-``SliceSampler`` on a CPU (``python -m roboverse_learn.speed.agents parts=[replay] device=cpu``), and
+``SliceSampler`` on a CPU (``roboverse speed agents parts=[replay] device=cpu``), and
 sequences may go beyond an episode's end, which is marked.
 """
 

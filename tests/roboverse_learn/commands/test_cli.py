@@ -99,9 +99,9 @@ def failure(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         ),
         (["train", "splits=[train]", "episodes=9001"], "episodes must be at most 9,000, the train split's"),
         (["leaderboard", "task=PickCube"], "Unknown key 'task' of leaderboard. Valid: results_dir."),
-        (["trian"], "Unknown command 'trian'. Did you mean 'train'? Valid: benchmark, collect, con"),
-        (["benchmark", "stpe"], "Unknown benchmark 'stpe'"),
-        (["benchmark", "turns=2"], "'turns=2' is for one benchmark, and none were named. Valid: dataset"),
+        (["trian"], "Unknown command 'trian'. Did you mean 'train'? Valid: collect, conservation"),
+        (["speed", "stpe"], "Unknown speed program 'stpe'"),
+        (["speed", "turns=2"], "'turns=2' is a setting of one program, given 0 names. Valid: agents, "),
         (
             ["train", "task_kwargs.varient=lift"],
             "Unknown option of PickCube 'varient'. Did you mean 'variant'?",
@@ -193,11 +193,11 @@ def test_the_errors_of_every_part_are_told_alike(
     assert failure(["leaderboard"], capsys) == f"error: {error}\n"
 
 
-def test_a_benchmark_is_given_its_words(capfd: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["benchmark", "startup", "turns=2"]) == 2
-    assert "roboverse_learn.speed.startup takes no words, given 'turns=2'." in capfd.readouterr().err
-    assert cli.main(["benchmark", "dataset", "--help"]) == 0
-    assert "python -m roboverse_learn.speed.dataset key=value" in capfd.readouterr().out
+def test_a_speed_program_gets_its_settings(capfd: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["speed", "startup", "turns=2"]) == 2
+    assert "Unknown key of roboverse speed startup 'turns'" in capfd.readouterr().err
+    assert cli.main(["speed", "dataset", "--help"]) == 0
+    assert "roboverse speed dataset key=value" in capfd.readouterr().out
 
 
 def test_a_full_disk_is_told_and_the_same_command_continues(

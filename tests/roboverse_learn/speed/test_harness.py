@@ -1,0 +1,121 @@
+"""The harness of the speed programs, on a clock that the tests set."""
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from envs.core.errors import MissingExtraError, SimulatorError
+from roboverse_learn.speed.harness import Goal, Measurement, Settings, in_turns, measurement, program, table
+
+
+class Clock:
+    """A clock that its calls move."""
+
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def takes(self, *seconds: float):
+        left = iter(seconds)
+
+        def call() -> None:
+            self.now += next(left)
+
+        return call
+
+
+def test_sides_alternate_and_the_first_turn_is_dropped():
+    clock, calls = Clock(), []
+    seconds = in_turns(clock.takes(9, 1, 2), clock.takes(9, 3, 4), 2, clock=clock)
+    assert seconds.tolist() == [[1, 3], [2, 4]]
+    note = {name: (lambda name=name: calls.append(name)) for name in ("ours", "theirs", "before", "after")}
+    in_turns(note["ours"], note["theirs"], 1, before=note["before"], after=note["after"])
+    assert calls == ["before", "theirs", "ours", "after", "before", "ours", "theirs", "after"]
+
+
+def test_kernels_are_waited_for_within_the_timed_part():
+    clock = Clock()
+    assert in_turns(lambda: None, lambda: None, 1, clock=clock, wait=clock.takes(*range(8))) == pytest.approx(
+        np.array([[5.0, 7.0]])
+    )
+
+
+@pytest.mark.parametrize(
+    ("goal", "ratio", "result", "text"),
+    [
+        (Goal(2.0), 3.0, "reached", "≥ 2.00"),
+        (Goal(4.0), 3.0, "missed", "≥ 4.00"),
+        (Goal(1.1, at_least=False), 1 / 3, "reached", "≤ 1.10"),
+        (Goal(0.3, at_least=False), 1 / 3, "missed", "≤ 0.30"),
+        (Goal(4.0, applies=False), 3.0, "-", "≥ 4.00 on a GPU"),
+        (Goal(), 3.0, "-", "-"),
+        (Goal(0.5, at_least=False, absolute=True), 1 / 3, "reached", "≤ 0.50 s"),
+    ],
+)
+def test_ratio_is_held_against_the_goal(goal, ratio, result, text):
+    # Speed-ups of the turns are 2, 3 and 6: the median of ratios is not the ratio of the medians.
+    found = measurement("a", np.array([[1.0, 2.0], [2.0, 6.0], [3.0, 18.0]]), goal, units=4)
+    assert (found.ours_s, found.baseline_s) == (0.5, 1.5)
+    assert found.ratio == pytest.approx(ratio)
+    assert (found.result, str(goal)) == (result, text)
+
+
+def one(name: str, ratio: float) -> Measurement:
+    return Measurement(name=name, ours_s=1e-5, baseline_s=1e-5 * ratio, ratio=ratio, goal=Goal(2.0))
+
+
+def test_table_is_aligned():
+    first, second, third = table([one("a longer name", 3.0), ("b", "no SAPIEN")]).splitlines()
+    assert first.split() == ["measurement", "ours", "baseline", "ratio", "goal", "result"]
+    assert second.split() == ["a", "longer", "name", "10", "µs", "30", "µs", "3.00", "≥", "2.00", "reached"]
+    assert third.endswith("not measured: no SAPIEN")
+    assert first.index("result") == second.index("reached") == third.index("not measured")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Chosen(Settings):
+    """Settings of this test."""
+
+    ratio: float = 3.0
+
+
+def parts(settings):
+    def fail(error):
+        raise error
+
+    return {
+        "fast": lambda: one("fast", settings.ratio),
+        "absent": lambda: fail(MissingExtraError("pip install it")),
+        "broken": lambda: fail(SimulatorError("not the same physics")),
+    }
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (["parts=[fast]"], 0),
+        (["parts=[fast]", "ratio=1.5"], 1),
+        (["parts=[fast,absent]"], 0),
+        (["parts=[absent]"], 1),
+        ([], 1),
+    ],
+)
+def test_exit_code(words, code, capsys):
+    assert program("toy", Chosen, parts, words) == code
+    assert ("not measured: not the same physics" in capsys.readouterr().out) == (not words)
+
+
+def test_measurements_are_written(tmp_path):
+    out = tmp_path / "not yet there" / "toy.json"
+    assert program("toy", Chosen, parts, ["parts=[fast,absent]", f"out={out}"]) == 0
+    fast, absent = json.loads(out.read_text())["rows"]
+    assert (fast["ratio"], fast["goal"]["limit"], fast["result"]) == (3.0, 2.0, "reached")
+    assert absent == {"name": "absent", "not_measured": "pip install it"}
+
+
+def test_unknown_part_suggests_nearest(capsys):
+    assert program("toy", Chosen, parts, ["parts=[fats]"]) == 2
+    assert "Unknown part of speed toy 'fats'. Did you mean 'fast'?" in capsys.readouterr().err
