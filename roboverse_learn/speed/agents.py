@@ -118,8 +118,8 @@ def measurements(scale: Scale, device: str, *, compiled: bool) -> Mapping[str, C
 
 
 def _compare(name: str, scale: Scale, device: str, sides: tuple[Call, Call], goal: Goal) -> Measurement:
-    calls = [repeat(side, scale.updates) for side in sides]
-    seconds = in_turns(*calls, scale.turns, wait=cuda_wait(device))
+    ours, baseline = (repeat(side, scale.updates) for side in sides)
+    seconds = in_turns(ours, baseline, scale.turns, wait=cuda_wait(device))
     return measurement(name, seconds, goal, units=scale.updates)
 
 
@@ -197,8 +197,10 @@ def measure_replay(scale: Scale, device: str) -> Measurement:
 
     count, turns = 50 * scale.updates, 5 * scale.turns
     with cpu_threads(1, device):
-        sides = [make(OBSERVED, ACTIONS, device) for make in (our_sequences, torchrl_slices)]
-        seconds = in_turns(*(repeat(side, count) for side in sides), turns, wait=cuda_wait(device))
+        ours, theirs = (
+            repeat(make(OBSERVED, ACTIONS, device), count) for make in (our_sequences, torchrl_slices)
+        )
+        seconds = in_turns(ours, theirs, turns, wait=cuda_wait(device))
     name = f"replay, {SEQUENCES} sequences of {HORIZON} on {device}, TorchRL's SliceSampler / ours"
     return measurement(name, seconds, Goal(), units=count)
 

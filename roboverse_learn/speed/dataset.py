@@ -121,8 +121,7 @@ def measure_read(settings: DatasetSettings) -> Measurement:
         theirs = iter(torch.utils.data.DataLoader(stock, batch_sampler=order.tolist(), num_workers=0))
         ours = (resident.sample(indices, {"action": range(CHUNK_SIZE)}) for indices in order)
         _check_equal(next(ours), next(theirs))
-        read = [partial(_take, batches, count) for batches in (ours, theirs)]
-        seconds = in_turns(*read, settings.turns)
+        seconds = in_turns(partial(_take, ours, count), partial(_take, theirs, count), settings.turns)
     name = f"reading a sample, batches of {size}, LeRobot / ours (decoded beforehand in {decoding_s:.2f} s)"
     return measurement(name, seconds, READ_GOAL, units=count * size)
 

@@ -41,7 +41,8 @@ def measure_evaluation() -> Measurement:
     with tempfile.TemporaryDirectory() as folder:
         policy.save(Path(folder) / "pretrained_model")
         policy = policies.load(folder)
-    env_config = RoboVerseEnvConfig(task=TASK, level=LEVEL, split=SPLIT, image_size=config.image_size)
+    env_config = RoboVerseEnvConfig(task=TASK, level=LEVEL, split=SPLIT, image_size=config.env.image_size)
+    env: Any
     (env,) = env_config.create_envs(NUM_EPISODES)[env_config.type].values()
     before, after = make_env_pre_post_processors(env_cfg=env_config, policy_cfg=policy.model.config)
     steps = (before, after, policy.preprocessor, policy.postprocessor)
@@ -69,7 +70,7 @@ def measure_evaluation() -> Measurement:
 
     seconds = in_turns(ours, theirs, TURNS, after=check)
     env.close()
-    name = f"evaluation of ACT, {config.image_size}×{config.image_size}, LeRobot / ours"
+    name = f"evaluation of ACT, {config.env.image_size}×{config.env.image_size}, LeRobot / ours"
     return measurement(name, seconds, GOAL, units=NUM_EPISODES)
 
 

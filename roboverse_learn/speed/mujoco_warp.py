@@ -174,8 +174,8 @@ def measure_render(
 
     bare = on.capture(trace).launch if on.is_cuda else trace
     with on.scope():
-        sides = [repeat(call, scale.images) for call in (handler.render_tensors, bare)]
-        seconds = in_turns(*sides, scale.turns, wait=on.synchronize)
+        ours, theirs = (repeat(call, scale.images) for call in (handler.render_tensors, bare))
+        seconds = in_turns(ours, theirs, scale.turns, wait=on.synchronize)
     handler.close()
     name = (
         f"RGB {image_size}×{image_size}, {scale.render_envs} envs on {on.torch}, "

@@ -87,8 +87,8 @@ def measure_throughput(config: PpoConfig, device: str, turns: int, rollouts: int
     envs: list[Any] = [make_env(config.num_envs, device), BareEnv(config.num_envs, device)]
     steps = rollouts * config.num_steps
     where = str(envs[0].device)
-    sides = [repeat(_learning(env, config), steps) for env in envs]
-    seconds = in_turns(*sides, turns, wait=cuda_wait(where))
+    ours, bare = (repeat(_learning(env, config), steps) for env in envs)
+    seconds = in_turns(ours, bare, turns, wait=cuda_wait(where))
     for env in envs:
         env.close()
     name = f"a step of PPO, {config.num_envs} envs on {where}, bare mujoco_warp / ours"

@@ -149,11 +149,8 @@ def measure(name: str, scale: Scale, device: str, compilation: Compilation) -> M
     if not apart <= SAME_LOSS:
         raise SimulatorError(f"The losses differ by {apart:.1%}: the two do not train the same network.")
     sides = _sides(name, scale, device, compilation, {})
-    seconds = in_turns(
-        *(repeat(partial(_next, side, itertools.count()), scale.steps) for side in sides),
-        scale.turns,
-        wait=cuda_wait(device),
-    )
+    ours, theirs = (repeat(partial(_next, side, itertools.count()), scale.steps) for side in sides)
+    seconds = in_turns(ours, theirs, scale.turns, wait=cuda_wait(device))
     title = (
         f"training step of {name}, batch {scale.batch_size}, {scale.image_size}×{scale.image_size}, bf16 on "
         f"{device}, LeRobot / ours (losses differ by {apart:.2%})"

@@ -35,7 +35,7 @@ def test_render_needs_osmesa(monkeypatch):
         throughput.measure_render("PickCube", 1)
 
 
-@pytest.mark.parametrize("name", simulators.LOOPS)
+@pytest.mark.parametrize("name", simulators.SCRIPTS)
 def test_handler_ends_where_the_script_ends(name):
     try:
         found = simulators.measure_overhead(name, turns=1, control_steps=3)
@@ -45,10 +45,11 @@ def test_handler_ends_where_the_script_ends(name):
 
 
 def test_other_physics_is_not_compared(monkeypatch):
-    run = simulators.MujocoLoop.run
-    monkeypatch.setattr(
-        simulators.MujocoLoop, "run", lambda self, target, count: run(self, target + 0.1, count)
-    )
+    def script(handler, robot):
+        step, joints = simulators.mujoco_script(handler, robot)
+        return lambda target, count: step(target + 0.1, count), joints
+
+    monkeypatch.setitem(simulators.SCRIPTS, "mujoco", script)
     with pytest.raises(SimulatorError, match="this is not the same physics"):
         simulators.measure_overhead("mujoco", turns=1, control_steps=3)
 
