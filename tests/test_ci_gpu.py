@@ -32,7 +32,7 @@ def test_a_run_is_reported_with_its_device_commit_and_result(tmp_path, code):
     done = run("report.txt", cwd=tmp_path, PYTHON=str(python), CODE=str(code))
     assert done.returncode == code, done.stderr
     report = (tmp_path / "report.txt").read_text()
-    assert "-m pytest -m gpu tests/gpu -n 0 --durations" in report
+    assert "-m pytest -m gpu tests/gpu -n 4" in report
     assert "device:  A GPU, torch 9.9" in report and "tests:   3 passed, 1 skipped in 1.00s" in report
     assert f"result:  {'passed' if code == 0 else 'failed, exit code 1'}" in report
     lines = dict(line.partition(":")[::2] for line in report.splitlines()[:6])

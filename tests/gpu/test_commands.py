@@ -85,7 +85,7 @@ def test_imitation_is_stopped_resumed_and_evaluated_on_the_gpu(folder, monkeypat
     assert [row["step"] for row in rows] == list(range(1, 13))
     assert np.isfinite([row["loss"] for row in rows]).all()
     assert read_facts(run, "collect")["num_episodes"] == 4
-    assert (result.simulator, result.checkpoint.step, len(result.records)) == ("mujoco_warp", 12, 4)
+    assert (result.env.simulator, result.checkpoint.step, len(result.records)) == ("mujoco_warp", 12, 4)
     assert [str(cell.cell) for cell in result.cells()] == ["level 0, test split", "level 3, test split"]
     assert len(list(folder.glob("results/v*/**/*.mp4"))) == 2
     words = ["levels=[1]", "splits=[test]", "episodes=2", "evaluate.num_envs=2", "videos=0"]
@@ -95,5 +95,5 @@ def test_imitation_is_stopped_resumed_and_evaluated_on_the_gpu(folder, monkeypat
 def test_learning_by_reward_is_stopped_resumed_and_evaluated_on_the_gpu(folder, monkeypatch, caplog):
     run, result = stopped_and_resumed(BY_REWARD, 600, monkeypatch, caplog)
     assert [row["step"] for row in read_metrics(run)] == [256, 512, 768, 1024]
-    assert (result.simulator, result.image_size, len(result.records)) == ("mujoco_warp", None, 2)
+    assert (result.env.simulator, result.sees_images, len(result.records)) == ("mujoco_warp", False, 2)
     assert all(np.isfinite(record.episode_return) for record in result.records)
