@@ -35,35 +35,19 @@ GOAL = 2.0
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Scale:
-    """How much is measured.
+    """How much is measured."""
 
-    Attributes:
-        model_size: Size of TD-MPC2.
-        sequences: Its sequences per update.
-        plan_envs: Environments that are planned for at once.
-        fasttd3_steps: Steps per update of FastTD3.
-        fasttd3_dim: Width of its critics; the actor's is half of it.
-        updates: Timed calls of one turn; the turn that warms up compiles and records.
-        turns: How often each side is timed.
-    """
-
-    model_size: Any
-    sequences: int
-    plan_envs: int
-    fasttd3_steps: int
-    fasttd3_dim: int
-    updates: int
-    turns: int
+    model_size: Any  # size of TD-MPC2
+    sequences: int  # its sequences per update
+    plan_envs: int  # environments that are planned for at once
+    fasttd3_steps: int  # steps per update of FastTD3
+    fasttd3_dim: int  # width of its critics
+    updates: int  # timed calls of one turn
+    turns: int  # how often each side is timed
 
 
 GPU = Scale(
-    model_size=5,
-    sequences=256,
-    plan_envs=64,
-    fasttd3_steps=32_768,
-    fasttd3_dim=1024,
-    updates=50,
-    turns=5,
+    model_size=5, sequences=256, plan_envs=64, fasttd3_steps=32_768, fasttd3_dim=1024, updates=50, turns=5
 )
 CPU = Scale(model_size=1, sequences=4, plan_envs=1, fasttd3_steps=64, fasttd3_dim=64, updates=2, turns=2)
 

@@ -23,21 +23,13 @@ _COPIED = ("qpos", "qvel", "ctrl", "mocap_pos", "mocap_quat", "qacc_warmstart")
 
 @dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
 class Scale:
-    """How much is measured.
+    """How much is measured."""
 
-    Attributes:
-        physics_envs: Envs that are stepped.
-        control_steps: Control steps of one turn.
-        render_envs: Envs that are rendered.
-        images: Images of each env in one turn.
-        turns: How often each side is timed.
-    """
-
-    physics_envs: int
-    control_steps: int
-    render_envs: int
-    images: int
-    turns: int
+    physics_envs: int  # envs that are stepped
+    control_steps: int  # control steps of one turn
+    render_envs: int  # envs that are rendered
+    images: int  # images of each env in one turn
+    turns: int  # how often each side is timed
 
 
 GPU = Scale(physics_envs=8192, control_steps=20, render_envs=1024, images=5, turns=5)

@@ -36,23 +36,14 @@ SAME_LOSS = 0.02
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Scale:
-    """How much is measured.
+    """How much is measured."""
 
-    Attributes:
-        batch_size: Samples of a step.
-        image_size: Pixels a side.
-        num_frames: Frames that batches are gathered from.
-        steps: Timed steps of one turn.
-        turns: How often each side is timed.
-        compared: Steps whose losses are compared.
-    """
-
-    batch_size: int
-    image_size: int
-    num_frames: int
-    steps: int
-    turns: int
-    compared: int
+    batch_size: int  # samples of a step
+    image_size: int  # pixels a side
+    num_frames: int  # frames that batches are gathered from
+    steps: int  # timed steps of one turn
+    turns: int  # how often each side is timed
+    compared: int  # steps whose losses are compared
 
 
 GPU = Scale(batch_size=256, image_size=256, num_frames=4000, steps=10, turns=5, compared=20)
