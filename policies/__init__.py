@@ -1,9 +1,17 @@
-"""Policies: LeRobot's ACT and Diffusion Policy behind one interface, and scripted baselines.
+"""Policies behind one interface: LeRobot's policies, reinforcement learning agents and baselines.
+
+:data:`POLICIES` lists them. Registering one, also from another package, is one call::
+
+    POLICIES.add(
+        "mine",
+        PolicyInfo(config="my_package.config:MyConfig", policy="my_package.policy:MyPolicy"),
+        tags={"dataset"},
+        summary="What it is, in one line",
+    )
 
 Nothing heavy is imported before a policy is made or loaded.
 """
 
-import difflib
 import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,107 +19,157 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from envs.core.errors import PolicyError
+from envs.core.registry import Registry
 from policies.base import Policy
 
 if TYPE_CHECKING:
     from policies.lerobot_policy import LeRobotPolicy
+    from policies.scripted import ScriptedPolicy
 
 __all__ = [
-    "Policy", "config_class", "create", "learns_from", "load", "names", "scripted_names",
-    "summary",
+    "POLICIES", "Policy", "PolicyInfo", "Source", "config_class", "create", "create_scripted", "learns_from",
+    "load", "names", "policy_class", "summary",
 ]  # fmt: skip
 
-LearnsFrom = Literal["dataset", "env"]
-"""Demonstrations, or an environment that the policy acts in."""
+Source = Literal["dataset", "env", "nothing"]
+"""What a policy learns from, the tag of its entry: demonstrations, an environment, or nothing."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Entry:
-    """Where a learned policy is, as ``"module:Class"``, one line about it, and what it learns from."""
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PolicyInfo:
+    """Where the parts of a policy are, as ``"module:Class"``, imported at first use.
 
-    config: str
+    Attributes:
+        policy: Its class, which follows :class:`policies.base.Policy`; it owns its checkpoints.
+        config: Frozen dataclass of its settings, which checks them; None if it has none.
+        learner: What trains it: a name in ``roboverse_learn.training.learners``, or the ``"module:Class"`` of
+            a learner elsewhere. Empty if it needs no training.
+    """
+
     policy: str
-    summary: str
-    learns_from: LearnsFrom = "dataset"
+    config: str | None = None
+    learner: str = "imitation"
 
 
-_LEARNED = {
-    "act": _Entry(
-        "policies.act.config:ActConfig",
-        "policies.act.policy:ActPolicy",
-        "Action Chunking Transformer (arXiv:2304.13705)",
+POLICIES: Registry[PolicyInfo] = Registry("policy")
+POLICIES.add(
+    "act",
+    PolicyInfo(policy="policies.act.policy:ActPolicy", config="policies.act.config:ActConfig"),
+    tags={"dataset"},
+    summary="Action Chunking Transformer (arXiv:2304.13705)",
+)
+POLICIES.add(
+    "diffusion",
+    PolicyInfo(
+        policy="policies.diffusion.policy:DiffusionPolicy", config="policies.diffusion.config:DiffusionConfig"
     ),
-    "diffusion": _Entry(
-        "policies.diffusion.config:DiffusionConfig",
-        "policies.diffusion.policy:DiffusionPolicy",
-        "Diffusion Policy with a ResNet18 and a 1D U-Net (arXiv:2303.04137)",
+    tags={"dataset"},
+    summary="Diffusion Policy with a ResNet18 and a 1D U-Net (arXiv:2303.04137)",
+)
+POLICIES.add(
+    "fasttd3",
+    PolicyInfo(
+        policy="policies.fasttd3.policy:FastTd3Policy",
+        config="policies.fasttd3.config:FastTd3Config",
+        learner="fasttd3",
     ),
-    "fasttd3": _Entry(
-        "policies.fasttd3.config:FastTd3Config",
-        "policies.fasttd3.policy:FastTd3Policy",
-        "FastTD3, distributional, of many environments and large batches (arXiv:2505.22642)",
-        learns_from="env",
+    tags={"env"},
+    summary="FastTD3: distributional critics, many environments, large batches (arXiv:2505.22642)",
+)
+POLICIES.add(
+    "tdmpc2",
+    PolicyInfo(
+        policy="policies.tdmpc2.policy:Tdmpc2Policy",
+        config="policies.tdmpc2.config:Tdmpc2Config",
+        learner="tdmpc2",
     ),
-    "tdmpc2": _Entry(
-        "policies.tdmpc2.config:Tdmpc2Config",
-        "policies.tdmpc2.policy:Tdmpc2Policy",
-        "TD-MPC2, planning in the latent space of a world model (arXiv:2310.16828)",
-        learns_from="env",
-    ),
-    "ppo": _Entry(
-        "policies.ppo.config:PpoConfig",
-        "policies.ppo.policy:PpoPolicy",
-        "Proximal policy optimization by rsl_rl, Stable-Baselines3 or TorchRL (arXiv:1707.06347)",
-        learns_from="env",
-    ),
-}
-_SCRIPTED = {
-    "zero": "every action is zero",
-    "random": "uniform actions within the limits of the robot",
-    "hold": "the joint positions of the observation, so that the robot stays",
-}
+    tags={"env"},
+    summary="TD-MPC2, planning in the latent space of a world model (arXiv:2310.16828)",
+)
+POLICIES.add(
+    "ppo",
+    PolicyInfo(policy="policies.ppo.policy:PpoPolicy", config="policies.ppo.config:PpoConfig", learner="ppo"),
+    tags={"env"},
+    summary="Proximal policy optimization by rsl_rl, Stable-Baselines3 or TorchRL (arXiv:1707.06347)",
+)
+for _name, _class, _summary in (
+    ("zero", "ZeroPolicy", "Every action is zero"),
+    ("random", "RandomPolicy", "Uniform actions within the limits of the robot"),
+    ("hold", "HoldPolicy", "The joint positions of the observation, so that the robot stays"),
+):
+    POLICIES.add(
+        _name,
+        PolicyInfo(policy=f"policies.scripted:{_class}", learner=""),
+        tags={"nothing"},
+        summary=_summary,
+    )
 
 
-def names(learns_from: LearnsFrom | None = None) -> list[str]:
-    """Returns the policies that can be trained, or those of them that learn from one kind of source."""
-    return sorted(name for name, entry in _LEARNED.items() if learns_from in (None, entry.learns_from))
-
-
-def scripted_names() -> list[str]:
-    """Returns the policies that need no training; see :mod:`policies.scripted`."""
-    return sorted(_SCRIPTED)
+def names(source: Source | None = None) -> list[str]:
+    """Returns the policies that learn from one kind of source; all that can be trained by default."""
+    trainable = [*POLICIES.names("dataset"), *POLICIES.names("env")]
+    return sorted(trainable) if source is None else POLICIES.names(source)
 
 
 def summary(name: str) -> str:
-    """Returns one line about a learned or scripted policy."""
-    return _SCRIPTED[name] if name in _SCRIPTED else _entry(name).summary
-
-
-def learns_from(name: str) -> LearnsFrom:
-    """Returns what policy ``name`` learns from: a ``dataset``, or an ``env`` that it acts in.
+    """Returns one line about a policy.
 
     Raises:
-        PolicyError: if there is no such policy.
+        UnknownNameError: if there is no such policy.
     """
-    return _entry(name).learns_from
+    return POLICIES.entry(name).summary
+
+
+def learns_from(name: str) -> Source:
+    """Returns what policy ``name`` learns from.
+
+    Raises:
+        UnknownNameError: if there is no such policy.
+    """
+    tags = POLICIES.entry(name).tags
+    return "dataset" if "dataset" in tags else "env" if "env" in tags else "nothing"
 
 
 def config_class(name: str) -> type:
     """Returns the frozen dataclass of the settings of policy ``name``, without importing torch.
 
     Raises:
-        PolicyError: if there is no such policy.
+        UnknownNameError: if there is no such policy.
+        PolicyError: if it has no settings.
     """
-    return _resolve(_entry(name).config)
+    target = POLICIES.get(name).config
+    if target is None:
+        raise PolicyError(f"Policy '{name}' needs no training. Trainable: {', '.join(names())}.")
+    return resolve(target)
 
 
 def policy_class(name: str) -> Any:
     """Returns the class of policy ``name``.
 
     Raises:
-        PolicyError: if there is no such policy.
+        UnknownNameError: if there is no such policy.
     """
-    return _resolve(_entry(name).policy)
+    return resolve(POLICIES.get(name).policy)
+
+
+def create_scripted(name: str, action_space: Any, n_action_steps: int = 1) -> "ScriptedPolicy":
+    """Makes a policy that needs no training, such as ``random``, for the actions of an environment.
+
+    Args:
+        name: One of ``names("nothing")``.
+        action_space: Box (action_dim,) of one environment, such as ``env.single_action_space``.
+        n_action_steps: Actions that one call returns.
+
+    Raises:
+        UnknownNameError: if there is no such policy.
+        PolicyError: if it has to be trained.
+    """
+    if learns_from(name) != "nothing":
+        raise PolicyError(
+            f"Policy '{name}' must be trained: roboverse train policy={name} task=<name>. "
+            f"Without training: {', '.join(names('nothing'))}."
+        )
+    return policy_class(name)(action_space.low, action_space.high, n_action_steps)
 
 
 def create(
@@ -133,13 +191,13 @@ def create(
         seed: Seed of the first weights.
 
     Raises:
-        PolicyError: if there is no such policy, the configuration does not fit the features, or the policy
-            learns from an env, which tells it what it sees.
+        UnknownNameError: if there is no such policy.
+        PolicyError: if the configuration does not fit the features, or the policy learns from something else.
     """
-    if learns_from(name) != "dataset":
+    if (source := learns_from(name)) != "dataset":
         raise PolicyError(
-            f"Policy '{name}' learns from an env, not from a dataset: train it with `roboverse train "
-            f"policy={name} task=<name>`. Of a dataset learn: {', '.join(names('dataset'))}."
+            f"Policy '{name}' learns from {'an env' if source == 'env' else source}, not from a dataset. "
+            f"From a dataset learn: {', '.join(names('dataset'))}."
         )
     config = config_class(name)() if config is None else config
     if not isinstance(config, config_class(name)):
@@ -162,7 +220,8 @@ def load(directory: str | Path, device: str = "cpu") -> Any:
         device: Torch device.
 
     Raises:
-        PolicyError: if the checkpoint is incomplete, damaged, or of a policy that is not registered.
+        PolicyError: if the checkpoint is incomplete or damaged.
+        UnknownNameError: if it is of a policy that is not registered.
     """
     from policies.checkpoint import policy_type, resolve
 
@@ -170,14 +229,7 @@ def load(directory: str | Path, device: str = "cpu") -> Any:
     return policy_class(policy_type(directory)).load(directory, device)
 
 
-def _entry(name: str) -> _Entry:
-    if name not in _LEARNED:
-        close = difflib.get_close_matches(str(name).lower(), _LEARNED, n=1)
-        hint = f" Did you mean '{close[0]}'?" if close else ""
-        raise PolicyError(f"Unknown policy '{name}'.{hint} Valid: {', '.join(names())}.")
-    return _LEARNED[name]
-
-
-def _resolve(target: str) -> Any:
+def resolve(target: str) -> Any:
+    """Returns what ``"module:attribute"`` names."""
     module, _, attribute = target.partition(":")
     return getattr(importlib.import_module(module), attribute)

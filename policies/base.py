@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, runtime_checkable
 
 from envs.core.errors import PolicyError
 
@@ -67,6 +67,9 @@ class Policy(Protocol):
 
     Attributes:
         name: Registered name.
+        actions_of: What its actions mean: ``task`` for the task's own controller, ``rl`` for the actions
+            scaled to [-1, 1] that reinforcement learning uses.
+        task: Task that it acts in, set by whoever runs it; empty if unknown.
         n_obs_steps: Observations, the newest last, that one call looks at.
         n_action_steps: Actions that one call returns.
         batch_invariant: Whether the actions of a sample are the same to the bit, whatever other samples
@@ -74,6 +77,8 @@ class Policy(Protocol):
     """
 
     name: ClassVar[str]
+    actions_of: ClassVar[Literal["task", "rl"]]
+    task: str
     batch_invariant: bool
 
     @property
@@ -94,6 +99,8 @@ class Policy(Protocol):
         Args:
             observation: ``observation.state`` (n, state_dim) float32 and ``observation.images.<camera>``
                 (n, H, W, 3) uint8; with ``n_obs_steps`` above 1 each has a time axis after the first.
+                ``task`` holds the instructions, a list of n strings. A policy ignores the
+                keys that it does not use.
             generators: One CPU generator per environment, the source of all noise of that environment's
                 sample. A policy that draws nothing ignores them.
 

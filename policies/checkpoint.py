@@ -1,7 +1,7 @@
 """Reading a LeRobot pretrained folder: only JSON and safetensors, checked before anything is built."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,17 +16,6 @@ PREPROCESSOR = "policy_preprocessor.json"
 POSTPROCESSOR = "policy_postprocessor.json"
 
 _IMAGES = "observation.images."
-
-# A pipeline file may name any importable class; these steps are all that ACT and Diffusion Policy use.
-ALLOWED_STEPS = frozenset(
-    {
-        "device_processor",
-        "normalizer_processor",
-        "rename_observations_processor",
-        "to_batch_processor",
-        "unnormalizer_processor",
-    }
-)
 _ADVICE = (
     "A checkpoint is a folder with config.json, model.safetensors, policy_preprocessor.json and "
     "policy_postprocessor.json, such as <run>/checkpoints/last/pretrained_model. "
@@ -181,8 +170,12 @@ def load_weights(model: "torch.nn.Module", weights: "Mapping[str, torch.Tensor]"
     model.load_state_dict(dict(weights), strict=False)
 
 
-def check_pipeline(path: Path) -> None:
-    """Checks that a pipeline file has only steps that are allowed, and that their tensors can be read.
+def check_pipeline(path: Path, allowed: Iterable[str]) -> None:
+    """Checks that a pipeline file has allowed steps only, and that their tensors can be read.
+
+    Args:
+        path: The file, which may name any importable class.
+        allowed: Registered names of the steps that may be loaded.
 
     Raises:
         PolicyError: if not.
@@ -192,10 +185,10 @@ def check_pipeline(path: Path) -> None:
         raise PolicyError(f"'{path}' must hold a list 'steps'. {_ADVICE}")
     for step in steps:
         name = step.get("registry_name", step.get("class"))
-        if name not in ALLOWED_STEPS or "class" in step:
+        if name not in allowed or "class" in step:
             raise PolicyError(
                 f"'{path}' has the step '{name}', which is not loaded. "
-                f"Valid: {', '.join(sorted(ALLOWED_STEPS))}. {_ADVICE}"
+                f"Valid: {', '.join(sorted(allowed))}. {_ADVICE}"
             )
         if "state_file" in step:
             read_weights(path.parent / str(step["state_file"]))

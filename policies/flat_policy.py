@@ -4,7 +4,7 @@ import dataclasses
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 import torch
@@ -32,6 +32,7 @@ class FlatPolicy:
     """
 
     name: ClassVar[str]
+    actions_of: ClassVar[Literal["task", "rl"]] = "rl"
     n_obs_steps: int = 1
     n_action_steps: ClassVar[int] = 1
 

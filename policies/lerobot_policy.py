@@ -5,7 +5,7 @@ Shapes: n environments or samples, T observations or actions in time, C, H, W an
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 import torch
@@ -35,14 +35,26 @@ class LeRobotPolicy:
         model: LeRobot's policy.
         preprocessor: From observations (and actions) to the numbers that the model sees.
         postprocessor: From the actions of the model to those of the robot.
-        default_ema: Whether training averages the weights unless told otherwise.
+        default_ema: Whether training averages the weights by default.
+        processor_steps: Registered names of the processor steps that a checkpoint may use.
         batch_invariant: Run the samples one by one. True on a CPU, where it costs little.
     """
 
     model: Any  # LeRobot's base class does not declare what every policy has
     name: ClassVar[str]
     model_class: ClassVar[Any]  # a subclass of LeRobot's PreTrainedPolicy
+    actions_of: ClassVar[Literal["task", "rl"]] = "task"
     default_ema: ClassVar[bool] = False
+    processor_steps: ClassVar[frozenset[str]] = frozenset(
+        {
+            "device_processor",
+            "normalizer_processor",
+            "rename_observations_processor",
+            "to_batch_processor",
+            "unnormalizer_processor",
+        }
+    )
+    task: str = ""
 
     def __init__(self, model: PreTrainedPolicy, processors: Processors) -> None:
         self.model = model
@@ -231,7 +243,7 @@ class LeRobotPolicy:
         directory = checkpoint.resolve(directory)
         config = _load_config(directory, cls.name, cls.model_class.config_class, device)
         weights = checkpoint.read_weights(directory / checkpoint.WEIGHTS)
-        processors = _load_processors(directory, device)
+        processors = _load_processors(directory, device, cls.processor_steps)
         model = cls.model_class(config)
         checkpoint.load_weights(model, weights, directory / checkpoint.WEIGHTS)
         return cls(model.to(device).eval(), processors)
@@ -281,11 +293,11 @@ def _load_config(
         raise PolicyError(f"'{path}' is not a configuration of policy '{name}': {reason}") from error
 
 
-def _load_processors(directory: Path, device: str) -> Processors:
+def _load_processors(directory: Path, device: str, allowed: frozenset[str]) -> Processors:
     from lerobot.processor.converters import policy_action_to_transition, transition_to_policy_action
 
     for name in (checkpoint.PREPROCESSOR, checkpoint.POSTPROCESSOR):
-        checkpoint.check_pipeline(directory / name)
+        checkpoint.check_pipeline(directory / name, allowed)
     try:
         preprocessor = PolicyProcessorPipeline.from_pretrained(
             directory, checkpoint.PREPROCESSOR, overrides={"device_processor": {"device": str(device)}}

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 import torch
@@ -31,6 +31,8 @@ class ScriptedPolicy:
     """
 
     name: ClassVar[str]
+    actions_of: ClassVar[Literal["task", "rl"]] = "task"
+    task: str = ""
     n_obs_steps = 1
     batch_invariant = True
 
@@ -126,6 +128,3 @@ class HoldPolicy(ScriptedPolicy):
             )
         held = np.clip(state, self.low, self.high)
         return np.repeat(held[:, None], self.n_action_steps, axis=1)
-
-
-SCRIPTED: dict[str, type[ScriptedPolicy]] = {cls.name: cls for cls in (ZeroPolicy, RandomPolicy, HoldPolicy)}

@@ -101,8 +101,7 @@ def evaluate_checkpoint(
     check_scenario_files(tested.env, looks)
     check_learned(tested.checkpoint, tested.env.task)
     policy = policies.load(tested.checkpoint, tested.device)
-    if policies.learns_from(name) == "env":
-        policy.task = tested.env.task
+    policy.task = tested.env.task
     checkpoint = Checkpoint(step=step_of(tested.checkpoint), hash=weights)
     finished = FinishedCells(path, _deciding(tested, protocol, weights, materials))
     if finished.records:
@@ -237,8 +236,8 @@ def _view_of(checkpoint: Path) -> tuple[bool, dict[str, Any]]:
     from policies.checkpoint import policy_type, seen_cameras
 
     sees = bool(seen_cameras(checkpoint))
-    of_env = policies.learns_from(policy_type(checkpoint)) == "env"
-    return sees, {"observation": "pixels" if sees else "full", "actions": "rl" if of_env else "task"}
+    actions = policies.policy_class(policy_type(checkpoint)).actions_of
+    return sees, {"observation": "pixels" if sees else "full", "actions": actions}
 
 
 def command_words() -> list[str]:

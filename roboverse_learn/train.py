@@ -14,7 +14,6 @@ if __name__ == "__main__":  # as a script: this folder's `data` or `run` must no
 import logging
 import os
 import time
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import policies
@@ -24,6 +23,7 @@ from roboverse_learn.config.schema import TrainRunConfig
 if TYPE_CHECKING:
     from roboverse_learn.commands.run_folder import Run
     from roboverse_learn.data.collection.collect import CollectionSummary
+    from roboverse_learn.training.learners import Learner
     from roboverse_learn.training.reporter import TrainResult
 
 log = logging.getLogger(__name__)
@@ -52,22 +52,22 @@ def train(config: TrainRunConfig) -> Any:
     from roboverse_learn.evaluate import command_words, evaluate_checkpoint
     from roboverse_learn.leaderboard import write_leaderboard
     from roboverse_learn.training.device import resolve_device
+    from roboverse_learn.training.learners import learner_of
     from roboverse_learn.training.metrics import check_wandb
-    from roboverse_learn.training.rl.learners import check_learner
 
     device = resolve_device(config.device)
     from_dataset = policies.learns_from(config.policy_name) == "dataset"
     if from_dataset and int(os.environ.get("RANK", "0")) > 0:
         return _train_along(config, device)
     check_installed(config.env)
-    if not from_dataset:
-        check_learner(config)
+    learner = learner_of(config, device)
+    learner.check()
     materials = {"materials": config.env.materials} if from_dataset else {}
     materials["evaluate.materials"] = config.evaluate.materials
     for each in materials.values():
         check_materials(each)
     check_scenario_files(config.env, materials)
-    refuse_long_run(config, device)
+    refuse_long_run(learner)
     if config.train.wandb:
         check_wandb()
     started = time.monotonic()
@@ -75,10 +75,7 @@ def train(config: TrainRunConfig) -> Any:
         log.info("Run: %s", run.folder)
         dataset = _collect(config, run) if from_dataset else None
         with run.stage("train") as facts:
-            if dataset is None:
-                trained = _learn(config, run.folder, device)
-            else:
-                trained = _train(config, run.folder, dataset.root, device)
+            trained = _train(config, run.folder, dataset and dataset.root, device)
             facts.update(steps=trained.steps, stopped_by=trained.stopped_by)
             if trained.loss is not None:  # a run that was complete before has no new one
                 facts.update(loss=trained.loss)
@@ -104,16 +101,17 @@ def train(config: TrainRunConfig) -> Any:
     )
 
 
-def refuse_long_run(config: TrainRunConfig, device: str) -> None:
+def refuse_long_run(learner: "Learner") -> None:
     """Stops a full-size run without a GPU before it has begun.
 
     Raises:
         ConfigError: Training would take longer than :data:`LONG_RUN_S`, and ``slow_ok`` is false.
     """
-    limit = config.train.time_limit_s
-    if device != "cpu" or config.slow_ok or (limit is not None and limit <= LONG_RUN_S):
+    config, limit = learner.config, learner.config.train.time_limit_s
+    if learner.device != "cpu" or config.slow_ok or (limit is not None and limit <= LONG_RUN_S):
         return
-    seconds = _estimate_s(config, device)
+    log.info("Timing policy=%s on this machine.", config.policy_name)
+    seconds = learner.estimate_s()
     if seconds > LONG_RUN_S:
         raise ConfigError(
             f"Training alone will take about {_duration(seconds)} on this machine's CPU. Take a GPU that "
@@ -121,31 +119,6 @@ def refuse_long_run(config: TrainRunConfig, device: str) -> None:
             "slow_ok=true to start all the same."
         )
     log.info("Training will take about %s.", _duration(seconds))
-
-
-def _estimate_s(config: TrainRunConfig, device: str) -> float:
-    """Times this policy on this machine: a gradient step without a dataset, or learning in an env."""
-    from roboverse_learn.collect import dataset_layout
-    from roboverse_learn.training.imitation.estimate import estimate_learning_s, estimate_training_s
-
-    if policies.learns_from(config.policy_name) == "env":
-        log.info("Timing policy=%s on this machine.", config.policy_name)
-        return estimate_learning_s(config, device)
-    features, _, _ = dataset_layout(config)
-    policy = policies.create(config.policy_name, features, plain_stats(features), config.policy, device)
-    return estimate_training_s(policy, config.train)
-
-
-def plain_stats(features: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Returns statistics that normalize nothing, for a policy that no dataset is at hand for."""
-    import numpy as np
-
-    stats = {}
-    for key, feature in features.items():
-        shape = (3, 1, 1) if feature["dtype"] == "video" else tuple(feature["shape"])
-        low, high = np.zeros(shape, np.float32), np.ones(shape, np.float32)
-        stats[key] = {"mean": low, "std": high, "min": low, "max": high}
-    return stats
 
 
 def _collect(config: TrainRunConfig, run: "Run") -> "CollectionSummary":
@@ -158,36 +131,16 @@ def _collect(config: TrainRunConfig, run: "Run") -> "CollectionSummary":
     return dataset
 
 
-def _learn(config: TrainRunConfig, folder: Path, device: str) -> "TrainResult":
-    """Trains on an env, in this process."""
+def _train(config: TrainRunConfig, folder: Path, dataset_root: str | None, device: str) -> "TrainResult":
+    """Trains in this process, on a dataset or in an environment."""
     from roboverse_learn.commands.run_folder import seed_of
-    from roboverse_learn.training.reporter import RichReporter
-    from roboverse_learn.training.rl.learners import learner_of
-
-    learn = learner_of(config.policy_name)
-    reporter = RichReporter()
-    try:
-        return learn(config, folder, device, seed_of(config, "training"), reporter)
-    finally:
-        reporter.close()
-
-
-def _train(config: TrainRunConfig, folder: Path, dataset_root: str, device: str) -> "TrainResult":
-    """Trains on a dataset, in this process."""
-    from roboverse_learn.commands.run_folder import seed_of
-    from roboverse_learn.data.dataset.reader import ResidentDataset
-    from roboverse_learn.training.imitation.train import train as train_policy
+    from roboverse_learn.training.learners import learner_of
     from roboverse_learn.training.reporter import Reporter, RichReporter
 
-    dataset = ResidentDataset(dataset_root, device=device)
-    seed = seed_of(config, "training")
-    policy = policies.create(
-        config.policy_name, dataset.info.features, dataset.info.stats, config.policy, device, seed=seed
-    )
     first = int(os.environ.get("RANK", "0")) == 0
     reporter = RichReporter() if first else Reporter()
     try:
-        return train_policy(policy, dataset, config.train, folder, seed=seed, reporter=reporter)
+        return learner_of(config, device).learn(folder, dataset_root, seed_of(config, "training"), reporter)
     finally:
         if isinstance(reporter, RichReporter):
             reporter.close()

@@ -246,7 +246,7 @@ def _learned_together(checkpoint: Path) -> tuple[str, ...]:
 
 def _check_whole(checkpoint: Path) -> None:
     """Checks that a checkpoint has weights, and that its policy is registered."""
-    from envs.core.errors import PolicyError
+    from envs.core.errors import PolicyError, UnknownNameError
     from policies import config_class
     from policies.checkpoint import WEIGHTS, policy_type
 
@@ -255,7 +255,7 @@ def _check_whole(checkpoint: Path) -> None:
     name = policy_type(checkpoint)
     try:
         config_class(name)
-    except PolicyError as error:
+    except UnknownNameError as error:
         raise PolicyError(f"Checkpoint '{checkpoint}' cannot be evaluated: {error}") from error
 
 

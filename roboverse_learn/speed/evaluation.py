@@ -79,7 +79,7 @@ def _quick_policy() -> tuple[Any, Any]:
     import policies
     from roboverse_learn.collect import dataset_layout
     from roboverse_learn.config.compose import compose
-    from roboverse_learn.train import plain_stats
+    from roboverse_learn.training.imitation.estimate import plain_stats
 
     config = compose("train", ["policy=act", f"task={TASK}", "preset=quick"])
     features, _, _ = dataset_layout(config)

@@ -98,9 +98,10 @@ def measure_throughput(config: PpoConfig, device: str, turns: int, rollouts: int
 def _learning(env: Any, config: PpoConfig) -> Call:
     """Returns one step of PPO on an env, with the update that may be due after it."""
     from policies.ppo.policy import PpoPolicy
+    from roboverse_learn.training.rl.loop import OBSERVATION
     from roboverse_learn.training.rl.ppo import learner
 
-    policy = PpoPolicy(config, {learner.OBSERVATION: env.observation_size}, env.action_size, env.device)
+    policy = PpoPolicy(config, {OBSERVATION: env.observation_size}, env.action_size, env.device)
     algorithm = learner.make_algorithm(policy, env, TrainConfig(lr=3e-4, grad_clip=1.0))
     now = [env.reset(), torch.ones(env.num_envs, dtype=torch.bool, device=env.device)]
     env.stagger()

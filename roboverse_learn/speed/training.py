@@ -169,7 +169,7 @@ def _sides(
 ) -> tuple[Side, Side]:
     """Returns our step and LeRobot's, each with a network and frames of its own, from the same weights."""
     import policies
-    from roboverse_learn.train import plain_stats
+    from roboverse_learn.training.imitation.estimate import plain_stats
 
     norms = {"backbone_norm": "frozen"} if name == "act" else {}  # as LeRobot trains
     config = policies.config_class(name)(**norms, **changes)

@@ -2,16 +2,15 @@
 
 ::
 
-    <run>/checkpoints/005000/pretrained_model/   a LeRobot pretrained folder: the policy
-                            /training_state/     what it takes to go on to the same loss
+    <run>/checkpoints/005000/pretrained_model/   the policy, in its own format
+                            /training_state/     state.json and state.safetensors, to resume from
     <run>/checkpoints/last                       link to the newest
 """
 
-import contextlib
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,43 +22,45 @@ from torch import Tensor
 
 from envs.core.atomic import atomic_directory, partial_path, remove_partial_files, write_errors
 from envs.core.errors import CheckpointError
-from policies.checkpoint import load_weights
-from policies.lerobot_policy import LeRobotPolicy
-from roboverse_learn.training.imitation.ema import Ema
 
 PRETRAINED = "pretrained_model"
 STATE = "training_state"
-_FORMAT = 1
+_TENSORS, _JSON, _FORMAT = "state.safetensors", "state.json", 2
+_ADVICE = (
+    "Go on with the configuration that the run was begun with, "
+    "or begin a new run (another folder, or resume=false)."
+)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TrainState:
-    """Where a run is.
+    """All that a run needs to resume, besides its policy.
 
     Attributes:
-        step: Gradient steps taken.
+        step: Gradient steps taken; environment steps of an agent.
         elapsed_s: Seconds of training.
-        sampler: Position in the order of the frames.
-        settings: Whatever must be the same for the run to go on: another value is an error.
+        settings: What must be the same to resume; another value is an error.
+        numbers: Further state, plain JSON.
+        tensors: Further state in tensors.
     """
 
     step: int
     elapsed_s: float
-    sampler: Mapping[str, int]
     settings: Mapping[str, Any]
+    numbers: Mapping[str, Any]
+    tensors: Mapping[str, Tensor]
 
 
 def save_checkpoint(
-    run_dir: Path,
-    policy: LeRobotPolicy,
-    optimizer: torch.optim.Optimizer,
-    ema: Ema | None,
-    state: TrainState,
+    run_dir: Path, policy: Any, state: TrainState, weights: Mapping[str, Tensor] | None = None
 ) -> Path:
-    """Writes a checkpoint and points ``last`` at it.
+    """Writes a checkpoint and points ``last`` at it; earlier ones keep their policy and lose their state.
 
-    The pretrained folder holds the average of the weights if there is one, else the weights. Earlier
-    checkpoints keep their policy and lose their training state, which is three times as large.
+    Args:
+        run_dir: Folder of the run.
+        policy: The policy.
+        state: What resuming needs.
+        weights: Saved as the policy's weights in place of its own, such as their average.
 
     Returns:
         The pretrained folder.
@@ -69,44 +70,53 @@ def save_checkpoint(
             unchanged.
     """
     directory = run_dir / "checkpoints" / f"{state.step:06d}"
-    with newest(directory) as (pretrained, inner):
-        policy.save(pretrained, weights=None if ema is None else ema.average)
-        moments, groups = _flatten(optimizer.state_dict())
-        save_file(moments, inner / "optimizer.safetensors")
-        if ema is not None:
-            weights = {key: value.detach().cpu().contiguous() for key, value in policy.state_dict().items()}
-            save_file(weights, inner / "weights.safetensors")
-        content = {
-            "format": _FORMAT,
-            "step": state.step,
-            "elapsed_s": state.elapsed_s,
-            "sampler": dict(state.sampler),
-            "ema_updates": None if ema is None else ema.num_updates,
-            "settings": dict(state.settings),
-            "param_groups": groups,
-        }
-        (inner / "state.json").write_text(json.dumps(content, indent=2), encoding="utf-8")
-    return directory / PRETRAINED
-
-
-@contextlib.contextmanager
-def newest(directory: Path) -> Iterator[tuple[Path, Path]]:
-    """Makes a checkpoint, whole or not at all, which ``last`` then leads to; earlier ones lose their state.
-
-    Yields:
-        Where the policy is to be saved, and an empty folder for what it takes to go on.
-
-    Raises:
-        WriteError: if the disk is full or the folder cannot be written.
-    """
     with atomic_directory(directory) as staging:
-        (staging / STATE).mkdir()
-        yield staging / PRETRAINED, staging / STATE
-    with write_errors(directory):
-        point_last_at(directory)
+        policy.save(staging / PRETRAINED, **({} if weights is None else {"weights": weights}))
+        inner = staging / STATE
+        inner.mkdir()
+        tensors = {key: value.detach().cpu().contiguous() for key, value in state.tensors.items()}
+        save_file(tensors, inner / _TENSORS)
+        names = ("step", "elapsed_s", "settings", "numbers")
+        content = {name: getattr(state, name) for name in names}
+        (inner / _JSON).write_text(json.dumps({"format": _FORMAT, **content}, indent=2), encoding="utf-8")
+    last = directory.parent / "last"
+    with write_errors(last):
+        link = partial_path(last)
+        link.symlink_to(directory.name)
+        os.replace(link, last)
     for old in directory.parent.glob(f"[0-9]*/{STATE}"):
         if old.parent.name != directory.name:
             shutil.rmtree(old, ignore_errors=True)
+    return directory / PRETRAINED
+
+
+def load_checkpoint(directory: Path, settings: Mapping[str, Any]) -> TrainState:
+    """Reads the training state of a checkpoint.
+
+    Args:
+        directory: The checkpoint.
+        settings: Settings of this run, which must be those of the checkpoint.
+
+    Raises:
+        CheckpointError: if a file is damaged or the checkpoint is of another configuration.
+    """
+    inner = directory / STATE
+    try:
+        content = json.loads((inner / _JSON).read_text(encoding="utf-8"))
+        if content.pop("format") != _FORMAT:
+            raise ValueError(f"another format than {_FORMAT}")
+        state = TrainState(tensors=load_file(inner / _TENSORS), **content)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, SafetensorError) as error:
+        raise CheckpointError(f"'{inner}' cannot be read ({error}). {_ADVICE}") from error
+    saved, given = state.settings, json.loads(json.dumps(dict(settings)))
+    changed = [
+        f"{key} was {saved.get(key)} and is {given.get(key)}"
+        for key in sorted(saved.keys() | given.keys())
+        if saved.get(key) != given.get(key)
+    ]
+    if changed:
+        raise CheckpointError(f"Cannot resume from '{directory}': {'; '.join(changed)}. {_ADVICE}")
+    return state
 
 
 def remove_leftovers(run_dir: Path) -> None:
@@ -115,134 +125,54 @@ def remove_leftovers(run_dir: Path) -> None:
 
 
 def last_checkpoint(run_dir: Path) -> Path | None:
-    """Returns the newest checkpoint of a run that training can go on from, or None."""
+    """Returns the newest checkpoint of a run that training can resume from, or None."""
     last = run_dir / "checkpoints" / "last"
     if (last / STATE).is_dir():
         return last.resolve()
     # Killed between a checkpoint and its link: the newest folder counts.
-    found = sorted((run_dir / "checkpoints").glob(f"[0-9]*/{STATE}"))
-    return found[-1].parent if found else None
+    found = [path.parent for path in (run_dir / "checkpoints").glob(f"[0-9]*/{STATE}")]
+    return max(found, key=lambda path: int(path.name), default=None)
 
 
 def what_is_kept(run_dir: Path) -> str:
-    """Returns what a run that has to stop leaves to go on from, in a sentence for people."""
+    """Returns what a run that has to stop leaves to resume from, in a sentence for people."""
     if last_checkpoint(run_dir) is None:
         return "No checkpoint had been saved; a smaller train.save_every saves the first sooner."
     return f"The last checkpoint in '{run_dir / 'checkpoints'}' is sound."
 
 
-def load_checkpoint(
-    directory: Path,
-    policy: LeRobotPolicy,
-    optimizer: torch.optim.Optimizer,
-    ema: Ema | None,
-    settings: Mapping[str, Any],
-) -> TrainState:
-    """Brings policy, optimizer and average to where a checkpoint left them.
-
-    Args:
-        directory: The checkpoint.
-        policy: The policy in training, made with the same configuration.
-        optimizer: Its optimizer.
-        ema: Its average, if it has one.
-        settings: Settings of this run, which must be those of the checkpoint.
-
-    Returns:
-        Where the run is.
-
-    Raises:
-        CheckpointError: if a file is damaged or the checkpoint is of another configuration.
-        PolicyError: if the weights do not fit the policy.
-    """
-    inner = directory / STATE
-    content = _read_state(inner / "state.json")
-    saved = content["settings"] | {"ema": content["ema_updates"] is not None}
-    check_same(directory, saved, dict(settings) | {"ema": ema is not None})
-    saved_policy = directory / PRETRAINED / "model.safetensors"
-    raw = saved_policy if ema is None else inner / "weights.safetensors"
-    load_weights(policy.model, _read(raw), raw)
-    _restore(optimizer, _read(inner / "optimizer.safetensors"), content["param_groups"], inner)
-    if ema is not None:
-        average = _read(saved_policy)
-        for key, value in ema.average.items():
-            value.copy_(average[key])
-        ema.num_updates = content["ema_updates"]
-    names = ("step", "elapsed_s", "sampler", "settings")
-    return TrainState(**{name: content[name] for name in names})
-
-
-def _flatten(state: Mapping[str, Any]) -> tuple[dict[str, Tensor], list[dict[str, Any]]]:
-    """Splits an optimizer's state into named tensors and JSON."""
-    tensors = {
-        f"{index}.{name}": torch.as_tensor(value).detach().cpu().contiguous()
-        for index, moments in state["state"].items()
-        for name, value in moments.items()
+def moments(optimizer: torch.optim.Optimizer, prefix: str) -> dict[str, Tensor]:
+    """Returns the moments of an optimizer as named tensors."""
+    return {
+        f"{prefix}.{index}.{name}": torch.as_tensor(value)
+        for index, state in optimizer.state_dict()["state"].items()
+        for name, value in state.items()
     }
-    return tensors, state["param_groups"]
 
 
-def _restore(
-    optimizer: torch.optim.Optimizer, tensors: Mapping[str, Tensor], groups: list[dict[str, Any]], path: Path
-) -> None:
-    """Puts an optimizer back; moments take the memory layout of their parameters, as fused kernels need."""
+def load_moments(optimizer: torch.optim.Optimizer, tensors: Mapping[str, Tensor], prefix: str) -> None:
+    """Restores what :func:`moments` returned; learning rates stay as they are."""
     parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
-    if sum(len(group["params"]) for group in groups) != len(parameters):
-        raise CheckpointError(f"'{path}' is of a model with another number of parameters. {ADVICE}")
     state: dict[int, dict[str, Tensor]] = {}
-    for key, value in tensors.items():
+    for key, value in part(tensors, prefix).items():
         index, _, name = key.partition(".")
-        parameter = parameters[int(index)]
-        like = torch.empty_like(parameter).copy_(value) if value.shape == parameter.shape else value
-        state.setdefault(int(index), {})[name] = like
+        moment = value.clone()
+        if moment.dim() == 4:  # fused kernels need the memory layout of the parameter
+            moment = torch.empty_like(parameters[int(index)]).copy_(value)
+        state.setdefault(int(index), {})[name] = moment
+    groups = optimizer.state_dict()["param_groups"]
     optimizer.load_state_dict({"state": state, "param_groups": groups})
 
 
-ADVICE = (
-    "Go on with the configuration that the run was begun with, "
-    "or begin a new run (another folder, or resume=false)."
-)
+def part(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    """Returns the tensors whose names begin with a prefix, without it."""
+    return {
+        key.removeprefix(f"{prefix}."): value
+        for key, value in tensors.items()
+        if key.startswith(f"{prefix}.")
+    }
 
 
-def check_same(directory: Path, saved: Mapping[str, Any], given: Mapping[str, Any]) -> None:
-    """Refuses to go on with other settings than those that a checkpoint was begun with.
-
-    Raises:
-        CheckpointError: which names all that changed.
-    """
-    given = json.loads(json.dumps(dict(given)))
-    changed = [
-        f"{key} was {saved.get(key)} and is {given.get(key)}"
-        for key in sorted(saved.keys() | given.keys())
-        if saved.get(key) != given.get(key)
-    ]
-    if changed:
-        raise CheckpointError(f"Cannot resume from '{directory}': {'; '.join(changed)}. {ADVICE}")
-
-
-def _read_state(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        version = content["format"]
-        absent = {"step", "elapsed_s", "sampler", "ema_updates", "settings", "param_groups"} - content.keys()
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise CheckpointError(f"'{path}' cannot be read ({error}). {ADVICE}") from error
-    if version != _FORMAT:
-        raise CheckpointError(f"'{path}' has format {version}, valid is {_FORMAT}. {ADVICE}")
-    if absent:
-        raise CheckpointError(f"'{path}' lacks {', '.join(sorted(absent))}. {ADVICE}")
-    return content
-
-
-def _read(path: Path) -> dict[str, Tensor]:
-    try:
-        return load_file(path)
-    except (OSError, SafetensorError) as error:
-        raise CheckpointError(f"'{path}' is absent, truncated or damaged ({error}). {ADVICE}") from error
-
-
-def point_last_at(directory: Path) -> None:
-    """Points the link ``last`` beside a checkpoint at it."""
-    last = directory.parent / "last"
-    link = partial_path(last)
-    link.symlink_to(directory.name)
-    os.replace(link, last)
+def named(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    """Returns tensors under names with a prefix; the inverse of :func:`part`."""
+    return {f"{prefix}.{key}": value for key, value in tensors.items()}

@@ -4,11 +4,15 @@ import contextlib
 import json
 import os
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, MissingExtraError
+
+if TYPE_CHECKING:
+    from roboverse_learn.training.config import TrainConfig
 
 METRICS_FILE = "metrics.jsonl"
 
@@ -156,3 +160,30 @@ def read_metrics(run_dir: Path) -> list[dict[str, float]]:
         except json.JSONDecodeError:
             break
     return rows
+
+
+def open_writers(run_dir: Path, first_step: int, config: "TrainConfig", policy: str) -> list[MetricsWriter]:
+    """Opens every writer that a run asks for.
+
+    Args:
+        run_dir: Folder of the run.
+        first_step: Step that the run starts at; see :class:`JsonlWriter`.
+        config: How the run trains.
+        policy: Name of its policy.
+    """
+    writers: list[MetricsWriter] = [JsonlWriter(run_dir, first_step), TensorBoardWriter(run_dir, first_step)]
+    if config.wandb:
+        writers.append(WandbWriter(run_dir, asdict(config) | {"policy": policy}))
+    return writers
+
+
+def plot_training(run_dir: Path, policy: str) -> Path | None:
+    """Draws the losses of a run to ``losses.png``; returns its path, or None if nothing was logged."""
+    from benchmark.leaderboard.plots import plot_losses
+
+    rows = [row for row in read_metrics(run_dir) if "loss" in row]
+    if not rows:
+        return None
+    path = run_dir / "losses.png"
+    plot_losses(rows, path, title=f"Training of {policy}")
+    return path

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from roboverse_learn.training.config import TrainConfig
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Progress:
@@ -58,6 +60,25 @@ class TrainResult:
     stopped_by: str
     precision: str
     plot: Path | None
+
+
+def seconds_left(
+    config: "TrainConfig", step: int, first_step: int, seconds: float, elapsed_s: float
+) -> float | None:
+    """Estimates how long training still takes; None before the first step.
+
+    Args:
+        config: How the run trains.
+        step: Steps taken, over all resumptions.
+        first_step: Step that this process started at.
+        seconds: Seconds of training of this process.
+        elapsed_s: Seconds of training, over all resumptions.
+    """
+    taken = step - first_step
+    if not taken:
+        return None
+    left = seconds / taken * max(0, config.steps - step)
+    return left if config.time_limit_s is None else max(0.0, min(left, config.time_limit_s - elapsed_s))
 
 
 class Reporter:

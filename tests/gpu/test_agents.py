@@ -13,9 +13,9 @@ from policies.tdmpc2.agent import Tdmpc2Agent
 from policies.tdmpc2.policy import Tdmpc2Policy
 from policies.tdmpc2.update import Updater as Tdmpc2Updater
 from roboverse_learn.config.compose import compose
+from roboverse_learn.training.learners import learner_of
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
-from roboverse_learn.training.rl.learners import learner_of, module_of
 from roboverse_learn.training.rl.loop import Loop
 from tests.gpu.draws import DrawnOnTheCpu
 from tests.gpu.marks import COMPILES
@@ -122,7 +122,7 @@ def test_a_run_on_a_gpu_goes_on_where_it_was_stopped(name, compile, tmp_path):
 
     def run(steps):
         config = configured(name, *WORDS[name], *own, f"steps={steps}", "save_every=100000", "log_every=512")
-        return learner_of(config.policy_name)(config, tmp_path, "cuda", 0, Reporter())
+        return learner_of(config, "cuda").learn(tmp_path, None, 0, Reporter())
 
     assert run(STOP).steps == STOP
     before = read_metrics(tmp_path)[-1]["updates"]
@@ -135,10 +135,10 @@ def test_a_run_on_a_gpu_goes_on_where_it_was_stopped(name, compile, tmp_path):
 
 def first_updates(config, device):
     """Returns the mean terms of the first updates: MuJoCo steps, and the CPU draws the random numbers."""
-    learner = module_of(config.policy_name)
-    with closing(learner.open_env(config, 0, device)) as env, DrawnOnTheCpu():
+    learner = learner_of(config, device)
+    with closing(learner.open_env(0)) as env, DrawnOnTheCpu():
         torch.manual_seed(0)
-        agent = learner.make_agent(config, env, 0, device)
+        agent = learner.make_agent(env, 0)
         assert agent.policy.device.type == device
         loop = Loop(agent, env, config.train, Path(), 0, Reporter())
         loop.begin(None)

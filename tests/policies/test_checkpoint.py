@@ -6,7 +6,7 @@ import pytest
 
 import policies
 from envs.core.atomic import atomic_directory
-from envs.core.errors import PolicyError
+from envs.core.errors import PolicyError, UnknownNameError
 from policies.checkpoint import check_learned
 from tests.policies.examples import make
 
@@ -104,7 +104,7 @@ def test_a_config_without_a_type(broken):
 
 def test_a_policy_that_is_not_registered(broken):
     edit(broken / "config.json", type="smolvla")
-    with pytest.raises(PolicyError, match=r"Unknown policy 'smolvla'.* Valid: act, diffusion"):
+    with pytest.raises(UnknownNameError, match=r"Unknown policy 'smolvla'.* Valid: act, diffusion"):
         policies.load(broken)
 
 

@@ -9,16 +9,15 @@ import torch
 import policies
 from envs.core.errors import PolicyError
 from policies import Policy
-from policies.scripted import SCRIPTED
 from tests.policies.examples import generators, make, observation
 
 LIMITS = (np.full(9, -1.0), np.full(9, 2.0))
 
 
-@pytest.fixture(scope="module", params=[*policies.names("dataset"), *policies.scripted_names()])
+@pytest.fixture(scope="module", params=[*policies.names("dataset"), *policies.names("nothing")])
 def policy(request):
-    if request.param in SCRIPTED:
-        return SCRIPTED[request.param](*LIMITS, n_action_steps=3)
+    if policies.learns_from(request.param) == "nothing":
+        return policies.policy_class(request.param)(*LIMITS, n_action_steps=3)
     return make(request.param)
 
 
@@ -90,7 +89,7 @@ def test_a_config_of_defaults_can_be_made_without_torch(name):
 
 
 def test_random_differs_between_generators_and_stays_within_limits():
-    policy = SCRIPTED["random"](*LIMITS, n_action_steps=50)
+    policy = policies.policy_class("random")(*LIMITS, n_action_steps=50)
     actions = policy.act(observation(policy, 2), generators(2))
     assert not np.array_equal(actions[0], actions[1])
     assert actions.min() >= -1.0 and actions.max() <= 2.0
@@ -98,26 +97,26 @@ def test_random_differs_between_generators_and_stays_within_limits():
 
 
 def test_hold_returns_the_joint_positions():
-    policy = SCRIPTED["hold"](np.full(9, -9.0), np.full(9, 9.0), n_action_steps=2)
+    policy = policies.policy_class("hold")(np.full(9, -9.0), np.full(9, 9.0), n_action_steps=2)
     seen = observation(policy, 2)
     np.testing.assert_array_equal(policy.act(seen)[:, 1], seen["observation.state"])
 
 
 def test_hold_names_the_sizes_that_differ():
-    policy = SCRIPTED["hold"]([-1.0], [1.0])
+    policy = policies.policy_class("hold")([-1.0], [1.0])
     with pytest.raises(PolicyError, match=r"'observation.state' is \(1, 9\), actions are \(1,\)"):
         policy.act(observation(policy, 1))
 
 
 def test_scripted_limits_are_checked():
     with pytest.raises(PolicyError, match="low below high"):
-        SCRIPTED["zero"]([1.0], [0.0])
+        policies.policy_class("zero")([1.0], [0.0])
 
 
 def test_scripted_checkpoint_of_another_rule_is_an_error(tmp_path):
-    SCRIPTED["zero"](*LIMITS).save(tmp_path / "zero")
+    policies.policy_class("zero")(*LIMITS).save(tmp_path / "zero")
     with pytest.raises(PolicyError, match="is of policy 'zero', not of 'hold'"):
-        SCRIPTED["hold"].load(tmp_path / "zero")
+        policies.policy_class("hold").load(tmp_path / "zero")
     (tmp_path / "zero" / "scripted.json").write_text(json.dumps({"type": "zero"}))
     with pytest.raises(PolicyError, match="Write it again"):
-        SCRIPTED["zero"].load(tmp_path / "zero")
+        policies.policy_class("zero").load(tmp_path / "zero")

@@ -4,19 +4,19 @@ import sys
 import pytest
 
 import policies
-from envs.core.errors import PolicyError
+from envs.core.errors import PolicyError, UnknownNameError
 from policies.act.config import ActConfig
 from tests.policies.examples import CONFIGS, FEATURES, stats
 
 
 def test_names():
     assert policies.names() == ["act", "diffusion", "fasttd3", "ppo", "tdmpc2"]
-    assert policies.scripted_names() == ["hold", "random", "zero"]
+    assert policies.names("nothing") == ["hold", "random", "zero"]
 
 
 def test_an_unknown_policy_is_named_with_the_nearest():
     with pytest.raises(
-        PolicyError, match=r"Unknown policy 'difusion'. Did you mean 'diffusion'\? Valid: act, diff"
+        UnknownNameError, match=r"Unknown policy 'difusion'. Did you mean 'diffusion'\? Valid: act, diff"
     ):
         policies.config_class("difusion")
 

@@ -1,10 +1,11 @@
 """How long a training run will take on this machine, measured."""
 
 import time
-from dataclasses import replace
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -13,11 +14,7 @@ from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.device import cpu_threads, resolve_precision
 from roboverse_learn.training.imitation.train import make_optimizer
 from roboverse_learn.training.reporter import Reporter
-from roboverse_learn.training.rl import learners
 from roboverse_learn.training.rl.loop import Loop
-
-if TYPE_CHECKING:
-    from roboverse_learn.config.schema import TrainRunConfig
 
 _LARGEST_TIMED_BATCH = 4
 _LEAST_TIMED_S, _MOST_TIMED_S = 1.0, 20.0
@@ -60,35 +57,28 @@ def estimate_training_s(policy: LeRobotPolicy, config: TrainConfig, num_timed_st
     return _limited(min(seconds[1:]) * config.batch_size / batch_size * config.steps, config)
 
 
-def estimate_learning_s(config: "TrainRunConfig", device: str) -> float:
-    """Times steps and updates of a policy that learns from an env; returns the seconds of the whole run.
+def estimate_learning_s(learner: Any) -> float:
+    """Times steps and updates of an agent; returns the seconds of the whole run.
 
-    They are those of another, smaller agent and env, for which nothing is compiled. The run's random numbers
-    are as if nobody had asked.
+    The run's random numbers do not change.
 
     Args:
-        config: The run; what its policy is timed by, ``brief`` of its learner says.
-        device: ``cpu`` or ``cuda``.
+        learner: An :class:`~roboverse_learn.training.learners.AgentLearner` with ``brief`` settings.
 
     Returns:
-        Seconds, at most the time limit of ``config.train``.
-
-    Raises:
-        RoboVerseError: as :class:`roboverse_learn.training.rl.learners.Learner`.
+        Seconds, at most the time limit of the run.
     """
-    learner = learners.module_of(config.policy_name)
-    config = replace(config, policy=learner.brief(config.policy))
-    with cpu_threads(config.train.num_threads, device), torch.random.fork_rng():
-        env = learner.open_env(config, 0, device)
+    config = learner.config.train
+    with cpu_threads(config.num_threads, learner.device), torch.random.fork_rng():
+        env = learner.open_env(0)
         try:
-            agent = learner.make_agent(config, env, 0, device)
-            loop = Loop(agent, env, config.train, Path(), 0, Reporter())
+            loop = Loop(learner.make_agent(env, 0), env, config, Path(), 0, Reporter())
             loop.begin(None)
             _advance(loop, 0.0)  # the first update is slower than those that follow
             per_step = _advance(loop, _LEAST_TIMED_S)
         finally:
             env.close()
-    return _limited(per_step * config.train.steps, config.train)
+    return _limited(per_step * config.steps, config)
 
 
 def _advance(loop: Loop, least_s: float) -> float:
@@ -117,3 +107,13 @@ def _random_batch(policy: LeRobotPolicy, batch_size: int) -> dict[str, Tensor]:
             *(shape if time_axis else (*shape, 1)), dtype=torch.bool, device=policy.device
         )
     return batch
+
+
+def plain_stats(features: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Returns statistics that normalize nothing, for a policy without a dataset."""
+    stats = {}
+    for key, feature in features.items():
+        shape = (3, 1, 1) if feature["dtype"] == "video" else tuple(feature["shape"])
+        low, high = np.zeros(shape, np.float32), np.ones(shape, np.float32)
+        stats[key] = {"mean": low, "std": high, "min": low, "max": high}
+    return stats

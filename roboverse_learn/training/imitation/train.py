@@ -7,7 +7,6 @@ import logging
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -16,6 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from envs.core.errors import RoboVerseError
+from policies.checkpoint import WEIGHTS, load_weights, read_weights
 from policies.lerobot_policy import LeRobotPolicy
 from policies.objective import Loss
 from roboverse_learn.data.dataset.info import DatasetInfo
@@ -28,14 +28,8 @@ from roboverse_learn.training.imitation.ema import Ema
 from roboverse_learn.training.imitation.fast_objective import NUM_BATCHES, fast_objective
 from roboverse_learn.training.imitation.schedule import learning_rate_factor, progress
 from roboverse_learn.training.interruption import Interruption, signals_noted
-from roboverse_learn.training.metrics import (
-    JsonlWriter,
-    MetricsWriter,
-    TensorBoardWriter,
-    WandbWriter,
-    read_metrics,
-)
-from roboverse_learn.training.reporter import Progress, Reporter, TrainResult
+from roboverse_learn.training.metrics import MetricsWriter, open_writers, plot_training
+from roboverse_learn.training.reporter import Progress, Reporter, TrainResult, seconds_left
 
 logger = logging.getLogger(__name__)
 
@@ -180,7 +174,7 @@ class _Trainer:
         if directory is not None:
             self._load(directory)
         self.run_dir.mkdir(parents=True, exist_ok=True)
-        writers = self._make_writers() if self.is_main else []
+        writers = open_writers(self.run_dir, self.step, self.config, self.policy.name) if self.is_main else []
         self.start = time.perf_counter()
         saved_at = self.step if directory is not None else None
         with signals_noted() as interruption:
@@ -246,15 +240,6 @@ class _Trainer:
             return None
         return Ema(self.policy.state_dict(), self.config.ema_power, self.config.ema_max_decay)
 
-    def _make_writers(self) -> list[MetricsWriter]:
-        writers: list[MetricsWriter] = [
-            JsonlWriter(self.run_dir, self.step),
-            TensorBoardWriter(self.run_dir, self.step),
-        ]
-        if self.config.wandb:
-            writers.append(WandbWriter(self.run_dir, asdict(self.config) | {"policy": self.policy.name}))
-        return writers
-
     def _log(self, writers: list[MetricsWriter]) -> None:
         """Logs the means since the last logged step."""
         if not self.losses:
@@ -286,29 +271,47 @@ class _Trainer:
             "batch_size": self.config.batch_size,
             "seed": self.seed,
             "num_frames": self.sampler.num_frames,
+            "ema": self.ema is not None,
         }
 
     def _load(self, directory: Path) -> None:
-        optimizer = getattr(self.optimizer, "optimizer", self.optimizer)
-        state = checkpoint.load_checkpoint(directory, self.policy, optimizer, self.ema, self._settings())
+        ema = self.ema
+        state = checkpoint.load_checkpoint(directory, self._settings())
+        saved = directory / checkpoint.PRETRAINED / WEIGHTS
+        average = read_weights(saved)
+        weights = average if ema is None else checkpoint.part(state.tensors, "weights")
+        load_weights(self.policy.model, weights, saved)
+        checkpoint.load_moments(self._bare_optimizer(), state.tensors, "optimizer")
+        if ema is not None:
+            for key, value in ema.average.items():
+                value.copy_(average[key])
+            ema.num_updates = state.numbers["ema_updates"]
         self.step = self.first_step = state.step
         self.elapsed_before = state.elapsed_s
-        self.sampler.load_state_dict(dict(state.sampler))
+        self.sampler.load_state_dict(dict(state.numbers["sampler"]))
         logger.info("Going on from step %d of '%s'.", self.step, directory)
 
     def _save(self) -> None:
         self.accelerator.wait_for_everyone()
         if not self.is_main:
             return
+        ema, tensors = self.ema, checkpoint.moments(self._bare_optimizer(), "optimizer")
+        if ema is not None:
+            tensors |= checkpoint.named(self.policy.state_dict(), "weights")
+        updates = None if ema is None else ema.num_updates
         state = checkpoint.TrainState(
             step=self.step,
             elapsed_s=self._elapsed(),
-            sampler=self.sampler.state_dict(),
             settings=self._settings(),
+            numbers={"sampler": self.sampler.state_dict(), "ema_updates": updates},
+            tensors=tensors,
         )
-        optimizer = getattr(self.optimizer, "optimizer", self.optimizer)
-        directory = checkpoint.save_checkpoint(self.run_dir, self.policy, optimizer, self.ema, state)
+        average = None if ema is None else ema.average
+        directory = checkpoint.save_checkpoint(self.run_dir, self.policy, state, weights=average)
         self._report("on_checkpoint", self.step, directory)
+
+    def _bare_optimizer(self) -> torch.optim.Optimizer:
+        return getattr(self.optimizer, "optimizer", self.optimizer)
 
     def _finish(self) -> TrainResult:
         """Leaves the policy as it was saved, and draws the losses."""
@@ -324,20 +327,10 @@ class _Trainer:
             samples_per_s=self._samples_per_s(),
             stopped_by="steps" if done else "time_limit",
             precision=self.precision,
-            plot=self._plot() if self.is_main else None,
+            plot=plot_training(self.run_dir, self.policy.name) if self.is_main else None,
         )
         self._report("on_end", result)
         return result
-
-    def _plot(self) -> Path | None:
-        from benchmark.leaderboard.plots import plot_losses
-
-        rows = read_metrics(self.run_dir)
-        if not rows:
-            return None
-        path = self.run_dir / "losses.png"
-        plot_losses(rows, path, title=f"Training of {self.policy.name}")
-        return path
 
     def _elapsed(self) -> float:
         return self.elapsed_before + time.perf_counter() - self.start
@@ -364,13 +357,7 @@ class _Trainer:
         return taken * self.config.batch_size / seconds if taken else None
 
     def _progress(self) -> Progress:
-        taken = self.step - self.first_step
-        eta = None
-        if taken:
-            seconds = time.perf_counter() - self.start
-            eta = seconds / taken * (self.config.steps - self.step)
-            if self.config.time_limit_s is not None:
-                eta = max(0.0, min(eta, self.config.time_limit_s - self._elapsed()))
+        seconds = time.perf_counter() - self.start
         return Progress(
             step=self.step,
             steps=self.config.steps,
@@ -378,7 +365,7 @@ class _Trainer:
             loss=self.loss,
             samples_per_s=self._samples_per_s(),
             elapsed_s=self._elapsed(),
-            eta_s=eta,
+            eta_s=seconds_left(self.config, self.step, self.first_step, seconds, self._elapsed()),
         )
 
     def _report(self, event: str, *arguments: Any) -> None:

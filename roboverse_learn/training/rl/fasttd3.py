@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any, override
 
 import torch
 from torch import Tensor
@@ -10,14 +10,11 @@ from torch import Tensor
 from policies.fasttd3.config import FastTd3Config
 from policies.fasttd3.policy import FastTd3Policy
 from policies.fasttd3.update import Updater
-from roboverse_learn.training.rl import checkpoint as agent_checkpoint
-from roboverse_learn.training.rl import loop as off_policy
+from roboverse_learn.training import checkpoint
+from roboverse_learn.training.learners import AgentLearner
+from roboverse_learn.training.rl import loop
 from roboverse_learn.training.rl.environment import check_env, make_env
 from roboverse_learn.training.rl.replay_buffer import ReplayBuffer, Transitions
-
-if TYPE_CHECKING:
-    from roboverse_learn.config.schema import TrainRunConfig
-
 
 _TIMED_BATCH, _TIMED_STEPS = 1024, 100
 
@@ -38,9 +35,9 @@ class FastTd3Algorithm:
             policy.actor,
             policy.critics,
             policy.norm,
-            compile=off_policy.wanted(config.compile, device),
-            cuda_graphs=off_policy.wanted(config.cuda_graphs, device),
-            bf16=off_policy.wanted(config.bf16, device),
+            compile=loop.wanted(config.compile, device),
+            cuda_graphs=loop.wanted(config.cuda_graphs, device),
+            bf16=loop.wanted(config.bf16, device),
         )
         size = sum(policy.sizes.values())
         self.buffer = ReplayBuffer(config.buffer_size, num_envs, size, policy.action_size, device)
@@ -88,23 +85,23 @@ class FastTd3Algorithm:
         """Returns all that it takes to go on."""
         updater = self.updater
         numbers: dict[str, Any] = {"updates": updater.updates, "due": self.due}
-        tensors = agent_checkpoint.named(self.policy.state_dict(), "policy")
-        tensors |= agent_checkpoint.named(updater.target.state_dict(), "target")
-        tensors |= agent_checkpoint.moments(updater.critic_optimizer, "critic")
-        tensors |= agent_checkpoint.moments(updater.actor_optimizer, "actor")
+        tensors = checkpoint.named(self.policy.state_dict(), "policy")
+        tensors |= checkpoint.named(updater.target.state_dict(), "target")
+        tensors |= checkpoint.moments(updater.critic_optimizer, "critic")
+        tensors |= checkpoint.moments(updater.actor_optimizer, "actor")
         tensors |= {"std": self.std}
         if self.config.save_replay:
             stored, numbers["replay"] = self.buffer.state()
-            tensors |= agent_checkpoint.named(stored, "replay")
+            tensors |= checkpoint.named(stored, "replay")
         return tensors, numbers
 
     def load(self, tensors: Mapping[str, Tensor], numbers: Mapping[str, Any]) -> None:
         """Takes back what :meth:`state` returned."""
-        updater, part = self.updater, agent_checkpoint.part
+        updater, part = self.updater, checkpoint.part
         self.policy.model.load_state_dict(part(tensors, "policy"))
         updater.target.load_state_dict(part(tensors, "target"))
-        agent_checkpoint.load_moments(updater.critic_optimizer, tensors, "critic")
-        agent_checkpoint.load_moments(updater.actor_optimizer, tensors, "actor")
+        checkpoint.load_moments(updater.critic_optimizer, tensors, "critic")
+        checkpoint.load_moments(updater.actor_optimizer, tensors, "actor")
         self.std.copy_(tensors["std"])
         updater.updates, self.due = numbers["updates"], numbers.get("due", 0)
         if "replay" in numbers:
@@ -113,33 +110,35 @@ class FastTd3Algorithm:
             self.first_steps = max(self.first_steps, min(self.batch_size, self.buffer.length))
 
 
-def check(config: "TrainRunConfig") -> None:
-    """Tells what keeps FastTD3 from learning; see :mod:`roboverse_learn.training.rl.learners`."""
-    check_env(config)
+class FastTd3Learner(AgentLearner):
+    """Trains FastTD3."""
 
+    @override
+    def check(self) -> None:
+        check_env(self.config)
 
-def open_env(config: "TrainRunConfig", seed: int, device: str) -> Any:
-    """Makes the env that FastTD3 learns in."""
-    return make_env(config, config.policy.num_envs, seed, device)
+    @override
+    def open_env(self, seed: int) -> Any:
+        return make_env(self.config, self.config.policy.num_envs, seed, self.device)
 
+    @override
+    def make_agent(self, env: Any, seed: int) -> FastTd3Algorithm:
+        own: FastTd3Config = self.config.policy
+        sizes = {loop.OBSERVATION: env.observation_size}
+        policy = FastTd3Policy.create(own, sizes, env.action_size, self.device, seed)
+        policy.task = self.config.env.task
+        return FastTd3Algorithm(policy, own.num_envs)
 
-def make_agent(config: "TrainRunConfig", env: Any, seed: int, device: str) -> FastTd3Algorithm:
-    """Makes an untrained agent for the env of a run."""
-    own: FastTd3Config = config.policy
-    sizes = {off_policy.OBSERVATION: env.observation_size}
-    policy = FastTd3Policy.create(own, sizes, env.action_size, device, seed)
-    policy.task = config.env.task
-    return FastTd3Algorithm(policy, own.num_envs)
-
-
-def brief(own: FastTd3Config) -> FastTd3Config:
-    """Returns settings to time it by: the same share of the batch and of the environments."""
-    num_envs = max(1, min(own.num_envs, own.num_envs * _TIMED_BATCH // own.batch_size))
-    return replace(
-        own,
-        num_envs=num_envs,
-        batch_size=max(1, own.batch_size * num_envs // own.num_envs),
-        learning_starts=0,
-        buffer_size=num_envs * _TIMED_STEPS,
-        compile=False,
-    )
+    @override
+    @staticmethod
+    def brief(own: FastTd3Config) -> FastTd3Config:
+        """Returns settings with the same ratio of batch size to environments."""
+        num_envs = max(1, min(own.num_envs, own.num_envs * _TIMED_BATCH // own.batch_size))
+        return replace(
+            own,
+            num_envs=num_envs,
+            batch_size=max(1, own.batch_size * num_envs // own.num_envs),
+            learning_starts=0,
+            buffer_size=num_envs * _TIMED_STEPS,
+            compile=False,
+        )

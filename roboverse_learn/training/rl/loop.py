@@ -10,7 +10,6 @@ come between two updates of a step: those that are left are due still, and made 
 import logging
 import time
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -22,16 +21,9 @@ from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.device import cpu_threads
 from roboverse_learn.training.imitation.train import TrainingDivergedError, step_seed
 from roboverse_learn.training.interruption import Interruption, signals_noted
-from roboverse_learn.training.metrics import (
-    JsonlWriter,
-    MetricsWriter,
-    TensorBoardWriter,
-    WandbWriter,
-    read_metrics,
-)
+from roboverse_learn.training.metrics import MetricsWriter, open_writers, plot_training
 from roboverse_learn.training.randomness import random_state, set_random_state
-from roboverse_learn.training.reporter import Progress, Reporter, TrainResult
-from roboverse_learn.training.rl import checkpoint as agent_checkpoint
+from roboverse_learn.training.reporter import Progress, Reporter, TrainResult, seconds_left
 
 logger = logging.getLogger(__name__)
 
@@ -164,7 +156,7 @@ class Loop:
         directory = checkpoint.last_checkpoint(self.run_dir) if resume else None
         self.run_dir.mkdir(parents=True, exist_ok=True)
         self.begin(directory)
-        writers = self._make_writers()
+        writers = open_writers(self.run_dir, self.step, self.config, self.algorithm.policy.name)
         self.start = time.perf_counter()
         saved_at = (self.step, self.updates) if directory is not None else None
         with signals_noted() as interruption:
@@ -221,15 +213,15 @@ class Loop:
             self._seed()
             self._restart_env()
             return
-        state = agent_checkpoint.load_agent(directory, self.settings)
+        state = checkpoint.load_checkpoint(directory, self.settings)
         numbers = state.numbers
-        self.algorithm.load(agent_checkpoint.part(state.tensors, "algorithm"), numbers["algorithm"])
+        self.algorithm.load(checkpoint.part(state.tensors, "algorithm"), numbers["algorithm"])
         self.step = self.first_step = state.step
         self.updates = self.first_update = numbers["updates"]
         self.elapsed_before = state.elapsed_s
         self._seed()
-        self._put_env(agent_checkpoint.part(state.tensors, "env"), state.tensors["first"])
-        set_random_state(agent_checkpoint.part(state.tensors, "random"), self.env)
+        self._put_env(checkpoint.part(state.tensors, "env"), state.tensors["first"])
+        set_random_state(checkpoint.part(state.tensors, "random"), self.env)
         logger.info("Going on from step %d of '%s'.", self.step, directory)
 
     def _seed(self) -> None:
@@ -257,17 +249,17 @@ class Loop:
         random = {} if in_turn else random_state(self.env)
         of_env: Mapping[str, Tensor] = self.env.state_dict() if hasattr(self.env, "state_dict") else {}
         tensors, numbers = self.algorithm.state()
-        state = agent_checkpoint.AgentState(
+        state = checkpoint.TrainState(
             step=self.step,
             elapsed_s=self._elapsed(),
             settings=self.settings,
             numbers={"algorithm": numbers, "updates": self.updates},
-            tensors=agent_checkpoint.named(tensors, "algorithm")
-            | agent_checkpoint.named(of_env, "env")
-            | agent_checkpoint.named(random, "random")
+            tensors=checkpoint.named(tensors, "algorithm")
+            | checkpoint.named(of_env, "env")
+            | checkpoint.named(random, "random")
             | {"first": self.first},
         )
-        directory = agent_checkpoint.save_agent(self.run_dir, self.algorithm.policy, state)
+        directory = checkpoint.save_checkpoint(self.run_dir, self.algorithm.policy, state)
         if in_turn:
             self._seed()
             if of_env:
@@ -318,14 +310,6 @@ class Loop:
             f"{checkpoint.what_is_kept(self.run_dir)}"
         )
 
-    def _make_writers(self) -> list[MetricsWriter]:
-        where = self.run_dir, self.step
-        writers: list[MetricsWriter] = [JsonlWriter(*where), TensorBoardWriter(*where)]
-        if self.config.wandb:
-            settings = asdict(self.config) | {"policy": self.algorithm.policy.name}
-            writers.append(WandbWriter(self.run_dir, settings))
-        return writers
-
     def _finish(self) -> TrainResult:
         result = TrainResult(
             checkpoint=self.run_dir / "checkpoints" / "last" / checkpoint.PRETRAINED,
@@ -335,20 +319,10 @@ class Loop:
             samples_per_s=self._per_s((self.updates - self.first_update) * self.algorithm.batch_size),
             stopped_by="steps" if self._is_done() else "time_limit",
             precision="fp32",
-            plot=self._plot(),
+            plot=plot_training(self.run_dir, self.algorithm.policy.name),
         )
         self.reporter.on_end(result)
         return result
-
-    def _plot(self) -> Path | None:
-        from benchmark.leaderboard.plots import plot_losses
-
-        rows = [row for row in read_metrics(self.run_dir) if "loss" in row]
-        if not rows:
-            return None
-        path = self.run_dir / "losses.png"
-        plot_losses(rows, path, title=f"Training of {self.algorithm.policy.name}")
-        return path
 
     def _is_done(self) -> bool:
         return self.step >= self.config.steps and not self.algorithm.must_learn()
@@ -375,12 +349,7 @@ class Loop:
         return min(fraction, 1.0)
 
     def _progress(self) -> Progress:
-        taken, eta = self.step - self.first_step, None
-        if taken:
-            seconds = time.perf_counter() - self.start
-            eta = seconds / taken * max(0, self.config.steps - self.step)
-            if self.config.time_limit_s is not None:
-                eta = max(0.0, min(eta, self.config.time_limit_s - self._elapsed()))
+        seconds = time.perf_counter() - self.start
         return Progress(
             step=self.step,
             steps=self.config.steps,
@@ -388,7 +357,7 @@ class Loop:
             loss=self.means.get("loss"),
             samples_per_s=self._per_s((self.updates - self.first_update) * self.algorithm.batch_size),
             elapsed_s=self._elapsed(),
-            eta_s=eta,
+            eta_s=seconds_left(self.config, self.step, self.first_step, seconds, self._elapsed()),
             success_rate=None if self.episodes is None else self.episodes.success_rate,
             episode_return=None if self.episodes is None else self.episodes.episode_return,
         )

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any, override
 
 import torch
 from torch import Tensor
@@ -13,8 +13,9 @@ from policies.tdmpc2.layers import PIXELS
 from policies.tdmpc2.policy import TaskSizes, Tdmpc2Policy
 from policies.tdmpc2.update import Sequences, Updater
 from roboverse_learn.data.dataset.schema import IMAGE_PREFIX
-from roboverse_learn.training.rl import checkpoint as agent_checkpoint
-from roboverse_learn.training.rl import loop as off_policy
+from roboverse_learn.training import checkpoint
+from roboverse_learn.training.learners import AgentLearner
+from roboverse_learn.training.rl import loop
 from roboverse_learn.training.rl.environment import (
     check_env,
     check_pictures,
@@ -24,10 +25,6 @@ from roboverse_learn.training.rl.environment import (
 )
 from roboverse_learn.training.rl.frame_buffer import FrameReplay
 from roboverse_learn.training.rl.replay_buffer import ReplayBuffer, Transitions
-
-if TYPE_CHECKING:
-    from roboverse_learn.config.schema import TrainRunConfig
-
 
 _TIMED_ENVS, _TIMED_STEPS = 8, 100
 
@@ -49,8 +46,8 @@ class Tdmpc2Algorithm:
         self.policy, self.config, self.batch_size = policy, config, config.batch_size
         self.num_envs, self.action_size, self.task_ids = num_envs, model.action_size, task_ids
         compiled = {
-            "compile": off_policy.wanted(config.compile, policy.device),
-            "cuda_graphs": off_policy.wanted(config.cuda_graphs, policy.device),
+            "compile": loop.wanted(config.compile, policy.device),
+            "cuda_graphs": loop.wanted(config.cuda_graphs, policy.device),
         }
         self.updater = Updater(config, model, policy.discounts, **compiled)
         discount = policy.discount if task_ids is None else self.updater.discounts[task_ids][:, None]
@@ -110,22 +107,22 @@ class Tdmpc2Algorithm:
         """Returns all that it takes to go on."""
         updater = self.updater
         numbers: dict[str, Any] = {"learning": self.learning, "due": self.due}
-        tensors = agent_checkpoint.named(self.policy.state_dict(), "policy")
-        tensors |= agent_checkpoint.moments(updater.optimizer, "world")
-        tensors |= agent_checkpoint.moments(updater.prior_optimizer, "prior")
+        tensors = checkpoint.named(self.policy.state_dict(), "policy")
+        tensors |= checkpoint.moments(updater.optimizer, "world")
+        tensors |= checkpoint.moments(updater.prior_optimizer, "prior")
         tensors |= {"scale": updater.scale.value, "mean": self.agent.mean}
         if self.config.save_replay:
             stored, where = self.buffer.state()
-            tensors |= agent_checkpoint.named(stored, "replay")
+            tensors |= checkpoint.named(stored, "replay")
             numbers["replay"] = where
         return tensors, numbers
 
     def load(self, tensors: Mapping[str, Tensor], numbers: Mapping[str, Any]) -> None:
         """Takes back what :meth:`state` returned."""
-        updater, part = self.updater, agent_checkpoint.part
+        updater, part = self.updater, checkpoint.part
         self.policy.model.load_state_dict(part(tensors, "policy"))
-        agent_checkpoint.load_moments(updater.optimizer, tensors, "world")
-        agent_checkpoint.load_moments(updater.prior_optimizer, tensors, "prior")
+        checkpoint.load_moments(updater.optimizer, tensors, "world")
+        checkpoint.load_moments(updater.prior_optimizer, tensors, "prior")
         updater.scale.value.copy_(tensors["scale"])
         self.agent.mean.copy_(tensors["mean"])
         self.learning, self.due = numbers["learning"], numbers["due"]
@@ -133,12 +130,49 @@ class Tdmpc2Algorithm:
             self.buffer.load(part(tensors, "replay"), numbers["replay"])
 
 
-def check(config: "TrainRunConfig") -> None:
-    """Tells what keeps TD-MPC2 from learning; see :mod:`roboverse_learn.training.rl.learners`."""
-    if config.policy.observation == "pixels":
-        check_pictures(config, PIXELS)
-    else:
-        check_env(config)
+class Tdmpc2Learner(AgentLearner):
+    """Trains TD-MPC2 from states or images, on one task or several together."""
+
+    @override
+    def check(self) -> None:
+        if self.config.policy.observation == "pixels":
+            check_pictures(self.config, PIXELS)
+        else:
+            check_env(self.config)
+
+    @override
+    def open_env(self, seed: int) -> Any:
+        config, device = self.config, self.device
+        own: Tdmpc2Config = config.policy
+        if own.tasks:
+            return make_multi_task_env(config, own.num_envs, seed, device)
+        if own.observation != "pixels":
+            return make_env(config, own.num_envs, seed, device)
+        seen: dict[str, Any] = {"num_frames": own.num_frames, "image_size": PIXELS}
+        return make_pixel_env(config, own.num_envs, seed, device, **seen)
+
+    @override
+    def make_agent(self, env: Any, seed: int) -> Tdmpc2Algorithm:
+        own: Tdmpc2Config = self.config.policy
+        sizes = {loop.OBSERVATION: env.observation_size}
+        if own.observation == "pixels":
+            sizes = {f"{IMAGE_PREFIX}{camera}": PIXELS for camera in env.camera_names}
+        length, task_ids, several = env.max_episode_steps, None, {}
+        if own.tasks:
+            task_ids = env.task_ids
+            for task, each in env.envs.items():
+                several[task] = TaskSizes(each.observation_size, each.action_size, each.max_episode_steps)
+        policy = Tdmpc2Policy.create(own, sizes, env.action_size, length, self.device, seed, several)
+        policy.task = self.config.env.task
+        return Tdmpc2Algorithm(policy, own.num_envs, length, task_ids)
+
+    @override
+    @staticmethod
+    def brief(own: Tdmpc2Config) -> Tdmpc2Config:
+        """Returns settings with few environments, which each plan as long, and learn at once."""
+        num_envs = min(own.num_envs, max(_TIMED_ENVS, 1 + len(own.tasks)))
+        buffer_size = num_envs * (own.horizon + _TIMED_STEPS)
+        return replace(own, num_envs=num_envs, seed_steps=1, buffer_size=buffer_size, compile=False)
 
 
 def _buffer_of(policy: Tdmpc2Policy, num_envs: int) -> ReplayBuffer | FrameReplay:
@@ -148,37 +182,3 @@ def _buffer_of(policy: Tdmpc2Policy, num_envs: int) -> ReplayBuffer | FrameRepla
         frame = (3 * len(policy.sizes), PIXELS, PIXELS)
         return FrameReplay(config.buffer_size, num_envs, frame, config.num_frames, **kept)
     return ReplayBuffer(config.buffer_size, num_envs, sum(policy.sizes.values()), **kept)
-
-
-def open_env(config: "TrainRunConfig", seed: int, device: str) -> Any:
-    """Makes the env that TD-MPC2 learns in, of states or of pictures, of one task or of several."""
-    own: Tdmpc2Config = config.policy
-    if own.tasks:
-        return make_multi_task_env(config, own.num_envs, seed, device)
-    if own.observation != "pixels":
-        return make_env(config, own.num_envs, seed, device)
-    seen: dict[str, Any] = {"num_frames": own.num_frames, "image_size": PIXELS}
-    return make_pixel_env(config, own.num_envs, seed, device, **seen)
-
-
-def make_agent(config: "TrainRunConfig", env: Any, seed: int, device: str) -> Tdmpc2Algorithm:
-    """Makes an untrained agent for the env of a run."""
-    own: Tdmpc2Config = config.policy
-    sizes = {off_policy.OBSERVATION: env.observation_size}
-    if own.observation == "pixels":
-        sizes = {f"{IMAGE_PREFIX}{camera}": PIXELS for camera in env.camera_names}
-    length, task_ids, several = env.max_episode_steps, None, {}
-    if own.tasks:
-        task_ids = env.task_ids
-        for task, each in env.envs.items():
-            several[task] = TaskSizes(each.observation_size, each.action_size, each.max_episode_steps)
-    policy = Tdmpc2Policy.create(own, sizes, env.action_size, length, device, seed, several)
-    policy.task = config.env.task
-    return Tdmpc2Algorithm(policy, own.num_envs, length, task_ids)
-
-
-def brief(own: Tdmpc2Config) -> Tdmpc2Config:
-    """Returns settings to time it by: few environments, which plan as long each, and learn at once."""
-    num_envs = min(own.num_envs, max(_TIMED_ENVS, 1 + len(own.tasks)))
-    buffer_size = num_envs * (own.horizon + _TIMED_STEPS)
-    return replace(own, num_envs=num_envs, seed_steps=1, buffer_size=buffer_size, compile=False)

@@ -18,6 +18,7 @@ from roboverse_learn.config.compose import compose
 from roboverse_learn.data.collection.collect import CollectionSummary
 from roboverse_learn.evaluate import Evaluation
 from roboverse_learn.training import metrics
+from roboverse_learn.training.learners import Learner
 from roboverse_learn.training.reporter import TrainResult
 
 HOUR = 3600.0
@@ -30,22 +31,31 @@ def printed(renderable: Any) -> str:
     return capture.get()
 
 
+class Timed(Learner):
+    """Training that takes some hours; None where nobody may ask."""
+
+    def __init__(self, hours: float | None, *words: str, device: str = "cpu") -> None:
+        super().__init__(compose("train", words), device)
+        self.hours = hours
+
+    def estimate_s(self) -> float:
+        assert self.hours is not None, "the estimate is not needed"
+        return self.hours * HOUR
+
+
 @pytest.mark.parametrize(("hours", "said"), [(1.1, "66 minutes"), (30, "30 hours"), (480, "20.0 days")])
 def test_a_full_size_run_without_a_gpu_says_how_long_it_takes_and_names_the_preset(
-    hours: float, said: str, monkeypatch: pytest.MonkeyPatch
+    hours: float, said: str
 ) -> None:
-    monkeypatch.setattr(command, "_estimate_s", lambda *_: hours * HOUR)
     with pytest.raises(ConfigError, match=rf"about {said} on this machine.*preset=quick.*slow_ok=true"):
-        command.refuse_long_run(compose("train", []), "cpu")
+        command.refuse_long_run(Timed(hours))
 
 
-def test_a_run_that_is_short_or_wanted_or_on_a_gpu_is_not_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(command, "_estimate_s", lambda *_: 0.5 * HOUR)
-    command.refuse_long_run(compose("train", []), "cpu")
-    monkeypatch.setattr(command, "_estimate_s", lambda *_: pytest.fail("the estimate is not needed"))
-    command.refuse_long_run(compose("train", ["slow_ok=true"]), "cpu")
-    command.refuse_long_run(compose("train", []), "cuda")
-    command.refuse_long_run(compose("train", ["preset=quick"]), "cpu")
+def test_a_run_that_is_short_or_wanted_or_on_a_gpu_is_not_refused() -> None:
+    command.refuse_long_run(Timed(0.5))
+    command.refuse_long_run(Timed(None, "slow_ok=true"))
+    command.refuse_long_run(Timed(None, device="cuda"))
+    command.refuse_long_run(Timed(None, "preset=quick"))
 
 
 def test_a_missing_login_is_told_before_anything_is_written(

@@ -15,9 +15,9 @@ from torch import Tensor, nn
 
 from policies.ppo.network import Actor, perceptron
 from policies.ppo.policy import PpoPolicy
+from roboverse_learn.training import checkpoint
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.imitation.train import TrainingDivergedError
-from roboverse_learn.training.rl import checkpoint as agent_checkpoint
 
 MIN_LR, MAX_LR, LR_FACTOR = 1e-5, 1e-2, 1.5
 """The bounds and the factor of rsl_rl's adaptive learning rate."""
@@ -143,16 +143,16 @@ class PpoAlgorithm(ABC):
 
     def state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
         """Returns all that it takes to go on from an update on."""
-        tensors = agent_checkpoint.named(self.policy.state_dict(), "policy")
-        tensors |= agent_checkpoint.named(self.critic.state_dict(), "critic")
-        tensors |= agent_checkpoint.moments(self.optimizer, "adam")
+        tensors = checkpoint.named(self.policy.state_dict(), "policy")
+        tensors |= checkpoint.named(self.critic.state_dict(), "critic")
+        tensors |= checkpoint.moments(self.optimizer, "adam")
         return tensors, {"lr": self.lr, "updates": self.updates}
 
     def load(self, tensors: Mapping[str, Tensor], numbers: Mapping[str, Any]) -> None:
         """Takes back what :meth:`state` returned."""
-        self.policy.model.load_state_dict(agent_checkpoint.part(tensors, "policy"))
-        self.critic.load_state_dict(agent_checkpoint.part(tensors, "critic"))
-        agent_checkpoint.load_moments(self.optimizer, tensors, "adam")
+        self.policy.model.load_state_dict(checkpoint.part(tensors, "policy"))
+        self.critic.load_state_dict(checkpoint.part(tensors, "critic"))
+        checkpoint.load_moments(self.optimizer, tensors, "adam")
         self.lr, self.updates = numbers["lr"], numbers["updates"]
         for group in self.optimizer.param_groups:
             group["lr"] = self.lr

@@ -5,7 +5,7 @@ import importlib.util
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, override
 
 import torch
 
@@ -13,16 +13,13 @@ from envs.core.errors import MissingExtraError
 from policies.ppo.config import PpoConfig
 from policies.ppo.policy import PpoPolicy
 from roboverse_learn.training.config import TrainConfig
-from roboverse_learn.training.rl import loop as off_policy
+from roboverse_learn.training.learners import AgentLearner
+from roboverse_learn.training.rl import loop
 from roboverse_learn.training.rl.environment import check_env, make_env
 from roboverse_learn.training.rl.ppo.algorithm import PpoAlgorithm
 
 if TYPE_CHECKING:
-    from roboverse_learn.config.schema import TrainRunConfig
     from roboverse_learn.training.reporter import Reporter, TrainResult
-
-OBSERVATION = "observation.environment_state"
-"""The key that holds the whole observation when the policy is evaluated."""
 
 _TIMED_ENVS, _TIMED_STEPS = 128, 8
 _FOLDER = "roboverse_learn.training.rl.ppo"
@@ -31,50 +28,45 @@ _PACKAGES = {"rsl_rl": "rsl_rl", "sb3": "stable_baselines3", "torchrl": "torchrl
 _EXTRAS = {"rsl_rl": "rsl-rl", "sb3": "sb3", "torchrl": "torchrl"}
 
 
-def check(config: "TrainRunConfig") -> None:
-    """Tells what keeps PPO from learning; see :mod:`roboverse_learn.training.rl.learners`."""
-    own: PpoConfig = config.policy
-    check_installed(own.backend)
-    check_env(config, expert_starts=own.expert_starts)
+class PpoLearner(AgentLearner):
+    """Trains PPO."""
 
+    @override
+    def check(self) -> None:
+        own: PpoConfig = self.config.policy
+        check_installed(own.backend)
+        check_env(self.config, expert_starts=own.expert_starts)
 
-def learn(
-    config: "TrainRunConfig", run_dir: Path, device: str, seed: int, reporter: "Reporter"
-) -> "TrainResult":
-    """Trains PPO; see :class:`roboverse_learn.training.rl.learners.Learner`."""
-    env = open_env(config, seed, device)
-    try:
-        return train(config.policy, env, config.train, run_dir, config.env.task, seed=seed, reporter=reporter)
-    finally:
-        env.close()
+    @override
+    def open_env(self, seed: int) -> Any:
+        own: PpoConfig = self.config.policy
+        return make_env(
+            self.config,
+            own.num_envs,
+            seed,
+            self.device,
+            max_episode_steps=own.max_episode_steps,
+            substeps=own.substeps,
+            expert_starts=own.expert_starts,
+        )
 
+    @override
+    def make_agent(self, env: Any, seed: int) -> PpoAlgorithm:
+        return _agent(self.config.policy, env, self.config.train, self.config.env.task, seed)
 
-def open_env(config: "TrainRunConfig", seed: int, device: str) -> Any:
-    """Makes the env that PPO learns in."""
-    own: PpoConfig = config.policy
-    return make_env(
-        config,
-        own.num_envs,
-        seed,
-        device,
-        max_episode_steps=own.max_episode_steps,
-        substeps=own.substeps,
-        expert_starts=own.expert_starts,
-    )
+    @override
+    @staticmethod
+    def brief(own: PpoConfig) -> PpoConfig:
+        """Returns settings with rollouts of few steps of few environments."""
+        if own.num_envs <= _TIMED_ENVS:
+            return replace(own, expert_starts=0.0)
+        # A multiple of the minibatches, which divide a rollout of any number of steps then.
+        num_envs = math.ceil(_TIMED_ENVS / own.num_minibatches) * own.num_minibatches
+        return replace(own, num_envs=num_envs, num_steps=min(own.num_steps, _TIMED_STEPS), expert_starts=0.0)
 
-
-def make_agent(config: "TrainRunConfig", env: Any, seed: int, device: str) -> PpoAlgorithm:
-    """Makes an untrained agent for the env of a run, on the env's device."""
-    return _agent(config.policy, env, config.train, config.env.task, seed)
-
-
-def brief(own: PpoConfig) -> PpoConfig:
-    """Returns settings to time it by: rollouts of few steps of few environments."""
-    if own.num_envs <= _TIMED_ENVS:
-        return replace(own, expert_starts=0.0)
-    # A multiple of the minibatches, which divide a rollout of any number of steps then.
-    num_envs = math.ceil(_TIMED_ENVS / own.num_minibatches) * own.num_minibatches
-    return replace(own, num_envs=num_envs, num_steps=min(own.num_steps, _TIMED_STEPS), expert_starts=0.0)
+    @override
+    def run(self, agent: Any, env: Any, run_dir: Path, seed: int, reporter: "Reporter") -> "TrainResult":
+        return _run(agent, env, self.config.train, run_dir, seed, reporter)
 
 
 def train(
@@ -98,21 +90,22 @@ def train(
         seed: Root of all randomness.
         reporter: Hears of the progress.
     """
-    return off_policy.run(
-        _agent(config, env, train_config, task, seed),
-        env,
-        whole_rollouts(train_config, config.rollout_size),
-        run_dir,
-        seed=seed,
-        reporter=reporter,
-        stagger=config.stagger,
-    )
+    agent = _agent(config, env, train_config, task, seed)
+    return _run(agent, env, train_config, run_dir, seed, reporter)
+
+
+def _run(
+    agent: PpoAlgorithm, env: Any, config: TrainConfig, run_dir: Path, seed: int, reporter: "Reporter | None"
+) -> "TrainResult":
+    own: PpoConfig = agent.config
+    config, stagger = whole_rollouts(config, own.rollout_size), own.stagger
+    return loop.run(agent, env, config, run_dir, seed=seed, reporter=reporter, stagger=stagger)
 
 
 def _agent(config: PpoConfig, env: Any, train_config: TrainConfig, task: str, seed: int) -> PpoAlgorithm:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        policy = PpoPolicy(config, {OBSERVATION: env.observation_size}, env.action_size, env.device)
+        policy = PpoPolicy(config, {loop.OBSERVATION: env.observation_size}, env.action_size, env.device)
         policy.task = task
         return make_algorithm(policy, env, train_config)
 

@@ -15,10 +15,11 @@ from policies.tdmpc2.config import Tdmpc2Config
 from roboverse_learn.config.compose import compose
 from roboverse_learn.train import refuse_long_run, train
 from roboverse_learn.training.imitation import estimate
+from roboverse_learn.training.learners import learner_of
 from roboverse_learn.training.reporter import Reporter
-from roboverse_learn.training.rl import fasttd3, tdmpc2
-from roboverse_learn.training.rl.learners import learner_of
-from roboverse_learn.training.rl.ppo import learner as ppo
+from roboverse_learn.training.rl.fasttd3 import FastTd3Learner
+from roboverse_learn.training.rl.ppo.learner import PpoLearner
+from roboverse_learn.training.rl.tdmpc2 import Tdmpc2Learner
 
 SMALL = {
     "ppo": ("rsl_rl", "policy.num_envs=8 policy.num_steps=4 policy.num_minibatches=2 policy.hidden_dims=[8]"),
@@ -49,7 +50,7 @@ def test_a_long_run_of_an_agent_is_told_before_it_has_a_folder(policy: str, tmp_
 @pytest.mark.parametrize("policy", SMALL)
 def test_a_short_run_of_an_agent_begins(policy: str, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level("INFO"):
-        refuse_long_run(small(policy), "cpu")
+        refuse_long_run(learner_of(small(policy), "cpu"))
     assert f"Timing policy={policy} on this machine." in caplog.messages
     assert caplog.messages[-1] == "Training will take about 1 minutes."
 
@@ -59,9 +60,9 @@ def test_an_agent_learns_the_same_whether_it_was_timed_or_not(policy: str, tmp_p
     config, before = small(policy), _random()
     for name in ("plain", "timed"):
         if name == "timed":
-            estimate.estimate_learning_s(config, "cpu")
+            learner_of(config, "cpu").estimate_s()
             assert _random() == before
-        learner_of(policy)(config, tmp_path / name, "cpu", 3, Reporter())
+        learner_of(config, "cpu").learn(tmp_path / name, None, 3, Reporter())
     plain, timed = (
         tmp_path / name / "checkpoints" / "last" / "pretrained_model" / "model.safetensors"
         for name in ("plain", "timed")
@@ -75,7 +76,7 @@ def _random() -> tuple[Any, ...]:
 
 def test_the_clock_ends_a_run_that_is_estimated_as_longer() -> None:
     config = small("fasttd3", "train.steps=1000000000000", "train.time_limit_s=5000")
-    assert estimate.estimate_learning_s(config, "cpu") == 5000.0
+    assert learner_of(config, "cpu").estimate_s() == 5000.0
 
 
 class Clocked:
@@ -106,15 +107,15 @@ def test_an_update_that_is_far_off_is_not_waited_for(monkeypatch: pytest.MonkeyP
 
 
 def test_large_agents_are_timed_by_small_ones() -> None:
-    timed = fasttd3.brief(FastTd3Config(num_envs=1024, batch_size=32_768))
+    timed = FastTd3Learner.brief(FastTd3Config(num_envs=1024, batch_size=32_768))
     assert (timed.num_envs, timed.batch_size, timed.learning_starts) == (32, 1024, 0)
-    timed = fasttd3.brief(FastTd3Config(num_envs=64, batch_size=1000))
+    timed = FastTd3Learner.brief(FastTd3Config(num_envs=64, batch_size=1000))
     assert (timed.num_envs, timed.batch_size) == (64, 1000)
-    timed = fasttd3.brief(FastTd3Config(num_envs=1, batch_size=32_768))
+    timed = FastTd3Learner.brief(FastTd3Config(num_envs=1, batch_size=32_768))
     assert (timed.num_envs, timed.batch_size) == (1, 32_768)
-    assert tdmpc2.brief(Tdmpc2Config(num_envs=64, update_ratio=0.125)).num_envs == 8
-    timed = ppo.brief(PpoConfig(num_envs=4096, num_steps=9, num_minibatches=9, expert_starts=0.5))
+    assert Tdmpc2Learner.brief(Tdmpc2Config(num_envs=64, update_ratio=0.125)).num_envs == 8
+    timed = PpoLearner.brief(PpoConfig(num_envs=4096, num_steps=9, num_minibatches=9, expert_starts=0.5))
     assert (timed.num_envs, timed.num_steps, timed.num_minibatches) == (135, 8, 9)
     assert timed.expert_starts == 0.0  # whose states take longer to draw than steps to time
     few = PpoConfig(num_envs=5, num_steps=9, num_minibatches=3)
-    assert ppo.brief(few) == few
+    assert PpoLearner.brief(few) == few

@@ -254,13 +254,13 @@ def test_resume_false_begins_anew(five_steps):
     assert list(losses(five_steps)) == [1, 2, 3]
 
 
-@pytest.mark.parametrize("name", ["optimizer.safetensors", "state.json"])
+@pytest.mark.parametrize("name", ["state.safetensors", "state.json"])
 def test_a_damaged_training_state_is_an_error(name, five_steps):
     path = five_steps / "checkpoints" / "last" / "training_state" / name
     content = path.read_bytes()[:20]
     path.unlink()
     path.write_bytes(content)
-    with pytest.raises(CheckpointError, match=rf"{name}' (is absent, truncated|cannot be read)"):
+    with pytest.raises(CheckpointError, match="training_state' cannot be read"):
         train(make("act"), DATA, CONFIG, five_steps)
 
 
@@ -284,7 +284,7 @@ def test_a_run_killed_before_the_link_moved_goes_on_from_the_newest(five_steps):
 def test_state_file_names_its_format(five_steps):
     path = five_steps / "checkpoints" / "last" / "training_state" / "state.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {"format": 9}))
-    with pytest.raises(CheckpointError, match="has format 9, valid is 1"):
+    with pytest.raises(CheckpointError, match="another format than 2"):
         train(make("act"), DATA, CONFIG, five_steps)
 
 

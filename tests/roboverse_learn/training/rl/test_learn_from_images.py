@@ -18,10 +18,10 @@ from roboverse_learn.commands.tested_checkpoint import checkpoint_to_test
 from roboverse_learn.config.compose import compose
 from roboverse_learn.evaluate import evaluate_checkpoint
 from roboverse_learn.training.config import TrainConfig
+from roboverse_learn.training.learners import learner_of
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
 from roboverse_learn.training.rl import loop as off_policy
-from roboverse_learn.training.rl.learners import check_learner, learner_of
 from roboverse_learn.training.rl.tdmpc2 import Tdmpc2Algorithm
 from tests.roboverse_learn.training.point_mass import GOOD_RETURN, RANDOM_RETURN, STEPS, PointMass
 
@@ -35,7 +35,7 @@ WORDS = (
 
 
 def learn(folder, *words):
-    return learner_of("tdmpc2")(compose("train", [*WORDS, *words]), folder, "cpu", 3, Reporter())
+    return learner_of(compose("train", [*WORDS, *words]), "cpu").learn(folder, None, 3, Reporter())
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +132,7 @@ def test_a_task_without_a_camera_is_told_before_anything_is_made(monkeypatch, tm
     scene = replace(Cartpole().scenario, cameras=())
     monkeypatch.setattr(Cartpole, "scenario", property(lambda _: scene))
     with pytest.raises(ConfigError, match=r"'control/cartpole' has no camera.*policy.observation=state"):
-        check_learner(compose("train", [*WORDS, f"run={tmp_path / 'run'}"]))
+        learner_of(compose("train", [*WORDS, f"run={tmp_path / 'run'}"]), "cpu").check()
 
 
 class FilmedPointMass(PointMass):

@@ -12,9 +12,9 @@ from envs.core.errors import ConfigError, PolicyError, RoboVerseError
 from envs.tasks.pick_cube import PickCube
 from roboverse_learn.config.compose import compose
 from roboverse_learn.evaluate import evaluate
+from roboverse_learn.training.learners import learner_of
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
-from roboverse_learn.training.rl.learners import learner_of
 
 WORDS = {
     "fasttd3": (
@@ -48,7 +48,7 @@ def trained(request, tmp_path_factory):
     words += ["simulator=mujoco", "save_every=12", "log_every=12", "train.num_threads=1"]
     config = compose("train", [f"policy={request.param}", "task=PickCube", *words])
     folder = tmp_path_factory.mktemp(request.param)
-    result = learner_of(request.param)(config, folder, "cpu", 3, Reporter())
+    result = learner_of(config, "cpu").learn(folder, None, 3, Reporter())
     return request.param, config, folder, result
 
 
@@ -99,13 +99,13 @@ def test_a_buffer_that_is_too_small_is_an_error(tmp_path):
         "buffer_size=4",
     ]
     with pytest.raises(ConfigError, match=r"policy.buffer_size=4 holds 1 step.*Take 8 at least"):
-        learner_of("fasttd3")(compose("train", words), tmp_path, "cpu", 0, Reporter())
+        learner_of(compose("train", words), "cpu").learn(tmp_path, None, 0, Reporter())
 
 
 def test_a_run_that_is_complete_is_not_run_again(trained):
-    name, config, folder, _ = trained
+    _, config, folder, _ = trained
     rows = read_metrics(folder)
-    again = learner_of(name)(config, folder, "cpu", 3, Reporter())
+    again = learner_of(config, "cpu").learn(folder, None, 3, Reporter())
     assert (again.steps, again.loss) == (24, None)
     assert read_metrics(folder) == rows
 

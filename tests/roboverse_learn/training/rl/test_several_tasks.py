@@ -24,12 +24,12 @@ from roboverse_learn.config.scenario_overrides import control_hz, learned_hz
 from roboverse_learn.data.sources.policy import PolicyEpisodes, find_demonstrator
 from roboverse_learn.train import train as train_command
 from roboverse_learn.training.config import TrainConfig
+from roboverse_learn.training.learners import learner_of
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.rl import loop as off_policy
 from roboverse_learn.training.rl.environment import make_multi_task_env
-from roboverse_learn.training.rl.learners import check_learner
 from roboverse_learn.training.rl.loop import OBSERVATION
-from roboverse_learn.training.rl.tdmpc2 import Tdmpc2Algorithm, brief
+from roboverse_learn.training.rl.tdmpc2 import Tdmpc2Algorithm, Tdmpc2Learner
 from tests.roboverse_learn.training.point_mass import (
     GOOD_RETURN,
     RANDOM_RETURN,
@@ -249,7 +249,7 @@ def test_environments_are_divided_among_the_tasks():
         assert env.reset().shape == (5, max(each.observation_size for each in env.envs.values()))
     finally:
         env.close()
-    timed = brief(Tdmpc2Config(tasks=tuple("abcdefghij"), num_envs=64))
+    timed = Tdmpc2Learner.brief(Tdmpc2Config(tasks=tuple("abcdefghij"), num_envs=64))
     assert timed.num_envs == 11  # one each, though eight would do for one task
 
 
@@ -284,7 +284,7 @@ def test_a_further_task_without_reward_is_told_before_anything_is_made(monkeypat
     monkeypatch.setattr(Ant, "has_reward", False)
     config = compose("train", [*WORDS, f"runs_dir={tmp_path}"])
     with pytest.raises(ConfigError, match=f"Task '{SECOND}' pays no reward, which policy=tdmpc2 learns from"):
-        check_learner(config)
+        learner_of(config, "cpu").check()
 
 
 def test_a_run_of_other_tasks_is_not_gone_on_with(trained, tmp_path):

@@ -114,7 +114,7 @@ def test_a_run_leaves_what_every_run_leaves(tmp_path):
     assert "loss" not in rows[1] and rows[-1]["updates"] == 25 + 15
     assert result.plot is not None and result.plot.is_file() and list((tmp_path / "tensorboard").iterdir())
     states = list((tmp_path / "checkpoints").glob("[0-9]*/training_state"))
-    assert [path.parent.name for path in states] == ["000000320"]
+    assert [path.parent.name for path in states] == ["000320"]
 
 
 def weights(policy):
@@ -237,7 +237,7 @@ def test_a_diverged_run_stops_at_once_and_keeps_its_last_checkpoint(tmp_path):
     with pytest.raises(TrainingDivergedError, match=message):
         train(tmp_path, steps=4000, env=Broken(TINY.num_envs), config=config)
     assert weights(Tdmpc2Policy.load(tmp_path)).isfinite().all()
-    assert [path.name for path in (tmp_path / "checkpoints").glob("[0-9]*")] == ["000000240"]
+    assert [path.name for path in (tmp_path / "checkpoints").glob("[0-9]*")] == ["000240"]
 
 
 def test_a_run_that_diverges_before_its_first_checkpoint_says_that_there_is_none(tmp_path):

@@ -14,6 +14,7 @@ from policies.ppo.policy import PpoPolicy
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.imitation.train import TrainingDivergedError
 from roboverse_learn.training.metrics import read_metrics
+from roboverse_learn.training.rl.loop import OBSERVATION
 from roboverse_learn.training.rl.ppo import learner
 from tests.envs.adapters.chain import GAMMA, Chain
 from tests.roboverse_learn.training.point_mass import PointMass
@@ -48,7 +49,7 @@ def test_a_run_leaves_metrics_curves_and_a_policy_that_acts(backend, tmp_path):
     assert list((tmp_path / "tensorboard").iterdir())
     policy = policies.load(tmp_path)
     assert policy.task == "Reach" and policy.config.backend == backend
-    actions = policy.act({learner.OBSERVATION: torch.randn(3, 4).numpy()})
+    actions = policy.act({OBSERVATION: torch.randn(3, 4).numpy()})
     assert actions.shape == (3, 1, 2) and (abs(actions) <= 1).all()
     assert float(policy.model.norm.count) == 96
     assert not list(tmp_path.rglob("*.pt"))
@@ -104,7 +105,7 @@ def test_a_run_that_diverges_stops_and_keeps_the_last_checkpoint(backend, tmp_pa
         run(backend, tmp_path, env, train=optimization(steps=320))
     policy = policies.load(tmp_path)
     assert all(value.isfinite().all() for value in policy.state_dict().values())
-    assert (tmp_path / "checkpoints" / "last").resolve().name == "000000064"
+    assert (tmp_path / "checkpoints" / "last").resolve().name == "000064"
 
 
 @pytest.mark.parametrize(("backend", "lr"), [("sb3", 1e20), *((name, 1e30) for name in BACKENDS)])
@@ -118,7 +119,7 @@ def test_an_update_that_breaks_the_network_is_told_as_such(backend, lr, tmp_path
 def test_equal_seeds_begin_with_equal_networks(backend):
     def first(name, seed):
         torch.manual_seed(seed)
-        policy = PpoPolicy(config_of(name), {learner.OBSERVATION: 4}, 2)
+        policy = PpoPolicy(config_of(name), {OBSERVATION: 4}, 2)
         learner.make_algorithm(policy, Reach(8), optimization())
         return policy.state_dict()
 
@@ -131,7 +132,7 @@ def estimates(backend: str, env: Chain, lam: float) -> torch.Tensor:
     """Returns (T, N) that a backend estimates with a critic that knows the values."""
     config = config_of(backend, num_envs=4, num_steps=6, num_minibatches=1, gamma=GAMMA, lam=lam)
     torch.manual_seed(0)
-    policy = PpoPolicy(config, {learner.OBSERVATION: 2}, 1)
+    policy = PpoPolicy(config, {OBSERVATION: 2}, 1)
     algorithm = learner.make_algorithm(policy, env, optimization(lr=1e-9))
     values = torch.tensor([1.0, GAMMA]) / (1 - GAMMA**2)
     with torch.no_grad():  # of a constant and what is left over

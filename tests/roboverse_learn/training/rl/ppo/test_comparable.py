@@ -12,6 +12,7 @@ from policies.ppo.config import BACKENDS, PpoConfig
 from policies.ppo.policy import PpoPolicy
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.metrics import read_metrics
+from roboverse_learn.training.rl.loop import OBSERVATION
 from roboverse_learn.training.rl.ppo import learner
 from tests.roboverse_learn.training.rl.ppo.reach import Reach
 
@@ -23,7 +24,7 @@ def first_update(backend: str, **changes) -> dict[str, torch.Tensor]:
     values = EQUAL | {"num_envs": 32, "num_epochs": 1, "num_minibatches": 1} | changes
     env, config = Reach(32), PpoConfig(backend=backend, **values)
     torch.manual_seed(0)
-    policy = PpoPolicy(config, {learner.OBSERVATION: 4}, 2)
+    policy = PpoPolicy(config, {OBSERVATION: 4}, 2)
     algorithm = learner.make_algorithm(policy, env, TrainConfig(lr=1e-3, grad_clip=0.0))
     before = {key: value.clone() for key, value in policy.state_dict().items()}
     observation, first = env.reset(), torch.ones(32, dtype=torch.bool)

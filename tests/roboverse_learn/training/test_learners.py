@@ -1,0 +1,67 @@
+"""How the train command finds what trains a policy."""
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+import policies
+from envs.core.errors import ConfigError, UnknownNameError
+from roboverse_learn import train as command
+from roboverse_learn.config.compose import compose
+from roboverse_learn.training.learners import LEARNERS, AgentLearner, Learner, learner_of
+from roboverse_learn.training.reporter import Reporter
+
+
+class Recorder(Learner):
+    """Returns what it is given."""
+
+    def learn(self, run_dir, dataset, seed, reporter):
+        seen = {"config": self.config, "run_dir": run_dir, "dataset": dataset, "seed": seed}
+        return SimpleNamespace(reporter=reporter, **seen)
+
+
+class Agent(AgentLearner):
+    """A learner that uses one process alone."""
+
+
+@pytest.fixture
+def act_learner(monkeypatch):
+    """Lets another learner, of a package of its own, train ACT."""
+
+    def use(learner: str) -> None:
+        entry = policies.POLICIES.entry("act")
+        changed = replace(entry, target=replace(entry.target, learner=learner))
+        monkeypatch.setitem(policies.POLICIES._entries, "act", changed)
+
+    return use
+
+
+def test_every_trainable_policy_has_a_learner():
+    for name in policies.names():
+        learner = LEARNERS.get(policies.POLICIES.get(name).learner)
+        assert issubclass(learner, AgentLearner) == (policies.learns_from(name) == "env")
+
+
+def test_learner_of_another_package_receives_the_run(act_learner, tmp_path: Path):
+    act_learner(f"{__name__}:Recorder")
+    config = compose("train", ["seed=3"])
+    result = command._train(config, tmp_path, "demos", "cpu")
+    assert (result.run_dir, result.config, result.dataset) == (tmp_path, config, "demos")
+    assert isinstance(result.reporter, Reporter)
+    assert result.seed == command._train(config, tmp_path, "demos", "cpu").seed
+    assert result.seed != command._train(compose("train", ["seed=4"]), tmp_path, "demos", "cpu").seed
+
+
+def test_unknown_learner_is_an_error(act_learner):
+    act_learner("imitate")
+    with pytest.raises(UnknownNameError, match=r"Unknown learner 'imitate'. Did you mean 'imitation'"):
+        learner_of(compose("train", []), "cpu")
+
+
+def test_agents_refuse_several_processes(act_learner, monkeypatch: pytest.MonkeyPatch):
+    act_learner(f"{__name__}:Agent")
+    monkeypatch.setenv("WORLD_SIZE", "2")
+    with pytest.raises(ConfigError, match="policy=act learns in one process; start it without `accelerate"):
+        learner_of(compose("train", []), "cpu")
