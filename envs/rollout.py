@@ -37,6 +37,7 @@ class EpisodeEnv(Protocol):
 
     num_envs: int
     task: Any
+    max_episode_steps: int
     single_action_space: Any
 
     def reset_envs(self, env_ids: np.ndarray, episodes: np.ndarray, /) -> None:
@@ -348,7 +349,7 @@ class _Rollout:
         if self._actor.tail_steps is not None:
             episode.success = episode.solved_at is not None
             return episode.success and episode.length - (episode.solved_at or 0) >= self._actor.tail_steps
-        if not ended and episode.length >= self._env.task.max_episode_steps:
+        if not ended and episode.length >= self._env.max_episode_steps:
             raise SimulatorError(
                 f"Episode {episode.episode} of {self._env.task.name} did not end after {episode.length} "
                 "steps, which is its limit. The environment must report truncation there."

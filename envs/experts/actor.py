@@ -26,7 +26,7 @@ class ExpertActor(Actor):
 
     def __init__(self, env: RoboVerseVectorEnv, planner: Planner | None = None) -> None:
         self._planner = env.task.planner if planner is None else planner
-        self._limit, self._seed = env.task.max_episode_steps, env.protocol_seed
+        self._limit, self._seed = env.max_episode_steps, env.protocol_seed
         self._at_once = env.handler.steps_together
 
     @override

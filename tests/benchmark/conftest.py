@@ -33,6 +33,7 @@ class PointEnv:
     def __init__(self, num_envs=1, *, horizon=24, truncates=True, split_size=50):
         self.num_envs = num_envs
         self.task = SimpleNamespace(name="Reach", max_episode_steps=horizon)
+        self.max_episode_steps = horizon
         self.single_action_space = SimpleNamespace(shape=(JOINTS,))
         self.split_indices = np.arange(100, 100 + split_size)
         self.observed = Counter()

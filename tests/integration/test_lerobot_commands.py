@@ -1,6 +1,5 @@
 """LeRobot both ways: its commands, as they are, on our envs and our policies; our command on its policy."""
 
-import functools
 import json
 import os
 import subprocess
@@ -211,8 +210,8 @@ def test_lerobot_counts_the_successes_that_our_env_reports(
     _, facts = read_raw(main_run.dataset, 0)
     env = EnvSpec(image_size=32).make(2, autoreset_mode="SameStep")
     others = [int(index) for index in env.split_indices if index != facts["episode"]]
-    options = {"episodes": (facts["episode"], others[7])}
-    monkeypatch.setattr(env, "reset", functools.partial(env.reset, options=options))
+    chosen, reset = {"episodes": (facts["episode"], others[7])}, env.reset
+    monkeypatch.setattr(env, "reset", lambda seed=None, options=None: reset(seed=seed, options=chosen))
     try:
         out = rollout(env, Replay(actions), *[lambda value: value] * 4, seeds=[0, 1])
     finally:

@@ -60,8 +60,12 @@ def test_every_backend_leaves_a_result_that_names_it(finished):
     results = {result["config"]["policy"]["backend"]: result for result in results_of(finished)}
     assert sorted(results) == sorted(BACKENDS)
     for result in results.values():
-        assert (result["policy"], result["task"], result["checkpoint"]["step"]) == ("ppo", "PickCube", 48)
-        assert result["image_size"] is None and result["cameras"] == []  # it saw no pictures
+        assert (result["policy"], result["env"]["task"], result["checkpoint"]["step"]) == (
+            "ppo",
+            "PickCube",
+            48,
+        )
+        assert not result["sees_images"]
         assert result["dataset_hash"] is None and result["demonstrations"] is None
         assert [(r["level"], r["split"]) for r in result["records"]] == [(0, "test")] * 2 + [(1, "test")] * 2
         assert all(record["length"] == 3 for record in result["records"])
@@ -110,7 +114,7 @@ def test_a_checkpoint_is_evaluated_in_another_simulator(finished):
     words += ["evaluate.num_envs=1", "videos=0", "device=cpu", f"results_dir={finished}/elsewhere"]
     evaluate(compose("evaluate", words))
     (path,) = (finished / "elsewhere").glob("*/PickCube/ppo/*.json")
-    assert json.loads(path.read_text())["simulator"] == "mujoco_warp"
+    assert json.loads(path.read_text())["env"]["simulator"] == "mujoco_warp"
     board = json.loads((finished / "elsewhere" / "leaderboard.json").read_text())
     (row,) = board["sections"][0]["rows"]
     assert row["label"] == "ppo by rsl_rl, trained in mujoco, drawn by warp"
@@ -121,7 +125,7 @@ def test_it_learns_in_mujoco_warp_and_goes_on_there(tmp_path):
     words = ["simulator=mujoco_warp", "levels=[0]", "splits=[test]", "episodes=1", "evaluate.num_envs=1"]
     run(tmp_path, *words)
     (result,) = results_of(tmp_path)
-    assert (result["simulator"], result["config"]["policy"]["backend"]) == ("mujoco_warp", "rsl_rl")
+    assert (result["env"]["simulator"], result["config"]["policy"]["backend"]) == ("mujoco_warp", "rsl_rl")
 
 
 def test_a_checkpoint_of_another_task_is_refused(finished):
