@@ -197,7 +197,8 @@ def create(
     if (source := learns_from(name)) != "dataset":
         raise PolicyError(
             f"Policy '{name}' learns from {'an env' if source == 'env' else source}, not from a dataset. "
-            f"From a dataset learn: {', '.join(names('dataset'))}."
+            f"Train it with `roboverse train policy={name} task=<name>`. From a dataset learn: "
+            f"{', '.join(names('dataset'))}."
         )
     config = config_class(name)() if config is None else config
     if not isinstance(config, config_class(name)):
