@@ -134,7 +134,7 @@ def test_nothing_but_steps_is_recorded_unless_asked(env, recorded):
 
 
 def test_episode_ends_at_the_limit_of_steps_or_when_the_expert_gives_up(env, episodes, monkeypatch):
-    monkeypatch.setattr(PickCube, "max_episode_steps", 7)
+    monkeypatch.setattr(env, "max_episode_steps", 7)
     (episode,) = expert_episodes(env, episodes[:1])
     assert not episode.success and episode.length == 7
     monkeypatch.setattr(PickCube, "expert", lambda *_: [])
