@@ -137,7 +137,7 @@ def look_at_matrix(pos: np.ndarray, target: np.ndarray, up: Sequence[float] = (0
     """Returns the (3, 3) orientation of a camera at ``pos`` that looks at ``target``.
 
     Columns are the camera's axes: x right, y up, and z backwards, as in MuJoCo and OpenGL. ``up``
-    points up in the picture; a camera that looks along it has x up.
+    points up in the image; a camera that looks along it has x up.
     """
     backward = np.asarray(pos, np.float64) - np.asarray(target, np.float64)
     backward /= np.linalg.norm(backward)

@@ -41,14 +41,14 @@ class Material:
     Attributes:
         name: Its name, unique.
         rgba: Colour and opacity; multiplies the image.
-        picture: Image (H, W, 3) uint8 that texture coordinates refer to, or None.
+        image: Image (H, W, 3) uint8 that texture coordinates refer to, or None.
         roughness: 0 to 1.
         metallic: 0 to 1.
     """
 
     name: str
     rgba: tuple[float, float, float, float]
-    picture: np.ndarray | None = None
+    image: np.ndarray | None = None
     roughness: float = 0.7
     metallic: float = 0.0
 

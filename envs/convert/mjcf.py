@@ -29,13 +29,13 @@ def write_mjcf(loaded: Loaded, folder: Path) -> Path:
         The file.
 
     Raises:
-        ConfigError: if the source has pictures in files, which only a file that is MJCF already has.
+        ConfigError: if the source has images in files, which only a file that is MJCF already has.
     """
     spec = loaded.spec
-    pictures = sorted(texture.file for texture in spec.textures if texture.file)
-    if pictures:
+    images = sorted(texture.file for texture in spec.textures if texture.file)
+    if images:
         raise ConfigError(
-            f"'{loaded.name}' is MJCF already, and its pictures stay where they are: {pictures[0]}."
+            f"'{loaded.name}' is MJCF already, and its images stay where they are: {images[0]}."
         )
     meshes = folder / "meshes"
     meshes.mkdir()

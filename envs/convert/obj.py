@@ -10,7 +10,7 @@ from envs.convert.description import Material, Mesh
 
 
 def write_obj(path: Path, mesh: Mesh, material: Material | None) -> None:
-    """Writes a mesh; with a material, an .mtl and its picture beside it.
+    """Writes a mesh; with a material, an .mtl and its image beside it.
 
     Args:
         path: The .obj file.
@@ -32,20 +32,20 @@ def write_obj(path: Path, mesh: Mesh, material: Material | None) -> None:
 
 
 def write_mtl(path: Path, material: Material) -> None:
-    """Writes a material, and its picture as a PNG file of the same name."""
+    """Writes a material, and its image as a PNG file of the same name."""
     red, green, blue, alpha = material.rgba
     colour = f"{red:g} {green:g} {blue:g}"
     lines = [f"newmtl {material.name.replace(' ', '_')}", f"Kd {colour}", f"Ka {colour}", "Ks 0.1 0.1 0.1"]
     lines += [f"d {alpha:g}", "Ns 20"]
-    if material.picture is not None:
-        write_picture(path.with_suffix(".png"), material.picture)
+    if material.image is not None:
+        write_image(path.with_suffix(".png"), material.image)
         lines.append(f"map_Kd {path.with_suffix('.png').name}")
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def write_picture(path: Path, picture: np.ndarray) -> None:
-    """Writes a picture (H, W, 3) uint8."""
-    Image.fromarray(picture).save(path)
+def write_image(path: Path, image: np.ndarray) -> None:
+    """Writes an image (H, W, 3) uint8."""
+    Image.fromarray(image).save(path)
 
 
 def _rows(kind: str, values: np.ndarray) -> str:

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from envs.convert.description import Material, Mesh, Shape
-from envs.mjcf.geom_colors import picture_of, rgba_of
+from envs.mjcf.geom_colors import image_of, rgba_of
 from envs.rotations import conjugate, rotate
 
 logger = logging.getLogger(__name__)
@@ -109,7 +109,7 @@ class ShapeReader:
         uvs = None
         if (uv := int(model.mesh_texcoordadr[index])) >= 0:
             coordinates = model.mesh_texcoord[uv : uv + int(model.mesh_texcoordnum[index])] * repeat
-            coordinates[:, 1] = 1.0 - coordinates[:, 1]  # MuJoCo's v points down in the picture
+            coordinates[:, 1] = 1.0 - coordinates[:, 1]  # MuJoCo's v points down in the image
             uvs = (coordinates, model.mesh_facetexcoord[faces].copy())
         return Mesh(
             name=_unique(_mesh_name(model, index), self._mesh_names),
@@ -171,16 +171,16 @@ class ShapeReader:
 
     def _material(self, geom: int, mesh: Mesh | None, *, seen: bool) -> Material:
         model, rgba, texture = self._model, self._rgba(geom), self._texture(geom)
-        picture = None
+        image = None
         if texture is not None:
-            picture = picture_of(model, texture)
+            image = image_of(model, texture)
             if not self._can_lie_on(mesh, texture):
                 if seen:
                     self._lose(self._why_not(geom, mesh, texture))
-                mean = picture.reshape(-1, 3).mean(0) / 255.0
-                rgba, picture = (*(np.array(rgba[:3]) * mean).tolist(), rgba[3]), None
+                mean = image.reshape(-1, 3).mean(0) / 255.0
+                rgba, image = (*(np.array(rgba[:3]) * mean).tolist(), rgba[3]), None
         material = int(model.geom_matid[geom])
-        key = (rgba, material if picture is not None else -1)
+        key = (rgba, material if image is not None else -1)
         if key not in self._materials:
             name = model.material(material).name if material >= 0 else "colour"
             rough, metal = 0.7, 0.0
@@ -190,7 +190,7 @@ class ShapeReader:
             self._materials[key] = Material(
                 name=_unique(name or "material", self._material_names),
                 rgba=rgba,
-                picture=picture,
+                image=image,
                 roughness=rough if rough >= 0 else 0.7,
                 metallic=max(metal, 0.0),
             )
@@ -206,7 +206,7 @@ class ShapeReader:
             return f"Material '{name}' has a cube map, which a mesh cannot have: its mean colour is drawn."
         what = f"mesh '{mesh.name}'" if mesh is not None else "a primitive shape"
         return (
-            f"The picture of material '{name}' cannot be aligned on {what}, which has no texture "
+            f"The image of material '{name}' cannot be aligned on {what}, which has no texture "
             "coordinates: its mean colour is drawn."
         )
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from envs.convert.description import Description, Joint, Link, Material, Mesh, Shape
-from envs.convert.obj import write_picture
+from envs.convert.obj import write_image
 from envs.core.errors import MissingExtraError
 from envs.rotations import conjugate, multiply, rotate
 from envs.scenario.units import IDENTITY
@@ -23,7 +23,7 @@ _AXIS_X = np.array([1.0, 0.0, 0.0])
 
 
 def write_usd(description: Description, folder: Path) -> tuple[str, ...]:
-    """Writes ``<name>.usd``, binary, and the pictures of its materials under ``textures/``.
+    """Writes ``<name>.usd``, binary, and the images of its materials under ``textures/``.
 
     Args:
         description: The robot.
@@ -193,22 +193,22 @@ class _Writer:
         surface.CreateInput("opacity", kinds.Float).Set(material.rgba[3])
         colour = surface.CreateInput("diffuseColor", kinds.Color3f)
         colour.Set(Gf.Vec3f(*material.rgba[:3]))
-        if material.picture is not None:
+        if material.image is not None:
             (self.folder / "textures").mkdir(exist_ok=True)
             name = f"textures/{path.rsplit('/', 1)[1]}.png"
-            write_picture(self.folder / name, material.picture)
+            write_image(self.folder / name, material.image)
             reader = shading.Shader.Define(self.stage, f"{path}/coordinates")
             reader.CreateIdAttr("UsdPrimvarReader_float2")
             reader.CreateInput("varname", kinds.String).Set("st")
             found = reader.CreateOutput("result", kinds.Float2)
-            picture = shading.Shader.Define(self.stage, f"{path}/picture")
-            picture.CreateIdAttr("UsdUVTexture")
-            picture.CreateInput("file", kinds.Asset).Set(name)
-            picture.CreateInput("scale", kinds.Float4).Set(Gf.Vec4f(*material.rgba[:3], 1.0))
+            image = shading.Shader.Define(self.stage, f"{path}/image")
+            image.CreateIdAttr("UsdUVTexture")
+            image.CreateInput("file", kinds.Asset).Set(name)
+            image.CreateInput("scale", kinds.Float4).Set(Gf.Vec4f(*material.rgba[:3], 1.0))
             for wrap in ("wrapS", "wrapT"):
-                picture.CreateInput(wrap, kinds.Token).Set("repeat")
-            picture.CreateInput("st", kinds.Float2).ConnectToSource(found)
-            colour.ConnectToSource(picture.CreateOutput("rgb", kinds.Float3))
+                image.CreateInput(wrap, kinds.Token).Set("repeat")
+            image.CreateInput("st", kinds.Float2).ConnectToSource(found)
+            colour.ConnectToSource(image.CreateOutput("rgb", kinds.Float3))
         made.CreateSurfaceOutput().ConnectToSource(surface.CreateOutput("surface", kinds.Token))
         return made
 

@@ -46,7 +46,7 @@ def read(
 
 
 def keep_only(spec: mujoco.MjSpec, body) -> None:
-    """Deletes the file's other bodies, and meshes, materials and pictures that nothing uses any more.
+    """Deletes the file's other bodies, and meshes, materials and images that nothing uses any more.
 
     What is attached to a scene brings all of its file's, used or not.
     """
@@ -61,8 +61,8 @@ def keep_only(spec: mujoco.MjSpec, body) -> None:
     geoms = list(spec.geoms)
     _delete_others(spec, spec.meshes, {geom.meshname for geom in geoms})
     _delete_others(spec, spec.materials, {geom.material for geom in geoms})
-    pictures = {name for material in spec.materials for name in material.textures}
-    _delete_others(spec, spec.textures, pictures)
+    images = {name for material in spec.materials for name in material.textures}
+    _delete_others(spec, spec.textures, images)
 
 
 def _delete_ties_to_others(spec: mujoco.MjSpec, root) -> None:

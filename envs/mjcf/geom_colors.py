@@ -32,7 +32,7 @@ def texture_id(model: mujoco.MjModel, geom: int) -> int:
     return int(model.mat_texid[material, _RGB]) if material >= 0 else -1
 
 
-def picture_of(model: mujoco.MjModel, texture: int) -> np.ndarray:
+def image_of(model: mujoco.MjModel, texture: int) -> np.ndarray:
     """Returns the image of a texture, (H, W, 3) uint8; a grey one has equal channels."""
     height, width = int(model.tex_height[texture]), int(model.tex_width[texture])
     channels, first = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])

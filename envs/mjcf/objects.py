@@ -33,7 +33,7 @@ _FREE = mujoco.mjtJoint.mjJNT_FREE
 
 MAX_TEXTURE_SIZE = 512
 """Pixels along the longer side of an object's texture. A tracer keeps 16 bytes for each, and an object
-that fills a picture of 256 pixels shows no more."""
+that fills an image of 256 pixels shows no more."""
 
 _JOINTS = {"hinge": mujoco.mjtJoint.mjJNT_HINGE, "slide": mujoco.mjtJoint.mjJNT_SLIDE}
 
@@ -127,21 +127,21 @@ def _add_geom(spec, body, geom: GeomCfg, name: str, seen_only: bool) -> None:
         spec.add_mesh(name=name, file=str(resolve(geom.mesh)), scale=geom.size)
         added.meshname = name
     if geom.texture is not None:
-        _add_picture(spec, name, geom.texture)
+        _add_image(spec, name, geom.texture)
         spec.add_material(name=name).textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
         added.material = name
     if seen_only or not geom.collides:
         added.contype = added.conaffinity = 0
 
 
-def _add_picture(spec, name: str, reference: str) -> None:
+def _add_image(spec, name: str, reference: str) -> None:
     path = resolve(reference)
     try:
-        with Image.open(path) as picture:
-            picture.thumbnail((MAX_TEXTURE_SIZE, MAX_TEXTURE_SIZE))
-            pixels = np.asarray(picture.convert("RGB"))
+        with Image.open(path) as image:
+            image.thumbnail((MAX_TEXTURE_SIZE, MAX_TEXTURE_SIZE))
+            pixels = np.asarray(image.convert("RGB"))
     except UnidentifiedImageError:
-        raise ConfigError(f"The texture '{reference}' is not a picture that can be read.") from None
+        raise ConfigError(f"The texture '{reference}' is not an image that can be read.") from None
     texture = spec.add_texture(name=name, type=mujoco.mjtTexture.mjTEXTURE_2D)
     texture.height, texture.width, texture.nchannel = pixels.shape
     texture.data = pixels.tobytes()

@@ -1,4 +1,4 @@
-"""The library of materials: what each surface may be made of, and its pictures.
+"""The library of materials: what each surface may be made of, and its images.
 
 By default every material is computed from its name (:mod:`envs.randomization.procedural`). A folder of
 image files replaces or extends them.
@@ -46,8 +46,8 @@ class MaterialLibrary:
         """Returns the library that a setting names.
 
         Args:
-            materials: A folder of pictures that replace the built-in materials, ``+`` and a folder of
-                pictures that are added to them, or None or ``""`` for the built-in ones.
+            materials: A folder of images that replace the built-in materials, ``+`` and a folder of
+                images that are added to them, or None or ``""`` for the built-in ones.
 
         Raises:
             ConfigError: as :meth:`from_folder`.
@@ -59,17 +59,17 @@ class MaterialLibrary:
 
     @classmethod
     def from_folder(cls, path: str | Path, *, extend: bool = False) -> "MaterialLibrary":
-        """Reads a folder of pictures.
+        """Reads a folder of images.
 
-        Subfolders ``table``, ``wall`` and ``ground`` hold a surface's pictures; a surface without
+        Subfolders ``table``, ``wall`` and ``ground`` hold a surface's images; a surface without
         subfolder keeps its procedural materials. A folder without any of them serves every surface.
 
         Args:
             path: The folder.
-            extend: Keep the procedural materials beside the pictures.
+            extend: Keep the procedural materials beside the images.
 
         Raises:
-            ConfigError: if the folder does not exist, holds no picture, or one cannot be read.
+            ConfigError: if the folder does not exist, holds no image, or one cannot be read.
         """
         folder = Path(path)
         if not folder.is_dir():
@@ -82,7 +82,7 @@ class MaterialLibrary:
             images = _image_names(folder, within) if within.is_dir() else ()
             names[surface] = (*(built_in[surface] if extend or not images else ()), *images)
         if all(names[surface] == built_in[surface] for surface in SURFACES):
-            raise ConfigError(f"The folder of materials '{folder}' holds no picture. {_FOLDER_HELP}")
+            raise ConfigError(f"The folder of materials '{folder}' holds no image. {_FOLDER_HELP}")
         return cls(MappingProxyType(names), folder)
 
     def __reduce__(self) -> tuple:
@@ -90,7 +90,7 @@ class MaterialLibrary:
         return _library, (dict(self.names), self.folder)
 
     def texture(self, name: str, size: int = procedural.NATIVE_SIZE) -> np.ndarray:
-        """Returns a material's picture, read-only (size, size, 3) uint8 sRGB.
+        """Returns a material's image, read-only (size, size, 3) uint8 sRGB.
 
         Raises:
             UnknownNameError: if the library has no such material.
@@ -101,7 +101,7 @@ class MaterialLibrary:
         return _image_texture(self.folder, name, size)
 
     def is_image(self, name: str) -> bool:
-        """Returns whether a material is a file; only a file's name ends as a picture's.
+        """Returns whether a material is a file; only a file's name ends as an image's.
 
         Raises:
             UnknownNameError: if it looks like a file and the library has no such file.
@@ -114,7 +114,7 @@ class MaterialLibrary:
         return True
 
     def size_range_m(self, name: str, surface: str) -> tuple[float, float]:
-        """Returns the range of the side of the square that one copy of the picture covers, m."""
+        """Returns the range of the side of the square that one copy of the image covers, m."""
         if self.is_image(name):
             return _TABLE_SIZE_M if surface == "table" else _ROOM_SIZE_M
         low, high = procedural.parse(name)[0].size_m
@@ -132,7 +132,7 @@ class MaterialLibrary:
 
 
 def _names_a_file(name: str) -> bool:
-    """Returns whether a name ends as a picture's; no path is made of it, for episodes ask this often."""
+    """Returns whether a name ends as an image's; no path is made of it, for episodes ask this often."""
     return name.lower().endswith(IMAGE_SUFFIXES)
 
 
@@ -147,7 +147,7 @@ _FOLDER_HELP = (
 
 
 def _image_names(root: Path, folder: Path) -> tuple[str, ...]:
-    """Returns the paths, inside ``root``, of the folder's pictures, after checking that each opens."""
+    """Returns the paths, inside ``root``, of the folder's images, after checking that each opens."""
     from PIL import Image
 
     names = []
@@ -165,7 +165,7 @@ def _image_names(root: Path, folder: Path) -> tuple[str, ...]:
 
 @functools.lru_cache(maxsize=64)
 def _image_texture(folder: Path, name: str, size: int) -> np.ndarray:
-    """Cuts the middle square out of a picture and scales it."""
+    """Cuts the middle square out of an image and scales it."""
     from PIL import Image, ImageOps
 
     try:
@@ -179,4 +179,4 @@ def _image_texture(folder: Path, name: str, size: int) -> np.ndarray:
 
 
 def _unreadable(path: Path, error: Exception) -> ConfigError:
-    return ConfigError(f"The material '{path}' cannot be read as a picture ({error}). Replace or remove it.")
+    return ConfigError(f"The material '{path}' cannot be read as an image ({error}). Replace or remove it.")

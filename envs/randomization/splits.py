@@ -76,13 +76,13 @@ def load_split(name: str, library: MaterialLibrary | None = None, *, version: st
 
     Args:
         name: ``"train"`` or ``"test"``; there is no way to have both.
-        library: Materials. A folder's pictures are not in the file and go to one side by a hash of
+        library: Materials. A folder's images are not in the file and go to one side by a hash of
             their names.
         version: Version of the split file.
 
     Raises:
         UnknownNameError: if there is no such split or version.
-        ConfigError: if the file is damaged, or a folder has too few pictures to be split.
+        ConfigError: if the file is damaged, or a folder has too few images to be split.
     """
     if name not in SPLITS:
         raise unknown_name("split", str(name), SPLITS, "Name the split that is meant.")
@@ -116,7 +116,7 @@ def _of_library(
 
 
 def split_by_hash(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Divides pictures 90/10 by a hash of each one's file name, so that adding one never moves another.
+    """Divides images 90/10 by a hash of each one's file name, so that adding one never moves another.
 
     Only when a side would be empty, the name whose hash is nearest to the threshold changes sides.
 
@@ -125,8 +125,8 @@ def split_by_hash(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """
     if len(names) < 2:
         raise ConfigError(
-            f"A folder of materials needs at least 2 pictures for each surface, one for training and one "
-            f"for testing; given {len(names)}: {', '.join(names)}. Add pictures, or extend the built-in "
+            f"A folder of materials needs at least 2 images for each surface, one for training and one "
+            f"for testing; given {len(names)}: {', '.join(names)}. Add images, or extend the built-in "
             f"materials."
         )
     rank = {name: hashlib.sha256(f"material {Path(name).name}".encode()).hexdigest() for name in names}

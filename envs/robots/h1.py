@@ -8,7 +8,7 @@ HumanoidBench (Sferrazza et al., RSS 2024, arXiv:2403.10506, MIT) is the referen
 - orientation of the knees' inertias (there not a unit quaternion: 0.177852 for 0.777852);
 - range of the hip's pitch (there ±1.57 rad), damping, armature and dry friction of every joint;
 - the feet's touched shape: HumanoidBench's are 30 cm long and 3 cm wide, Unitree's 24 by 8 cm. Its convex
-  hull is given by 44 corners that stay within 0.8 mm of it; pictures show Unitree's feet;
+  hull is given by 44 corners that stay within 0.8 mm of it; images show Unitree's feet;
 - a body ``base`` of 1.45 kg that carries the pelvis there is left out.
 
 :func:`h1_of` reads HumanoidBench's own folder instead, unchanged.

@@ -184,7 +184,7 @@ class ScenarioCfg:
 
         Args:
             cameras: Names of the cameras, in the order of the observation; none or None is the first.
-            image_size: Height and width of their pictures, pixels; None is each camera's own.
+            image_size: Height and width of their images, pixels; None is each camera's own.
 
         Raises:
             UnknownNameError: if there is no camera of a name.

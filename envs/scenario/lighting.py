@@ -1,7 +1,7 @@
 """What the lighting channel draws from: a distant light and an array of cylinder lamps.
 
 Intensities are relative: a light of intensity 1 that shines straight on a white chalky surface lights it
-to 1.0. The ranges keep the sum of all lights on the table between about 0.3 and 1.1, so that a picture
+to 1.0. The ranges keep the sum of all lights on the table between about 0.3 and 1.1, so that an image
 is neither black nor burnt out with or without a renderer's ambient light.
 """
 

@@ -1,4 +1,4 @@
-"""What changes a scene's pictures and not its physics: cameras, lights and materials."""
+"""What changes a scene's images and not its physics: cameras, lights and materials."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,16 +17,16 @@ class CameraCfg:
     """A pinhole camera.
 
     Attributes:
-        name: Its name; its picture is the observation ``observation.images.<name>``.
+        name: Its name; its image is the observation ``observation.images.<name>``.
         pos: Position in the frame of ``mount``, m.
-        look_at: The point in the middle of the picture, in the same frame, m.
+        look_at: The point in the middle of the image, in the same frame, m.
         fovy_deg: Vertical field of view, degrees.
         width: Pixels.
         height: Pixels.
         mount: Body that carries it, such as ``"franka/gripper/eef"``; None is the world.
         turns: Whether it turns with ``mount``. If not it only goes along, at its distance in world axes when
             the scene is at rest.
-        up: Direction that points up in the picture, in the same frame.
+        up: Direction that points up in the image, in the same frame.
         orbit_pos: Middle of the sphere on which the camera channel places it, m.
         orbit_yaw_rad: Where azimuth 0 of that sphere is, about world z from +x: where the robot faces.
     """
@@ -51,7 +51,7 @@ class CameraCfg:
         if not any(self.up):
             raise ConfigError(f"CameraCfg.up is a direction, given {self.up}.")
         if min(self.width, self.height) < 1:
-            raise ConfigError(f"A picture has pixels; given width {self.width} and height {self.height}.")
+            raise ConfigError(f"An image has pixels; given width {self.width} and height {self.height}.")
         if tuple(self.pos) == tuple(self.look_at):
             raise ConfigError(f"Camera '{self.name}' stands where it looks at: pos=look_at={self.pos}.")
 
@@ -118,7 +118,7 @@ class SurfaceMaterial:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Appearance:
-    """Everything of a scene that changes its pictures and not its physics: one draw of a level.
+    """Everything of a scene that changes its images and not its physics: one draw of a level.
 
     Attributes:
         materials: Surface (of :data:`SURFACES`) to material.

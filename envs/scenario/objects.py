@@ -19,7 +19,7 @@ class GeomCfg:
             length), ``mesh`` (scale along x, y, z).
         size: Sizes of the shape, m.
         mesh: Asset reference of a mesh's file; a mesh that collides is taken for its convex hull.
-        texture: Asset reference of a picture for a mesh with texture coordinates, or None.
+        texture: Asset reference of an image for a mesh with texture coordinates, or None.
         pos: Position in the link, m.
         rot: Orientation in the link, wxyz.
         rgba: Colour and opacity.

@@ -1,7 +1,7 @@
-"""Physics of one simulator with the pictures of another, and which of them a pair of names asks for.
+"""Physics of one simulator with the images of another, and which of them a pair of names asks for.
 
 After MetaSim's hybrid simulation (RoboVerse, arXiv:2504.18904, section 3): every state comes from physics;
-before a picture is drawn, states and looks are put into the simulator that draws.
+before an image is drawn, states and looks are put into the simulator that draws.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ from envs.simulators.base import EnvIds, Handler, TextureSource
 from envs.state import State
 
 MAX_DRAWN_AT_ONCE = 64
-"""Environments of the simulator that draws; more pictures are drawn one portion after the other."""
+"""Environments of the simulator that draws; more images are drawn one portion after the other."""
 
 OF_MODELS = "mujoco"
 """The simulator behind the renderers of :data:`~envs.simulators.RENDERERS`, when physics is another's."""
@@ -40,9 +40,9 @@ def make_handler(
         simulator: Registered simulator: physics.
         scenario: The scene.
         num_envs: Number of environments.
-        renderer: Registered renderer, or a registered simulator whose pictures are wanted.
+        renderer: Registered renderer, or a registered simulator whose images are wanted.
         num_threads: Threads that step and draw; 0 means one per core.
-        textures: Gives the pictures of the named materials.
+        textures: Gives the images of the named materials.
 
     Raises:
         UnknownNameError: if there is no such simulator or renderer.
@@ -72,7 +72,7 @@ def drawing_simulator(simulator: str, renderer: str) -> tuple[str, str | None]:
             "renderer",
             renderer,
             {*RENDERERS, *HANDLERS},
-            f"A simulator's name draws the states of {simulator} with that simulator's pictures.",
+            f"A simulator's name draws the states of {simulator} with that simulator's images.",
         )
     return renderer, next(iter(HANDLERS.get(renderer).own_renderers), None)
 
@@ -124,9 +124,9 @@ class Moments(Sequence["Moments"]):
 
 
 class HybridHandler(Handler):
-    """A simulator whose pictures another one draws.
+    """A simulator whose images another one draws.
 
-    The simulator that draws is launched at the first picture; it never steps.
+    The simulator that draws is launched at the first image; it never steps.
 
     Args:
         scenario: The scene.
@@ -134,11 +134,11 @@ class HybridHandler(Handler):
         simulator: Registered simulator: physics.
         renderer: Registered simulator that draws, or one of the renderers of MuJoCo's models.
         num_threads: Threads that step and draw; 0 means one per core.
-        textures: Gives the pictures of the named materials.
+        textures: Gives the images of the named materials.
 
     Attributes:
         physics: Where states come from.
-        drawing: Where pictures come from.
+        drawing: Where images come from.
     """
 
     def __init__(
@@ -194,7 +194,7 @@ class HybridHandler(Handler):
     ) -> None:
         self.physics.step_towards(targets, num_steps, env_ids)
 
-    # -- pictures -----------------------------------------------------------------------------------
+    # -- images -----------------------------------------------------------------------------------
 
     @override
     def set_appearance(self, appearance: Appearance, env_id: int) -> None:
@@ -238,7 +238,7 @@ class HybridHandler(Handler):
 
     @property
     def _drawing(self) -> Handler:
-        """The simulator that draws, launched at the first picture."""
+        """The simulator that draws, launched at the first image."""
         if self._closed:
             raise SimulatorError("The simulator does not run: nothing can be drawn after close().")
         if not self._draws:

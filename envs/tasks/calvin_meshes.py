@@ -67,11 +67,11 @@ def mesh_table(calvin_dir: str) -> tuple[tuple[GeomCfg, ...], tuple[LinkCfg, ...
         seen = {"mesh": str(meshes / name), "texture": wood if name.startswith("plank") else None}
         base.append(_mesh(**seen, pos=scaled(pos), rot=about_x(np.pi / 2), rgba=rgba, collides=True))
     links = []
-    for part, picture in (("slide", handle), ("drawer", handle), ("button", None), ("switch", None)):
+    for part, image in (("slide", handle), ("drawer", handle), ("button", None), ("switch", None)):
         seen_file = meshes / f"{part}_link.{'STL' if part == 'button' else 'obj'}"
         rgba = (0.08, 0.08, 0.09, 1.0) if part == "button" else (0.62, 0.62, 0.64, 1.0)
         pieces = [seen_file] if part == "button" else _split(meshes / f"{part}_link_vhacd2.obj")
-        geoms = (_seen(seen_file, picture, rgba), *_touched(pieces, _MASSES_KG[part]))
+        geoms = (_seen(seen_file, image, rgba), *_touched(pieces, _MASSES_KG[part]))
         links.append(link(f"base__{part}", geoms))
     return tuple(base), tuple(links)
 

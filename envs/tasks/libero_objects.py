@@ -113,8 +113,8 @@ class Grocery:
         mesh, texture = root.find("asset/mesh"), root.find("asset/texture")
         if mesh is None or texture is None:
             raise ConfigError(f"LIBERO's object '{folder / self.name}.xml' has no mesh or no texture.")
-        visual, picture = folder / mesh.attrib["file"], folder / texture.attrib["file"]
-        is_seen = visual.is_file() and picture.is_file()
+        visual, image = folder / mesh.attrib["file"], folder / texture.attrib["file"]
+        is_seen = visual.is_file() and image.is_file()
         boxes = tuple(
             GeomCfg(
                 shape="box",
@@ -135,7 +135,7 @@ class Grocery:
             shape="mesh",
             size=_numbers(mesh.attrib["scale"]),
             mesh=str(visual),
-            texture=str(picture),
+            texture=str(image),
             rgba=(1.0, 1.0, 1.0, 1.0),
             collides=False,
         )

@@ -27,7 +27,7 @@ TABLETOP_LOOKS = Appearance(
 )
 
 FRONT_CAMERA = CameraCfg(name="front", pos=(1.299, 0.0, 0.75), look_at=(0.0, 0.0, 0.13), fovy_deg=23.0)
-"""The pose az+000-pol60 of the camera channel, at which the whole workspace fills the picture."""
+"""The pose az+000-pol60 of the camera channel, at which the whole workspace fills the image."""
 
 WRIST_CAMERA = CameraCfg(
     name="wrist",

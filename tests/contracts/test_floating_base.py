@@ -131,10 +131,10 @@ def test_the_future_follows_from_the_state_alone(handler):
 def test_it_is_drawn(handler):
     handler.set_states(standing())
     try:
-        pictures = handler.render(None, ("segmentation",))["front"]["segmentation"]
+        images = handler.render(None, ("segmentation",))["front"]["segmentation"]
     except SimulatorError as error:
         pytest.skip(str(error))
-    assert handler.segmentation_names.index("walker") in pictures
+    assert handler.segmentation_names.index("walker") in images
 
 
 def test_what_is_felt_touches_or_does_not(handler):

@@ -14,11 +14,11 @@ from envs.tasks.pick_cube import PickCube
 
 NUM_ENVS = 4
 PAIRS = [f"mujoco+{name}" for name in HANDLERS if name != "mujoco"]
-"""Physics that is exact, with the pictures of every other simulator."""
+"""Physics that is exact, with the images of every other simulator."""
 
 
 def make(name, scenario, num_envs):
-    """A simulator, or physics of one and pictures of another: ``mujoco+sapien``."""
+    """A simulator, or physics of one and images of another: ``mujoco+sapien``."""
     physics, _, drawing = name.partition("+")
     try:
         if drawing:
@@ -207,20 +207,20 @@ def test_unknown_names_are_refused(handler):
         handler.render(["front"], ["colour"])
 
 
-def test_pictures_have_the_right_shape_and_show_the_scene(handler):
+def test_images_have_the_right_shape_and_show_the_scene(handler):
     handler.set_states(PickCube().initial_state([np.random.default_rng(i) for i in range(NUM_ENVS)]))
     try:
-        pictures = handler.render(None, ("rgb", "depth", "segmentation"), [0, 2])["front"]
+        images = handler.render(None, ("rgb", "depth", "segmentation"), [0, 2])["front"]
     except SimulatorError as error:
         pytest.skip(str(error))
-    assert pictures["rgb"].shape == (2, 32, 32, 3)
-    assert pictures["rgb"].dtype == np.uint8
-    assert pictures["depth"].dtype == np.float32
+    assert images["rgb"].shape == (2, 32, 32, 3)
+    assert images["rgb"].dtype == np.uint8
+    assert images["depth"].dtype == np.float32
     names = handler.segmentation_names
-    seen = {names[i] for i in np.unique(pictures["segmentation"]) if i >= 0}
+    seen = {names[i] for i in np.unique(images["segmentation"]) if i >= 0}
     assert {"franka", "table"} <= seen
     distance = np.linalg.norm(np.subtract(handler.scenario.cameras[0].pos, (0, 0, 0.12)))
-    assert 0.5 * distance < np.median(pictures["depth"]) < 2.0 * distance
+    assert 0.5 * distance < np.median(images["depth"]) < 2.0 * distance
 
 
 def test_closing_twice_is_harmless(name, handler):

@@ -111,7 +111,7 @@ def test_a_thousand_launches_leave_nothing_behind(name):
 
 
 @pytest.mark.long
-def test_pictures_leave_nothing_behind(name):
+def test_images_leave_nothing_behind(name):
     try:
         assert_nothing_stays(name, 2 * FEW, draw=True)
     except SimulatorError as error:  # nothing to draw with

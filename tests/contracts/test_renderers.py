@@ -20,7 +20,7 @@ from envs.tasks.tabletop import TABLETOP_LOOKS
 ALL = ("top", "slant", "high")
 MODALITIES = ("rgb", "depth", "segmentation")
 EXACT = ("warp", "gl", "pybullet", "newton")
-"""Renderers whose pictures depend on the job alone, to the bit."""
+"""Renderers whose images depend on the job alone, to the bit."""
 
 DITHER = 0.8
 """Filament adds noise below one grey level: the mean difference that is no difference."""
@@ -50,7 +50,7 @@ BASE = TABLETOP_LOOKS
 LAMP = LightCfg(kind="area", pos=(0.0, 0.5, 2.5), intensity=0.6)
 
 
-def pictures_of(name, size):
+def images_of(name, size):
     """An 8 by 8 checker; anything else is plain red."""
     if name == "checker":
         squares = (np.indices((size, size)) // (size // 8)).sum(0) % 2
@@ -65,7 +65,7 @@ def model():
 
 @pytest.fixture(scope="module")
 def warp(model):
-    renderer = RENDERERS.get("warp")(model, SCENARIO, textures=pictures_of, num_threads=1)
+    renderer = RENDERERS.get("warp")(model, SCENARIO, textures=images_of, num_threads=1)
     yield renderer
     renderer.close()
 
@@ -76,7 +76,7 @@ def renderer(request, model, warp):
         yield warp
         return
     try:
-        renderer = RENDERERS.get(request.param)(model, SCENARIO, textures=pictures_of, num_threads=1)
+        renderer = RENDERERS.get(request.param)(model, SCENARIO, textures=images_of, num_threads=1)
     except (MissingExtraError, SimulatorError) as error:
         pytest.skip(str(error))
     yield renderer
@@ -125,10 +125,10 @@ def with_material(surface, **changes):
     return dataclasses.replace(BASE, materials={**BASE.materials, surface: material})
 
 
-def middle(picture):
+def middle(image):
     """Mean of the four pixels round the optical axis."""
-    height, width = picture.shape[:2]
-    return picture[height // 2 - 1 : height // 2 + 1, width // 2 - 1 : width // 2 + 1].mean(axis=(0, 1))
+    height, width = image.shape[:2]
+    return image[height // 2 - 1 : height // 2 + 1, width // 2 - 1 : width // 2 + 1].mean(axis=(0, 1))
 
 
 def same(a, b):
@@ -136,7 +136,7 @@ def same(a, b):
 
 
 def difference(a, b, camera="top"):
-    """Mean absolute difference of two colour pictures, grey levels."""
+    """Mean absolute difference of two colour images, grey levels."""
     return np.abs(a[camera]["rgb"].astype(float) - b[camera]["rgb"]).mean()
 
 
@@ -145,18 +145,18 @@ def test_shapes_and_types(renderer, job):
     assert list(out) == list(ALL)
     for camera in SCENARIO.cameras:
         size = (2, camera.height, camera.width)
-        pictures = out[camera.name]
-        assert list(pictures) == list(MODALITIES)
-        assert (pictures["rgb"].shape, pictures["rgb"].dtype) == ((*size, 3), np.uint8)
-        assert (pictures["depth"].shape, pictures["depth"].dtype) == (size, np.float32)
-        assert (pictures["segmentation"].shape, pictures["segmentation"].dtype) == (size, np.int32)
-        assert np.isfinite(pictures["depth"]).all()
-        assert (pictures["depth"] >= 0.0).all()
-        assert pictures["segmentation"].min() >= -1
-        assert pictures["segmentation"].max() < len(renderer.segmentation_names)
+        images = out[camera.name]
+        assert list(images) == list(MODALITIES)
+        assert (images["rgb"].shape, images["rgb"].dtype) == ((*size, 3), np.uint8)
+        assert (images["depth"].shape, images["depth"].dtype) == (size, np.float32)
+        assert (images["segmentation"].shape, images["segmentation"].dtype) == (size, np.int32)
+        assert np.isfinite(images["depth"]).all()
+        assert (images["depth"] >= 0.0).all()
+        assert images["segmentation"].min() >= -1
+        assert images["segmentation"].max() < len(renderer.segmentation_names)
 
 
-def test_nothing_to_draw_gives_no_picture(renderer):
+def test_nothing_to_draw_gives_no_image(renderer):
     out = draw(renderer)
     assert out["top"]["rgb"].shape == (0, TOP_SIZE[1], TOP_SIZE[0], 3)
 
@@ -173,7 +173,7 @@ def test_names_are_those_of_the_scene(renderer):
     assert renderer.segmentation_names == ("franka", "cube", "goal", "table", "wall", "ground", "furniture")
 
 
-def test_the_same_job_gives_the_same_picture(renderer, job):
+def test_the_same_job_gives_the_same_image(renderer, job):
     first, second = draw(renderer, job()), draw(renderer, job())
     if name_of(renderer) in EXACT:
         assert same(first, second)
@@ -188,10 +188,10 @@ def test_results_are_in_the_order_of_the_jobs(renderer, job):
     forward, backward = draw(renderer, here, there, here), draw(renderer, there, here)
     for camera in ALL:
         for kind in ("depth", "segmentation"):
-            pictures = forward[camera][kind]
-            np.testing.assert_array_equal(pictures[0], pictures[2])
-            np.testing.assert_array_equal(pictures[0], backward[camera][kind][1])
-            np.testing.assert_array_equal(pictures[1], backward[camera][kind][0])
+            images = forward[camera][kind]
+            np.testing.assert_array_equal(images[0], images[2])
+            np.testing.assert_array_equal(images[0], backward[camera][kind][1])
+            np.testing.assert_array_equal(images[1], backward[camera][kind][0])
     assert (
         difference({"top": {"rgb": forward["top"]["rgb"][0]}}, {"top": {"rgb": forward["top"]["rgb"][1]}}) > 5
     )
@@ -211,10 +211,10 @@ def test_depth_in_the_middle_of_a_slanting_view_is_the_distance(renderer, job):
 
 def test_the_cube_has_its_size_and_height(renderer, job):
     """4 cm at 1.16 m, through a lens of 64 / (2 tan 10°) = 181.5 pixels: 6.26 pixels wide."""
-    pictures = draw(renderer, job(cube_at=(*PLACE, 0.02)))["top"]
-    cube = pictures["segmentation"][0] == renderer.segmentation_names.index("cube")
+    images = draw(renderer, job(cube_at=(*PLACE, 0.02)))["top"]
+    cube = images["segmentation"][0] == renderer.segmentation_names.index("cube")
     assert middle(cube) == 1.0
-    np.testing.assert_allclose(pictures["depth"][0][cube], TOP_HEIGHT_M - 0.04, atol=3e-3)
+    np.testing.assert_allclose(images["depth"][0][cube], TOP_HEIGHT_M - 0.04, atol=3e-3)
     assert 25 <= cube.sum() <= 56
     rows, columns = np.nonzero(cube)
     assert np.ptp(rows) + 1 in (6, 7)
@@ -222,10 +222,10 @@ def test_the_cube_has_its_size_and_height(renderer, job):
 
 
 def test_the_cube_is_red_and_the_marker_green(renderer, job):
-    pictures = draw(renderer, job())
+    images = draw(renderer, job())
     for name, channel in (("cube", 0), ("goal", 1)):
-        mask = pictures["high"]["segmentation"][0] == renderer.segmentation_names.index(name)
-        colour = pictures["high"]["rgb"][0][mask].mean(axis=0)
+        mask = images["high"]["segmentation"][0] == renderer.segmentation_names.index(name)
+        colour = images["high"]["rgb"][0][mask].mean(axis=0)
         assert mask.any()
         assert colour[channel] > 1.2 * np.delete(colour, channel).max()
 
@@ -293,10 +293,10 @@ def test_a_camera_that_is_moved_sees_from_there(renderer, job):
     assert middle(out["slant"]["depth"][0]) == pytest.approx(math.dist(slant.pos, slant.look_at), abs=5e-3)
 
 
-def corners_of_the_table(renderer, pictures):
+def corners_of_the_table(renderer, images):
     """Shares of table where only the straight table reaches, and where only one turned by 45° does."""
     table = renderer.segmentation_names.index("table")
-    segmentation = pictures["high"]["segmentation"][0]
+    segmentation = images["high"]["segmentation"][0]
     pixels_per_metre = 32 / (2.5 * math.tan(math.radians(30.0)))
     corner, side = round(0.73 * pixels_per_metre), round(0.98 * pixels_per_metre)
     corners = [segmentation[32 + sy * corner, 32 + sx * corner] for sx in (-1, 1) for sy in (-1, 1)]
@@ -314,19 +314,19 @@ def test_the_table_turns_and_its_collision_box_is_never_seen(renderer, job):
 
 
 def crossings(renderer, job, size_m):
-    """How often a row and a column of the top picture change between dark and bright."""
+    """How often a row and a column of the top image change between dark and bright."""
     looks = with_material("table", texture="checker", rgb=(1.0, 1.0, 1.0), size_m=size_m, specular=0.0)
-    picture = draw(renderer, job(looks))["top"]["rgb"][0].mean(axis=-1)
-    dark, bright = np.percentile(picture, (10, 90))
+    image = draw(renderer, job(looks))["top"]["rgb"][0].mean(axis=-1)
+    dark, bright = np.percentile(image, (10, 90))
     assert bright - dark > 60
-    binary = picture > (dark + bright) / 2
+    binary = image > (dark + bright) / 2
     assert 0.25 < binary.mean() < 0.75
     row, column = (np.abs(np.diff(line.astype(int))).sum() for line in (binary[20], binary[:, 20]))
     return row, column
 
 
 def test_a_checker_has_squares_of_the_right_size(renderer, job):
-    """The view is 0.42 m high and 0.63 m wide; a picture of 0.8 m has squares of 0.1 m."""
+    """The view is 0.42 m high and 0.63 m wide; an image of 0.8 m has squares of 0.1 m."""
     row, column = crossings(renderer, job, 0.8)
     assert row in (5, 6, 7)
     assert column in (3, 4, 5)
@@ -352,5 +352,5 @@ def test_not_shown_is_honest(renderer, job, quality):
 
 def test_a_missing_material_is_plain(renderer, job):
     bare = dataclasses.replace(BASE, materials={"table": SurfaceMaterial(rgb=(0.2, 0.9, 0.2))})
-    picture = draw(renderer, job(bare))["top"]["rgb"][0].reshape(-1, 3).mean(axis=0)
-    assert picture[1] > 1.5 * max(picture[0], picture[2])
+    image = draw(renderer, job(bare))["top"]["rgb"][0].reshape(-1, 3).mean(axis=0)
+    assert image[1] > 1.5 * max(image[0], image[2])

@@ -49,7 +49,7 @@ def test_the_state_counts_to_the_last_bit():
     assert episode_digest(state(np.nextafter(0.1, 1.0)), LOOK) != episode_digest(state(), LOOK)
 
 
-def test_the_size_of_a_picture_is_no_part_of_an_episode():
+def test_the_size_of_an_image_is_no_part_of_an_episode():
     larger = dataclasses.replace(CAMERA, width=64, height=32)
     look = dataclasses.replace(LOOK, cameras={"front": larger})
     assert episode_digest(state(), look) == episode_digest(state(), LOOK)

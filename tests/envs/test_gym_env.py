@@ -27,7 +27,7 @@ def hold(env):
 
 @pytest.mark.filterwarnings("ignore:.*symmetric and normalized space:UserWarning")
 @pytest.mark.parametrize("level", [0, 3])
-def test_gymnasium_accepts_pictures_and_rendering(level):
+def test_gymnasium_accepts_images_and_rendering(level):
     single = gymnasium.make(gym_id("PickCube"), level=level, image_size=32)
     check_env(single.unwrapped)
     single.close()
@@ -70,7 +70,7 @@ def test_a_step_gives_plain_numbers(env):
     assert env.observation_space.contains(observation)
 
 
-def test_pictures_of_one_row_stay_undrawn_until_they_are_read(env):
+def test_images_of_one_row_stay_undrawn_until_they_are_read(env):
     observation, _ = env.reset(seed=1)
     pixels = observation["pixels"]
     assert not pixels.drawn

@@ -1,4 +1,4 @@
-"""Lazy pictures: drawn once, at the first look, and a plain dict to everybody else."""
+"""Lazy images: drawn once, at the first look, and a plain dict to everybody else."""
 
 import copy
 import pickle
@@ -8,7 +8,7 @@ import pytest
 
 from envs.lazy_images import LazyPixels
 
-PICTURES = {"front": np.zeros((2, 2, 3), np.uint8), "wrist": np.ones((2, 2, 3), np.uint8)}
+IMAGES = {"front": np.zeros((2, 2, 3), np.uint8), "wrist": np.ones((2, 2, 3), np.uint8)}
 
 
 @pytest.fixture
@@ -17,10 +17,10 @@ def lazy():
 
     def draw():
         draw.calls += 1
-        return {name: picture.copy() for name, picture in PICTURES.items()}
+        return {name: image.copy() for name, image in IMAGES.items()}
 
     draw.calls = 0
-    pixels = LazyPixels(PICTURES, draw)
+    pixels = LazyPixels(IMAGES, draw)
     return pixels, draw
 
 
@@ -65,7 +65,7 @@ def test_the_first_look_draws_all_once(lazy, look):
     look(pixels)
     assert pixels.drawn
     assert draw.calls == 1
-    np.testing.assert_array_equal(pixels["wrist"], PICTURES["wrist"])
+    np.testing.assert_array_equal(pixels["wrist"], IMAGES["wrist"])
 
 
 def test_a_camera_that_is_not_there_is_an_ordinary_mistake(lazy):
@@ -92,7 +92,7 @@ def test_it_travels_as_a_plain_dict(lazy):
     pixels, _ = lazy
     other = pickle.loads(pickle.dumps(pixels))
     assert type(other) is dict
-    np.testing.assert_array_equal(other["wrist"], PICTURES["wrist"])
+    np.testing.assert_array_equal(other["wrist"], IMAGES["wrist"])
 
 
 def test_comparing_draws_and_compares():

@@ -9,18 +9,18 @@ from envs.randomization import CHANNELS, LEVELS
 SIZE = 64
 EPISODES = 8
 SATURATED_SHARE = 0.05
-"""At most so many pixels of a picture may be clipped at white or black; the most seen is 0.01."""
+"""At most so many pixels of an image may be clipped at white or black; the most seen is 0.01."""
 
 
 def drawn(split="test", count=EPISODES, *, kinds=("rgb",), **options):
-    """Pictures (n, H, W, …) by kind of the first episodes of a split, before anything moves."""
+    """Images (n, H, W, …) by kind of the first episodes of a split, before anything moves."""
     env = envs.make_vec("PickCube", count, split=split, image_size=SIZE, **options)
     try:
         env.reset_envs(np.arange(count), env.split_indices[:count])
-        pictures = env.handler.render(None, kinds)["front"]
+        images = env.handler.render(None, kinds)["front"]
         hashes = [env.initial_state_hash(i) for i in range(count)]
         names = env.handler.segmentation_names
-        return pictures, hashes, names
+        return images, hashes, names
     finally:
         env.close()
 
@@ -37,7 +37,7 @@ def channels():
 
 
 @pytest.mark.parametrize("level", LEVELS)
-def test_pictures_are_neither_black_nor_burnt(levels, level):
+def test_images_are_neither_black_nor_burnt(levels, level):
     rgb = levels[level][0]["rgb"].astype(float)
     means = rgb.mean(axis=(1, 2, 3))
     assert means.min() >= 15.0
@@ -48,26 +48,26 @@ def test_pictures_are_neither_black_nor_burnt(levels, level):
 
 
 @pytest.mark.parametrize("level", LEVELS)
-def test_the_robot_is_in_every_picture(levels, level):
-    pictures, _, names = levels[level]
-    robot = pictures["segmentation"] == names.index("franka")
+def test_the_robot_is_in_every_image(levels, level):
+    images, _, names = levels[level]
+    robot = images["segmentation"] == names.index("franka")
     assert (robot.mean(axis=(1, 2)) > 0.02).all()
 
 
 @pytest.mark.parametrize("level", LEVELS)
-def test_the_cube_is_seen_in_nearly_every_picture(levels, level):
-    pictures, _, names = levels[level]
-    cube = pictures["segmentation"] == names.index("cube")
+def test_the_cube_is_seen_in_nearly_every_image(levels, level):
+    images, _, names = levels[level]
+    cube = images["segmentation"] == names.index("cube")
     assert (cube.sum(axis=(1, 2)) > 0).mean() >= 0.75
 
 
 def test_level_0_looks_the_same_in_every_episode(levels):
-    """Where only table, wall and ground are seen, pictures of all episodes are nearly equal."""
-    pictures, _, names = levels[0]
-    still = np.isin(pictures["segmentation"], [names.index(n) for n in ("table", "wall", "ground")])
+    """Where only table, wall and ground are seen, images of all episodes are nearly equal."""
+    images, _, names = levels[0]
+    still = np.isin(images["segmentation"], [names.index(n) for n in ("table", "wall", "ground")])
     everywhere = still.all(axis=0)
     assert everywhere.mean() > 0.3
-    values = pictures["rgb"][:, everywhere].astype(float)
+    values = images["rgb"][:, everywhere].astype(float)
     # The arm's shadow moves with its start posture; everything else is equal to the bit.
     assert np.median(values.std(axis=0)) == 0.0
 
@@ -80,7 +80,7 @@ def test_higher_levels_look_different_in_every_episode(levels, level):
             assert np.abs(rgb[first].astype(float) - rgb[second]).mean() > 2.0
 
 
-def test_pictures_are_the_same_again(levels):
+def test_images_are_the_same_again(levels):
     again, hashes, _ = drawn(level=3, kinds=("rgb", "segmentation"))
     np.testing.assert_array_equal(again["rgb"], levels[3][0]["rgb"])
     assert hashes == levels[3][1]
@@ -134,11 +134,11 @@ def test_the_camera_alone_changes_the_view(channels):
         assert (plain["depth"][row] != moved["depth"][row]).mean() > 0.9
 
 
-def test_train_and_test_do_not_share_a_picture():
+def test_train_and_test_do_not_share_an_image():
     train, _, _ = drawn("train", 4, level=3)
     test, _, _ = drawn("test", 4, level=3)
-    seen = {picture.tobytes() for picture in train["rgb"]}
-    assert not seen & {picture.tobytes() for picture in test["rgb"]}
+    seen = {image.tobytes() for image in train["rgb"]}
+    assert not seen & {image.tobytes() for image in test["rgb"]}
 
 
 def test_what_was_drawn_is_told_and_is_json():

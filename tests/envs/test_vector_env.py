@@ -68,7 +68,7 @@ def test_lazy_pixels_are_a_plain_dict_to_everybody_else(pixels):
 
 @pytest.mark.parametrize("level", [0, 3])
 def test_an_episode_is_the_same_for_any_number_of_environments(level):
-    """States, pictures and hashes agree to the bit for 1, 4 and 16 environments."""
+    """States, images and hashes agree to the bit for 1, 4 and 16 environments."""
     results = []
     for num_envs in (1, 4, 16):
         env = envs.make_vec("PickCube", num_envs, split="test", level=level, image_size=32)
@@ -107,7 +107,7 @@ def test_hashes_tell_episodes_and_looks_apart():
     assert not set(plain) & set(dressed)
 
 
-def test_the_size_of_the_picture_is_no_part_of_an_episode():
+def test_the_size_of_the_image_is_no_part_of_an_episode():
     hashes = []
     for size in (16, 32):
         env = envs.make_vec("PickCube", 1, split="test", level=3, image_size=size)

@@ -15,7 +15,7 @@ from envs.randomization import Randomizer
 from envs.simulators import HANDLERS, RENDERERS
 from envs.spec import EnvSpec
 from envs.tasks.pick_cube import PickCube
-from tests.envs.simulators.mujoco_warp.conftest import NUM_ENVS, pictures_of, scene, starts
+from tests.envs.simulators.mujoco_warp.conftest import NUM_ENVS, images_of, scene, starts
 
 pytestmark = pytest.mark.gpu
 
@@ -39,7 +39,7 @@ def skip_without_cpu_tracer():
 
 @pytest.fixture(scope="module")
 def gpu():
-    with HANDLERS.get("mujoco_warp")(scene(device="cuda"), NUM_ENVS, textures=pictures_of) as handler:
+    with HANDLERS.get("mujoco_warp")(scene(device="cuda"), NUM_ENVS, textures=images_of) as handler:
         handler.launch()
         handler.set_states(starts())
         yield handler
@@ -70,7 +70,7 @@ def drawn(handler, looks):
 def test_images_are_those_of_the_cpu(gpu, looks):
     """The GPU filters textures with eight bits and rounds fast: three grey levels, one pixel in a hundred."""
     skip_without_cpu_tracer()
-    with HANDLERS.get("mujoco")(scene(), NUM_ENVS, textures=pictures_of, num_threads=1) as cpu:
+    with HANDLERS.get("mujoco")(scene(), NUM_ENVS, textures=images_of, num_threads=1) as cpu:
         cpu.launch()
         theirs = drawn(cpu, looks)
     ours = drawn(gpu, looks)

@@ -1,6 +1,6 @@
 """Materials that are computed from their names.
 
-A name is a family and a number, ``"wood-017"``; :func:`texture` turns it into a seamless picture, the
+A name is a family and a number, ``"wood-017"``; :func:`texture` turns it into a seamless image, the
 same bytes on every machine. Nothing is stored.
 """
 

@@ -1,4 +1,4 @@
-"""Colours of real materials (sRGB), and how a field of tones becomes a picture."""
+"""Colours of real materials (sRGB), and how a field of tones becomes an image."""
 
 import functools
 

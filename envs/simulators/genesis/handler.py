@@ -50,7 +50,7 @@ class GenesisHandler(TranslatedHandler[GenesisSettings]):
 
     Every link, joint and shape is told to Genesis as the compiled model has it. What differs: a contact's
     friction is at least 0.01, priorities of contacts are not known, and meshes meet by another algorithm.
-    Genesis's own pictures are not offered, since it cannot change materials without building a scene anew.
+    Genesis's own images are not offered, since it cannot change materials without building a scene anew.
     """
 
     steps_together = True

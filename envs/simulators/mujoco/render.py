@@ -35,7 +35,7 @@ _RGB = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
 
 @dataclass(frozen=True, slots=True)
 class RenderJob:
-    """One environment at one moment, as far as its picture goes.
+    """One environment at one moment, as far as its image goes.
 
     Attributes:
         qpos: Joint positions, (nq,).
@@ -56,7 +56,7 @@ class Renderer(ABC):
     Args:
         model: The compiled scene; it is never written to.
         scenario: What it was compiled from.
-        textures: ``textures(name, size)`` gives the picture (size, size, 3) uint8 of a material.
+        textures: ``textures(name, size)`` gives the image (size, size, 3) uint8 of a material.
         num_threads: Threads that may draw at once; 0 means one per core.
     """
 
@@ -223,7 +223,7 @@ def fixed_view() -> tuple[mujoco.MjvOption, mujoco.MjvCamera]:
 
 
 def texture_of(name: str | None, textures: TextureSource | None) -> np.ndarray:
-    """Returns the picture (S, S, 3) uint8 of a material; plain white for none."""
+    """Returns the image (S, S, 3) uint8 of a material; plain white for none."""
     if name is None or textures is None:
         return np.full((TEXTURE_SIZE, TEXTURE_SIZE, 3), 255, np.uint8)
     return textures(name, TEXTURE_SIZE)

@@ -1,4 +1,4 @@
-"""Pictures by Filament, physically based: the only renderer here that shows metals and rough surfaces."""
+"""Images by Filament, physically based: the only renderer here that shows metals and rough surfaces."""
 
 import ctypes
 import ctypes.util
@@ -54,8 +54,8 @@ class FilamentRenderer(StagedRenderer):
 
     @override
     def draw(self, camera: str, out: dict[str, np.ndarray], index: int) -> None:
-        for modality, pictures in out.items():
-            pictures[index] = self._drawing(camera, modality)
+        for modality, images in out.items():
+            images[index] = self._drawing(camera, modality)
 
     @override
     def dress(self, appearance: Appearance) -> None:

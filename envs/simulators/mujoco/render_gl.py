@@ -1,4 +1,4 @@
-"""Pictures by MuJoCo's OpenGL rasterizer: through EGL, or OSMesa where there is no EGL."""
+"""Images by MuJoCo's OpenGL rasterizer: through EGL, or OSMesa where there is no EGL."""
 
 import importlib
 import os
@@ -68,10 +68,10 @@ class GlRenderer(StagedRenderer):
         width, height = (int(v) for v in stage.model.cam_resolution[self._camera.fixedcamid])
         window = mujoco.MjrRect(0, 0, width, height)
         if "rgb" in out:
-            picture = np.empty((height, width, 3), np.uint8)
+            image = np.empty((height, width, 3), np.uint8)
             mujoco.mjr_render(window, scene, self._context)
-            mujoco.mjr_readPixels(picture, None, window, self._context)
-            out["rgb"][index] = picture[::-1]
+            mujoco.mjr_readPixels(image, None, window, self._context)
+            out["rgb"][index] = image[::-1]
         if "depth" in out or "segmentation" in out:
             self._draw_geometry(window, out, index)
 

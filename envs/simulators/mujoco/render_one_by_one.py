@@ -28,7 +28,7 @@ class StagedRenderer(Renderer):
 
     @abstractmethod
     def dress(self, appearance: Appearance) -> None:
-        """Makes all look as the stage does, which looks otherwise than for the picture before."""
+        """Makes all look as the stage does, which looks otherwise than for the image before."""
 
     @abstractmethod
     def pose(self, cameras: tuple[str, ...]) -> None:

@@ -1,4 +1,4 @@
-"""Pictures by mujoco_warp's ray tracer, on the CPU: no GPU, no display, no system package."""
+"""Images by mujoco_warp's ray tracer, on the CPU: no GPU, no display, no system package."""
 
 import contextlib
 import io
@@ -37,7 +37,7 @@ _POSE_FIELDS = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", 
 
 
 class WarpRenderer(Renderer):
-    """One tracer per thread, each with its own stage; a picture depends on its job alone."""
+    """One tracer per thread, each with its own stage; an image depends on its job alone."""
 
     not_shown = ("metallic", "lamp_shape")
 
@@ -177,10 +177,10 @@ class _Tracer:
 
 @contextlib.contextmanager
 def _compiled_without_nan() -> Iterator[None]:
-    """Compiles what is first launched within for numbers that are never NaN, as none of a picture's is.
+    """Compiles what is first launched within for numbers that are never NaN, as none of an image's is.
 
     Least and largest of two numbers, of which a ray's way through a tree consists, are one instruction
-    then: a picture takes a third less time, and no bit of it differs.
+    then: an image takes a third less time, and no bit of it differs.
     """
     import warp as wp
 
@@ -205,7 +205,7 @@ def ready_for_tracing(model: mujoco.MjModel) -> None:
 def create_context(
     model: mujoco.MjModel, cameras: Sequence[str], modalities: Sequence[str], *, num_worlds: int
 ) -> Any:
-    """Returns mujoco_warp's buffers for these pictures on Warp's present device: how every scene is drawn."""
+    """Returns mujoco_warp's buffers for these images on Warp's present device: how every scene is drawn."""
     import mujoco_warp as mjw
 
     return mjw.create_render_context(
@@ -224,6 +224,6 @@ def create_context(
 
 
 def _size_of(model: mujoco.MjModel, camera: str) -> tuple[int, int]:
-    """Returns width and height of a camera's picture."""
+    """Returns width and height of a camera's image."""
     width, height = model.cam_resolution[model.camera(camera).id]
     return int(width), int(height)

@@ -20,7 +20,7 @@ from envs.simulators.mujoco.render import RenderJob
 from envs.simulators.mujoco_warp.device import Device
 from envs.simulators.mujoco_warp.settings import WarpSettings
 from envs.simulators.mujoco_warp.snapshots import Snapshots
-from envs.simulators.mujoco_warp.tracer import BatchTracer, Pictures
+from envs.simulators.mujoco_warp.tracer import BatchTracer, Images
 from envs.simulators.mujoco_warp.worlds import Worlds, WorldViews
 from envs.state import EntityState, State
 
@@ -288,7 +288,7 @@ class MujocoWarpHandler(ModelHandler):
                 lost.tolist(),
             )
 
-    # -- pictures -----------------------------------------------------------------------------------
+    # -- images -----------------------------------------------------------------------------------
 
     @override
     def snapshot(self, env_ids: EnvIds = None) -> Snapshots:
@@ -311,10 +311,10 @@ class MujocoWarpHandler(ModelHandler):
     ) -> dict[str, dict[str, np.ndarray]]:
         if self.renderer_name != _TRACED:
             return super().render_jobs(list(jobs), cameras, modalities)
-        pictures = self.render_tensors(jobs, cameras, modalities)
+        images = self.render_tensors(jobs, cameras, modalities)
         return {
-            camera: {modality: picture.cpu().numpy() for modality, picture in kinds.items()}
-            for camera, kinds in pictures.items()
+            camera: {modality: image.cpu().numpy() for modality, image in kinds.items()}
+            for camera, kinds in images.items()
         }
 
     @override
@@ -325,8 +325,8 @@ class MujocoWarpHandler(ModelHandler):
         modalities: Sequence[str] = ("rgb",),
         *,
         out: Mapping[str, Mapping[str, Tensor]] | None = None,
-    ) -> Pictures:
-        """Draws like :meth:`render_jobs`, and leaves the pictures on the device.
+    ) -> Images:
+        """Draws like :meth:`render_jobs`, and leaves the images on the device.
 
         Args:
             jobs: Snapshots; every environment as it is now by default.
@@ -345,7 +345,7 @@ class MujocoWarpHandler(ModelHandler):
 
     @property
     def tracer(self) -> BatchTracer:
-        """The ray tracer, made at the first picture."""
+        """The ray tracer, made at the first image."""
         if self._tracer is None:
             self._check_open()
             self._tracer = BatchTracer(

@@ -1,4 +1,4 @@
-"""Pictures of materials on the device: one table that every world points into."""
+"""Images of materials on the device: one table that every world points into."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -17,12 +17,12 @@ NO_TEXTURE = -1
 
 
 class TextureTable:
-    """Loads a picture when it is first worn, and drops the one that nobody has worn for longest.
+    """Loads an image when it is first worn, and drops the one that nobody has worn for longest.
 
     Args:
         first: The model's own textures, which keep their places.
-        source: Gives the picture of a named material.
-        capacity: How many pictures of materials are kept.
+        source: Gives the image of a named material.
+        capacity: How many images of materials are kept.
         device: Where.
 
     Attributes:
@@ -44,14 +44,14 @@ class TextureTable:
         return len(self._ids)
 
     def ids_of(self, names: Sequence[str | None], worn: set[str]) -> list[int]:
-        """Returns the place of each picture; -1 for none.
+        """Returns the place of each image; -1 for none.
 
         Args:
             names: Materials.
             worn: Materials that other worlds wear now; these stay.
 
         Raises:
-            SimulatorError: if more pictures are worn at once than there are places.
+            SimulatorError: if more images are worn at once than there are places.
         """
         keep = worn | {name for name in names if name is not None}
         changed = False

@@ -1,4 +1,4 @@
-"""Pictures of many worlds at once, ray-traced straight into torch tensors."""
+"""Images of many worlds at once, ray-traced straight into torch tensors."""
 
 import contextlib
 import copy
@@ -28,15 +28,15 @@ TILE = 16
 """Pixels a side of a tile. Threads that run in step trace rays of one tile, which meet the same things: on an
 H200 1,024 worlds take 26 and 77 ms at 128² and 256², and row by row 43 and 123."""
 
-Pictures = dict[str, dict[str, Tensor]]
-"""Camera to modality to pictures (n, H, W, …); see :meth:`envs.simulators.base.Handler.render`."""
+Images = dict[str, dict[str, Tensor]]
+"""Camera to modality to images (n, H, W, …); see :meth:`envs.simulators.base.Handler.render`."""
 
 
 class BatchTracer:
     """mujoco_warp's ray tracer over many worlds, each with its own looks.
 
     It has a model and positions of its own: what it draws need not be where the physics is now, and the
-    table top, which only turns in pictures, does not turn under the robot.
+    table top, which only turns in images, does not turn under the robot.
 
     Args:
         model: The compiled scene; it is never written to.
@@ -44,7 +44,7 @@ class BatchTracer:
         device: Where.
         settings: How many worlds at once, how many textures.
         num_envs: The most worlds that will be asked for, as a hint.
-        textures: Gives the picture of a named material.
+        textures: Gives the image of a named material.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class BatchTracer:
         cameras: tuple[str, ...],
         modalities: tuple[str, ...],
         out: Mapping[str, Mapping[str, Tensor]] | None = None,
-    ) -> Pictures:
+    ) -> Images:
         """Draws worlds.
 
         Args:
@@ -99,7 +99,7 @@ class BatchTracer:
             modalities: Of :data:`envs.simulators.base.MODALITIES`.
             out: Tensors to draw into, which may be parts of larger ones; new ones by default.
         """
-        pictures = self._empty(len(appearances), cameras, modalities) if out is None else out
+        images = self._empty(len(appearances), cameras, modalities) if out is None else out
         with self._device.scope():
             context = self._context(cameras, modalities)
             for first in range(0, len(appearances), self._capacity):
@@ -115,8 +115,8 @@ class BatchTracer:
                 if self._table >= 0:
                     self._mocap_quat[:count, self._table] = self._writer.table_quat[:count]
                 self._trace(context, count)
-                context.fetch(pictures, part, self._of_geom)
-        return {camera: dict(kinds) for camera, kinds in pictures.items()}
+                context.fetch(images, part, self._of_geom)
+        return {camera: dict(kinds) for camera, kinds in images.items()}
 
     def _trace(self, context: "_Context", count: int) -> None:
         if count < self._capacity or not self._device.is_cuda:
@@ -155,7 +155,7 @@ class BatchTracer:
             )
         return self._contexts[key]
 
-    def _empty(self, count: int, cameras: tuple[str, ...], modalities: tuple[str, ...]) -> Pictures:
+    def _empty(self, count: int, cameras: tuple[str, ...], modalities: tuple[str, ...]) -> Images:
         kinds = {"rgb": ((3,), torch.uint8), "depth": ((), torch.float32), "segmentation": ((), torch.int32)}
         sizes = {camera.name: (camera.height, camera.width) for camera in self._scenario.cameras}
         return {
@@ -187,7 +187,7 @@ class _Camera:
 
 
 def by_tiles(width: int, height: int) -> np.ndarray:
-    """Returns the pixels of a picture, counted row by row, tile by tile; (height · width,) int."""
+    """Returns the pixels of an image, counted row by row, tile by tile; (height · width,) int."""
     y, x = np.divmod(np.arange(height * width), width)
     return np.lexsort((x, y, x // TILE, y // TILE))
 
@@ -203,7 +203,7 @@ class _Context:
     graph: Graph | None = None
 
     def __post_init__(self) -> None:
-        """Puts the rays of every picture in the order in which they are to be traced."""
+        """Puts the rays of every image in the order in which they are to be traced."""
         start = 0
         for camera in self.cameras:
             span = slice(start, start + len(camera.places))
@@ -211,12 +211,12 @@ class _Context:
                 rays[span] = rays[span][camera.places.argsort()]
             start = span.stop
 
-    def fetch(self, pictures: Mapping[str, Mapping[str, Tensor]], rows: slice, of_geom: Tensor) -> None:
-        """Copies what was drawn to ``rows`` of the pictures."""
+    def fetch(self, images: Mapping[str, Mapping[str, Tensor]], rows: slice, of_geom: Tensor) -> None:
+        """Copies what was drawn to ``rows`` of the images."""
         count, start = rows.stop - rows.start, 0
         for camera in self.cameras:
             span = slice(start, start + len(camera.places))
-            shape, drawn = (count, camera.height, camera.width), pictures[camera.name]
+            shape, drawn = (count, camera.height, camera.width), images[camera.name]
             if "rgb" in self.modalities:
                 # One number per pixel, its bytes blue, green, red and opacity.
                 packed = self._rows(self.context.rgb_data, count, span)[:, camera.places]

@@ -1,4 +1,4 @@
-"""Newton on CPU: every environment is a Newton model of its own; pictures are its ray tracer's."""
+"""Newton on CPU: every environment is a Newton model of its own; images are its ray tracer's."""
 
 import warnings
 from collections.abc import Sequence

@@ -1,9 +1,9 @@
-"""Pictures of MuJoCo models by Newton's ray tracer, on the CPU: every light, and textures, but no highlights.
+"""Images of MuJoCo models by Newton's ray tracer, on the CPU: every light, and textures, but no highlights.
 
 Newton shades in linear light and takes colours as those of a screen; here a colour is its share of the light,
-as in the other renderers, so colours and pictures are told to Newton brightened, and what it returns before
+as in the other renderers, so colours and images are told to Newton brightened, and what it returns before
 it brightens for the screen is what is shown. Its public call lights a scene with one distant light; its
-kernel takes any number, which are written to the sensor's own arrays, as are surfaces' pictures.
+kernel takes any number, which are written to the sensor's own arrays, as are surfaces' images.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ import warp as wp
 from newton.sensors import SensorCamera
 
 from envs.core.errors import SimulatorError
-from envs.mjcf.geom_colors import picture_of, rgba_of, surfaces_of, texture_id
+from envs.mjcf.geom_colors import image_of, rgba_of, surfaces_of, texture_id
 from envs.mjcf.meshes import VISUAL_GROUP
 from envs.mjcf.objects import SCENE_GROUP
 from envs.rotations import from_matrix
@@ -25,7 +25,7 @@ from envs.simulators.mujoco.render import AMBIENT_FRACTION, texture_of
 from envs.simulators.mujoco.render_one_by_one import StagedRenderer
 from envs.simulators.mujoco_warp.device import quiet_start
 from envs.simulators.newton.shapes import view
-from envs.simulators.newton.surfaces import SurfacePictures, brightened
+from envs.simulators.newton.surfaces import SurfaceImages, brightened
 from envs.simulators.pybullet.meshes import triangles_of
 
 BACKGROUND = (0.6, 0.65, 0.7)
@@ -56,9 +56,7 @@ class NewtonRenderer(StagedRenderer):
         self._newton = self._build()
         self._state = self._newton.state()
         self._sensor: Any = SensorCamera(self._newton)
-        self._pictures = SurfacePictures(
-            self._sensor, [self._surface_of.get(int(geom)) for geom in self._geoms]
-        )
+        self._images = SurfaceImages(self._sensor, [self._surface_of.get(int(geom)) for geom in self._geoms])
         self._config = SensorCamera.RenderConfig(enable_textures=True, enable_shadows=True)
         self._rays: dict[str, Any] = {}
         self._table_z = 0.0 if scenario.table is None else scenario.table.pos[2]
@@ -105,12 +103,12 @@ class NewtonRenderer(StagedRenderer):
         )
 
     def _own_texture(self, geom: int) -> np.ndarray | None:
-        """The picture of an object's mesh, (H, W, 3) uint8."""
+        """The image of an object's mesh, (H, W, 3) uint8."""
         texture = texture_id(self._stage.model, geom)
         if texture < 0 or geom in self._surface_of:
             return None
-        picture = picture_of(self._stage.model, texture) / 255.0
-        return np.rint(255.0 * brightened(picture)).astype(np.uint8)
+        image = image_of(self._stage.model, texture) / 255.0
+        return np.rint(255.0 * brightened(image)).astype(np.uint8)
 
     @override
     def dress(self, appearance: Appearance) -> None:
@@ -125,8 +123,8 @@ class NewtonRenderer(StagedRenderer):
             name = stage.surface_textures[surface]
             look = appearance.materials.get(surface) or base.materials.get(surface)
             metres = 1.0 if look is None else look.size_m
-            self._pictures.show(surface, name, metres, lambda n=name: texture_of(n, self.textures))
-        self._pictures.upload()
+            self._images.show(surface, name, metres, lambda n=name: texture_of(n, self.textures))
+        self._images.upload()
         self._shine(appearance.lights or base.lights or (LightCfg(cast_shadow=True),))
 
     def _shine(self, lights: Sequence[LightCfg]) -> None:
@@ -201,7 +199,7 @@ class NewtonRenderer(StagedRenderer):
     @override
     def close(self) -> None:
         if not self._closed:
-            self._pictures.close()
+            self._images.close()
             del self._sensor, self._state, self._newton
             self._rays = {}
             self._closed = True

@@ -1,4 +1,4 @@
-"""Pictures of table, walls and ground in Newton's camera sensor, changed from draw to draw."""
+"""Images of table, walls and ground in Newton's camera sensor, changed from draw to draw."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -10,13 +10,13 @@ from newton.sensors import SensorCamera
 from envs.scenario import SURFACES
 
 MAX_KEPT = 64
-"""Pictures that are kept for the next draw; then all are forgotten."""
+"""Images that are kept for the next draw; then all are forgotten."""
 
 
-class SurfacePictures:
-    """One place per surface in the sensor's table of pictures.
+class SurfaceImages:
+    """One place per surface in the sensor's table of images.
 
-    Newton reads pictures when a sensor is made, and making one compiles its kernel again. So the places are
+    Newton reads images when a sensor is made, and making one compiles its kernel again. So the places are
     added to the table that the kernel is given.
 
     Args:
@@ -40,11 +40,11 @@ class SurfacePictures:
         self._changed = False
 
     def show(self, surface: str, name: str | None, metres: float, read: Callable[[], np.ndarray]) -> None:
-        """Gives a surface a picture.
+        """Gives a surface an image.
 
         Args:
             surface: Which.
-            name: Name of the picture; None for white.
+            name: Name of the image; None for white.
             metres: Length of its sides.
             read: Reads it, (S, S, 3) uint8.
         """
@@ -67,7 +67,7 @@ class SurfacePictures:
             self._changed = False
 
     def close(self) -> None:
-        """Forgets all pictures."""
+        """Forgets all images."""
         self._kept, self._table, self._context = {}, [], None
 
 
@@ -77,9 +77,9 @@ def brightened(light: np.ndarray) -> np.ndarray:
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1.0 / 2.4) - 0.055)
 
 
-def _texture(picture: np.ndarray) -> wp.Texture2D:
-    pixels = np.full((*picture.shape[:2], 4), 255, np.uint8)
-    pixels[..., :3] = np.rint(255.0 * brightened(picture / 255.0))
+def _texture(image: np.ndarray) -> wp.Texture2D:
+    pixels = np.full((*image.shape[:2], 4), 255, np.uint8)
+    pixels[..., :3] = np.rint(255.0 * brightened(image / 255.0))
     return wp.Texture2D(
         pixels,
         filter_mode=wp.TextureFilterMode.LINEAR,

@@ -1,1 +1,1 @@
-"""PyBullet: rigid bodies and articulations by Bullet, pictures by its software rasterizer."""
+"""PyBullet: rigid bodies and articulations by Bullet, images by its software rasterizer."""

@@ -20,7 +20,7 @@ class Triangles:
         vertices: (V, 3), m.
         faces: (F, 3).
         normals: (V, 3).
-        uvs: Texture coordinates (V, 2), v pointing up in the picture; of a plane's and a box's sides metres
+        uvs: Texture coordinates (V, 2), v pointing up in the image; of a plane's and a box's sides metres
             from a corner.
     """
 

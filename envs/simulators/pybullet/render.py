@@ -1,6 +1,6 @@
-"""Pictures of MuJoCo models by PyBullet's TinyRenderer, a rasterizer in software that needs no driver.
+"""Images of MuJoCo models by PyBullet's TinyRenderer, a rasterizer in software that needs no driver.
 
-It knows one distant light, and how strong its diffuse, ambient and specular parts are in the whole picture:
+It knows one distant light, and how strong its diffuse, ambient and specular parts are in the whole image:
 the first distant light of a draw is that light; every other one brightens all surfaces alike. What lies in
 the shadow keeps 40 % of its colour, whatever the light, so shadows are paler than other renderers'.
 """
@@ -17,7 +17,7 @@ from PIL import Image
 
 from envs.core.errors import SimulatorError
 from envs.mjcf.furniture import FURNITURE
-from envs.mjcf.geom_colors import picture_of, rgba_of, surfaces_of, texture_id
+from envs.mjcf.geom_colors import image_of, rgba_of, surfaces_of, texture_id
 from envs.mjcf.meshes import VISUAL_GROUP
 from envs.mjcf.objects import SCENE_GROUP
 from envs.rotations import from_matrix
@@ -35,7 +35,7 @@ LIGHT_DISTANCE_M = 4.0
 """How far off the light's shadow camera stands."""
 
 FINE, SMALL_PIXELS = 3, 128 * 128
-"""A small picture is drawn three times as fine: TinyRenderer leaves triangles out that are smaller than a
+"""A small image is drawn three times as fine: TinyRenderer leaves triangles out that are smaller than a
 hundredth of a pixel."""
 
 SHAPES_KEPT = 512
@@ -86,7 +86,7 @@ class TinyRenderer(StagedRenderer):
         self._light = _one_light(appearance.lights or base.lights or (LightCfg(cast_shadow=True),))
 
     def _look(self, geom: int, rgba: Sequence[float], materials: dict[str, SurfaceMaterial]) -> tuple | None:
-        """What a geom's picture depends on, its pose aside; None for one that is not drawn."""
+        """What a geom's image depends on, its pose aside; None for one that is not drawn."""
         model = self._stage.model
         if int(model.geom_group[geom]) not in (VISUAL_GROUP, SCENE_GROUP) or rgba[3] <= 0.0:
             return None
@@ -139,16 +139,16 @@ class TinyRenderer(StagedRenderer):
         pybullet.setPhysicsEngineParameter(enableFileCaching=0, physicsClientId=self._client)
 
     def _own_texture(self, geom: int) -> int | None:
-        """The picture of an object's mesh."""
+        """The image of an object's mesh."""
         texture = texture_id(self._stage.model, geom)
         if texture < 0 or geom in self._surface:
             return None
-        return self._load(f"own/{texture}", picture_of(self._stage.model, texture))
+        return self._load(f"own/{texture}", image_of(self._stage.model, texture))
 
-    def _load(self, name: str, picture: np.ndarray) -> int:
+    def _load(self, name: str, image: np.ndarray) -> int:
         if name not in self._loaded:
             path = self._folder / f"{len(self._loaded)}.png"
-            Image.fromarray(np.ascontiguousarray(picture)).save(path)
+            Image.fromarray(np.ascontiguousarray(image)).save(path)
             self._loaded[name] = pybullet.loadTexture(str(path), physicsClientId=self._client)
             path.unlink()
         return self._loaded[name]

@@ -1,10 +1,10 @@
-"""Pictures of MuJoCo models by SAPIEN's rasterizer: physically based materials, through Vulkan.
+"""Images of MuJoCo models by SAPIEN's rasterizer: physically based materials, through Vulkan.
 
-A surface always has a picture, because SAPIEN shows no texture on a material that had none at first, and is
-built anew when the size of the picture changes. SAPIEN's shaders multiply a light by albedo / π, and let a
+A surface always has an image, because SAPIEN shows no texture on a material that had none at first, and is
+built anew when the size of the image changes. SAPIEN's shaders multiply a light by albedo / π, and let a
 lamp's fall with the square of the distance; lights are set so that one of intensity 1 that shines straight
 on a white chalky surface lights it to 1, a lamp's at the height of the table. What SAPIEN brightens for the
-screen is undone, so that its pictures are comparable to the others'.
+screen is undone, so that its images are comparable to the others'.
 """
 
 import math
@@ -80,7 +80,7 @@ class SapienRenderer(StagedRenderer):
         self._sizes_m: dict[str, float] = dict.fromkeys(SURFACES, 1.0)
         for key in self._visible:
             self._build(key)
-        self._pictures: dict[str, tuple] = {}
+        self._images: dict[str, tuple] = {}
         self._closed = False
 
     def _build(self, key: tuple[int, int]) -> None:
@@ -140,7 +140,7 @@ class SapienRenderer(StagedRenderer):
         self._lights.set(appearance.lights or base.lights or (LightCfg(cast_shadow=True),), table)
 
     def _paint(self, surface: str, look: SurfaceMaterial) -> None:
-        """Writes a surface's look; its picture is multiplied by its colour, which SAPIEN leaves out."""
+        """Writes a surface's look; its image is multiplied by its colour, which SAPIEN leaves out."""
         material = self._factory.surfaces[surface]
         material.roughness, material.specular, material.metallic = (
             look.roughness,
@@ -148,13 +148,13 @@ class SapienRenderer(StagedRenderer):
             look.metallic,
         )
         key = (look.texture, look.rgb)
-        if self._pictures.get(surface) != key:
+        if self._images.get(surface) != key:
             plain = texture_of(look.texture, self.textures)
-            picture = np.full((*plain.shape[:2], 4), 255, np.uint8)
-            picture[..., :3] = np.rint(plain * np.clip(look.rgb, 0.0, 1.0))
-            texture = sapien.render.RenderTexture2D(picture, "R8G8B8A8Unorm", srgb=False)
+            image = np.full((*plain.shape[:2], 4), 255, np.uint8)
+            image[..., :3] = np.rint(plain * np.clip(look.rgb, 0.0, 1.0))
+            texture = sapien.render.RenderTexture2D(image, "R8G8B8A8Unorm", srgb=False)
             material.set_base_color_texture(texture)
-            self._pictures[surface] = key
+            self._images[surface] = key
         if look.texture is not None and look.size_m != self._sizes_m[surface]:
             self._sizes_m[surface] = look.size_m
             segment = self.segmentation_names.index(surface)

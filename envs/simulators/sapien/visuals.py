@@ -8,7 +8,7 @@ import sapien
 from sapien import Pose
 
 from envs.core.errors import SimulatorError
-from envs.mjcf.geom_colors import picture_of, rgba_of, texture_id
+from envs.mjcf.geom_colors import image_of, rgba_of, texture_id
 from envs.mjcf.model import OBJECT_MATERIAL
 from envs.rotations import multiply
 from envs.scenario import SURFACES
@@ -47,7 +47,7 @@ class VisualFactory:
 
         Args:
             geom: Its id.
-            copies_per_metre: How often a surface's picture is repeated.
+            copies_per_metre: How often a surface's image is repeated.
             fresh: Its material is not shared, nor kept: for what is built anew with each draw.
 
         Raises:
@@ -104,10 +104,10 @@ class VisualFactory:
         return self._materials[key]
 
     def _texture(self, texture: int, rgba: tuple[float, ...]):
-        pixels = picture_of(self._model, texture)
-        picture = np.full((*pixels.shape[:2], 4), 255, np.uint8)
-        picture[..., :3] = np.rint(pixels * np.asarray(rgba[:3]))
-        return sapien.render.RenderTexture2D(picture, "R8G8B8A8Unorm", srgb=False)
+        pixels = image_of(self._model, texture)
+        image = np.full((*pixels.shape[:2], 4), 255, np.uint8)
+        image[..., :3] = np.rint(pixels * np.asarray(rgba[:3]))
+        return sapien.render.RenderTexture2D(image, "R8G8B8A8Unorm", srgb=False)
 
     def _mesh_of(self, geom: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Returns vertices, triangles, normals and texture coordinates of a mesh, one vertex per corner."""

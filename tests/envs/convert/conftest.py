@@ -76,7 +76,7 @@ def hard_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     path = tmp_path / "hard.xml"
     path.write_text(HARD_ROBOT)
     (tmp_path / "wedge.obj").write_text(WEDGE)
-    picture = np.zeros((4, 4, 3), np.uint8)
-    picture[:2, :, 0], picture[2:, :, 2] = 200, 100
-    Image.fromarray(picture).save(tmp_path / "check.png")
+    image = np.zeros((4, 4, 3), np.uint8)
+    image[:2, :, 0], image[2:, :, 2] = 200, 100
+    Image.fromarray(image).save(tmp_path / "check.png")
     return path

@@ -174,7 +174,7 @@ def test_names_that_do_not_exist_are_refused(hard_robot):
         convert(hard_robot.with_name("absent.xml"))
 
 
-def test_a_picture_that_cannot_be_aligned_is_reported_each_time(tmp_path, monkeypatch, caplog):
+def test_an_image_that_cannot_be_aligned_is_reported_each_time(tmp_path, monkeypatch, caplog):
     monkeypatch.setenv("ROBOVERSE_CACHE", str(tmp_path / "cache"))
     file = tmp_path / "painted.xml"
     file.write_text(
@@ -186,7 +186,7 @@ def test_a_picture_that_cannot_be_aligned_is_reported_each_time(tmp_path, monkey
         caplog.clear()
         with caplog.at_level(logging.WARNING):
             path = convert(file)
-        assert "The picture of material 'paint' cannot be aligned on a primitive shape" in caplog.text
+        assert "The image of material 'paint' cannot be aligned on a primitive shape" in caplog.text
     assert 'rgba="1 0 0 1"' in path.read_text()
 
 
@@ -200,7 +200,7 @@ def test_an_msh_lends_its_textured_twins_coordinates(hard_robot, tmp_path):
     (look,) = [
         s for s, role in describe(hard_robot).shapes() if s.mesh is not None and s.mesh.name == "wedge"
     ][:1]
-    assert look.mesh.uvs is not None and look.material.picture is not None
+    assert look.mesh.uvs is not None and look.material.image is not None
     # One that has another shape lends nothing.
     other = tmp_path / "wedge.obj"
     other.write_text(other.read_text().replace("v 0 0 0.1", "v 0 0 0.3"))

@@ -1,9 +1,9 @@
-"""Colours and pictures of geoms, by MuJoCo's rules."""
+"""Colours and images of geoms, by MuJoCo's rules."""
 
 import mujoco
 import numpy as np
 
-from envs.mjcf.geom_colors import picture_of, rgba_of, surfaces_of, texture_id
+from envs.mjcf.geom_colors import image_of, rgba_of, surfaces_of, texture_id
 from envs.mjcf.model import build_model
 from envs.tasks.pick_cube import PickCube
 
@@ -22,13 +22,13 @@ def test_a_geom_without_a_colour_takes_its_materials_and_the_model_stays_as_it_i
     np.testing.assert_array_equal(model.geom_rgba, before)
 
 
-def test_the_picture_of_a_material_is_rgb_and_a_copy():
+def test_the_image_of_a_material_is_rgb_and_a_copy():
     model = mujoco.MjModel.from_xml_string(XML)
     assert [texture_id(model, geom) for geom in range(4)] == [-1, -1, -1, 0]
-    picture = picture_of(model, 0)
-    assert picture.shape == (2, 4, 3)
-    assert {tuple(pixel) for pixel in picture.reshape(-1, 3).tolist()} == {(255, 0, 0), (0, 0, 255)}
-    assert not np.shares_memory(picture, model.tex_data)
+    image = image_of(model, 0)
+    assert image.shape == (2, 4, 3)
+    assert {tuple(pixel) for pixel in image.reshape(-1, 3).tolist()} == {(255, 0, 0), (0, 0, 255)}
+    assert not np.shares_memory(image, model.tex_data)
 
 
 def test_surfaces_are_found_by_their_materials():

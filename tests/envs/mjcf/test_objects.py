@@ -179,14 +179,14 @@ def test_a_large_texture_is_reduced(tmp_path):
         assert handler.model.tex_data[first : first + 3].tolist() == [200, 30, 10]
 
 
-def test_a_texture_that_is_no_picture_is_told(tmp_path):
+def test_a_texture_that_is_no_image_is_told(tmp_path):
     (tmp_path / "part.obj").write_text(TRIANGLE)
-    (tmp_path / "words.png").write_text("no picture")
+    (tmp_path / "words.png").write_text("no image")
     seen = GeomCfg(
         shape="mesh",
         size=(0.1, 0.1, 0.1),
         mesh=str(tmp_path / "part.obj"),
         texture=str(tmp_path / "words.png"),
     )
-    with pytest.raises(ConfigError, match=r"texture '.*words\.png' is not a picture that can be read"):
+    with pytest.raises(ConfigError, match=r"texture '.*words\.png' is not an image that can be read"):
         launched(ObjectCfg(name="part", kind="fixed", geoms=(seen,)))

@@ -1,4 +1,4 @@
-"""The library, and folders of pictures that replace or extend it."""
+"""The library, and folders of images that replace or extend it."""
 
 import shutil
 from pathlib import Path
@@ -13,7 +13,7 @@ from envs.randomization.splits import load_split
 from envs.scenario import SURFACES
 
 
-def save_picture(path, color, size=(40, 20)):
+def save_image(path, color, size=(40, 20)):
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.new("RGB", size, color).save(path)
 
@@ -21,7 +21,7 @@ def save_picture(path, color, size=(40, 20)):
 @pytest.fixture
 def flat_folder(tmp_path):
     for i in range(12):
-        save_picture(tmp_path / f"photo{i:02d}.png", (10 * i, 100, 200))
+        save_image(tmp_path / f"photo{i:02d}.png", (10 * i, 100, 200))
     (tmp_path / "LICENSE").write_text("CC0")
     return tmp_path
 
@@ -44,29 +44,29 @@ def test_table_textures_cover_a_plausible_part_of_the_table():
             assert 0.5 <= low <= high <= (1.2 if surface == "table" else 2.0), name
 
 
-def test_a_flat_folder_serves_every_surface_and_its_pictures_are_cut_square(flat_folder):
+def test_a_flat_folder_serves_every_surface_and_its_images_are_cut_square(flat_folder):
     library = MaterialLibrary.from_folder(flat_folder)
     assert all(library.names[surface] == library.names["table"] for surface in SURFACES)
     assert len(library.names["wall"]) == 12
-    picture = library.texture("photo03.png", 32)
-    assert picture.shape == (32, 32, 3)
-    assert tuple(picture[5, 5]) == (30, 100, 200)
+    image = library.texture("photo03.png", 32)
+    assert image.shape == (32, 32, 3)
+    assert tuple(image[5, 5]) == (30, 100, 200)
 
 
 def test_a_setting_names_what_is_taken_and_a_plus_adds(flat_folder):
     built_in = MaterialLibrary.built_in().names["table"]
-    pictures = MaterialLibrary.from_folder(flat_folder).names["table"]
+    images = MaterialLibrary.from_folder(flat_folder).names["table"]
     taken = {
         words: MaterialLibrary.chosen(words).names["table"]
         for words in ("", str(flat_folder), f"+{flat_folder}")
     }
-    assert taken == {"": built_in, str(flat_folder): pictures, f"+{flat_folder}": (*built_in, *pictures)}
+    assert taken == {"": built_in, str(flat_folder): images, f"+{flat_folder}": (*built_in, *images)}
     assert MaterialLibrary.chosen(None).names["table"] == built_in
 
 
 def test_subfolders_replace_only_their_own_surface(tmp_path):
     for i in range(3):
-        save_picture(tmp_path / "wall" / f"{i}.webp", (i, i, i))
+        save_image(tmp_path / "wall" / f"{i}.webp", (i, i, i))
     library = MaterialLibrary.from_folder(tmp_path)
     assert library.names["wall"] == ("wall/0.webp", "wall/1.webp", "wall/2.webp")
     assert library.names["table"] == MaterialLibrary.built_in().names["table"]
@@ -84,7 +84,7 @@ def test_the_digest_tells_folders_apart_by_their_content(flat_folder):
     before = MaterialLibrary.from_folder(flat_folder).digest()
     assert before == MaterialLibrary.from_folder(flat_folder).digest()
     assert before != MaterialLibrary.built_in().digest()
-    save_picture(flat_folder / "photo00.png", (255, 255, 255))
+    save_image(flat_folder / "photo00.png", (255, 255, 255))
     assert MaterialLibrary.from_folder(flat_folder).digest() != before
 
 
@@ -94,35 +94,35 @@ def test_a_missing_folder_says_what_a_folder_looks_like(tmp_path):
 
 
 @pytest.mark.parametrize("extend", [False, True])
-def test_a_folder_without_pictures_is_an_error(tmp_path, extend):
+def test_a_folder_without_images_is_an_error(tmp_path, extend):
     (tmp_path / "notes.txt").write_text("nothing")
-    with pytest.raises(ConfigError, match="holds no picture"):
+    with pytest.raises(ConfigError, match="holds no image"):
         MaterialLibrary.from_folder(tmp_path, extend=extend)
 
 
-def test_a_broken_picture_is_named(flat_folder):
-    (flat_folder / "broken.png").write_bytes(b"not a picture")
-    with pytest.raises(ConfigError, match=r"broken.png' cannot be read as a picture .* Replace or remove it"):
+def test_a_broken_image_is_named(flat_folder):
+    (flat_folder / "broken.png").write_bytes(b"not an image")
+    with pytest.raises(ConfigError, match=r"broken.png' cannot be read as an image .* Replace or remove it"):
         MaterialLibrary.from_folder(flat_folder)
 
 
-def test_a_picture_that_breaks_off_is_named_when_it_is_drawn(tmp_path):
+def test_an_image_that_breaks_off_is_named_when_it_is_drawn(tmp_path):
     pixels = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
     for name in ("a.jpg", "b.jpg"):
         Image.fromarray(pixels).save(tmp_path / name)
     whole = (tmp_path / "b.jpg").read_bytes()
     (tmp_path / "b.jpg").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(ConfigError, match=r"b.jpg' cannot be read as a picture"):
+    with pytest.raises(ConfigError, match=r"b.jpg' cannot be read as an image"):
         MaterialLibrary.from_folder(tmp_path).texture("b.jpg")
 
 
-def test_a_name_that_is_no_picture_of_the_folder_gets_a_suggestion(flat_folder):
+def test_a_name_that_is_no_image_of_the_folder_gets_a_suggestion(flat_folder):
     with pytest.raises(UnknownNameError, match=r"'foto03.png'. Did you mean 'photo03.png'\?"):
         MaterialLibrary.from_folder(flat_folder).texture("foto03.png")
 
 
-def test_what_ends_as_a_picture_is_one_in_the_folder_and_in_messages(tmp_path):
-    save_picture(tmp_path / "photo.png", (0, 0, 200))
+def test_what_ends_as_an_image_is_one_in_the_folder_and_in_messages(tmp_path):
+    save_image(tmp_path / "photo.png", (0, 0, 200))
     for name in (".png", "LOUD.PNG"):  # to pathlib the first is a name without a suffix
         shutil.copy(tmp_path / "photo.png", tmp_path / name)
     library = MaterialLibrary.from_folder(tmp_path, extend=True)
@@ -133,7 +133,7 @@ def test_what_ends_as_a_picture_is_one_in_the_folder_and_in_messages(tmp_path):
         library.texture("LOUT.PNG")
 
 
-def test_a_message_names_a_picture_that_pathlib_sees_no_suffix_of():
+def test_a_message_names_an_image_that_pathlib_sees_no_suffix_of():
     library = MaterialLibrary({surface: ("wood_oak", "a.b/.png") for surface in SURFACES}, Path())
     with pytest.raises(UnknownNameError, match=r"Valid: a.b/.png\.$"):
         library.is_image("c.png")

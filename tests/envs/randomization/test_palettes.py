@@ -35,8 +35,8 @@ def test_a_ramp_passes_through_its_colours():
 
 def test_tones_outside_the_ramp_take_its_ends():
     ramp = palettes.blend([palettes.color("000000"), palettes.color("ffffff")])
-    picture = palettes.paint(ramp, np.array([[-3.0, 0.0], [1.0, 9.0]], dtype=np.float32))
-    assert picture[:, :, 0].tolist() == [[0, 0], [255, 255]]
+    image = palettes.paint(ramp, np.array([[-3.0, 0.0], [1.0, 9.0]], dtype=np.float32))
+    assert image[:, :, 0].tolist() == [[0, 0], [255, 255]]
 
 
 def test_a_mask_lays_one_colour_over_another():

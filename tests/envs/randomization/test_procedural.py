@@ -43,21 +43,21 @@ def test_the_library_has_300_table_150_wall_and_150_ground_materials_and_shares_
     assert len(set().union(*names)) == 600
 
 
-def test_every_material_is_a_picture_of_its_own(library):
-    assert all(picture.shape == (256, 256, 3) and picture.dtype == np.uint8 for picture in library.values())
-    assert len({hashlib.sha256(picture.tobytes()).digest() for picture in library.values()}) == 600
+def test_every_material_is_an_image_of_its_own(library):
+    assert all(image.shape == (256, 256, 3) and image.dtype == np.uint8 for image in library.values())
+    assert len({hashlib.sha256(image.tobytes()).digest() for image in library.values()}) == 600
 
 
 def test_no_material_is_black_burnt_out_or_blank(library):
-    for name, picture in library.items():
-        assert 20 < picture.mean() < 245, name
-        assert picture.std(axis=(0, 1)).max() > 0.5, name
+    for name, image in library.items():
+        assert 20 < image.mean() < 245, name
+        assert image.std(axis=(0, 1)).max() > 0.5, name
 
 
 def test_copies_side_by_side_show_no_seam(library):
     """Across the seam, neighbouring pixels differ no more than the most different ones inside."""
-    for name, picture in library.items():
-        pixels = picture.astype(np.float32)
+    for name, image in library.items():
+        pixels = image.astype(np.float32)
         for axis in (0, 1):
             inside = np.abs(np.diff(pixels, axis=axis)).mean(axis=(1 - axis, 2))
             seam = np.abs(pixels.take(0, axis) - pixels.take(-1, axis)).mean()

@@ -233,7 +233,7 @@ def test_the_ranges_of_the_lights_can_be_set():
     assert len(randomizer.appearance(int(randomizer.split.episodes[0])).lights) == 3
 
 
-def test_a_folder_of_pictures_reaches_the_appearance(tmp_path):
+def test_a_folder_of_images_reaches_the_appearance(tmp_path):
     from PIL import Image
 
     for i in range(20):

@@ -128,7 +128,7 @@ def test_the_command_checks_the_file_and_exits_2_when_it_is_wrong(tmp_path):
     assert splits.main([f"path={tmp_path / 'v2.json'}"]) == 2
 
 
-def test_hashing_divides_about_90_to_10_and_adding_a_picture_moves_no_other():
+def test_hashing_divides_about_90_to_10_and_adding_an_image_moves_no_other():
     names = [f"photo{i}.png" for i in range(500)]
     before = splits.split_by_hash(names)
     assert 30 <= len(before["test"]) <= 70
@@ -137,21 +137,21 @@ def test_hashing_divides_about_90_to_10_and_adding_a_picture_moves_no_other():
         assert set(before[side]) <= set(after[side])
 
 
-def test_the_same_picture_is_on_one_side_on_every_surface():
+def test_the_same_image_is_on_one_side_on_every_surface():
     names = [f"photo{i}.png" for i in range(200)]
     table, wall = (splits.split_by_hash([f"{s}/{name}" for name in names]) for s in ("table", "wall"))
     assert [n.split("/")[1] for n in table["test"]] == [n.split("/")[1] for n in wall["test"]]
 
 
 @pytest.mark.parametrize("count", [2, 3, 5])
-def test_few_pictures_still_give_both_sides_some(count):
+def test_few_images_still_give_both_sides_some(count):
     divided = splits.split_by_hash([f"{i}.png" for i in range(count)])
     assert len(divided["test"]) >= 1 and len(divided["train"]) >= 1
     assert len(divided["test"]) + len(divided["train"]) == count
 
 
-def test_one_picture_cannot_be_split():
-    with pytest.raises(ConfigError, match=r"needs at least 2 pictures for each surface.*given 1: a.png"):
+def test_one_image_cannot_be_split():
+    with pytest.raises(ConfigError, match=r"needs at least 2 images for each surface.*given 1: a.png"):
         splits.split_by_hash(["a.png"])
 
 
@@ -163,7 +163,7 @@ def test_importing_the_package_is_light():
 
 
 @given(st.lists(st.from_regex(r"[a-z]{1,8}\.png", fullmatch=True), min_size=2, max_size=40, unique=True))
-def test_any_pictures_are_divided_without_loss_and_whatever_their_order(names):
+def test_any_images_are_divided_without_loss_and_whatever_their_order(names):
     divided = splits.split_by_hash(names)
     assert sorted(divided["train"] + divided["test"]) == sorted(names)
     assert divided["train"] and divided["test"]

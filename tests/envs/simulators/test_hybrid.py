@@ -1,4 +1,4 @@
-"""Physics of one simulator, pictures of another: which pair a name means, and what is drawn."""
+"""Physics of one simulator, images of another: which pair a name means, and what is drawn."""
 
 import dataclasses
 
@@ -65,7 +65,7 @@ def assert_same(first, second):
         np.testing.assert_array_equal(first[kind], second[kind])
 
 
-def test_pictures_are_those_of_the_simulator_that_draws(pair, alone):
+def test_images_are_those_of_the_simulator_that_draws(pair, alone):
     pair.set_states(starts())
     pair.step(30)
     alone.set_states(pair.get_states().to(alone.device, alone.dtype))
@@ -112,9 +112,9 @@ def test_a_snapshot_is_of_its_moment(pair):
     assert not np.array_equal(draw(pair, [0, 2])["depth"], before["depth"])
     assert_same(pair.render_jobs(jobs, ["front"], KINDS)["front"], before)
     swapped = pair.render_jobs([jobs[1], jobs[0]], ["front"], KINDS)["front"]
-    assert_same({kind: picture[::-1] for kind, picture in swapped.items()}, before)
+    assert_same({kind: image[::-1] for kind, image in swapped.items()}, before)
     last = pair.render_jobs(jobs[1:], ["front"], KINDS)["front"]
-    assert_same(last, {kind: picture[1:] for kind, picture in before.items()})
+    assert_same(last, {kind: image[1:] for kind, image in before.items()})
     with pytest.raises(IndexError, match="There are 2 moments, and none at 2"):
         jobs[2]
     assert pair.render_jobs(jobs[:0], ["front"])["front"]["rgb"].shape == (0, 32, 32, 3)
@@ -179,19 +179,19 @@ def test_nothing_is_drawn_after_the_end():
 
 
 def test_episodes_of_an_env_are_the_same_whoever_draws():
-    hashes, pictures = {}, {}
+    hashes, images = {}, {}
     for renderer in ("warp", "mujoco_warp"):
         env = envs.make_vec("PickCube", 2, split="train", level=3, renderer=renderer, image_size=32)
         try:
             env.reset(seed=3)
             hashes[renderer] = [env.initial_state_hash(i) for i in range(2)]
-            pictures[renderer] = env.observe()["observation.images.front"].astype(int)
+            images[renderer] = env.observe()["observation.images.front"].astype(int)
             assert env.renderer == renderer
             assert env.render()[0].shape == (32, 32, 3)
         finally:
             env.close()
     assert hashes["warp"] == hashes["mujoco_warp"]
-    assert np.abs(pictures["warp"] - pictures["mujoco_warp"]).mean() < 1.0
+    assert np.abs(images["warp"] - images["mujoco_warp"]).mean() < 1.0
 
 
 def test_the_errors_of_physics_come_through(pair):

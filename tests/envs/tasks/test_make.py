@@ -51,16 +51,16 @@ def test_the_expert_solves_the_task_at_another_control_rate() -> None:
     assert max(len(outcome.actions) for outcome in lengths if outcome.success) <= 50  # of twice the length
 
 
-def test_another_field_of_view_is_another_picture_of_the_same_state() -> None:
-    pictures, states = [], []
+def test_another_field_of_view_is_another_image_of_the_same_state() -> None:
+    images, states = [], []
     for scenario in (None, {"cameras": {"front": {"fovy_deg": 60}}}):
         env = envs.make_vec("PickCube", split="test", image_size=32, scenario=scenario)
         with contextlib.closing(env):
             env.reset(seed=1)
-            pictures.append(env.observe()["observation.images.front"])
+            images.append(env.observe()["observation.images.front"])
             states.append(env.get_states().robots["franka"].joint_pos.numpy())
     np.testing.assert_array_equal(*states)
-    assert (pictures[0] != pictures[1]).mean() > 0.5
+    assert (images[0] != images[1]).mean() > 0.5
 
 
 @pytest.mark.parametrize("shape", [[1, 1], [3, 4]])

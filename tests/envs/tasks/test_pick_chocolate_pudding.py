@@ -228,8 +228,8 @@ def test_the_real_meshes_stand_still_and_are_seen():
     try:
         env.reset_envs([0], env.split_indices[:1])
         before = env.get_states()
-        picture = env.observe()["observation.images.front"][0]
-        assert picture.std() > 10
+        image = env.observe()["observation.images.front"][0]
+        assert image.std() > 10
         hold = before.robots["franka"].joint_pos.numpy()
         for _ in range(40):
             env.step_envs([0], hold)

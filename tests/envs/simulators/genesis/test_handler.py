@@ -63,7 +63,7 @@ def test_settings_are_read_and_unknown_ones_refused():
         GenesisSettings(cone="round")
 
 
-def test_its_own_pictures_are_refused_by_name():
+def test_its_own_images_are_refused_by_name():
     with pytest.raises(UnknownNameError, match=r"Unknown renderer 'genesis'"):
         HANDLERS.get("genesis")(PickCube().scenario, 1, renderer="genesis")
 

@@ -110,7 +110,7 @@ def test_a_stage_leaves_the_handlers_model_alone(model, stage):
 
 
 def test_a_texture_is_repeated_by_its_size(model, stage):
-    """A table of 1.6 m carries a picture of 0.4 m four times; the ground of 6 m a picture of 2 m thrice."""
+    """A table of 1.6 m carries an image of 0.4 m four times; the ground of 6 m an image of 2 m thrice."""
     looks = dataclasses.replace(
         BASE,
         materials={
@@ -175,15 +175,15 @@ def handler():
 
 
 def test_two_threads_draw_what_one_draws(handler):
-    """A picture depends on its job alone: many at once, one after the other, from two callers."""
+    """An image depends on its job alone: many at once, one after the other, from two callers."""
     jobs = handler.snapshot()
     together = handler.render_jobs(jobs)["front"]["rgb"]
     alone = np.concatenate([handler.render_jobs([job])["front"]["rgb"] for job in jobs])
     np.testing.assert_array_equal(together, alone)
     with ThreadPoolExecutor(2) as pool:
         drawn = list(pool.map(lambda _: handler.render_jobs(jobs)["front"]["rgb"], range(4)))
-    for pictures in drawn:
-        np.testing.assert_array_equal(pictures, together)
+    for images in drawn:
+        np.testing.assert_array_equal(images, together)
 
 
 def test_furniture_that_comes_and_goes_leaves_no_trace(handler):
@@ -202,7 +202,7 @@ def test_furniture_that_comes_and_goes_leaves_no_trace(handler):
     cameras = tuple(camera.name for camera in SCENARIO.cameras)
     drawn = [renderer.render([job], cameras, ("rgb",)) for job in (bare, furnished, bare, furnished)]
     for camera in cameras:
-        first, second, third, fourth = (pictures[camera]["rgb"] for pictures in drawn)
+        first, second, third, fourth = (images[camera]["rgb"] for images in drawn)
         np.testing.assert_array_equal(first, third)
         np.testing.assert_array_equal(second, fourth)
     assert any((drawn[0][camera]["rgb"] != drawn[1][camera]["rgb"]).any() for camera in cameras)

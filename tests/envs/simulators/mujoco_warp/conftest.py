@@ -12,7 +12,7 @@ NUM_ENVS = 4
 
 
 def scene(**settings):
-    """PickCube with a small picture; ``settings`` are the simulator's."""
+    """PickCube with a small image; ``settings`` are the simulator's."""
     scenario = PickCube().scenario
     cameras = tuple(dataclasses.replace(camera, width=64, height=64) for camera in scenario.cameras)
     return dataclasses.replace(
@@ -20,7 +20,7 @@ def scene(**settings):
     )
 
 
-def pictures_of(name, size):
+def images_of(name, size):
     """Every material has a colour of its own, in squares."""
     rng = np.random.default_rng(sum(map(ord, name)))
     return np.kron(rng.integers(0, 255, (8, 8, 3)), np.ones((size // 8, size // 8, 1))).astype(np.uint8)
@@ -32,6 +32,6 @@ def starts(count=NUM_ENVS, seed=0):
 
 @pytest.fixture(scope="session")
 def handler():
-    with MujocoWarpHandler(scene(), NUM_ENVS, textures=pictures_of) as handler:
+    with MujocoWarpHandler(scene(), NUM_ENVS, textures=images_of) as handler:
         handler.launch()
         yield handler

@@ -15,7 +15,7 @@ from envs.simulators.mujoco_warp.appearances import PER_WORLD, AppearanceWriter
 from envs.simulators.mujoco_warp.device import Device
 from envs.simulators.mujoco_warp.textures import TextureTable
 from envs.simulators.mujoco_warp.worlds import put_model
-from tests.envs.simulators.mujoco_warp.conftest import pictures_of, scene
+from tests.envs.simulators.mujoco_warp.conftest import images_of, scene
 
 NUM_WORLDS = 3
 RGB = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
@@ -34,7 +34,7 @@ def writer(stage):
     device = Device("cpu")
     with device.scope():
         model = put_model(stage.model, dict.fromkeys(PER_WORLD, NUM_WORLDS))
-    writer = AppearanceWriter(stage, model, NUM_WORLDS, TextureTable([], pictures_of, 4, device), device)
+    writer = AppearanceWriter(stage, model, NUM_WORLDS, TextureTable([], images_of, 4, device), device)
     writer.fields = {name: device.tensor(getattr(model, name)) for name in PER_WORLD}
     return writer
 

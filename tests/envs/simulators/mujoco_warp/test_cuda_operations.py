@@ -10,7 +10,7 @@ from torch.utils._pytree import tree_leaves
 from envs.simulators.mujoco_warp.device import Device
 from envs.simulators.mujoco_warp.handler import MujocoWarpHandler
 from envs.spec import EnvSpec
-from tests.envs.simulators.mujoco_warp.conftest import pictures_of, scene, starts
+from tests.envs.simulators.mujoco_warp.conftest import images_of, scene, starts
 
 UNSIGNED = {torch.uint16: wp.uint16, torch.uint32: wp.uint32, torch.uint64: wp.uint64}
 """Types of integers on which CUDA has hardly an operation: no indexing, comparison or arithmetic."""
@@ -52,7 +52,7 @@ def test_unsigned_arrays_become_signed_tensors_of_the_same_memory(unsigned):
 
 
 def test_physics_states_and_images_need_no_operation_that_cuda_lacks():
-    with RefusesWhatCudaLacks(), MujocoWarpHandler(scene(), 2, textures=pictures_of) as handler:
+    with RefusesWhatCudaLacks(), MujocoWarpHandler(scene(), 2, textures=images_of) as handler:
         handler.launch()
         handler.set_states(starts(2))
         handler.step(2)

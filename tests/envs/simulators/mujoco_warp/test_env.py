@@ -1,4 +1,4 @@
-"""The whole env on this simulator: the same episodes, spaces and pictures as on the default one."""
+"""The whole env on this simulator: the same episodes, spaces and images as on the default one."""
 
 import numpy as np
 import pytest

@@ -12,7 +12,7 @@ from envs.simulators.mujoco_warp.handler import MujocoWarpHandler
 from envs.simulators.mujoco_warp.settings import WarpSettings
 from envs.simulators.mujoco_warp.snapshots import Snapshots
 from envs.tasks.nut_assembly import NutAssembly
-from tests.envs.simulators.mujoco_warp.conftest import NUM_ENVS, pictures_of, scene, starts
+from tests.envs.simulators.mujoco_warp.conftest import NUM_ENVS, images_of, scene, starts
 
 
 def test_it_is_registered_and_steps_together():
@@ -80,14 +80,14 @@ def test_a_state_of_another_robot_is_refused(handler):
 
 
 def test_another_renderer_draws_its_snapshots(monkeypatch):
-    """Renderers of the CPU get what they always get; their pictures become tensors on request."""
+    """Renderers of the CPU get what they always get; their images become tensors on request."""
     monkeypatch.setattr(RENDERERS, "get", lambda name: WarpRenderer)
-    with MujocoWarpHandler(scene(), 1, renderer="gl", textures=pictures_of, num_threads=1) as handler:
+    with MujocoWarpHandler(scene(), 1, renderer="gl", textures=images_of, num_threads=1) as handler:
         handler.launch()
         handler.set_states(starts(1))
-        pictures = handler.render(["front"])["front"]["rgb"]
+        images = handler.render(["front"])["front"]["rgb"]
         tensors = handler.render_tensors(None, ["front"])["front"]["rgb"]
         assert tensors.device == handler.device
-        np.testing.assert_array_equal(tensors, pictures)
+        np.testing.assert_array_equal(tensors, images)
         assert handler.segmentation_names[0] == "franka"
         assert handler.not_shown == WarpRenderer.not_shown

@@ -1,4 +1,4 @@
-"""Pictures of many worlds at once: those of the other simulator, and each world's own looks."""
+"""Images of many worlds at once: those of the other simulator, and each world's own looks."""
 
 import dataclasses
 
@@ -14,7 +14,7 @@ from envs.simulators.mujoco_warp.handler import MujocoWarpHandler
 from envs.simulators.mujoco_warp.textures import TextureTable
 from envs.simulators.mujoco_warp.tracer import by_tiles
 from envs.tasks.pick_cube import PickCube
-from tests.envs.simulators.mujoco_warp.conftest import NUM_ENVS, pictures_of, scene, starts
+from tests.envs.simulators.mujoco_warp.conftest import NUM_ENVS, images_of, scene, starts
 
 KINDS = ("rgb", "depth", "segmentation")
 EVERY_CHANNEL = ("environment", "camera", "lighting")
@@ -43,7 +43,7 @@ def dressed(handler, looks):
 def test_they_are_those_of_the_other_simulator(dressed, looks):
     """Single-precision positions move a silhouette by far less than a pixel: one pixel in a thousand may
     fall on its other side. All others agree to two grey levels and a tenth of a millimetre."""
-    with MujocoHandler(scene(), NUM_ENVS, textures=pictures_of, num_threads=1) as other:
+    with MujocoHandler(scene(), NUM_ENVS, textures=images_of, num_threads=1) as other:
         other.launch()
         other.set_states(starts())
         for env_id, look in enumerate(looks):
@@ -66,26 +66,26 @@ def test_rays_go_tile_by_tile():
 
 
 def test_cameras_of_any_size_are_drawn_pixel_by_pixel_as_elsewhere():
-    """Two pictures of which no side is whole tiles, one beside the other in the tracer's buffers."""
+    """Two images of which no side is whole tiles, one beside the other in the tracer's buffers."""
     scenario = scene()
     wide = dataclasses.replace(scenario.cameras[0], width=50, height=30)
     tall = dataclasses.replace(scenario.cameras[0], name="tall", width=20, height=41)
     scenario = dataclasses.replace(scenario, cameras=(wide, tall))
-    pictures = []
+    images = []
     for simulator in (MujocoWarpHandler, MujocoHandler):
         with simulator(scenario, 2) as handler:
             handler.launch()
             handler.set_states(starts(2))
-            pictures.append(handler.render(None, KINDS))
+            images.append(handler.render(None, KINDS))
     for camera, shape in ((wide, (2, 30, 50)), (tall, (2, 41, 20))):
-        ours, theirs = pictures[0][camera.name], pictures[1][camera.name]
+        ours, theirs = images[0][camera.name], images[1][camera.name]
         assert ours["segmentation"].shape == shape
         assert (ours["segmentation"] != theirs["segmentation"]).mean() < 2e-3
         assert (np.abs(ours["rgb"].astype(int) - theirs["rgb"]).max(-1) > 2).mean() < 2e-3
         assert (np.abs(ours["depth"] - theirs["depth"]) > 1e-4).mean() < 2e-3
 
 
-def test_a_picture_depends_on_its_world_alone(dressed):
+def test_an_image_depends_on_its_world_alone(dressed):
     together = dressed.render()["front"]["rgb"]
     np.testing.assert_array_equal(dressed.render(env_ids=[1, 3])["front"]["rgb"], together[[1, 3]])
     np.testing.assert_array_equal(dressed.render(env_ids=[2])["front"]["rgb"], together[[2]])
@@ -94,8 +94,8 @@ def test_a_picture_depends_on_its_world_alone(dressed):
 
 def test_more_jobs_than_worlds_are_drawn_in_turns(dressed):
     jobs = [*dressed.snapshot(), *dressed.snapshot([2, 0])]
-    pictures = dressed.render_jobs(jobs)["front"]["rgb"]
-    np.testing.assert_array_equal(pictures[NUM_ENVS:], pictures[[2, 0]])
+    images = dressed.render_jobs(jobs)["front"]["rgb"]
+    np.testing.assert_array_equal(images[NUM_ENVS:], images[[2, 0]])
 
 
 def test_a_snapshot_is_of_its_moment_and_of_its_looks(dressed):
@@ -108,21 +108,21 @@ def test_a_snapshot_is_of_its_moment_and_of_its_looks(dressed):
     assert not np.array_equal(dressed.render(env_ids=[1])["front"]["rgb"][0], before[0])
 
 
-def test_pictures_stay_on_the_device_and_go_where_they_are_wanted(dressed):
+def test_images_stay_on_the_device_and_go_where_they_are_wanted(dressed):
     expected = dressed.render(None, KINDS)["front"]
     film = torch.zeros((NUM_ENVS, 3, 64, 64, 3), dtype=torch.uint8, device=dressed.device)
     depth = torch.zeros((NUM_ENVS, 64, 64), device=dressed.device)
     ids = torch.zeros((NUM_ENVS, 64, 64), dtype=torch.int32, device=dressed.device)
     out = {"front": {"rgb": film[:, 1], "depth": depth, "segmentation": ids}}
-    pictures = dressed.render_tensors(None, ["front"], KINDS, out=out)
-    assert pictures["front"]["depth"] is depth
+    images = dressed.render_tensors(None, ["front"], KINDS, out=out)
+    assert images["front"]["depth"] is depth
     np.testing.assert_array_equal(film[:, 1].cpu(), expected["rgb"])
     np.testing.assert_array_equal(depth.cpu(), expected["depth"])
     np.testing.assert_array_equal(ids.cpu(), expected["segmentation"])
     assert not film[:, [0, 2]].any()
 
 
-def test_the_table_turns_in_the_picture_and_not_under_the_cube(dressed, looks):
+def test_the_table_turns_in_the_image_and_not_under_the_cube(dressed, looks):
     before = dressed.views.mocap_quat.clone()
     turned = dataclasses.replace(looks[0], table_yaw_rad=0.7)
     flat = dressed.render(env_ids=[0])["front"]["rgb"]
@@ -134,7 +134,7 @@ def test_the_table_turns_in_the_picture_and_not_under_the_cube(dressed, looks):
 def test_materials_share_one_table_that_forgets_the_longest_unused():
     import warp as wp
 
-    table = TextureTable([], pictures_of, 3, Device("cpu"))
+    table = TextureTable([], images_of, 3, Device("cpu"))
     a, b, none = table.ids_of(["a", "b", None], set())
     assert (a != b, none) == (True, -1)
     assert table.ids_of(["b", "a", "b"], set()) == [b, a, b]

@@ -1,4 +1,4 @@
-"""Newton's pictures beyond the contract of renderers."""
+"""Newton's images beyond the contract of renderers."""
 
 import dataclasses
 from itertools import pairwise
@@ -19,7 +19,7 @@ from envs.simulators.newton.surfaces import brightened
 from envs.tasks.pick_cube import PickCube
 
 
-def picture(renderer, level):
+def image(renderer, level):
     env = envs.make_vec(
         "PickCube", 1, level=level, split="train", renderer=renderer, image_size=64, num_threads=1
     )
@@ -33,15 +33,15 @@ def picture(renderer, level):
 @pytest.mark.parametrize("level", range(4))
 def test_a_draw_of_every_level_looks_as_the_default_renderer_shows_it(level):
     """Alike, but for shadows that keep three tenths of the light, highlights, and smoothing."""
-    ours, theirs = picture("newton", level), picture("warp", level)
+    ours, theirs = image("newton", level), image("warp", level)
     apart = np.abs(ours - theirs).mean(axis=-1)
     assert np.median(apart) < 16
     assert np.corrcoef(ours.ravel(), theirs.ravel())[0, 1] > 0.85
 
 
 def test_levels_differ():
-    pictures = [picture("newton", level) for level in range(4)]
-    for easier, harder in pairwise(pictures):
+    images = [image("newton", level) for level in range(4)]
+    for easier, harder in pairwise(images):
         assert np.abs(easier - harder).mean() > 3
 
 

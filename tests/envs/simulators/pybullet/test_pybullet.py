@@ -194,7 +194,7 @@ def test_shapes_are_closed_face_outwards_and_have_their_volume(shape):
     assert ((across * drawn.normals[drawn.faces[:, 1]]).sum(1)[large] > 0).all()
 
 
-def test_pictures_of_two_looks_differ_and_furniture_is_seen():
+def test_images_of_two_looks_differ_and_furniture_is_seen():
     task = PickCube()
     cameras = tuple(dataclasses.replace(camera, width=32, height=32) for camera in task.scenario.cameras)
     scenario = dataclasses.replace(task.scenario, cameras=cameras)

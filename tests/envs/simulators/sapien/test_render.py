@@ -1,4 +1,4 @@
-"""SAPIEN's pictures beyond the contract of renderers."""
+"""SAPIEN's images beyond the contract of renderers."""
 
 import dataclasses
 
@@ -61,11 +61,11 @@ def draw(renderer, model, looks=TABLETOP_LOOKS):
 
 
 def test_every_shape_is_seen_with_its_size_and_colour(renderer, model):
-    pictures = draw(renderer, model)
+    images = draw(renderer, model)
     for index, name in enumerate(SHAPES):
-        mask = pictures["segmentation"][0] == renderer.segmentation_names.index(name)
+        mask = images["segmentation"][0] == renderer.segmentation_names.index(name)
         assert mask.sum() >= 16, name
-        colour = pictures["rgb"][0][mask].mean(axis=0)
+        colour = images["rgb"][0][mask].mean(axis=0)
         assert colour[2] > 1.5 * colour[0], name
         focal = 24 / np.tan(np.pi / 8)
         column = 48 + (0.3 * index - 0.45) * focal / 1.4
@@ -73,7 +73,7 @@ def test_every_shape_is_seen_with_its_size_and_colour(renderer, model):
 
 
 def test_a_surface_that_was_built_anew_keeps_its_name(renderer, model):
-    """The size of a picture is part of the mesh."""
+    """The size of an image is part of the mesh."""
     before = draw(renderer, model)["segmentation"]
     table = dataclasses.replace(TABLETOP_LOOKS.materials["table"], texture="checker", size_m=0.37)
     looks = dataclasses.replace(TABLETOP_LOOKS, materials={**TABLETOP_LOOKS.materials, "table": table})
