@@ -2,7 +2,8 @@
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Protocol, override
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, override
 from zlib import crc32
 
 import numpy as np
@@ -14,6 +15,7 @@ from benchmark.records import EpisodeRecord
 from envs.core.errors import CheckpointError, ConfigError
 from envs.rollout import Actor, Episode, EpisodeEnv, rollout
 from envs.state import State
+from policies import create_scripted
 from policies.base import Policy
 
 if TYPE_CHECKING:
@@ -81,8 +83,44 @@ class PolicyActor(Actor):
         return list(chunks)
 
 
+@dataclass(frozen=True, slots=True)
+class Baseline:
+    """What acts without training: a rule, such as random actions, or the task's expert.
+
+    It is made for each environment, whose actions or task it needs.
+
+    Attributes:
+        name: ``"expert"``, or one of ``policies.names("nothing")``.
+    """
+
+    name: str
+
+    def actor(self, env: Any, seed: int, where: str) -> Actor:
+        """Returns what acts in an environment; see :class:`PolicyActor`."""
+        if self.name != EXPERT:
+            policy = create_scripted(self.name, env.single_action_space)
+            policy.task = env.task.name
+            return PolicyActor(policy, env, seed, where)
+        from envs.experts.actor import ExpertActor
+
+        actor = ExpertActor(env)
+        actor.tail_steps = None  # the environment decides when the episode is over, as for any policy
+        return actor
+
+
+EXPERT = "expert"
+"""Name of the baseline that is the task's scripted expert."""
+
+
+def actor_of(policy: Policy | Baseline, env: EvaluatedEnv, seed: int, where: str) -> Actor:
+    """Returns what lets a policy or a baseline act; see :class:`PolicyActor`."""
+    if isinstance(policy, Baseline):
+        return policy.actor(env, seed, where)
+    return PolicyActor(policy, env, seed, where)
+
+
 def evaluate(
-    policy: Policy,
+    policy: Policy | Baseline,
     make_env: Callable[[Cell], EvaluatedEnv],
     protocol: EvaluationProtocol,
     *,
@@ -136,7 +174,7 @@ def evaluate(
 
 
 def evaluate_cell(
-    policy: Policy,
+    policy: Policy | Baseline,
     env: EvaluatedEnv,
     episodes: Sequence[int],
     *,
@@ -184,7 +222,7 @@ def evaluate_cell(
     if len(set(episodes)) != len(episodes):
         raise ConfigError(f"An episode is asked for twice in {cell}.")
     done: dict[int, EpisodeRecord] = {}
-    for episode in rollout(env, PolicyActor(policy, env, seed, str(cell)), episodes):
+    for episode in rollout(env, actor_of(policy, env, seed, str(cell)), episodes):
         done[episode.position] = EpisodeRecord(
             **shared,
             episode=episode.episode,

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmark.records import EpisodeRecord
-from benchmark.runner import EvaluatedEnv, PolicyActor
+from benchmark.runner import Baseline, EvaluatedEnv, actor_of
 from envs.core.atomic import atomic_path
 from envs.rollout import Episode, rollout
 from policies.base import Policy
@@ -17,7 +17,7 @@ logger = logging.getLogger(__name__)
 
 
 def record_episode(
-    policy: Policy, env: EvaluatedEnv, episode: int, *, seed: int, every: int = 2
+    policy: Policy | Baseline, env: EvaluatedEnv, episode: int, *, seed: int, every: int = 2
 ) -> tuple[np.ndarray, bool]:
     """Runs one episode again and films it.
 
@@ -37,7 +37,7 @@ def record_episode(
         if running.length % every == 0:
             frames.append(env.image(running.env_id))
 
-    actor = PolicyActor(policy, env, seed, "a video")
+    actor = actor_of(policy, env, seed, "a video")
     (finished,) = rollout(env, actor, [episode], on_step=film)
     if finished.length % every:  # the environment is still where the episode ended
         frames.append(env.image(finished.env_id))
@@ -83,7 +83,7 @@ def choose_episodes(records: Sequence[EpisodeRecord], count: int = 1) -> list[Ep
 
 
 def film_cell(
-    policy: Policy,
+    policy: Policy | Baseline,
     env: EvaluatedEnv,
     records: Sequence[EpisodeRecord],
     folder: Path,

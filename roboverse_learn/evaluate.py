@@ -1,4 +1,4 @@
-"""``python roboverse_learn/evaluate.py checkpoint=…``: a checkpoint over levels and splits."""
+"""``python roboverse_learn/evaluate.py checkpoint=…``: a policy, or a baseline, over levels and splits."""
 
 import sys
 from pathlib import Path
@@ -47,7 +47,7 @@ class Evaluation:
 
 
 def evaluate(config: EvaluateConfig) -> Any:
-    """Evaluates a checkpoint, writes its results and the leaderboard; returns a printable report.
+    """Evaluates a checkpoint or a baseline, writes its results and the leaderboard; returns a report.
 
     What learned several tasks is evaluated in each of them, or in the one that is named.
 
@@ -80,30 +80,26 @@ def evaluate_checkpoint(
         results_dir: Folder of results.
         command: The command of ours that runs, as it is recorded.
     """
-    import policies
     from benchmark.finished_cells import FinishedCells
-    from benchmark.provenance import file_hash
-    from benchmark.records import Checkpoint
     from benchmark.results import result_path, video_dir, write_result
-    from policies.checkpoint import WEIGHTS, check_learned, policy_type
+    from policies.checkpoint import check_learned, policy_type
 
     protocol = protocol_of(config)
-    name = policy_type(tested.checkpoint)
-    weights = file_hash(tested.checkpoint / WEIGHTS)
+    name = tested.baseline if tested.checkpoint is None else policy_type(tested.checkpoint)
+    checkpoint = _recorded(tested.checkpoint)
     path = results_dir / protocol.version / tested.env.task / name / f"{tested.run}.json"
     materials = recorded_materials(config.materials)
-    earlier = _earlier(path, weights, protocol, tested, materials)
+    earlier = _earlier(path, checkpoint.hash, protocol, tested, materials)
     if earlier is not None:
         log.info("Evaluated before: %s", path)
         return Evaluation(path=path, result=earlier, videos=_videos(path), reused=True)
 
     looks = {"evaluate.materials": config.materials}
     check_scenario_files(tested.env, looks)
-    check_learned(tested.checkpoint, tested.env.task)
-    policy = policies.load(tested.checkpoint, tested.device)
-    policy.task = tested.env.task
-    checkpoint = Checkpoint(step=step_of(tested.checkpoint), hash=weights)
-    finished = FinishedCells(path, _deciding(tested, protocol, weights, materials))
+    if tested.checkpoint is not None:
+        check_learned(tested.checkpoint, tested.env.task)
+    policy = _load(tested)
+    finished = FinishedCells(path, _deciding(tested, protocol, checkpoint.hash, materials))
     if finished.records:
         log.info("Evaluated before: %s", ", ".join(map(str, finished.records)))
     else:
@@ -119,13 +115,36 @@ def evaluate_checkpoint(
     return Evaluation(path=path, result=result, videos=_videos(path))
 
 
+def _recorded(checkpoint: Path | None) -> "Checkpoint":
+    """Returns a checkpoint as a result records it."""
+    from benchmark.provenance import file_hash
+    from benchmark.records import Checkpoint
+    from policies.checkpoint import WEIGHTS
+
+    if checkpoint is None:
+        return Checkpoint()
+    return Checkpoint(step=step_of(checkpoint), hash=file_hash(checkpoint / WEIGHTS))
+
+
+def _load(tested: TestedCheckpoint) -> Any:
+    """Returns the policy, or the baseline, that is evaluated."""
+    import policies
+    from benchmark.runner import Baseline
+
+    if tested.checkpoint is None:
+        return Baseline(tested.baseline)
+    policy = policies.load(tested.checkpoint, tested.device)
+    policy.task = tested.env.task
+    return policy
+
+
 def _write_curve(path: Path, tested: TestedCheckpoint) -> None:
     """Puts the learning curve of a run beside its result in the scene that it learned in, and no other."""
     from benchmark.learning_curves import MEASURES, write_curve
     from roboverse_learn.commands.run_folder import read_config, run_of
     from roboverse_learn.training.metrics import read_metrics
 
-    run = run_of(tested.checkpoint)
+    run = None if tested.checkpoint is None else run_of(tested.checkpoint)
     if run is None:
         return
     trained = read_config(run)
@@ -140,7 +159,9 @@ def _write_curve(path: Path, tested: TestedCheckpoint) -> None:
         write_curve(path, rows)
 
 
-def _deciding(tested: TestedCheckpoint, protocol: Protocol, weights: str, materials: str) -> dict[str, Any]:
+def _deciding(
+    tested: TestedCheckpoint, protocol: Protocol, weights: str | None, materials: str
+) -> dict[str, Any]:
     """Returns what an evaluation that goes on must share with the one before: all that decides an episode."""
     from benchmark import provenance
 
@@ -230,11 +251,13 @@ def _result(
     )
 
 
-def _view_of(checkpoint: Path) -> tuple[bool, dict[str, Any]]:
-    """Returns whether a policy sees pictures, and what its env shows it and lets it do."""
+def _view_of(checkpoint: Path | None) -> tuple[bool, dict[str, Any]]:
+    """Returns whether a policy sees images, and what its env shows it and lets it do."""
     import policies
     from policies.checkpoint import policy_type, seen_cameras
 
+    if checkpoint is None:
+        return False, {"observation": "state", "actions": "task"}
     sees = bool(seen_cameras(checkpoint))
     actions = policies.policy_class(policy_type(checkpoint)).actions_of
     return sees, {"observation": "pixels" if sees else "full", "actions": actions}
@@ -258,7 +281,7 @@ def _progress_bar() -> Any:
 
 
 def _earlier(
-    path: Path, weights: str, protocol: Protocol, tested: TestedCheckpoint, materials: str
+    path: Path, weights: str | None, protocol: Protocol, tested: TestedCheckpoint, materials: str
 ) -> "Result | None":
     """Returns the result at ``path``, if it is of the same weights, protocol and environment."""
     from benchmark.provenance import package_versions

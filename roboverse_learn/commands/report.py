@@ -108,7 +108,8 @@ def success_table(evaluation: "Evaluation") -> Table:
     others = [task for task in result.train_tasks if task != result.env.task]
     trained += f" together with {', '.join(others)}" if others else ""
     episodes = f"{result.protocol.episodes} episodes"
-    title = f"{result.env.task}, {result.policy}, trained on {trained}: success in {episodes}"
+    how = "without training" if result.checkpoint.hash is None else f"trained on {trained}"
+    title = f"{result.env.task}, {result.policy}, {how}: success in {episodes}"
     table = Table(
         title=title,
         title_justify="left",

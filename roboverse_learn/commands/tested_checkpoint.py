@@ -54,10 +54,11 @@ class Training:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TestedCheckpoint:
-    """A checkpoint and the environment that it is evaluated in.
+    """A checkpoint, or a baseline, and the environment that it is evaluated in.
 
     Attributes:
-        checkpoint: The LeRobot pretrained folder.
+        checkpoint: The LeRobot pretrained folder; None for a baseline.
+        baseline: What acts without a checkpoint: one of ``schema.BASELINES``, empty for a checkpoint.
         run: Name of the evaluation, unique for a task and policy.
         env: Environment; its level, channel and materials are those of each cell of the evaluation.
         device: Torch device.
@@ -67,7 +68,8 @@ class TestedCheckpoint:
 
     __test__ = False  # no test class, whatever pytest takes from the name
 
-    checkpoint: Path
+    checkpoint: Path | None
+    baseline: str = ""
     run: str
     env: EnvSpec
     device: str
@@ -91,11 +93,13 @@ def protocol_of(config: EvaluationConfig) -> Protocol:
 
 
 def checkpoints_to_test(config: EvaluateConfig) -> list[TestedCheckpoint]:
-    """Returns the checkpoint in the given task, or in each task that it was trained on.
+    """Returns the checkpoint in the given task, or in each task that it was trained on; or the baseline.
 
     Raises:
         RoboVerseError: as :func:`checkpoint_to_test`.
     """
+    if config.policy_name:
+        return [_baseline(config)]
     together = () if "task" in config.env else _learned_together(Path(config.checkpoint))
     if not together:
         return [checkpoint_to_test(config)]
@@ -218,22 +222,53 @@ def _checkpoint_without_run(checkpoint: Path, config: EvaluateConfig) -> TestedC
         )
     seen = EnvSpec(cameras=tuple(cameras), image_size=config.env.get("image_size") or sizes.pop())
     env = _changed_env(seen, config.env)
-    named = ("task_kwargs", "simulator", "simulator_settings", "renderer")
-    parts = [_in_name(key, config.env[key]) for key in named if key in config.env]
-    if env.scenario:
-        parts.append(_in_name("scenario", env.scenario))
-    if config.evaluate.materials:
-        parts.append(_materials_in_name(config.evaluate))
     weights = file_hash(checkpoint / WEIGHTS)[:8]
     base = re.sub(r"[^A-Za-z0-9._+=-]+", "-", checkpoint.absolute().parent.name).strip("-.") or "checkpoint"
     return TestedCheckpoint(
         checkpoint=checkpoint,
-        run="-".join([base, weights, protocol_of(config.evaluate).hash[:6], *parts]),
+        run="-".join([base, weights, *_evaluation_in_name(config, env)]),
         env=env,
         device=resolve_device(config.device),
         training=Training(tasks=_learned_together(checkpoint)),
         config={"command": to_values(config), "policy": values},
     )
+
+
+def _baseline(config: EvaluateConfig) -> TestedCheckpoint:
+    """Returns a baseline in the scene of its task.
+
+    Raises:
+        ConfigError: It is the expert, and the task has none.
+    """
+    from envs.tasks import TASKS
+    from roboverse_learn.config.serialize import to_values
+
+    env = _changed_env(EnvSpec(), config.env)
+    if config.policy_name == "expert" and not TASKS.get(env.task).has_expert:
+        raise ConfigError(
+            f"{env.task} has no scripted expert to evaluate. Give another policy, such as policy=random, or "
+            f"train one: roboverse train policy=ppo task={env.task}"
+        )
+    return TestedCheckpoint(
+        checkpoint=None,
+        baseline=config.policy_name,
+        run="-".join([config.policy_name, *_evaluation_in_name(config, env)]),
+        env=env,
+        device="cpu",
+        config={"command": to_values(config)},
+    )
+
+
+def _evaluation_in_name(config: EvaluateConfig, env: EnvSpec) -> list[str]:
+    """Returns the protocol and the changed environment of what was not trained here, as parts of a name."""
+    named = ("task_kwargs", "simulator", "simulator_settings", "renderer")
+    parts = [protocol_of(config.evaluate).hash[:6]]
+    parts += [_in_name(key, config.env[key]) for key in named if key in config.env]
+    if env.scenario:
+        parts.append(_in_name("scenario", env.scenario))
+    if config.evaluate.materials:
+        parts.append(_materials_in_name(config.evaluate))
+    return parts
 
 
 def _learned_together(checkpoint: Path) -> tuple[str, ...]:

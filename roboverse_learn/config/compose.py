@@ -59,7 +59,7 @@ def compose(command: str, words: Sequence[str]) -> Any:
     pairs = [_split(word) for word in words]
     typed = dict(pairs)
     saved = _saved_values(typed.get("run", "")) if command == "train" else {}
-    policy = str(typed.get("policy", saved.get("policy_name", "act")))
+    policy = "act" if command == "evaluate" else str(typed.get("policy", saved.get("policy_name", "act")))
     preset = typed.get("preset", "full")
     for kind, name, names in (("policy", policy, policies.names()), ("preset", preset, preset_names())):
         if name not in names:
@@ -71,7 +71,7 @@ def compose(command: str, words: Sequence[str]) -> Any:
     else:
         values = copy.deepcopy(_composed(command, policy, preset))
     if command == "evaluate":
-        values |= {key: defaults[key] for key in env_keys(command)}
+        values |= {key: defaults[key] for key in env_keys(command)} | {"policy_name": typed.get("policy", "")}
     for word, key, (_, text) in zip(words, keys, pairs, strict=True):
         if key not in _GROUPS:
             _put(values, key, _value(word, text, command, key, at(defaults, key)))

@@ -14,14 +14,14 @@ from envs.spec import EnvSpec
 from roboverse_learn.config.compose import preset_names
 from roboverse_learn.config.keys import at, flat_keys
 from roboverse_learn.config.scenario_overrides import SECTION, scenario_keys
-from roboverse_learn.config.schema import COMMANDS
+from roboverse_learn.config.schema import BASELINES, COMMANDS
 from roboverse_learn.config.serialize import default_values
 
 SUMMARIES = {
     "train": "collect what is missing, train, evaluate over the levels, write the leaderboard",
     "collect": "collect demonstrations of the expert into a LeRobot dataset",
     "sweep": "train once for every combination of several values, over the GPUs of this machine",
-    "evaluate": "evaluate a checkpoint over levels and splits",
+    "evaluate": "evaluate a checkpoint, the expert or a rule over levels and splits",
     "replay": "replay recorded states and controls in another simulator, and say how far apart they are",
     "conservation": "measure what each simulator keeps of momentum, angular momentum and kinetic energy",
     "leaderboard": "write tables, plots and the page from the result files",
@@ -46,6 +46,7 @@ EXAMPLES = {
     "evaluate": (
         "roboverse evaluate checkpoint=runs/PickCube/act/<run> levels=[0,1,2,3] episodes=100",
         "roboverse evaluate checkpoint=… levels=[] alone=[camera,lighting] splits=[test]",
+        "roboverse evaluate policy=random task=PickCube   (a baseline; also zero, hold, expert)",
     ),
     "replay": ("roboverse replay dataset=datasets/PickCube/<name> simulator=mujoco_warp episodes=50",),
     "conservation": ("roboverse conservation simulators=[mujoco,mujoco_warp]",),
@@ -158,7 +159,8 @@ def _key_rows(command: str, skip: tuple[str, ...] = (), policy: str = "act") -> 
     rows = []
     for key in flat_keys(values):
         if key == "policy_name":
-            rows.append((f"policy={values[key]}", "Policy: " + ", ".join(policies.names()) + "."))
+            names, what = (BASELINES, about[key]) if command == "evaluate" else (policies.names(), "Policy:")
+            rows.append((f"policy={values[key]}", f"{what.rstrip('.:')}: {', '.join(names)}."))
         elif not any(key.startswith(start) for start in skip):
             rows.append((f"{key}={_shown(at(values, key))}", about.get(key, "")))
             rows += _scene_rows() if key == SECTION and not skip else []

@@ -7,8 +7,9 @@ module is data only; :mod:`roboverse_learn.config.compose` reads words and files
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
+import policies
 from benchmark.protocol import LEVELS, SPLITS
-from envs.core.errors import ConfigError
+from envs.core.errors import ConfigError, unknown_name
 from envs.randomization.splits import load_split
 from envs.spec import EnvSpec
 from policies.base import listed
@@ -208,6 +209,9 @@ class SweepConfig:
         _positive(jobs_per_gpu=self.jobs_per_gpu)
 
 
+BASELINES = ("expert", *policies.names("nothing"))
+"""What ``evaluate`` takes as ``policy``."""
+
 EVALUATE_ENV_KEYS = tuple(
     item.name for item in fields(EnvSpec) if item.name not in ("level", "only", "materials")
 )
@@ -216,10 +220,11 @@ EVALUATE_ENV_KEYS = tuple(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EvaluateConfig:
-    """``roboverse evaluate``: one checkpoint over levels and splits.
+    """``roboverse evaluate``: one checkpoint, or a baseline without one, over levels and splits.
 
     Attributes:
         checkpoint: Checkpoint folder, or the folder of a run.
+        policy_name: In place of a checkpoint, what needs none: the task's expert, or a rule.
         env: Changes of the environment that the checkpoint was trained in: some of :data:`EVALUATE_ENV_KEYS`.
             What is absent stays as it was trained. ``scenario`` is applied after the trained one's.
         preset: Named set of values from ``configs/preset``.
@@ -229,6 +234,7 @@ class EvaluateConfig:
     """
 
     checkpoint: str = ""
+    policy_name: str = ""
     env: dict[str, Any] = field(default_factory=dict)
     preset: str = "full"
     device: str = "auto"
@@ -236,11 +242,32 @@ class EvaluateConfig:
     evaluate: EvaluationConfig = field(default_factory=EvaluationConfig)
 
     def __post_init__(self) -> None:
-        if not self.checkpoint:
+        if self.policy_name:
+            self._check_baseline()
+        elif not self.checkpoint:
             raise ConfigError(
                 "evaluate needs checkpoint=<folder>: the folder of a run, or a LeRobot checkpoint inside it, "
-                "as in checkpoint=runs/PickCube/act/<run>."
+                "as in checkpoint=runs/PickCube/act/<run>. Without one, give "
+                f"policy={' or policy='.join(BASELINES)} and task=<name>."
             )
+
+    def _check_baseline(self) -> None:
+        given = f"policy={self.policy_name}"
+        if self.policy_name in policies.names():
+            raise ConfigError(
+                f"{given} must be trained: give its checkpoint=<folder>, as in "
+                f"checkpoint=runs/PickCube/{self.policy_name}/<run>. Without training: "
+                f"{', '.join(BASELINES)}."
+            )
+        if self.policy_name not in BASELINES:
+            raise unknown_name("policy without training", self.policy_name, BASELINES)
+        if self.checkpoint:
+            raise ConfigError(
+                f"{given} and checkpoint={self.checkpoint} are both given: which of them is evaluated? Leave "
+                "one out; a checkpoint says itself which policy it is of."
+            )
+        if "task" not in self.env:
+            raise ConfigError(f"{given} needs task=<name>, as in: roboverse evaluate {given} task=PickCube")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -30,7 +30,7 @@ def from_values(command: str, values: Mapping[str, Any]) -> Any:
     """
     from pydantic import ValidationError
 
-    policy = values.get("policy_name", "act")
+    policy = values.get("policy_name", "act") if command != "evaluate" else ""
     known = flat_keys(default_values(command, policy))
     unknown = sorted(set(flat_keys(values)) - set(known))
     if unknown:
@@ -76,7 +76,7 @@ def default_values(command: str, policy: str = "act") -> dict[str, Any]:
     for item in dataclasses.fields(COMMANDS[command]):
         if item.name == "policy":
             values["policy"] = plain(policies.config_class(policy)())
-        elif item.name == "policy_name":
+        elif item.name == "policy_name" and command != "evaluate":  # there it is no policy to configure
             values["policy_name"] = policy
         elif item.name != "env":
             made = item.default if item.default_factory is dataclasses.MISSING else item.default_factory()

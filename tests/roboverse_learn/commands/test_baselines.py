@@ -1,0 +1,72 @@
+"""``evaluate policy=…``: results of what needs no checkpoint."""
+
+import pytest
+
+from benchmark.results import read_result
+from envs.core.errors import ConfigError, UnknownNameError
+from roboverse_learn import cli
+from roboverse_learn.config.compose import compose
+from roboverse_learn.config.schema import BASELINES
+from roboverse_learn.config.serialize import from_values, to_values
+from roboverse_learn.evaluate import evaluate
+
+WORDS = ["task=PickCube", "levels=[0]", "splits=[test]", "episodes=2", "evaluate.num_envs=2", "videos=0"]
+
+
+def result_of(policy, folder, *words):
+    assert cli.main(["evaluate", f"policy={policy}", *WORDS, f"results_dir={folder}", *words]) == 0
+    (path,) = folder.glob(f"*/PickCube/{policy}/*.json")
+    return read_result(path)
+
+
+def test_a_rule_is_evaluated_and_evaluated_once(tmp_path, capsys):
+    result = result_of("random", tmp_path)
+    assert "PickCube, random, without training: success in 2 episodes" in capsys.readouterr().out
+    assert (result.checkpoint.hash, result.checkpoint.step, result.train_level) == (None, None, None)
+    assert (result.sees_images, result.env.cameras, len(result.records)) == (False, (), 2)
+    assert [record.success for record in result.records] == [False, False]
+    again = result_of("random", tmp_path)
+    assert again.created == result.created, "an evaluation of the same protocol is not run again"
+    assert "random" in (tmp_path / "leaderboard.md").read_text()
+
+
+def test_the_expert_solves_what_a_policy_would_be_tested_on(tmp_path):
+    expert, zero = result_of("expert", tmp_path, "videos=1"), result_of("zero", tmp_path)
+    assert all(record.success for record in expert.records)
+    hashes = [[record.initial_state_hash for record in each.records] for each in (expert, zero)]
+    assert hashes[0] == hashes[1]
+    assert all(record.length < expert.max_episode_steps for record in expert.records), "it ends at success"
+    assert len(list(tmp_path.glob("*/PickCube/expert/*/*.mp4"))) == 1
+
+
+@pytest.mark.parametrize("policy", BASELINES)
+def test_a_baseline_survives_the_saved_configuration(policy):
+    config = compose("evaluate", [f"policy={policy}", "task=PickCube", "preset=quick"])
+    assert config.policy_name == policy and config.evaluate.episodes == 20
+    assert from_values("evaluate", to_values(config)) == config
+
+
+@pytest.mark.parametrize(
+    ("words", "error", "message"),
+    [
+        (["policy=randm", "task=PickCube"], UnknownNameError, "'randm'.*Did you mean 'random'"),
+        (
+            ["policy=act", "task=PickCube"],
+            ConfigError,
+            "policy=act must be trained: give its checkpoint=<folder>",
+        ),
+        (["policy=random", "checkpoint=runs/x", "task=PickCube"], ConfigError, "both given.*Leave one out"),
+        (["policy=random"], ConfigError, "policy=random needs task=<name>"),
+        ([], ConfigError, "Without one, give policy=expert or policy="),
+    ],
+)
+def test_a_wrong_choice_is_one_sentence(words, error, message):
+    with pytest.raises(error, match=message):
+        compose("evaluate", words)
+
+
+def test_the_expert_of_a_task_without_one_is_refused(tmp_path):
+    words = ["policy=expert", "task=control/cartpole", f"results_dir={tmp_path}"]
+    with pytest.raises(ConfigError, match="control/cartpole has no scripted expert"):
+        evaluate(compose("evaluate", words))
+    assert not any(tmp_path.iterdir())
