@@ -29,7 +29,7 @@ class Controller(ABC):
 
     @abstractmethod
     def apply(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None) -> None:
-        """Tells the simulator what the actions (n, A) of the environments ``env_ids`` mean."""
+        """Sets the simulator's targets from the actions (n, A) of the environments ``env_ids``."""
 
     def advance(
         self, handler: Handler, actions: np.ndarray | Tensor, num_steps: int, env_ids: EnvIds = None
@@ -43,7 +43,7 @@ class Controller(ABC):
         """Returns actions (N, A) that keep the robot where it is in ``state``."""
 
     def as_task_actions(self, state: State, actions: np.ndarray) -> np.ndarray:
-        """Returns what a task's own controller has to be told for these actions (N, A) to happen.
+        """Converts actions (N, A) to actions of the task's own controller with the same effect.
 
         Args:
             state: States in which the actions are taken.
@@ -56,7 +56,8 @@ class Controller(ABC):
 class JointPositionController(Controller):
     """An action is the position target of every driven joint of one robot at the end of the step, rad and m.
 
-    Targets move there evenly. A target that jumps shakes the hand, and a cube in it slides twice as far.
+    Targets are interpolated linearly over the step. A target that jumps shakes the hand, and a grasped cube
+    slips twice as far.
 
     Args:
         robot: The robot.
@@ -84,24 +85,23 @@ class JointPositionController(Controller):
 
 
 _SQUEEZE = 0.25
-"""What closing goes on beyond closed, per stroke: 1 cm of 4, as of ManiSkill 3's Panda, so that noise in the
-actions of an agent that explores does not open a hand that holds something."""
+"""How far the closing target lies beyond closed, per stroke: 1 cm of 4, as in ManiSkill 3's Panda, so that
+exploration noise does not open a gripper that holds something."""
 
 
 class HandDeltaController(Controller):
-    """An action moves the hand and turns it about the vertical, and sets the opening of its gripper.
+    """End-effector deltas: an action translates the hand, turns it about the vertical, and opens the gripper.
 
     The entries are x, y, z, yaw, and gripper if there is one. An entry of 1 puts the hand's target
-    ``delta_m`` (``delta_rad``) from where the hand *is*; what it is otherwise tilted from its posture at rest
-    is taken back. The gripper is absolute: -0.6 and less close it, 1 opens it. Every entry lies in [-1, 1];
-    what lies beyond is clipped. This is ManiSkill 3's ``pd_ee_delta_pos`` and a turn
-    (``mani_skill/agents/robots/panda/panda.py``, Apache-2.0); targets of the joints come from one step of
-    inverse kinematics.
+    ``delta_m`` (``delta_rad``) from the present pose of the hand; any other tilt from the rest posture is
+    corrected. The gripper is absolute: -0.6 and less close it, 1 opens it. Entries are clipped to [-1, 1].
+    This is ManiSkill 3's ``pd_ee_delta_pos`` and a yaw (``mani_skill/agents/robots/panda/panda.py``,
+    Apache-2.0). One step of inverse kinematics gives the joint targets.
 
     Args:
-        robot: A robot with position actuators, its gravity compensated: it stays where it is at rest.
-        delta_m: Way of the hand's target at an action of 1.
-        delta_rad: Turn of the hand's target at an action of 1.
+        robot: A robot with position actuators and gravity compensation.
+        delta_m: Translation of the hand's target at an action of 1.
+        delta_rad: Rotation of the hand's target at an action of 1.
     """
 
     def __init__(self, robot: RobotCfg, delta_m: float = 0.05, delta_rad: float = 0.2) -> None:
@@ -135,10 +135,10 @@ class HandDeltaController(Controller):
         return self.targets(state.robots[self._robot.name].joint_pos, actions).cpu().numpy()
 
     def targets(self, joints: Tensor, actions: np.ndarray | Tensor) -> Tensor:
-        """Returns what actions make of the targets of the driven joints.
+        """Returns the targets of the driven joints for actions.
 
         Args:
-            joints: Where all joints are, rad and m, (n, J).
+            joints: Positions of all joints, rad and m, (n, J).
             actions: (n, A).
 
         Returns:
@@ -178,14 +178,14 @@ class HandDeltaController(Controller):
 
 
 def _yaw(rot: Tensor) -> Tensor:
-    """Returns the turn about z (N,) that is nearest to rotation matrices (N, 3, 3), rad."""
+    """Returns the rotation about z (N,) that is nearest to rotation matrices (N, 3, 3), rad."""
     return torch.atan2(rot[:, 1, 0] - rot[:, 0, 1], rot[:, 0, 0] + rot[:, 1, 1])
 
 
 class NormalizedPositionController(Controller):
     """An action is the target of every driven joint of one robot, a position or a torque, within its range.
 
-    An entry of -1 is the least target of the joint's actuator, 1 the largest; what lies beyond is clipped.
+    An entry of -1 is the least target of the joint's actuator, 1 the largest; entries are clipped.
     This is HumanoidBench's control (``tasks.py``, ``unnormalize_action``).
 
     Args:
@@ -214,10 +214,10 @@ class NormalizedPositionController(Controller):
 
 
 class OffsetPositionController(Controller):
-    """An action moves the position targets of an arm's joints away from their rest; its fingers stay there.
+    """An action offsets the position targets of an arm's joints from their rest; its fingers stay at rest.
 
-    This is Isaac Lab's ``JointPositionActionCfg`` with ``use_default_offset``, but for the bounds: every
-    entry lies in [-1, 1], and what lies beyond is clipped.
+    This is Isaac Lab's ``JointPositionActionCfg`` with ``use_default_offset``, except for the bounds: entries
+    are clipped to [-1, 1].
 
     Args:
         robot: A robot with position actuators.
@@ -247,17 +247,16 @@ class OffsetPositionController(Controller):
 
 
 class PulledHandController(Controller):
-    """An action moves the object that pulls a robot's hand, and presses the fingers: x, y, z, gripper.
+    """An action moves the mocap target of a robot's hand, and presses the fingers: x, y, z, gripper.
 
-    This is Meta-World's control (``sawyer_xyz_env.py``, ``set_xyz_action``). Every entry lies in [-1, 1];
-    what lies beyond is clipped.
+    This is Meta-World's control (``sawyer_xyz_env.py``, ``set_xyz_action``). Entries are clipped to [-1, 1].
 
     Args:
         robot: A robot whose driven joints are two fingers that close towards each other along one axis.
         target: Name of the object that pulls the hand.
         low: Least position of the target, m, (3,).
         high: Largest position of the target, m, (3,).
-        step_m: Way of the target at an action of 1.
+        step_m: Translation of the target at an action of 1.
         rot: Orientation of the target, wxyz.
     """
 

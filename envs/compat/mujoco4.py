@@ -4,7 +4,7 @@ They replace a few functions of those packages in memory, and are applied only w
 is used: by the Meta-World tasks, and by tests that compare with robosuite. Applying one twice changes
 nothing.
 
-What they mend, and when they can go:
+What they repair, and when they can be removed:
 
 - robosuite 1.5.1 compares joint types, which MuJoCo gives as numpy integers since 3.12, with members of
   an enumeration (``utils/binding_utils.py``), and calls ``mj_fullM(model, dst, data.qM)``, which is

@@ -1,7 +1,7 @@
-"""One robot, one description: MJCF, from which URDF and USD are made when something needs them.
+"""Conversion of robots from MJCF to URDF and USD.
 
-Everything is read from MuJoCo's compiled model, so that defaults, includes, frames and angles of a file need
-no second interpretation.
+Everything is read from MuJoCo's compiled model, which has already resolved defaults, includes, frames and
+angle units.
 """
 
 from envs.convert.conversion import FORMATS, convert

@@ -34,15 +34,15 @@ def convert(
     simplify: bool = False,
     out: Path | str | None = None,
 ) -> Path:
-    """Converts a robot, or finds it converted already.
+    """Converts a robot, or returns the cached conversion.
 
-    What a format cannot say is logged as a warning, each time.
+    Each call logs what the format cannot represent as a warning.
 
     Args:
         source: A robot of a scenario, the name of a registered one, or a path to an MJCF (or URDF) file.
         to: ``"urdf"``, ``"usd"`` or ``"mjcf"``.
         root: Body of a file that is the robot, where the file holds several.
-        simplify: Merge and simplify a robot's visual meshes, as our own renderers show it.
+        simplify: Merge and simplify a robot's visual meshes, as for our own renderers.
         out: Folder to write to, which must not exist or be empty; None is a cache, by content.
 
     Returns:
@@ -50,7 +50,7 @@ def convert(
 
     Raises:
         UnknownNameError: if there is no such format, robot or body.
-        ConfigError: if the source is not one robot, or the format has no word for one of its joints.
+        ConfigError: if the source is not one robot, or the format does not support one of its joints.
         MissingExtraError: if ``to="usd"`` and usd-core is not installed.
     """
     if to not in FORMATS:
@@ -80,7 +80,7 @@ def describe_loaded(loaded: Loaded) -> Description:
 
 
 def _write_whole(loaded: Loaded, to: str, folder: Path) -> None:
-    """Writes into a folder beside, and gives it its name when it is whole."""
+    """Writes into a temporary folder and renames it when it is complete."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     working = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     try:
@@ -92,7 +92,7 @@ def _write_whole(loaded: Loaded, to: str, folder: Path) -> None:
         try:
             os.rename(working, folder)
         except OSError:
-            if not (folder / _LOSSES_FILE).is_file():  # not that another process was faster
+            if not (folder / _LOSSES_FILE).is_file():  # another process may have been faster
                 raise
     finally:
         shutil.rmtree(working, ignore_errors=True)
@@ -117,7 +117,7 @@ def _write(loaded: Loaded, to: str, folder: Path) -> tuple[str, ...]:
 
 
 def _digest(loaded: Loaded, to: str) -> str:
-    """A name for the content: the compiled model, which has everything, and its meshes' textured twins."""
+    """Returns a hash of the content: the compiled model and the textured variants of its meshes."""
     buffer = np.empty(mujoco.mj_sizeModel(loaded.model), np.uint8)
     mujoco.mj_saveModel(loaded.model, None, buffer)
     digest = hashlib.sha256(json.dumps([_VERSION, to, mujoco.__version__]).encode())

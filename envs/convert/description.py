@@ -1,7 +1,7 @@
 """Description of a robot, independent of the file format: links, joints, shapes and materials.
 
 Metres, kilograms, radians; quaternions wxyz. A link's frame lies on its joint's anchor, so that the joint
-moves about (along) an axis through the frame's origin, as URDF and USD want it.
+moves about (along) an axis through the frame's origin, as URDF and USD require.
 """
 
 from collections.abc import Iterator
@@ -97,7 +97,7 @@ class Drive:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint:
-    """How a link moves against its parent.
+    """A joint: how a link moves relative to its parent.
 
     Attributes:
         name: Its name.
@@ -106,8 +106,8 @@ class Joint:
         range: Position limits, rad (m), or None.
         damping: N·m·s/rad (N·s/m).
         friction: Dry friction, N·m (N).
-        armature: Rotor inertia as the joint sees it, kg·m² (kg).
-        max_force: Largest force of what drives it, N·m (N), or None.
+        armature: Rotor inertia reflected to the joint, kg·m² (kg).
+        max_force: Largest force of its actuator, N·m (N), or None.
         mimic: The joint that it follows, or None.
         drive: Its position servo, or None.
     """
@@ -130,9 +130,9 @@ class Link:
 
     Attributes:
         name: Its name.
-        body: Number of the source's body that it is, or None for one between two joints of a body.
+        body: Id of the source's body, or None for a link between two joints of a body.
         parent: Name of its parent, or None for the root.
-        joint: How it moves against its parent; the root's is ``fixed`` or ``free``.
+        joint: Its joint to its parent; the root's is ``fixed`` or ``free``.
         pos: Position of its frame in the parent where the joint is at 0, m.
         rot: Orientation likewise.
         inertial: Mass and inertia.
@@ -160,7 +160,7 @@ class Description:
     Attributes:
         name: Its name.
         links: Parents before children; the first is the root.
-        losses: What the source says and this description does not, one sentence each.
+        losses: What the source has and this description cannot represent, one sentence each.
     """
 
     name: str
@@ -168,7 +168,7 @@ class Description:
     losses: tuple[str, ...] = ()
 
     def shapes(self) -> Iterator[tuple[Shape, Literal["visual", "collision"]]]:
-        """Yields every shape and what it is for."""
+        """Yields every shape and whether it is visual or for collisions."""
         for link in self.links:
             for shape in link.visuals:
                 yield shape, "visual"
@@ -182,5 +182,5 @@ class Description:
 
     @property
     def floating(self) -> bool:
-        """Whether nothing holds the root."""
+        """Whether the root moves freely."""
         return self.links[0].joint.kind == "free"

@@ -1,4 +1,4 @@
-"""MJCF of what MuJoCo read: the way back from URDF, and a robot with its gripper in one file."""
+"""Writes MJCF: from URDF, or a robot with its gripper in one file."""
 
 import ctypes
 import logging
@@ -15,7 +15,7 @@ from envs.core.errors import ConfigError
 logger = logging.getLogger(__name__)
 
 DIGITS = 17
-"""Of a number that is read back as the same double; MuJoCo writes 6, which moves links by micrometres."""
+"""Significant digits that preserve a double; MuJoCo writes 6, which moves links by micrometres."""
 
 
 def write_mjcf(loaded: Loaded, folder: Path) -> Path:
@@ -51,19 +51,19 @@ def write_mjcf(loaded: Loaded, folder: Path) -> Path:
         shutil.copyfile(source, meshes / name)
         mesh.file = str(meshes / name)
     path = folder / f"{loaded.name}.xml"
-    # MuJoCo reads the meshes once more to write; then their folder is written as this file's own.
+    # MuJoCo reads the meshes again to write the file; then the folder is replaced by this file's own.
     with all_digits():
         text = spec.to_xml()
     path.write_text(text.replace(f'"{meshes}/', '"meshes/'), encoding="utf-8")
-    mujoco.MjSpec.from_file(str(path))  # what was written can be read
+    mujoco.MjSpec.from_file(str(path))  # check that the file can be read
     return path
 
 
 @contextmanager
 def all_digits() -> Iterator[None]:
-    """Lets MuJoCo write XML with :data:`DIGITS` digits meanwhile.
+    """Makes MuJoCo write XML with :data:`DIGITS` digits inside the context.
 
-    Its Python package has no word for that, but its library exports the switch.
+    Its Python package has no option for that, but its shared library exports the setting.
     """
     folder = Path(mujoco.__file__).parent
     try:

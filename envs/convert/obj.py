@@ -1,4 +1,4 @@
-"""Wavefront files of meshes and materials, which every URDF loader reads."""
+"""Writes meshes and materials as Wavefront files, which every URDF loader reads."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +15,7 @@ def write_obj(path: Path, mesh: Mesh, material: Material | None) -> None:
     Args:
         path: The .obj file.
         mesh: The mesh.
-        material: How it looks, or None for a mesh that is only touched.
+        material: Its appearance, or None for a collision mesh.
     """
     lines = [_rows("v", mesh.vertices)]
     if material is not None:
@@ -49,13 +49,13 @@ def write_image(path: Path, image: np.ndarray) -> None:
 
 
 def _rows(kind: str, values: np.ndarray) -> str:
-    """One line per row; nine digits are all that single precision has."""
+    """One line per row; nine digits preserve single precision."""
     row = f"{kind} " + " ".join(["%.9g"] * values.shape[1]) + "\n"
     return (row * len(values)) % tuple(values.ravel().tolist())
 
 
 def _faces(mesh: Mesh, *, seen: bool) -> str:
-    """Faces as ``vertex/texture/normal`` with those indices that there are, counted from 1."""
+    """Faces as ``vertex/texture/normal`` with the indices that exist, counted from 1."""
     columns: list[np.ndarray] = [mesh.faces]
     pattern = "%d"
     uvs, normals = (mesh.uvs, mesh.normals) if seen else (None, None)
@@ -75,7 +75,7 @@ def mesh_files(folder: Path, pairs: Sequence[tuple[Mesh, Material | None]]) -> d
 
     Args:
         folder: Where to; it exists.
-        pairs: Meshes, each with its material, or None where it is only touched.
+        pairs: Meshes, each with its material, or None for a collision mesh.
 
     Returns:
         ``(id(mesh), id(material))`` to the name of the file in the folder.

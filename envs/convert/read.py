@@ -15,8 +15,8 @@ from envs.scenario.units import IDENTITY
 
 TINY_MASS_KG = 1e-7
 TINY_INERTIA = 1e-9
-"""Of a link without a mass that moves, such as one between two joints of a body: formats put one joint on a
-link, and simulators want the mass of what moves above 0. A robot weighs some 10⁸ times that."""
+"""Mass of a moving link that has none, such as one between two joints of a body: formats allow one joint per
+link, and simulators require a positive mass. A robot's mass is about 10⁸ times that."""
 
 _JOINT = mujoco.mjtJoint
 _KINDS: dict[int, JointKind] = {
@@ -41,13 +41,13 @@ def read_model(
     Args:
         model: The compiled model of one robot.
         name: Name of the robot.
-        prefix: What the model's names begin with, which is left out.
-        mesh_files: Mesh name to the file that it was read from, for the search of a textured twin.
-        root: A top body, where the model is a scene and the robot one of several things in it; the
-            description begins with it, and stands where it stands. 0 is all of the model.
+        prefix: Prefix of the model's names, which is removed.
+        mesh_files: Mesh name to its file, beside which a textured variant is searched.
+        root: Top body of the robot in a model that holds other things too; the description starts there, at
+        its pose. 0 is the whole model.
 
     Raises:
-        ConfigError: if several things float freely, so that it is not one robot.
+        ConfigError: if several trees are not connected, so that it is not one robot.
     """
     return _Reader(model, prefix, mesh_files or {}).description(name, root)
 
@@ -75,7 +75,7 @@ class _Reader:
         if len(floating) > 1 or (floating and len(tops) > 1):
             names = ", ".join(self.body_names[top] for top in tops)
             raise ConfigError(
-                f"'{name}' holds {len(tops)} bodies that do not hang together ({names}); a description "
+                f"'{name}' holds {len(tops)} separate bodies ({names}); a description "
                 "holds one robot. Name its body, as in root=" + self.body_names[tops[0]] + "."
             )
         links: list[Link] = []
@@ -89,7 +89,7 @@ class _Reader:
         return Description(name, tuple(links), (*self.losses, *self.shapes.losses))
 
     def _tree(self, name: str, root: int) -> Description:
-        """Describes a top body of a scene, with what it carries, and the world if it is jointed to that."""
+        """Describes a top body of a scene with its descendants, and the world if it is jointed to it."""
         model, links = self.model, []
         if self._kinds(root) not in ([], ["free"]):
             still = Inertia(0.0, np.zeros(3), np.array(IDENTITY), np.zeros(3))
@@ -101,7 +101,7 @@ class _Reader:
         return Description(name, tuple(links))
 
     def _is_root(self, tops: list[int]) -> bool:
-        """Whether the only top body can be the root itself: it floats, or stands at the origin for good."""
+        """Whether the only top body can be the root itself: it floats, or is fixed at the origin."""
         model = self.model
         if len(tops) != 1 or any(int(kind) != 0 for kind in model.geom_type[model.geom_bodyid == 0]):
             return False
@@ -118,7 +118,7 @@ class _Reader:
         return range(first, first + int(self.model.body_jntnum[body]))
 
     def _links(self, body: int) -> list[Link]:
-        """The chain of links, one per joint, that a body becomes; the last of them is the body."""
+        """Converts a body to a chain of links, one per joint; the last one is the body."""
         model, joints, name = self.model, self._joints(body), self.body_names[body]
         parent = self.link_of_body.get(int(model.body_parentid[body]))
         if parent is None or self._kinds(body) == ["free"]:
@@ -144,7 +144,7 @@ class _Reader:
     def _frame(
         self, joint: int, pos: np.ndarray, rot: np.ndarray, reached: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Moves a frame to a joint's anchor, and to where the joint is at 0 (the model is at ``qpos0``).
+        """Moves a frame to a joint's anchor, with the joint at position 0 (the model is at ``qpos0``).
 
         Returns:
             Position and orientation in the parent's frame, and the frame's position in the body.
@@ -177,7 +177,7 @@ class _Reader:
             rot=model.body_iquat[body].copy(),
             moments=model.body_inertia[body].copy(),
         )
-        if inertial.mass == 0 and joint.kind != "fixed":  # MuJoCo leaves the mass to what it carries
+        if inertial.mass == 0 and joint.kind != "fixed":  # MuJoCo allows it if its children have mass
             inertial = _light()
         link = Link(name, body, parent, joint, pos, rot, inertial, body_offset=offset)
         return self._with_shapes(body, link)
@@ -223,7 +223,7 @@ class _Reader:
         )
 
     def _drive(self, joint: int) -> tuple[Drive | None, float | None]:
-        """The joint's position servo, and the largest force of whatever drives it."""
+        """Returns the joint's position servo, and the largest force of its actuator."""
         model, limits, drive = self.model, [], None
         if model.jnt_actfrclimited[joint]:
             limits.append(float(np.abs(model.jnt_actfrcrange[joint]).max()))
@@ -246,7 +246,7 @@ class _Reader:
         return drive, max_force
 
     def _mimics(self) -> dict[int, Mimic]:
-        """Joints that an equality ties to another one linearly: of joints, or of a tendon of two joints."""
+        """Joints that an equality of joints, or of a tendon, couples linearly to another one."""
         model, mimics = self.model, {}
         for index in range(model.neq):
             kind, first, second = (
@@ -260,7 +260,7 @@ class _Reader:
             if pair is None:
                 name = _EQ(kind).name.removeprefix("mjEQ_").lower()
                 self.losses.append(
-                    f"Equality {index} ({name}) is no linear tie of two joints: it is left out."
+                    f"Equality {index} ({name}) is no linear coupling of two joints: it is left out."
                 )
                 continue
             follower, leader, slope, constant = pair
@@ -289,7 +289,7 @@ class _Reader:
         if model.ntendon and not self.mimics:
             self.losses.append(f"{model.ntendon} tendons are left out.")
         if model.nexclude or model.npair:
-            self.losses.append("Pairs of bodies that may or may not touch are left out.")
+            self.losses.append("Contact pairs and exclusions of bodies are left out.")
 
 
 def _fixed(name: str) -> Joint:

@@ -1,4 +1,4 @@
-"""Shapes and looks of a compiled MuJoCo model, as :mod:`envs.convert.description` has them."""
+"""Reads shapes and materials of a compiled MuJoCo model into :mod:`envs.convert.description`."""
 
 import logging
 from collections.abc import Mapping
@@ -30,7 +30,7 @@ _ELLIPSOID_SUBDIVISIONS = 3
 
 
 class ShapeReader:
-    """Reads geoms; meshes and materials that geoms share are read once.
+    """Reads geoms; shared meshes and materials are read once.
 
     Args:
         model: A compiled model.
@@ -52,20 +52,20 @@ class ShapeReader:
         self._shown_groups = _shown_groups(model)
 
     def visible(self, geom: int) -> bool:
-        """Whether a geom is drawn: what only touches is not, where a model tells the two apart."""
+        """Whether a geom is visual; collision geoms are not, where a model separates the two."""
         return self._rgba(geom)[3] > 0 and int(self._model.geom_group[geom]) in self._shown_groups
 
     def collides(self, geom: int) -> bool:
-        """Whether a geom touches anything."""
+        """Whether a geom collides with anything."""
         return bool(self._model.geom_contype[geom] or self._model.geom_conaffinity[geom])
 
     def shape(self, geom: int, offset: np.ndarray, *, convex: bool) -> Shape | None:
-        """Returns a geom in a frame that lies ``offset`` from its body's, or None if it has no bounds.
+        """Returns a geom in a frame at ``offset`` from its body's, or None if it is unbounded.
 
         Args:
             geom: Its id.
             offset: Position of the frame in the body, (3,), m.
-            convex: Whether a mesh is taken for its convex hull, as MuJoCo does when it touches something.
+            convex: Whether a mesh is replaced by its convex hull, as in MuJoCo's collisions.
         """
         model, kind = self._model, int(self._model.geom_type[geom])
         if kind in _UNBOUNDED:
@@ -157,7 +157,7 @@ class ShapeReader:
         gap = max(np.abs(ours - theirs).max(), np.abs(mesh.vertices.min(0) - vertices.min(0)).max())
         if gap > 0.01 * ours.max():
             self._lose(
-                f"{twin.name} is not the shape of {path.name if path else name}, so it lends no texture."
+                f"{twin.name} has another shape than {path.name if path else name}, so its texture is unused."
             )
             return None
         faces = np.asarray(loaded.faces)
@@ -203,11 +203,11 @@ class ShapeReader:
     def _why_not(self, geom: int, mesh: Mesh | None, texture: int) -> str:
         name = self._model.material(int(self._model.geom_matid[geom])).name
         if int(self._model.tex_type[texture]) != _FLAT_TEXTURE:
-            return f"Material '{name}' has a cube map, which a mesh cannot have: its mean colour is drawn."
+            return f"Material '{name}' has a cube map, which a mesh cannot have: its mean colour is used."
         what = f"mesh '{mesh.name}'" if mesh is not None else "a primitive shape"
         return (
             f"The image of material '{name}' cannot be aligned on {what}, which has no texture "
-            "coordinates: its mean colour is drawn."
+            "coordinates: its mean colour is used."
         )
 
     def _rgba(self, geom: int) -> tuple[float, float, float, float]:
@@ -221,12 +221,12 @@ class ShapeReader:
 
 
 def convex_hull(name: str, points: np.ndarray) -> Mesh:
-    """Returns the convex hull of points (V, 3), its faces turned outwards; a flat one's are all points'."""
+    """Returns the convex hull of points (V, 3), with faces oriented outwards."""
     from scipy.spatial import ConvexHull, QhullError
 
     try:
         hull = ConvexHull(points)
-    except QhullError:  # flat or thin: rounding decides the volume, so give it some
+    except QhullError:  # flat or thin: jitter the points so that the hull has a volume
         spread = np.concatenate([points - 1e-6, points + 1e-6])
         hull = ConvexHull(spread, qhull_options="QJ")
         points = spread
@@ -241,7 +241,7 @@ def convex_hull(name: str, points: np.ndarray) -> Mesh:
 
 
 def _shown_groups(model: mujoco.MjModel) -> set[int]:
-    """Geom groups that are drawn: those of what only is seen, or the first three where nothing is."""
+    """Visual geom groups: those without collisions, or the first three if there are none."""
     seen_only = (model.geom_contype == 0) & (model.geom_conaffinity == 0)
     groups = {int(group) for group in model.geom_group[seen_only & (model.geom_rgba[:, 3] > 0)]}
     return groups or {0, 1, 2}
@@ -252,7 +252,7 @@ def _mesh_name(model: mujoco.MjModel, index: int) -> str:
 
 
 def _unique(name: str, taken: set[str]) -> str:
-    """Returns the name, or the first of name_2, name_3, … that is not taken, and takes it."""
+    """Returns the name, or the first of name_2, name_3, … that is free, and reserves it."""
     free, number = name, 2
     while free in taken:
         free, number = f"{name}_{number}", number + 1

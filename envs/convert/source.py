@@ -1,4 +1,4 @@
-"""What can be converted: a robot of a scenario, a registered robot, or a file; as a compiled model."""
+"""Loads and compiles the source of a conversion: a robot of a scenario, a registered robot, or a file."""
 
 import logging
 import re
@@ -26,9 +26,9 @@ class Loaded:
     """A compiled source.
 
     Attributes:
-        name: What it is called: the robot's name, or its file's.
+        name: The robot's name, or its file's.
         model: The compiled model.
-        prefix: What the model's names begin with, and a description's do not.
+        prefix: Prefix of the model's names, which a description drops.
         mesh_files: Mesh name to its file, where it has one.
         spec: What the model was compiled from.
     """
@@ -46,7 +46,7 @@ def load(source: Source, *, root: str | None = None, simplify: bool = False) -> 
     Args:
         source: See :data:`Source`.
         root: Body of a file that is the robot, where the file holds several; not for a robot.
-        simplify: Merge and simplify the visual meshes of a robot, as our own renderers draw it.
+        simplify: Merge and simplify the visual meshes of a robot, as for our own renderers.
 
     Raises:
         ConfigError: if there is no such file, or MuJoCo refuses it.
@@ -65,7 +65,7 @@ def load(source: Source, *, root: str | None = None, simplify: bool = False) -> 
         raise ConfigError(f"MuJoCo cannot read {path.name}: {_one_line(error)}") from error
     if root is not None:
         _keep_root(spec, root, path.name)
-    # A file names itself; the folder's name tells more than robosuite's "robot.xml".
+    # A file is named after itself; the folder's name is clearer than robosuite's "robot.xml".
     name = path.parent.name if path.stem == "robot" else path.stem
     model = compile_with_thin_meshes(spec, name)
     files = _mesh_files(spec, {"": path.parent / (spec.meshdir or "")})
@@ -99,14 +99,14 @@ def _mesh_files(spec: mujoco.MjSpec, folders: Mapping[str, Path]) -> dict[str, P
 
 
 def compile_with_thin_meshes(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
-    """Compiles a model; a mesh without a volume is taken for a shell where nothing's mass depends on it.
+    """Compiles a model; a mesh without a volume becomes a shell if no mass depends on it.
 
     robosuite's Sawyer and Baxter have such meshes in links whose inertia their file states.
 
     Raises:
         ConfigError: if MuJoCo refuses the model.
     """
-    # Asked before the first attempt: a spec that failed to compile answers every question with its error.
+    # Read before the first attempt: after a failed compilation every access to the spec raises its error.
     known = {mesh.name: mesh for mesh in spec.meshes}
     weighed = {geom.meshname for body in spec.bodies if not body.explicitinertial for geom in body.geoms}
     for _ in range(len(known) + 1):
@@ -117,7 +117,7 @@ def compile_with_thin_meshes(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
             if thin is None or thin[1] not in known or thin[1] in weighed:
                 raise ConfigError(f"MuJoCo cannot compile '{name}': {_one_line(error)}") from error
             known[thin[1]].inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
-    raise AssertionError("each round mends a mesh")
+    raise AssertionError("each round repairs a mesh")
 
 
 def _keep_root(spec: mujoco.MjSpec, root: str, file: str) -> None:

@@ -1,7 +1,7 @@
-"""URDF: http://wiki.ros.org/urdf/XML, with what three of its readers add to it.
+"""Writes URDF (http://wiki.ros.org/urdf/XML) with extensions that its readers support.
 
-Readers keep to the format where it is silent: ``<mujoco>`` tells MuJoCo to keep every link and mesh, and
-``drake:rotor_inertia`` of a transmission's actuator holds the armature, which URDF has no word for.
+``<mujoco>`` makes MuJoCo keep every link and mesh. ``drake:rotor_inertia`` of a transmission's actuator holds
+the armature, which URDF lacks.
 """
 
 import xml.etree.ElementTree as ET
@@ -17,7 +17,7 @@ from envs.rotations import to_matrix
 
 UNLIMITED = 1e4
 """Force, speed and (of a sliding joint without a range) position where the source sets no limit: the format
-wants a number."""
+requires a number."""
 
 _KINDS = {"fixed": "fixed", "hinge": "revolute", "slide": "prismatic"}
 _DRAKE = "http://drake.mit.edu"
@@ -87,12 +87,12 @@ def _add_inertial(link: ET.Element, inertial: Inertia) -> None:
     _add_origin(element, inertial.com, inertial.rot)
     ET.SubElement(element, "mass", {"value": _number(inertial.mass)})
     xx, yy, zz = (_number(moment) for moment in inertial.moments)
-    # Principal moments in a turned frame: a full matrix would be taken apart again, less exactly.
+    # Principal moments in a rotated frame: readers would diagonalize a full matrix, less exactly.
     ET.SubElement(element, "inertia", {"ixx": xx, "ixy": "0", "ixz": "0", "iyy": yy, "iyz": "0", "izz": zz})
 
 
 def _parts(shape: Shape) -> list[Shape]:
-    """A capsule, which URDF does not have, as a cylinder and two spheres."""
+    """Writes a capsule, which URDF lacks, as a cylinder and two spheres."""
     if shape.kind != "capsule":
         return [shape]
     radius, half = shape.size
@@ -177,7 +177,7 @@ def _add_origin(element: ET.Element, pos: np.ndarray, rot: np.ndarray) -> None:
 def roll_pitch_yaw(rot: np.ndarray) -> np.ndarray:
     """Returns roll, pitch and yaw (3,), rad, of a unit quaternion, exact at a pitch of 90° too.
 
-    There only the sum of roll and yaw is defined, so roll is taken as 0.
+    There only the sum of roll and yaw is defined, so roll is 0.
     """
     matrix = to_matrix(rot / np.linalg.norm(rot))
     level = np.hypot(matrix[0, 0], matrix[1, 0])
@@ -194,5 +194,5 @@ def _numbers(values: np.ndarray) -> str:
 
 
 def _number(value: float) -> str:
-    """A number in all its digits; -0 is 0."""
+    """Returns a number with all its digits; -0 is 0."""
     return repr(float(value) + 0.0)

@@ -1,9 +1,9 @@
-"""USD with UsdPhysics: https://openusd.org/release/api/usd_physics_page_front.html.
+"""Writes USD with UsdPhysics: https://openusd.org/release/api/usd_physics_page_front.html.
 
 Every link with a mass is a rigid body below the robot's prim; one without is a frame of the rigid body that
-carries it. What UsdPhysics has no word for is written as MuJoCo, PhysX and Newton name it: armature, passive
-damping and friction (``mjc:*``, ``physxJoint:armature``), a joint that follows another (``NewtonMimicAPI``).
-Angles of joints are in degrees there, and gains per degree.
+carries it. What UsdPhysics lacks is written under the names of MuJoCo, PhysX and Newton: armature, passive
+damping and friction (``mjc:*``, ``physxJoint:armature``), mimic joints (``NewtonMimicAPI``).
+USD has joint angles in degrees, and gains per degree.
 """
 
 import re
@@ -30,7 +30,7 @@ def write_usd(description: Description, folder: Path) -> tuple[str, ...]:
         folder: Where to; it exists.
 
     Returns:
-        What only some programs will read, one sentence each.
+        What only some programs read, one sentence each.
 
     Raises:
         MissingExtraError: if usd-core is not installed.
@@ -244,7 +244,7 @@ class _Writer:
         name_prim(made.GetPrim(), joint.name)
         parent = self.placed.get(link.parent or "")
         anchor_pos, anchor_rot = child.pos, child.rot
-        # USD's joints move about X, Y or Z of their frames: theirs is X, turned onto the axis.
+        # A USD joint moves about X, Y or Z of its frame: X, rotated onto the axis, is used.
         turn = _turn_x_onto(joint.axis) if joint.kind in ("hinge", "slide") else np.array(IDENTITY)
         if parent is not None:
             made.CreateBody0Rel().SetTargets([parent.body])
@@ -326,23 +326,23 @@ class _Writer:
 
 
 def identifier(name: str) -> str:
-    """Returns the name as USD's paths allow it."""
+    """Returns the name as a valid USD identifier."""
     plain = re.sub(r"\W", "_", name, flags=re.ASCII)
     return f"_{plain}" if not plain or plain[0].isdigit() else plain
 
 
 def name_prim(prim: Any, name: str) -> None:
-    """Keeps a name as it is written in the source, where a path had to change it."""
+    """Stores the source's name where the USD identifier differs."""
     prim.SetDisplayName(name)
 
 
 def _unit(joint: Joint) -> float:
-    """USD's unit of a joint's position in ours: degrees of a hinge, metres of a slide."""
+    """USD's unit of a joint's position per ours: degrees for a hinge, metres for a slide."""
     return 180.0 / np.pi if joint.kind == "hinge" else 1.0
 
 
 def _turn_x_onto(axis: np.ndarray) -> np.ndarray:
-    """Returns the shortest turn (wxyz) of x onto a unit axis."""
+    """Returns the shortest rotation (wxyz) of x onto a unit axis."""
     cosine = float(axis @ _AXIS_X)
     if cosine < -1.0 + 1e-12:
         return np.array([0.0, 0.0, 0.0, 1.0])

@@ -14,7 +14,7 @@ _BOOLEANS = {"true": True, "yes": True, "false": False, "no": False}
 
 @dataclass(frozen=True, slots=True)
 class NoSettings:
-    """It takes no words."""
+    """The command takes no arguments."""
 
 
 def run_program[T](

@@ -143,7 +143,7 @@ def test_a_robot_that_floats_has_its_body_as_root(tmp_path, monkeypatch):
     assert description.floating and [link.name for link in description.links] == ["torso"]
     assert "torso" in convert(file).read_text()
     file.write_text(f"<mujoco><worldbody>{body.format('one')}{body.format('two')}</worldbody></mujoco>")
-    with pytest.raises(ConfigError, match=r"2 bodies that do not hang together \(one, two\).*root=one"):
+    with pytest.raises(ConfigError, match=r"2 separate bodies \(one, two\).*root=one"):
         convert(file)
     assert [link.name for link in describe(file, root="two").links] == ["two"]
 
@@ -205,7 +205,7 @@ def test_an_msh_lends_its_textured_twins_coordinates(hard_robot, tmp_path):
     other = tmp_path / "wedge.obj"
     other.write_text(other.read_text().replace("v 0 0 0.1", "v 0 0 0.3"))
     description = describe(hard_robot)
-    assert any("wedge.obj is not the shape of wedge.stl" in loss for loss in description.losses)
+    assert any("wedge.obj has another shape than wedge.stl" in loss for loss in description.losses)
     assert any("'checked' cannot be aligned on mesh 'wedge'" in loss for loss in description.losses)
 
 
