@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmark.records import Git, Machine
+from envs.core.machine import num_cores
 
 PACKAGES = (
     "roboverse-learn",
@@ -96,7 +97,7 @@ def machine(device: str = "cpu") -> Machine:
         import torch
 
         name = torch.cuda.get_device_name(device) if device.startswith("cuda") else device
-    return Machine(device=name, cpu_count=len(os.sched_getaffinity(0)))
+    return Machine(device=name, cpu_count=num_cores())
 
 
 def command_line(arguments: Sequence[str]) -> str:

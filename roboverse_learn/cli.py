@@ -117,7 +117,11 @@ def _read(command: str, words: list[str]) -> Any:
         from roboverse_learn.sweep import plan
 
         return plan(words)
-    config = compose(command, _settings(words) if command == "convert" else words)
+    if command == "convert":
+        words = _settings(words)
+    if command == "doctor":
+        words = ["json=true" if word == "--json" else word for word in words]
+    config = compose(command, words)
     check_folders(config)
     return config
 
@@ -148,6 +152,10 @@ def _run(command: str, config: Any) -> None:
         from roboverse_learn.conservation import conservation
 
         _show(conservation(config))
+    elif command == "doctor":
+        from roboverse_learn.doctor import doctor
+
+        _show(doctor(config))
     elif command == "replay":
         from roboverse_learn.replay import replay
 

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import policies
 from envs.core.errors import RoboVerseError
+from envs.core.machine import num_cores
 from roboverse_learn.collect import dataset_folder
 from roboverse_learn.commands.run_folder import CONFIG_FILE, default_folder, read_config, read_facts
 from roboverse_learn.config.compose import compose, values_of_key
@@ -213,7 +214,7 @@ def gpu_slots(jobs_per_gpu: int) -> list[dict[str, str]]:
 
 def _start(job: Job, slot: Mapping[str, str], log_file: Path, at_once: int) -> int:
     """Runs one job as a process that writes to a log."""
-    threads = max(1, len(os.sched_getaffinity(0)) // at_once)
+    threads = max(1, num_cores() // at_once)
     environment = {"OMP_NUM_THREADS": str(threads)} | dict(os.environ) | dict(slot)
     with log_file.open("ab") as output:
         return subprocess.run(

@@ -1,4 +1,4 @@
-"""Converts frozen data to plain values of JSON and YAML."""
+"""Frozen data as plain values: what JSON and YAML have."""
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass

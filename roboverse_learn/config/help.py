@@ -28,6 +28,7 @@ SUMMARIES = {
     "convert": "write a robot as URDF or USD, its meshes beside it",
     "dataset": "merge datasets, or say what one holds",
     "speed": "measure the speed of the parts, each against its reference",
+    "doctor": "print what this machine has and what works on it, for a bug report",
     "list": "list tasks with all facts, policies, simulators, renderers, robots and presets",
 }
 
@@ -55,6 +56,7 @@ EXAMPLES = {
         "roboverse convert robot=franka to=usd out=franka_usd",
         "roboverse convert robot=robot.xml to=urdf",
     ),
+    "doctor": ("roboverse doctor", "roboverse doctor json=true   (or --json)"),
 }
 
 
@@ -86,7 +88,7 @@ def command_help(command: str, policy: str = "act") -> str:
         f"roboverse {command}: {SUMMARIES[command]}.",
         f"Usage: roboverse {command} [key=value ...]\n{examples}",
     ]
-    if command not in ("leaderboard", "convert"):
+    if command not in ("leaderboard", "convert", "doctor"):
         parts.append(listing())
     parts.append(f"Keys, with their defaults:\n{_rows(_key_rows(command, policy=policy))}")
     return "\n\n".join(parts)

@@ -349,6 +349,17 @@ class LeaderboardConfig:
     results_dir: str = "results"
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DoctorConfig:
+    """``roboverse doctor``: the machine, the installation, and what works here.
+
+    Attributes:
+        json: Print JSON instead of text.
+    """
+
+    json: bool = False
+
+
 COMMANDS: dict[str, type] = {
     "collect": CollectConfig,
     "train": TrainRunConfig,
@@ -358,5 +369,6 @@ COMMANDS: dict[str, type] = {
     "convert": ConvertConfig,
     "replay": ReplayConfig,
     "conservation": ConservationConfig,
+    "doctor": DoctorConfig,
 }
 """Every command that takes ``key=value`` words, with its configuration."""

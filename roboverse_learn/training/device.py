@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import torch
 
 from envs.core.errors import ConfigError
+from envs.core.machine import num_cores
 from roboverse_learn.training.config import Precision
 
 
@@ -68,4 +69,4 @@ def cpu_threads(num_threads: int, device: str = "cpu") -> Iterator[None]:
 
 def _own_threads() -> int:
     given = os.environ.get("OMP_NUM_THREADS", "")
-    return int(given) if given.isdigit() and int(given) else len(os.sched_getaffinity(0))
+    return int(given) if given.isdigit() and int(given) else num_cores()

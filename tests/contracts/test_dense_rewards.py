@@ -28,21 +28,14 @@ LEARNED_BY_REWARD = (
 NUM_ENVS, STEPS = 2, 3
 
 
-ALWAYS = {
-    *(
-        ("PickCube", "mujoco"),
-        ("DrawerOpen", "mujoco"),
-        ("control/ant", "mujoco"),
-        ("humanoid/walk", "mujoco"),
-    ),
-    *(("PickCube", "mujoco_warp"), ("control/ant", "mujoco_warp")),
-}
+QUICK_IN_WARP = {"PickCube", "DrawerOpen", "control/ant", "humanoid/walk"}
+"""Of the others, too, kernels are compiled, which takes a while."""
 
 PAIRS = [
     pytest.param(
         name,
         simulator,
-        marks=() if (name, simulator) in ALWAYS else pytest.mark.long,
+        marks=[pytest.mark.long] if simulator == "mujoco_warp" and name not in QUICK_IN_WARP else [],
     )
     for simulator in ("mujoco", "mujoco_warp")
     for name in LEARNED_BY_REWARD

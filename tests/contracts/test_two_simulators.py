@@ -7,14 +7,16 @@ import torch
 from envs.core.errors import MissingExtraError
 from envs.simulators import HANDLERS
 from envs.tasks import TASKS
-from tests.sweeps import sweep
 
 NUM_ENVS, STEPS = 2, 4
 MORE_STEPS = {"control/ant": 12}
 
-QUICK = {"humanoid/pole", "control/ant"}
+QUICK = {"humanoid/pole", "humanoid/sit_hard", "control/ant", "control/cartpole"}
 
-NAMES = sweep(sorted(TASKS.names("rl")), QUICK)
+NAMES = [
+    pytest.param(name, marks=[] if name in QUICK else [pytest.mark.long])
+    for name in sorted(TASKS.names("rl"))
+]
 
 
 @pytest.mark.parametrize("name", NAMES)

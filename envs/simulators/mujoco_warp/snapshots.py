@@ -1,4 +1,4 @@
-"""Snapshots of environments, kept on the device until they are rendered."""
+"""Moments of some environments, kept on the device until somebody wants to see them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

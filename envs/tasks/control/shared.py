@@ -1,4 +1,4 @@
-"""Appearance and reward scaling of the control tasks."""
+"""What the control tasks share: looks, and rewards per second that are paid per step."""
 
 from envs.scenario import Appearance, LightCfg, PhysicsCfg, SurfaceMaterial
 

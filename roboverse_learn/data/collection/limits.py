@@ -5,8 +5,8 @@ import logging
 
 import psutil
 
+from envs.core.machine import num_cores
 from roboverse_learn.config.schema import CollectConfig
-from roboverse_learn.data.collection.pool import num_cores
 
 WORKER_BYTES = 700 << 20
 """Memory of one process: Python, torch and a compiled scene."""

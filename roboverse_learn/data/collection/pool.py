@@ -12,6 +12,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from envs.core.errors import DatasetError
+from envs.core.machine import num_cores
 from roboverse_learn.data.collection.config import CollectionConfig
 from roboverse_learn.data.collection.worker import Attempt, run_batch, start, work
 from roboverse_learn.data.dataset.staging import STAGING_DIRECTORY
@@ -84,8 +85,3 @@ def _starting(num_workers: int) -> Iterator[None]:
             del os.environ["OMP_NUM_THREADS"]
         if hasattr(signal, "pthread_sigmask"):
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-
-
-def num_cores() -> int:
-    """Returns the CPU cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

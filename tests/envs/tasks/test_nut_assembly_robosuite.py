@@ -11,13 +11,12 @@ import torch
 from envs.compat.mujoco4 import repair_robosuite
 from envs.mjcf.model import build_model
 from envs.tasks.nut_assembly import NutAssembly, NutAssemblySquare
-from tests.sweeps import sweep
 
 TASKS = {"NutAssembly": NutAssembly(), "NutAssemblySquare": NutAssemblySquare()}
 TABLE_Z = 0.82
 
 
-@pytest.fixture(scope="module", params=sweep(TASKS, {"NutAssembly"}))
+@pytest.fixture(scope="module", params=TASKS)
 def pair(request):
     """Our task and robosuite's environment of that name, without a renderer."""
     with warnings.catch_warnings():

@@ -19,7 +19,6 @@ from roboverse_learn.sim2sim.conservation.experiments import (
     run,
     start_of,
 )
-from tests.sweeps import sweep
 
 
 def largest(experiment, simulator, timestep_s=0.005):
@@ -27,7 +26,7 @@ def largest(experiment, simulator, timestep_s=0.005):
     return {name: np.abs(values).max() for name, values in found.items()}
 
 
-@pytest.fixture(params=sweep(HANDLERS.names(), {"mujoco"}))
+@pytest.fixture(params=HANDLERS.names())
 def simulator(request):
     try:
         HANDLERS.get(request.param)

@@ -1,0 +1,70 @@
+"""``roboverse doctor``: every part is reported, also one that fails."""
+
+import json
+import subprocess
+import sys
+import time
+
+import pytest
+
+from roboverse_learn import cli, doctor
+
+
+@pytest.fixture
+def without_processes(monkeypatch):
+    """Keeps the parts that take seconds from starting their processes."""
+    monkeypatch.setattr(doctor, "_in_process", lambda *words: {"asked": " ".join(words)})
+
+
+@pytest.mark.parametrize("word", ["--json", "json=true"])
+def test_json_has_every_part(without_processes, capsys, word):
+    assert cli.main(["doctor", word]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert list(report) == list(doctor.PARTS)
+    assert report["system"]["python"].startswith(".".join(map(str, sys.version_info[:3])))
+    assert report["packages"]["mujoco"] == "4.0.0"
+    assert report["renderers"]["warp"] == {"asked": "render warp"}
+    assert not [part for part, facts in report.items() if "failed" in facts]
+
+
+def test_a_missing_extra_says_how_to_install_it(without_processes, monkeypatch):
+    monkeypatch.setattr(doctor, "_is_installed", lambda name: name != "h5py")
+    found = doctor.extras()
+    assert found["import"] == "without h5py; pip install 'roboverse-learn[import]'"
+    assert found["metaworld"] == "installed"
+
+
+def test_a_part_that_fails_leaves_the_others(without_processes, monkeypatch, capsys):
+    monkeypatch.setitem(doctor.PARTS, "packages", lambda: 1 / 0)
+    assert cli.main(["doctor"]) == 0
+    said = capsys.readouterr().out
+    assert "Packages:\n  failed  ZeroDivisionError: division by zero" in said
+    assert "System:" in said and "Speed:" in said
+
+
+@pytest.mark.parametrize(
+    ("program", "reason"),
+    [
+        ("import os; os.abort()", "exit code -6"),
+        ("import sys; sys.exit('no driver')", "exit code 1: no driver"),
+        ("import time; time.sleep(60)", "no answer within 0.5 s"),
+    ],
+)
+def test_a_process_that_crashes_or_hangs_is_a_reason(monkeypatch, program, reason):
+    real = subprocess.run
+    monkeypatch.setattr(doctor, "_PROBE_LIMIT_S", 0.5 if "sleep" in program else 60.0)
+    monkeypatch.setattr(
+        doctor.subprocess, "run", lambda command, **how: real([sys.executable, "-c", program], **how)
+    )
+    started = time.monotonic()
+    assert reason in doctor._guarded(lambda: doctor._in_process("render", "warp"))["failed"]
+    assert time.monotonic() - started < 30
+
+
+def test_the_default_renderer_and_the_videos_work_here():
+    assert doctor._in_process("render", "warp")["64×64 images/s"] > 0
+    assert doctor._in_process("video")["pyav"] == {"decodes": "4 frames"}
+
+
+def test_a_renderer_that_does_not_exist_is_a_reason():
+    assert "Unknown renderer" in doctor._in_process("render", "wrap")["failed"]
