@@ -64,6 +64,8 @@ class EnvSpec:
             raise ConfigError(
                 f"image_size must be {MIN_IMAGE_SIZE} to {MAX_IMAGE_SIZE} pixels, given {self.image_size}."
             )
+        if len(set(self.cameras)) != len(self.cameras):
+            raise ConfigError(f"cameras={list(self.cameras)} names a camera twice. Name each once.")
         channels_of(self.level, self.only)
 
     @property

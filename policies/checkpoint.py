@@ -1,5 +1,6 @@
 """Reading a LeRobot pretrained folder: only JSON and safetensors, checked before anything is built."""
 
+import hashlib
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
 
 CONFIG = "config.json"
 WEIGHTS = "model.safetensors"
+HASHES = "sha256.json"
 PREPROCESSOR = "policy_preprocessor.json"
 POSTPROCESSOR = "policy_postprocessor.json"
 
@@ -130,11 +132,36 @@ def policy_type(directory: Path) -> str:
     return name
 
 
+def write_hashes(directory: Path) -> None:
+    """Writes the SHA-256 of each safetensors file of a pretrained folder into the file ``sha256.json``."""
+    hashes = {path.name: _sha256(path) for path in sorted(directory.glob("*.safetensors"))}
+    (directory / HASHES).write_text(json.dumps(hashes, indent=2), encoding="utf-8")
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _check_hash(path: Path) -> None:
+    """Refuses a file that changed after it was saved; a folder of another program may have no hashes."""
+    hashes = path.with_name(HASHES)
+    if not hashes.is_file():
+        return
+    saved = read_json(hashes).get(path.name)
+    if saved is not None and saved != (found := _sha256(path)):
+        raise PolicyError(
+            f"'{path}' is damaged, or was changed after it was saved: its SHA-256 is {found[:16]}…, and "
+            f"{HASHES} says {str(saved)[:16]}…. Name another checkpoint, or train again. If you changed it "
+            f"yourself, delete {HASHES}."
+        )
+
+
 def read_weights(path: Path) -> dict[str, Any]:
     """Reads the tensors of a safetensors file to the CPU.
 
     Raises:
-        PolicyError: if the file is absent, truncated or of another format.
+        PolicyError: if the file is absent, truncated, of another format, or not the file that was saved.
     """
     from safetensors import SafetensorError
     from safetensors.torch import load_file
@@ -142,12 +169,14 @@ def read_weights(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise PolicyError(f"Checkpoint '{path.parent}' has no {path.name}. {_ADVICE}")
     try:
-        return load_file(path)
+        tensors = load_file(path)
     except (SafetensorError, ValueError) as error:
         size = path.stat().st_size
         raise PolicyError(
             f"'{path}' ({size} bytes) is truncated or not a safetensors file ({error}). {_ADVICE}"
         ) from None
+    _check_hash(path)
+    return tensors
 
 
 def load_weights(model: "torch.nn.Module", weights: "Mapping[str, torch.Tensor]", path: Path) -> None:
@@ -156,7 +185,11 @@ def load_weights(model: "torch.nn.Module", weights: "Mapping[str, torch.Tensor]"
     Raises:
         PolicyError: if names or shapes differ.
     """
-    own = {key: value for key, value in model.state_dict().items() if not key.endswith("num_batches_tracked")}
+    # Counters of batch normalization have no part in an evaluation: LeRobot saves them, our policies do not.
+    own, weights = (
+        {key: value for key, value in tensors.items() if not key.endswith("num_batches_tracked")}
+        for tensors in (model.state_dict(), weights)
+    )
     wrong = sorted(
         key for key in own.keys() | weights.keys()
         if key not in own or key not in weights or own[key].shape != weights[key].shape
@@ -167,7 +200,7 @@ def load_weights(model: "torch.nn.Module", weights: "Mapping[str, torch.Tensor]"
             f"absent, unknown or of another shape, the first '{wrong[0]}'. Name another checkpoint, "
             "or train again."
         )
-    model.load_state_dict(dict(weights), strict=False)
+    model.load_state_dict(weights, strict=False)
 
 
 def check_pipeline(path: Path, allowed: Iterable[str]) -> None:

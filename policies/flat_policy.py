@@ -107,6 +107,7 @@ class FlatPolicy:
         with atomic_directory(directory) as staging:
             (staging / checkpoint.CONFIG).write_text(json.dumps(content, indent=2), encoding="utf-8")
             save_file(tensors, staging / checkpoint.WEIGHTS, metadata={"format": "pt"})
+            checkpoint.write_hashes(staging)
 
     @classmethod
     def load(cls, directory: str | Path, device: str = "cpu") -> Self:

@@ -236,6 +236,7 @@ class LeRobotPolicy:
             save_file(tensors, staging / checkpoint.WEIGHTS, metadata={"format": "pt"})
             self.preprocessor.save_pretrained(staging)
             self.postprocessor.save_pretrained(staging)
+            checkpoint.write_hashes(staging)
 
     @classmethod
     def load(cls, directory: str | Path, device: str = "cpu") -> Self:

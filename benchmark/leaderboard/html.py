@@ -1,6 +1,7 @@
 """The leaderboard as Markdown and as one HTML page that opens from a file, without server or network."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from html import escape
 from typing import Any
 
 from benchmark.leaderboard.curve_chart import curve_charts
@@ -32,9 +33,11 @@ def render_markdown(board: Mapping[str, Any]) -> str:
 def _render(template: str, board: Mapping[str, Any]) -> str:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
+    is_html = template.endswith(".html.j2")
     environment = Environment(
         loader=PackageLoader("benchmark"),
-        autoescape=template.endswith(".html.j2"),
+        autoescape=is_html,
+        finalize=None if is_html else _markdown,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -54,6 +57,13 @@ def _render(template: str, board: Mapping[str, Any]) -> str:
         levels=LEVELS,
         row_style=row_style,
     )
+
+
+def _markdown(value: Any) -> Any:
+    """Escapes HTML, which Markdown passes through, and what would end a cell of a table."""
+    if not isinstance(value, str):
+        return value
+    return escape(" ".join(value.splitlines()), quote=False).replace("|", "\\|")
 
 
 def _from_to(counts: Iterable[int]) -> str:

@@ -1,5 +1,7 @@
 """Checks before a run, so that a mistake is reported before anything is written."""
 
+import os
+import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,16 +15,35 @@ _A_MATERIAL = "the name of a material, or of an image in the folder that {}=+<fo
 
 
 def check_folders(config: Any) -> None:
-    """Checks that no folder of a configuration is a file, or would be in a file.
+    """Checks that no folder of a configuration is a file or in one, and that results and runs can be written.
 
     Raises:
-        ConfigError: A file is where a folder is meant.
+        ConfigError: A file is where a folder is meant, or a folder cannot be made or written.
     """
     for key in _FOLDER_KEYS:
         given = getattr(config, key, "")
-        file = file_in_place_of_folder(Path(given)) if given else None
+        if not given:
+            continue
+        try:
+            file = file_in_place_of_folder(Path(given))
+            if file is None and key in _written_keys(config):
+                _try_writing(Path(given))
+        except OSError as error:
+            shown = given if len(given) < 100 else f"{given[:100]}…"
+            raise ConfigError(f"{key}={shown}: {error.strerror}. Choose another folder.") from error
         if file is not None:
             raise ConfigError(f"{key}={given}: {not_a_folder(file)}")
+
+
+def _written_keys(config: Any) -> tuple[str, ...]:
+    """Returns the keys of folders that a command writes, whatever else it does."""
+    return "results_dir", "out", "run" if getattr(config, "run", "") else "runs_dir"
+
+
+def _try_writing(path: Path) -> None:
+    """Makes and removes a folder in the first folder of a path that exists."""
+    existing = next(each for each in (path, *path.absolute().parents) if each.is_dir())
+    os.rmdir(tempfile.mkdtemp(prefix=".roboverse-", dir=existing))
 
 
 def file_in_place_of_folder(path: Path) -> Path | None:

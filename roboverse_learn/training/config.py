@@ -1,6 +1,7 @@
 """What training can be told; data only, imported by every command."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, fields
 from typing import Literal
 
 from envs.core.errors import ConfigError
@@ -106,6 +107,10 @@ class TrainConfig:
                 )
 
     def _check_numbers(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, float) and not math.isfinite(value):
+                raise ConfigError(f"train.{item.name} must be a finite number, given {value}.")
         for name in ("steps", "batch_size", "lr", "save_every", "log_every", "ema_power"):
             if getattr(self, name) <= 0:
                 raise ConfigError(f"train.{name} must be above 0, given {getattr(self, name)}.")

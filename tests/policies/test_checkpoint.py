@@ -2,13 +2,15 @@
 
 import json
 
+import numpy as np
 import pytest
+import torch
 
 import policies
 from envs.core.atomic import atomic_directory
 from envs.core.errors import PolicyError, UnknownNameError
 from policies.checkpoint import check_learned
-from tests.policies.examples import make
+from tests.policies.examples import FEATURES, IMAGE, make, observation, stats
 
 ADVICE = "Name another checkpoint, or train again."
 
@@ -84,6 +86,26 @@ def test_a_truncated_safetensors_file(broken, pattern, kept):
     (file,) = broken.glob(pattern)
     file.write_bytes(file.read_bytes()[:kept])
     assert f"{file.name}' ({kept} bytes) is truncated or not a safetensors file" in message(broken)
+
+
+@pytest.mark.parametrize("pattern", ["model.safetensors", "policy_postprocessor*.safetensors"])
+def test_a_flipped_byte_is_refused(broken, pattern):
+    (file,) = broken.glob(pattern)
+    flip_last_byte(file)
+    assert f"{file.name}' is damaged, or was changed after it was saved: its SHA-256 is" in message(broken)
+    (broken / "sha256.json").unlink()  # a checkpoint of lerobot-train has none
+    policies.load(broken)
+
+
+def test_hashes_that_are_no_json_are_refused(broken):
+    (broken / "sha256.json").write_text("{")
+    assert "sha256.json' is not valid JSON" in message(broken)
+
+
+def flip_last_byte(path):
+    content = bytearray(path.read_bytes())
+    content[-1] ^= 1
+    path.write_bytes(content)
 
 
 @pytest.mark.parametrize("name", ["config.json", "policy_preprocessor.json"])
@@ -178,3 +200,33 @@ def test_a_known_name_does_not_cover_a_foreign_class(broken):
 def test_a_step_that_is_no_object(broken):
     (broken / "policy_preprocessor.json").write_text('{"steps": ["normalizer_processor"]}')
     assert "must hold a list 'steps'" in message(broken)
+
+
+@pytest.mark.parametrize("name", ["act", "diffusion"])
+def test_a_checkpoint_with_lerobots_batch_normalization_is_read(tmp_path, name):
+    """LeRobot's defaults normalize by batch, and its files hold the counters of that."""
+    from lerobot.configs import PolicyFeature
+    from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+    from lerobot.utils.feature_utils import dataset_to_policy_features
+
+    known = dataset_to_policy_features({key: dict(value) for key, value in FEATURES.items()})
+    image = PolicyFeature(type=known[IMAGE].type, shape=(3, 64, 64))  # 32 px leave one pixel
+    inputs = {IMAGE: image, "observation.state": known["observation.state"]}
+    model_class = get_policy_class(name)
+    own = {"use_group_norm": False, "down_dims": (32, 64)} if name == "diffusion" else {"dim_feedforward": 64}
+    config = model_class.config_class(
+        input_features=inputs, output_features={"action": known["action"]}, device="cpu",
+        pretrained_backbone_weights=None, push_to_hub=False, **own,
+    )  # fmt: skip
+    model = model_class(config)
+    tensors = {
+        key: {k: torch.as_tensor(v, dtype=torch.float32) for k, v in value.items()}
+        for key, value in stats().items()
+    }
+    model.save_pretrained(tmp_path)
+    for processor in make_pre_post_processors(config, dataset_stats=tensors):
+        processor.save_pretrained(tmp_path)
+    policy = policies.load(tmp_path)
+    seen = observation(policy, 1)
+    seen[IMAGE] = np.zeros((*seen[IMAGE].shape[:-3], 64, 64, 3), np.uint8)
+    assert np.isfinite(policy.act(seen)).all()

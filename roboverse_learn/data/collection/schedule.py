@@ -10,7 +10,7 @@ from typing import Any
 from benchmark.statistics import wilson
 from envs.core.atomic import write_json
 from envs.core.errors import DatasetError
-from roboverse_learn.data.dataset.damage import read_json
+from roboverse_learn.data.dataset.damage import broken_file, read_json
 from roboverse_learn.data.dataset.staging import load_staged, staged_directory
 from roboverse_learn.data.dataset.writer import DatasetWriter
 
@@ -201,6 +201,12 @@ class Schedule:
         if not self._path.exists():
             return set()
         record = read_json(self._path)
+        if not (
+            isinstance(record, dict)
+            and isinstance(record.get("settings"), dict)
+            and isinstance(record.get("failed"), list)
+        ):
+            raise broken_file(self._path, "it holds no settings, or no list of failed episodes")
         before = record["settings"]
         keys = sorted(k for k in {*before, *self._settings} if before.get(k) != self._settings.get(k))
         if keys:

@@ -335,6 +335,24 @@ def test_page_escapes_what_runs_say_of_themselves(publish, tmp_path):
     assert "<script>alert" not in leaderboard.write(tmp_path)["html"].read_text()
 
 
+def test_tables_and_page_escape_html_and_cells_in_options(publish, tmp_path):
+    publish(task_kwargs={"variant": "<script>alert(1)</script>|\n# x"})
+    written = leaderboard.write(tmp_path)
+    for kind in ("html", "markdown"):
+        assert "<script>alert" not in written[kind].read_text()
+    assert "variant=&lt;script&gt;alert(1)&lt;/script&gt;\\| # x" in written["markdown"].read_text()
+
+
+@pytest.mark.parametrize("key", ["channels", "not_shown"])
+def test_names_of_cells_are_checked(publish, tmp_path, key):
+    path = publish()
+    document = json.loads(path.read_text())
+    document["cells"][0][key] = ["<script>"]
+    path.write_text(json.dumps(document))
+    with pytest.raises(ResultError, match=f"does not follow schema 2: at cells/0/{key}/0: .*<script>"):
+        leaderboard.write(tmp_path)
+
+
 def test_the_papers_numbers_are_marked(publish, tmp_path):
     publish()
     page = parse(leaderboard.write(tmp_path)["html"])

@@ -48,7 +48,8 @@ def test_acts_alike_alone_and_after_loading(plan, tmp_path):
     alone = policy.act({key: value[1:2] for key, value in seen.items()}, generators(3)[1:2])
     np.testing.assert_array_equal(actions[1:2], alone)
     policy.save(tmp_path / "it")
-    assert {path.name for path in (tmp_path / "it").iterdir()} == {"config.json", "model.safetensors"}
+    saved = {path.name for path in (tmp_path / "it").iterdir()}
+    assert saved == {"config.json", "model.safetensors", "sha256.json"}
     loaded = Tdmpc2Policy.load(tmp_path / "it")
     np.testing.assert_array_equal(loaded.act(seen, generators(3)), actions)
     assert (loaded.config, loaded.discount) == (policy.config, 0.95)
@@ -103,6 +104,16 @@ def test_of_pictures_it_sees_the_last_three_and_knows_its_cameras_when_loaded(tm
 def test_of_a_state_it_sees_no_camera(tmp_path):
     make().save(tmp_path)
     assert seen_cameras(tmp_path) == {}
+
+
+def test_a_flipped_byte_in_the_weights_is_refused(tmp_path):
+    make().save(tmp_path)
+    path = tmp_path / "model.safetensors"
+    content = bytearray(path.read_bytes())
+    content[-1] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(PolicyError, match="damaged, or was changed after it was saved"):
+        Tdmpc2Policy.load(tmp_path)
 
 
 def test_damaged_checkpoints_are_errors(tmp_path):

@@ -68,6 +68,16 @@ def failure(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         (["train", "num_envs=3"], "'num_envs' could be collect.num_envs or evaluate.num_envs"),
         (["train", "train.lr=fast"], "train.lr: input should be a valid number"),
         (["train", "train.lr=-1"], "train.lr must be above 0, given -1.0."),
+        (["train", "train.lr=nan"], "train.lr must be a finite number, given nan."),
+        (["train", "train.lr=inf"], "train.lr must be a finite number, given inf."),
+        (["train", "cameras=[front,front]"], "names a camera twice. Name each once."),
+        (["collect", "dataset=" + 300 * "x"], "…: File name too long. Choose another folder."),
+        (["collect", "datasets_dir=" + 300 * "x"], "…: File name too long. Choose another folder."),
+        (["train", "results_dir=/proc/results"], "results_dir=/proc/results: No such file or directory."),
+        (
+            ["evaluate", "checkpoint=x", "results_dir=/proc/x"],
+            "results_dir=/proc/x: No such file or directory.",
+        ),
         (
             ["train", "policy.dim_model=63"],
             "policy.dim_model=63 must be a multiple of 4 and of policy.n_heads=8",
