@@ -23,7 +23,7 @@ def env(request):
     env.close()
 
 
-def test_it_starts_steps_and_can_be_asked(env):
+def test_reset_step_and_queries_work(env):
     task = env.task
     assert task.name in TASKS
     assert task.instructions

@@ -128,7 +128,7 @@ def test_the_future_follows_from_the_state_alone(handler):
     assert_equal(ends[0], ends[1])
 
 
-def test_it_is_drawn(handler):
+def test_floating_robot_is_rendered(handler):
     handler.set_states(standing())
     try:
         images = handler.render(None, ("segmentation",))["front"]["segmentation"]

@@ -161,7 +161,7 @@ def test_nothing_to_draw_gives_no_image(renderer):
     assert out["top"]["rgb"].shape == (0, TOP_SIZE[1], TOP_SIZE[0], 3)
 
 
-def test_only_what_is_asked_for_is_drawn(renderer, job):
+def test_only_requested_modalities_are_rendered(renderer, job):
     everything = draw(renderer, job())
     one = renderer.render([job()], ("slant",), ("rgb",))
     assert list(one) == ["slant"]

@@ -56,7 +56,7 @@ def test_gymnasium_accepts_the_single_env(env):
     single.close()
 
 
-def test_equal_seeds_give_equal_episodes_to_the_bit(env):
+def test_equal_seeds_give_bit_identical_episodes(env):
     def run():
         observations = [env.reset(seed=[5, 6, 7])[0]]
         rng = np.random.default_rng(0)

@@ -77,7 +77,7 @@ def test_a_camera_that_is_not_there_is_an_ordinary_mistake(lazy):
     assert draw.calls == 0
 
 
-def test_copies_are_drawn_and_their_own(lazy):
+def test_copies_are_rendered_and_independent(lazy):
     pixels, _ = lazy
     deep, shallow = copy.deepcopy(pixels), pixels.copy()
     assert type(deep) is LazyPixels, "Gymnasium's checker compares the types of a copy and of the next"
@@ -106,7 +106,7 @@ def test_it_cannot_be_hashed(lazy):
         hash(lazy[0])
 
 
-def test_what_cannot_be_drawn_says_so_every_time():
+def test_failed_rendering_raises_at_every_read():
     def fail():
         raise RuntimeError("no context")
 

@@ -141,7 +141,7 @@ def test_train_and_test_do_not_share_an_image():
     assert not seen & {image.tobytes() for image in test["rgb"]}
 
 
-def test_what_was_drawn_is_told_and_is_json():
+def test_sampled_values_are_json():
     import json
 
     env = envs.make_vec("PickCube", 1, split="test", level=3, image_size=SIZE)

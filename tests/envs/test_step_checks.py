@@ -88,7 +88,7 @@ def test_a_step_before_the_first_reset_is_refused(observation: str) -> None:
             env.step(action)
 
 
-def test_an_env_that_was_left_out_of_the_reset_is_told() -> None:
+def test_env_left_out_of_the_reset_is_an_error() -> None:
     with contextlib.closing(envs.make_vec("PickCube", 2, observation="state")) as env:
         env.reset(options={"reset_mask": np.array([True, False])})
         with pytest.raises(ResetNeededError):

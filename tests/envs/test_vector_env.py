@@ -124,7 +124,7 @@ def test_the_other_splits_episodes_are_refused(pixels):
     test.close()
 
 
-def test_rows_come_back_in_the_order_that_was_asked_for(pixels):
+def test_rows_are_in_the_requested_order(pixels):
     pixels.reset_envs([1, 0], pixels.split_indices[[7, 8]])
     assert pixels.episodes.tolist() == [pixels.split_indices[8], pixels.split_indices[7]]
     forwards, backwards = pixels.observe([0, 1]), pixels.observe([1, 0])
@@ -148,7 +148,7 @@ def play_to_the_end(env):
     raise AssertionError("the expert failed")
 
 
-def test_next_step_autoreset_pays_nothing_and_starts_anew():
+def test_next_step_autoreset_has_no_reward_and_restarts():
     env = make("NextStep")
     (_, reward, terminated, truncated, info), hold = play_to_the_end(env)
     assert (reward[0], terminated.tolist(), truncated.tolist()) == (1.0, [True, False], [False, False])
@@ -209,7 +209,7 @@ def test_settings_of_the_simulator_replace_the_scenarios():
         envs.make_vec("PickCube", 1, observation="state", simulator_settings={"impratoi": 5.0})
 
 
-def test_mistakes_are_told_in_words():
+def test_mistakes_have_clear_messages():
     with pytest.raises(UnknownNameError, match=r"Unknown task 'PickKube'. Did you mean 'PickCube'"):
         envs.make_vec("PickKube", 1, split="train")
     with pytest.raises(UnknownNameError, match=r"Unknown simulator 'mujocco'. Did you mean 'mujoco'"):

@@ -89,7 +89,7 @@ ROWS = (
 )
 
 
-def test_the_table_has_a_line_per_robot_and_tells_why_it_fails():
+def test_table_has_a_row_per_robot_with_the_reason_of_a_failure():
     lines = table(ROWS).splitlines()
     assert lines[0] == "| robot | links, joints | MuJoCo | SAPIEN | note |"
     assert lines[2] == (

@@ -74,7 +74,7 @@ def test_joints_keep_limits_damping_armature_and_what_they_follow(hard_robot):
     assert number(nail, "mimic", "offset") == pytest.approx(-0.4)
 
 
-def test_what_is_drawn_keeps_its_texture_and_what_is_touched_is_convex(hard_robot):
+def test_visual_meshes_keep_textures_and_collision_meshes_are_convex(hard_robot):
     path = convert(hard_robot)
     links = {link.get("name"): link for link in ET.parse(path).getroot().findall("link")}
     body = links["two axes"]

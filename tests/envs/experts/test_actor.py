@@ -127,7 +127,7 @@ def test_episodes_do_not_depend_on_the_number_of_envs(recorded, episodes, num_en
     env.close()
 
 
-def test_nothing_but_steps_is_recorded_unless_asked(env, recorded):
+def test_only_steps_are_recorded_by_default(env, recorded):
     (episode,) = expert_episodes(env, [recorded[0].episode], record=())
     assert episode.images == {}
     np.testing.assert_array_equal(episode.actions, recorded[0].actions)

@@ -126,7 +126,7 @@ def test_a_link_touches_what_it_is_jointed_to_as_in_its_file(scene):
     np.testing.assert_allclose(contact(model_of(cabinet(scene)), 0.0), contact(spec.compile(), 0.0))
 
 
-def test_only_the_shown_groups_are_drawn_and_nothing_transparent(scene):
+def test_only_visible_opaque_groups_are_rendered(scene):
     model = model_of(cabinet(scene, mjcf_shown=(1,)))
     groups = model.geom_group[
         [g for g in range(model.ngeom) if "cabinet" in model.body(model.geom_bodyid[g]).name]

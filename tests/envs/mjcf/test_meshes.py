@@ -103,7 +103,7 @@ def test_a_printed_part_and_collision_geometry_stay_as_they_were(arm):
     assert "shell" in [after.mesh(i).name for i in range(after.nmesh)]
 
 
-def test_what_is_drawn_neither_collides_nor_weighs(arm):
+def test_visual_geoms_have_no_collisions_and_no_mass(arm):
     before, after = arm().compile(), compiled(arm)
     for name in ("link_visual_0", "link_visual_1"):
         geom = after.geom(name)

@@ -86,7 +86,7 @@ def test_a_cube_of_that_inertia(model):
     np.testing.assert_allclose(model.body("cube").inertia, 0.064 * 0.04**2 / 6, rtol=1e-6)
 
 
-def test_everything_is_either_drawn_or_touched_or_both(model):
+def test_every_geom_is_visual_or_collides(model):
     """Group 0 is only touched, the visual group only seen."""
     group = model.geom_group
     assert set(np.unique(group)) == {0, VISUAL_GROUP, SCENE_GROUP}

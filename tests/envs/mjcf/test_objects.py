@@ -179,7 +179,7 @@ def test_a_large_texture_is_reduced(tmp_path):
         assert handler.model.tex_data[first : first + 3].tolist() == [200, 30, 10]
 
 
-def test_a_texture_that_is_no_image_is_told(tmp_path):
+def test_texture_that_is_no_image_is_an_error(tmp_path):
     (tmp_path / "part.obj").write_text(TRIANGLE)
     (tmp_path / "words.png").write_text("no image")
     seen = GeomCfg(

@@ -64,7 +64,7 @@ def test_there_is_one_distant_light_and_a_grid_of_lamps_inside_the_room():
         assert len({light.color for light in lights}) == 1
 
 
-def test_the_array_has_the_shape_that_is_asked_for():
+def test_light_array_has_the_configured_shape():
     lights = draws(1, LightingCfg(array_shape=(3, 4)))[0]
     assert len(lights) == 13
     assert sum(np.array([light.pos[:2] for light in lights[1:]])).tolist() == pytest.approx([0, 0])

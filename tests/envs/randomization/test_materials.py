@@ -80,7 +80,7 @@ def test_extending_keeps_the_built_in_materials_and_their_sides(flat_folder):
         assert load_split(side, library).materials["table"][: len(frozen)] == frozen
 
 
-def test_the_digest_tells_folders_apart_by_their_content(flat_folder):
+def test_digest_depends_on_the_content_of_the_folder(flat_folder):
     before = MaterialLibrary.from_folder(flat_folder).digest()
     assert before == MaterialLibrary.from_folder(flat_folder).digest()
     assert before != MaterialLibrary.built_in().digest()
@@ -106,7 +106,7 @@ def test_a_broken_image_is_named(flat_folder):
         MaterialLibrary.from_folder(flat_folder)
 
 
-def test_an_image_that_breaks_off_is_named_when_it_is_drawn(tmp_path):
+def test_truncated_image_is_named_in_the_error(tmp_path):
     pixels = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
     for name in ("a.jpg", "b.jpg"):
         Image.fromarray(pixels).save(tmp_path / name)

@@ -98,7 +98,7 @@ def test_no_piece_stands_in_a_test_episode_as_in_a_train_episode(pool):
 @pytest.mark.parametrize(
     "task", ["PickCube", "StackCube", "CloseBox", "MoveSliderLeft", "PickChocolatePudding", "NutAssembly"]
 )
-def test_no_initial_state_is_drawn_in_both_splits(task):
+def test_splits_share_no_initial_state(task):
     """In all that a state holds, of every episode of the pool."""
     rows = {}
     for split in ("train", "test"):
@@ -220,7 +220,7 @@ def test_an_unknown_channel_is_an_error():
         make(("task", "light"))
 
 
-def test_every_drawn_material_can_be_drawn(pool):
+def test_every_sampled_material_has_a_texture(pool):
     library = MaterialLibrary.built_in()
     for name in pool["test"][0]["environment"]["textures"].values():
         assert library.texture(name, 32).shape == (32, 32, 3)

@@ -130,7 +130,7 @@ def test_portions_do_not_show(monkeypatch, drawing, pair):
         assert_same(draw(handler), whole)
 
 
-def test_what_is_moved_in_an_episode_is_drawn_where_it_is(pair):
+def test_objects_moved_during_an_episode_are_rendered_in_place(pair):
     pair.set_states(starts())
     before = draw(pair)
     places = torch.tensor([0.1, 0.2, 0.3]).tile(NUM_ENVS, 1)
@@ -170,7 +170,7 @@ def test_an_unknown_pair_is_refused_by_name():
         make_handler("sapein", small_scene(), 1, renderer="mujoco")
 
 
-def test_nothing_is_drawn_after_the_end():
+def test_rendering_after_close_is_an_error():
     handler = launched(HybridHandler(small_scene(), 1))
     jobs = handler.snapshot()
     handler.close()

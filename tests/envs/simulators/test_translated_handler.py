@@ -17,27 +17,27 @@ class Ledger(World):
     """Writes down what it is told; a step moves the first number of the state by a millimetre."""
 
     def __init__(self):
-        self.told = []
+        self.calls = []
 
     def put(self, qpos, qvel, ctrl):
-        self.told.append("put")
+        self.calls.append("put")
         self._qpos, self._qvel = qpos.copy(), qvel.copy()
 
     def place(self, mocap_pos, mocap_quat):
-        self.told.append("place")
+        self.calls.append("place")
 
     def drive(self, ctrl):
-        self.told.append(("drive", ctrl.copy()))
+        self.calls.append(("drive", ctrl.copy()))
 
     def step(self, num_steps):
-        self.told.append(("step", num_steps))
+        self.calls.append(("step", num_steps))
         self._qpos[0] += 0.001 * num_steps
 
     def read(self, qpos, qvel):
         qpos[:], qvel[:] = self._qpos, self._qvel
 
     def close(self):
-        self.told.append("close")
+        self.calls.append("close")
 
 
 class LedgerHandler(TranslatedHandler):
@@ -87,19 +87,19 @@ def test_what_was_read_stays_what_it_was(task):
                 assert torch.equal(value, before[key]), key
 
 
-def test_only_the_environments_named_are_told_and_targets_come_first():
+def test_only_selected_environments_are_stepped_and_targets_come_first():
     task = PickCube()
     with launched(task.scenario) as handler:
         worlds = handler.worlds
         for world in worlds:
-            world.told.clear()
+            world.calls.clear()
         handler.step(5, [1])
-        assert [[entry if isinstance(entry, str) else entry[0] for entry in w.told] for w in worlds] == [
+        assert [[entry if isinstance(entry, str) else entry[0] for entry in w.calls] for w in worlds] == [
             [],
             ["drive", "step"],
             [],
         ]
-        assert worlds[1].told[1] == ("step", 5)
+        assert worlds[1].calls[1] == ("step", 5)
 
 
 def test_targets_move_evenly_and_arrive():
@@ -108,9 +108,9 @@ def test_targets_move_evenly_and_arrive():
         handler.set_states(starts(task))
         before = handler.get_joint_targets("franka")[0].numpy()
         world = handler.worlds[0]
-        world.told.clear()
+        world.calls.clear()
         handler.step_towards({"franka": before[None] + 0.01}, 4, [0])
-        told = [entry[1] for entry in world.told if entry[0] == "drive"]
+        told = [entry[1] for entry in world.calls if entry[0] == "drive"]
         assert len(told) == 4
         np.testing.assert_allclose(np.diff([before, *told], axis=0)[:, :7], 0.0025, atol=1e-6)
         np.testing.assert_array_equal(told[-1], handler.get_joint_targets("franka")[0].numpy())
@@ -137,4 +137,4 @@ def test_closing_closes_every_world_once():
     worlds = handler.worlds
     handler.close()
     handler.close()
-    assert [world.told.count("close") for world in worlds] == [1] * NUM_ENVS
+    assert [world.calls.count("close") for world in worlds] == [1] * NUM_ENVS

@@ -69,7 +69,7 @@ def test_success_is_a_lid_that_is_shut(variant, lid, solved):
     assert CloseBox(variant=variant).success(state).tolist() == [solved]
 
 
-def test_an_unknown_variant_is_told_the_known_ones():
+def test_unknown_variant_lists_the_valid_ones():
     with pytest.raises(UnknownNameError, match=r"variant of CloseBox.*'robovers'.*roboverse"):
         CloseBox(variant="robovers")
 

@@ -93,6 +93,6 @@ def test_an_agent_learns_in_the_changed_scene() -> None:
     env.close()
 
 
-def test_a_wrong_change_is_told_before_a_simulator_starts() -> None:
+def test_invalid_scene_change_fails_before_a_simulator_starts() -> None:
     with pytest.raises(UnknownNameError, match="Did you mean 'decimation'"):
         envs.make_vec("PickCube", scenario={"physics": {"decimatio": 5}})

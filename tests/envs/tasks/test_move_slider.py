@@ -63,7 +63,7 @@ def test_the_joints_are_calvins_at_its_scale():
     np.testing.assert_allclose(travels, [0.28, 0.22, 0.02, 0.088])
 
 
-def test_initial_states_are_drawn_without_overlap():
+def test_initial_states_do_not_overlap():
     state = states(1000)
     table = state.objects["play_table"].joint_pos
     assert (table[:, [0, 2]] == 0.0).all()
@@ -162,12 +162,12 @@ def test_reward_by_hand():
     assert MoveSliderLeft(variant="roboverse").reward(state).item() == pytest.approx(0.95)
 
 
-def test_an_unknown_variant_is_told_the_known_ones():
+def test_unknown_variant_lists_the_valid_ones():
     with pytest.raises(UnknownNameError, match=r"variant of MoveSliderLeft.*'calvim'.*calvin"):
         MoveSliderLeft(variant="calvim")
 
 
-def test_a_folder_without_the_table_is_told_what_it_lacks(tmp_path):
+def test_folder_without_the_table_is_an_error_that_names_the_file(tmp_path):
     with pytest.raises(
         ConfigError, match=r"holds no calvin_table_A/urdf/calvin_table_A\.urdf.*Give the folder"
     ):

@@ -52,7 +52,7 @@ def test_initial_states_fill_robosuites_ranges():
     assert arm.std().item() == pytest.approx(0.02, rel=0.05)
 
 
-def test_nuts_are_drawn_apart():
+def test_nuts_start_apart():
     """Ring and handle stay within 0.08525 m of a nut's centre; centres are 0.22 m apart or more."""
     state = states(count=1000)
     square, other = state.objects["square_nut"].pos, state.objects["round_nut"].pos

@@ -37,14 +37,14 @@ def state():
     return state
 
 
-def test_success_ends_an_episode_and_pays_one_and_failure_only_ends_it(state):
+def test_success_ends_an_episode_with_reward_one_and_failure_only_ends_it(state):
     reward, terminated, success = outcome(Judged(), state)
     assert reward.tolist() == [1.0, 1.0, 0.5, 0.125]
     assert terminated.tolist() == [True, True, True, False]
     assert success.tolist() == [True, True, False, False]
 
 
-def test_a_task_that_goes_on_pays_its_reward_and_ends_by_failure_alone(state, monkeypatch):
+def test_task_that_continues_after_success_keeps_its_reward_and_ends_by_failure(state, monkeypatch):
     monkeypatch.setattr(Judged, "ends_on_success", False)
     reward, terminated, success = outcome(Judged(), state)
     assert reward.tolist() == [0.125, 0.5, 0.5, 0.125]

@@ -156,7 +156,7 @@ def test_a_basket_that_fell_over_is_given_up():
     assert PickChocolatePudding().expert(state, np.random.default_rng(0)) == []
 
 
-def test_unknown_options_are_told():
+def test_unknown_options_are_errors():
     with pytest.raises(UnknownNameError, match=r"'libro'\. Did you mean 'libero'\? Valid: libero, roboverse"):
         PickChocolatePudding(variant="libro")
     with pytest.raises(UnknownNameError, match=r"starts of PickChocolatePudding 'region'"):
@@ -165,7 +165,7 @@ def test_unknown_options_are_told():
         PickChocolatePudding(starts="libero")
 
 
-def test_a_folder_that_is_not_libero_is_told(tmp_path):
+def test_folder_that_is_not_libero_is_an_error(tmp_path):
     with pytest.raises(ConfigError, match=r"has no assets/stable_hope_objects\. Give the folder of a copy"):
         envs.make_vec("PickChocolatePudding", split="train", task_kwargs={"libero_dir": str(tmp_path)})
     (tmp_path / "libero" / "assets" / "stable_hope_objects").mkdir(parents=True)
@@ -182,7 +182,7 @@ def test_a_folder_that_is_not_libero_is_told(tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"", b"no pickle", b"\x80\x02X\x03\x00\x00\x00abc.", b"\x80\x02N."])
-def test_initial_states_that_are_none_are_told(tmp_path, content):
+def test_invalid_initial_states_are_an_error(tmp_path, content):
     path = tmp_path / "a.pruned_init"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("archive/data.pkl", content)
@@ -207,7 +207,7 @@ def test_our_sizes_are_those_of_liberos_boxes():
 
 
 @needs_libero
-def test_liberos_initial_states_are_drawn_and_what_we_say_of_them_is_so():
+def test_libero_initial_states_are_sampled_and_match_their_description():
     state = states(400, starts="libero", libero_dir=str(LIBERO))
     pudding = state.objects["chocolate_pudding"].pos
     assert torch.allclose(pudding[:, :2], torch.tensor([-0.12, -0.24], dtype=torch.float64))

@@ -17,7 +17,7 @@ def test_within_the_bounds_it_is_one_and_without_a_margin_nothing_outside():
 
 
 @pytest.mark.parametrize("shape", ["gaussian", "linear", "quadratic"])
-def test_at_the_margin_it_is_what_was_asked_for_on_either_side(shape):
+def test_reward_at_either_margin_is_value_at_margin(shape):
     at = tolerance(torch.tensor([-2.0, 3.0]), 0.0, 1.0, margin=2.0, value_at_margin=0.3, shape=shape)
     assert at.tolist() == pytest.approx([0.3, 0.3])
 

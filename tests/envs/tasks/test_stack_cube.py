@@ -51,7 +51,7 @@ def test_initial_states_fill_maniskills_ranges():
     assert arm.std().item() == pytest.approx(0.02, rel=0.05)
 
 
-def test_cubes_are_drawn_apart():
+def test_cubes_start_apart():
     """Farther apart than two diagonals, 2 (√2 · 0.02 + 0.001), they cannot touch, whatever their yaw."""
     state = states(4000)
     between = state.objects["cube_a"].pos - state.objects["cube_b"].pos

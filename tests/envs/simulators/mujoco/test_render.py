@@ -250,7 +250,7 @@ def test_without_opengl_the_message_names_packages_and_the_other_renderer(model,
 
 
 @pytest.mark.parametrize(("library", "reason"), [(None, "there is no libvulkan"), ("x", "finds no device")])
-def test_without_vulkan_the_process_lives_and_hears_why(model, monkeypatch, library, reason):
+def test_missing_vulkan_is_an_error_with_the_reason(model, monkeypatch, library, reason):
     monkeypatch.setattr(render_filament.ctypes.util, "find_library", lambda name: library)
     monkeypatch.setattr(render_filament.ctypes, "CDLL", lambda name: None)
     monkeypatch.setattr(render_filament, "_count_devices", lambda vulkan: 0)

@@ -65,7 +65,7 @@ def test_rays_go_tile_by_tile():
     assert by_tiles(16, 17)[below:].tolist() == list(range(below, below + 16))
 
 
-def test_cameras_of_any_size_are_drawn_pixel_by_pixel_as_elsewhere():
+def test_cameras_of_any_size_match_the_reference_renderer():
     """Two images of which no side is whole tiles, one beside the other in the tracer's buffers."""
     scenario = scene()
     wide = dataclasses.replace(scenario.cameras[0], width=50, height=30)
@@ -92,7 +92,7 @@ def test_an_image_depends_on_its_world_alone(dressed):
     np.testing.assert_array_equal(dressed.render()["front"]["rgb"], together)
 
 
-def test_more_jobs_than_worlds_are_drawn_in_turns(dressed):
+def test_more_jobs_than_worlds_are_rendered_in_batches(dressed):
     jobs = [*dressed.snapshot(), *dressed.snapshot([2, 0])]
     images = dressed.render_jobs(jobs)["front"]["rgb"]
     np.testing.assert_array_equal(images[NUM_ENVS:], images[[2, 0]])

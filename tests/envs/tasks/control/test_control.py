@@ -68,7 +68,7 @@ def test_a_pole_is_paid_for_how_upright_and_slow_it_is(turns):
     assert task_of("cartpole").reward(state).item() == pytest.approx(expected)
 
 
-def test_a_cart_that_leaves_the_rail_is_lost_and_pays():
+def test_leaving_the_rail_is_a_failure_with_a_penalty():
     task, state = task_of("cartpole"), cartpole_at(0.0, 3.1)
     assert task.failure(state).tolist() == [True]
     assert task.reward(state).item() == pytest.approx(STEP_S * -2.0)

@@ -152,7 +152,7 @@ def test_a_fall_is_a_failure_and_no_success(recorded):
     assert not task.success(recorded).any()
 
 
-def test_a_step_pays_and_the_return_decides(monkeypatch):
+def test_steps_are_rewarded_and_the_return_decides_success(monkeypatch):
     stand = TASKS.get("humanoid/stand")
     monkeypatch.setattr(stand, "max_episode_steps", 3)
     for bar, enough in ((0.5, True), (3.0, False)):
@@ -185,7 +185,7 @@ def test_no_constant_stays_on_the_cpu(function, recorded):
     assert found.device.type == "meta"
 
 
-def test_single_precision_pays_as_double_does(recorded):
+def test_rewards_agree_in_single_and_double_precision(recorded):
     task = TASKS.get("humanoid/walk")()
     np.testing.assert_allclose(
         task.reward(recorded.to("cpu", torch.float32)), task.reward(recorded), atol=1e-4

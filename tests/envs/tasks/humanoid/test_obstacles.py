@@ -222,7 +222,7 @@ def test_sitting_down_starts_anywhere_before_the_chair():
     assert state.objects["chair"].pos[:, 0].std() > 0.003
 
 
-def test_a_simulator_that_tells_no_touch_is_refused(postures):
+def test_simulator_without_contact_sensors_is_refused(postures):
     state = beside(postures, poles=(0, 0, 0))
     state.objects["poles"].touched = None
     with pytest.raises(SimulatorError, match="asks what touches what, which this simulator does not tell"):

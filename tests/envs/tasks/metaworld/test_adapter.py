@@ -57,7 +57,7 @@ def test_a_task_is_made_once_and_knows_its_name():
 
 
 @pytest.mark.parametrize("name", ["DrawerOpen", "metaworld/reach"])
-def test_without_meta_world_one_is_told_how_to_install_it(name, monkeypatch):
+def test_missing_metaworld_names_the_install_command(name, monkeypatch):
     for module in list(sys.modules):
         if module.startswith("envs.tasks.metaworld.") and not module.endswith("catalogue"):
             monkeypatch.delitem(sys.modules, module)
@@ -125,7 +125,7 @@ def test_asking_changes_no_state_and_needs_no_order(task):
     assert all(torch.equal(value, before[key]) for key, value in state.flatten().items())
 
 
-def test_what_is_not_finite_is_not_asked(task):
+def test_states_that_are_not_finite_are_not_evaluated(task):
     state = task.initial_state(rngs(2))
     state.robots["sawyer"].joint_pos[0] = torch.nan
     seen, rewards, successes = MetaWorldTask._answers(task, state)

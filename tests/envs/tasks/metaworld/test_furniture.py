@@ -62,7 +62,7 @@ def test_success_begins_where_meta_world_says(name, edge, outwards):
     assert not task.success(at(task, state, edge + outwards * 1e-6)).any()
 
 
-def test_the_start_is_no_success_and_the_goal_pays_more(world):
+def test_start_is_no_success_and_the_goal_has_a_higher_reward(world):
     task, handler = world
     state = start(task, handler)
     before = task.reward(state)
