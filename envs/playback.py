@@ -23,7 +23,7 @@ class ReplayActor(Actor):
         starts: Initial state of each episode, one row each.
         actions: Actions of each episode, (T, A).
         hold_steps: Control steps for which the last action is repeated.
-        tail_steps: Control steps that an episode goes on after its first success.
+        tail_steps: Control steps for which an episode continues after its first success.
     """
 
     def __init__(

@@ -168,8 +168,8 @@ class Actor(ABC):
     Attributes:
         n_obs_steps: Observations that :meth:`act` looks at; 0 if it looks at states or at nothing.
         tail_steps: None if the environment decides when an episode is over. A number makes it a
-            demonstration, which goes on until so many control steps after its first success, or until the
-            actor gives up.
+            demonstration, which continues until so many control steps after its first success, or until
+            the actor gives up.
     """
 
     n_obs_steps: int = 0
@@ -226,7 +226,7 @@ def rollout(
 
 
 def in_order(finished: Iterable[Episode]) -> Iterator[Episode]:
-    """Yields finished episodes in the order in which they were asked for."""
+    """Yields finished episodes in the order in which they were requested."""
     early: dict[int, Episode] = {}
     position = 0
     for episode in finished:

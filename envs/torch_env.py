@@ -105,7 +105,7 @@ class TorchVectorEnv(BatchedEnv):
     state on the expert's path. An environment whose episode is over restarts in the same step. Actions are
     those of the task's ``rl_controller``, in [-1, 1]. The task's reward is at most 1 and success ends an
     episode with 1; with ``shift_reward`` an agent gets the reward less 1, so that it has no reason to put
-    success off, and a failure costs as much as not being rewarded until the time limit. Make one with
+    success off, and a failure costs as much as no reward until the time limit. Make one with
     :meth:`envs.spec.EnvSpec.make_torch`.
 
     Args:

@@ -2,6 +2,7 @@
 
 import gc
 import os
+import re
 import signal
 import sys
 
@@ -24,11 +25,22 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files with a slow test come first: begun last, one would keep a single core busy at the end.
+ON_REQUEST = {"long", "gpu"}
+"""Markers of tests that run only where ``-m`` names them."""
 
-    xdist would begin with those of the most tests; ``--no-loadscope-reorder`` keeps it from that.
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Deselects tests of markers that ``-m`` does not name, and puts files with a slow test first.
+
+    A slow file that starts last would keep one core busy at the end. xdist would begin with the files of
+    most tests; ``--no-loadscope-reorder`` keeps it from that.
     """
+    unasked = ON_REQUEST.difference(re.findall(r"\w+", config.option.markexpr))
+    deselected = [item for item in items if any(item.get_closest_marker(name) for name in unasked)]
+    if deselected:
+        config.hook.pytest_deselected(items=deselected)
+        gone = set(deselected)
+        items[:] = [item for item in items if item not in gone]
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
 

@@ -1,4 +1,4 @@
-"""Frozen data as plain values: what JSON and YAML have."""
+"""Converts frozen data to plain values of JSON and YAML."""
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass

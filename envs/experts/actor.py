@@ -18,7 +18,7 @@ class ExpertActor(Actor):
 
     Args:
         env: The environment.
-        planner: Asked for plans; the task's by default. If it can, it plans for many states at once on a
+        planner: Makes the plans; the task's by default. If it can, it plans for many states at once on a
             simulator that steps all environments together.
     """
 

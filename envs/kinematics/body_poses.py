@@ -1,6 +1,6 @@
 """Poses and velocities of all bodies of a robot, from its state alone, for N states at once.
 
-Shapes: N states, B bodies. No simulator takes part, so that a reward is the same on every simulator.
+Shapes: N states, B bodies. No simulator is involved, so rewards are the same on every simulator.
 """
 
 from dataclasses import dataclass, replace

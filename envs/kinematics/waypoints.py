@@ -55,16 +55,16 @@ def grasp_yaw(object_yaw: float, symmetry_rad: float = np.pi / 2) -> float:
 
 
 def miss(rng: np.random.Generator, *, often_m: float = 0.015, seldom_m: float = 0.05) -> float:
-    """Draws by how much, as a standard deviation in m, an expert first misses where it is going.
+    """Draws the standard deviation, m, of the noise on an expert's first waypoint.
 
-    Three times in ten it misses by a lot, so that demonstrations show the way back from places that a
-    policy gets to by its own errors (DART, arXiv:1703.09327).
+    With a probability of 0.3 it is large, so that demonstrations show recovery from states that a policy
+    reaches by its own errors (DART, arXiv:1703.09327).
     """
     return seldom_m if rng.uniform() < 0.3 else often_m
 
 
 def approach(way: Waypoint, rng: np.random.Generator, seldom_m: float = 0.05) -> list[Waypoint]:
-    """Returns the way to a waypoint: at once, or three times in ten by a place beside it.
+    """Returns the path to a waypoint: direct, or with a probability of 0.3 by a point beside it.
 
     Args:
         way: The waypoint.

@@ -1,4 +1,4 @@
-"""What of a compiled model may touch what, and the hulls of its meshes, for simulators that are told so."""
+"""Collision pairs and convex hulls of a compiled model, for simulators that build their scene from it."""
 
 import mujoco
 import numpy as np

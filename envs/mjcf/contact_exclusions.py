@@ -1,4 +1,4 @@
-"""Pairs of bodies of one tree that no posture brings into contact, so that collision tests can skip them.
+"""Finds pairs of bodies of one tree that never collide, so that collision tests can skip them.
 
 The bounding volumes of neighbouring links overlap, so MuJoCo tests their meshes in every step. Of the Panda
 these are the base and the first link, 1 mm apart, and four pairs around the elbow; one mesh has 6,260

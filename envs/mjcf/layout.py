@@ -1,4 +1,4 @@
-"""Where each robot and object lives in MuJoCo's arrays."""
+"""Addresses of each robot and object in MuJoCo's arrays."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -30,7 +30,7 @@ class EntityLayout:
         driven: Indices of its driven joints among its joints.
         holds: For each of them 1.0 if its target is a position, 0.0 if it is a torque.
         ee_site: Id of the end effector's site, or -1.
-        touches: Addresses, in sensordata, of what it feels.
+        touches: Addresses of its contact sensors in sensordata.
     """
 
     name: str

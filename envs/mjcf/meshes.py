@@ -1,7 +1,7 @@
 """Visual meshes, merged by colour and simplified once, then cached.
 
-A ray tracer's and a rasterizer's time goes with the number of triangles and of geoms. robosuite's
-Panda is drawn with 149,000 triangles in 60 geoms; an image of 256 pixels shows a tenth of them.
+Render time grows with the number of triangles and of geoms. robosuite's Panda has 149,000 triangles in
+60 geoms; an image of 256 pixels shows a tenth of them.
 """
 
 import functools

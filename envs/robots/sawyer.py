@@ -16,7 +16,7 @@ from envs.scenario import JointCfg, RobotCfg
 FINGER_KP = 400.0
 
 _NO_LIMIT_N = 1e4
-"""More than the actuators ever ask for: the file sets no limit."""
+"""More than the actuators ever need: the file sets no limit."""
 
 _ARM = (
     # range, rest

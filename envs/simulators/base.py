@@ -118,8 +118,8 @@ class Handler(ABC):
     ) -> None:
         """Advances by ``num_steps`` physics steps while the targets of joints move evenly to ``targets``.
 
-        In step k of n a target lies k/n of the way from where it was; in the last it is there. So an
-        arm moves without the jerk of a jump, which shakes what its fingers hold.
+        Targets are interpolated linearly and arrive in the last step. So an arm moves without the jerk of a
+        jump, which shakes a grasped object.
 
         Args:
             targets: Robot to position targets (n, J); see :meth:`set_joint_targets`.

@@ -1,7 +1,7 @@
-"""Physics of one simulator with the images of another, and which of them a pair of names asks for.
+"""Combines the physics of one simulator with the renderer of another.
 
 After MetaSim's hybrid simulation (RoboVerse, arXiv:2504.18904, section 3): every state comes from physics;
-before an image is drawn, states and looks are put into the simulator that draws.
+before rendering, states and appearances are copied into the simulator that renders.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ from envs.simulators.base import EnvIds, Handler, TextureSource
 from envs.state import State
 
 MAX_DRAWN_AT_ONCE = 64
-"""Environments of the simulator that draws; more images are drawn one portion after the other."""
+"""Environments of the rendering simulator; more images are rendered in batches of this size."""
 
 OF_MODELS = "mujoco"
 """The simulator behind the renderers of :data:`~envs.simulators.RENDERERS`, when physics is another's."""
@@ -34,7 +34,7 @@ def make_handler(
     num_threads: int = 0,
     textures: TextureSource | None = None,
 ) -> Handler:
-    """Makes the handler of a pair, without launching it: the simulator alone where it draws for itself.
+    """Makes the handler of a pair, without launching it: the simulator alone where it renders itself.
 
     Args:
         simulator: Registered simulator: physics.
@@ -56,7 +56,7 @@ def make_handler(
 
 
 def drawing_simulator(simulator: str, renderer: str) -> tuple[str, str | None]:
-    """Returns which simulator draws, and which of its renderers, None for the one it has.
+    """Returns the simulator that renders, and which of its renderers, None for its only one.
 
     Raises:
         UnknownNameError: if there is no such simulator or renderer.
@@ -124,15 +124,15 @@ class Moments(Sequence["Moments"]):
 
 
 class HybridHandler(Handler):
-    """A simulator whose images another one draws.
+    """A simulator that is rendered with another one.
 
-    The simulator that draws is launched at the first image; it never steps.
+    The rendering simulator is launched at the first image; it never steps.
 
     Args:
         scenario: The scene.
         num_envs: Number of environments.
         simulator: Registered simulator: physics.
-        renderer: Registered simulator that draws, or one of the renderers of MuJoCo's models.
+        renderer: Registered simulator that renders, or one of the renderers of MuJoCo's models.
         num_threads: Threads that step and draw; 0 means one per core.
         textures: Gives the images of the named materials.
 
@@ -238,7 +238,7 @@ class HybridHandler(Handler):
 
     @property
     def _drawing(self) -> Handler:
-        """The simulator that draws, launched at the first image."""
+        """The rendering simulator, launched at the first image."""
         if self._closed:
             raise SimulatorError("The simulator does not run: nothing can be drawn after close().")
         if not self._draws:

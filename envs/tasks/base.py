@@ -1,4 +1,4 @@
-"""What a task is: a scenario, where it starts, when it is solved, what it pays, how an expert does it."""
+"""Base class of tasks: scenario, initial states, success, reward, observation and expert."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -28,14 +28,14 @@ class Task(ABC):
         name: Registered name.
         instructions: What to do, in words; an episode draws one.
         max_episode_steps: Control steps after which an episode is cut off.
-        ends_on_success: Whether an episode is over, and pays 1, as soon as it is solved. If not, success
-            is that of its last state, and every step pays the reward.
-        success_return: The return from which on an episode counts as solved, which is decided when it is
-            over; None leaves that to :meth:`success`.
-        has_expert: Whether :meth:`expert` knows a way; demonstrations come from elsewhere if not.
-        has_reward: Whether :meth:`reward` tells better states from worse ones.
+        ends_on_success: Whether success ends an episode, with a reward of 1. If not, success is that of its
+            last state, and every step has the dense reward.
+        success_return: The return at which an episode counts as solved, checked when it is over; None uses
+            :meth:`success` instead.
+            has_expert: Whether there is a scripted expert.
+            has_reward: Whether :meth:`reward` is dense.
         takes_arrays: Whether :meth:`success`, :meth:`failure`, :meth:`reward` and :meth:`observe` also take
-            a state of numpy arrays, and then return arrays (see :mod:`envs.array_ops`), which is quicker for
+            a state of numpy arrays, and then return arrays (see :mod:`envs.array_ops`), which is faster for
             few environments.
     """
 
@@ -67,25 +67,25 @@ class Task(ABC):
         """Returns whether the task is solved, (N,) bool. A state that is not finite is no success."""
 
     def failure(self, state: State) -> Tensor:
-        """Returns whether all is lost, which ends an episode, (N,) bool; never by default."""
+        """Returns whether the task has failed, which ends an episode, (N,) bool; never by default."""
         return torch.zeros(state.num_envs, dtype=torch.bool, device=state.device)
 
     @abstractmethod
     def reward(self, state: State) -> Tensor:
         """Returns the dense reward of a step that led to each state, (N,).
 
-        Where success ends an episode it pays 1, and all other states less, from 0 on.
+        Where success ends an episode its reward is 1, and that of all other states lies in [0, 1).
         """
 
     @abstractmethod
     def observe(self, state: State) -> Tensor:
-        """Returns what a policy without cameras has to know beside the joints, (N, D)."""
+        """Returns the observation beside the joints of a policy without cameras, (N, D)."""
 
     def expert(self, state: State, rng: np.random.Generator) -> "list[Waypoint]":
-        """Returns a way to solve the task from a state of one row; ``rng`` gives it variety.
+        """Returns waypoints that solve the task from a state of one row; ``rng`` varies them.
 
-        When the way has been gone without success, the expert is asked again, from where it got to: a
-        grasp that failed is tried once more. No waypoints mean that it gives up.
+        If the task is not solved at their end, the expert plans again from there, for instance to retry a
+        failed grasp. An empty list means that it gives up.
 
         Raises:
             ConfigError: if the task has no expert.
@@ -97,16 +97,16 @@ class Task(ABC):
 
     @property
     def controller(self) -> "Controller":
-        """What an action means; by default position targets of all joints of the first robot."""
+        """The controller of actions; by default position targets of all joints of the first robot."""
         from envs.controllers import JointPositionController
 
         return JointPositionController(self.scenario.robots[0])
 
     @property
     def rl_controller(self) -> "Controller":
-        """What an action of an agent that learns by reward means; every entry lies in [-1, 1].
+        """The controller of actions in reinforcement learning; every entry lies in [-1, 1].
 
-        By default ways of the hand, where the task's own actions are targets of an arm's joints.
+        By default end-effector deltas, where the task's own actions are joint targets of an arm.
         """
         from envs.controllers import HandDeltaController, JointPositionController
 
@@ -115,7 +115,7 @@ class Task(ABC):
         return HandDeltaController(robot) if isinstance(own, JointPositionController) else own
 
     def rl_observation(self, state: State) -> Tensor:
-        """Returns what an agent that learns by reward sees, (N, D).
+        """Returns the observation of reinforcement learning, (N, D).
 
         By default positions, speeds and targets of the first robot's joints, and :meth:`observe`.
         """
@@ -128,7 +128,7 @@ class Task(ABC):
 
     @property
     def planner(self) -> "Planner":
-        """What turns states into the expert's actions; by default inverse kinematics along its waypoints."""
+        """The planner of the expert's actions; by default inverse kinematics along its waypoints."""
         from envs.tasks.waypoint_planner import WaypointPlanner
 
         return WaypointPlanner(self.scenario, self.expert)

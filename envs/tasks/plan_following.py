@@ -1,4 +1,4 @@
-"""Following the plans of a planner in N environments: who acts, with which action, and until when."""
+"""Executes a planner's plans in N environments."""
 
 from collections.abc import Sequence
 
@@ -12,11 +12,11 @@ TAIL_STEPS = 5
 
 
 class PlanFollower:
-    """Follows plans in N episodes and asks for another plan where one is used up.
+    """Executes plans in N episodes and plans again where one is used up.
 
     Args:
         rngs: N generators, one per episode, for the planner.
-        planner: Asked for plans.
+        planner: Makes the plans.
 
     Attributes:
         success: Which episodes were solved at some step, (N,) bool.

@@ -14,7 +14,7 @@ class Planner(Protocol):
     def plan(self, state: State, rng: np.random.Generator) -> np.ndarray:
         """Returns the next actions (T, A) float32 from a state of one row; T = 0 gives up.
 
-        It is asked again from the state in which they end, until the task is solved or its time is over.
+        It is called again from the state in which they end, until the task is solved or its time is over.
         """
         ...
 

@@ -28,10 +28,10 @@ def tolerance(
     d = 1.
 
     Args:
-        value: What is judged.
-        low: Least value that is paid 1.
-        high: Largest value that is paid 1; may be infinite.
-        margin: Distance from the bounds at which ``value_at_margin`` is paid; 0 pays nothing outside.
+        value: The values.
+        low: Least value with a reward of 1.
+        high: Largest value with a reward of 1; may be infinite.
+        margin: Distance from the bounds at which the reward is ``value_at_margin``; at 0 it is 0 outside.
         value_at_margin: See ``margin``; above 0 for ``gaussian``.
         shape: How the reward falls.
 

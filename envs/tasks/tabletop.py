@@ -1,4 +1,4 @@
-"""What tasks of one arm at a table share: looks, camera, robot, and what their rewards measure."""
+"""What tasks of one arm at a table share: appearance, cameras, robot, and reward terms."""
 
 import dataclasses
 

@@ -8,11 +8,13 @@ import envs
 from envs.core.errors import MissingExtraError
 from envs.randomization import channel_rng
 from envs.tasks import TASKS
+from tests.sweeps import sweep
 
 NUM_ENVS = 2
+REPRESENTATIVE = {"metaworld/reach", "metaworld/door-open", "metaworld/pick-place-wall", "metaworld/sweep"}
 
 
-@pytest.fixture(scope="module", params=TASKS.names("adapted"))
+@pytest.fixture(scope="module", params=sweep(TASKS.names("adapted"), REPRESENTATIVE))
 def env(request):
     try:
         TASKS.get(request.param)

@@ -28,14 +28,21 @@ LEARNED_BY_REWARD = (
 NUM_ENVS, STEPS = 2, 3
 
 
-QUICK_IN_WARP = {"PickCube", "DrawerOpen", "control/ant", "humanoid/walk"}
-"""Of the others, too, kernels are compiled, which takes a while."""
+ALWAYS = {
+    *(
+        ("PickCube", "mujoco"),
+        ("DrawerOpen", "mujoco"),
+        ("control/ant", "mujoco"),
+        ("humanoid/walk", "mujoco"),
+    ),
+    *(("PickCube", "mujoco_warp"), ("control/ant", "mujoco_warp")),
+}
 
 PAIRS = [
     pytest.param(
         name,
         simulator,
-        marks=[pytest.mark.long] if simulator == "mujoco_warp" and name not in QUICK_IN_WARP else [],
+        marks=() if (name, simulator) in ALWAYS else pytest.mark.long,
     )
     for simulator in ("mujoco", "mujoco_warp")
     for name in LEARNED_BY_REWARD

@@ -75,7 +75,7 @@ def launch(name, times, *, draw=False):
     return Use(*(min(getattr(use, field) for use in uses) for field in Use.__annotations__))
 
 
-SLOW = {"genesis"}
+SLOW = {"genesis", "mujoco_warp"}
 """Simulators whose launches take seconds, and are made only when asked for."""
 
 

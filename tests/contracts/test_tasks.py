@@ -16,14 +16,20 @@ from envs.gym_registration import gym_id
 from envs.randomization import channel_rng
 from envs.state import State
 from envs.tasks import TASKS
+from tests.sweeps import sweep
 
 NUM_ENVS = 3
 
 
 NAMES = [name for name in TASKS if "adapted" not in TASKS.entry(name).tags]
+REPRESENTATIVE = {
+    *("PickCube", "StackCube", "CloseBox", "DrawerOpen"),
+    *("control/ant", "control/cartpole", "control/franka_reach", "humanoid/walk", "humanoid/maze"),
+}
+"""A free object, two of them, a joint of ours and one of Meta-World; every robot that acts by itself."""
 
 
-@pytest.fixture(scope="module", params=NAMES)
+@pytest.fixture(scope="module", params=sweep(NAMES, REPRESENTATIVE))
 def env(request):
     try:
         env = envs.make_vec(request.param, NUM_ENVS, split="test", observation="state")

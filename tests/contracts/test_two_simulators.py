@@ -7,16 +7,14 @@ import torch
 from envs.core.errors import MissingExtraError
 from envs.simulators import HANDLERS
 from envs.tasks import TASKS
+from tests.sweeps import sweep
 
 NUM_ENVS, STEPS = 2, 4
 MORE_STEPS = {"control/ant": 12}
 
-QUICK = {"humanoid/pole", "humanoid/sit_hard", "control/ant", "control/cartpole"}
+QUICK = {"humanoid/pole", "control/ant"}
 
-NAMES = [
-    pytest.param(name, marks=[] if name in QUICK else [pytest.mark.long])
-    for name in sorted(TASKS.names("rl"))
-]
+NAMES = sweep(sorted(TASKS.names("rl")), QUICK)
 
 
 @pytest.mark.parametrize("name", NAMES)

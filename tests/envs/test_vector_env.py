@@ -66,7 +66,7 @@ def test_lazy_pixels_are_a_plain_dict_to_everybody_else(pixels):
     assert pixels.observation_space.contains(observation)
 
 
-@pytest.mark.parametrize("level", [0, 3])
+@pytest.mark.parametrize("level", [pytest.param(0, marks=pytest.mark.long), 3])
 def test_an_episode_is_the_same_for_any_number_of_environments(level):
     """States, images and hashes agree to the bit for 1, 4 and 16 environments."""
     results = []

@@ -4,26 +4,14 @@ Those marked ``long`` take minutes more and run only when asked for: ``pytest -m
 """
 
 import sys
-from pathlib import Path
 
 import pytest
-
-HERE = Path(__file__).parent
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Shows warnings as warnings: the packages of a GPU machine are of its own versions."""
     if "gpu" in config.option.markexpr:
         config.addinivalue_line("filterwarnings", "default")
-
-
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if "long" in config.option.markexpr:
-        return
-    long = [item for item in items if HERE in item.path.parents and item.get_closest_marker("long")]
-    if long:
-        config.hook.pytest_deselected(items=long)
-        items[:] = [item for item in items if item not in long]
 
 
 @pytest.hookimpl(tryfirst=True)

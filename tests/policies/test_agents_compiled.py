@@ -43,6 +43,7 @@ def sequences(size):
     )
 
 
+@pytest.mark.long
 def test_the_loss_of_tdmpc2_of_pictures():
     cameras = {"observation.images.front": 64}
     config = replace(TDMPC2, observation="pixels", num_channels=4)
@@ -58,7 +59,8 @@ def test_the_loss_of_tdmpc2_of_pictures():
     torch.testing.assert_close(losses[1], losses[0])
 
 
-@pytest.mark.parametrize("episodic", [True, pytest.param(False, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("episodic", [True, False])
 def test_updates_of_tdmpc2(episodic):
     def learned(compiled):
         policy = Tdmpc2Policy.create(replace(TDMPC2, episodic=episodic), SIZES, 2, 100)
@@ -78,7 +80,8 @@ def test_updates_of_tdmpc2(episodic):
         torch.testing.assert_close(found[key], expected[key], rtol=1e-3, atol=1e-4)
 
 
-@pytest.mark.parametrize("num_envs", [7, pytest.param(1, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("num_envs", [7, 1])
 def test_planning_of_tdmpc2_in_any_number_of_environments(num_envs):
     policy = Tdmpc2Policy.create(TDMPC2, SIZES, 2, 100)
     agents = [Tdmpc2Agent(TDMPC2, policy.model, 0.9, num_envs) for _ in range(2)]

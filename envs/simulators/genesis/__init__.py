@@ -1,1 +1,1 @@
-"""Genesis: all environments are one batch of a scene that its loader of MJCF is told, tree by tree."""
+"""Genesis: all environments are one batch of a scene, loaded as MJCF tree by tree."""

@@ -228,7 +228,7 @@ class Batch:
     # -- one environment ----------------------------------------------------------------------------
 
     def put(self, row: int, qpos: np.ndarray, qvel: np.ndarray, ctrl: np.ndarray) -> None:
-        """Puts joints and free bodies of an environment where MuJoCo's arrays say, and forgets its past."""
+        """Sets joints and free bodies of an environment from MuJoCo's arrays, and resets warm-start state."""
         placed = [base.link for base in self._bases if base.tree.root == "mocap"]
         pos, quat = self._link_pos[placed, row].copy(), self._link_quat[placed, row].copy()
         for column, fresh in zip(self._columns, self._fresh, strict=True):
@@ -295,7 +295,7 @@ class Batch:
             num_steps: Physics steps.
 
         Raises:
-            SimulatorError: if Genesis cannot go on.
+            SimulatorError: if Genesis cannot continue.
         """
         moving = np.asarray(rows, np.intp)
         drives = self.drives_of(moving)
@@ -317,7 +317,7 @@ class Batch:
                 self._outdate()
 
     def _check(self, rows: np.ndarray) -> None:
-        """Asks Genesis whether it could step environments; by itself it tells so some steps later."""
+        """Checks Genesis's errors of a step at once; by itself it reports them some steps later."""
         failed = self._solver.get_error_envs_mask().numpy()[rows]
         if failed.any():
             try:
@@ -341,7 +341,7 @@ class Batch:
             return
         dofs, limit = drives.dof, self._limit
         asked = self._kp * (targets - self._qpos[drives.q]) - self._kd * self._qvel[dofs]
-        given = np.minimum(np.maximum(asked, -limit), limit)  # np.clip takes thrice the time
+        given = np.minimum(np.maximum(asked, -limit), limit)  # 3× faster than np.clip
         self._targets[dofs] = targets
         self._forces[dofs] = given
         modes = self._gs.CTRL_MODE

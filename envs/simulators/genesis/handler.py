@@ -1,4 +1,4 @@
-"""Genesis on CPU: all environments are one batch of its rigid solver; other renderers draw them."""
+"""Genesis on CPU: all environments are one batch of its rigid solver, rendered with other renderers."""
 
 from collections.abc import Sequence
 from typing import override
@@ -46,11 +46,11 @@ class GenesisWorld(World):
 
 
 class GenesisHandler(TranslatedHandler[GenesisSettings]):
-    """Genesis's rigid solver, which is made after MuJoCo's: impedances, cones and drives mean the same.
+    """Genesis's rigid solver, which follows MuJoCo's: impedances, cones and drives mean the same.
 
-    Every link, joint and shape is told to Genesis as the compiled model has it. What differs: a contact's
-    friction is at least 0.01, priorities of contacts are not known, and meshes meet by another algorithm.
-    Genesis's own images are not offered, since it cannot change materials without building a scene anew.
+    Genesis gets every link, joint and shape from the compiled model. Differences: friction of a contact is
+    at least 0.01, contact priorities are ignored, and meshes collide by another algorithm. Genesis's own
+    renderer is not offered, since changing materials means rebuilding its scene.
     """
 
     steps_together = True

@@ -55,7 +55,7 @@ class MujocoHandler(ModelHandler):
     @override
     def launch(self) -> None:
         self.model, self.physics_model = build_models(self.scenario, simplify=self._simplify_meshes)
-        # A state that has blown up must be seen, not replaced by the initial one.
+        # A state that has diverged must be reported, not replaced by the initial one.
         self.physics_model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self._batch = Batch(self.physics_model, self.num_envs, self.num_threads)
         self.layout = layout_of(self.model, self.scenario)
@@ -139,7 +139,7 @@ class MujocoHandler(ModelHandler):
             if robot not in self._drives:
                 raise unknown_name("robot", robot, self._drives)
             columns, low, high = self._drives[robot]
-            raised = np.maximum(np.asarray(target), low)  # np.clip takes thrice the time
+            raised = np.maximum(np.asarray(target), low)  # 3× faster than np.clip
             self._ctrl[block(rows, columns)] = np.minimum(raised, high)
 
     @override

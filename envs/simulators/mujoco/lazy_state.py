@@ -1,7 +1,7 @@
 """States of MuJoCo whose fields are made when they are read.
 
-A task reads few of the many fields of a state, and one environment steps in half a millisecond: making a
-tensor of every field would take a tenth of it.
+A task reads few fields of a state, and one environment steps in 0.5 ms: making a tensor of every field
+would take 10 % of it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +18,7 @@ from envs.state import EntityState
 Reader = Callable[["StateArrays"], np.ndarray | None]
 
 
-@dataclass(slots=True)  # frozen, it takes twice the time to make
+@dataclass(slots=True)  # a frozen one takes twice as long to make
 class StateArrays:
     """MuJoCo's arrays of n environments at one time, in copies.
 
@@ -30,7 +30,7 @@ class StateArrays:
         mocap_quat: Their orientations, (n, nmocap, 4).
         site_xpos: Positions of sites, (n, nsite, 3).
         site_xmat: Their orientations, (n, nsite, 9).
-        sensordata: What sensors say, (n, nsensordata).
+        sensordata: Sensor readings, (n, nsensordata).
     """
 
     qpos: np.ndarray

@@ -1,4 +1,4 @@
-"""What the three renderers of MuJoCo models share: a posed model that looks as an appearance says."""
+"""Base of the renderers of MuJoCo models: a model posed and styled for one job after the other."""
 
 import copy
 from abc import ABC, abstractmethod
@@ -51,7 +51,7 @@ class RenderJob:
 
 
 class Renderer(ABC):
-    """Draws snapshots of one model.
+    """Renders snapshots of one model.
 
     Args:
         model: The compiled scene; it is never written to.
@@ -80,7 +80,7 @@ class Renderer(ABC):
     def render(
         self, jobs: Sequence[RenderJob], cameras: tuple[str, ...], modalities: tuple[str, ...]
     ) -> dict[str, dict[str, np.ndarray]]:
-        """Draws every job; see :meth:`envs.simulators.base.Handler.render` for what comes back."""
+        """Renders every job; returns what :meth:`envs.simulators.base.Handler.render` does."""
 
     @abstractmethod
     def close(self) -> None:

@@ -177,10 +177,10 @@ class _Tracer:
 
 @contextlib.contextmanager
 def _compiled_without_nan() -> Iterator[None]:
-    """Compiles what is first launched within for numbers that are never NaN, as none of an image's is.
+    """Compiles kernels that are first launched in this context under the assumption of no NaN.
 
-    Least and largest of two numbers, of which a ray's way through a tree consists, are one instruction
-    then: an image takes a third less time, and no bit of it differs.
+    Minimum and maximum, the main operations of ray traversal, are then one instruction each: an image
+    takes a third less time and is bit-identical.
     """
     import warp as wp
 

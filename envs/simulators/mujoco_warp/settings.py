@@ -32,8 +32,8 @@ class WarpSettings(SimulatorSettings):
             ``nconmax``.
         nccdmax: Contacts per world that need the general convex algorithm; None is ``nconmax``.
         deterministic: On a GPU: mujoco_warp's ordered sums, which take some of the speed. They bring runs
-            nearer to each other; mujoco_warp 4.0 does not repeat contacts to the bit. A CPU always does.
-        render_worlds: Worlds that are drawn at once; bounds the memory of images.
+            nearer to each other; contacts of mujoco_warp 4.0 are not bit-identical. On a CPU they are.
+        render_worlds: Worlds that are rendered at once; bounds the memory of images.
         num_textures: Images of materials that are kept on the device, 256 KiB each.
     """
 

@@ -1,4 +1,4 @@
-"""Moments of some environments, kept on the device until somebody wants to see them."""
+"""Snapshots of environments, kept on the device until they are rendered."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -17,7 +17,7 @@ NO_TEXTURE = -1
 
 
 class TextureTable:
-    """Loads an image when it is first worn, and drops the one that nobody has worn for longest.
+    """Loads an image at its first use, and evicts the least recently used one.
 
     Args:
         first: The model's own textures, which keep their places.

@@ -43,7 +43,7 @@ class BatchTracer:
         scenario: What it was compiled from.
         device: Where.
         settings: How many worlds at once, how many textures.
-        num_envs: The most worlds that will be asked for, as a hint.
+        num_envs: The most worlds that will be rendered, as a hint.
         textures: Gives the image of a named material.
     """
 
@@ -88,7 +88,7 @@ class BatchTracer:
         modalities: tuple[str, ...],
         out: Mapping[str, Mapping[str, Tensor]] | None = None,
     ) -> Images:
-        """Draws worlds.
+        """Renders worlds.
 
         Args:
             qpos: Joint positions, (n, nq).

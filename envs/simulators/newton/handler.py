@@ -15,9 +15,9 @@ from envs.simulators.translated_handler import TranslatedHandler
 
 
 class NewtonHandler(TranslatedHandler[NewtonSettings]):
-    """Newton's ``SolverMuJoCo``, which steps a model that Newton's builder was given, not MuJoCo's own file.
+    """Newton's ``SolverMuJoCo``, which steps a model made with Newton's builder, not MuJoCo's own file.
 
-    Every link, joint and shape is told to Newton from the compiled model: masses, inertias, limits, gains,
+    Newton gets every link, joint and shape from the compiled model: masses, inertias, limits, gains,
     armature, dry friction, impedances, and which shapes touch. Equality constraints are refused by name.
     """
 

@@ -1,9 +1,9 @@
 """Images of MuJoCo models by Newton's ray tracer, on the CPU: every light, and textures, but no highlights.
 
-Newton shades in linear light and takes colours as those of a screen; here a colour is its share of the light,
-as in the other renderers, so colours and images are told to Newton brightened, and what it returns before
-it brightens for the screen is what is shown. Its public call lights a scene with one distant light; its
-kernel takes any number, which are written to the sensor's own arrays, as are surfaces' images.
+Newton shades in linear light and takes sRGB colours; here colours are linear, as in the other renderers. So
+colours and images are encoded as sRGB for Newton, and its image before the conversion to sRGB is returned.
+Its public call lights a scene with one distant light; its kernel takes any number, which are written to the
+sensor's own arrays, as are the textures of surfaces.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,8 @@
 """Images of MuJoCo models by PyBullet's TinyRenderer, a rasterizer in software that needs no driver.
 
-It knows one distant light, and how strong its diffuse, ambient and specular parts are in the whole image:
-the first distant light of a draw is that light; every other one brightens all surfaces alike. What lies in
-the shadow keeps 40 % of its colour, whatever the light, so shadows are paler than other renderers'.
+It supports one distant light with global diffuse, ambient and specular strengths: the first distant light of
+an appearance; every other light is added to the ambient light. Shadows keep 40 % of the colour whatever the
+light, so they are paler than in other renderers.
 """
 
 import shutil

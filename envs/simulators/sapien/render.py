@@ -213,7 +213,7 @@ class _Lights:
         self._lamps = [_spot(scene) for _ in range(SPOT_LIGHTS)]
 
     def set(self, lights: Sequence[LightCfg], table_z: float) -> None:
-        """Shines as told; a lamp is as bright as it says where its axis meets the table's height."""
+        """Sets a light; a lamp has its nominal brightness where its axis meets the table's height."""
         shadowed, plain = (
             [light for light in lights if light.kind == "distant" and light.cast_shadow is shadow]
             for shadow in (True, False)

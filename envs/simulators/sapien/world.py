@@ -329,7 +329,7 @@ class _Servos:
 
 
 def _bounded(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    return np.minimum(np.maximum(value, low), high)  # half of the time of np.clip
+    return np.minimum(np.maximum(value, low), high)  # 2× faster than np.clip
 
 
 def _to_physx(rot: np.ndarray, lin: np.ndarray, ang: np.ndarray, centre: np.ndarray | None) -> tuple:

@@ -1,4 +1,4 @@
-"""What the control tasks share: looks, and rewards per second that are paid per step."""
+"""Appearance and reward scaling of the control tasks."""
 
 from envs.scenario import Appearance, LightCfg, PhysicsCfg, SurfaceMaterial
 

@@ -1,8 +1,8 @@
 """Stand, walk and run, after HumanoidBench (``humanoid_bench/envs/basic_locomotion_envs.py``, MIT).
 
 Sferrazza et al., "HumanoidBench: Simulated Humanoid Benchmark for Whole-Body Locomotion and Manipulation",
-RSS 2024. Rewards are products of standing upright, small torques, and moving as told, each in [0, 1]; a
-success is an episode of 1,000 steps whose return reaches the published bar.
+RSS 2024. Rewards are products of standing upright, small torques, and the commanded motion, each in [0, 1];
+an episode of 1,000 steps is a success if its return reaches the published threshold.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from envs.state import State
 from envs.tasks.humanoid.task import HumanoidTask
 
 UPRIGHT = 0.9
-"""Of the torso's z axis, from which on it is paid in full."""
+"""Upward component of the torso's z axis at which the posture has its full reward."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ from envs.state import EntityState
 from envs.tasks.rewards import tolerance
 
 STAND_HEIGHT_M = 1.65
-"""Height of the head from which on standing is paid in full."""
+"""Height of the head at which standing has its full reward."""
 
 HEAD: tuple[str, Vec3] = ("torso_link", (0.0, 0.0, 0.7))
 IMU: tuple[str, Vec3] = ("torso_link", (-0.04452, -0.01891, 0.27756))
@@ -88,7 +88,7 @@ def measure(tree: BodyTree, cfg: RobotCfg, robot: EntityState) -> Measures:
 
 
 def actuator_forces(cfg: RobotCfg, robot: EntityState) -> Tensor:
-    """Returns what the position actuators of a robot whose joints are all driven do, N·m, (N, J)."""
+    """Returns the torques of the position actuators of a robot whose joints are all driven, N·m, (N, J)."""
     assert robot.joint_target is not None, "a simulator gives every robot's targets"
     kp, kd, limit = _gains(cfg, robot.joint_pos.device, robot.joint_pos.dtype)
     force = kp * (robot.joint_target - robot.joint_pos) - kd * robot.joint_vel

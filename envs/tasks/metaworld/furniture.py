@@ -177,9 +177,9 @@ class DrawerOpen(FurnitureTask):
 class DrawerClose(FurnitureTask):
     """Push the open drawer in.
 
-    Meta-World's reward pays for being at the handle and for the way done only together, and its own
-    scripted policy, which pushes beside the handle, ends with less than it began with. So half of our
-    reward is Meta-World's, and half is for the way done.
+    Meta-World's reward multiplies nearness to the handle by progress, so its own scripted policy, which
+    pushes beside the handle, ends with a lower reward than it starts with. Therefore half of our reward is
+    Meta-World's, and half is progress.
     """
 
     name = "DrawerClose"
@@ -307,7 +307,7 @@ class WindowOpen(FurnitureTask):
         return _paid(10.0 * both(self.near(self._reach(state)), in_place))
 
     def near(self, margins: Tensor) -> Tensor:
-        """Returns what being near the handle pays."""
+        """Returns the reward of being near the handle."""
         return long_tail(margins)
 
     def _reach(self, state: State) -> Tensor:

@@ -1,4 +1,4 @@
-"""Meta-World's own environments, asked as functions of a state.
+"""Meta-World's own environments as functions of a state.
 
 Meta-World keeps what an episode is about (goal, first poses, margins of its reward) in attributes that
 ``reset_model`` fills in. All of it follows from the episode's random vector. So a state that carries
@@ -75,7 +75,7 @@ class Original:
     Attributes:
         env: The environment; its goal is observed, as in MT1.
         model: Its model.
-        last_answers: What it was last asked about, as bytes, and what it answered.
+        last_answers: The last queried pose, as bytes, and its results.
     """
 
     def __init__(self, name: str) -> None:

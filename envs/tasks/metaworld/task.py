@@ -103,7 +103,7 @@ class MetaWorldTask(Task):
             (pose.qpos, pose.qvel, pose.ctrl, pose.mocap_pos, pose.body_pos, vector)
             for pose, vector in zip(poses, vectors, strict=True)
         ]
-        # Success, reward and observation of one state are asked for one after the other.
+        # Success, reward and observation of one state are read one after the other.
         key = b"".join(values.tobytes() for numbers in rows for values in numbers)
         if self.original.last_answers[0] != key:
             self.original.last_answers = key, self._ask(rows, poses)
@@ -123,7 +123,7 @@ class MetaWorldTask(Task):
 
 
 class ScriptedPlanner:
-    """Asks Meta-World's scripted policy of a task for one action at a time.
+    """Plans one action at a time with Meta-World's scripted policy.
 
     Args:
         task: The task.
@@ -139,6 +139,6 @@ class ScriptedPlanner:
     def plan_batch(self, state: State, rngs: Sequence[np.random.Generator]) -> list[np.ndarray]:
         """Returns one action (1, 4) float32 per row; see :class:`envs.tasks.planner.BatchPlanner`."""
         seen = self._task.observe(state).cpu().numpy()
-        # No policy looks at the last moment's frame; this moment's stands in for it.
+        # No policy uses the previous frame, so the present one takes its place.
         whole = np.concatenate([seen[:, :FRAME_SIZE], seen], axis=1)
         return [self._task.original.action(row)[None].astype(np.float32) for row in whole]

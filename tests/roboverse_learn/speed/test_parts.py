@@ -8,6 +8,7 @@ from roboverse_learn.speed import agents, dataset, mujoco_warp, rl, simulators, 
 from roboverse_learn.speed.bare_env import BareEnv
 from roboverse_learn.speed.harness import Measurement
 from roboverse_learn.speed.startup import startup
+from tests.sweeps import sweep
 
 
 def is_measured(found: Measurement, *texts: str) -> bool:
@@ -72,7 +73,9 @@ AGENTS = agents.Scale(
 )
 
 
-@pytest.mark.parametrize("part", ["tdmpc2_update", "tdmpc2_planning", "fasttd3_update"])
+@pytest.mark.parametrize(
+    "part", sweep(["tdmpc2_update", "tdmpc2_planning", "fasttd3_update"], {"fasttd3_update"})
+)
 def test_agents_are_compared_with_plain_torch(part):
     assert is_measured(
         agents.measurements(AGENTS, "cpu", compiled=False)[part](), "on cpu, plain torch / ours"
@@ -117,6 +120,7 @@ def test_bare_env_looks_like_ours_and_restarts():
     assert not torch.equal(step.final_obs[0, :16], step.obs[0, :16])
 
 
+@pytest.mark.long
 def test_steps_of_ppo_are_compared():
     pytest.importorskip("rsl_rl")
     config = rl.PpoConfig(num_envs=2, num_steps=2, num_minibatches=1, num_epochs=1, hidden_dims=(8,))

@@ -156,7 +156,7 @@ print(json.dumps({"hash": done.dataset_hash, "episodes": done.num_episodes, "att
 """
 
 
-@pytest.mark.parametrize("num_workers", [1, 2])
+@pytest.mark.parametrize("num_workers", [pytest.param(1, marks=pytest.mark.long), 2])
 def test_killed_at_any_moment_and_resumed(tmp_path, undisturbed, open_with_lerobot, num_workers):
     root, rng = tmp_path / "d", random.Random(num_workers)
     given = {

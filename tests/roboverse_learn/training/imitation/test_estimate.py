@@ -20,6 +20,7 @@ from roboverse_learn.training.reporter import Reporter
 from roboverse_learn.training.rl.fasttd3 import FastTd3Learner
 from roboverse_learn.training.rl.ppo.learner import PpoLearner
 from roboverse_learn.training.rl.tdmpc2 import Tdmpc2Learner
+from tests.sweeps import sweep
 
 SMALL = {
     "ppo": ("rsl_rl", "policy.num_envs=8 policy.num_steps=4 policy.num_minibatches=2 policy.hidden_dims=[8]"),
@@ -39,7 +40,7 @@ def small(policy: str, *words: str) -> Any:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("policy", SMALL)
+@pytest.mark.parametrize("policy", sweep(SMALL, {"fasttd3"}))
 def test_a_long_run_of_an_agent_is_told_before_it_has_a_folder(policy: str, tmp_path: Path) -> None:
     folders = [f"{key}={tmp_path / key}" for key in ("runs_dir", "results_dir")]
     with pytest.raises(ConfigError, match=r"about .* days on this machine's CPU.*preset=quick.*slow_ok=true"):
@@ -55,7 +56,7 @@ def test_a_short_run_of_an_agent_begins(policy: str, caplog: pytest.LogCaptureFi
     assert caplog.messages[-1] == "Training will take about 1 minutes."
 
 
-@pytest.mark.parametrize("policy", SMALL)
+@pytest.mark.parametrize("policy", sweep(SMALL, {"fasttd3"}))
 def test_an_agent_learns_the_same_whether_it_was_timed_or_not(policy: str, tmp_path: Path) -> None:
     config, before = small(policy), _random()
     for name in ("plain", "timed"):

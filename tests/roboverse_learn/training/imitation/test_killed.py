@@ -45,7 +45,7 @@ def losses(folder):
     return [(row["step"], row["loss"]) for row in read_metrics(folder)]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_killed_twice_ends_as_one_that_was_left_alone(tmp_path, processes):
     processes.ask("kill", folder=str(tmp_path / "killed"), kills=2)
     run(tmp_path / "straight")

@@ -24,6 +24,7 @@ from roboverse_learn.training.reporter import Reporter
 from tests.policies.examples import IMAGE, NARROW_CONFIGS, generators
 from tests.roboverse_learn.training.frames import SquareFrames
 from tests.roboverse_learn.training.signals import SignalAt
+from tests.sweeps import sweep
 
 DATA = SquareFrames()
 CONFIG = TrainConfig(
@@ -136,7 +137,7 @@ LEARNABLE = {
 }
 
 
-@pytest.mark.parametrize("name", policies.names("dataset"))
+@pytest.mark.parametrize("name", sweep(policies.names("dataset"), {"act"}))
 def test_overfits_one_batch_and_acts_as_it_learned(name, tmp_path):
     data = SquareFrames(num_episodes=1)
     steps, settings = LEARNABLE[name]

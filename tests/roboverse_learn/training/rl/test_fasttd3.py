@@ -78,7 +78,9 @@ def cartpole():
     return spec.make_torch(TINY.num_envs, max_episode_steps=15, bank_size=8, num_threads=1)
 
 
-@pytest.mark.parametrize("make_env", [lambda: PointMass(TINY.num_envs), cartpole])
+@pytest.mark.parametrize(
+    "make_env", [lambda: PointMass(TINY.num_envs), pytest.param(cartpole, marks=pytest.mark.long)]
+)
 def test_a_signal_ends_a_run_with_a_checkpoint_that_goes_on_to_the_same_weights(make_env, tmp_path):
     _, whole = train(tmp_path / "whole", env=make_env())
     reporter = SignalAt(31 * 16)

@@ -163,7 +163,8 @@ class Clock(Reporter):
         self.steps.append(progress.step)
 
 
-@pytest.mark.parametrize("every", [240, 200])  # what is logged and saved at step 200 has all its updates
+# What is logged and saved at step 200 has all its updates.
+@pytest.mark.parametrize("every", [pytest.param(240, marks=pytest.mark.long), 200])
 def test_a_run_stopped_among_its_first_updates_goes_on_to_the_same_weights(every, tmp_path, monkeypatch):
     options = {"steps": 400, "log_every": every, "save_every": every}
     clock = Clock(monkeypatch)

@@ -49,6 +49,7 @@ def test_the_first_gradient_step_is_the_same(backend):
         assert same > 0.98, key
 
 
+@pytest.mark.long
 def test_curves_of_equal_hyperparameters_are_alike(tmp_path):
     config = EQUAL | {"num_envs": 64, "num_epochs": 4, "num_minibatches": 4}
     train = TrainConfig(

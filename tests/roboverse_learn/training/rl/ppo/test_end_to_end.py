@@ -107,6 +107,7 @@ def test_the_same_command_finds_everything_done(finished):
     assert {path: path.read_bytes() for path in (finished / "results").rglob("*.json")} == before
 
 
+@pytest.mark.long
 def test_a_checkpoint_is_evaluated_in_another_simulator(finished):
     runs = (finished / "runs" / "PickCube" / "ppo").iterdir()
     (folder,) = (each for each in runs if policies.load(each).config.backend == "rsl_rl")
@@ -121,6 +122,7 @@ def test_a_checkpoint_is_evaluated_in_another_simulator(finished):
     assert read_curve(path) is None and board["sections"][0]["curves"] == []  # it learned elsewhere
 
 
+@pytest.mark.long
 def test_it_learns_in_mujoco_warp_and_goes_on_there(tmp_path):
     words = ["simulator=mujoco_warp", "levels=[0]", "splits=[test]", "episodes=1", "evaluate.num_envs=1"]
     run(tmp_path, *words)
