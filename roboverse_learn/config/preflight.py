@@ -10,6 +10,7 @@ from envs.core.errors import ConfigError, RoboVerseError
 from envs.spec import EnvSpec
 
 _FOLDER_KEYS = ("dataset", "datasets_dir", "run", "runs_dir", "results_dir", "out")
+_DATASET_PARTS = ("meta", "data", "videos", "raw")  # also what a killed collection leaves
 _A_FILE = "the path of a file, or package:path for one inside an installed package"
 _A_MATERIAL = "the name of a material, or of an image in the folder that {}=+<folder> adds"
 
@@ -33,6 +34,25 @@ def check_folders(config: Any) -> None:
             raise ConfigError(f"{key}={shown}: {error.strerror}. Choose another folder.") from error
         if file is not None:
             raise ConfigError(f"{key}={given}: {not_a_folder(file)}")
+    if hasattr(config, "datasets_dir") and config.dataset:
+        _check_dataset(Path(config.dataset), to_train=hasattr(config, "policy_name"))
+
+
+def _check_dataset(folder: Path, *, to_train: bool) -> None:
+    """Refuses a folder of other files, and for training a folder without a dataset."""
+    if (folder / "meta/info.json").is_file():
+        return
+    if to_train:
+        raise ConfigError(
+            f"dataset={folder}: there is no dataset (meta/info.json is missing). Check the path, collect it "
+            "with roboverse collect, or leave out dataset= to collect one now."
+        )
+    others = sorted(path.name for path in folder.glob("[!.]*") if path.name not in _DATASET_PARTS)
+    if others:
+        raise ConfigError(
+            f"dataset={folder}: the folder is no dataset and holds other files, such as '{others[0]}'. Name "
+            "an empty or a new folder."
+        )
 
 
 def _written_keys(config: Any) -> tuple[str, ...]:

@@ -11,7 +11,8 @@ from envs.spec import EnvSpec
 from envs.tasks.pick_cube import PickCube
 from policies.checkpoint import CONFIG, WEIGHTS
 from roboverse_learn import cli
-from roboverse_learn.config.preflight import check_scenario_files
+from roboverse_learn.config.compose import compose
+from roboverse_learn.config.preflight import check_folders, check_scenario_files
 
 TEXTURE = "scenario.appearance.materials.table.texture"
 ROBOT = "scenario.robots.franka.mjcf"
@@ -118,3 +119,17 @@ def test_every_library_must_know_a_material(pictures: Path) -> None:
     (pictures / "table.png").rename(pictures / "tables.png")
     with pytest.raises(ConfigError, match=r"Unknown material 'table\.png'\. Did you mean 'tables\.png'\?"):
         check_scenario_files(EnvSpec(scenario=TABLE), {"materials": f"+{pictures}"})
+
+
+def test_a_folder_of_other_files_is_not_collected_into(tmp_path):
+    (tmp_path / "thesis.tex").write_text("x")
+    with pytest.raises(ConfigError, match=r"is no dataset and holds other files, such as 'thesis.tex'"):
+        check_folders(compose("collect", [f"dataset={tmp_path}"]))
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_training_on_a_dataset_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(
+        ConfigError, match=r"there is no dataset \(meta/info.json is missing\). Check the path"
+    ):
+        check_folders(compose("train", [f"dataset={tmp_path / 'typo'}"]))

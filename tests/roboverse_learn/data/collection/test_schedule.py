@@ -152,6 +152,13 @@ def test_a_damaged_staged_episode_is_tried_again(tmp_path):
     assert schedule.next_index() == 4
 
 
+def test_a_record_without_its_keys_is_named(tmp_path):
+    (tmp_path / COLLECTION_PATH).parent.mkdir(parents=True)
+    (tmp_path / COLLECTION_PATH).write_text("{}")
+    with pytest.raises(DatasetError, match=r"collection.json' is truncated or damaged"):
+        Schedule(Writer(tmp_path), [4], 1, {})
+
+
 def test_failures_are_remembered_over_runs_with_their_settings(tmp_path):
     schedule = Schedule(Writer(tmp_path), [6, 7], 1, {"level": 0, "task": "PickCube"})
     end(schedule, tmp_path, schedule.next_index(), {6})
