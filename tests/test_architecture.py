@@ -196,6 +196,7 @@ def circles(graph: dict[str, set[str]]) -> list[list[str]]:
     return found
 
 
+@pytest.mark.slow
 @holds_of(SOURCES)
 def test_imports_point_one_way(path: Path) -> None:
     package = path.relative_to(ROOT).parts[0]
@@ -257,6 +258,7 @@ def test_nothing_imports_the_tests() -> None:
     assert not [name(path) for path in SOURCES if any(m.split(".")[0] == "tests" for m in imports(path))]
 
 
+@pytest.mark.slow
 @holds_of(ALL)
 def test_files_and_functions_are_short(path: Path) -> None:
     limit = MAX_HANDLER_LINES if "simulators" in path.parts else MAX_FILE_LINES
@@ -278,6 +280,7 @@ def test_a_third_of_the_code_is_tests() -> None:
     assert share >= MIN_TEST_SHARE, f"Tests are {100 * share:.0f} % of the lines of Python."
 
 
+@pytest.mark.slow
 @holds_of(SOURCES)
 def test_nothing_pickles(path: Path) -> None:
     if name(path) == "roboverse_learn/data/importers/restricted_unpickler.py":
@@ -303,6 +306,7 @@ def test_prints_are_in_the_command_line_alone(path: Path) -> None:
     assert not calls or name(path) in PRINTS_MAY_BE_IN, f"{name(path)}:{calls}: log, or return what to print."
 
 
+@pytest.mark.slow
 @holds_of(SOURCES)
 def test_the_compiler_is_given_the_options_that_keep_gradients_right(path: Path) -> None:
     for node in ast.walk(tree(path)):
@@ -316,6 +320,7 @@ def test_the_compiler_is_given_the_options_that_keep_gradients_right(path: Path)
             assert re.search("(INDUCTOR|OBJECTIVE)_OPTIONS", options), f"{where}: see policies/compilation.py"
 
 
+@pytest.mark.slow
 @holds_of(ALL)
 def test_no_bare_except_no_blanket_ignore_no_loose_end(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
@@ -378,6 +383,7 @@ def test_the_hooks_have_their_program() -> None:
     assert any(item.startswith("pre-commit>=") for item in project["optional-dependencies"]["dev"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("script", ["train", "collect", "evaluate", "leaderboard", "replay", "conservation"])
 def test_a_script_hides_no_other_package(script: str) -> None:
     # Python puts the script's folder first on sys.path, where `data`, `run` and `config` would be found.

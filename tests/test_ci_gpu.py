@@ -39,6 +39,7 @@ def test_a_run_is_reported_with_its_device_commit_and_result(tmp_path, code):
     assert lines["date"].endswith("UTC") and lines["commit"].strip() and int(lines["seconds"]) >= 0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU here")
 def test_without_a_gpu_it_says_so_and_runs_nothing(tmp_path):
     done = run(str(tmp_path / "report.txt"), PYTHON=sys.executable)
@@ -46,6 +47,7 @@ def test_without_a_gpu_it_says_so_and_runs_nothing(tmp_path):
     assert not (tmp_path / "report.txt").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (ROOT / ".git").exists(), reason="not a checkout by git")
 def test_a_packed_folder_has_the_tracked_files_and_the_commit(tmp_path):
     folder = tmp_path / "packed"

@@ -65,6 +65,7 @@ def test_a_wheel_that_was_built_is_not_built_again(install, tmp_path):
     assert "building" not in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("apt", ["exit 0", "echo E: no mirror answers; exit 100"])
 def test_without_a_driver_the_reason_is_given(install, apt):
     said = install("exit 0", sapien=0, apt=apt)

@@ -32,6 +32,7 @@ def test_the_diff_of_a_task_is_that_task() -> None:
     assert added == (ROOT / name).read_text(encoding="utf-8").splitlines()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", blocks("python"))
 def test_a_python_block_runs(block: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
@@ -41,6 +42,7 @@ def test_a_python_block_runs(block: str, monkeypatch: pytest.MonkeyPatch, tmp_pa
     assert image.shape == (128, 128, 3) and image.std() > 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", shown_commands())
 def test_a_command_takes_the_words_it_is_shown_with(text: str) -> None:
     _, command, *words = shlex.split(text)

@@ -169,6 +169,7 @@ def test_where_a_solved_episode_ends_the_picture_says_why_returns_fall(monkeypat
         assert [("ends when solved" in text) for text in (*labels, *titles)] == [ends, False] * 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("steps", "ends"), [(250, True), (60, False), (0, None)])
 def test_episodes_end_when_solved_if_most_solved_ones_were_shorter_than_their_time(
     steps, ends, make_result, tmp_path
@@ -184,6 +185,7 @@ def test_episodes_end_when_solved_if_most_solved_ones_were_shorter_than_their_ti
     assert ("ends when solved" in written["html"].read_text()) is bool(ends)
 
 
+@pytest.mark.slow
 def test_the_page_shows_the_curves_of_a_section(make_result, tmp_path):
     for seed in range(2):
         result = make_result(policy="ppo", seed=seed, task="humanoid/walk")
@@ -203,6 +205,7 @@ def test_the_page_shows_the_curves_of_a_section(make_result, tmp_path):
     assert written[f"learning {section['id']}"].is_file()
 
 
+@pytest.mark.slow
 def test_a_section_without_curves_has_no_chart_of_them(make_result, tmp_path):
     result = make_result()
     write_result(result_path(tmp_path, result), result)

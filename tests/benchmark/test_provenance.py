@@ -75,6 +75,7 @@ def test_file_hash(tmp_path):
     assert provenance.file_hash(tmp_path / "f").startswith("ba7816bf8f01cfea")
 
 
+@pytest.mark.slow
 def test_importing_the_benchmark_is_light():
     """The commands list themselves in a second: nothing heavy may be imported before it is used."""
     modules = ("results", "provenance", "leaderboard.build", "leaderboard.plots", "leaderboard.html")

@@ -94,6 +94,7 @@ def test_one_record_per_line(written):
     assert json.loads(written[0].read_text())["cells"][0]["episodes"] == 3
 
 
+@pytest.mark.slow
 @PROPERTY
 @given(
     config=st.dictionaries(st.text(), JSON, max_size=4),

@@ -15,6 +15,7 @@ def outcomes(records):
     return [record.to_json() | {"wall_time_s": None} for record in records]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n_obs_steps", "n_action_steps"), [(1, 5), (3, 4), (3, 1), (6, 2)])
 def test_records_do_not_depend_on_the_number_of_envs(point_env, noisy_policy, n_obs_steps, n_action_steps):
     episodes = list(range(100, 130))

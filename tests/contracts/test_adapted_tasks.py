@@ -25,6 +25,7 @@ def env(request):
     env.close()
 
 
+@pytest.mark.slow
 def test_reset_step_and_queries_work(env):
     task = env.task
     assert task.name in TASKS
@@ -43,6 +44,7 @@ def test_reset_step_and_queries_work(env):
     assert not task.success(state).any()
 
 
+@pytest.mark.slow
 def test_initial_states_depend_on_their_generator_alone(env):
     together = env.task.initial_state([channel_rng(0, "task", i) for i in range(3)])
     alone = env.task.initial_state([channel_rng(0, "task", 1)])

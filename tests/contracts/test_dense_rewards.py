@@ -62,6 +62,7 @@ def made(name, simulator):
         pytest.skip(str(error))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "simulator"), PAIRS)
 def test_an_agent_steps_and_is_paid(name, simulator):
     """Observations are finite; rewards tell states apart, and stay below 1 where success ends an episode."""

@@ -136,6 +136,7 @@ def test_environments_do_not_touch_each_other(handler):
     assert_equal(handler.get_states([0]), together.select([2]), but=())
 
 
+@pytest.mark.slow
 def test_joints_go_to_their_targets_in_the_scenarios_order(handler):
     states = PickCube().initial_state([np.random.default_rng(i) for i in range(NUM_ENVS)])
     handler.set_states(states)

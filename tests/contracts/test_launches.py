@@ -101,6 +101,7 @@ def assert_nothing_stays(name, times, **options):
     assert after.threads <= before.threads
 
 
+@pytest.mark.slow
 def test_a_few_launches_leave_nothing_behind(name):
     assert_nothing_stays(name, FEW)
 

@@ -183,6 +183,7 @@ def test_the_same_job_gives_the_same_image(renderer, job):
         assert difference(first, second, camera) < DITHER
 
 
+@pytest.mark.slow
 def test_results_are_in_the_order_of_the_jobs(renderer, job):
     here, there = job(cube_at=(*PLACE, 0.02)), job(with_material("table", rgb=(0.2, 0.2, 0.8)))
     forward, backward = draw(renderer, here, there, here), draw(renderer, there, here)
@@ -264,6 +265,7 @@ NEEDS = {"roughness of the table": "roughness", "reflection of objects": "object
 """What a renderer has to show to show a change, where not every one does."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", CHANGES)
 def test_an_appearance_shows_and_goes_away_again(renderer, plain, job, change):
     appearance, camera, least = CHANGES[change]

@@ -46,6 +46,7 @@ def rollouts(env):
     return list(expert_episodes(env, env.split_indices[: 2 * NUM_ENVS].tolist()))
 
 
+@pytest.mark.slow
 def test_it_says_what_it_is(env):
     task = env.task
     assert task.name in TASKS
@@ -55,6 +56,7 @@ def test_it_says_what_it_is(env):
     assert TASKS.entry(task.name).summary
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*symmetric and normalized space:UserWarning")
 def test_gymnasium_accepts_the_single_env(env):
     single = gymnasium.make(gym_id(env.task.name), observation="state")
@@ -62,6 +64,7 @@ def test_gymnasium_accepts_the_single_env(env):
     single.close()
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_bit_identical_episodes(env):
     def run():
         observations = [env.reset(seed=[5, 6, 7])[0]]
@@ -77,6 +80,7 @@ def test_equal_seeds_give_bit_identical_episodes(env):
             np.testing.assert_array_equal(first[key], second[key])
 
 
+@pytest.mark.slow
 def test_resets_differ_and_nothing_observed_is_constant(env):
     rows = []
     for first in range(0, 30, NUM_ENVS):
@@ -91,6 +95,7 @@ def test_resets_differ_and_nothing_observed_is_constant(env):
 
 
 def test_observations_are_finite_and_their_own(env):
+    env.reset(seed=0)
     first = env.observe()
     copies = {key: value.copy() for key, value in first.items()}
     env.step(np.stack([env.single_action_space.sample() for _ in range(NUM_ENVS)]))
@@ -107,6 +112,7 @@ def test_initial_states_depend_on_their_generator_alone(env):
         assert torch.equal(value[0], together.flatten()[key][2]), key
 
 
+@pytest.mark.slow
 def test_the_expert_succeeds(rollouts):
     assert all(rollout.success for rollout in rollouts)
 
@@ -139,6 +145,7 @@ def test_reward_rises_towards_success(rollouts):
         assert way[: len(way) // 4].mean() < way[-(len(way) // 4) :].mean()
 
 
+@pytest.mark.slow
 def test_random_actions_do_not_succeed(env):
     rng = np.random.default_rng(1)
     env.reset_envs(range(NUM_ENVS), env.split_indices[:NUM_ENVS])
@@ -160,6 +167,7 @@ def test_states_that_are_not_finite_are_no_success(env):
     assert not env.task.success(state).any()
 
 
+@pytest.mark.slow
 def test_nothing_moves_by_itself(env):
     """Objects keep still for 10 s while the robot holds its posture: no sliding, sinking or flying."""
     if not env.scenario.robots[0].fixed_base:

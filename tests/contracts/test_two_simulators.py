@@ -17,6 +17,7 @@ QUICK = {"humanoid/pole", "control/ant"}
 NAMES = sweep(sorted(TASKS.names("rl")), QUICK)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_the_same_actions_lead_to_the_same_states(name):
     """Some control steps of random actions: states, touches, rewards and ends, to single precision."""

@@ -18,6 +18,7 @@ def test_everything_that_draws_is_there_once():
     assert len(found) == len(set(found))
 
 
+@pytest.mark.slow
 def test_a_row_is_the_scene_at_two_levels_its_depth_and_its_parts(tmp_path):
     path = tmp_path / "renderers.png"
     words = [f"out={path}", "image_size=32", "renderers=[warp, mujoco_warp]"]
@@ -35,6 +36,7 @@ def test_a_row_is_the_scene_at_two_levels_its_depth_and_its_parts(tmp_path):
     assert np.abs(first[0] - first[1]).mean() > 5  # levels differ
 
 
+@pytest.mark.slow
 def test_what_cannot_run_is_left_out_and_named(monkeypatch, caplog):
     original = gallery._row
 

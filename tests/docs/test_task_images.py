@@ -63,6 +63,7 @@ def test_a_family_is_one_table():
     assert text.endswith("StackCube:\n\n![StackCube: start and success](tasks/StackCube.jpg)")
 
 
+@pytest.mark.slow
 def test_adapted_tasks_are_named_and_not_shown():
     text = gallery.page(["DoorClose", "metaworld/assembly"])
     assert "| metaworld/assembly | " in text
@@ -115,6 +116,7 @@ def test_an_unknown_task_exits_2_and_writes_nothing(tmp_path, caplog):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_strip_shows_the_start_and_the_success():
     strip = gallery.draw_strip("PickCube")
     assert strip.shape == (256, 512, 3) and strip.dtype == np.uint8

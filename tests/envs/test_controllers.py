@@ -108,6 +108,7 @@ def test_nothing_adds_up_and_other_environments_are_left_alone(franka):
     assert torch.equal(franka.get_joint_positions("franka"), before.joint_pos)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("entry", range(3))
 def test_the_hand_moves_along_one_axis_and_stays_upright(franka, entry):
     controller = HandDeltaController(FRANKA, delta_m=0.05)

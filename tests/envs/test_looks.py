@@ -36,6 +36,7 @@ def channels():
     return {channel: drawn(only=channel, kinds=kinds) for channel in CHANNELS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", LEVELS)
 def test_images_are_neither_black_nor_burnt(levels, level):
     rgb = levels[level][0]["rgb"].astype(float)
@@ -80,12 +81,14 @@ def test_higher_levels_look_different_in_every_episode(levels, level):
             assert np.abs(rgb[first].astype(float) - rgb[second]).mean() > 2.0
 
 
+@pytest.mark.slow
 def test_images_are_the_same_again(levels):
     again, hashes, _ = drawn(level=3, kinds=("rgb", "segmentation"))
     np.testing.assert_array_equal(again["rgb"], levels[3][0]["rgb"])
     assert hashes == levels[3][1]
 
 
+@pytest.mark.slow
 def test_each_level_keeps_the_draws_of_the_last(levels, channels):
     """The start is the task channel's alone: at every level the robot and the cube begin alike."""
     np.testing.assert_array_equal(
@@ -134,6 +137,7 @@ def test_the_camera_alone_changes_the_view(channels):
         assert (plain["depth"][row] != moved["depth"][row]).mean() > 0.9
 
 
+@pytest.mark.slow
 def test_train_and_test_do_not_share_an_image():
     train, _, _ = drawn("train", 4, level=3)
     test, _, _ = drawn("test", 4, level=3)

@@ -83,6 +83,7 @@ def test_masked_environments_reset():
     env.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("simulator", ["mujoco", "mujoco_warp"])
 def test_shapes_and_types(simulator):
     env = make(simulator=simulator, cameras=("front", "rail"), num_frames=2)

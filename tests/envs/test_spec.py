@@ -88,6 +88,7 @@ def test_observation_has_the_instruction():
         assert env.observe([2, 0])["task"].tolist() == [env.instruction(2), env.instruction(0)]
 
 
+@pytest.mark.slow
 def test_single_environment_and_batch_carry_equal_specs():
     options = {"observation": "state", "task_kwargs": {"variant": "lift"}, "num_threads": 1}
     batch, single = envs.make_vec("PickCube", 2, **options), envs.RoboVerseEnv("PickCube", **options)

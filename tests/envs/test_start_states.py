@@ -10,6 +10,8 @@ from envs.spec import EnvSpec
 from envs.start_states import expert_states
 from envs.tasks.pick_cube import PickCube
 
+pytestmark = pytest.mark.slow
+
 N, NUM_STATES = 4, 20
 
 

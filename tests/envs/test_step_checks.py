@@ -78,6 +78,7 @@ def test_a_refused_action_changes_nothing(batch: RoboVerseVectorEnv) -> None:
     assert batch.elapsed_steps.tolist() == [0, 0, 0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("observation", ["pixels", "state"])
 def test_a_step_before_the_first_reset_is_refused(observation: str) -> None:
     for env, action in (

@@ -23,6 +23,7 @@ def env(request):
     env.close()
 
 
+@pytest.mark.slow
 def test_shapes_and_types(env):
     assert (env.observation_size, env.action_size) == (9 + 9 + 9 + 19 + 1, 5)
     step = env.step(torch.zeros(N, 5))
@@ -68,6 +69,7 @@ def test_equal_seeds_give_equal_episodes(env):
     assert not torch.equal(env.reset(), first)
 
 
+@pytest.mark.slow
 def test_staggered_episodes_end_at_different_times():
     env = make(num_envs=16, max_episode_steps=8)
     env.stagger()
@@ -76,6 +78,7 @@ def test_staggered_episodes_end_at_different_times():
     env.close()
 
 
+@pytest.mark.slow
 def test_observations_and_rewards_match_the_numpy_environment():
     ours = make(num_envs=1, bank_size=1)
     theirs = EnvSpec().make(observation="full", actions="rl", num_threads=1)
@@ -92,6 +95,7 @@ def test_observations_and_rewards_match_the_numpy_environment():
     theirs.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("outcome", "shift", "reward"),
     [
@@ -125,6 +129,7 @@ def test_image_of_one_environment():
     env.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("simulator", ["mujoco", "mujoco_warp"])
 def test_saved_state_resumes(simulator):
     env = make(simulator=simulator)
@@ -140,6 +145,7 @@ def test_saved_state_resumes(simulator):
     env.close()
 
 
+@pytest.mark.slow
 def test_substeps_make_physics_steps_longer():
     few, all_of_them = make(num_envs=1, substeps=5), make(num_envs=1)
     assert few.handler.scenario.physics.timestep_s == pytest.approx(0.01)

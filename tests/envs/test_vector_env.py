@@ -11,6 +11,8 @@ import envs
 from envs.core.errors import ConfigError, UnknownNameError
 from envs.randomization import channel_rng
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def pixels():

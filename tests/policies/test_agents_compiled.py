@@ -96,6 +96,7 @@ def test_planning_of_tdmpc2_in_any_number_of_environments(num_envs):
     torch.testing.assert_close(agents[0].mean, agents[1].mean, rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bf16", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_updates_of_fasttd3(bf16):
     def learned(compiled):

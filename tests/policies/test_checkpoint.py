@@ -80,6 +80,7 @@ def test_statistics_that_are_absent(broken):
     assert f"has no {file.name}" in message(broken)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pattern", ["model.safetensors", "policy_postprocessor*.safetensors"])
 @pytest.mark.parametrize("kept", [0, 5, 100])
 def test_a_truncated_safetensors_file(broken, pattern, kept):

@@ -36,6 +36,7 @@ def scheduler(kind):
 
 
 class TestDenoising:
+    @pytest.mark.slow
     @pytest.mark.parametrize("t", [1, 6, 13, 18])
     def test_a_ddpm_step_is_the_posterior(self, t):
         """arXiv:2006.11239, eq. 7 and 15, with the predicted clean action clipped to [-1, 1]."""
@@ -52,6 +53,7 @@ class TestDenoising:
         step = scheduler("DDPM").step(eps, t, x, generator=generator).prev_sample
         torch.testing.assert_close(step, expected.float(), atol=1e-4, rtol=1e-4)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("t", [1, 6, 13, 18])
     def test_a_ddim_step_draws_nothing(self, t):
         """arXiv:2010.02502, eq. 12, with sigma = 0."""
@@ -64,6 +66,7 @@ class TestDenoising:
         torch.testing.assert_close(step, expected.float(), atol=1e-4, rtol=1e-4)
         assert torch.get_rng_state().equal(before)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("kind", ["DDPM", "DDIM"])
     def test_a_network_that_knows_the_noise_finds_the_clean_actions(self, kind):
         _, bars = alpha_bars()
@@ -102,6 +105,7 @@ def batch_of(policy):
 
 
 class TestLosses:
+    @pytest.mark.slow
     @pytest.mark.parametrize("prediction_type", ["epsilon", "sample"])
     def test_the_diffusion_loss_of_a_network_that_answers_zero(self, prediction_type, monkeypatch):
         policy = make("diffusion", prediction_type=prediction_type)
@@ -118,6 +122,7 @@ class TestLosses:
         expected = noise if prediction_type == "epsilon" else batch["action"]
         torch.testing.assert_close(loss, expected.square().mean())
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("use_vae", [False, True])
     def test_actions_after_the_end_of_an_episode_do_not_count_in_act(self, use_vae):
         policy = make("act", use_vae=use_vae)
@@ -166,6 +171,7 @@ class TestNormalization:
         expected = torch.tensor([-1.0, 1.0, 0.0])[:, None].expand(3, 9)
         torch.testing.assert_close(batch["action"][0], expected, atol=1e-5, rtol=0)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("name", policies.names("dataset"))
     def test_actions_come_back(self, name):
         policy = make(name)
@@ -189,6 +195,7 @@ class TestNormalization:
         assert {value.shape for value in own.values()} == {(3, 1, 1)}
         assert own["std"].ravel().tolist() == pytest.approx([0.01, 0.2, 0.2])
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("name", policies.names("dataset"))
     def test_a_checkpoint_normalizes_as_its_policy_did(self, name, tmp_path):
         own = stats() | {"action": {k: v * 2 for k, v in stats()["action"].items()}}

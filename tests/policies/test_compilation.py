@@ -11,6 +11,7 @@ from policies.compilation import (
 from tests.policies.examples import make
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "changes", "expected"),
     [

@@ -33,6 +33,7 @@ def test_returns_a_chunk_per_environment(policy):
     assert np.isfinite(actions).all()
 
 
+@pytest.mark.slow
 def test_actions_do_not_depend_on_the_neighbours(policy):
     seen = observation(policy, 4)
     together = policy.act(seen, generators(4))
@@ -51,6 +52,7 @@ def test_the_generators_are_the_only_source_of_noise(policy):
     np.testing.assert_array_equal(first, policy.act(seen, generators(2)))
 
 
+@pytest.mark.slow
 def test_saved_and_loaded_acts_the_same(policy, tmp_path):
     seen = observation(policy, 2)
     expected = policy.act(seen, generators(2))
@@ -62,6 +64,7 @@ def test_saved_and_loaded_acts_the_same(policy, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["checkpoint"]
 
 
+@pytest.mark.slow
 def test_saving_again_replaces_the_folder(policy, tmp_path):
     policy.save(tmp_path / "checkpoint")
     policy.save(tmp_path / "checkpoint")
@@ -75,6 +78,7 @@ def test_an_observation_without_state_is_an_error(policy):
         policy.act(seen, generators(1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", policies.names("dataset"))
 def test_load_finds_the_policy_and_accepts_a_run_folder(name, tmp_path):
     policy = make(name)

@@ -7,6 +7,8 @@ from torch import nn
 from policies.group_norm import ChannelsLastGroupNorm
 from tests.policies.examples import make
 
+pytestmark = pytest.mark.slow
+
 
 def pictures():
     return torch.randn(3, 32, 5, 7).to(memory_format=torch.channels_last)

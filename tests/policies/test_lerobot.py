@@ -26,6 +26,7 @@ def lerobot_chunk(folder, seen, seed=0):
         return post(policy.predict_action_chunk(pre(batch))[:, : config.n_action_steps]).numpy()
 
 
+@pytest.mark.slow
 def test_lerobot_acts_the_same_from_our_act_checkpoint(tmp_path):
     policy = make("act")
     _train_a_little(policy)
@@ -37,6 +38,7 @@ def test_lerobot_acts_the_same_from_our_act_checkpoint(tmp_path):
     np.testing.assert_allclose(loaded.act(seen), expected, rtol=1e-4, atol=1e-6)  # rounded otherwise
 
 
+@pytest.mark.slow
 def test_act_acts_with_the_weights_that_it_has_now():
     policy, other = make("act"), make("act")
     seen = observation(policy, 1)
@@ -48,6 +50,7 @@ def test_act_acts_with_the_weights_that_it_has_now():
     assert not np.allclose(policy.act(seen), before)
 
 
+@pytest.mark.slow
 def test_act_acts_with_the_weights_that_training_left():
     policy = make("act")
     seen = observation(policy, 1)
@@ -149,6 +152,7 @@ def test_a_joint_that_never_moved_is_not_amplified():
         assert policy.postprocessor(batch["action"]).numpy() == pytest.approx(1.001)
 
 
+@pytest.mark.slow
 def test_the_backbone_trains_with_batch_norm_and_is_saved_frozen():
     policy = make("act")
     names = set(policy.state_dict())

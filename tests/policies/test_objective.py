@@ -11,6 +11,8 @@ from policies.objective import Normalizer, normalizer_step
 from tests.policies.examples import make
 from tests.policies.test_closed_forms import raw_batch_of
 
+pytestmark = pytest.mark.slow
+
 VARIANTS = [("act", {"use_vae": True}), ("act", {"use_vae": False}), ("diffusion", {})]
 
 

@@ -31,6 +31,7 @@ def kinds(network: nn.Module) -> set[type]:
     return {type(module) for module in network.modules()}
 
 
+@pytest.mark.slow
 @needs_onednn
 @pytest.mark.parametrize("make", [resnet18, resnet50])
 def test_a_resnet_answers_the_same_but_for_rounding(make):

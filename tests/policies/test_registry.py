@@ -91,6 +91,7 @@ def test_diffusion_config_is_checked(changes, message):
         policies.config_class("diffusion")(**changes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "millions"), [("act", 51.6), ("diffusion", 77.3)])
 def test_full_size_parameters(name, millions):
     """ACT with one camera, and Diffusion Policy with about the 78 million of RoboVerse's paper."""

@@ -31,6 +31,7 @@ def trained(make_result, tmp_path):
     return make
 
 
+@pytest.mark.slow
 def test_seeds_that_stopped_at_different_times_share_a_curve_as_far_as_all_of_them_went(trained, tmp_path):
     rows = [[trained(2, 100, 300, time_limit_s=560.0)], [trained(1, 50, 200, 400, time_limit_s=600.0)]]
     (curve,) = learning_curves(tmp_path, rows)
@@ -64,6 +65,7 @@ def test_trainings_without_a_step_in_common_have_curves_of_their_own(trained, tm
     assert [curve["seeds"] for curve in learning_curves(tmp_path, rows)] == [[0], [1]]
 
 
+@pytest.mark.slow
 def test_rows_of_results_stay_apart_where_curves_do_not(trained, tmp_path):
     trained(1, 100, 400, time_limit_s=600.0)
     trained(2, 100, 300, time_limit_s=560.0)

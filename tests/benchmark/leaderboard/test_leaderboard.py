@@ -155,6 +155,7 @@ def test_episodes_that_begin_differently_are_not_paired(publish, make_result, tm
     assert "4 test episodes of act and diffusion begin differently" in section["notes"][0]
 
 
+@pytest.mark.slow
 def test_bytes_do_not_depend_on_the_order_of_writing(publish, make_result, tmp_path):
     for policy in ("act", "diffusion"):
         publish(policy=policy)
@@ -171,6 +172,7 @@ def test_bytes_do_not_depend_on_the_order_of_writing(publish, make_result, tmp_p
     assert (tmp_path / "plots" / "v2-pickcube-mujoco-warp.png").read_bytes() == plot
 
 
+@pytest.mark.slow
 def test_golden_markdown(publish, tmp_path):
     """Regenerate with ``REGENERATE_GOLDEN=1``, and read the difference."""
     publish(protocol=Protocol(episodes=10, only=("camera",)))
@@ -212,6 +214,7 @@ def test_a_task_of_a_family_has_a_folder_of_its_own(publish, tmp_path):
     assert (section["title"], section["id"]) == ("humanoid/walk", "v2-humanoid-walk-mujoco-warp")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damaged", [None, "{", "[]", '{"sections": [{}]}'])
 def test_a_plot_goes_with_the_results_that_it_showed(publish, tmp_path, damaged):
     """But pictures of others stay, and so do all if the last leaderboard cannot be read."""
@@ -274,6 +277,7 @@ def parse(path):
     return page
 
 
+@pytest.mark.slow
 def test_page_stands_alone(publish, tmp_path):
     publish()
     publish(policy="diffusion")
@@ -287,6 +291,7 @@ def test_page_stands_alone(publish, tmp_path):
     assert sum(tag == "circle" for tag, _ in page.elements) == 8
 
 
+@pytest.mark.slow
 def test_the_index_leads_to_every_section(publish, tmp_path):
     for task, simulator in (("PickCube", "mujoco"), ("PickCube", "newton"), ("StackCube", "mujoco")):
         publish(task=task, simulator=simulator, run=simulator)
@@ -297,6 +302,7 @@ def test_the_index_leads_to_every_section(publish, tmp_path):
     assert links[:4] == [f"#{section}" for section in sections]
 
 
+@pytest.mark.slow
 def test_rows_whose_colours_repeat_have_lines_and_marks_of_their_own(publish, tmp_path):
     for number in range(9):
         publish(policy=f"policy{number}")

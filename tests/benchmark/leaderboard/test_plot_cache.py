@@ -38,6 +38,7 @@ def test_the_same_picture_is_drawn_once(draw):
     assert draw.path.read_bytes() == first
 
 
+@pytest.mark.slow
 def test_other_values_are_drawn(draw):
     assert draw()
     first = draw.path.read_bytes()
@@ -48,6 +49,7 @@ def test_other_values_are_drawn(draw):
     assert draw(title="StackCube")
 
 
+@pytest.mark.slow
 def test_a_picture_that_is_gone_damaged_or_tells_nothing_is_drawn_again(draw):
     draw()
     whole = draw.path.read_bytes()

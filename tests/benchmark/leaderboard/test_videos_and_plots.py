@@ -143,6 +143,7 @@ def overlap(figure):
     return max(picture.x0 - legend.x0, legend.x1 - picture.x1, picture.y0 - legend.y0, legend.y1 - axes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("labels", [["act"], [label(1)] * 3, [label(1)] * 30, [label(9)] * 4, ["x" * 300]])
 def test_a_legend_lies_wholly_within_the_picture(monkeypatch, tmp_path, labels):
     figures = []

@@ -23,6 +23,7 @@ def with_returns(data, lam):
         return GAE(gamma=GAMMA, lmbda=lam, value_network=critic, average_gae=False)(data)
 
 
+@pytest.mark.slow
 def test_the_specs_hold():
     check_env_specs(TorchRlEnv(Chain(3, 4)))
     check_env_specs(TorchRlEnv(Chain(3, 2, terminates=True)))

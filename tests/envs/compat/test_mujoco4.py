@@ -43,6 +43,7 @@ def test_meta_world_makes_its_welds():
     np.testing.assert_array_equal(Made.model.eq_data[1][:11], [0, 0, 0, 0, 0, 0, -1, 0, 0, 0, 5])
 
 
+@pytest.mark.slow
 def test_robosuite_finds_its_joints(binding_utils):
     sim = binding_utils.MjSim(mujoco.MjModel.from_xml_string(MODEL))
     assert sim.model.get_joint_qpos_addr("free") == (0, 7)

@@ -29,6 +29,7 @@ def number(element, child, key):
     return float(found.get(key))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("program", ["MuJoCo", "PyBullet", "UsdPhysics"])
 def test_links_are_where_they_were_and_weigh_what_they_weighed(hard_robot, program):
     if program == "PyBullet":
@@ -41,6 +42,7 @@ def test_links_are_where_they_were_and_weigh_what_they_weighed(hard_robot, progr
     assert row.errors.rotation_rad < 2e-6
 
 
+@pytest.mark.slow
 def test_the_franka_passes_and_has_its_drives(tmp_path, monkeypatch):
     monkeypatch.setenv("ROBOVERSE_CACHE", str(tmp_path))
     (row,) = check("franka", programs=["MuJoCo"], postures=20)
@@ -223,6 +225,7 @@ def test_a_urdf_comes_back_as_mjcf(hard_robot, tmp_path):
     assert errors.passed, note
 
 
+@pytest.mark.slow
 def test_a_robot_with_its_gripper_is_one_mjcf_file(tmp_path):
     import mujoco
 

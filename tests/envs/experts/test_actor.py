@@ -64,6 +64,7 @@ def assert_bit_identical(ours: Episode, theirs: Episode):
             np.testing.assert_array_equal(one[key], values, err_msg=key)
 
 
+@pytest.mark.slow
 def test_episodes_come_in_order_though_they_end_out_of_order(recorded, episodes):
     assert [each.episode for each in recorded] == episodes
 
@@ -99,6 +100,7 @@ def test_actions_are_the_joint_targets_of_the_simulator(recorded):
         np.testing.assert_allclose(targets, each.actions, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_actions_from_the_first_state_lead_to_every_recorded_state_bit_identically(env, recorded):
     for each in recorded[:3]:
         env.reset_envs([0], [each.episode])
@@ -119,6 +121,7 @@ def test_recorded_state_renders_the_recorded_image(env, recorded, share):
         np.testing.assert_array_equal(image, each.images["front"][step])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("num_envs", [1, 3])
 def test_episodes_do_not_depend_on_the_number_of_envs(recorded, episodes, num_envs):
     env = envs.make_vec("PickCube", num_envs, split="train", level=1, image_size=32)
@@ -143,6 +146,7 @@ def test_episode_ends_at_the_limit_of_steps_or_when_the_expert_gives_up(env, epi
     assert episode.images == {} and len(episode.raw["objects/cube/pos"]) == 1
 
 
+@pytest.mark.slow
 def test_waves_are_bit_identical_to_one_episode_at_a_time(warp_env, episodes, monkeypatch):
     """Three episodes in two environments: two waves, images included."""
     planner = OneByOne(warp_env.task.planner)
@@ -155,6 +159,7 @@ def test_waves_are_bit_identical_to_one_episode_at_a_time(warp_env, episodes, mo
         assert_bit_identical(ours, theirs)
 
 
+@pytest.mark.slow
 def test_plans_made_together_succeed_like_single_ones(warp_env, episodes, monkeypatch):
     """They differ by rounding."""
     (found,) = expert_episodes(warp_env, episodes[:1])

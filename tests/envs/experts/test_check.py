@@ -36,6 +36,7 @@ def test_no_episode_is_refused():
         check_expert("PickCube", "train", 0)
 
 
+@pytest.mark.slow
 def test_report_does_not_depend_on_the_number_of_envs():
     reports = [check_expert("PickCube", "test", 6, num_envs=count, num_threads=1) for count in (2, 6)]
     assert reports[0] == reports[1]

@@ -155,6 +155,7 @@ def test_a_broken_cache_file_is_made_again(arm, cache, caplog, content):
         assert sorted(stored) == ["faces", "vertices"]
 
 
+@pytest.mark.slow
 def test_the_arms_links_keep_their_bounds_within_two_millimetres(cache):
     """What is drawn of each link, before and after: the same box, a small part of the triangles."""
     scenario = PickCube().scenario

@@ -204,6 +204,7 @@ def test_a_block_is_every_row_in_every_column(rows, columns):
     assert (values == -1.0).sum() == expected.size
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", ["PickCube", "CloseBox", "humanoid/sit_hard"])
 def test_what_is_only_seen_changes_no_bit_of_what_is_simulated(task):
     drawn, simulated = build_models(TASKS.get(task)().scenario)

@@ -147,6 +147,7 @@ def test_a_mesh_falls_as_its_convex_hull(tmp_path):
         assert handler.get_states().objects["brick"].pos[0, 2] == pytest.approx(0.1, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_a_carried_camera_moves_with_the_hand():
     with launched(robots=(FRANKA,), cameras=(WRIST,)) as handler:
         model = handler.model

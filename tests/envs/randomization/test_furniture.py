@@ -63,6 +63,7 @@ def test_layouts_differ_and_leave_places_empty():
     assert any(len(layout(name)) < len(places_of(3.0)) for name in LAYOUTS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", FAMILIES)
 def test_furniture_stands_inside_the_room_and_outside_what_stays_free(task):
     scenario = TASKS.get(task)().scenario
@@ -132,6 +133,7 @@ def test_the_draw_depends_on_its_own_stream_and_not_on_the_cameras_that_are_read
     assert with_it["environment"]["layout"] in whole.split.layouts
 
 
+@pytest.mark.slow
 def test_no_furnished_room_of_the_test_split_is_one_of_the_other():
     scenario = TASKS.get("PickCube")().scenario
     train, test = (

@@ -48,12 +48,14 @@ def test_every_material_is_an_image_of_its_own(library):
     assert len({hashlib.sha256(image.tobytes()).digest() for image in library.values()}) == 600
 
 
+@pytest.mark.slow
 def test_no_material_is_black_burnt_out_or_blank(library):
     for name, image in library.items():
         assert 20 < image.mean() < 245, name
         assert image.std(axis=(0, 1)).max() > 0.5, name
 
 
+@pytest.mark.slow
 def test_copies_side_by_side_show_no_seam(library):
     """Across the seam, neighbouring pixels differ no more than the most different ones inside."""
     for name, image in library.items():

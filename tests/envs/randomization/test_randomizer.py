@@ -55,6 +55,7 @@ def values(draws, channel, *keys):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "path",
     [
@@ -78,6 +79,7 @@ def test_no_test_draw_equals_a_train_draw(pool, path):
     assert not train & test
 
 
+@pytest.mark.slow
 def test_no_piece_stands_in_a_test_episode_as_in_a_train_episode(pool):
     """Piece by piece: neither a piece nor how one stands is in both splits."""
     placements = {
@@ -95,6 +97,7 @@ def test_no_piece_stands_in_a_test_episode_as_in_a_train_episode(pool):
     assert not standing["train"] & standing["test"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "task", ["PickCube", "StackCube", "CloseBox", "MoveSliderLeft", "PickChocolatePudding", "NutAssembly"]
 )

@@ -120,6 +120,7 @@ def test_a_snapshot_is_of_its_moment(pair):
     assert pair.render_jobs(jobs[:0], ["front"])["front"]["rgb"].shape == (0, 32, 32, 3)
 
 
+@pytest.mark.slow
 def test_portions_do_not_show(monkeypatch, drawing, pair):
     pair.set_states(starts())
     whole = draw(pair)
@@ -178,6 +179,7 @@ def test_rendering_after_close_is_an_error():
         handler.render_jobs(jobs)
 
 
+@pytest.mark.slow
 def test_episodes_of_an_env_are_the_same_whoever_draws():
     hashes, images = {}, {}
     for renderer in ("warp", "mujoco_warp"):

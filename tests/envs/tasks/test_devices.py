@@ -12,6 +12,7 @@ OURS = [name for name in TASKS.names() if "/" not in name]
 """Tasks of a family compute what its library computes, with numpy."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OURS)
 @pytest.mark.parametrize("function", ["success", "reward", "observe"])
 def test_no_constant_stays_on_the_cpu(name, function, states):

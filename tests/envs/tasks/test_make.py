@@ -63,6 +63,7 @@ def test_another_field_of_view_is_another_image_of_the_same_state() -> None:
     assert (images[0] != images[1]).mean() > 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [[1, 1], [3, 4]])
 def test_every_lamp_of_the_array_shines(shape: list[int]) -> None:
     scenario = {"lighting": {"array_shape": shape}}

@@ -119,6 +119,7 @@ def resting(task, count=6):
     return float(joints), float(max(blocks))
 
 
+@pytest.mark.slow
 def test_door_drawer_button_and_switch_stay_where_they_are():
     joints, blocks = resting(MoveSliderLeft())
     assert joints < 1e-3

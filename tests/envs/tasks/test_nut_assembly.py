@@ -182,6 +182,7 @@ def test_observation_says_where_to_go():
     assert row[0, 13:16].tolist() == pytest.approx([-0.01, 0.0, 0.02])
 
 
+@pytest.mark.slow
 def test_a_nut_is_held_for_ten_seconds():
     """What the fingers lift stays between them: it creeps by less than half a millimetre."""
     env = make_vec("NutAssembly", split="test", observation="state")

@@ -71,6 +71,7 @@ def draw(rng, theirs):
     return poses, near + rng.normal(0.0, 1.0, 3) * rng.choice([0.03, 0.1])
 
 
+@pytest.mark.slow
 def test_success_is_robosuites(pair):
     task, theirs = pair
     rng = np.random.default_rng(0)
@@ -84,6 +85,7 @@ def test_success_is_robosuites(pair):
     assert 0.1 < np.mean(expected) < 0.9
 
 
+@pytest.mark.slow
 def test_reward_without_a_grasp_is_robosuites(pair):
     """Reach and hover; a grasp needs contacts, which these poses have none of."""
     task, theirs = pair

@@ -69,6 +69,7 @@ def played(env, steps):
     return [env.step(hold) for _ in range(steps)]
 
 
+@pytest.mark.slow
 def test_an_env_counts_the_return_and_says_at_the_end_whether_it_was_enough(monkeypatch):
     monkeypatch.setattr(
         PickCube, "success", lambda self, state: torch.zeros(len(state.objects["cube"].pos)) > 1

@@ -133,6 +133,7 @@ def test_the_hands_outline_by_hand():
     assert _distance_to_hand(points[1:3, ::-1], math.pi / 2) == pytest.approx([0.02, 0.02])
 
 
+@pytest.mark.slow
 def test_the_expert_picks_up_a_pudding_that_stands_on_its_side():
     """It fell on its long edge and lies askew: the fingers then close on its thickness."""
     task = PickChocolatePudding()

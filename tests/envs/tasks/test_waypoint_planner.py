@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+import pytest
 import torch
 
 from envs.controllers import JointPositionController
@@ -28,6 +29,7 @@ def way(state, _):
     ]
 
 
+@pytest.mark.slow
 def test_a_robot_with_a_passive_joint_follows_a_plan_of_its_driven_joints():
     scenario = ScenarioCfg(robots=(ROBOT,))
     controller, planner = JointPositionController(ROBOT), WaypointPlanner(scenario, way)

@@ -102,6 +102,7 @@ def test_the_actor_climbs_the_lesser_value_and_leaves_the_critics_alone():
     assert all(p.grad is not None for p in policy.actor.parameters())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layer_norm", [False, True])
 def test_updates_fit_a_batch_and_are_repeatable(layer_norm):
     def losses():
@@ -113,6 +114,7 @@ def test_updates_fit_a_batch_and_are_repeatable(layer_norm):
     assert first[-1] < 0.95 * first[0] and first == losses()
 
 
+@pytest.mark.slow
 def test_both_losses_compile_without_a_break():
     _, updater = make()
     options = {"backend": "eager", "fullgraph": True}

@@ -162,6 +162,7 @@ def test_the_entropy_is_that_of_a_squashed_gaussian():
     torch.testing.assert_close(sample.entropy, expected, rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_updates_fit_a_batch_and_are_repeatable():
     def losses():
         updater = Updater(replace(TINY, lr=3e-3), make(), [0.9])
@@ -174,6 +175,7 @@ def test_updates_fit_a_batch_and_are_repeatable():
     assert all(a[key].equal(b[key]) for a, b in zip(first, second, strict=True) for key in a)
 
 
+@pytest.mark.slow
 def test_both_losses_and_the_search_compile_without_a_break():
     model = make()
     updater, agent = Updater(TINY, model, [0.9]), Tdmpc2Agent(TINY, model, 0.9, 3)

@@ -39,6 +39,7 @@ def generators(n: int):
     return [torch.Generator().manual_seed(i) for i in range(n)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plan", [True, False])
 def test_acts_alike_alone_and_after_loading(plan, tmp_path):
     policy, seen = make(plan=plan), observation(3)

@@ -36,6 +36,7 @@ def by_hand(size):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", ARCHITECTURES)
 def test_every_part_has_the_parameters_of_the_authors_layers(size):
     with torch.device("meta"):

@@ -46,6 +46,7 @@ def failure(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     return captured.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -173,6 +174,7 @@ def test_of_a_file_more_demonstrations_can_be_asked_for_than_the_split_has() -> 
     assert config.collect.num_demos == 20_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "words",
     [
@@ -203,6 +205,7 @@ def test_the_errors_of_every_part_are_told_alike(
     assert failure(["leaderboard"], capsys) == f"error: {error}\n"
 
 
+@pytest.mark.slow
 def test_a_speed_program_gets_its_settings(capfd: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["speed", "startup", "turns=2"]) == 2
     assert "Unknown key of roboverse speed startup 'turns'" in capfd.readouterr().err
@@ -289,6 +292,7 @@ def test_the_help_of_train_shows_the_keys_of_the_policy_named(capsys: pytest.Cap
     assert "policy.down_dims=[256,512,1024]" in said and "policy.chunk_size" not in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [["list"], ["--help"], ["train", "--help"], ["evaluate", "polcy=act"]])
 def test_listing_and_help_import_nothing_heavy(words: list[str]) -> None:
     code = (
@@ -306,6 +310,7 @@ def test_listing_and_help_import_nothing_heavy(words: list[str]) -> None:
     assert done.stdout.splitlines()[-1] == "heavy: []"
 
 
+@pytest.mark.slow
 def test_list_into_a_closed_pipe_is_no_error() -> None:
     command = f"'{sys.executable}' -m roboverse_learn list | true; exit ${{PIPESTATUS[0]}}"
     root = Path(__file__).resolve().parents[3]

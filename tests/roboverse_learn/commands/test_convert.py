@@ -6,6 +6,8 @@ import pytest
 
 from roboverse_learn.cli import main
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(autouse=True)
 def cache(tmp_path, monkeypatch):

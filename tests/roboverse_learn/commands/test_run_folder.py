@@ -95,6 +95,7 @@ def test_resume_false_starts_a_run_beside_it() -> None:
     assert names == [base, f"{base}-2", f"{base}-3"]
 
 
+@pytest.mark.slow
 def test_the_resolved_configuration_is_saved_and_read_back() -> None:
     chosen = config("policy=diffusion", "train.betas=[0.8,0.9]", "levels=[1]", "task_kwargs.variant=lift")
     with Run.open(chosen, COMMAND) as run:
@@ -115,6 +116,7 @@ def test_run_names_a_run_to_continue_with_its_own_configuration() -> None:
         assert continued.folder == run.folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("word", ["seed=1", "policy.dim_model=128", "policy=diffusion", "num_demos=3"])
 def test_a_run_is_not_continued_as_another(word: str) -> None:
     with Run.open(config(), COMMAND) as run:

@@ -95,6 +95,7 @@ class TestJobs:
         jobs, _ = make_jobs(plan(["policy=tdmpc2", f"runs_dir={tmp_path}"]))
         assert [(job.words[0], job.after) for job in jobs] == [("train", None)]
 
+    @pytest.mark.slow
     @pytest.mark.parametrize(
         "words",
         [
@@ -130,6 +131,7 @@ class TestJobs:
         for key in set(flat_keys(to_values(CollectConfig()))) - {"preset"}:
             assert at(ours, key) == at(theirs, key), key
 
+    @pytest.mark.slow
     @settings(max_examples=100, deadline=None)
     @given(text=st.text(st.characters(codec="utf-8", exclude_categories=["Cc"]), min_size=1))
     @example(text="null")
@@ -257,6 +259,7 @@ def test_failures_are_told_with_their_last_words_and_all_others_are_done(fake_pr
     assert all((tmp_path / "runs" / "sweep-logs" / name).read_text().startswith("working") for name in logs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seeds", "written"), [("1", False), ("0,1", True)])
 def test_the_leaderboard_stays_as_it_is_where_every_run_failed(seeds, written, fake_program, tmp_path):
     page = tmp_path / "results" / "leaderboard.html"

@@ -95,6 +95,7 @@ def test_the_folder_of_a_run_stands_for_its_last_checkpoint(run: Path) -> None:
     assert subject(run).run == subject(last).run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "words",
     [

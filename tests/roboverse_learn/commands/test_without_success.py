@@ -11,6 +11,7 @@ from roboverse_learn.data.collection import schedule
 from roboverse_learn.data.sources import SOURCES
 
 
+@pytest.mark.slow
 def test_what_makes_a_scene_impossible_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(schedule, "GIVE_UP_AFTER", 2)
     words = ["image_size=32", "num_workers=1", "collect.num_envs=1", f"datasets_dir={tmp_path}"]

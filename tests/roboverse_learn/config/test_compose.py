@@ -110,6 +110,7 @@ ALL_KEYS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("command", "policy", "key"), ALL_KEYS, ids=lambda value: str(value))
 def test_every_key_can_be_set_and_survives_the_saved_configuration(
     command: str, policy: str, key: str
@@ -188,6 +189,7 @@ def test_a_preset_of_a_policy_wins_over_the_policy() -> None:
     assert type(quick.policy) is type(full.policy) is policies.config_class("act")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("policy", policies.names())
 def test_locomotion_is_a_farther_horizon_for_ppo_and_nothing_else(policy: str) -> None:
     plain, legs = (
@@ -199,12 +201,14 @@ def test_locomotion_is_a_farther_horizon_for_ppo_and_nothing_else(policy: str) -
     assert policy != "ppo" or legs["policy"]["gamma"] > plain["policy"]["gamma"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", preset_names())
 @pytest.mark.parametrize("policy", policies.names())
 def test_every_yaml_composes(policy: str, preset: str) -> None:
     compose("train", [f"preset={preset}", f"policy={policy}"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", preset_names())
 @pytest.mark.parametrize("command", [name for name in COMMANDS if "preset" in default_values(name)])
 def test_every_command_that_has_presets_takes_all_of_them(command: str, preset: str) -> None:

@@ -28,6 +28,7 @@ def pictures(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "materials"),
     [
@@ -88,6 +89,7 @@ def test_a_broken_file_leaves_nothing_behind(
     assert [path.name for path in tmp_path.rglob("*")] == ["broken.xml"]
 
 
+@pytest.mark.slow
 def test_a_file_that_does_not_fit_is_told_with_what_it_lacks(tmp_path: Path) -> None:
     other = tmp_path / "other.xml"
     other.write_text('<mujoco><worldbody><body name="trunk"/></worldbody></mujoco>')

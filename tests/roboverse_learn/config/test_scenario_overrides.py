@@ -23,6 +23,7 @@ def config(folder: Path, *words: str) -> CollectConfig:
     return compose("collect", [*WORDS, f"datasets_dir={folder}", *words])
 
 
+@pytest.mark.slow
 def test_a_dataset_is_made_in_the_changed_scene_and_says_so(tmp_path: Path) -> None:
     changed = config(tmp_path, SLOW, "scenario.cameras.front.fovy_deg=40")
     summary = collect_dataset(changed)
@@ -39,6 +40,7 @@ def test_a_dataset_is_made_in_the_changed_scene_and_says_so(tmp_path: Path) -> N
     assert replayed["replays"]["controls"]["success_rate"] == 1.0
 
 
+@pytest.mark.slow
 def test_a_dataset_that_was_begun_in_another_scene_is_not_continued(tmp_path: Path) -> None:
     first = config(tmp_path)
     collect_dataset(first)

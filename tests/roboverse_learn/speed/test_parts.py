@@ -10,6 +10,8 @@ from roboverse_learn.speed.harness import Measurement
 from roboverse_learn.speed.startup import startup
 from tests.sweeps import sweep
 
+pytestmark = pytest.mark.slow
+
 
 def is_measured(found: Measurement, *texts: str) -> bool:
     return (

@@ -83,6 +83,7 @@ def test_every_interrupted_save_resumes_from_a_complete_checkpoint(states):
     assert found[0] == 0 and found[-1] == 10 and set(found) == {0, 5, 10}
 
 
+@pytest.mark.slow
 def test_every_interrupted_save_leaves_complete_policies(states):
     assert sum((folder / "checkpoints" / "last").is_symlink() for folder in states) > len(states) // 2
     for folder in states:

@@ -25,6 +25,7 @@ def test_every_policy_has_its_file_and_every_file_its_policy():
         assert preset in preset_names() and policy in policies.names(), path.name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("preset", "name"), PAIRS)
 def test_the_network_of_every_preset_builds(preset, name):
     config = compose("train", [f"preset={preset}", f"policy={name}"])

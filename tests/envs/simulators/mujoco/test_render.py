@@ -174,6 +174,7 @@ def handler():
         yield handler
 
 
+@pytest.mark.slow
 def test_two_threads_draw_what_one_draws(handler):
     """An image depends on its job alone: many at once, one after the other, from two callers."""
     jobs = handler.snapshot()

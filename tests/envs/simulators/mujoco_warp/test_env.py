@@ -26,6 +26,7 @@ def envs():
         env.close()
 
 
+@pytest.mark.slow
 def test_an_episode_begins_and_looks_the_same(envs):
     ours, theirs = (env.reset(seed=3)[0] for env in envs)
     assert envs[0].initial_state_hash(0) == envs[1].initial_state_hash(0)

@@ -65,6 +65,7 @@ def test_rays_go_tile_by_tile():
     assert by_tiles(16, 17)[below:].tolist() == list(range(below, below + 16))
 
 
+@pytest.mark.slow
 def test_cameras_of_any_size_match_the_reference_renderer():
     """Two images of which no side is whole tiles, one beside the other in the tracer's buffers."""
     scenario = scene()

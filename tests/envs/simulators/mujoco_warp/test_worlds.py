@@ -37,6 +37,7 @@ def test_views_are_the_simulators_own_memory(handler):
     assert not torch.equal(handler.views.qpos, before)
 
 
+@pytest.mark.slow
 def test_a_world_is_the_same_whatever_their_number_is(handler):
     """On a CPU to the bit: 60 steps in which the cube lands and the arm moves."""
     start = moving(starts())
@@ -98,6 +99,7 @@ def test_a_world_that_stands_still_is_not_looked_at(handler):
     assert handler.views.qvel[3, 0] == torch.inf
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("setting", "size"), [("njmax", 8), ("nconmax", 1)])
 def test_a_buffer_that_is_too_small_is_an_error_that_names_it(setting, size):
     with MujocoWarpHandler(scene(**({"njmax": 64} | {setting: size})), 2) as small:

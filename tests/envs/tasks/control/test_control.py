@@ -164,6 +164,7 @@ def test_reaching_is_paid_by_both_errors(recorded):
     assert not task.success(state).any()
 
 
+@pytest.mark.slow
 def test_every_command_has_a_posture_that_an_action_can_ask_for():
     """Newton's method from some starts finds one within the bounds of an action, for each of 32 commands."""
     rngs = [np.random.default_rng(i) for i in range(32)]

@@ -152,6 +152,7 @@ def test_a_fall_is_a_failure_and_no_success(recorded):
     assert not task.success(recorded).any()
 
 
+@pytest.mark.slow
 def test_steps_are_rewarded_and_the_return_decides_success(monkeypatch):
     stand = TASKS.get("humanoid/stand")
     monkeypatch.setattr(stand, "max_episode_steps", 3)

@@ -141,6 +141,7 @@ def test_scenes_have_the_published_parts():
         assert handler.model.body("slides/slides").geomnum[0] == 9
 
 
+@pytest.mark.slow
 def test_nothing_stands_in_the_robots_way_at_the_start():
     for name in NAMES:
         with started(task_of(name)) as handler:

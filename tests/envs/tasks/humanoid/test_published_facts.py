@@ -55,6 +55,7 @@ def test_an_action_is_a_position_of_each_of_nineteen_joints(task):
     assert len(controller.names) == 19
 
 
+@pytest.mark.slow
 def test_states_are_as_large_as_published(task):
     state = task.initial_state([np.random.default_rng(0)])
     free = FREE_THINGS.get(task.name.partition("/")[2], 0)
@@ -72,6 +73,7 @@ def test_noise_is_a_hundredth_and_on_every_number(task):
     assert not (first.joint_vel.any() or first.lin_vel.any() or first.ang_vel.any())
 
 
+@pytest.mark.slow
 def test_a_fall_fits_into_the_buffers_of_mujoco_warp(task):
     """A second of the largest random actions, until the robot lies on the ground, with room for half more."""
     scenario, rng = task.scenario, np.random.default_rng(0)

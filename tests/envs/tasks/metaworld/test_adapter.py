@@ -66,6 +66,7 @@ def test_missing_metaworld_names_the_install_command(name, monkeypatch):
         TASKS.get(name)
 
 
+@pytest.mark.slow
 def test_the_physics_is_the_files(task):
     ours, theirs = build_model(task.scenario), task.original.model
     ids = {ours.body(i).name.rpartition("/")[2]: i for i in range(ours.nbody)}

@@ -62,6 +62,7 @@ def test_success_begins_where_meta_world_says(name, edge, outwards):
     assert not task.success(at(task, state, edge + outwards * 1e-6)).any()
 
 
+@pytest.mark.slow
 def test_start_is_no_success_and_the_goal_has_a_higher_reward(world):
     task, handler = world
     state = start(task, handler)
@@ -93,6 +94,7 @@ def test_the_fingertips_and_the_gripper_by_hand(world):
     assert task.observe(state)[0, :3].tolist() == [0.525, 1.025, 0.7]
 
 
+@pytest.mark.slow
 def test_states_of_all_kinds_are_judged_as_by_meta_world(world):
     task, handler = world
     state, rng = start(task, handler, seed=1), np.random.default_rng(0)
@@ -146,6 +148,7 @@ def parity(task, handler, episodes):
     return solved, disagreed, error
 
 
+@pytest.mark.slow
 def test_an_episode_is_meta_worlds(world):
     solved, disagreed, error = parity(*world, episodes=1)
     assert solved.tolist() == [1, 1]

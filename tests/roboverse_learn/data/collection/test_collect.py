@@ -16,6 +16,8 @@ from roboverse_learn.data import CollectionConfig, DatasetInfo, DatasetWriter, c
 from roboverse_learn.data.collection.schedule import TooFewSuccessesError
 from tests.roboverse_learn.data.synthetic_episodes import FEATURES, FPS
 
+pytestmark = pytest.mark.slow
+
 HERE = Path(__file__).parents[1]
 SOURCE = "synthetic_episodes:SyntheticSource"
 

@@ -197,6 +197,7 @@ def test_a_run_without_a_success_ends_and_the_next_one_goes_on_where_it_was(tmp_
     assert run() == list(range(10))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("target", "tried"), [(400, 102), (100, 278)])
 def test_a_run_ends_once_all_the_candidates_will_not_be_enough(tmp_path, target, tried):
     """One in a hundred of 2,000 succeeds, which is sooner too few for 400 than for 100."""

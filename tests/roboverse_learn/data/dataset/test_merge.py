@@ -15,6 +15,7 @@ def write(root, indices):
     return root
 
 
+@pytest.mark.slow
 def test_the_result_does_not_depend_on_the_parts(tmp_path, open_with_lerobot):
     whole = write(tmp_path / "whole", range(6))
     odd, even = write(tmp_path / "odd", [5, 1, 3]), write(tmp_path / "even", [4, 0, 2])
@@ -44,6 +45,7 @@ def test_a_killed_merge_is_completed(tmp_path, monkeypatch):
     assert dataset_hash(tmp_path / "merged") == dataset_hash(whole)
 
 
+@pytest.mark.slow
 def test_lerobot_aggregates_ours(tmp_path, open_with_lerobot):
     from lerobot.datasets import aggregate_datasets
 

@@ -59,6 +59,7 @@ def assert_same_batches(resident, lerobot, deltas):
         assert torch.equal(batch[key], values), key
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deltas", [None, DELTAS])
 def test_batches_are_lerobots(resident, written, open_with_lerobot, deltas):
     stamps = {key: [i / FPS for i in window] for key, window in deltas.items()} if deltas else None
@@ -71,6 +72,7 @@ def test_datasets_of_lerobots_writer(lerobot_made, open_with_lerobot):
     assert_same_batches(ResidentDataset(lerobot_made), lerobot, DELTAS)
 
 
+@pytest.mark.slow
 def test_consolidated_copies_hold_the_same_frames(resident, written, tmp_path, open_with_lerobot):
     info = consolidate(written, tmp_path / "big")
     assert len({info.video_file(e, CAMERA) for e in range(info.num_episodes)}) == 1

@@ -74,6 +74,7 @@ def test_a_commit_is_the_renames_that_the_writer_documents(states):
     assert after[7:] == ["file-000.parquet"] * 2 + ["stats.json", "info.json", "stats.json"]
 
 
+@pytest.mark.slow
 def test_lerobot_opens_every_state_with_whole_episodes_only(states, open_with_lerobot):
     counts = []
     for state in states:
@@ -95,6 +96,7 @@ def test_our_reader_opens_every_state(states):
         assert len(resident.frames[CAMERA]) == len(resident)
 
 
+@pytest.mark.slow
 def test_every_state_is_continued_to_the_undisturbed_dataset(states, undisturbed, tmp_path):
     expected, stats = dataset_hash(undisturbed), (undisturbed / "meta/stats.json").read_bytes()
     files = sorted(path.relative_to(undisturbed) for path in undisturbed.rglob("*") if path.is_file())

@@ -145,6 +145,7 @@ def test_episodes_that_do_not_fit_are_refused_and_leave_nothing(tmp_path, change
 
 
 # Every write of one episode: staging writes 3 files, committing 4 more.
+@pytest.mark.slow
 @pytest.mark.parametrize("failing_write", range(7))
 def test_a_full_disk_leaves_the_dataset_whole(tmp_path, monkeypatch, open_with_lerobot, failing_write):
     root = tmp_path / "d"

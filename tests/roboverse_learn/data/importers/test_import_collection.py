@@ -65,6 +65,7 @@ def test_the_command_line_knows_every_format():
         compose("collect", ["path=here"])
 
 
+@pytest.mark.slow
 def test_damage_loses_nothing_else(folder, pick_env):
     done = []
     summary = judge(**given(folder), env=pick_env, on_progress=lambda *now: done.append(now))
@@ -136,6 +137,7 @@ def words(file, root, *more):
     return compose("collect", [*fixed, "collect.num_workers=1", "num_envs=2", "level=1", *more])
 
 
+@pytest.mark.slow
 def test_a_dataset_like_the_experts(folder, tmp_path, open_with_lerobot, pick_env):
     root = tmp_path / "dataset"
     summary = collect_dataset(words(folder, root))
@@ -169,6 +171,7 @@ def test_a_dataset_like_the_experts(folder, tmp_path, open_with_lerobot, pick_en
     assert [episode["name"] for episode in saved["episodes"]] == ["traj_0", "traj_1", "", "traj_0"]
 
 
+@pytest.mark.slow
 def test_the_same_command_again_does_nothing_and_another_file_is_refused(tmp_path, played, monkeypatch):
     file, root = write_maniskill(tmp_path / "a", played), tmp_path / "dataset"
     first = collect_dataset(words(file, root, "num_demos=1", "replay=controls"))
@@ -199,6 +202,7 @@ def test_folders_of_datasets_do_not_collide():
     assert named[0].name.endswith("-roboverse-franka-by-states")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("num_workers", [1, 2])
 def test_fewer_successes_can_be_enough(tmp_path, monkeypatch, num_workers):
     monkeypatch.syspath_prepend(str(__import__("pathlib").Path(__file__).parents[1]))

@@ -48,6 +48,7 @@ def test_the_same_path_gives_the_same_joints(retargeter, pick_env):
     np.testing.assert_array_equal(retargeter.follow(path).joint_pos, first)
 
 
+@pytest.mark.slow
 def test_a_path_out_of_reach_is_refused(retargeter):
     far = Poses(np.array([[3.0, 0.0, 0.3]]), np.array([[0.0, 1.0, 0.0, 0.0]]))
     with pytest.raises(DatasetError, match=r"cannot follow its path: at moment 0 it misses .* \d+ mm"):

@@ -84,6 +84,7 @@ def test_targets_that_go_on_after_the_last_state_are_left_out(tmp_path, content,
     assert len(demonstration.targets) == len(lifted[0].actions) == demonstration.states.num_envs - 1
 
 
+@pytest.mark.slow
 def test_a_sawyer_is_followed_by_its_tool(tmp_path, content):
     moved = [{**SAWYER_START, "right_j0": 0.02 * step} for step in range(6)]
     moved[-1]["right_gripper_l_finger_joint"], moved[-1]["right_gripper_r_finger_joint"] = 0.0026, -0.0026

@@ -41,6 +41,7 @@ def make(task="PickCube", num_envs=2, **kwargs):
     return envs.make_vec(task, num_envs, simulator="mujoco", num_threads=1, **kwargs)
 
 
+@pytest.mark.slow
 def test_its_actions_are_recorded_as_the_tasks_own_and_lead_to_the_same_states(checkpoint, easy):
     policy = policies.load(checkpoint)
     env, agent = make(observation="state"), make(observation="full", actions="rl")
@@ -58,6 +59,7 @@ def test_its_actions_are_recorded_as_the_tasks_own_and_lead_to_the_same_states(c
     agent.close()
 
 
+@pytest.mark.slow
 def test_a_dataset_is_collected_of_its_successes(checkpoint, easy, tmp_path):
     words = [f"checkpoint={checkpoint}", "source=policy", "num_demos=2", "image_size=32", "num_workers=1"]
     config = compose("collect", [*words, "collect.num_envs=4", f"datasets_dir={tmp_path}"])

@@ -35,6 +35,7 @@ def registered(monkeypatch):
     SOURCES.add("even", EvenSource)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("registered")
 def test_source_of_another_package_collects(tmp_path):
     words = ["source=even", "task=PickCube", "image_size=32", f"datasets_dir={tmp_path}", "num_demos=2"]

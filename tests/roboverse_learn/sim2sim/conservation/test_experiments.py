@@ -36,6 +36,7 @@ def simulator(request):
     return request.param
 
 
+@pytest.mark.slow
 def test_collision_conserves_momentum_and_gains_no_energy(simulator):
     seconds, found = run(COLLISION, simulator, 0.005)
     away = deviations(found)
@@ -70,6 +71,7 @@ def conservation_scene():
     return scene(SPIN, 0.005)
 
 
+@pytest.mark.slow
 def test_page_is_a_function_of_the_results(tmp_path):
     page.write_result(tmp_path, conservation.run_on("mujoco", 0.01))
     before = page.write_page(tmp_path)
@@ -83,6 +85,7 @@ def test_page_is_a_function_of_the_results(tmp_path):
     assert {path: path.read_bytes() for path in before.values()} == contents
 
 
+@pytest.mark.slow
 def test_failed_simulator_is_named_on_the_page(tmp_path, monkeypatch):
     def stop(*_):
         raise SimulatorError("It stopped.")
@@ -103,6 +106,7 @@ def test_other_json_files_are_refused(tmp_path):
         page.write_page(tmp_path)
 
 
+@pytest.mark.slow
 def test_command_writes_results_and_page(tmp_path, capsys):
     assert main(["conservation", "simulators=[mujoco]", "timestep_s=0.02", f"out={tmp_path}"]) == 0
     assert "collision" in capsys.readouterr().out

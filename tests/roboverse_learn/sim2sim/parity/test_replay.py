@@ -39,6 +39,7 @@ def warp(dataset, recordings):
     return replay_recordings(recordings, config)
 
 
+@pytest.mark.slow
 def test_recording_has_states_actions_and_metadata(recordings):
     for index, recording in enumerate(recordings):
         assert recording.index == index
@@ -47,6 +48,7 @@ def test_recording_has_states_actions_and_metadata(recordings):
         assert recording.metadata["simulator"] == "mujoco"
 
 
+@pytest.mark.slow
 def test_replay_in_the_same_simulator_is_bit_identical(same):
     assert (same["recorded_in"], same["replayed_in"], same["num_episodes"]) == ("mujoco", "mujoco", 2)
     for found in same["replays"].values():
@@ -57,6 +59,7 @@ def test_replay_in_the_same_simulator_is_bit_identical(same):
             assert values["largest"] == 0.0
 
 
+@pytest.mark.slow
 def test_replay_by_states_agrees_in_another_simulator(warp):
     found = warp["replays"]["states"]
     assert found["success_rate"] == 1.0
@@ -93,6 +96,7 @@ def test_last_action_is_held(env, recordings):
     assert track.states.num_envs == recordings[0].num_steps + 1
 
 
+@pytest.mark.slow
 def test_page_is_a_function_of_the_summaries(tmp_path, same, warp):
     paths = [summary.write(tmp_path, {**values, "note": "A note."}) for values in (same, warp)]
     assert [path.name for path in paths] == [

@@ -179,6 +179,7 @@ class TestMetrics:
             writer.write(step, {"loss": 1.0 / step})
         writer.close()
 
+    @pytest.mark.slow
     @given(kept=st.integers(0, 200))
     @settings(deadline=None)
     def test_a_file_cut_off_anywhere_reads_to_its_last_whole_line(self, tmp_path_factory, kept):

@@ -22,6 +22,8 @@ from roboverse_learn.training.rl.ppo.learner import PpoLearner
 from roboverse_learn.training.rl.tdmpc2 import Tdmpc2Learner
 from tests.sweeps import sweep
 
+pytestmark = pytest.mark.slow
+
 SMALL = {
     "ppo": ("rsl_rl", "policy.num_envs=8 policy.num_steps=4 policy.num_minibatches=2 policy.hidden_dims=[8]"),
     "tdmpc2": ("torchrl", "policy.num_envs=4 policy.batch_size=8 policy.num_samples=16 policy.seed_steps=32"),

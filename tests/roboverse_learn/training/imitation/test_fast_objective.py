@@ -89,6 +89,7 @@ def test_nothing_of_the_comparison_is_left_in_the_network():
     assert all(torch.equal(value, before[name]) for name, value in line.state_dict().items())
 
 
+@pytest.mark.slow
 def test_a_policy_whose_compiled_gradients_are_wrong_is_trained_without_the_compiler(
     tmp_path, monkeypatch, caplog
 ):
@@ -122,6 +123,7 @@ def test_a_policy_whose_compiled_gradients_are_right_is_trained_compiled(monkeyp
     assert not caplog.records
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wrong", "chosen", "said"),
     [

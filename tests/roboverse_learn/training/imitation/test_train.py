@@ -26,6 +26,8 @@ from tests.roboverse_learn.training.frames import SquareFrames
 from tests.roboverse_learn.training.signals import SignalAt
 from tests.sweeps import sweep
 
+pytestmark = pytest.mark.slow
+
 DATA = SquareFrames()
 CONFIG = TrainConfig(
     steps=10, batch_size=8, lr=1e-3, warmup_steps=2, precision="fp32", num_threads=1, save_every=5,

@@ -16,6 +16,8 @@ from roboverse_learn.training.rl.loop import OBSERVATION
 from tests.roboverse_learn.training.point_mass import GOOD_RETURN, STEPS, PointMass
 from tests.roboverse_learn.training.signals import SignalAt
 
+pytestmark = pytest.mark.slow
+
 TINY = FastTd3Config(
     actor_dim=32, critic_dim=64, v_min=0.0, v_max=25.0, num_atoms=51, lr=1e-3, weight_decay=0.0, std_max=0.8,
     std_min=0.05, num_envs=16, batch_size=256, buffer_size=32_000, save_replay=True,

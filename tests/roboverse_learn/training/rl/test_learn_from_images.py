@@ -25,6 +25,8 @@ from roboverse_learn.training.rl import loop as off_policy
 from roboverse_learn.training.rl.tdmpc2 import Tdmpc2Algorithm
 from tests.roboverse_learn.training.point_mass import GOOD_RETURN, RANDOM_RETURN, STEPS, PointMass
 
+pytestmark = pytest.mark.slow
+
 WORDS = (
     "policy=tdmpc2", "task=control/cartpole", "simulator=mujoco", "policy.observation=pixels",
     "image_size=64", "policy.num_envs=4", "policy.batch_size=16", "model_size=1", "enc_dim=16", "mlp_dim=16",

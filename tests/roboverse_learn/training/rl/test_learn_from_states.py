@@ -45,6 +45,7 @@ def trained(request, tmp_path_factory):
     return request.param, config, folder, result
 
 
+@pytest.mark.slow
 def test_a_run_ends_with_a_policy(trained):
     name, _, folder, result = trained
     assert (result.steps, result.stopped_by) == (24, "steps")
@@ -95,6 +96,7 @@ def test_a_buffer_that_is_too_small_is_an_error(tmp_path):
         learner_of(compose("train", words), "cpu").learn(tmp_path, None, 0, Reporter())
 
 
+@pytest.mark.slow
 def test_a_run_that_is_complete_is_not_run_again(trained):
     _, config, folder, _ = trained
     rows = read_metrics(folder)
@@ -103,6 +105,7 @@ def test_a_run_that_is_complete_is_not_run_again(trained):
     assert read_metrics(folder) == rows
 
 
+@pytest.mark.slow
 def test_the_runner_evaluates_it(trained):
     name, _, folder, _ = trained
     policy = policies.load(folder)

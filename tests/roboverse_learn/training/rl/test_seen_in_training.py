@@ -41,6 +41,7 @@ def evaluated(simulator, episode):
     return [torch.stack(watcher.shown) for watcher in watchers]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("simulator", ["mujoco", "mujoco_warp"])
 def test_training_shows_what_an_evaluation_shows_after_a_reset_too(simulator):
     env = spec(simulator).make_torch(2, observation="pixels", bank_size=1, num_threads=1)

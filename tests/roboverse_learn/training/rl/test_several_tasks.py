@@ -75,6 +75,7 @@ def train(run_dir, *, steps, config=TINY, **options):
 # --- learning -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_to_the_same_weights_and_tells_of_each_task(tmp_path):
     whole = train(tmp_path / "whole", steps=480).state_dict()
     train(tmp_path / "cut", steps=240)
@@ -91,6 +92,7 @@ def test_a_run_goes_on_to_the_same_weights_and_tells_of_each_task(tmp_path):
         assert min(returns) - 1e-6 <= row["episode_return"] <= max(returns) + 1e-6
 
 
+@pytest.mark.slow
 def test_a_run_cut_out_of_turn_goes_on_as_well(tmp_path):
     train(tmp_path, steps=300)
     assert Tdmpc2Policy.load(tmp_path).tasks == ("line", "mirror")
@@ -112,6 +114,7 @@ def test_random_actions_are_zero_where_a_task_has_none_and_sequences_know_their_
     assert drawn.task.bool().equal(seen) and 0 < int(drawn.task.sum()) < TINY.batch_size
 
 
+@pytest.mark.slow
 def test_entries_that_a_task_lacks_have_no_influence_on_what_is_learned(tmp_path):
     """What the environments are told of them is noise here, and nothing changes."""
 
@@ -165,6 +168,7 @@ def run_of(folder):
     return next((folder / "runs" / FIRST / "tdmpc2").iterdir())
 
 
+@pytest.mark.slow
 def test_every_task_has_a_result_that_tells_what_it_was_learned_with(trained):
     run = run_of(trained)
     for task, length in ((FIRST, 3), (SECOND, 4)):

@@ -21,6 +21,8 @@ from roboverse_learn.training.rl.tdmpc2 import Tdmpc2Algorithm
 from tests.roboverse_learn.training.point_mass import GOOD_RETURN, RANDOM_RETURN, STEPS, PointMass
 from tests.roboverse_learn.training.signals import SignalAt
 
+pytestmark = pytest.mark.slow
+
 TINY = Tdmpc2Config(
     model_size=1, enc_dim=16, mlp_dim=16, latent_dim=16, num_bins=21, simnorm_dim=4, num_samples=16,
     num_elites=4, num_pi_trajs=4, iterations=2, num_envs=8, batch_size=16, seed_steps=200, update_ratio=0.125,

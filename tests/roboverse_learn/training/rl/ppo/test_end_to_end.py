@@ -56,6 +56,7 @@ def finished(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_every_backend_leaves_a_result_that_names_it(finished):
     results = {result["config"]["policy"]["backend"]: result for result in results_of(finished)}
     assert sorted(results) == sorted(BACKENDS)
@@ -80,6 +81,7 @@ def test_what_it_does_depends_on_no_looks(finished):
             assert plain["episode_return"] == dressed["episode_return"]
 
 
+@pytest.mark.slow
 def test_the_leaderboard_has_a_row_of_each(finished):
     written = write_leaderboard(finished / "results")
     (section,) = json.loads(written["json"].read_text())["sections"]
@@ -101,6 +103,7 @@ def test_a_run_is_made_of_curves_and_a_policy_but_no_dataset(finished):
     assert not (finished / "datasets").exists()
 
 
+@pytest.mark.slow
 def test_the_same_command_finds_everything_done(finished):
     before = {path: path.read_bytes() for path in (finished / "results").rglob("*.json")}
     run(finished, "backend=sb3", "simulator=mujoco", "levels=[0,1]", "splits=[test]")

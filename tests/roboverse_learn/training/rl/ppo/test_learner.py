@@ -64,6 +64,7 @@ class Staggered(Reach):
         return step
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stagger", [True, False])
 def test_the_first_episodes_end_at_different_times_if_asked(tmp_path, stagger):
     config = PpoConfig(backend="torchrl", num_envs=30, num_steps=4, num_minibatches=2, stagger=stagger)
