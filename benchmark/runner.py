@@ -14,12 +14,13 @@ from benchmark.provenance import package_versions
 from benchmark.records import EpisodeRecord
 from envs.core.errors import CheckpointError, ConfigError
 from envs.rollout import Actor, Episode, EpisodeEnv, rollout
-from envs.state import State
 from policies import create_scripted
 from policies.base import Policy
 
 if TYPE_CHECKING:
     import torch
+
+    from envs.state import State
 
 OnEpisode = Callable[[EpisodeRecord], None]
 
@@ -63,7 +64,7 @@ class PolicyActor(Actor):
             episode.memory = episode_generator(self._seed, episode.episode)
 
     @override
-    def act(self, episodes: Sequence[Episode], states: Callable[[], State]) -> list[np.ndarray]:
+    def act(self, episodes: Sequence[Episode], states: Callable[[], "State"]) -> list[np.ndarray]:
         del states
         batch = _batched([episode.observations for episode in episodes], self.n_obs_steps)
         chunks = np.asarray(self._policy.act(batch, [episode.memory for episode in episodes]))

@@ -3,18 +3,14 @@
 ``rollout(env, actor, episodes)`` starts episodes by index, asks an :class:`Actor` for chunks of actions, and
 yields each episode when it is over. The schedule follows from what the actor and the simulator need:
 
-* An actor that looks at observations makes rendering expensive: an environment that needs a chunk waits
-  until all of them do, so that one batch of images and one inference serves all. Any other actor is asked at
-  once.
-* Most simulators step some environments at the cost of those: an environment starts its next episode as soon
-  as its own is over. On a simulator with ``steps_together``, an actor that does not look at observations runs
-  in waves: all environments start together, finished ones repeat their last action until the others are done,
-  and images stay on the simulator's device until they are read.
+* If the actor uses observations, rendering is expensive: an environment that needs a chunk waits until all
+  of them do, so that one batch of images and one inference serves all. Other actors are called at once.
+* Most simulators step single environments at proportional cost: each starts its next episode when its own is
+  over. With ``steps_together``, an actor without observations runs in waves: all environments start together,
+  finished ones repeat their last action until all are done, and images stay on the device until read.
 
 An episode depends on its index alone, never on the number of environments or on the schedule.
-
-Shape legend: n = some of the environments, T = control steps of an episode, A = numbers of an action,
-D = numbers of a state.
+Shapes: n = some environments, T = control steps of an episode, A = action size, D = state size.
 """
 
 import time
@@ -23,13 +19,17 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-import torch
 
 from envs.core.errors import SimulatorError
-from envs.state import State
+
+if TYPE_CHECKING:
+    from envs.state import State
+
+OnStep = Callable[["Episode"], None]
+_Columns = dict[str, tuple[slice, tuple[int, ...]]]
 
 
 class EpisodeEnv(Protocol):
@@ -42,7 +42,6 @@ class EpisodeEnv(Protocol):
 
     def reset_envs(self, env_ids: np.ndarray, episodes: np.ndarray, /) -> None:
         """Starts these episodes in these environments."""
-        ...
 
     def observe(self, env_ids: np.ndarray, /) -> dict[str, np.ndarray]:
         """Returns the observations of these environments now; only this renders."""
@@ -50,7 +49,6 @@ class EpisodeEnv(Protocol):
 
     def step_envs(self, env_ids: np.ndarray, actions: np.ndarray, /) -> Any:
         """Steps these environments; returns reward, terminated, truncated and success, each (n,)."""
-        ...
 
     def initial_state_hash(self, env_id: int, /) -> str:
         """Returns the hash of the initial state and appearance of an environment's episode."""
@@ -105,7 +103,7 @@ class Episode:
     wall_time_s: float = 0.0
     _steps: list[tuple[_Step, int]] = field(default_factory=list)  # with this episode's row in each
     _initial_state: np.ndarray | None = None
-    _columns: dict[str, tuple[slice, torch.Size]] = field(default_factory=dict)
+    _columns: _Columns = field(default_factory=dict)
 
     @property
     def length(self) -> int:
@@ -146,9 +144,9 @@ class Episode:
         return _unflatten(np.stack(rows), self._columns)
 
     @property
-    def states(self) -> State:
+    def states(self) -> "State":
         """The states of :attr:`raw` in T + 1 rows, on the CPU."""
-        return State.unflatten({key: torch.from_numpy(values) for key, values in self.raw.items()})
+        return _to_state(self.raw)
 
     @property
     def observation_state(self) -> np.ndarray:
@@ -167,15 +165,14 @@ class Actor(ABC):
 
     Attributes:
         n_obs_steps: Observations that :meth:`act` looks at; 0 if it looks at states or at nothing.
-        tail_steps: None if the environment decides when an episode is over. A number makes it a
-            demonstration, which continues until so many control steps after its first success, or until
-            the actor gives up.
+        tail_steps: None if the environment ends an episode. A number makes it a demonstration, which ends
+            so many control steps after its first success, or when the actor gives up.
     """
 
     n_obs_steps: int = 0
     tail_steps: float | None = None
 
-    def begin(self, episodes: Sequence[Episode]) -> State | None:
+    def begin(self, episodes: Sequence[Episode]) -> "State | None":
         """Prepares for episodes that are about to start, for instance by setting their ``memory``.
 
         Returns:
@@ -184,7 +181,7 @@ class Actor(ABC):
         del episodes
 
     @abstractmethod
-    def act(self, episodes: Sequence[Episode], states: Callable[[], State]) -> Sequence[np.ndarray]:
+    def act(self, episodes: Sequence[Episode], states: Callable[[], "State"]) -> Sequence[np.ndarray]:
         """Chooses the next actions of episodes whose plans are used up.
 
         Args:
@@ -202,7 +199,7 @@ def rollout(
     episodes: Iterable[int],
     *,
     record: Collection[str] = (),
-    on_step: Callable[[Episode], None] = lambda episode: None,
+    on_step: OnStep = lambda episode: None,
 ) -> Iterator[Episode]:
     """Runs every episode once, each in whichever environment is free.
 
@@ -211,13 +208,12 @@ def rollout(
             that does not look at observations.
         actor: Chooses the actions.
         episodes: Indices in the task's pool of episodes.
-        record: What to record beside actions, rewards and successes: ``"states"``, and ``"images"`` if the
-            environment observes pixels.
+        record: Extra data to record: ``"states"``, and ``"images"`` if the environment observes pixels.
         on_step: Called with an episode after its reset and after each of its steps.
 
     Yields:
         Episodes in order of finishing; :func:`in_order` restores the order of ``episodes``. Until the next
-        one is asked for, the environment is in the state in which the episode ended.
+        one is requested, the environment is in the state in which the episode ended.
 
     Raises:
         SimulatorError: An episode did not end after the task's number of steps.
@@ -240,12 +236,7 @@ class _Rollout:
     """The loop of :func:`rollout`."""
 
     def __init__(
-        self,
-        env: Any,
-        actor: Actor,
-        episodes: Iterable[int],
-        record: Collection[str],
-        on_step: Callable[[Episode], None],
+        self, env: Any, actor: Actor, episodes: Iterable[int], record: Collection[str], on_step: OnStep
     ) -> None:
         self._env, self._actor, self._on_step = env, actor, on_step
         self._records_states = "states" in record
@@ -255,7 +246,7 @@ class _Rollout:
         self._free = list(range(env.num_envs))
         self._running: list[Episode] = []  # ordered by environment
         self._wave: list[Episode] = []  # all that started together, also those that are over
-        self._columns: dict[str, tuple[slice, torch.Size]] = {}  # of flattened states
+        self._columns: _Columns = {}  # of flattened states
 
     def run(self) -> Iterator[Episode]:
         while self._waiting or self._running:
@@ -356,12 +347,11 @@ class _Rollout:
             )
         return ended
 
-    def _states(self, episodes: Sequence[Episode]) -> State:
+    def _states(self, episodes: Sequence[Episode]) -> "State":
         """Returns the present states of episodes, one row each; those that are recorded, if they are."""
         recorded: list[Any] = [episode.last_state for episode in episodes]
         numbers = np.stack(recorded) if self._records_states else self._numbers(episodes)
-        arrays = _unflatten(numbers, self._columns)
-        return State.unflatten({key: torch.from_numpy(values) for key, values in arrays.items()})
+        return _to_state(_unflatten(numbers, self._columns))
 
     def _numbers(self, episodes: Sequence[Episode]) -> np.ndarray:
         """Returns the present states of environments (n, D) float64, moved to the CPU in one piece."""
@@ -371,6 +361,8 @@ class _Rollout:
             ends = np.cumsum([value[0].numel() for value in flat.values()]).tolist()
             for (key, value), start, end in zip(flat.items(), [0, *ends], ends, strict=False):
                 self._columns[key] = slice(start, end), value.shape[1:]
+        import torch
+
         return torch.cat([value.flatten(1) for value in flat.values()], 1).cpu().double().numpy()
 
     def _images(self, episodes: Sequence[Episode]) -> dict[str, Any]:
@@ -387,11 +379,22 @@ def _ids(episodes: Sequence[Episode]) -> np.ndarray:
     return np.array([episode.env_id for episode in episodes], dtype=np.int64)
 
 
-def _unflatten(numbers: np.ndarray, columns: dict[str, tuple[slice, torch.Size]]) -> dict[str, np.ndarray]:
+def _unflatten(numbers: np.ndarray, columns: _Columns) -> dict[str, np.ndarray]:
     """Returns the parts of flattened states (n, D), each (n, …)."""
     return {key: numbers[:, part].reshape(len(numbers), *shape) for key, (part, shape) in columns.items()}
 
 
+def _to_state(arrays: dict[str, np.ndarray]) -> "State":
+    import torch
+
+    from envs.state import State
+
+    return State.unflatten({key: torch.from_numpy(values) for key, values in arrays.items()})
+
+
 def _stack(images: list[Any]) -> np.ndarray:
-    on_device = isinstance(images[0], torch.Tensor)
-    return torch.stack(images).cpu().numpy() if on_device else np.stack(images)
+    if isinstance(images[0], np.ndarray):
+        return np.stack(images)
+    import torch
+
+    return torch.stack(images).cpu().numpy()

@@ -97,13 +97,13 @@ def check_learned(directory: Path, task: str) -> None:
 
 
 def seen_cameras(directory: Path) -> dict[str, int]:
-    """Returns the cameras whose pictures a policy sees, in order, and the pixels a side of each.
+    """Returns the cameras whose images a policy sees, in order, and the pixels a side of each.
 
     Args:
         directory: A pretrained folder.
 
     Returns:
-        Nothing for a policy that sees no pictures.
+        Nothing for a policy that sees no images.
 
     Raises:
         PolicyError: if the folder does not say what its policy sees.
@@ -121,7 +121,7 @@ def seen_cameras(directory: Path) -> dict[str, int]:
             if key.startswith(_IMAGES)
         }
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
-        raise PolicyError(f"'{path}' does not say which pictures its policy takes: {error!r}.") from error
+        raise PolicyError(f"'{path}' does not say which images its policy takes: {error!r}.") from error
 
 
 def policy_type(directory: Path) -> str:

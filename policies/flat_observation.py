@@ -1,4 +1,4 @@
-"""Observations without pictures, as one vector: what policies that learn by reward see."""
+"""Observations without images, as one vector: what policies that learn by reward see."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -25,7 +25,7 @@ class FlatPolicy:
     Attributes:
         config: Settings, a dataclass.
         model: The network.
-        sizes: Keys of the observation, in order, and their sizes: of pictures, pixels a side.
+        sizes: Keys of the observation, in order, and their sizes: of images, pixels a side.
         task: Task that it learned, told by what trains it and by its checkpoint; empty if that is not known.
             Of several it is the one that it acts in, and may be set.
         batch_invariant: Run the samples one by one. True on a CPU.

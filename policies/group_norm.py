@@ -1,4 +1,4 @@
-"""Group normalization of pictures that keeps channels last."""
+"""Group normalization of images that keeps channels last."""
 
 from typing import Self
 
@@ -7,10 +7,10 @@ from torch import Tensor, nn
 
 
 class ChannelsLastGroupNorm(nn.GroupNorm):
-    """Group normalization that reads and writes pictures with channels last where it is compiled.
+    """Group normalization that reads and writes images with channels last where it is compiled.
 
     PyTorch's own gives its answer with channels first, in fp32, so that every convolution of a network in
-    bf16 is preceded and followed by a copy of its pictures. Statistics are computed in fp32 here too.
+    bf16 is preceded and followed by a copy of its images. Statistics are computed in fp32 here too.
     In eager code it is PyTorch's.
     """
 
@@ -22,7 +22,7 @@ class ChannelsLastGroupNorm(nn.GroupNorm):
         return new
 
     def forward(self, input: Tensor) -> Tensor:
-        """Normalizes pictures (B, C, H, W)."""
+        """Normalizes images (B, C, H, W)."""
         if not torch.compiler.is_compiling():
             return super().forward(input)
         grouped = input.permute(0, 2, 3, 1).unflatten(-1, (self.num_groups, -1)).float()

@@ -47,7 +47,7 @@ class Normalizer(nn.Module):
             self.register_buffer(f"scale_{_plain(key)}", scale, persistent=False)
 
     def forward(self, batch: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """Normalizes a batch; pictures in bytes become float32 from 0 to 1 first."""
+        """Normalizes a batch; images in bytes become float32 from 0 to 1 first."""
         out = {}
         for key, value in batch.items():
             if key in self.offsets:

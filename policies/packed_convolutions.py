@@ -1,8 +1,8 @@
 """Networks that act faster on a CPU: what every call would do again with their convolutions is done once.
 
 oneDNN lays the weights of a convolution out anew at each call, which takes as long as the arithmetic where a
-picture has become small. A frozen normalization is folded into the weights of the convolution before it. A
-ResNet18 then takes 13 ms for one picture of 128×128 where it took 22.
+image has become small. A frozen normalization is folded into the weights of the convolution before it. A
+ResNet18 then takes 13 ms for one image of 128×128 where it took 22.
 """
 
 import copy
@@ -15,7 +15,7 @@ from torchvision.ops.misc import FrozenBatchNorm2d
 
 
 class PackedConv2d(nn.Module):
-    """A convolution of pictures on a CPU whose weights are laid out at its first call.
+    """A convolution of images on a CPU whose weights are laid out at its first call.
 
     Its operators are those that TorchInductor's ``freezing`` chooses. ``torch.utils.mkldnn`` has the same
     with public names, but lays out again at each call.
@@ -32,17 +32,17 @@ class PackedConv2d(nn.Module):
         self._bias = None if convolution.bias is None else convolution.bias.detach()
         self._is_packed = False
 
-    def forward(self, pictures: Tensor) -> Tensor:
-        """Returns the convolved pictures, with channels last in memory."""
+    def forward(self, images: Tensor) -> Tensor:
+        """Returns the convolved images, with channels last in memory."""
         operators = torch.ops.mkldnn
-        if not self._is_packed:  # the best layout depends on the size of the pictures; any gives the result
+        if not self._is_packed:  # the best layout depends on the size of the images; any gives the result
             self._weight = operators._reorder_convolution_weight(
-                self._weight, *self._geometry, list(pictures.shape)
+                self._weight, *self._geometry, list(images.shape)
             )
             self._is_packed = True
-        pictures = pictures.contiguous(memory_format=torch.channels_last)
+        images = images.contiguous(memory_format=torch.channels_last)
         return operators._convolution_pointwise(
-            pictures, self._weight, self._bias, *self._geometry, "none", [], ""
+            images, self._weight, self._bias, *self._geometry, "none", [], ""
         )
 
 

@@ -1,4 +1,4 @@
-"""Where the lines of learning curves are drawn on the page: coordinates in an SVG picture."""
+"""Where the lines of learning curves are drawn on the page: coordinates in an SVG image."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""A legend below a picture's axes that lies wholly within it, however long and many its names are."""
+"""A legend below an image's axes that lies wholly within it, however long and many its names are."""
 
 from bisect import bisect_left
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ _SHORTEST_LINE = 10
 def legend_below(figure: Any, handles: Sequence[Any], labels: Sequence[str], columns: int = 2) -> None:
     """Adds a legend below the axes, in as many columns as fit, and lets the figure grow by its height.
 
-    Names that are wider than the picture are broken into lines.
+    Names that are wider than the image are broken into lines.
 
     Args:
         figure: The figure, of the resolution that it is saved with: text is as wide as its pixels allow.

@@ -1,4 +1,4 @@
-"""Pictures of what randomization does, for people to look at.
+"""Images of what randomization does, for people to look at.
 
 ``python -m docs.generate.level_images out=docs/levels.png`` draws every level through the environment;
 ``materials=materials.png`` draws a contact sheet of the library, without any simulator.
@@ -35,8 +35,8 @@ def draw_levels(task: str, *, split: str, num_draws: int, image_size: int, rende
     Args:
         task: Name of the task.
         split: ``"train"`` or ``"test"``.
-        num_draws: Pictures in a row; the same episodes in every row.
-        image_size: Pixels along a picture's side.
+        num_draws: Images in a row; the same episodes in every row.
+        image_size: Pixels along an image's side.
         renderer: Name of the renderer.
     """
     import envs
@@ -46,18 +46,18 @@ def draw_levels(task: str, *, split: str, num_draws: int, image_size: int, rende
         env = envs.make_vec(task, 1, level=level, split=split, renderer=renderer, image_size=image_size)
         try:
             rows[f"Level {level}: {' + '.join(CHANNELS[: level + 1])}"] = [
-                _first_picture(env, int(episode)) for episode in env.split_indices[:num_draws]
+                _first_image(env, int(episode)) for episode in env.split_indices[:num_draws]
             ]
         finally:
             env.close()
     return contact_sheet(rows)
 
 
-def _first_picture(env, episode: int) -> np.ndarray:
+def _first_image(env, episode: int) -> np.ndarray:
     only = np.array([0])
     env.reset_envs(only, np.array([episode]))
-    pictures = [v for key, v in env.observe(only).items() if key.startswith("observation.images.")]
-    return np.concatenate([picture[0] for picture in pictures], axis=1)
+    images = [v for key, v in env.observe(only).items() if key.startswith("observation.images.")]
+    return np.concatenate([image[0] for image in images], axis=1)
 
 
 def draw_materials(library: MaterialLibrary, *, per_row: int = 20, image_size: int = 64) -> "Image.Image":
@@ -80,38 +80,38 @@ def draw_materials(library: MaterialLibrary, *, per_row: int = 20, image_size: i
 
 
 def contact_sheet(rows: dict[str, list[np.ndarray]]) -> "Image.Image":
-    """Lays pictures out in rows, each under its caption.
+    """Lays images out in rows, each under its caption.
 
     Args:
-        rows: Caption (up to a NUL, where two captions are alike) to (height, width, 3) uint8 pictures.
+        rows: Caption (up to a NUL, where two captions are alike) to (height, width, 3) uint8 images.
     """
     from PIL import Image, ImageDraw
 
     height, width = next(iter(rows.values()))[0].shape[:2]
-    columns = max(len(pictures) for pictures in rows.values())
+    columns = max(len(images) for images in rows.values())
     captions = [caption.partition("\0")[0] for caption in rows]
     bands = [height + _GAP + (_CAPTION if caption else 0) for caption in captions]
     sheet = Image.new("RGB", (columns * (width + _GAP) + _GAP, sum(bands) + _GAP), "white")
     pen = ImageDraw.Draw(sheet)
     top = _GAP
-    for caption, band, pictures in zip(captions, bands, rows.values(), strict=True):
+    for caption, band, images in zip(captions, bands, rows.values(), strict=True):
         if caption:
             pen.text((_GAP, top), caption, fill="black", font_size=13)
-        for column, picture in enumerate(pictures):
+        for column, image in enumerate(images):
             place = (_GAP + column * (width + _GAP), top + band - height - _GAP)
-            sheet.paste(Image.fromarray(picture), place)
+            sheet.paste(Image.fromarray(image), place)
         top += band
     return sheet
 
 
 def save(image: "Image.Image", path: Path) -> None:
-    """Writes a picture under a temporary name and renames it.
+    """Writes an image under a temporary name and renames it.
 
     Raises:
-        ConfigError: if the path's suffix is not that of a picture format.
+        ConfigError: if the path's suffix is not that of an image format.
     """
     if path.suffix.lower() not in (".jpg", ".png", ".webp"):
-        raise ConfigError(f"A picture's name ends in .png, .jpg or .webp, given '{path}'.")
+        raise ConfigError(f"An image's name ends in .png, .jpg or .webp, given '{path}'.")
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     with temporary.open("wb") as file:
@@ -127,14 +127,14 @@ class GallerySettings:
     """What to draw.
 
     Attributes:
-        out: Picture of all levels.
+        out: Image of all levels.
         materials: Contact sheet of the library.
         folder: Folder of materials instead of the built-in ones.
         task: Name of a task.
         split: ``train`` or ``test``.
         renderer: Name of a renderer.
-        draws: Pictures of each level.
-        image_size: Pixels along a picture's side.
+        draws: Images of each level.
+        image_size: Pixels along an image's side.
     """
 
     out: Path | None = None

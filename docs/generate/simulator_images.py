@@ -46,7 +46,7 @@ def draw(task: str, renderers: Sequence[str], *, simulator: str, image_size: int
         task: Name of the task.
         renderers: Names of renderers, or of simulators that draw.
         simulator: Physics.
-        image_size: Pixels along a picture's side.
+        image_size: Pixels along an image's side.
 
     Raises:
         SimulatorError: if none of them can run here.
@@ -54,12 +54,12 @@ def draw(task: str, renderers: Sequence[str], *, simulator: str, image_size: int
     rows = {}
     for name in renderers:
         try:
-            pictures, hidden = _row(task, name, simulator, image_size)
+            images, hidden = _row(task, name, simulator, image_size)
         except (SimulatorError, MissingExtraError) as error:
             logger.warning("Left out %s: %s", name, error)
             continue
         missing = f"; cannot show: {', '.join(hidden)}" if hidden else ""
-        rows[f"renderer={name}{missing}"] = pictures
+        rows[f"renderer={name}{missing}"] = images
     if not rows:
         raise SimulatorError(
             f"None of the renderers {', '.join(renderers)} can run here; see what was logged."
@@ -70,10 +70,10 @@ def draw(task: str, renderers: Sequence[str], *, simulator: str, image_size: int
 def _row(
     task: str, renderer: str, simulator: str, image_size: int
 ) -> tuple[list[np.ndarray], tuple[str, ...]]:
-    """Returns pictures (H, W, 3) uint8 of one renderer, and what it cannot show."""
+    """Returns images (H, W, 3) uint8 of one renderer, and what it cannot show."""
     import envs
 
-    pictures, drawn, hidden = [], {}, ()
+    images, drawn, hidden = [], {}, ()
     for level in LEVELS:
         env = envs.make_vec(
             task,
@@ -89,11 +89,11 @@ def _row(
             env.reset_envs([0], env.split_indices[:1])
             kinds = ("rgb", "depth", "segmentation")
             drawn = env.handler.render(env.camera_names[:1], kinds)[env.camera_names[0]]
-            pictures.append(drawn["rgb"][0])
+            images.append(drawn["rgb"][0])
             hidden = env.not_shown
         finally:
             env.close()
-    return [*pictures, shaded(drawn["depth"][0]), coloured(drawn["segmentation"][0])], hidden
+    return [*images, shaded(drawn["depth"][0]), coloured(drawn["segmentation"][0])], hidden
 
 
 def shaded(depth: np.ndarray) -> np.ndarray:
@@ -116,7 +116,7 @@ class GallerySettings:
     """``python -m docs.generate.simulator_images``: one scene in every installed renderer and simulator.
 
     Attributes:
-        out: The picture.
+        out: The image.
         task: Registered task.
         simulator: Whose physics.
         renderers: These instead of all, as in renderers=[warp,gl].
@@ -131,7 +131,7 @@ class GallerySettings:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Draws the picture; returns the exit code."""
+    """Draws the image; returns the exit code."""
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     return run_program("python -m docs.generate.simulator_images", GallerySettings, _draw, words)
 

@@ -23,7 +23,7 @@ from envs.simulators import HANDLERS, RENDERERS
 logger = logging.getLogger(__name__)
 
 TASK = "PickCube"
-PICTURE_SIZE = 128
+IMAGE_SIZE = 128
 
 PAGE = """\
 # Simulators and renderers
@@ -32,8 +32,8 @@ Made by `python -m docs.generate.simulators_page`. Every simulator passes the sa
 (`tests/contracts/test_handlers.py`), and every renderer its own (`tests/contracts/test_renderers.py`); one \
 that is not installed, or finds no driver, is one sentence that says what to install.
 
-`simulator=` chooses physics, `renderer=` pictures; any pair goes: `simulator=mujoco renderer=sapien` has \
-MuJoCo's states in SAPIEN's pictures, and `renderer=` also takes a simulator's name. Each dataset and each \
+`simulator=` chooses physics, `renderer=` images; any pair goes: `simulator=mujoco renderer=sapien` has \
+MuJoCo's states in SAPIEN's images, and `renderer=` also takes a simulator's name. Each dataset and each \
 result names both.
 
 ## Simulators
@@ -41,7 +41,7 @@ result names both.
 {simulators}
 
 Speed is processor time of one control step (25 physics steps) of one environment of {task}, and of one \
-picture of {size}×{size} pixels at level 3, on one core, as a multiple of the default's. Bodies with a \
+image of {size}×{size} pixels at level 3, on one core, as a multiple of the default's. Bodies with a \
 weld or coupled joints (Meta-World) and joints driven by torques need `mujoco` or `mujoco_warp` where the \
 table says so; the others refuse such a scene by name. Isaac Sim and CoppeliaSim cannot be installed from \
 package indices, and are not here.
@@ -54,7 +54,7 @@ What a renderer cannot show is written into every dataset and result that it dre
 
 ![one scene in every renderer](renderers.png)
 
-The picture is made by `python -m docs.generate.simulator_images`.
+The image is made by `python -m docs.generate.simulator_images`.
 
 ## From one simulator to another
 
@@ -86,7 +86,7 @@ def page(speeds: Mapping[str, Mapping[str, float]]) -> str:
     """Returns the page.
 
     Args:
-        speeds: ``control_step_ms`` and ``picture_ms``: name to processor time.
+        speeds: ``control_step_ms`` and ``image_ms``: name to processor time.
     """
     return PAGE.format(
         simulators=_table(
@@ -96,13 +96,13 @@ def page(speeds: Mapping[str, Mapping[str, float]]) -> str:
             "mujoco",
         ),
         renderers=_table(
-            ("`renderer=`", "what it is", "install", "cannot show", "picture"),
+            ("`renderer=`", "what it is", "install", "cannot show", "image"),
             RENDERERS,
-            speeds.get("picture_ms", {}),
+            speeds.get("image_ms", {}),
             "warp",
         ),
         task=TASK,
-        size=PICTURE_SIZE,
+        size=IMAGE_SIZE,
     )
 
 
@@ -138,16 +138,16 @@ def control_step_ms(simulator: str, *, num_steps: int = 40) -> float:
         return _processor_ms(step, num_steps)
 
 
-def picture_ms(renderer: str, *, num_pictures: int = 10) -> float:
-    """Measures processor time of a picture, ms."""
+def image_ms(renderer: str, *, num_images: int = 10) -> float:
+    """Measures processor time of an image, ms."""
     import envs
 
     env = envs.make_vec(
-        TASK, 1, level=3, split="train", renderer=renderer, image_size=PICTURE_SIZE, num_threads=1
+        TASK, 1, level=3, split="train", renderer=renderer, image_size=IMAGE_SIZE, num_threads=1
     )
     try:
         env.reset_envs([0], env.split_indices[:1])
-        return _processor_ms(lambda: env.handler.render(env.camera_names[:1]), num_pictures)
+        return _processor_ms(lambda: env.handler.render(env.camera_names[:1]), num_images)
     finally:
         env.close()
 
@@ -170,7 +170,7 @@ def measure(names: Sequence[str], speeds: dict[str, dict[str, float]]) -> None:
     for name in names:
         if not everything and name not in RENDERERS:
             HANDLERS.entry(name)
-    ways = (("control_step_ms", HANDLERS, control_step_ms), ("picture_ms", RENDERERS, picture_ms))
+    ways = (("control_step_ms", HANDLERS, control_step_ms), ("image_ms", RENDERERS, image_ms))
     for key, registry, run in ways:
         for name in registry.names():
             if everything or name in names:

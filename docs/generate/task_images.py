@@ -1,6 +1,6 @@
 """The page of tasks, made from the registry, the classes and the experts' records.
 
-``python -m docs.generate.task_images`` writes ``docs/tasks.md`` and, for each task that has no picture yet
+``python -m docs.generate.task_images`` writes ``docs/tasks.md`` and, for each task that has no image yet
 (but for those of Meta-World that are adapted as they are), a strip of how an episode begins and how the
 expert ends it, or where half a second of random actions leads where there is no expert;
 ``redraw=[PickCube]`` draws one anew.
@@ -53,7 +53,7 @@ def page(names: Iterable[str] | None = None) -> str:
         "# Tasks",
         "This page is made by `python -m docs.generate.task_images`; `roboverse list` shows the same facts. "
         "Expert success is that of the scripted expert at level 0, in the first episodes of the training "
-        "and of the test split. Pictures show the start of a training episode and the expert's success, or, "
+        "and of the test split. Images show the start of a training episode and the expert's success, or, "
         f"of a task that is learned by reward alone, the start and {RANDOM_S:g} s of random actions later.",
     ]
     parts += [section(entry, records.get(entry.name)) for entry in families.pop("", [])]
@@ -85,7 +85,7 @@ def section(entry: Entry, record: ExpertRecord | None) -> str:
             "",
             plain(class_text(cls)),
             "",
-            f"![{entry.name}: {_shown(task)}]({picture_path(entry.name).as_posix()})",
+            f"![{entry.name}: {_shown(task)}]({image_path(entry.name).as_posix()})",
             "",
             "| | |",
             "|---|---|",
@@ -124,8 +124,8 @@ def family_section(name: str, members: Sequence[Entry], records: Mapping[str, Ex
     ]
     lines += [f"| {e.name} | {e.summary} | {described(records.get(e.name))} |" for e in members]
     shown = [e.name for e in members if is_drawn(e)]
-    pictures = [f"{name}:\n\n![{name}: start and success]({picture_path(name).as_posix()})" for name in shown]
-    return "\n\n".join(["\n".join(lines), *pictures])
+    images = [f"{name}:\n\n![{name}: start and success]({image_path(name).as_posix()})" for name in shown]
+    return "\n\n".join(["\n".join(lines), *images])
 
 
 def is_drawn(entry: Entry) -> bool:
@@ -171,13 +171,13 @@ def _paper(reference: str) -> str:
     return f"[{reference}](https://arxiv.org/abs/{number})"
 
 
-def picture_path(name: str) -> Path:
+def image_path(name: str) -> Path:
     """Returns where a task's strip lies, from the folder of the page."""
     return Path("tasks") / f"{name.replace('/', '_')}.jpg"
 
 
 def draw_strip(name: str, *, renderer: str = "warp") -> np.ndarray:
-    """Returns the first camera's pictures of how an episode begins and ends, (H, 2 W, 3) uint8.
+    """Returns the first camera's images of how an episode begins and ends, (H, 2 W, 3) uint8.
 
     It is the first training episode that the expert solves; of a task that has none, the first, and its end
     is where random actions lead in :data:`RANDOM_S`.
@@ -206,7 +206,7 @@ def _solved(name: str) -> tuple[int, np.ndarray]:
 
 
 def _drawn(name: str, renderer: str, solution: tuple[int, np.ndarray] | None) -> np.ndarray:
-    """Returns the pictures before and after an episode's actions; by default random ones in the first."""
+    """Returns the images before and after an episode's actions; by default random ones in the first."""
     from envs.spec import EnvSpec
 
     env = EnvSpec(task=name, image_size=IMAGE_SIZE, renderer=renderer).make(num_threads=1)
@@ -218,20 +218,18 @@ def _drawn(name: str, renderer: str, solution: tuple[int, np.ndarray] | None) ->
             solution = env.split_indices[0], np.random.default_rng(0).uniform(low, high, (steps, len(low)))
         episode, actions = solution
         env.reset_envs(only, np.array([episode]))
-        start = _first_picture(env)
+        start = _first_image(env)
         for action in actions:
             env.step_envs(only, action[None])
-        return np.concatenate([start, _first_picture(env)], axis=1)
+        return np.concatenate([start, _first_image(env)], axis=1)
     finally:
         env.close()
 
 
-def _first_picture(env) -> np.ndarray:
+def _first_image(env) -> np.ndarray:
     observation = env.observe(np.array([0]))
     return next(
-        np.array(pictures[0])
-        for key, pictures in observation.items()
-        if key.startswith("observation.images.")
+        np.array(images[0]) for key, images in observation.items() if key.startswith("observation.images.")
     )
 
 
@@ -277,7 +275,7 @@ class GallerySettings:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Writes the page of tasks and the pictures that it lacks; returns the exit code."""
+    """Writes the page of tasks and the images that it lacks; returns the exit code."""
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     try:
         args = parse("python -m docs.generate.task_images", GallerySettings, argv)
@@ -285,7 +283,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             TASKS.entry(name)
         write(args.out / "tasks.md", page().encode())
         for name in TASKS.names():
-            path = args.out / picture_path(name)
+            path = args.out / image_path(name)
             if name in args.redraw or (is_drawn(TASKS.entry(name)) and not path.is_file()):
                 write(path, encode(draw_strip(name, renderer=args.renderer)))
     except RoboVerseError as error:

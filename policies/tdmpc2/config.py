@@ -49,7 +49,7 @@ class Tdmpc2Config:
     Attributes:
         tasks: Further tasks that one model learns together with the run's ``task``, as in
             policy.tasks=[humanoid/stand,humanoid/run]; num_envs are divided among all of them.
-        observation: What it sees: the state of the task, or pixels, the pictures of the cameras of the run,
+        observation: What it sees: the state of the task, or pixels, the images of the cameras of the run,
             64 pixels a side (cameras=[front] image_size=64).
         num_frames: Frames of an observation of pixels, the last ones.
         model_size: Millions of parameters: 1, 5, 19, 48 or 317; 5 is that of all single-task results.
@@ -200,7 +200,7 @@ class Tdmpc2Config:
         if self.observation == "pixels":
             raise PolicyError(
                 f"policy.tasks={listed(self.tasks)} are learned together from states, and "
-                "policy.observation=pixels was given. Leave it out, or learn one task from its pictures, "
+                "policy.observation=pixels was given. Leave it out, or learn one task from its images, "
                 "without policy.tasks."
             )
         if self.num_envs < 1 + len(self.tasks):

@@ -1,6 +1,6 @@
 """The layers that TD-MPC2 is made of.
 
-Shapes: ... any leading axes, Q members of the ensemble, N pictures.
+Shapes: ... any leading axes, Q members of the ensemble, N images.
 """
 
 from itertools import pairwise
@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 PIXELS = 64
-"""Height and width of the pictures that the pixel encoder takes, as published."""
+"""Height and width of the images that the pixel encoder takes, as published."""
 
 _INIT_STD = 0.02
 
@@ -114,7 +114,7 @@ class QEnsemble(nn.Module):
 
 
 class ShiftAug(nn.Module):
-    """Random shifts of pictures by whole pixels, borders repeated (DrQ-v2, arXiv:2107.09645).
+    """Random shifts of images by whole pixels, borders repeated (DrQ-v2, arXiv:2107.09645).
 
     Shifts by gathering pixels, which is exact and needs no interpolation. One index for all channels took 25
     ms of 256 observations of 9 channels, one for each pixel of each channel 183 ms (one CPU core).
@@ -128,7 +128,7 @@ class ShiftAug(nn.Module):
         self.pad = pad
 
     def forward(self, x: Tensor, shift: Tensor | None = None) -> Tensor:
-        """Shifts pictures (N, C, H, W), each by its own ``shift`` (N, 2) in [-pad, pad]: down and right."""
+        """Shifts images (N, C, H, W), each by its own ``shift`` (N, 2) in [-pad, pad]: down and right."""
         n, channels, height, width = x.shape
         if shift is None:
             shift = torch.randint(-self.pad, self.pad + 1, (n, 2), device=x.device)
@@ -139,13 +139,13 @@ class ShiftAug(nn.Module):
 
 
 class PixelEncoder(nn.Module):
-    """Four convolutions, as published, of pictures with 64 by 64 pixels.
+    """Four convolutions, as published, of images with 64 by 64 pixels.
 
-    Pictures are shifted at random while it learns, as in DrQ-v2 (arXiv:2107.09645). The authors' code shifts
+    Images are shifted at random while it learns, as in DrQ-v2 (arXiv:2107.09645). The authors' code shifts
     them when it acts, too; then an action would not follow from what is seen.
 
     Args:
-        in_channels: Channels: three times the pictures of an observation.
+        in_channels: Channels: three times the images of an observation.
         num_channels: Channels of every layer.
         latent_dim: Size of the latent state; another one than the convolutions' 16 numbers a channel adds the
             last layer of the encoder of states.
@@ -166,7 +166,7 @@ class PixelEncoder(nn.Module):
         self.project = norm if size == latent_dim else NormedLinear(size, latent_dim, norm)
 
     def forward(self, pixels: Tensor) -> Tensor:
-        """Encodes pictures (..., C, 64, 64), 0 to 255, as (..., latent_dim)."""
+        """Encodes images (..., C, 64, 64), 0 to 255, as (..., latent_dim)."""
         flat = pixels.flatten(0, -4)
         flat = self.augment(flat) if self.training else flat
         flat = (flat - 127.5).div_(255.0)  # / 255 - 0.5, in half the memory

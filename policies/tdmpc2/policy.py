@@ -32,7 +32,7 @@ class TaskSizes(NamedTuple):
 
 
 class Tdmpc2Policy(FlatPolicy):
-    """TD-MPC2, arXiv:2310.16828, of tasks whose state is observed, or of one of which pictures are.
+    """TD-MPC2, arXiv:2310.16828, of tasks whose state is observed, or of one of which images are.
 
     It keeps nothing between calls, so a plan starts from what the policy prior would do, where training
     starts from the plan of the step before; and it values by all members of the ensemble. Of several tasks
@@ -75,7 +75,7 @@ class Tdmpc2Policy(FlatPolicy):
 
         Args:
             config: Settings.
-            sizes: Keys of the observation, in order, and their sizes: of pictures, pixels a side.
+            sizes: Keys of the observation, in order, and their sizes: of images, pixels a side.
             action_size: Entries of an action, each in [-1, 1].
             episode_length: Steps of an episode.
             device: Torch device.

@@ -40,7 +40,7 @@ class WorldModel(nn.Module):
 
     Args:
         config: Sizes.
-        observation_shape: (D,), or (C, 64, 64) for pictures.
+        observation_shape: (D,), or (C, 64, 64) for images.
         action_sizes: Size of an action of each task. Observations and actions of smaller tasks are padded
             with zeros to those of the largest one.
 
@@ -195,6 +195,6 @@ def _encoder(config: Tdmpc2Config, shape: tuple[int, ...], task_dim: int) -> nn.
     if len(shape) == 3 and shape[1:] == (PIXELS, PIXELS):
         return PixelEncoder(shape[0], config.num_channels, size.latent_dim, config.simnorm_dim)
     raise PolicyError(
-        f"TD-MPC2 encodes vectors (D,) and pictures (C, {PIXELS}, {PIXELS}); given the shape {shape}. "
+        f"TD-MPC2 encodes vectors (D,) and images (C, {PIXELS}, {PIXELS}); given the shape {shape}. "
         f"Observe the state, or take image_size={PIXELS}."
     )

@@ -19,7 +19,7 @@ def scenario_keys() -> dict[str, tuple[type, str]]:
     """Returns the dotted keys of a scene that any task may have, each with its dataclass and its field.
 
     What stands in a row, such as a camera, has ``<name>`` or ``<number>`` in its place. Names and sizes of
-    pictures have keys of their own, ``cameras=`` and ``image_size=``.
+    images have keys of their own, ``cameras=`` and ``image_size=``.
     """
     from envs.scenario import CameraCfg, ScenarioCfg
     from envs.scenario.changes import keys_of
@@ -67,7 +67,7 @@ def _check_pixels(cameras: Any) -> None:
             if isinstance(camera, Mapping) and key in camera:
                 raise ConfigError(
                     f"{SECTION}.cameras.{name}.{key}={camera[key]} was given; height and width of every "
-                    "picture are image_size=<pixels>."
+                    "image are image_size=<pixels>."
                 )
 
 

@@ -84,8 +84,8 @@ class EvaluationConfig:
         protocol_seed: Root of the episodes' randomness.
         num_envs: Environments that step at once; on a CPU no result depends on it.
         videos: Videos of successes, and as many of failures, kept of each level.
-        materials: Folder of pictures in place of the built-in materials; with a plus before it, as in
-            materials=+pictures, beside them. 10 % of its pictures are of the test split.
+        materials: Folder of images in place of the built-in materials; with a plus before it, as in
+            materials=+images, beside them. 10 % of its images are of the test split.
     """
 
     levels: tuple[int, ...] = LEVELS

@@ -56,7 +56,7 @@ def cpu_threads(num_threads: int, device: str = "cpu") -> Iterator[None]:
     Args:
         num_threads: How many; 0 takes ``OMP_NUM_THREADS``, or one per core of this process. Beside a GPU it
             takes one: all that is left to do is to gather batches, for which threads wait longer for each
-            other than they work (two batches' pictures: 2 ms by one, 100 ms by 32 on two busy cores).
+            other than they work (two batches' images: 2 ms by one, 100 ms by 32 on two busy cores).
         device: Type of the device that computes.
     """
     before = torch.get_num_threads()

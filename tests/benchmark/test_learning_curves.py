@@ -1,4 +1,4 @@
-"""Learning curves: on disk, over seeds, on the page and in a picture."""
+"""Learning curves: on disk, over seeds, on the page and in an image."""
 
 import json
 
@@ -152,14 +152,14 @@ def test_lines_whose_colours_repeat_have_dashes():
     assert [style.dash for style in styles] == [""] * 8 + ["9 3"] * 2
 
 
-def test_a_picture_is_drawn(tmp_path):
+def test_an_image_is_drawn(tmp_path):
     plot_learning(
         [band(), band((1.0, 2.0), "sac", 1)], tmp_path / "a.png", "humanoid/run", published("humanoid/run")
     )
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_where_a_solved_episode_ends_the_picture_says_why_returns_fall(monkeypatch, tmp_path):
+def test_where_a_solved_episode_ends_the_image_says_why_returns_fall(monkeypatch, tmp_path):
     figures = []
     monkeypatch.setattr(plots, "save_figure", lambda figure, *_: figures.append(figure))
     for ends in (True, False):

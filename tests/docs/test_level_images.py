@@ -8,7 +8,7 @@ from envs.core.errors import ConfigError
 from envs.randomization.materials import MaterialLibrary
 
 
-def test_pictures_are_laid_out_in_captioned_rows():
+def test_images_are_laid_out_in_captioned_rows():
     red, blue = (np.full((10, 20, 3), color, dtype=np.uint8) for color in ((255, 0, 0), (0, 0, 255)))
     sheet = np.asarray(gallery.contact_sheet({"first": [red, blue], "\0second": [blue]}))
     assert (sheet == (255, 0, 0)).all(axis=-1).sum() == 200
@@ -18,7 +18,7 @@ def test_pictures_are_laid_out_in_captioned_rows():
 def test_a_folder_is_drawn_from_the_command_line(tmp_path):
     for i in range(3):
         Image.new("RGB", (8, 8), (200, 10 * i, 0)).save(tmp_path / f"{i}.png")
-    out = tmp_path / "pictures" / "materials.png"
+    out = tmp_path / "images" / "materials.png"
     assert gallery.main([f"materials={out}", f"folder={tmp_path}"]) == 0
     with Image.open(out) as image:
         assert image.size == (3 * 68 + 4, 3 * (64 + 4 + 18) + 4)
@@ -31,8 +31,8 @@ def test_a_bad_folder_exits_2_and_writes_nothing(tmp_path, caplog):
     assert not (tmp_path / "a.png").exists()
 
 
-def test_a_name_that_is_no_picture_is_an_error(tmp_path):
-    with pytest.raises(ConfigError, match=r"A picture's name ends in .png, .jpg or .webp, given '.*.txt'"):
+def test_a_name_that_is_not_an_image_is_an_error(tmp_path):
+    with pytest.raises(ConfigError, match=r"An image's name ends in .png, .jpg or .webp, given '.*.txt'"):
         gallery.save(Image.new("RGB", (4, 4)), tmp_path / "levels.txt")
 
 
@@ -50,8 +50,8 @@ class OneColorEnv:
 
     def observe(self, env_ids):
         size = self.kwargs["image_size"]
-        picture = np.full((len(env_ids), size, size, 3), self.color, dtype=np.uint8)
-        return {"observation.state": np.zeros((1, 9)), "observation.images.front": picture}
+        image = np.full((len(env_ids), size, size, 3), self.color, dtype=np.uint8)
+        return {"observation.state": np.zeros((1, 9)), "observation.images.front": image}
 
     def close(self):
         self.closed = True

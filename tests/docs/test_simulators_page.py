@@ -38,7 +38,7 @@ def test_what_a_renderer_cannot_show_is_what_it_says_of_itself(name):
 
 
 def test_speeds_are_multiples_of_the_defaults():
-    speeds = {"control_step_ms": {"mujoco": 2.0, "newton": 7.0}, "picture_ms": {"warp": 10.0, "gl": 5.0}}
+    speeds = {"control_step_ms": {"mujoco": 2.0, "newton": 7.0}, "image_ms": {"warp": 10.0, "gl": 5.0}}
     rows = {line.split("`")[1]: line for line in page.page(speeds).splitlines() if line.startswith("| `")}
     assert rows["newton"].endswith(("| 3.5 × |", "| not measured |"))
     assert "| 3.5 × |" in page.page(speeds)
@@ -47,12 +47,12 @@ def test_speeds_are_multiples_of_the_defaults():
 
 def test_a_speed_is_measured_and_kept_beside_the_page(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(page, "control_step_ms", lambda name: 1.0 + len(name))
-    monkeypatch.setattr(page, "picture_ms", lambda name: 2.0)
+    monkeypatch.setattr(page, "image_ms", lambda name: 2.0)
     out = tmp_path / "simulators.md"
     assert page.main([f"out={out}", "measure=[mujoco, warp]"]) == 0
     assert json.loads(out.with_suffix(".json").read_text()) == {
         "control_step_ms": {"mujoco": 7.0},
-        "picture_ms": {"warp": 2.0},
+        "image_ms": {"warp": 2.0},
     }
     assert page.main([f"out={out}", "measure=[mujocco]"]) == 2
     assert "Did you mean 'mujoco'?" in caplog.text

@@ -77,8 +77,8 @@ def test_the_page_in_the_repository_is_the_one_that_is_made():
 
 
 @pytest.mark.parametrize("name", DRAWN)
-def test_every_task_has_a_small_picture_of_its_start_and_success(name):
-    path = DOCS / gallery.picture_path(name)
+def test_every_task_has_a_small_image_of_its_start_and_success(name):
+    path = DOCS / gallery.image_path(name)
     assert path.stat().st_size <= gallery.MAX_BYTES
     with Image.open(path) as image:
         assert image.size == (512, 256)
@@ -93,7 +93,7 @@ def test_a_strip_is_as_good_as_fits():
     assert max(fine.quantization[0]) < max(coarse.quantization[0])
 
 
-def test_only_what_lacks_a_picture_is_drawn(tmp_path, monkeypatch):
+def test_only_what_lacks_an_image_is_drawn(tmp_path, monkeypatch):
     drawn = []
 
     def draw(name, *, renderer):

@@ -44,14 +44,14 @@ def sequences(size):
 
 
 @pytest.mark.long
-def test_the_loss_of_tdmpc2_of_pictures():
+def test_the_loss_of_tdmpc2_of_images():
     cameras = {"observation.images.front": 64}
     config = replace(TDMPC2, observation="pixels", num_channels=4)
     policy = Tdmpc2Policy.create(config, cameras, 2, 100)
     updater = Tdmpc2Updater(config, policy.model.train(), [policy.discount])
     generator = torch.Generator().manual_seed(4)
-    pictures = torch.randint(0, 256, (4, 8, 9, 64, 64), dtype=torch.uint8, generator=generator)
-    batch = sequences(8)._replace(observations=pictures)
+    images = torch.randint(0, 256, (4, 8, 9, 64, 64), dtype=torch.uint8, generator=generator)
+    batch = sequences(8)._replace(observations=images)
     losses = []
     for function in (updater.world_loss, torch.compile(updater.world_loss, **OPTIONS)):
         torch.manual_seed(0)

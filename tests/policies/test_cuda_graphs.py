@@ -30,10 +30,10 @@ def test_a_recording_leaves_running_statistics_and_the_batch(monkeypatch, precis
 
     monkeypatch.setattr(torch.cuda, "make_graphed_callables", record)
     objective, batch = Loss(), {"x": torch.randn(8, 2)}
-    before, pictures = {k: v.clone() for k, v in objective.state_dict().items()}, batch["x"].clone()
+    before, images = {k: v.clone() for k, v in objective.state_dict().items()}, batch["x"].clone()
     recording = RecordedObjective(objective, batch, precision)
     assert seen[0][:2] == (precision == "bf16", False)
-    assert torch.equal(batch["x"], pictures)
+    assert torch.equal(batch["x"], images)
     assert all(torch.equal(value, before[name]) for name, value in objective.state_dict().items())
     loss, terms = recording(batch)
     assert loss.item() == pytest.approx(16.0, rel=1e-2), "8 samples of 2 normalized numbers"

@@ -10,7 +10,7 @@ from tests.policies.examples import make
 pytestmark = pytest.mark.slow
 
 
-def pictures():
+def images():
     return torch.randn(3, 32, 5, 7).to(memory_format=torch.channels_last)
 
 
@@ -24,7 +24,7 @@ def norms():
 @pytest.mark.parametrize("backend", [None, "aot_eager"])
 def test_what_is_computed_is_pytorchs(backend):
     plain, norm = norms()
-    inputs = pictures()
+    inputs = images()
     function = norm if backend is None else torch.compile(norm, backend=backend, fullgraph=True)
     answers = []
     for network in (plain, function):
@@ -50,7 +50,7 @@ def test_two_samples_by_hand():
 def test_layout_and_precision_stay_where_it_is_compiled():
     _, norm = norms()
     compiled = torch.compile(norm, backend="aot_eager", fullgraph=True)
-    answer = compiled(pictures().bfloat16())
+    answer = compiled(images().bfloat16())
     assert answer.dtype is torch.bfloat16
     assert answer.is_contiguous(memory_format=torch.channels_last)
 

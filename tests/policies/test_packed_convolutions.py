@@ -11,7 +11,7 @@ from policies.packed_convolutions import PackedConv2d, packed
 needs_onednn = pytest.mark.skipif(not torch.backends.mkldnn.is_available(), reason="packs with oneDNN")
 
 
-def pictures(*shape: int) -> torch.Tensor:
+def images(*shape: int) -> torch.Tensor:
     return torch.rand(*shape, generator=torch.Generator().manual_seed(2))
 
 
@@ -35,7 +35,7 @@ def kinds(network: nn.Module) -> set[type]:
 @needs_onednn
 @pytest.mark.parametrize("make", [resnet18, resnet50])
 def test_a_resnet_answers_the_same_but_for_rounding(make):
-    network, seen = backbone(make), pictures(1, 3, 64, 64)
+    network, seen = backbone(make), images(1, 3, 64, 64)
     quick = packed(network)
     with torch.inference_mode():
         expected = network(seen)
@@ -60,18 +60,18 @@ def test_a_resnet_answers_the_same_but_for_rounding(make):
     ],
     ids=str,
 )
-def test_a_convolution_packed_for_one_picture_takes_any(convolution):
+def test_a_convolution_packed_for_one_image_takes_any(convolution):
     quick = PackedConv2d(convolution)
     for shape in ((1, 8, 16, 16), (4, 8, 16, 16), (2, 8, 9, 33)):
         with torch.inference_mode():
-            torch.testing.assert_close(quick(pictures(*shape)), convolution(pictures(*shape)))
+            torch.testing.assert_close(quick(images(*shape)), convolution(images(*shape)))
 
 
 @pytest.mark.parametrize("convolution", [nn.Conv2d(4, 4, 3, padding=1, padding_mode="circular"),
                                          nn.Conv2d(4, 4, 3, padding="same")], ids=str)  # fmt: skip
 def test_padding_that_is_not_packed_stays_right(convolution):
     with torch.inference_mode():
-        seen = pictures(1, 4, 8, 8)
+        seen = images(1, 4, 8, 8)
         torch.testing.assert_close(packed(nn.Sequential(convolution))(seen), convolution(seen))
 
 
@@ -79,6 +79,6 @@ def test_a_norm_is_folded_only_into_a_convolution_before_it():
     network = nn.Sequential(FrozenBatchNorm2d(3), nn.Conv2d(3, 3, 3), nn.ReLU(), FrozenBatchNorm2d(3)).eval()
     for name, tensor in network.named_buffers():
         tensor += 1.0 if name.endswith("bias") else 0.0
-    seen = pictures(1, 3, 8, 8)
+    seen = images(1, 3, 8, 8)
     with torch.inference_mode():
         torch.testing.assert_close(packed(network)(seen), network(seen))

@@ -65,7 +65,7 @@ def _resident_shape(info: DatasetInfo, key: str) -> tuple[int, int, int, int]:
 def _decode(info: DatasetInfo, key: str, out: np.ndarray, num_threads: int) -> None:
     """Fills ``out`` (N, C, H, W) with the frames of a feature."""
     if info.features[key]["dtype"] == "image":
-        _decode_pictures(info, key, out)
+        _decode_images(info, key, out)
         return
     jobs = list(_video_jobs(info, key))
     per_video = 1 if len(jobs) >= num_threads else 0
@@ -93,21 +93,21 @@ def _video_jobs(info: DatasetInfo, key: str) -> Iterator[tuple[Path, np.ndarray,
         yield path, np.concatenate(times), np.concatenate(rows)
 
 
-def _decode_pictures(info: DatasetInfo, key: str, out: np.ndarray) -> None:
-    """Decodes a feature stored as picture files inside parquet."""
+def _decode_images(info: DatasetInfo, key: str, out: np.ndarray) -> None:
+    """Decodes a feature stored as image files inside parquet."""
     from PIL import Image, UnidentifiedImageError
 
     row = 0
     for path in info.data_files():
-        for picture in read_parquet(path, [key])[key].to_pylist()[: len(out) - row]:
+        for encoded in read_parquet(path, [key])[key].to_pylist()[: len(out) - row]:
             try:
-                image = Image.open(io.BytesIO(picture["bytes"])).convert("RGB")
+                image = Image.open(io.BytesIO(encoded["bytes"])).convert("RGB")
             except (UnidentifiedImageError, OSError, TypeError) as error:
-                raise broken_file(path, f"the picture of frame {row} cannot be decoded") from error
+                raise broken_file(path, f"the image of frame {row} cannot be decoded") from error
             out[row] = np.asarray(image).transpose(2, 0, 1)
             row += 1
     if row < len(out):
-        raise broken_file(info.root / "data", f"'{key}' has {row} of {len(out)} pictures")
+        raise broken_file(info.root / "data", f"'{key}' has {row} of {len(out)} images")
 
 
 def _mapped(info: DatasetInfo, key: str, shape: tuple[int, ...], num_threads: int) -> np.ndarray:

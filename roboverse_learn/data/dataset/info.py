@@ -92,7 +92,7 @@ class DatasetInfo:
 
     @property
     def camera_keys(self) -> tuple[str, ...]:
-        """Keys of every image feature, stored as video or as pictures."""
+        """Keys of every image feature, stored as video or as images."""
         return tuple(k for k, feature in self.features.items() if feature["dtype"] in ("video", "image"))
 
     @cached_property

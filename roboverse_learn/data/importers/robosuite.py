@@ -273,7 +273,7 @@ def _model_xml(path: Path, given: str) -> str:
 
 
 def _compile(xml: str) -> mujoco.MjModel:
-    """Compiles what moves of a recorded model: its meshes and pictures lie on another machine."""
+    """Compiles what moves of a recorded model: its meshes and images lie on another machine."""
     root = ElementTree.fromstring(xml)
     for child in list(root):
         if child.tag not in ("compiler", "worldbody"):

@@ -151,7 +151,7 @@ def judge(
     conditions: Mapping[str, Any],
     on_progress: Callable[[int, int], None] | None = None,
 ) -> ImportSummary:
-    """Replays every demonstration both ways, without drawing a picture.
+    """Replays every demonstration both ways, without drawing an image.
 
     Args:
         file_type: Reads the format.

@@ -72,7 +72,7 @@ def find_demonstrator(checkpoint: str, task: str) -> Demonstrator:
 
     Raises:
         PolicyError: There is no checkpoint, or it learned another task.
-        ConfigError: Its policy learned from demonstrations itself, or sees pictures.
+        ConfigError: Its policy learned from demonstrations itself, or sees images.
     """
     import policies
     from benchmark.provenance import file_hash
@@ -87,7 +87,7 @@ def find_demonstrator(checkpoint: str, task: str) -> Demonstrator:
         )
     if cameras := seen_cameras(folder):
         raise ConfigError(
-            f"Checkpoint '{folder}' of policy '{name}' sees the pictures of {', '.join(cameras)}. "
+            f"Checkpoint '{folder}' of policy '{name}' sees the images of {', '.join(cameras)}. "
             "source=policy takes what sees the state: train one with policy.observation=state."
         )
     check_learned(folder, task)

@@ -53,7 +53,7 @@ def make_multi_task_env(config: Any, num_envs: int, seed: int, device: str) -> A
 def make_pixel_env(
     config: Any, num_envs: int, seed: int, device: str, *, num_frames: int, image_size: int
 ) -> Any:
-    """Makes the env of a run that learns from pictures.
+    """Makes the env of a run that learns from images.
 
     Args:
         config: Configuration of the run; ``cameras`` and ``renderer`` say what is seen.
@@ -64,9 +64,9 @@ def make_pixel_env(
         image_size: Pixels a side that the policy's network takes.
 
     Raises:
-        ConfigError, UnknownNameError: as :func:`check_pictures`.
+        ConfigError, UnknownNameError: as :func:`check_images`.
     """
-    check_pictures(config, image_size)
+    check_images(config, image_size)
     spec = config.env.replace(image_size=image_size)
     return spec.make_torch(
         num_envs,
@@ -78,15 +78,15 @@ def make_pixel_env(
     )
 
 
-def check_pictures(config: Any, image_size: int) -> None:
-    """Checks that the task of a run has the pictures that an agent is to learn from, and a reward.
+def check_images(config: Any, image_size: int) -> None:
+    """Checks that the task of a run has the images that an agent is to learn from, and a reward.
 
     Args:
         config: Configuration of the run.
         image_size: Pixels a side that the policy's network takes.
 
     Raises:
-        ConfigError: if the task pays no reward or has no camera, or the pictures that were asked for are of
+        ConfigError: if the task pays no reward or has no camera, or the images that were asked for are of
             another size or level.
         UnknownNameError: if the task has no camera of a name.
     """
@@ -95,14 +95,14 @@ def check_pictures(config: Any, image_size: int) -> None:
     check_env(config)
     if config.env.image_size != image_size:
         raise ConfigError(
-            f"policy={config.policy_name} takes pictures of {image_size} pixels a side, given image_size="
+            f"policy={config.policy_name} takes images of {image_size} pixels a side, given image_size="
             f"{config.env.image_size}. Add image_size={image_size}, or learn from states with "
             "policy.observation=state."
         )
     if config.env.level or config.env.only:
         given = f"only={config.env.only}" if config.env.only else f"level={config.env.level}"
         raise ConfigError(
-            f"policy={config.policy_name} learns from pictures of level 0, given {given}. Leave it out; the "
+            f"policy={config.policy_name} learns from images of level 0, given {given}. Leave it out; the "
             "other levels can be evaluated, as in evaluate.levels=[0,1,2,3]."
         )
     scene = config.env.make_task().scenario

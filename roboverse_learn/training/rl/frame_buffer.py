@@ -1,4 +1,4 @@
-"""What an agent that sees pictures lived through: every frame once, in bytes, on the device it learns on.
+"""What an agent that sees images lived through: every frame once, in bytes, on the device it learns on.
 
 Shapes: L rows, N environments, F frames of an observation, C channels and P pixels of a frame, A action,
 B samples, H steps of a sequence.
@@ -173,6 +173,6 @@ def _bytes(shape: tuple[int, ...], device: torch.device, capacity: int) -> Tenso
     except RuntimeError as error:  # of which torch.OutOfMemoryError is one
         size = torch.Size(shape).numel()
         raise ConfigError(
-            f"policy.buffer_size={capacity} takes {size / 1e9:.1f} GB of pictures, for which there is no "
+            f"policy.buffer_size={capacity} takes {size / 1e9:.1f} GB of images, for which there is no "
             f"room on '{device}'. Take a smaller one: a step takes {size / capacity / 1e3:.0f} kB."
         ) from error

@@ -18,7 +18,7 @@ from roboverse_learn.training.learners import AgentLearner
 from roboverse_learn.training.rl import loop
 from roboverse_learn.training.rl.environment import (
     check_env,
-    check_pictures,
+    check_images,
     make_env,
     make_multi_task_env,
     make_pixel_env,
@@ -136,7 +136,7 @@ class Tdmpc2Learner(AgentLearner):
     @override
     def check(self) -> None:
         if self.config.policy.observation == "pixels":
-            check_pictures(self.config, PIXELS)
+            check_images(self.config, PIXELS)
         else:
             check_env(self.config)
 

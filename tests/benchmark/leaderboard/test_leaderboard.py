@@ -217,7 +217,7 @@ def test_a_task_of_a_family_has_a_folder_of_its_own(publish, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("damaged", [None, "{", "[]", '{"sections": [{}]}'])
 def test_a_plot_goes_with_the_results_that_it_showed(publish, tmp_path, damaged):
-    """But pictures of others stay, and so do all if the last leaderboard cannot be read."""
+    """But images of others stay, and so do all if the last leaderboard cannot be read."""
     publish(task="CloseBox")
     gone = publish(task="PickCube")
     written = leaderboard.write(tmp_path)

@@ -1,4 +1,4 @@
-"""A picture is drawn when it would show something else than the one that is there."""
+"""An image is drawn when it would show something else than the one that is there."""
 
 import pytest
 
@@ -31,7 +31,7 @@ def draw(tmp_path):
     return Drawing(tmp_path / "plot.png")
 
 
-def test_the_same_picture_is_drawn_once(draw):
+def test_the_same_image_is_drawn_once(draw):
     assert draw()
     first = draw.path.read_bytes()
     assert not draw()
@@ -50,13 +50,13 @@ def test_other_values_are_drawn(draw):
 
 
 @pytest.mark.slow
-def test_a_picture_that_is_gone_damaged_or_tells_nothing_is_drawn_again(draw):
+def test_an_image_that_is_gone_damaged_or_tells_nothing_is_drawn_again(draw):
     draw()
     whole = draw.path.read_bytes()
     for spoil in (
         lambda: draw.path.unlink(),
         lambda: draw.path.write_bytes(whole[: len(whole) // 2]),
-        lambda: draw.path.write_bytes(b"no picture"),
+        lambda: draw.path.write_bytes(b"no image"),
         lambda: plot_losses([{"step": 1, "loss": 0.5}], draw.path),
     ):
         spoil()

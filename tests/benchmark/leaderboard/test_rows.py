@@ -73,7 +73,7 @@ def test_what_decides_nothing_tells_no_rows_apart(publish, tmp_path):
 @pytest.mark.parametrize(
     ("trained", "said"),
     [
-        ({"materials": "+pictures"}, "training materials +pictures"),
+        ({"materials": "+images"}, "training materials +images"),
         ({"scenario": {"room": None}}, 'training scenario {"room":null}'),
     ],
 )
@@ -85,9 +85,9 @@ def test_what_was_trained_in_another_scene_is_a_row_of_its_own(publish, tmp_path
 
 def test_rows_evaluated_on_other_materials_are_told_apart(publish, tmp_path):
     publish()
-    publish(run="pictures", materials="+pictures-1a2b3c4d")
+    publish(run="images", materials="+images-1a2b3c4d")
     assert sorted(row["label"] for row in rows(tmp_path)) == [
-        "act, materials +pictures-1a2b3c4d",
+        "act, materials +images-1a2b3c4d",
         "act, materials built-in",
     ]
 

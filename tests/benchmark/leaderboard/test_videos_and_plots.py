@@ -50,7 +50,7 @@ def test_videos_of_a_cell_are_named_by_episode_and_outcome(point_env, noisy_poli
         assert sum(1 for _ in container.decode(stream)) == 13
 
 
-def test_video_keeps_the_picture(tmp_path):
+def test_video_keeps_the_image(tmp_path):
     frames = np.zeros((6, 33, 47, 3), np.uint8)
     frames[:, :, :, 1] = np.arange(6)[:, None, None] * 40
     write_video(tmp_path / "a.mp4", frames, 10)
@@ -85,9 +85,9 @@ def test_level_curves(tmp_path):
     plot_levels(
         [{"label": "act", "cells": cells}, {"label": "diffusion", "cells": cells}], tmp_path / "l.png"
     )
-    picture = np.asarray(Image.open(tmp_path / "l.png").convert("RGB"))
-    assert picture.shape[1] > 900
-    assert (np.abs(picture.astype(int) - (0x00, 0x72, 0xB2)).max(axis=2) < 8).sum() > 500
+    image = np.asarray(Image.open(tmp_path / "l.png").convert("RGB"))
+    assert image.shape[1] > 900
+    assert (np.abs(image.astype(int) - (0x00, 0x72, 0xB2)).max(axis=2) < 8).sum() > 500
 
 
 @pytest.mark.parametrize(("level", "expected"), [(1, ["act", "same, train split"]), (None, ["act"])])
@@ -124,8 +124,8 @@ def test_loss_curves(tmp_path):
     rows = [{"step": step, "loss": math.exp(-step / 50), "lr": 1.0} for step in range(200)]
     rows[3]["kl_loss"] = 0.5
     plot_losses(rows, tmp_path / "loss.png")
-    with Image.open(tmp_path / "loss.png") as picture:
-        assert picture.size[0] > 900
+    with Image.open(tmp_path / "loss.png") as image:
+        assert image.size[0] > 900
     with pytest.raises(ValueError, match="no row has a key with 'loss'"):
         plot_losses([{"step": 1, "lr": 1.0}], tmp_path / "none.png")
     assert not (tmp_path / "none.png").exists()
@@ -136,16 +136,16 @@ def label(words):
 
 
 def overlap(figure):
-    """How far, in pixels, the legend reaches beyond the picture or into what is above it."""
+    """How far, in pixels, the legend reaches beyond the image or into what is above it."""
     figure.draw_without_rendering()
-    legend, picture = figure.legends[0].get_window_extent(), figure.bbox
+    legend, image = figure.legends[0].get_window_extent(), figure.bbox
     axes = min(each.get_tightbbox().y0 for each in figure.axes)
-    return max(picture.x0 - legend.x0, legend.x1 - picture.x1, picture.y0 - legend.y0, legend.y1 - axes)
+    return max(image.x0 - legend.x0, legend.x1 - image.x1, image.y0 - legend.y0, legend.y1 - axes)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("labels", [["act"], [label(1)] * 3, [label(1)] * 30, [label(9)] * 4, ["x" * 300]])
-def test_a_legend_lies_wholly_within_the_picture(monkeypatch, tmp_path, labels):
+def test_a_legend_lies_wholly_within_the_image(monkeypatch, tmp_path, labels):
     figures = []
     monkeypatch.setattr(plots, "save_figure", lambda figure, *_: figures.append(figure))
     cell = {"split": "test", "level": 0, "only": None, "success_rate": 0.5, "ci_low": 0.4, "ci_high": 0.6}
@@ -158,4 +158,4 @@ def test_a_legend_lies_wholly_within_the_picture(monkeypatch, tmp_path, labels):
         # All of the names, whatever the lines that they are broken into.
         told = ["".join(text.get_text().split()) for text in figure.legends[0].get_texts()]
         assert all(name.startswith("".join(text.split())) for name, text in zip(told, labels, strict=True))
-        assert figure.axes[0].get_position().height * figure.get_figheight() > 2.0, "a picture is left, inch"
+        assert figure.axes[0].get_position().height * figure.get_figheight() > 2.0, "an image is left, inch"

@@ -190,19 +190,19 @@ def test_both_losses_and_the_search_compile_without_a_break():
     assert agent.act(torch.randn(3, D), torch.ones(3, dtype=torch.bool)).abs().max() <= 1.0
 
 
-def test_pictures_are_learned_from_too():
+def test_images_are_learned_from_too():
     model = make(shape=(3, 64, 64))
-    pictures = torch.randint(0, 256, (4, B, 3, 64, 64), dtype=torch.uint8)
-    metrics = Updater(TINY, model, [0.9]).update(batch()._replace(observations=pictures))
+    images = torch.randint(0, 256, (4, B, 3, 64, 64), dtype=torch.uint8)
+    metrics = Updater(TINY, model, [0.9]).update(batch()._replace(observations=images))
     assert all(value.isfinite() for value in metrics.values())
 
 
 @pytest.mark.parametrize(("latent_dim", "apart"), [(64, 5e-4), (32, 2e-3)])
-def test_different_pictures_are_different_latent_states_from_the_beginning(latent_dim, apart):
+def test_different_images_are_different_latent_states_from_the_beginning(latent_dim, apart):
     config = replace(TINY, latent_dim=latent_dim, num_channels=4)  # of 4 channels are 64 numbers
     bars = torch.zeros(16, 3, 64, 64, dtype=torch.uint8)
-    for i, picture in enumerate(bars):
-        picture[:, :, 4 * i : 4 * i + 4] = 255
+    for i, image in enumerate(bars):
+        image[:, :, 4 * i : 4 * i + 4] = 255
     z = make(config, shape=(3, 64, 64)).eval().encode(bars)
     torch.testing.assert_close(z.unflatten(-1, (-1, 8)).sum(-1), torch.ones(16, latent_dim // 8))
     assert z.std(0).mean() > apart

@@ -83,11 +83,11 @@ def test_dropout_is_in_training_alone(ensemble):
     assert not ensemble(x).equal(ensemble(x))
 
 
-def test_pictures_are_shifted_by_whole_pixels_and_borders_repeated():
-    picture = torch.arange(16.0).reshape(1, 1, 4, 4)
-    shifted = ShiftAug(1)(picture, torch.tensor([[1, -1]]))
+def test_images_are_shifted_by_whole_pixels_and_borders_repeated():
+    image = torch.arange(16.0).reshape(1, 1, 4, 4)
+    shifted = ShiftAug(1)(image, torch.tensor([[1, -1]]))
     assert shifted[0, 0].tolist() == [[1, 2, 3, 3], [1, 2, 3, 3], [5, 6, 7, 7], [9, 10, 11, 11]]
-    assert ShiftAug(1)(picture, torch.tensor([[0, 0]])).equal(picture)
+    assert ShiftAug(1)(image, torch.tensor([[0, 0]])).equal(image)
 
 
 def test_the_pixel_encoder_has_the_published_size():
@@ -99,13 +99,13 @@ def test_the_pixel_encoder_has_the_published_size():
     assert z.shape == (2, 3, 512)
 
 
-def test_what_is_seen_of_a_picture_is_shifted_while_it_learns_alone():
-    encoder, pictures = PixelEncoder(3, 4, 16, 8), torch.randint(0, 256, (2, 3, 64, 64), dtype=torch.uint8)
+def test_what_is_seen_of_an_image_is_shifted_while_it_learns_alone():
+    encoder, images = PixelEncoder(3, 4, 16, 8), torch.randint(0, 256, (2, 3, 64, 64), dtype=torch.uint8)
     encoder.eval()
-    assert encoder(pictures).equal(encoder(pictures))
-    torch.testing.assert_close(encoder(pictures.float()), encoder(pictures))
+    assert encoder(images).equal(encoder(images))
+    torch.testing.assert_close(encoder(images.float()), encoder(images))
     encoder.train()
-    assert not encoder(pictures).equal(encoder(pictures))
+    assert not encoder(images).equal(encoder(images))
 
 
 @pytest.mark.parametrize("value", [0.0, 0.3, -1.7, 250.0, -9000.0])

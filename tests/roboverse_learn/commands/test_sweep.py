@@ -101,7 +101,7 @@ class TestJobs:
         [
             ["preset=quick", "num_demos=1000"],
             ["preset=gpu", "cameras=[front]"],
-            ["task=PickCube", "task_kwargs.variant=lift", "only=camera", "materials=my-pictures"],
+            ["task=PickCube", "task_kwargs.variant=lift", "only=camera", "materials=my-images"],
             ["simulator=mujoco_warp", "simulator_settings.njmax=768"],
             [
                 "scenario.physics.decimation=50",

@@ -55,8 +55,8 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def pictures(tmp_path: Path) -> Path:
-    folder = tmp_path / "pictures"
+def images(tmp_path: Path) -> Path:
+    folder = tmp_path / "images"
     folder.mkdir()
     for number in range(4):
         Image.new("RGB", (16, 16), (60 * number, 100, 200)).save(folder / f"{number}.png")
@@ -118,12 +118,12 @@ def test_whatever_is_evaluated_differently_has_a_results_file_of_its_own(run: Pa
     assert Path(changed).name == changed  # it is the name of a file
 
 
-def test_other_materials_have_a_results_file_of_their_own(run: Path, pictures: Path) -> None:
-    name = subject(run, f"materials=+{pictures}").run
-    assert re.fullmatch(rf"{run.name}-\+pictures-[0-9a-f]{{8}}", name)
-    assert name != subject(run, f"materials={pictures}").run
-    (pictures / "0.png").write_bytes((pictures / "1.png").read_bytes())
-    assert subject(run, f"materials=+{pictures}").run != name
+def test_other_materials_have_a_results_file_of_their_own(run: Path, images: Path) -> None:
+    name = subject(run, f"materials=+{images}").run
+    assert re.fullmatch(rf"{run.name}-\+images-[0-9a-f]{{8}}", name)
+    assert name != subject(run, f"materials={images}").run
+    (images / "0.png").write_bytes((images / "1.png").read_bytes())
+    assert subject(run, f"materials=+{images}").run != name
 
 
 @pytest.mark.parametrize(
@@ -136,16 +136,16 @@ def test_other_materials_have_a_results_file_of_their_own(run: Path, pictures: P
         "scenario.room=null",
     ],
 )
-def test_another_scene_of_a_checkpoint_of_nobody_is_in_its_name(tmp_path: Path, word: str) -> None:
+def test_another_scene_of_a_checkpoint_without_a_run_is_in_its_name(tmp_path: Path, word: str) -> None:
     folder = write_checkpoint(tmp_path / "their run/model")
     usual, other = (subject(folder, "task=PickCube", *words).run for words in ([], [word]))
     assert other.startswith(f"{usual}-") and Path(other).name == other
 
 
-def test_other_materials_of_a_checkpoint_of_nobody_are_in_its_name(tmp_path: Path, pictures: Path) -> None:
+def test_other_materials_of_a_checkpoint_without_a_run_are_in_its_name(tmp_path: Path, images: Path) -> None:
     folder = write_checkpoint(tmp_path / "their run/model")
-    usual, other = (subject(folder, "task=PickCube", *w).run for w in ([], [f"materials={pictures}"]))
-    assert other.startswith(f"{usual}-pictures-")
+    usual, other = (subject(folder, "task=PickCube", *w).run for w in ([], [f"materials={images}"]))
+    assert other.startswith(f"{usual}-images-")
 
 
 def test_settings_of_a_simulator_are_checked_against_that_of_the_demonstrations(run: Path) -> None:
@@ -214,7 +214,7 @@ def test_an_earlier_checkpoint_has_a_results_file_of_its_own(run: Path) -> None:
     assert step_of(earlier.checkpoint) == 100
 
 
-def test_a_checkpoint_of_nobody_tells_its_pictures(tmp_path: Path) -> None:
+def test_a_checkpoint_without_a_run_names_its_images(tmp_path: Path) -> None:
     found = subject(write_checkpoint(tmp_path / "their run/model"), "task=PickCube")
     assert (found.env.image_size, found.env.simulator, found.env.renderer) == (128, "mujoco", "warp")
     assert (found.training.level, found.training.dataset_hash, found.training.demonstrations) == (
@@ -226,7 +226,7 @@ def test_a_checkpoint_of_nobody_tells_its_pictures(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["ppo", "fasttd3", "tdmpc2"])
-def test_an_agent_of_nobody_sees_no_pictures(tmp_path: Path, name: str) -> None:
+def test_an_agent_without_a_run_sees_no_images(tmp_path: Path, name: str) -> None:
     content = {"type": name, "config": {}, "observation": {"observation.environment_state": 51}}
     folder = write_checkpoint(tmp_path / "their run/model", content)
     found = subject(folder, "task=humanoid/walk", "simulator=newton")
@@ -234,14 +234,14 @@ def test_an_agent_of_nobody_sees_no_pictures(tmp_path: Path, name: str) -> None:
     assert found.env.image_size == 256
 
 
-def test_an_agent_of_nobody_that_sees_pictures_tells_its_cameras(tmp_path: Path) -> None:
+def test_an_agent_without_a_run_names_its_cameras(tmp_path: Path) -> None:
     seen = {"observation.images.wrist": 64, "observation.images.front": 64}
     folder = write_checkpoint(tmp_path / "model", {"type": "tdmpc2", "config": {}, "observation": seen})
     found = subject(folder, "task=PickCube")
     assert (found.env.cameras, found.env.image_size) == (("wrist", "front"), 64)
 
 
-def test_two_checkpoints_of_nobody_do_not_share_a_results_file(tmp_path: Path) -> None:
+def test_two_checkpoints_without_a_run_do_not_share_a_results_file(tmp_path: Path) -> None:
     names = {
         subject(write_checkpoint(tmp_path / str(n) / "run/model", weights=bytes([n])), "task=PickCube").run
         for n in range(3)
@@ -249,12 +249,12 @@ def test_two_checkpoints_of_nobody_do_not_share_a_results_file(tmp_path: Path) -
     assert len(names) == 3
 
 
-def test_a_checkpoint_of_nobody_needs_a_task(tmp_path: Path) -> None:
+def test_a_checkpoint_without_a_run_needs_a_task(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"lies in no run of ours.*add task=<name>"):
         subject(write_checkpoint(tmp_path / "model"))
 
 
-def test_pictures_of_two_sizes_need_a_word(tmp_path: Path) -> None:
+def test_images_of_two_sizes_need_a_word(tmp_path: Path) -> None:
     images = ACT["input_features"] | {
         "observation.images.wrist": {"type": "VISUAL", "shape": [3, 64, 64]},
     }
@@ -274,7 +274,7 @@ def _drop(name: str) -> Callable[[Path], Any]:
         (_drop(WEIGHTS), f"has no {WEIGHTS}"),
         (_drop(CONFIG), f"has no {CONFIG}"),
         (lambda folder: (folder / CONFIG).write_text('{"type": "pi0"}'), "Unknown policy 'pi0'. Valid: act"),
-        (lambda folder: (folder / CONFIG).write_text('{"type": "act"}'), "does not say which pictures"),
+        (lambda folder: (folder / CONFIG).write_text('{"type": "act"}'), "does not say which images"),
         (lambda folder: (folder / CONFIG).write_text("[]"), CONFIG),
     ],
     ids=["no-weights", "no-config", "unknown-policy", "no-features", "a-list"],

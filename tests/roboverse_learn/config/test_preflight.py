@@ -20,8 +20,8 @@ TABLE = {"appearance": {"materials": {"table": {"texture": "table.png"}}}}
 
 
 @pytest.fixture
-def pictures(tmp_path: Path) -> Path:
-    folder = tmp_path / "pictures"
+def images(tmp_path: Path) -> Path:
+    folder = tmp_path / "images"
     folder.mkdir()
     for name in ("table.png", "a.png", "b.png", "c.png"):
         Image.new("RGB", (16, 16), (200, 100, 50)).save(folder / name)
@@ -103,24 +103,24 @@ def test_a_file_that_does_not_fit_is_told_with_what_it_lacks(tmp_path: Path) -> 
             check_scenario_files(EnvSpec(scenario=changes), {})
 
 
-def test_what_is_there_is_taken(tmp_path: Path, pictures: Path) -> None:
+def test_what_is_there_is_taken(tmp_path: Path, images: Path) -> None:
     file = str(resolve(PickCube().scenario.robots[0].mjcf))
     check_scenario_files(EnvSpec(scenario={"robots": {"franka": {"mjcf": file}}}), {})
-    check_scenario_files(EnvSpec(scenario=TABLE), {"materials": f"+{pictures}"})
+    check_scenario_files(EnvSpec(scenario=TABLE), {"materials": f"+{images}"})
     wood = {"appearance": {"materials": {"table": {"texture": "wood-017"}}}}
     check_scenario_files(EnvSpec(scenario=wood), {"materials": ""})
 
 
-def test_every_library_must_know_a_material(pictures: Path) -> None:
-    both = {"materials": f"+{pictures}", "evaluate.materials": ""}
+def test_every_library_must_know_a_material(images: Path) -> None:
+    both = {"materials": f"+{images}", "evaluate.materials": ""}
     with pytest.raises(
         ConfigError,
         match=rf"^{TEXTURE}=table\.png: .* evaluate\.materials=\+<folder> adds\. Unknown material",
     ):
         check_scenario_files(EnvSpec(scenario=TABLE), both)
-    (pictures / "table.png").rename(pictures / "tables.png")
+    (images / "table.png").rename(images / "tables.png")
     with pytest.raises(ConfigError, match=r"Unknown material 'table\.png'\. Did you mean 'tables\.png'\?"):
-        check_scenario_files(EnvSpec(scenario=TABLE), {"materials": f"+{pictures}"})
+        check_scenario_files(EnvSpec(scenario=TABLE), {"materials": f"+{images}"})
 
 
 def test_a_folder_of_other_files_is_not_collected_into(tmp_path):

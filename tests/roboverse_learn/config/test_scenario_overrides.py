@@ -52,7 +52,7 @@ def test_a_dataset_that_was_begun_in_another_scene_is_not_continued(tmp_path: Pa
         collect_dataset(config(tmp_path, same, SLOW))
 
 
-def test_sizes_of_pictures_and_names_are_no_keys_of_the_scene() -> None:
+def test_sizes_of_images_and_names_are_no_keys_of_the_scene() -> None:
     assert not [key for key in scenario_keys() if key.endswith((".width", ".height", ".name"))]
 
 

@@ -18,7 +18,7 @@ TWO_CAMERAS = make_features(["q"], ["u"], {"front": (SIZE, SIZE), "wrist": (16, 
 
 
 def make_episode(index: int, length: int | None = None, task: str = "lift the cube") -> EpisodeData:
-    """Returns the ``index``-th episode of the pool: smooth pictures, random numbers."""
+    """Returns the ``index``-th episode of the pool: smooth images, random numbers."""
     rng = np.random.default_rng(index)
     length = length or int(rng.integers(4, 9))
     y, x = np.mgrid[0:SIZE, 0:SIZE]

@@ -128,7 +128,7 @@ def test_encoder_settings_are_checked(changes, message):
 
 
 @pytest.mark.parametrize("size", [(33, 32), (32, 1), (0, 32)])
-def test_odd_pictures_are_refused_before_anything_is_collected(size):
+def test_odd_images_are_refused_before_anything_is_collected(size):
     with pytest.raises(
         DatasetError, match=rf"Camera 'front' has the image size {size[0]}x{size[1]}; video needs"
     ):

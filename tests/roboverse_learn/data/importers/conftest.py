@@ -7,14 +7,14 @@ import envs
 
 @pytest.fixture(scope="session")
 def pick_env():
-    """Two PickCube environments without pictures."""
+    """Two PickCube environments without images."""
     with contextlib.closing(envs.make_vec("PickCube", 2, split="train", observation="state")) as env:
         yield env
 
 
 @pytest.fixture(scope="session")
 def lift_env():
-    """Two environments of PickCube's other variant, without pictures."""
+    """Two environments of PickCube's other variant, without images."""
     kwargs = {"variant": "lift"}
     env = envs.make_vec("PickCube", 2, split="train", observation="state", task_kwargs=kwargs)
     with contextlib.closing(env):

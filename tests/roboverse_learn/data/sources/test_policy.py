@@ -116,7 +116,7 @@ def test_what_cannot_demonstrate_is_named(checkpoint, tmp_path):
     sees = {"type": "tdmpc2", "observation": {"observation.images.front": 64}}
     (tmp_path / "sees").mkdir()
     (tmp_path / "sees" / "config.json").write_text(json.dumps(sees))
-    with pytest.raises(ConfigError, match=r"'tdmpc2' sees the pictures of front.*policy.observation=state"):
+    with pytest.raises(ConfigError, match=r"'tdmpc2' sees the images of front.*policy.observation=state"):
         find_demonstrator(str(tmp_path / "sees"), "PickCube")
     act = tmp_path / "act"
     act.mkdir()

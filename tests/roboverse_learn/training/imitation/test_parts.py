@@ -70,7 +70,7 @@ def test_augmentation_that_only_shifts_stays_bytes():
     assert augment(images, AugmentConfig()) is images
 
 
-def test_saturation_leaves_grey_pictures():
+def test_saturation_leaves_grey_images():
     grey = torch.full((2, 3, 8, 8), 128, dtype=torch.uint8)
     torch.testing.assert_close(augment(grey, AugmentConfig(saturation=0.5)), grey.float() / 255)
 

@@ -1,4 +1,4 @@
-"""The replay buffer of pictures by hand: steps show their number, a frame of 1 × 1 pixel each."""
+"""The replay buffer of images by hand: steps show their number, a frame of 1 × 1 pixel each."""
 
 import pytest
 import torch
@@ -32,8 +32,8 @@ class Story:
         action, over = float(self.time), [i in ends for i in range(n)]
         self.replay.add(
             Transitions(
-                picture(before), torch.full((n, 1), action), torch.full((n,), action),
-                torch.tensor(over).float(), picture(after),
+                image(before), torch.full((n, 1), action), torch.full((n,), action),
+                torch.tensor(over).float(), image(after),
             ),
             torch.tensor(over),
         )  # fmt: skip
@@ -45,7 +45,7 @@ class Story:
         self.stacks, self.time = after, self.time + 1
 
 
-def picture(stacks):
+def image(stacks):
     return torch.tensor(stacks, dtype=torch.uint8)[..., None, None]
 
 
@@ -148,5 +148,5 @@ def test_what_cannot_be_kept_is_an_error():
         ConfigError, match=r"policy.buffer_size=12 holds 6 row.s. of each of 2.*Take 14 at least"
     ):
         buffer(capacity=12)
-    with pytest.raises(ConfigError, match=r"takes 12288000.0 GB of pictures.*a step takes 12 kB"):
+    with pytest.raises(ConfigError, match=r"takes 12288000.0 GB of images.*a step takes 12 kB"):
         FrameReplay(10**12, 1, (3, 64, 64), 3, 1, CPU, 3)

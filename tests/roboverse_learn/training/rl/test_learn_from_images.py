@@ -1,4 +1,4 @@
-"""TD-MPC2 of pictures: from the words of the command line to a checkpoint that can be evaluated."""
+"""TD-MPC2 of images: from the words of the command line to a checkpoint that can be evaluated."""
 
 import json
 from dataclasses import replace
@@ -117,14 +117,14 @@ def test_it_is_evaluated_with_the_cameras_of_its_training(tmp_path, monkeypatch)
         (
             ["image_size=128"],
             ConfigError,
-            r"pictures of 64 pixels a side, given image_size=128.*image_size=64",
+            r"images of 64 pixels a side, given image_size=128.*image_size=64",
         ),
-        (["level=2"], ConfigError, r"pictures of level 0, given level=2.*evaluate.levels"),
-        (["only=camera"], ConfigError, r"pictures of level 0, given only=camera"),
+        (["level=2"], ConfigError, r"images of level 0, given level=2.*evaluate.levels"),
+        (["only=camera"], ConfigError, r"images of level 0, given only=camera"),
         (["cameras=[top]"], UnknownNameError, r"camera 'top'.*front, rail"),
     ],
 )
-def test_pictures_that_cannot_be_had_are_errors(words, error, said, tmp_path):
+def test_images_that_cannot_be_had_are_errors(words, error, said, tmp_path):
     with pytest.raises(error, match=said):
         learn(tmp_path, *words)
     assert not any(tmp_path.iterdir())
@@ -138,7 +138,7 @@ def test_a_task_without_a_camera_is_told_before_anything_is_made(monkeypatch, tm
 
 
 class FilmedPointMass(PointMass):
-    """A point mass that is seen: a bright column of a dark picture, in the last three frames."""
+    """A point mass that is seen: a bright column of a dark image, in the last three frames."""
 
     def __init__(self, num_envs, seed=0):
         super().__init__(num_envs, seed)
@@ -162,7 +162,7 @@ class FilmedPointMass(PointMass):
 
 
 @pytest.mark.long
-def test_it_learns_from_pictures(tmp_path):
+def test_it_learns_from_images(tmp_path):
     config = Tdmpc2Config(
         observation="pixels", model_size=1, enc_dim=32, mlp_dim=64, latent_dim=128, num_channels=8,
         num_bins=51, simnorm_dim=4, num_samples=48, num_elites=8, num_pi_trajs=8, iterations=3, num_envs=8,

@@ -1,4 +1,4 @@
-"""What an agent is shown while it learns from pictures is what an evaluation shows it in the same state."""
+"""What an agent is shown while it learns from images is what an evaluation shows it in the same state."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def spec(simulator):
 
 
 class Watcher:
-    """Pushes the cart one way, and keeps the pictures that it is shown."""
+    """Pushes the cart one way, and keeps the images that it is shown."""
 
     n_obs_steps, n_action_steps = 3, 1
 
