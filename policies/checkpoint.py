@@ -17,6 +17,9 @@ HASHES = "sha256.json"
 PREPROCESSOR = "policy_preprocessor.json"
 POSTPROCESSOR = "policy_postprocessor.json"
 
+REGISTERED_AS = {"keypoint_act": "act"}
+"""LeRobot's policy types that are a network of a policy with another name."""
+
 _IMAGES = "observation.images."
 _ADVICE = (
     "A checkpoint is a folder with config.json, model.safetensors, policy_preprocessor.json and "
@@ -127,6 +130,7 @@ def seen_cameras(directory: Path) -> dict[str, int]:
 def policy_type(directory: Path) -> str:
     """Returns the registered name of the policy in a pretrained folder."""
     name = read_json(directory / CONFIG).get("type")
+    name = REGISTERED_AS.get(name, name) if isinstance(name, str) else name
     if not isinstance(name, str):
         raise PolicyError(f"'{directory / CONFIG}' does not say which policy it is (key 'type'). {_ADVICE}")
     return name

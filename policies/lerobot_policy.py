@@ -32,6 +32,7 @@ class LeRobotPolicy:
     Subclasses name the model and say how it is built; see ``policies/act`` and ``policies/diffusion``.
 
     Attributes:
+        model_classes: LeRobot's name of a policy type to its class; the configuration chooses among them.
         model: LeRobot's policy.
         preprocessor: From observations (and actions) to the numbers that the model sees.
         postprocessor: From the actions of the model to those of the robot.
@@ -42,7 +43,7 @@ class LeRobotPolicy:
 
     model: Any  # LeRobot's base class does not declare what every policy has
     name: ClassVar[str]
-    model_class: ClassVar[Any]  # a subclass of LeRobot's PreTrainedPolicy
+    model_classes: ClassVar[Mapping[str, Any]]
     actions_of: ClassVar[Literal["task", "rl"]] = "task"
     default_ema: ClassVar[bool] = False
     processor_steps: ClassVar[frozenset[str]] = frozenset(
@@ -80,7 +81,7 @@ class LeRobotPolicy:
         """Makes an untrained policy; see :func:`policies.create`."""
         inputs, outputs = policy_features(features)
         try:
-            model = cls.model_class(cls.lerobot_config(config, inputs, outputs, device)).to(device)
+            model = cls.make_model(cls.lerobot_config(config, inputs, outputs, device)).to(device)
         except (ValueError, NotImplementedError) as error:
             raise PolicyError(f"Policy '{cls.name}' cannot be made for this dataset: {error}") from error
         keys = {key: feature.type is FeatureType.VISUAL for key, feature in (inputs | outputs).items()}
@@ -89,6 +90,11 @@ class LeRobotPolicy:
             image_stats = "imagenet" if config.pretrained_backbone_weights else "dataset"
         own_stats = policy_stats(keys, stats, image_stats)
         return cls(model.eval(), cls.lerobot_processors(model.config, own_stats))
+
+    @classmethod
+    def make_model(cls, config: PreTrainedConfig) -> Any:
+        """Returns an untrained model of LeRobot's configuration."""
+        return cls.model_classes[config.type](config)
 
     # --- acting ---------------------------------------------------------------------------------
 
@@ -242,10 +248,10 @@ class LeRobotPolicy:
     def load(cls, directory: str | Path, device: str = "cpu") -> Self:
         """Reads a LeRobot pretrained folder; see :meth:`policies.base.Policy.load`."""
         directory = checkpoint.resolve(directory)
-        config = _load_config(directory, cls.name, cls.model_class.config_class, device)
+        config = _load_config(directory, cls.name, cls.model_classes, device)
         weights = checkpoint.read_weights(directory / checkpoint.WEIGHTS)
         processors = _load_processors(directory, device, cls.processor_steps)
-        model = cls.model_class(config)
+        model = cls.make_model(config)
         checkpoint.load_weights(model, weights, directory / checkpoint.WEIGHTS)
         return cls(model.to(device).eval(), processors)
 
@@ -276,19 +282,20 @@ def policy_features(features: Mapping[str, Any]) -> tuple[Features, Features]:
 
 
 def _load_config(
-    directory: Path, name: str, config_class: type[PreTrainedConfig], device: str
+    directory: Path, name: str, model_classes: Mapping[str, Any], device: str
 ) -> PreTrainedConfig:
     import draccus
 
     path = directory / checkpoint.CONFIG
     content = checkpoint.read_json(path)
     given = content.pop("type", None)
-    if given != name:
+    if given not in model_classes:
         raise PolicyError(f"'{path}' is of policy '{given}', not of '{name}'. Load it with policies.load().")
-    # The weights are in the checkpoint; naming torchvision's would download them first.
-    content |= {"device": str(device), "pretrained_backbone_weights": None}
+    content["device"] = str(device)
+    if "pretrained_backbone_weights" in content:  # the checkpoint has the weights; torchvision's are a download
+        content["pretrained_backbone_weights"] = None
     try:
-        return draccus.decode(config_class, content)
+        return draccus.decode(model_classes[given].config_class, content)
     except Exception as error:  # draccus raises several unrelated types
         reason = error.__cause__ or error  # draccus hides what the dataclass said
         raise PolicyError(f"'{path}' is not a configuration of policy '{name}': {reason}") from error

@@ -10,6 +10,10 @@ from envs.core.errors import PolicyError
 class ActConfig:
     """Action Chunking Transformer, arXiv:2304.13705; the defaults are those of the original code.
 
+    With ``vision_backbone=keypoints`` it is the small network of
+    :mod:`policies.act.modeling_keypoint_act`, which learns on a CPU and ignores the settings of the ResNet and of
+    the variational encoder.
+
     Attributes:
         chunk_size: Actions that one forward pass predicts.
         n_action_steps: Actions of a chunk that are executed before the next forward pass.
@@ -25,7 +29,7 @@ class ActConfig:
         latent_dim: Size of its style variable.
         kl_weight: Weight of the KL term of the loss.
         dropout: Dropout of the transformer layers.
-        vision_backbone: A ResNet of torchvision.
+        vision_backbone: A ResNet of torchvision, or ``keypoints`` for a small one with spatial softmax.
         pretrained_backbone_weights: Name of torchvision weights, such as
             ``ResNet18_Weights.IMAGENET1K_V1``, which are downloaded; None starts at random.
         backbone_norm: ``frozen`` keeps the normalization layers of the backbone as they are loaded, which
@@ -34,6 +38,12 @@ class ActConfig:
         image_stats: Mean and standard deviation that images are normalized with: of the ``dataset``, of
             ``imagenet``, or ``half`` (0.5 and 0.5); ``auto`` is ``imagenet`` with pretrained weights and
             ``dataset`` without.
+        mask_padding: Leave the actions after the end of an episode, which repeat its last, out of the loss, as
+            the original does. Without it the policy learns to hold still there.
+        state_noise: Standard deviation of the noise that training adds to the normalized joint positions.
+        conv_channels: Of ``keypoints``: channels of each convolution of a camera, multiples of 8.
+        n_keypoints: Of ``keypoints``: keypoints of each camera.
+        tokens_per_camera: Of ``keypoints``: tokens that the keypoints of a camera become.
     """
 
     chunk_size: int = 100
@@ -48,10 +58,15 @@ class ActConfig:
     latent_dim: int = 32
     kl_weight: float = 10.0
     dropout: float = 0.1
-    vision_backbone: Literal["resnet18", "resnet34", "resnet50"] = "resnet18"
+    vision_backbone: Literal["resnet18", "resnet34", "resnet50", "keypoints"] = "resnet18"
     pretrained_backbone_weights: str | None = None
     backbone_norm: Literal["auto", "batch", "frozen"] = "auto"
     image_stats: Literal["auto", "dataset", "imagenet", "half"] = "auto"
+    mask_padding: bool = True
+    state_noise: float = 0.0
+    conv_channels: tuple[int, ...] = (16, 32, 64, 64)
+    n_keypoints: int = 32
+    tokens_per_camera: int = 4
 
     def __post_init__(self) -> None:
         if not 1 <= self.n_action_steps <= self.chunk_size:
@@ -66,3 +81,12 @@ class ActConfig:
             )
         if not 0.0 <= self.dropout < 1.0:
             raise PolicyError(f"policy.dropout must be from 0 to below 1, given {self.dropout}.")
+        if not 0.0 <= self.state_noise < float("inf"):
+            raise PolicyError(f"policy.state_noise must be 0 (off) or more, given {self.state_noise}.")
+        if not self.conv_channels or any(width <= 0 or width % 8 for width in self.conv_channels):
+            raise PolicyError(
+                f"policy.conv_channels={list(self.conv_channels)} must be multiples of 8, such as [16,32,64,64]."
+            )
+        for name in ("n_keypoints", "tokens_per_camera"):
+            if getattr(self, name) < 1:
+                raise PolicyError(f"policy.{name} must be 1 or more, given {getattr(self, name)}.")

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import nullcontext
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -11,11 +11,13 @@ from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot.policies.act.modeling_act import ACTPolicy
 from lerobot.policies.act.processor_act import make_act_pre_post_processors
 from lerobot.policies.pretrained import PreTrainedPolicy
-from lerobot.utils.constants import ACTION, OBS_IMAGES
+from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
 from torch import Tensor, nn
 from torchvision.ops.misc import FrozenBatchNorm2d
 
 from policies.act.config import ActConfig
+from policies.act.configuration_keypoint_act import KeypointActConfig
+from policies.act.modeling_keypoint_act import KeypointActPolicy
 from policies.base import Observation
 from policies.lerobot_policy import Features, LeRobotPolicy, Processors
 from policies.objective import Loss
@@ -36,8 +38,10 @@ class ActPolicy(LeRobotPolicy):
     """
 
     name = "act"
-    model_class = ACTPolicy
+    model_classes: ClassVar = {"act": ACTPolicy, "keypoint_act": KeypointActPolicy}
     _train_batch_norm = False
+    _mask_padding = True
+    _state_noise = 0.0
 
     def __init__(self, model: PreTrainedPolicy, processors: Processors) -> None:
         super().__init__(model, processors)
@@ -49,7 +53,7 @@ class ActPolicy(LeRobotPolicy):
         cls, config: ActConfig, inputs: Features, outputs: Features, device: str
     ) -> PreTrainedConfig:
         """Returns LeRobot's configuration."""
-        return ACTConfig(
+        shared: dict[str, Any] = dict(
             device=device,
             input_features=inputs,
             output_features=outputs,
@@ -61,6 +65,16 @@ class ActPolicy(LeRobotPolicy):
             dim_feedforward=config.dim_feedforward,
             n_encoder_layers=config.n_encoder_layers,
             n_decoder_layers=config.n_decoder_layers,
+        )
+        if config.vision_backbone == "keypoints":
+            return KeypointActConfig(
+                **shared,
+                conv_channels=tuple(config.conv_channels),
+                n_keypoints=config.n_keypoints,
+                tokens_per_camera=config.tokens_per_camera,
+            )
+        return ACTConfig(
+            **shared,
             use_vae=config.use_vae,
             n_vae_encoder_layers=config.n_vae_encoder_layers,
             latent_dim=config.latent_dim,
@@ -72,7 +86,7 @@ class ActPolicy(LeRobotPolicy):
 
     @classmethod
     def lerobot_processors(cls, config: Any, stats: dict[str, dict[str, Tensor]]) -> Processors:
-        """Returns LeRobot's processors."""
+        """Returns LeRobot's processors: the same of both networks."""
         return make_act_pre_post_processors(config, dataset_stats=stats)
 
     @classmethod
@@ -83,6 +97,7 @@ class ActPolicy(LeRobotPolicy):
         policy._train_batch_norm = norm == "batch" or (
             norm == "auto" and config.pretrained_backbone_weights is None
         )
+        policy._mask_padding, policy._state_noise = config.mask_padding, config.state_noise
         return policy
 
     def act(
@@ -114,7 +129,10 @@ class ActPolicy(LeRobotPolicy):
         """Readies the model for gradient steps."""
         if self._train_batch_norm:
             replace_modules(self.model, FrozenBatchNorm2d, _batch_norm)
-        super().begin_training()
+        if isinstance(self.model, KeypointActPolicy):
+            self.model.train()  # group normalization wants channels first, so channels last would be copied
+        else:
+            super().begin_training()
 
     def end_training(self) -> None:
         """Freezes the normalization of the backbone, as LeRobot has it."""
@@ -125,15 +143,21 @@ class ActPolicy(LeRobotPolicy):
     def loss(self, batch: dict[str, Tensor]) -> Loss:
         """Returns the L1 distance of the actions, plus the weighted KL term (LeRobot's ACT, forward)."""
         config = self.model.config
+        if self._state_noise:
+            state = batch[OBS_STATE]
+            batch = {**batch, OBS_STATE: state + self._state_noise * torch.randn_like(state)}
         # LeRobot makes its zeros on the CPU, and their copy waits for the GPU; a compiler moves them itself.
         elsewhere = self.device.type != "cpu" and not torch.compiler.is_compiling()
         with self.device if elsewhere else nullcontext():
             actions, (mean, log_variance) = self.model.model(self._inputs(batch))
-        counts = ~batch["action_is_pad"].unsqueeze(-1)
-        error = (batch[ACTION] - actions).abs() * counts
-        terms = {"l1_loss": error.sum() / (counts.sum() * error.shape[-1]).clamp_min(1)}
+        error = (batch[ACTION] - actions).abs()
+        if self._mask_padding:
+            counts = ~batch["action_is_pad"].unsqueeze(-1)
+            terms = {"l1_loss": (error * counts).sum() / (counts.sum() * error.shape[-1]).clamp_min(1)}
+        else:
+            terms = {"l1_loss": error.mean()}
         loss = terms["l1_loss"]
-        if config.use_vae and log_variance is not None:
+        if log_variance is not None:
             divergence = -0.5 * (1 + log_variance - mean.pow(2) - log_variance.exp())
             terms["kld_loss"] = divergence.sum(-1).mean()
             loss = loss + config.kl_weight * terms["kld_loss"]

@@ -1,7 +1,7 @@
 """The Diffusion Policy of LeRobot."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from lerobot.configs import PreTrainedConfig
@@ -23,7 +23,7 @@ class DiffusionPolicy(LeRobotPolicy):
     """Diffusion Policy, arXiv:2303.04137."""
 
     name = "diffusion"
-    model_class = LeRobotDiffusionPolicy
+    model_classes: ClassVar = {"diffusion": LeRobotDiffusionPolicy}
     default_ema = True
 
     @classmethod

@@ -21,9 +21,13 @@ from typing import Any
 import policies
 from envs.core.errors import ConfigError, unknown_name
 from envs.scenario.changes import merged
+from envs.spec import EnvSpec
 from policies.checkpoint import learned_tasks
 from roboverse_learn.config.keys import at, flat_keys, full_key, in_open_section, split_word
 from roboverse_learn.config.serialize import default_values, env_keys, from_values, to_values
+
+ALL_CAMERAS = "all"
+"""``cameras=[all]``: every camera of the task."""
 
 _GROUPS = ("policy", "preset")
 
@@ -77,6 +81,9 @@ def compose(command: str, words: Sequence[str]) -> Any:
             _put(values, key, _value(word, text, command, key, at(defaults, key)))
     if command == "collect" and values["source"] == "policy" and "task" not in typed:
         values["task"] = next(iter(learned_tasks(str(values["checkpoint"]))), values["task"])
+    if values.get("cameras") == [ALL_CAMERAS]:
+        scene = EnvSpec(task=values["task"], task_kwargs=values["task_kwargs"]).make_task().scenario
+        values["cameras"] = [camera.name for camera in scene.cameras]
     return from_values(command, values)
 
 

@@ -102,6 +102,6 @@ def test_full_size_parameters(name, millions):
     with torch.device("meta"):
         cls = policies.policy_class(name)
         inputs, outputs = policy_features(FEATURES)
-        policy = cls.model_class(cls.lerobot_config(policies.config_class(name)(), inputs, outputs, "cpu"))
+        policy = cls.make_model(cls.lerobot_config(policies.config_class(name)(), inputs, outputs, "cpu"))
     count = sum(parameter.numel() for parameter in policy.parameters()) / 1e6
     assert count == pytest.approx(millions, abs=0.1)

@@ -1,3 +1,7 @@
-"""Registers ``--env.type=roboverse`` with LeRobot, which imports this module by its name."""
+"""Registers ``--env.type=roboverse`` and the policy type ``keypoint_act`` with LeRobot.
 
-import envs.lerobot  # noqa: F401
+LeRobot imports this module by its name.
+"""
+
+import envs.lerobot
+import policies.act.configuration_keypoint_act  # noqa: F401

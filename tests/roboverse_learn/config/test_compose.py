@@ -65,6 +65,7 @@ def another(key: str, value: Any) -> Any:
         "policy.pretrained_backbone_weights": "ResNet18_Weights.IMAGENET1K_V1",
         "policy.backbone_norm": "batch",
         "policy.image_stats": "half",
+        "policy.conv_channels": [8, 16],
         "policy.noise_scheduler_type": "DDIM",
         "policy.num_train_timesteps": 50,
         "policy.num_inference_steps": 5,
@@ -125,6 +126,11 @@ def test_every_key_can_be_set_and_survives_the_saved_configuration(
     assert from_values(command, saved) == config
     with pytest.raises(dataclasses.FrozenInstanceError):
         setattr(config, dataclasses.fields(config)[0].name, "elsewhere")
+
+
+@pytest.mark.parametrize(("task", "cameras"), [("PickCube", ("front", "wrist")), ("DrawerOpen", ("front",))])
+def test_all_cameras_are_those_of_the_task(task: str, cameras: tuple[str, ...]) -> None:
+    assert compose("collect", [f"task={task}", "cameras=[all]"]).env.cameras == cameras
 
 
 @QUICK

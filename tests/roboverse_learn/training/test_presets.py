@@ -32,7 +32,7 @@ def test_the_network_of_every_preset_builds(preset, name):
     cls = policies.policy_class(name)
     inputs, outputs = policy_features(features(config.env.image_size))
     with torch.device("meta"):  # shapes without numbers: the full networks are large
-        model = cls.model_class(cls.lerobot_config(config.policy, inputs, outputs, "cpu"))
+        model = cls.make_model(cls.lerobot_config(config.policy, inputs, outputs, "cpu"))
     policy = cls(model, cls.lerobot_processors(model.config, stats()))
     assert 1 <= policy.n_action_steps <= len(policy.delta_indices["action"])
     assert policy.n_params > 1e6

@@ -1,0 +1,92 @@
+"""LeRobot's configuration of the small Action Chunking Transformer: ``--policy.type=keypoint_act``.
+
+LeRobot finds the model and the processors of a policy type in the modules ``modeling_<type>`` and
+``processor_<type>`` beside the module of its configuration.
+"""
+
+from dataclasses import dataclass, field
+
+from lerobot.configs import NormalizationMode, PreTrainedConfig
+from lerobot.optim import AdamWConfig
+
+
+@PreTrainedConfig.register_subclass("keypoint_act")
+@dataclass
+class KeypointActConfig(PreTrainedConfig):
+    """Action chunking with a transformer over image keypoints, for training on a CPU.
+
+    Attributes:
+        chunk_size: Actions that one forward pass predicts.
+        n_action_steps: Actions of a chunk that are executed before the next forward pass.
+        normalization_mapping: How each kind of feature is normalized.
+        conv_channels: Channels of each convolution of a camera's backbone. The first has a kernel of 5 pixels,
+            the others of 3; all but the last have a stride of 2.
+        n_keypoints: Keypoints of each camera, by spatial softmax.
+        tokens_per_camera: Tokens that the keypoints of a camera become.
+        dim_model: Width of the transformer.
+        n_heads: Attention heads.
+        dim_feedforward: Width of the feed-forward layers.
+        n_encoder_layers: Layers of the encoder.
+        n_decoder_layers: Layers of the decoder.
+        optimizer_lr: Learning rate of ``lerobot-train``.
+        optimizer_weight_decay: Weight decay of ``lerobot-train``.
+    """
+
+    chunk_size: int = 20
+    n_action_steps: int = 10
+    normalization_mapping: dict[str, NormalizationMode] = field(
+        default_factory=lambda: dict.fromkeys(("VISUAL", "STATE", "ACTION"), NormalizationMode.MEAN_STD)
+    )
+    conv_channels: tuple[int, ...] = (16, 32, 64, 64)
+    n_keypoints: int = 32
+    tokens_per_camera: int = 4
+    dim_model: int = 128
+    n_heads: int = 4
+    dim_feedforward: int = 512
+    n_encoder_layers: int = 1
+    n_decoder_layers: int = 1
+    optimizer_lr: float = 1e-3
+    optimizer_weight_decay: float = 1e-4
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 1 <= self.n_action_steps <= self.chunk_size:
+            raise ValueError(
+                f"n_action_steps={self.n_action_steps} must be from 1 to chunk_size={self.chunk_size}."
+            )
+        if self.dim_model % self.n_heads:
+            raise ValueError(f"dim_model={self.dim_model} must be a multiple of n_heads={self.n_heads}.")
+        if not self.conv_channels or any(width % 8 for width in self.conv_channels):
+            raise ValueError(
+                f"conv_channels={list(self.conv_channels)} must be multiples of 8, the groups of their "
+                "normalization."
+            )
+
+    def get_optimizer_preset(self) -> AdamWConfig:
+        """Returns the optimizer of ``lerobot-train``."""
+        return AdamWConfig(lr=self.optimizer_lr, weight_decay=self.optimizer_weight_decay)
+
+    def get_scheduler_preset(self) -> None:
+        """Returns nothing: ``lerobot-train`` keeps its learning rate."""
+
+    def validate_features(self) -> None:
+        """Checks the inputs and outputs.
+
+        Raises:
+            ValueError: There is no image, no state or no action.
+        """
+        if not self.image_features or self.robot_state_feature is None or self.action_feature is None:
+            raise ValueError("keypoint_act takes at least one image and a state, and gives actions.")
+
+    @property
+    def observation_delta_indices(self) -> None:
+        """Frames of an observation: the newest alone."""
+
+    @property
+    def action_delta_indices(self) -> list[int]:
+        """Frames of the actions of a training sample."""
+        return list(range(self.chunk_size))
+
+    @property
+    def reward_delta_indices(self) -> None:
+        """Frames of the rewards: none are read."""
