@@ -204,8 +204,11 @@ def _show(report: Any) -> None:
 def _start_logging() -> None:
     """Shows what our own packages log; other libraries speak from a warning on."""
     logging.basicConfig(format="%(message)s", level=logging.WARNING, stream=sys.stderr)
+    for handler in logging.getLogger().handlers:
+        handler.setLevel(logging.INFO)  # lines of progress are for a run's log where the terminal has a bar
     for package in ("envs", "policies", "benchmark", "roboverse_learn"):
         logging.getLogger(package).setLevel(logging.INFO)
+    logging.getLogger("roboverse_learn.progress").setLevel(logging.DEBUG)
 
 
 def _fail(message: str) -> int:

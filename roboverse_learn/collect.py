@@ -108,19 +108,11 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
 
 @contextlib.contextmanager
 def _bar(what: str) -> Iterator[Callable[[int, int, str], None]]:
-    """Shows a progress bar; yields a function of the number done, the number in all, and a text."""
-    from rich import progress
+    """Shows the progress; yields a function of the number done, the number in all, and a text."""
+    from roboverse_learn.progress import StageProgress
 
-    with progress.Progress(
-        progress.TextColumn(what),
-        progress.BarColumn(),
-        progress.MofNCompleteColumn(),
-        progress.TextColumn("{task.description}"),
-        progress.TimeElapsedColumn(),
-        progress.TimeRemainingColumn(),
-    ) as bar:
-        task = bar.add_task("", total=None)
-        yield lambda done, total, text: bar.update(task, completed=done, total=total, description=text)
+    with StageProgress(what) as progress:
+        yield progress.update
 
 
 def dataset_layout(config: CollectConfig) -> tuple[dict[str, Any], int, str]:

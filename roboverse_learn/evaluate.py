@@ -6,6 +6,7 @@ from pathlib import Path
 if __name__ == "__main__":  # as a script: this folder's `data` or `run` must not hide other packages
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
+import itertools
 import logging
 import math
 from dataclasses import asdict, dataclass
@@ -183,6 +184,7 @@ def _run_cells(
 ) -> tuple[list["EpisodeRecord"], dict[str, Any]]:  # fmt: skip
     """Evaluates every cell that is not finished; returns all records, and facts of the env."""
     from benchmark import runner, videos
+    from roboverse_learn.progress import StageProgress
 
     sees, view = _view_of(tested.checkpoint)
     facts: dict[str, Any] = {"sees_images": sees}
@@ -196,7 +198,7 @@ def _run_cells(
         return env
 
     def end_cell(cell: Cell, env: Any, records: list["EpisodeRecord"]) -> None:
-        bar.console.print(f"{cell}: {sum(record.success for record in records)} of {len(records)} succeeded")
+        progress.print(f"{cell}: {sum(record.success for record in records)} of {len(records)} succeeded")
         if cell.split == "test" and config.videos:
             videos.film_cell(
                 policy, env, records, video_folder, control_hz=facts["control_hz"], count=config.videos
@@ -206,15 +208,14 @@ def _run_cells(
     cells = protocol.cells()
     if all(cell in finished.records for cell in cells):  # killed just before the results file was written
         make_env(cells[0]).close()
-    with _progress_bar() as bar:
-        done = sum(map(len, finished.records.values()))
-        task = bar.add_task("evaluating", total=len(cells) * protocol.episodes, completed=done)
+    with StageProgress("evaluating") as progress:
+        done = itertools.count(sum(map(len, finished.records.values())) + 1)
         records = runner.evaluate(
             policy,
             make_env,
             protocol,
             policy_name=name,
-            on_episode=lambda _: bar.advance(task),
+            on_episode=lambda _: progress.update(next(done), len(cells) * protocol.episodes),
             on_cell=end_cell,
             known=finished.records,
         )
@@ -266,18 +267,6 @@ def _view_of(checkpoint: Path | None) -> tuple[bool, dict[str, Any]]:
 def command_words() -> list[str]:
     """Returns the ``key=value`` words that this process was started with."""
     return [word for word in sys.argv[1:] if "=" in word]
-
-
-def _progress_bar() -> Any:
-    from rich import progress
-
-    return progress.Progress(
-        progress.TextColumn("{task.description}"),
-        progress.BarColumn(),
-        progress.MofNCompleteColumn(),
-        progress.TimeElapsedColumn(),
-        progress.TimeRemainingColumn(),
-    )
 
 
 def _earlier(

@@ -135,14 +135,14 @@ def _train(config: TrainRunConfig, folder: Path, dataset_root: str | None, devic
     """Trains in this process, on a dataset or in an environment."""
     from roboverse_learn.commands.run_folder import seed_of
     from roboverse_learn.training.learners import learner_of
-    from roboverse_learn.training.reporter import Reporter, RichReporter
+    from roboverse_learn.training.reporter import ProgressReporter, Reporter
 
     first = int(os.environ.get("RANK", "0")) == 0
-    reporter = RichReporter() if first else Reporter()
+    reporter = ProgressReporter() if first else Reporter()
     try:
         return learner_of(config, device).learn(folder, dataset_root, seed_of(config, "training"), reporter)
     finally:
-        if isinstance(reporter, RichReporter):
+        if isinstance(reporter, ProgressReporter):
             reporter.close()
 
 

@@ -394,8 +394,7 @@ def test_a_script_hides_no_other_package(script: str) -> None:
         f"except SystemExit as end: assert end.code == 0, end.code\n"
         f"assert r'{ROOT / 'roboverse_learn'}' not in sys.path, sys.path"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60
-    )
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 0, done.stderr
     assert f"roboverse {script}" in done.stdout

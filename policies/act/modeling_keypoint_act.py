@@ -170,7 +170,11 @@ class Attention(nn.Module):
     def __init__(self, dim: int, heads: int) -> None:
         super().__init__()
         self.heads = heads
-        self.query, self.key_value, self.out = nn.Linear(dim, dim), nn.Linear(dim, 2 * dim), nn.Linear(dim, dim)
+        self.query, self.key_value, self.out = (
+            nn.Linear(dim, dim),
+            nn.Linear(dim, 2 * dim),
+            nn.Linear(dim, dim),
+        )
 
     def forward(self, tokens: Tensor, memory: Tensor) -> Tensor:
         """Returns what the tokens attend to, (B, T, D)."""
@@ -232,4 +236,6 @@ class DecoderBlock(nn.Module):
 
 
 def _feedforward(dim: int, width: int) -> nn.Module:
-    return nn.Sequential(nn.LayerNorm(dim), nn.Linear(dim, width), nn.ReLU(inplace=True), nn.Linear(width, dim))
+    return nn.Sequential(
+        nn.LayerNorm(dim), nn.Linear(dim, width), nn.ReLU(inplace=True), nn.Linear(width, dim)
+    )

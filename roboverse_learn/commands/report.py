@@ -8,6 +8,8 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from roboverse_learn.progress import clock
+
 if TYPE_CHECKING:
     from benchmark.records import CellSummary
     from roboverse_learn.data.collection.collect import CollectionSummary
@@ -127,13 +129,6 @@ def success_table(evaluation: "Evaluation") -> Table:
             condition, *rates, ", ".join(cells[0].channels), ", ".join(cells[0].not_shown) or "nothing"
         )
     return table
-
-
-def clock(seconds: float) -> str:
-    """``75`` as ``1:15``, ``3700`` as ``1:01:40``."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
 
 
 def _rate(cell: "CellSummary") -> str:

@@ -1,8 +1,11 @@
 """How a training run tells whoever started it how far it is."""
 
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from roboverse_learn.progress import StageProgress
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -97,36 +100,27 @@ class Reporter:
         """The run is complete."""
 
 
-class RichReporter(Reporter):
-    """A progress bar with the loss, the speed and the time left.
+class ProgressReporter(Reporter):
+    """Shows the loss, the speed and the time left; see :class:`roboverse_learn.progress.StageProgress`.
 
     Args:
         console: Where to draw; None takes the standard output.
     """
 
     def __init__(self, console: "Console | None" = None) -> None:
-        from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
-        from rich.progress import Progress as Bar
-
-        self._bar = Bar(
-            TextColumn("training"),
-            BarColumn(),
-            TextColumn("{task.percentage:>3.0f} %  {task.description}"),
-            TimeElapsedColumn(),
-            console=console,
-        )
-        self._task = self._bar.add_task("", total=1.0)
+        self._progress = StageProgress("training", console)
+        self._shown = contextlib.ExitStack()
 
     def on_start(self, progress: Progress, policy: Any) -> None:
-        """Shows the bar."""
-        self._bar.start()
-        again = f", going on at step {progress.step:,}" if progress.step else ""
+        """Shows what is trained, and the bar."""
+        again = f", resumed at step {progress.step:,}" if progress.step else ""
         size, device = f"{policy.n_params / 1e6:.1f} M parameters", policy.device.type
-        self._bar.console.print(f"Training {policy.name} with {size} on {device}{again}")
+        self._progress.print(f"Training {policy.name} with {size} on {device}{again}")
+        self._shown.enter_context(self._progress)
 
     def on_step(self, progress: Progress) -> None:
         """Moves the bar."""
-        parts = [f"step {progress.step:,}/{progress.steps:,}"]
+        parts = []
         if progress.success_rate is not None:
             parts.append(f"success {100 * progress.success_rate:.0f} %")
         if progress.episode_return is not None:
@@ -135,20 +129,12 @@ class RichReporter(Reporter):
             parts.append(f"loss {progress.loss:.4f}")
         if progress.samples_per_s is not None:
             parts.append(f"{progress.samples_per_s:.0f} samples/s")
-        if progress.eta_s is not None:
-            parts.append(f"{_duration(progress.eta_s)} left")
-        self._bar.update(self._task, completed=progress.fraction, description="  ".join(parts))
+        self._progress.update(progress.step, progress.steps, ", ".join(parts), progress.eta_s)
 
     def on_end(self, result: TrainResult) -> None:
-        """Takes the bar away."""
+        """Removes the bar."""
         self.close()
 
     def close(self) -> None:
-        """Gives the terminal back; also to be called when the run fails."""
-        self._bar.stop()
-
-
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+        """Frees the terminal; also to be called when the run fails."""
+        self._shown.close()

@@ -14,7 +14,7 @@ from roboverse_learn.commands.run_folder import read_facts
 from roboverse_learn.config.compose import compose
 from roboverse_learn.data.dataset.reader import ResidentDataset
 from roboverse_learn.training.metrics import read_metrics
-from roboverse_learn.training.reporter import RichReporter
+from roboverse_learn.training.reporter import ProgressReporter
 from tests.gpu.marks import COMPILES
 
 pytestmark = COMPILES
@@ -68,7 +68,7 @@ def stopped_and_resumed(words, stop_at, monkeypatch, caplog):
 
     caplog.set_level(logging.INFO)
     with monkeypatch.context() as patch:
-        patch.setattr(RichReporter, "on_step", stop)
+        patch.setattr(ProgressReporter, "on_step", stop)
         assert cli.main(["train", *words]) == 130
     caplog.clear()
     assert cli.main(["train", *words]) == 0

@@ -75,7 +75,7 @@ class Commands:
         # Both at once: most of their time is the imports.
         running = {
             "train": self._start("lerobot-train", train, [plugin, ROOT]),
-            "eval": self._start("lerobot-eval", evaluate, [ROOT]),
+            "eval": self._start("lerobot-eval", evaluate, [plugin, ROOT]),
         }
         self.logs = {name: process.communicate(timeout=300)[0] for name, process in running.items()}
         self.codes = {name: process.returncode for name, process in running.items()}
@@ -136,12 +136,14 @@ def test_our_command_evaluates_what_lerobot_trained(
 
 
 def test_lerobot_opens_our_checkpoint_and_acts_as_we_do(main_run: MainRun) -> None:
-    from lerobot.policies.act.modeling_act import ACTPolicy
-    from lerobot.policies.factory import make_pre_post_processors
+    from lerobot.configs import PreTrainedConfig
+    from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 
     import policies
 
-    theirs = ACTPolicy.from_pretrained(main_run.checkpoint)
+    config = PreTrainedConfig.from_pretrained(main_run.checkpoint)
+    assert config.type == "keypoint_act"
+    theirs = get_policy_class(config.type).from_pretrained(main_run.checkpoint)
     before, after = make_pre_post_processors(
         theirs.config,
         str(main_run.checkpoint),
@@ -150,15 +152,14 @@ def test_lerobot_opens_our_checkpoint_and_acts_as_we_do(main_run: MainRun) -> No
     ours = policies.load(main_run.checkpoint)
     rng = np.random.default_rng(0)
     state = rng.normal(size=(1, 9)).astype(np.float32)
-    image = rng.integers(0, 256, (1, 32, 32, 3), dtype=np.uint8)
-    batch = {
-        "observation.state": torch.from_numpy(state),
-        "observation.images.front": torch.from_numpy(image).permute(0, 3, 1, 2).float() / 255,
-    }
+    cameras = ("observation.images.front", "observation.images.wrist")
+    images = {key: rng.integers(0, 256, (1, 32, 32, 3), dtype=np.uint8) for key in cameras}
+    batch = {key: torch.from_numpy(image).permute(0, 3, 1, 2).float() / 255 for key, image in images.items()}
+    batch["observation.state"] = torch.from_numpy(state)
     theirs.eval().reset()
     with torch.inference_mode():
         first = after(theirs.select_action(before(batch))).numpy()
-    chunk = ours.act({"observation.state": state, "observation.images.front": image})
+    chunk = ours.act({"observation.state": state, **images})
     np.testing.assert_allclose(chunk[:, 0], first, atol=1e-5)
     assert (main_run.checkpoint / WEIGHTS).is_file()
 

@@ -3,5 +3,4 @@
 LeRobot imports this module by its name.
 """
 
-import envs.lerobot
 import policies.act.configuration_keypoint_act  # noqa: F401

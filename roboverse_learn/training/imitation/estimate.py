@@ -16,15 +16,16 @@ from roboverse_learn.training.imitation.train import make_optimizer
 from roboverse_learn.training.reporter import Reporter
 from roboverse_learn.training.rl.loop import Loop
 
-_LARGEST_TIMED_BATCH = 4
+_SMALL_BATCH = 4
+_QUICK_STEP_S = 0.3
 _LEAST_TIMED_S, _MOST_TIMED_S = 1.0, 20.0
 
 
-def estimate_training_s(policy: LeRobotPolicy, config: TrainConfig, num_timed_steps: int = 1) -> float:
+def estimate_training_s(policy: LeRobotPolicy, config: TrainConfig, num_timed_steps: int = 5) -> float:
     """Times gradient steps on random data and returns the seconds of the whole run.
 
-    On a CPU a few samples stand for the batch, so that asking takes seconds, not minutes. On a GPU nothing
-    is compiled for it, so that the run will take less. The policy is changed by the steps: give it one
+    On a CPU a few samples stand for the batch of a large network, so that asking takes seconds, not minutes. On a
+    GPU nothing is compiled for it, so that the run will take less. The policy is changed by the steps: give it one
     that is not needed any more.
 
     Args:
@@ -35,26 +36,35 @@ def estimate_training_s(policy: LeRobotPolicy, config: TrainConfig, num_timed_st
     Returns:
         Seconds, at most the time limit of ``config``.
     """
-    on_cpu = policy.device.type == "cpu"
-    batch_size = min(config.batch_size, _LARGEST_TIMED_BATCH) if on_cpu else config.batch_size
+    batch_size = config.batch_size
     with cpu_threads(config.num_threads, policy.device.type), torch.random.fork_rng():
         policy.begin_training()
-        optimizer = make_optimizer(policy, config)
-        objective = policy.objective()
-        batch = _random_batch(policy, batch_size)
-        bf16 = resolve_precision(config.precision, policy.device) == "bf16"
-        seconds = []
-        for _ in range(1 + num_timed_steps):
-            start = time.perf_counter()
-            with torch.autocast(policy.device.type, torch.bfloat16, enabled=bf16):
-                loss, _terms = objective(batch)
-            loss.backward()
-            optimizer.step()
-            optimizer.zero_grad()
-            float(loss.detach())  # waits for a GPU
-            seconds.append(time.perf_counter() - start)
+        if policy.device.type == "cpu" and batch_size > _SMALL_BATCH:
+            seconds = _step_s(policy, config, _SMALL_BATCH, 1)
+            if seconds > _QUICK_STEP_S:
+                policy.end_training()
+                return _limited(seconds * batch_size / _SMALL_BATCH * config.steps, config)
+        seconds = _step_s(policy, config, batch_size, num_timed_steps)
         policy.end_training()
-    return _limited(min(seconds[1:]) * config.batch_size / batch_size * config.steps, config)
+    return _limited(seconds * config.steps, config)
+
+
+def _step_s(policy: LeRobotPolicy, config: TrainConfig, batch_size: int, num_timed_steps: int) -> float:
+    """Returns the seconds of the fastest of some gradient steps, after one that warms up."""
+    optimizer, objective = make_optimizer(policy, config), policy.objective()
+    batch = _random_batch(policy, batch_size)
+    bf16 = resolve_precision(config.precision, policy.device) == "bf16"
+    seconds = []
+    for _ in range(1 + num_timed_steps):
+        start = time.perf_counter()
+        with torch.autocast(policy.device.type, torch.bfloat16, enabled=bf16):
+            loss, _terms = objective(batch)
+        loss.backward()
+        optimizer.step()
+        optimizer.zero_grad()
+        float(loss.detach())  # waits for a GPU
+        seconds.append(time.perf_counter() - start)
+    return min(seconds[1:])
 
 
 def estimate_learning_s(learner: Any) -> float:

@@ -12,7 +12,7 @@ from envs.core.errors import ConfigError
 from envs.spec import EnvSpec
 from roboverse_learn import train as command
 from roboverse_learn.collect import dataset_folder, dataset_layout
-from roboverse_learn.commands.report import clock, collection_report, evaluation_report, train_report
+from roboverse_learn.commands.report import collection_report, evaluation_report, train_report
 from roboverse_learn.commands.tested_checkpoint import protocol_of
 from roboverse_learn.config.compose import compose
 from roboverse_learn.data.collection.collect import CollectionSummary
@@ -191,8 +191,3 @@ def test_the_report_of_a_run_tells_the_rate_of_the_expert_and_the_times(evaluati
 def test_the_report_of_a_collection() -> None:
     said = printed(collection_report(SUMMARY))
     assert "900 frames, 1:01, hash ffffffffffffffff." in said and "datasets/x" in said
-
-
-@pytest.mark.parametrize(("seconds", "shown"), [(0, "0:00"), (59.6, "1:00"), (75, "1:15"), (3600, "1:00:00")])
-def test_a_clock(seconds: float, shown: str) -> None:
-    assert clock(seconds) == shown

@@ -14,7 +14,7 @@ from roboverse_learn.training.imitation.augment import augment, shift
 from roboverse_learn.training.imitation.ema import Ema
 from roboverse_learn.training.imitation.train import step_seed
 from roboverse_learn.training.metrics import JsonlWriter, read_metrics
-from roboverse_learn.training.reporter import Progress, RichReporter
+from roboverse_learn.training.reporter import Progress, ProgressReporter
 
 
 def test_ema_with_a_constant_decay_is_a_geometric_mean():
@@ -162,12 +162,12 @@ def test_metrics_of_a_resumed_run_have_no_step_twice(tmp_path):
     assert len(read_metrics(tmp_path)) == 3
 
 
-def test_rich_reporter_shows_loss_speed_and_time_left():
+def test_progress_reporter_shows_loss_speed_and_time_left():
     console = Console(file=StringIO(), force_terminal=True, width=120)
-    reporter = RichReporter(console)
+    reporter = ProgressReporter(console)
     progress = dict(loss=0.1234, samples_per_s=61.2, elapsed_s=9.0, eta_s=3671.0)
     reporter.on_step(Progress(step=50, steps=1000, fraction=0.05, **progress))
-    console.print(reporter._bar)
+    console.print(reporter._progress._bar)
     shown = console.file.getvalue()
-    for text in ("step 50/1,000", "loss 0.1234", "61 samples/s", "1:01:11 left"):
+    for text in ("50/1,000 (5 %)", "loss 0.1234", "61 samples/s", "1:01:11 left"):
         assert text in shown

@@ -1,0 +1,87 @@
+"""Progress of a long stage: a bar in a terminal, and a line every 15 s in a log, a file or a pipe."""
+
+import logging
+import threading
+import time
+from typing import TYPE_CHECKING, Self
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+INTERVAL_S = 15.0
+"""Time between two lines."""
+
+log = logging.getLogger(__name__)
+
+
+class StageProgress:
+    """Shows how far a stage is, from its ``with`` statement on.
+
+    The lines are logged, so that a run's log has them, too. In a terminal, which has the bar, they are logged at
+    the level DEBUG.
+
+    Args:
+        stage: What is done, such as ``"collecting"``.
+        console: Where to draw; None takes the standard output.
+        interval_s: Time between two lines.
+    """
+
+    def __init__(self, stage: str, console: "Console | None" = None, interval_s: float = INTERVAL_S) -> None:
+        from rich import progress
+
+        self._bar = progress.Progress(
+            progress.TextColumn(stage),
+            progress.BarColumn(),
+            progress.TextColumn("{task.description}"),
+            progress.TimeElapsedColumn(),
+            console=console,
+        )
+        self.console = self._bar.console
+        self._task = self._bar.add_task("", total=None)
+        self._stage, self._interval_s = stage, interval_s
+        self._level = logging.DEBUG if self.console.is_terminal else logging.INFO
+        self._description = ""
+        self._first: tuple[float, float] | None = None  # what was done, and when, at the first update
+        self._ended = threading.Event()
+        self._speaker = threading.Thread(target=self._speak, daemon=True)
+
+    def update(self, done: float, total: float, text: str = "", left_s: float | None = None) -> None:
+        """Takes how much is done, of how much, what else to show, and the time left where the caller knows it."""
+        now = time.monotonic()
+        self._first = self._first or (done, now)
+        already, since = self._first
+        parts = [f"{done:,.0f}/{total:,.0f} ({100 * done / max(total, 1):.0f} %)", text]
+        if left_s is None and done > already:
+            left_s = (now - since) / (done - already) * max(total - done, 0)
+        if left_s is not None:
+            parts.append(f"{clock(left_s)} left")
+        self._description = ", ".join(filter(None, parts))
+        self._bar.update(self._task, completed=done, total=total, description=self._description)
+
+    def print(self, line: str) -> None:
+        """Prints a line above the bar."""
+        self.console.print(line)
+
+    def __enter__(self) -> Self:
+        self._started = time.monotonic()
+        if self.console.is_terminal:
+            self._bar.start()
+        self._speaker.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._bar.stop()
+        self._speaker.join()
+
+    def _speak(self) -> None:
+        while not self._ended.wait(self._interval_s):
+            elapsed = clock(time.monotonic() - self._started)
+            log.log(self._level, "%s %s, %s elapsed", self._stage, self._description or "starts", elapsed)
+
+
+def clock(seconds: float) -> str:
+    """``75`` as ``1:15``, ``3700`` as ``1:01:40``."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

@@ -1,0 +1,51 @@
+"""What a long stage shows: a bar in a terminal, lines elsewhere."""
+
+import logging
+import time
+from io import StringIO
+
+import pytest
+from rich.console import Console
+
+from roboverse_learn.progress import StageProgress, clock
+
+
+def run_stage(console: Console, updates: int = 2) -> None:
+    with StageProgress("collecting", console, interval_s=0.02) as progress:
+        for done in range(updates):
+            progress.update(10 * done, 40, "71 frames/s")
+        time.sleep(0.2)
+
+
+@pytest.mark.parametrize(("seconds", "shown"), [(0.2, "0:00"), (75, "1:15"), (3700, "1:01:40")])
+def test_clock_shows_minutes_and_hours(seconds: float, shown: str) -> None:
+    assert clock(seconds) == shown
+
+
+def test_lines_without_a_terminal_show_count_rate_and_time_left(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "roboverse_learn.progress")
+    run_stage(Console(file=StringIO()))
+    assert caplog.messages
+    assert caplog.messages[-1].startswith("collecting 10/40 (25 %), 71 frames/s, 0:00 left, 0:00 elapsed")
+
+
+def test_lines_come_before_the_first_update(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "roboverse_learn.progress")
+    run_stage(Console(file=StringIO()), updates=0)
+    assert caplog.messages[0] == "collecting starts, 0:00 elapsed"
+
+
+def test_a_terminal_has_a_bar_and_the_log_the_lines(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.DEBUG, "roboverse_learn.progress")
+    console = Console(file=StringIO(), force_terminal=True, width=120)
+    run_stage(console)
+    assert {record.levelno for record in caplog.records} == {logging.DEBUG}
+    assert "━" in console.file.getvalue() and "10/40 (25 %)" in console.file.getvalue()
+
+
+def test_the_time_left_of_the_caller_is_shown(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "roboverse_learn.progress")
+    with StageProgress("training", Console(file=StringIO()), interval_s=0.02) as progress:
+        progress.update(1, 10, left_s=3671.0)
+        time.sleep(0.1)
+    assert "1:01:11 left" in caplog.messages[-1]
