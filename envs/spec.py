@@ -38,7 +38,8 @@ class EnvSpec:
         simulator_settings: Settings of the simulator that replace the scene's, such as ``njmax`` of
             mujoco_warp.
         renderer: Registered renderer, or another simulator that renders the images.
-        cameras: Cameras that are observed; empty takes the task's first, and ``[all]`` in a command all of them.
+        cameras: Cameras that are observed; empty takes the task's first, and ``[all]`` in a command all of
+            them.
         image_size: Height and width of every image, pixels.
         scenario: Changes of the task's scene, as nested mappings of the fields of
             :class:`~envs.scenario.ScenarioCfg`.

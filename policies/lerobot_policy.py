@@ -292,9 +292,7 @@ def _load_config(
     if given not in model_classes:
         raise PolicyError(f"'{path}' is of policy '{given}', not of '{name}'. Load it with policies.load().")
     content["device"] = str(device)
-    if (
-        "pretrained_backbone_weights" in content
-    ):  # the checkpoint has the weights; torchvision's are a download
+    if "pretrained_backbone_weights" in content:  # torchvision's would be downloaded
         content["pretrained_backbone_weights"] = None
     try:
         return draccus.decode(model_classes[given].config_class, content)

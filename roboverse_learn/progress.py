@@ -17,8 +17,8 @@ log = logging.getLogger(__name__)
 class StageProgress:
     """Shows how far a stage is, from its ``with`` statement on.
 
-    The lines are logged, so that a run's log has them, too. In a terminal, which has the bar, they are logged at
-    the level DEBUG.
+    The lines are logged, so that a run's log has them, too. In a terminal, which has the bar, they are logged
+    at the level DEBUG.
 
     Args:
         stage: What is done, such as ``"collecting"``.
@@ -46,7 +46,7 @@ class StageProgress:
         self._speaker = threading.Thread(target=self._speak, daemon=True)
 
     def update(self, done: float, total: float, text: str = "", left_s: float | None = None) -> None:
-        """Takes how much is done, of how much, what else to show, and the time left where the caller knows it."""
+        """Takes how much is done, of how much, what else to show, and the time left if the caller knows it."""
         now = time.monotonic()
         self._first = self._first or (done, now)
         already, since = self._first

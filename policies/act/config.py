@@ -11,8 +11,8 @@ class ActConfig:
     """Action Chunking Transformer, arXiv:2304.13705; the defaults are those of the original code.
 
     With ``vision_backbone=keypoints`` it is the small network of
-    :mod:`policies.act.modeling_keypoint_act`, which learns on a CPU and ignores the settings of the ResNet and of
-    the variational encoder.
+    :mod:`policies.act.modeling_keypoint_act`, which learns on a CPU and ignores the settings of the ResNet and
+    of the variational encoder.
 
     Attributes:
         chunk_size: Actions that one forward pass predicts.
@@ -38,8 +38,8 @@ class ActConfig:
         image_stats: Mean and standard deviation that images are normalized with: of the ``dataset``, of
             ``imagenet``, or ``half`` (0.5 and 0.5); ``auto`` is ``imagenet`` with pretrained weights and
             ``dataset`` without.
-        mask_padding: Leave the actions after the end of an episode, which repeat its last, out of the loss, as
-            the original does. Without it the policy learns to hold still there.
+        mask_padding: Leave the actions after the end of an episode, which repeat its last, out of the loss,
+            as the original does. Without it the policy learns to hold still there.
         state_noise: Standard deviation of the noise that training adds to the normalized joint positions.
         conv_channels: Of ``keypoints``: channels of each convolution of a camera, multiples of 8.
         n_keypoints: Of ``keypoints``: keypoints of each camera.
@@ -85,7 +85,8 @@ class ActConfig:
             raise PolicyError(f"policy.state_noise must be 0 (off) or more, given {self.state_noise}.")
         if not self.conv_channels or any(width <= 0 or width % 8 for width in self.conv_channels):
             raise PolicyError(
-                f"policy.conv_channels={list(self.conv_channels)} must be multiples of 8, such as [16,32,64,64]."
+                f"policy.conv_channels={list(self.conv_channels)} must be multiples of 8, "
+                "such as [16,32,64,64]."
             )
         for name in ("n_keypoints", "tokens_per_camera"):
             if getattr(self, name) < 1:

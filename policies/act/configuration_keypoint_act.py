@@ -19,8 +19,8 @@ class KeypointActConfig(PreTrainedConfig):
         chunk_size: Actions that one forward pass predicts.
         n_action_steps: Actions of a chunk that are executed before the next forward pass.
         normalization_mapping: How each kind of feature is normalized.
-        conv_channels: Channels of each convolution of a camera's backbone. The first has a kernel of 5 pixels,
-            the others of 3; all but the last have a stride of 2.
+        conv_channels: Channels of each convolution of a camera's backbone. The first has a kernel of 5
+            pixels, the others of 3; all but the last have a stride of 2.
         n_keypoints: Keypoints of each camera, by spatial softmax.
         tokens_per_camera: Tokens that the keypoints of a camera become.
         dim_model: Width of the transformer.

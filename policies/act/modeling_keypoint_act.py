@@ -1,8 +1,9 @@
 """A small Action Chunking Transformer that learns on a CPU: LeRobot's policy type ``keypoint_act``.
 
-It follows ACT (arXiv:2304.13705) without the variational encoder: tokens of the images and of the joints pass an
-encoder, and one query per future action decodes them. The image tokens come from keypoints by spatial softmax
-(arXiv:1504.00702) over four convolutions with group normalization, in place of a ResNet-18's feature map.
+It follows ACT (arXiv:2304.13705) without the variational encoder: tokens of the images and of the joints pass
+an encoder, and one query per future action decodes them. The image tokens come from keypoints by spatial
+softmax (arXiv:1504.00702) over four convolutions with group normalization, in place of a ResNet-18's feature
+map.
 
 Shape legend: B = samples, C, H, W = an image, K = keypoints, S = tokens, D = width, T = actions of a chunk.
 """
@@ -11,10 +12,10 @@ from collections import deque
 from typing import Any, cast
 
 import torch
-import torch.nn.functional as F
 from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
 from torch import Tensor, nn
+from torch.nn import functional
 
 from policies.act.configuration_keypoint_act import KeypointActConfig
 
@@ -63,10 +64,10 @@ class KeypointActPolicy(PreTrainedPolicy):
     def forward(self, batch: dict[str, Tensor], **_: Any) -> tuple[Tensor, dict[str, float]]:
         """Returns the L1 distance of the actions.
 
-        Those after the end of an episode repeat its last and count too: the policy learns to hold still there.
+        Those after the end of an episode repeat its last and count too: the policy learns to hold still.
         """
         actions, _none = self.model(self._inputs(batch))
-        loss = F.l1_loss(actions, batch[ACTION])
+        loss = functional.l1_loss(actions, batch[ACTION])
         return loss, {"l1_loss": loss.item()}
 
     def _inputs(self, batch: dict[str, Tensor]) -> dict[str, Any]:
@@ -107,11 +108,11 @@ class KeypointAct(nn.Module):
         """Predicts a chunk of actions.
 
         Args:
-            batch: ``observation.state`` (B, J) and ``observation.images``, a list of (B, C, H, W), normalized.
+            batch: ``observation.state`` (B, J) and ``observation.images``, a list of (B, C, H, W); normalized.
 
         Returns:
-            Normalized actions (B, T, A); and, as LeRobot's ACT, the parameters of a style variable, which this
-            network does not have.
+            Normalized actions (B, T, A); and, as LeRobot's ACT, the parameters of a style variable, which
+            this network does not have.
         """
         state = batch[OBS_STATE]
         tokens = [self.state_token(state).unsqueeze(1)]
@@ -180,7 +181,7 @@ class Attention(nn.Module):
         """Returns what the tokens attend to, (B, T, D)."""
         query = self._split(self.query(tokens))
         key, value = map(self._split, self.key_value(memory).chunk(2, -1))
-        attended = F.scaled_dot_product_attention(query, key, value)
+        attended = functional.scaled_dot_product_attention(query, key, value)
         return self.out(attended.transpose(1, 2).flatten(2))
 
     def _split(self, x: Tensor) -> Tensor:

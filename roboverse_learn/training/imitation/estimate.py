@@ -24,9 +24,8 @@ _LEAST_TIMED_S, _MOST_TIMED_S = 1.0, 20.0
 def estimate_training_s(policy: LeRobotPolicy, config: TrainConfig, num_timed_steps: int = 5) -> float:
     """Times gradient steps on random data and returns the seconds of the whole run.
 
-    On a CPU a few samples stand for the batch of a large network, so that asking takes seconds, not minutes. On a
-    GPU nothing is compiled for it, so that the run will take less. The policy is changed by the steps: give it one
-    that is not needed any more.
+    On a CPU a few samples stand for the batch of a large network, so that asking takes seconds, not minutes.
+    On a GPU nothing is compiled for it, so that the run will take less. The steps change the policy.
 
     Args:
         policy: A policy of the kind to train.
