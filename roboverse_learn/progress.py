@@ -46,7 +46,7 @@ class StageProgress:
         self._speaker = threading.Thread(target=self._speak, daemon=True)
 
     def update(self, done: float, total: float, text: str = "", left_s: float | None = None) -> None:
-        """Takes how much is done, of how much, what else to show, and the time left if the caller knows it."""
+        """Takes how much is done, of how much, what else to show, and the time left, estimated if None."""
         now = time.monotonic()
         self._first = self._first or (done, now)
         already, since = self._first

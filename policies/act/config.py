@@ -11,8 +11,8 @@ class ActConfig:
     """Action Chunking Transformer, arXiv:2304.13705; the defaults are those of the original code.
 
     With ``vision_backbone=keypoints`` it is the small network of
-    :mod:`policies.act.modeling_keypoint_act`, which learns on a CPU and ignores the settings of the ResNet and
-    of the variational encoder.
+    :mod:`policies.act.modeling_keypoint_act`, which learns on a CPU. Settings of the ResNet and of the
+    variational encoder have no effect on it.
 
     Attributes:
         chunk_size: Actions that one forward pass predicts.

@@ -108,7 +108,8 @@ class KeypointAct(nn.Module):
         """Predicts a chunk of actions.
 
         Args:
-            batch: ``observation.state`` (B, J) and ``observation.images``, a list of (B, C, H, W); normalized.
+            batch: ``observation.state`` (B, J) and ``observation.images``, a list of (B, C, H, W), both
+                normalized.
 
         Returns:
             Normalized actions (B, T, A); and, as LeRobot's ACT, the parameters of a style variable, which
