@@ -54,13 +54,7 @@ NOT_YET = {
 MAX_FILE_LINES, MAX_HANDLER_LINES, MAX_FUNCTION_LINES = 400, 500, 70
 MIN_TEST_SHARE = 0.35
 PICKLES = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"}
-PICKLE_CALLS = {
-    ("torch", "save"),
-    ("torch", "load"),
-    ("np", "load"),
-    ("numpy", "load"),
-    ("pd", "read_pickle"),
-}
+PICKLE_CALLS = {(m, "load") for m in ("torch", "np", "numpy")} | {("torch", "save"), ("pd", "read_pickle")}
 PRINTS_MAY_BE_IN = {"roboverse_learn/cli.py"}
 
 

@@ -29,8 +29,8 @@ class KeypointActPolicy(PreTrainedPolicy):
         config: Its configuration.
     """
 
-    config_class = KeypointActConfig
-    name = "keypoint_act"
+    config_class: Any = KeypointActConfig  # LeRobot's base class declares both as None
+    name: Any = "keypoint_act"
 
     def __init__(self, config: KeypointActConfig, **_: Any) -> None:
         super().__init__(config)

@@ -82,7 +82,8 @@ def compose(command: str, words: Sequence[str]) -> Any:
     if command == "collect" and values["source"] == "policy" and "task" not in typed:
         values["task"] = next(iter(learned_tasks(str(values["checkpoint"]))), values["task"])
     if values.get("cameras") == [ALL_CAMERAS]:
-        scene = EnvSpec(task=values["task"], task_kwargs=values["task_kwargs"]).make_task().scenario
+        options: Any = values["task_kwargs"]
+        scene = EnvSpec(task=values["task"], task_kwargs=options).make_task().scenario
         values["cameras"] = [camera.name for camera in scene.cameras]
     return from_values(command, values)
 

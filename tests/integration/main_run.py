@@ -7,7 +7,7 @@ from roboverse_learn.commands.run_folder import read_facts
 
 TINY = (
     *("policy=act", "task=PickCube", "preset=quick", "image_size=32", "device=cpu", "slow_ok=true"),
-    *("num_demos=4", "collect.num_workers=1", "collect.num_envs=2"),
+    *("cameras=[front]", "num_demos=4", "collect.num_workers=1", "collect.num_envs=2"),
     *("train.steps=12", "batch_size=2", "save_every=4", "log_every=1"),
     *("train.num_threads=1", "policy.dim_model=32", "policy.dim_feedforward=32", "policy.n_heads=2"),
     *("policy.chunk_size=50", "policy.n_action_steps=50"),

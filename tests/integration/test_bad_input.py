@@ -16,6 +16,8 @@ pytestmark = pytest.mark.slow
 
 Damage = Callable[[Path], Any]
 
+SCENE = ("task=PickCube", "image_size=32", "cameras=[front]")
+
 
 def halve(pattern: str) -> Damage:
     """Cuts the first file of a pattern to half its length, as an interrupted copy does."""
@@ -97,7 +99,7 @@ def test_statistics_that_are_lost_are_made_again(main_run: MainRun, tmp_path: Pa
     copy = tmp_path / "demos"
     shutil.copytree(main_run.dataset, copy)
     (copy / "meta/stats.json").unlink()
-    words = ["task=PickCube", "image_size=32", "num_demos=4", "collect.num_workers=1", f"dataset={copy}"]
+    words = [*SCENE, "num_demos=4", "collect.num_workers=1", f"dataset={copy}"]
     assert cli.main(["collect", *words]) == 0
     assert snapshot(copy) == snapshot(main_run.dataset)
 
@@ -112,7 +114,7 @@ def test_a_dataset_of_another_scene_is_not_continued(
     copy = tmp_path / "demos"
     shutil.copytree(main_run.dataset, copy)
     before = snapshot(copy)
-    words = ["task=PickCube", "image_size=32", "num_demos=5", "collect.num_workers=1", f"{key}={value}"]
+    words = [*SCENE, "num_demos=5", "collect.num_workers=1", f"{key}={value}"]
     said = error(["collect", f"dataset={copy}", *words])
     assert str(copy) in said and value in said
     assert snapshot(copy) == before

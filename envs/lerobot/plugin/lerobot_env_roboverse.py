@@ -3,4 +3,5 @@
 LeRobot imports this module by its name.
 """
 
+import envs.lerobot  # noqa: F401
 import policies.act.configuration_keypoint_act  # noqa: F401

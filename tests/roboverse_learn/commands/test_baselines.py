@@ -42,7 +42,7 @@ def test_the_expert_solves_what_a_policy_would_be_tested_on(tmp_path):
 @pytest.mark.parametrize("policy", BASELINES)
 def test_a_baseline_survives_the_saved_configuration(policy):
     config = compose("evaluate", [f"policy={policy}", "task=PickCube", "preset=quick"])
-    assert config.policy_name == policy and config.evaluate.episodes == 20
+    assert config.policy_name == policy and config.evaluate.episodes == 100
     assert from_values("evaluate", to_values(config)) == config
 
 

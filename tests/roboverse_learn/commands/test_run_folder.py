@@ -117,7 +117,7 @@ def test_run_names_a_run_to_continue_with_its_own_configuration() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("word", ["seed=1", "policy.dim_model=128", "policy=diffusion", "num_demos=3"])
+@pytest.mark.parametrize("word", ["seed=1", "policy.dim_model=256", "policy=diffusion", "num_demos=3"])
 def test_a_run_is_not_continued_as_another(word: str) -> None:
     with Run.open(config(), COMMAND) as run:
         pass

@@ -83,7 +83,8 @@ class TestWords:
 
 class TestJobs:
     def test_what_several_runs_learn_from_is_collected_once_and_first(self, tmp_path):
-        jobs, complete = make_jobs(plan([*WORDS, f"runs_dir={tmp_path}"]))
+        same = ["cameras=[front]", "image_size=64", "num_demos=9", f"runs_dir={tmp_path}"]
+        jobs, complete = make_jobs(plan([*WORDS, *same]))
         assert complete == []
         assert [job.words[0] for job in jobs] == ["collect"] * 4 + ["train"] * 8
         assert len({job.name for job in jobs}) == len(jobs)

@@ -106,7 +106,7 @@ def test_the_folder_of_a_run_stands_for_its_last_checkpoint(run: Path) -> None:
         ["scenario.cameras.front.fovy_deg=30"],
         ["levels=[0]"],
         ["episodes=7"],
-        ["splits=[test]"],
+        ["splits=[train]"],
         ["alone=[camera]"],
         ["protocol_seed=1"],
     ],

@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from benchmark.protocol import Protocol
-from benchmark.records import EpisodeRecord, Machine, Result
+from benchmark.records import Checkpoint, EpisodeRecord, Machine, Result
 from envs.core.errors import ConfigError
 from envs.spec import EnvSpec
 from roboverse_learn import train as command
@@ -55,7 +55,7 @@ def test_a_run_that_is_short_or_wanted_or_on_a_gpu_is_not_refused() -> None:
     command.refuse_long_run(Timed(0.5))
     command.refuse_long_run(Timed(None, "slow_ok=true"))
     command.refuse_long_run(Timed(None, device="cuda"))
-    command.refuse_long_run(Timed(None, "preset=quick"))
+    command.refuse_long_run(Timed(None, "train.time_limit_s=60"))
 
 
 def test_a_missing_login_is_told_before_anything_is_written(
@@ -129,7 +129,8 @@ def evaluation() -> Evaluation:
         run="r", created="2026-01-01T00:00:00Z", protocol=protocol, env=EnvSpec(image_size=64),
         max_episode_steps=100,
         control_hz=20.0, policy="act", train_level=0, seed=0,
-        dataset_hash=None, demonstrations=None, git=None, command="python x", records=tuple(records),
+        dataset_hash=None, checkpoint=Checkpoint(step=1, hash="c" * 64), demonstrations=None,
+        git=None, command="python x", records=tuple(records),
         machine=Machine(device="cpu", cpu_count=2),
     )  # fmt: skip
     return Evaluation(
