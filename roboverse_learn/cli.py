@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from envs.core.errors import ConfigError, RoboVerseError, unknown_name
+from envs.core.registry import PLUGINS_VARIABLE, load_plugins
 from roboverse_learn.config import help as help_texts
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.preflight import check_folders, file_in_place_of_folder, not_a_folder
@@ -72,7 +73,7 @@ def _dispatch(words: list[str]) -> int:
     if words == ["--version"]:
         print(f"roboverse {version('roboverse-learn')}")
         return 0
-    command, rest = words[0], words[1:]
+    command, rest = words[0], _without_plugins(words[1:])
     if command == "benchmark":  # the former name of speed, until the next release
         command = "speed"
     if command not in help_texts.SUMMARIES:
@@ -87,7 +88,7 @@ def _dispatch(words: list[str]) -> int:
 
         print(dataset(rest))
         return 0
-    if any(word in HELP for word in rest) or words == ["sweep"]:
+    if any(word in HELP for word in rest) or (command == "sweep" and not rest):
         chosen = [word.removeprefix("policy=") for word in rest if word.startswith("policy=")]
         print(help_texts.command_help(command, (chosen or ["act"])[-1]))
         return 0
@@ -95,6 +96,20 @@ def _dispatch(words: list[str]) -> int:
     _start_logging()
     _run(command, config)
     return 0
+
+
+def _without_plugins(words: list[str]) -> list[str]:
+    """Imports the modules of ``plugins=[...]``, here and in processes started later; returns the other words.
+
+    Raises:
+        ConfigError: One of them cannot be imported.
+    """
+    given = [word.removeprefix("plugins=").strip("[]") for word in words if word.startswith("plugins=")]
+    if given:
+        named = filter(None, [os.environ.get(PLUGINS_VARIABLE, ""), *given])
+        os.environ[PLUGINS_VARIABLE] = ",".join(named).replace(" ", "")
+        load_plugins()
+    return [word for word in words if not word.startswith("plugins=")]
 
 
 def _settings(words: list[str]) -> list[str]:
