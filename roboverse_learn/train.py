@@ -45,6 +45,7 @@ def train(config: TrainRunConfig) -> Any:
             task pays no reward, or has no expert, that an agent is to learn from.
         MissingExtraError: A package is not installed.
     """
+    from benchmark.gifs import one_per_level, write_gif
     from roboverse_learn.commands.report import train_report
     from roboverse_learn.commands.run_folder import Run
     from roboverse_learn.commands.tested_checkpoint import checkpoint_of_run
@@ -89,6 +90,7 @@ def train(config: TrainRunConfig) -> Any:
             facts.update(results=[str(each.path) for each in evaluations])
         with run.stage("leaderboard"):
             board = write_leaderboard(results)
+            gif = write_gif(run.folder / "policy.gif", one_per_level(evaluations[0].videos))
         stages = dict(run.stages)
     return train_report(
         dataset,
@@ -96,6 +98,7 @@ def train(config: TrainRunConfig) -> Any:
         evaluations,
         board,
         folder=run.folder,
+        gif=gif,
         stages=stages,
         seconds=time.monotonic() - started,
     )

@@ -28,6 +28,7 @@ def train_report(
     board: Mapping[str, Path],
     *,
     folder: Path,
+    gif: Path | None = None,
     stages: Mapping[str, Any],
     seconds: float,
 ) -> Group:
@@ -48,6 +49,7 @@ def train_report(
             | _evaluation_paths(evaluations, board)
         ),
         Text(f"Done in {clock(seconds)}: {times}."),
+        _paths({"See the policy": gif, "Open in a browser": board.get("html")}),
     )
 
 

@@ -38,7 +38,7 @@ def test_the_loop_leaves_behind_all_that_it_promises(run: Path) -> None:
     assert list(Path("results/plots").glob("*.png"))
     videos = list((Path("results/v2/PickCube/act") / run.name).glob("*.mp4"))
     assert {video.name.split("-")[0] for video in videos} == {"level0", "level3"}
-    assert (run / "losses.png").exists()
+    assert (run / "losses.png").exists() and (run / "policy.gif").exists()
     assert [
         facts["status"] for facts in json.loads((run / "manifest.json").read_text())["stages"].values()
     ] == ["done"] * 4
