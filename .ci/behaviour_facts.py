@@ -160,7 +160,7 @@ def take_steps(out: str, pattern: str) -> None:
 
 
 def five_steps(env: Any) -> dict[str, str]:
-    """Returns digests of an env's bounds, observations, rewards and ends, and of the last pictures."""
+    """Returns digests of an env's bounds, observations, rewards and ends, and of the last images."""
     import numpy as np
 
     rng, space = np.random.default_rng(0), env.action_space
@@ -170,8 +170,8 @@ def five_steps(env: Any) -> dict[str, str]:
         observation, *end, _ = env.step((low + (high - low) * rng.random(low.shape)).astype(space.dtype))
         observations.append(observation)
         ends.append(np.array(end, np.float64))
-    pictures = dict(observations[-1].get("pixels", {}).items())
+    images = dict(observations[-1].get("pixels", {}).items())
     env.close()
     arrays = {key: np.stack([row[key] for row in observations]) for key in observations[0] if key != "pixels"}
-    arrays |= {"ends": np.stack(ends), "low": space.low, "high": space.high, **pictures}
+    arrays |= {"ends": np.stack(ends), "low": space.low, "high": space.high, **images}
     return {key: digest(f"{array.dtype}".encode() + array.tobytes()) for key, array in arrays.items()}

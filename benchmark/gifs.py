@@ -1,6 +1,7 @@
 """One GIF of a policy, from the videos of its evaluation."""
 
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -74,8 +75,7 @@ def _tiles(video: Path) -> tuple[list[np.ndarray], float]:
 
     inner = TILE_PX - 2 * BORDER_PX
     colour = _GREEN if video.stem.endswith("success") else _RED
-    frames, rate = [], 10.0
-    with av.open(str(video)) as container:
+    with closing(av.open(str(video))) as container:
         rate = float(container.streams.video[0].average_rate or 10)
         frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
     tiles = []

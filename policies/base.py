@@ -72,7 +72,7 @@ class Policy(Protocol):
         task: Task that it acts in, set by whoever runs it; empty if unknown.
         n_obs_steps: Observations, the newest last, that one call looks at.
         n_action_steps: Actions that one call returns.
-        batch_invariant: Whether the actions of a sample are the same to the bit, whatever other samples
+        batch_invariant: Whether the actions of a sample are bit-identical, whatever other samples
             it is called with.
     """
 

@@ -65,7 +65,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def learned_tasks(path: str | Path) -> tuple[str, ...]:
-    """Returns the tasks that the agent of a checkpoint learned by reward; none where none is told.
+    """Returns the tasks that the agent of a checkpoint learned; none if it does not say.
 
     Args:
         path: Folder of a checkpoint, or of its run.
@@ -116,7 +116,7 @@ def seen_cameras(directory: Path) -> dict[str, int]:
     try:
         if "input_features" in values:  # LeRobot's
             shapes = {key: feature["shape"] for key, feature in values["input_features"].items()}
-        else:  # of a policy that learned by reward
+        else:  # of a reinforcement learning policy
             shapes = {key: [size] for key, size in values["observation"].items()}
         return {
             key.removeprefix(_IMAGES): int(shape[-1])

@@ -1,4 +1,4 @@
-"""Observations without images, as one vector: what policies that learn by reward see."""
+"""Observations without images, as one vector: what reinforcement learning policies see."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""Policies that learn by reward: one vector seen, one action chosen, one form of checkpoint."""
+"""Reinforcement learning policies: one vector seen, one action chosen, one form of checkpoint."""
 
 import dataclasses
 import json

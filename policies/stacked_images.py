@@ -1,4 +1,4 @@
-"""The last images of all cameras, as one: what a policy that learns by reward sees of pixels."""
+"""The last images of all cameras, as one: what a reinforcement learning policy sees of pixels."""
 
 from collections.abc import Mapping
 

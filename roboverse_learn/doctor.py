@@ -20,6 +20,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from typing import Any
 
 from envs.core.errors import RoboVerseError
@@ -235,10 +236,8 @@ def _probe_video() -> Facts:
 def _read_with_pyav(path: Path) -> str:
     import av
 
-    frames = 0
-    with av.open(str(path)) as container:
-        frames = sum(1 for _ in container.decode(video=0))
-    return f"{frames} frames"
+    with closing(av.open(str(path))) as container:
+        return f"{sum(1 for _ in container.decode(video=0))} frames"
 
 
 def _read_with_torchcodec(path: Path) -> str:
@@ -272,14 +271,11 @@ def _probe_env() -> Facts:
 
 
 def _probe_train() -> Facts:
-    from dataclasses import replace
-
     from roboverse_learn.config.compose import compose
     from roboverse_learn.training.device import resolve_device
     from roboverse_learn.training.learners import learner_of
 
     config = compose("train", ["policy=act", "preset=quick"])
-    config = replace(config, train=replace(config.train, time_limit_s=None))
     device = resolve_device("auto")
     seconds = learner_of(config, device).estimate_s()
     samples = config.train.steps * config.train.batch_size

@@ -45,18 +45,35 @@ class StageProgress:
         self._ended = threading.Event()
         self._speaker = threading.Thread(target=self._speak, daemon=True)
 
-    def update(self, done: float, total: float, text: str = "", left_s: float | None = None) -> None:
-        """Takes how much is done, of how much, what else to show, and the time left, estimated if None."""
+    def update(
+        self,
+        done: float,
+        total: float,
+        text: str = "",
+        left_s: float | None = None,
+        fraction: float | None = None,
+    ) -> None:
+        """Takes how far the stage is.
+
+        Args:
+            done: How much is done.
+            total: How much there is.
+            text: What else to show.
+            left_s: Seconds left; estimated if None.
+            fraction: Share of the stage that is done, where ``done`` is not all that ends it, as with a time
+                limit.
+        """
+        fraction = done / max(total, 1) if fraction is None else fraction
         now = time.monotonic()
         self._first = self._first or (done, now)
         already, since = self._first
-        parts = [f"{done:,.0f}/{total:,.0f} ({100 * done / max(total, 1):.0f} %)", text]
+        parts = [f"{done:,.0f}/{total:,.0f} ({100 * fraction:.0f} %)", text]
         if left_s is None and done > already:
             left_s = (now - since) / (done - already) * max(total - done, 0)
         if left_s is not None:
             parts.append(f"{clock(left_s)} left")
         self._description = ", ".join(filter(None, parts))
-        self._bar.update(self._task, completed=done, total=total, description=self._description)
+        self._bar.update(self._task, completed=fraction, total=1.0, description=self._description)
 
     def print(self, line: str) -> None:
         """Prints a line above the bar."""

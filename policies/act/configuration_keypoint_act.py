@@ -4,10 +4,12 @@ LeRobot finds the model and the processors of a policy type in the modules ``mod
 ``processor_<type>`` beside the module of its configuration.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 from lerobot.configs import NormalizationMode, PreTrainedConfig
 from lerobot.optim import AdamWConfig
+
+from policies.act.config import ActConfig
 
 
 @PreTrainedConfig.register_subclass("keypoint_act")
@@ -30,6 +32,9 @@ class KeypointActConfig(PreTrainedConfig):
         n_decoder_layers: Layers of the decoder.
         optimizer_lr: Learning rate of ``lerobot-train``.
         optimizer_weight_decay: Weight decay of ``lerobot-train``.
+
+    Raises:
+        PolicyError: A size is out of range; see :class:`policies.act.config.ActConfig`.
     """
 
     chunk_size: int = 20
@@ -50,17 +55,8 @@ class KeypointActConfig(PreTrainedConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 1 <= self.n_action_steps <= self.chunk_size:
-            raise ValueError(
-                f"n_action_steps={self.n_action_steps} must be from 1 to chunk_size={self.chunk_size}."
-            )
-        if self.dim_model % self.n_heads:
-            raise ValueError(f"dim_model={self.dim_model} must be a multiple of n_heads={self.n_heads}.")
-        if not self.conv_channels or any(width % 8 for width in self.conv_channels):
-            raise ValueError(
-                f"conv_channels={list(self.conv_channels)} must be multiples of 8, the groups of their "
-                "normalization."
-            )
+        shared = {item.name for item in fields(ActConfig)} & {item.name for item in fields(self)}
+        ActConfig(**{name: getattr(self, name) for name in shared})  # checks them
 
     def get_optimizer_preset(self) -> AdamWConfig:
         """Returns the optimizer of ``lerobot-train``."""

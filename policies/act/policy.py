@@ -121,9 +121,9 @@ class ActPolicy(LeRobotPolicy):
         self._network = None
 
     def _inputs(self, batch: dict[str, Tensor]) -> dict[str, Any]:
-        """Returns a batch as the network takes it, with its pictures in a list."""
-        pictures = self.model.config.image_features
-        return {**batch, OBS_IMAGES: [batch[key] for key in pictures]} if pictures else {**batch}
+        """Returns a batch as the network takes it, with its images in a list."""
+        images = self.model.config.image_features
+        return {**batch, OBS_IMAGES: [batch[key] for key in images]} if images else {**batch}
 
     def begin_training(self) -> None:
         """Readies the model for gradient steps."""

@@ -15,11 +15,11 @@ class AugmentConfig:
     """Random changes of the training images, drawn anew for every sample.
 
     Attributes:
-        shift_px: Largest shift of the picture in x and in y, pixels; the border is repeated (DrQ-v2,
+        shift_px: Largest shift of the image in x and in y, pixels; the border is repeated (DrQ-v2,
             arXiv:2107.09645, section 3.1). 0 switches it off.
         brightness: Largest relative change of brightness, as ``0.2`` for 80 to 120 %.
-        contrast: Largest relative change of contrast about the mean of the picture.
-        saturation: Largest relative change of saturation about the grey picture.
+        contrast: Largest relative change of contrast about the mean of the image.
+        saturation: Largest relative change of saturation about the grey image.
     """
 
     shift_px: int = 0
@@ -71,7 +71,7 @@ class TrainConfig:
         save_every: Steps between checkpoints; the last step is always saved.
         log_every: Steps between logged metrics.
         time_limit_s: Stop after so many seconds of training, if not done before, and let the schedule
-            end there; None trains all steps. A run that hits its limit is not repeatable to the bit.
+            end there; None trains all steps. A run that hits its limit is not bit-identical when repeated.
         wandb: Log to Weights & Biases too.
         augment: Random changes of the training images.
     """

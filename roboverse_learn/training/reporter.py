@@ -129,7 +129,8 @@ class ProgressReporter(Reporter):
             parts.append(f"loss {progress.loss:.4f}")
         if progress.samples_per_s is not None:
             parts.append(f"{progress.samples_per_s:.0f} samples/s")
-        self._progress.update(progress.step, progress.steps, ", ".join(parts), progress.eta_s)
+        text = ", ".join(parts)
+        self._progress.update(progress.step, progress.steps, text, progress.eta_s, progress.fraction)
 
     def on_end(self, result: TrainResult) -> None:
         """Removes the bar."""

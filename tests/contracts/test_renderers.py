@@ -20,7 +20,7 @@ from envs.tasks.tabletop import TABLETOP_LOOKS
 ALL = ("top", "slant", "high")
 MODALITIES = ("rgb", "depth", "segmentation")
 EXACT = ("warp", "gl", "pybullet", "newton")
-"""Renderers whose images depend on the job alone, to the bit."""
+"""Renderers whose images depend on the job alone, bit by bit."""
 
 DITHER = 0.8
 """Filament adds noise below one grey level: the mean difference that is no difference."""

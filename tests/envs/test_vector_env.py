@@ -70,7 +70,7 @@ def test_lazy_pixels_are_a_plain_dict_to_everybody_else(pixels):
 
 @pytest.mark.parametrize("level", [pytest.param(0, marks=pytest.mark.long), 3])
 def test_an_episode_is_the_same_for_any_number_of_environments(level):
-    """States, images and hashes agree to the bit for 1, 4 and 16 environments."""
+    """States, images and hashes are bit-identical for 1, 4 and 16 environments."""
     results = []
     for num_envs in (1, 4, 16):
         env = envs.make_vec("PickCube", num_envs, split="test", level=level, image_size=32)

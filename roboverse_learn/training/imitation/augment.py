@@ -28,7 +28,7 @@ def augment(images: Tensor, config: AugmentConfig) -> Tensor:
     if not (config.brightness or config.contrast or config.saturation):
         return images
     images = images.float().div_(255.0)
-    # Brightness leaves the grey of a picture to the two after it, so the order is fixed.
+    # Brightness leaves the grey of an image to the two after it, so the order is fixed.
     images = _blend(images, config.brightness, torch.zeros_like)
     images = _blend(images, config.contrast, lambda x: _grey(x).mean(dim=(-1, -2), keepdim=True))
     images = _blend(images, config.saturation, _grey)
@@ -36,7 +36,7 @@ def augment(images: Tensor, config: AugmentConfig) -> Tensor:
 
 
 def shift(images: Tensor, offsets: Tensor) -> Tensor:
-    """Moves pictures by whole pixels and repeats the border.
+    """Moves images by whole pixels and repeats the border.
 
     Args:
         images: (B, [T,] C, H, W).

@@ -1,4 +1,4 @@
-"""The env of a run that learns by reward, from the keys that every such run has."""
+"""The env of a reinforcement learning run, from the keys that every such run has."""
 
 from contextlib import ExitStack
 from typing import Any
