@@ -1,7 +1,7 @@
 """The finished cells of an evaluation, kept until its results file is whole.
 
-A killed evaluation goes on with its next cell. The file lies hidden beside the results file, and counts only
-for the very same evaluation: what decides an episode is in its key.
+A killed evaluation resumes with its next cell. The hidden file beside the results file counts only for the
+same evaluation: its key holds every setting that decides an episode.
 """
 
 import json

@@ -1,6 +1,6 @@
 """Learning curves: return and success over environment steps, of a run and over the seeds of a method.
 
-A run's curve lies beside its results file, as ``<run>/curve.csv``.
+A run's curve is ``<run>/curve.csv``, beside its results file.
 """
 
 import csv

@@ -70,7 +70,7 @@ class Protocol:
     Attributes:
         version: Version of the protocol; the first folder under ``results/``.
         levels: Levels, each evaluated on every split.
-        only: Channels that are also evaluated alone, which tells which of them costs what.
+        only: Channels that are also evaluated alone, to measure the cost of each.
         splits: Splits. The headline is the test split.
         episodes: Episodes per cell: the first of the frozen split.
         seed: Root of the episodes' randomness, of the scene's and of the policy's.
@@ -117,7 +117,7 @@ class Protocol:
             split_indices: Every episode of the split, in frozen order.
 
         Raises:
-            ConfigError: The split is smaller than the number of episodes asked for.
+            ConfigError: The split has fewer episodes than the protocol.
         """
         return episodes(split_indices, self.episodes)
 
@@ -152,7 +152,7 @@ def episodes(split_indices: "Sequence[int] | np.ndarray", num_episodes: int) -> 
     """
     if num_episodes > len(split_indices):
         raise ConfigError(
-            f"{num_episodes} episodes were asked for and the split has {len(split_indices)}. "
+            f"{num_episodes} episodes were requested and the split has {len(split_indices)}. "
             f"Set episodes to at most {len(split_indices)}."
         )
     return [int(index) for index in split_indices[:num_episodes]]

@@ -1,4 +1,4 @@
-"""Where a result comes from: the commit, the versions, the machine, the command. Nothing private.
+"""Provenance of a result: commit, versions, machine, command. Nothing private.
 
 A result is published, so host names and folders of a machine are left out of it.
 """

@@ -195,7 +195,7 @@ class Result:
         """Returns the summary of every cell, in the protocol's order.
 
         Raises:
-            ResultError: The records are not those that the protocol asks for.
+            ResultError: The records are not exactly those of the protocol.
         """
         check_complete(self.protocol, self.records)
         return summarize(self.records)
@@ -239,7 +239,7 @@ def _summarize_cell(cell: Cell, records: Sequence[EpisodeRecord]) -> CellSummary
 
 
 def check_complete(protocol: Protocol, records: Sequence[EpisodeRecord]) -> None:
-    """Checks that the records are exactly those that a protocol asks for.
+    """Checks that the records are exactly those of a protocol.
 
     Raises:
         ResultError: A cell is missing or extra, has another number of episodes, an episode twice, or
@@ -253,13 +253,13 @@ def check_complete(protocol: Protocol, records: Sequence[EpisodeRecord]) -> None
     if missing or extra:
         raise ResultError(
             f"The protocol's cells and the records' differ: missing {'; '.join(missing) or 'none'}, "
-            f"not asked for {'; '.join(extra) or 'none'}."
+            f"unexpected {'; '.join(extra) or 'none'}."
         )
     for cell, episodes in by_cell.items():
         if len(episodes) != protocol.episodes or len(set(episodes)) != len(episodes):
             raise ResultError(
                 f"{str(cell).capitalize()} has {len(episodes)} records of {len(set(episodes))} episodes; the "
-                f"protocol asks for {protocol.episodes}, each once."
+                f"protocol needs {protocol.episodes}, each once."
             )
     for split in protocol.splits:
         chosen = {frozenset(episodes) for cell, episodes in by_cell.items() if cell.split == split}

@@ -33,7 +33,7 @@ _RECORD_KEYS = (
     "episode_return",
     "wall_time_s",
 )
-"""What differs between the episodes of a cell; the rest stands once in the file."""
+"""What differs between the episodes of a cell; the rest is written once per file."""
 
 _SHARED_ENV_KEYS = ("task", "simulator", "renderer")
 
@@ -126,7 +126,7 @@ def _digest(document: Mapping[str, Any]) -> str:
 
 
 def _to_document(result: Result) -> dict[str, Any]:
-    """Returns the file's content, in the order in which a person wants to read it."""
+    """Returns the file's content, in a readable order."""
     _check_shared(result)
     values: dict[str, Any] = {item.name: getattr(result, item.name) for item in fields(Result)}
     values |= {
@@ -249,7 +249,7 @@ def _check_cells(cells: list[dict[str, Any]], result: Result) -> None:
 
 
 def _check_shared(result: Result) -> None:
-    """Checks that every record is of the run: what they share stands once in the file."""
+    """Checks that every record is of the run: shared values are written once per file."""
     shared = {key: getattr(result.env, key) for key in _SHARED_ENV_KEYS}
     shared |= {"policy": result.policy, "versions": result.versions}
     for record in result.records:

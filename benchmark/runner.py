@@ -26,7 +26,7 @@ OnEpisode = Callable[[EpisodeRecord], None]
 
 
 class EvaluatedEnv(EpisodeEnv, Protocol):
-    """What an evaluation asks of a batched environment."""
+    """A batched environment that can be evaluated."""
 
     simulator: str
     renderer: str
@@ -145,7 +145,7 @@ def evaluate(
         The records, cell after cell, ordered by episode as the split is.
 
     Raises:
-        ConfigError: A split has fewer episodes than the protocol asks for.
+        ConfigError: A split has fewer episodes than the protocol.
         CheckpointError: The policy returned actions that cannot be executed.
     """
     records: list[EpisodeRecord] = []
@@ -221,7 +221,7 @@ def evaluate_cell(
         "versions": package_versions(),
     }
     if len(set(episodes)) != len(episodes):
-        raise ConfigError(f"An episode is asked for twice in {cell}.")
+        raise ConfigError(f"An episode is listed twice in {cell}.")
     done: dict[int, EpisodeRecord] = {}
     for episode in rollout(env, actor_of(policy, env, seed, str(cell)), episodes):
         done[episode.position] = EpisodeRecord(
@@ -247,7 +247,7 @@ def episode_generator(seed: int, episode: int) -> "torch.Generator":
 
 
 def _batched(histories: Sequence[deque[dict[str, np.ndarray]]], n_obs_steps: int) -> dict[str, np.ndarray]:
-    """Batches the newest observations; an episode's first one stands in for those before it.
+    """Batches the newest observations; an episode's first one is repeated for those before it.
 
     Returns:
         Arrays (n, ...), or (n, n_obs_steps, ...) for a policy with a history.

@@ -1,6 +1,6 @@
 """Intervals, aggregates and paired tests of success rates: pure functions of numbers.
 
-Nothing here knows of policies, files or plots. Every random estimate takes a seed.
+Every random estimate takes a seed.
 """
 
 from collections.abc import Callable, Sequence
@@ -102,7 +102,7 @@ def rate_of_runs(runs: Sequence[np.ndarray], *, seed: int = 0) -> tuple[float, f
     """Returns the success rate of a method over its training runs, and its 95 % interval.
 
     One run: Wilson's interval. Several: whichever end is further out of Wilson's on all episodes (which
-    is not fooled by 20 of 20) and the two-stage bootstrap's (which knows that runs differ).
+    handles 20 of 20) and the two-stage bootstrap's (which includes the variation between runs).
 
     Args:
         runs: Successes of every run's episodes, each (episodes,), of equal length.
@@ -169,7 +169,7 @@ def two_stage_bootstrap(
 ) -> tuple[float, float]:
     """Returns the interval of the mean over runs, resampling runs and then the episodes of each.
 
-    Episodes of one trained policy are not independent draws of the method: pooling them would call
+    Episodes of one trained policy are not independent samples of the method: pooling them would call
     three seeds of 100 episodes as certain as 300 seeds (Davison & Hinkley 1997, §3.8).
 
     Args:
@@ -198,7 +198,7 @@ def two_stage_bootstrap(
 def mcnemar(only_a: int, only_b: int) -> float:
     """Returns the exact two-sided p-value of McNemar's test (1947, doi:10.1007/BF02295996).
 
-    Only episodes where one policy succeeds and the other fails tell them apart; were the policies
+    Only episodes where one policy succeeds and the other fails count; were the policies
     equal, either would win such an episode with probability one half.
 
     Args:

@@ -102,7 +102,7 @@ class Policy(Protocol):
                 ``task`` holds the instructions, a list of n strings. A policy ignores the
                 keys that it does not use.
             generators: One CPU generator per environment, the source of all noise of that environment's
-                sample. A policy that draws nothing ignores them.
+                sample. A deterministic policy ignores them.
 
         Returns:
             Actions (n, n_action_steps, action_dim), float32.

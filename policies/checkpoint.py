@@ -88,13 +88,13 @@ def check_learned(directory: Path, task: str) -> None:
         task: What it is to act in.
 
     Raises:
-        PolicyError: if the folder tells which tasks its policy learned, and this is none of them.
+        PolicyError: if the folder lists the tasks of its policy, and this is none of them.
     """
     learned = learned_tasks(directory) or (task,)
     if task not in learned:
         raise PolicyError(
             f"Checkpoint '{directory}' of policy '{policy_type(directory)}' learned the task "
-            f"{' and '.join(learned)}, and {task} was asked for. Give task={' or task='.join(learned)}, or "
+            f"{' and '.join(learned)}, not {task}. Give task={' or task='.join(learned)}, or "
             f"train it on {task}."
         )
 

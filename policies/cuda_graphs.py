@@ -27,7 +27,7 @@ def recorded[T](function: Callable[..., T]) -> Callable[..., T]:
 class RecordedObjective(nn.Module):
     """A loss whose kernels, forward and backward, are recorded once and played back from then on.
 
-    A call's loss and terms are overwritten by the next one's. Noise is drawn anew at each call, from the
+    A call's loss and terms are overwritten by the next one's. Noise is sampled at each call, from the
     seed that is set before it.
 
     Args:

@@ -26,7 +26,7 @@ class FlatPolicy:
         config: Settings, a dataclass.
         model: The network.
         sizes: Keys of the observation, in order, and their sizes: of images, pixels a side.
-        task: Task that it learned, told by what trains it and by its checkpoint; empty if that is not known.
+        task: Task that it learned, set by the training loop and by its checkpoint; empty if unknown.
             Of several it is the one that it acts in, and may be set.
         batch_invariant: Run the samples one by one. True on a CPU.
     """

@@ -1,8 +1,8 @@
 """The leaderboard: a pure function of the results files, so the same files give the same bytes.
 
-What a result does not tell, because the setting is younger than it is, was today's default.
+A setting that a result lacks, because it is older than the setting, counts as today's default.
 
-Rows stand in one section only when they are comparable: the same version and seed of the protocol, the
+Rows share a section only when they are comparable: the same version and seed of the protocol, the
 same task and criterion, simulator, renderer and horizon. Runs that differ in nothing but their training
 seed are one row.
 """
@@ -66,7 +66,7 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
 def write(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str, Path]:
     """Writes ``leaderboard.json``, ``.md``, ``.html`` and the plots into a folder of results.
 
-    A plot that shows the same as before is not drawn again. Plots of sections that the folder's last
+    A plot whose content did not change is not rendered again. Plots of sections that the folder's last
     leaderboard had and this one has not are removed.
 
     Args:
@@ -178,7 +178,7 @@ def _section_key(result: Result) -> dict[str, Any]:
 
 
 def _section_order(key: Mapping[str, Any]) -> tuple[str, ...]:
-    """Returns what tells sections apart and orders them: all of a task stand together."""
+    """Returns the key that identifies and orders sections, those of a task together."""
     first = ("protocol", "task", "task_kwargs", "simulator", "renderer")
     return *(canonical_json(key[name]) for name in first), canonical_json(dict(key))
 
@@ -223,7 +223,7 @@ def _section(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
 def _ends_when_solved(entries: list[Entry]) -> bool | None:
     """Returns whether most solved episodes were over before their time; None where none was solved.
 
-    Few are where the return decides: there an episode may fail late, and has been paid enough.
+    Few are where the return decides success: there an episode may end late with enough reward.
     """
     early = [
         record.length < result.max_episode_steps

@@ -1,4 +1,4 @@
-"""Where the lines of learning curves are drawn on the page: coordinates in an SVG image."""
+"""SVG coordinates of the learning curves on the leaderboard page."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

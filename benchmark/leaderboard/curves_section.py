@@ -17,7 +17,7 @@ from benchmark.protocol import canonical_json
 from benchmark.records import Result
 
 _NOT_LEARNED_FROM = ("training_steps", "training_time_s", "protocol_hash", "tested_alone")
-"""What tells results apart and not how the policy was learning."""
+"""Fields that distinguish results without affecting learning."""
 
 
 @dataclass(frozen=True, slots=True)

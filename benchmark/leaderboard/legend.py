@@ -1,4 +1,4 @@
-"""A legend below an image's axes that lies wholly within it, however long and many its names are."""
+"""A legend below an image's axes that fits into the image, however long and many its names are."""
 
 from bisect import bisect_left
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ def legend_below(figure: Any, handles: Sequence[Any], labels: Sequence[str], col
 
     Args:
         figure: The figure, of the resolution that it is saved with: text is as wide as its pixels allow.
-        handles: What is drawn, in order.
+        handles: The plotted artists, in order.
         labels: Their names.
         columns: The most columns.
     """

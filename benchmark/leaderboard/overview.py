@@ -12,9 +12,9 @@ _PLACE = ("protocol", "protocol_seed", "simulator", "renderer")
 def overview(sections: Iterable[Mapping[str, Any]]) -> list[Table]:
     """Returns a table per protocol, simulator and renderer in which policies learned two tasks or more.
 
-    It holds what learned from demonstrations, in the tasks' own scenes, and was tested where it was trained.
-    Of several rows of a policy that were trained at one level stands the one of most test episodes, then of
-    most demonstrations, then of most gradient steps, then the youngest: never the best.
+    It holds policies that learned from demonstrations in the tasks' own scenes and were tested where they
+    were trained. Of several rows of a policy and training level it shows the one with the most test episodes,
+    then most demonstrations, then most gradient steps, then the newest: never the best.
 
     Args:
         sections: Those of :func:`benchmark.leaderboard.build`.

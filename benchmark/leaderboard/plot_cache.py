@@ -1,4 +1,4 @@
-"""Whether a picture has to be drawn: a PNG tells what it was drawn of, and by what code."""
+"""Skips plots that are up to date: a PNG's metadata has a hash of its values and of the plotting code."""
 
 import hashlib
 from collections.abc import Callable
@@ -14,12 +14,12 @@ _CODE = ("plots.py", "legend.py")
 
 
 def draw_if_changed(draw: Callable[..., None], values: Any, path: Path, *more: Any, **options: Any) -> None:
-    """Calls ``draw(values, path, *more, drawn_of=…, **options)``, unless its picture is there already.
+    """Calls ``draw(values, path, *more, drawn_of=…, **options)``, unless that image exists already.
 
     Args:
         draw: A function of :mod:`benchmark.leaderboard.plots`; it hands ``drawn_of`` on to ``save_figure``.
-        values: What is drawn, plain JSON values, as are ``more`` and ``options``.
-        path: The ``.png`` file. One that is damaged, or that tells nothing, is drawn again.
+        values: Plotted values, plain JSON, as are ``more`` and ``options``.
+        path: The ``.png`` file. One that is damaged or has no hash is written again.
         *more: Further arguments.
         **options: Further arguments by name.
     """
@@ -35,7 +35,7 @@ def _code() -> str:
 
 
 def _drawn_of(path: Path) -> str | None:
-    """Returns what a whole PNG tells of itself."""
+    """Returns the hash in an intact PNG's metadata."""
     from PIL import Image
 
     try:
@@ -43,5 +43,5 @@ def _drawn_of(path: Path) -> str | None:
             told = image.info.get(KEYWORD)
             image.verify()
             return told
-    except (OSError, SyntaxError, ValueError):  # absent, no picture, or cut short
+    except (OSError, SyntaxError, ValueError):  # absent, no image, or truncated
         return None

@@ -11,7 +11,7 @@ from envs.core.atomic import atomic_path
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f", "#000000")
 """Okabe & Ito's palette, which stays apart for colour-blind readers."""
 
-LESS_WHEN_SOLVED = "it ends when solved, which pays less"
+LESS_WHEN_SOLVED = "it ends when solved, with less reward"
 """Why returns fall while success rises, where a solved episode is over."""
 
 _DPI = 160
@@ -162,7 +162,7 @@ def plot_learning(
 
 
 def seeds_and_time(curve: Mapping[str, Any]) -> str:
-    """Returns over how much training a learning curve goes, for people: ``2 seeds, 9.3 min``."""
+    """Returns the seeds and the time of a learning curve as text: ``2 seeds, 9.3 min``."""
     number, seconds = len(curve["seeds"]), curve["seconds"][-1]
     took = f"{seconds:.0f} s" if seconds < 60 else f"{seconds / 60:.3g} min"
     return f"{number} seed{'s' * (number > 1)}, {took}"
@@ -212,7 +212,7 @@ def save_figure(figure: Any, path: Path, drawn_of: str = "") -> None:
     Args:
         figure: The figure.
         path: The file.
-        drawn_of: What a ``.png`` tells of itself; see :mod:`benchmark.leaderboard.plot_cache`.
+        drawn_of: Hash for the metadata of a ``.png``; see :mod:`benchmark.leaderboard.plot_cache`.
 
     Raises:
         WriteError: The file cannot be written.

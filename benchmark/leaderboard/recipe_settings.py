@@ -8,11 +8,11 @@ import policies
 from benchmark.protocol import canonical_json
 
 _FREE = {
-    *("train.steps", "train.time_limit_s"),  # how long it was trained is told from the checkpoint
+    *("train.steps", "train.time_limit_s"),  # the checkpoint has the training time
     *("train.save_every", "train.log_every", "train.wandb", "train.num_threads", "train.compile"),
     "train.cuda_graphs",
     *("policy.compile", "policy.cuda_graphs", "policy.save_replay"),
-    "policy.tasks",  # a result tells by itself which tasks were learned together
+    "policy.tasks",  # a result lists the tasks that were learned together
 }
 """Settings of how a run is computed, saved and watched."""
 
@@ -48,7 +48,7 @@ def learned_settings(policy: Any, train: Any) -> dict[str, Any]:
     """Returns the settings of a policy and of its training that decide what is learned, by flat key."""
     settings = {
         key: values for key, values in (("policy", policy), ("train", train)) if isinstance(values, Mapping)
-    }  # a result need not tell them
+    }  # a result may lack them
     return {key: value for key, value in flat(settings).items() if key not in _FREE}
 
 

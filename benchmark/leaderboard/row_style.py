@@ -1,4 +1,4 @@
-"""How a row is told from the others on the page: by its colour, and where those repeat by its line."""
+"""Colour of each row on the leaderboard page; where colours repeat, line styles differ."""
 
 from typing import NamedTuple
 

@@ -32,7 +32,7 @@ _DISTINGUISHING = {
     "episodes_per_cell": "{} episodes a cell",
     "tested_alone": "tested on single channels too",
 }
-"""What tells rows of one policy apart, and how it is said."""
+"""Fields that distinguish rows of one policy, and their labels."""
 
 
 def row_key(result: Result) -> dict[str, Any]:
@@ -92,12 +92,12 @@ def _trained_with(result: Result) -> Mapping[str, Any]:
 
 
 def transferred_from(result: Result) -> str | None:
-    """Returns where the policy was trained, ``"mujoco, drawn by warp"``, if it was tested somewhere else."""
+    """Returns where the policy was trained, ``"mujoco, rendered with warp"``, if not where it was tested."""
     trained = _trained_with(result)
     simulator, renderer = trained.get("simulator"), trained.get("renderer")
     if not simulator or not renderer or (simulator, renderer) == (result.env.simulator, result.env.renderer):
         return None
-    return f"{simulator}, drawn by {renderer}"
+    return f"{simulator}, rendered with {renderer}"
 
 
 def group_runs(entries: Iterable[Entry]) -> list[list[Entry]]:
@@ -225,7 +225,7 @@ def _videos(results_dir: Path, path: str) -> list[dict[str, Any]]:
 
 
 def name_rows(rows: Sequence[dict[str, Any]], settings: Sequence[Mapping[str, Any]]) -> None:
-    """Names every row in place: policy, where it was transferred from, and what else tells it apart.
+    """Names every row in place: policy, where it was transferred from, and what else distinguishes it.
 
     Args:
         rows: Rows of one section, or its learning curves, which have a row's keys as far as they concern

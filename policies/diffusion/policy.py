@@ -64,9 +64,9 @@ class DiffusionPolicy(LeRobotPolicy):
         return make_diffusion_pre_post_processors(config, dataset_stats=stats)
 
     def predict(self, batch: dict[str, Tensor], generators: Sequence[torch.Generator] | None) -> Tensor:
-        """Denoises the actions; all noise, the first and that of every DDPM step, is the generators'."""
+        """Denoises the actions; the generators give all noise: the initial and that of every DDPM step."""
         model, config = self.model.diffusion, self.model.config
-        if config.n_obs_steps == 1:  # callers give no time axis, the network wants one
+        if config.n_obs_steps == 1:  # observations have no time axis, the network needs one
             batch = {key: batch[key].unsqueeze(1) for key in config.input_features}
         if generators is None:
             return self.model.predict_action_chunk(batch)

@@ -35,7 +35,7 @@ class FastTd3Config:
         learning_starts: Steps of all environments before the first update.
         buffer_size: Environment steps that the replay buffer holds: 51,200 of each of 128 environments.
         save_replay: Write the replay buffer into the checkpoint that a run is resumed from: 3 GB for a
-            humanoid. Without it, a resumed run gathers one batch anew before it goes on learning.
+            humanoid. Without it, a resumed run collects one batch before it continues learning.
         compile: Compile updates; None compiles on a GPU only.
         cuda_graphs: Record an update as one CUDA graph; None does so on a GPU.
         bf16: Compute updates under autocast; None does so on a GPU.

@@ -128,7 +128,7 @@ class Critics(nn.Module):
 def project(probabilities: Tensor, values: Tensor, atoms: Tensor) -> Tensor:
     """Projects distributions onto evenly spaced atoms (C51, arXiv:1707.06887, algorithm 1).
 
-    The mass of each value goes to its two neighbouring atoms, by nearness; beyond the ends, to the ends.
+    Each value's mass is split between its two neighbouring atoms, by nearness; values beyond are clamped.
 
     Args:
         probabilities: Masses (..., K), of any number of distributions over the same values.

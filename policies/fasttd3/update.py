@@ -18,7 +18,7 @@ from policies.fasttd3.networks import Actor, Critics, RunningNorm, project
 class Updater:
     """Trains actor and critics (arXiv:2505.22642).
 
-    TorchRL's ``TD3Loss`` knows no distributions of values, which the method stands on; so the loss is here.
+    TorchRL's ``TD3Loss`` has no distributional critic, which the method needs; so the loss is here.
 
     Args:
         config: Settings of learning.
@@ -91,8 +91,8 @@ class Updater:
 
         Args:
             reward: Discounted sum of the rewards of one step or of a few, (B,).
-            discount: What the value after those counts for: 0 where nothing comes after, (B,); an episode
-                that was cut off goes on.
+            discount: Weight of the next value (B,): 0 where the episode terminated, not where it was
+                truncated.
             next_seen: Normalized observations after them (B, D).
         """
         config, atoms = self.config, self.critics.atoms

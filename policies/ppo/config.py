@@ -25,7 +25,7 @@ class PpoConfig:
         num_minibatches: Parts of a rollout, each a gradient step.
         gamma: Discount.
         lam: Of generalized advantage estimation, arXiv:1506.02438.
-        clip: Largest change of the ratio of probabilities that pays.
+        clip: Clipping range of the probability ratio.
         value_coef: Weight of the squared error of the value, which is not clipped.
         entropy_coef: Weight of the entropy.
         schedule: ``adaptive`` raises and lowers the learning rate so that the updates of a rollout change the

@@ -98,7 +98,7 @@ class Tdmpc2Config:
             five episodes, and 1,000 at least, of every task.
         buffer_size: Environment steps that the replay buffer holds; of pixels a step takes 12 kB a camera.
         save_replay: Write the replay buffer into the checkpoint that a run is resumed from. Without it,
-            a resumed run fills it anew before it goes on.
+            a resumed run fills it again before it continues.
         compile: Compile updates and planning; None compiles on a GPU only.
         cuda_graphs: Record an update as one CUDA graph; None does so on a GPU.
     """

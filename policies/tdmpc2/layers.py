@@ -32,7 +32,7 @@ class SimNorm(nn.Module):
 
 
 class NormedLinear(nn.Linear):
-    """A linear layer, layer normalization, and an activation; Mish unless told otherwise."""
+    """A linear layer, layer normalization, and an activation, by default Mish."""
 
     def __init__(self, in_features: int, out_features: int, activation: nn.Module | None = None) -> None:
         super().__init__(in_features, out_features)

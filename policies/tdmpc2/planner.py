@@ -17,7 +17,7 @@ Normal = Callable[..., Tensor]
 
 
 class PlanningModel(Protocol):
-    """What planning asks of a model of the world; :class:`~policies.tdmpc2.world_model.WorldModel` has it."""
+    """World model that the planner needs, such as :class:`~policies.tdmpc2.world_model.WorldModel`."""
 
     def next(self, z: Tensor, action: Tensor, task: Tensor | None = None) -> Tensor:
         """Returns the states that actions lead to."""
@@ -38,7 +38,7 @@ class PlanningModel(Protocol):
     def values(
         self, z: Tensor, action: Tensor, task: Tensor | None = None, *, members: Tensor | None = None
     ) -> Tensor:
-        """Returns what comes after the horizon (...)."""
+        """Returns the value after the horizon (...)."""
         ...
 
     def action_mask(self, task: Tensor | None) -> Tensor | None:
@@ -50,7 +50,7 @@ class Plan(NamedTuple):
     """What planning came to.
 
     Attributes:
-        action: Action to take (N, A): the first one of a sequence that is drawn from the elites.
+        action: Action to take (N, A): the first one of a sequence sampled from the elites.
         mean: Mean of the elites (N, H, A), which the next plan starts from.
         std: Their deviation at the first step (N, A), the noise to explore with.
     """
@@ -161,7 +161,7 @@ def improved(
         mean: Mean to sample about (N, H, A).
         std: Deviation to sample with (N, H, A).
         discount: Discount per step; (N, 1) where tasks differ.
-        normal: Where noise comes from.
+        normal: Noise source.
         task: Index of each environment's task (N, 1), or None.
         members: Members of the Q ensemble to value by; None is all.
     """
@@ -206,7 +206,7 @@ def plan(
         z: Latent states (N, L).
         mean: Where the search starts (N, H, A); see :func:`shifted`.
         discount: Discount per step; (N, 1) where tasks differ.
-        normal: Where noise comes from.
+        normal: Noise source.
         task: Index of each environment's task (N, 1), or None.
         members: Members of the Q ensemble to value by; None is all.
         improve: :func:`improved`, or what the compiler made of it.
