@@ -1,7 +1,7 @@
 """The command line: ``roboverse <command> key=value ...``.
 
-It reads words, calls a command, prints what comes back, and turns errors into one message and an exit
-code: 0 done, 1 a bug (with its traceback), 2 a mistake that the user can mend, 130 interrupted (143 where
+It parses arguments, calls a command, prints its result, and turns errors into one message and an exit
+code: 0 done, 1 a bug (with its traceback), 2 a mistake that the user can fix, 130 interrupted (143 where
 training was, by SIGTERM).
 """
 

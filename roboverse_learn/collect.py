@@ -47,7 +47,7 @@ def dataset_folder(config: CollectConfig) -> Path:
     size, demos = f"{config.env.image_size}px", f"{config.collect.num_demos}demos"
     name = "-".join([varied, config.env.simulator, config.env.renderer, *config.env.cameras, size, demos])
     part = SOURCES.get(config.source)(config).name_part()
-    # Of a folder, its name alone: where it lies is this machine's affair.
+    # Of a folder, its name alone: its path differs between machines.
     changed = [*sorted(config.env.task_kwargs.items()), *sorted(config.env.simulator_settings.items())]
     options = [f"{key}={Path(str(value)).name}" for key, value in changed]
     if config.env.scenario:

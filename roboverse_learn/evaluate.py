@@ -163,7 +163,7 @@ def _write_curve(path: Path, tested: TestedCheckpoint) -> None:
 def _deciding(
     tested: TestedCheckpoint, protocol: Protocol, weights: str | None, materials: str
 ) -> dict[str, Any]:
-    """Returns what an evaluation that goes on must share with the one before: all that decides an episode."""
+    """Returns every setting that decides an episode, which a resumed evaluation must share."""
     from benchmark import provenance
 
     values = {"run": tested.run, "device": tested.device, "env": tested.env.to_json()}

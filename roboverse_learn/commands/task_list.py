@@ -74,7 +74,7 @@ def _episodes(info: Path) -> int:
     try:
         count = json.loads(info.read_text(encoding="utf-8"))["total_episodes"]
     except (OSError, ValueError, KeyError, TypeError):
-        return 0  # a dataset that is broken is told of where it is read
+        return 0  # commands that read the dataset report what is broken
     return count if isinstance(count, int) else 0
 
 

@@ -110,7 +110,7 @@ def checkpoint_to_test(config: EvaluateConfig) -> TestedCheckpoint:
     """Finds the run of a checkpoint, and from it the environment of the evaluation.
 
     Raises:
-        ConfigError: It lies in no run, and the task or the image size was not given.
+        ConfigError: It is in no run's folder, and the task or the image size was not given.
         PolicyError: There is no checkpoint.
     """
     from policies.checkpoint import resolve
@@ -191,7 +191,7 @@ def _changed_env(trained: EnvSpec, changes: Mapping[str, Any]) -> EnvSpec:
 
 
 def _changes_in_name(trained: TrainRunConfig, env: EnvSpec) -> list[str]:
-    """Returns the parts of a run's name that tell one evaluated environment from the trained one."""
+    """Returns the parts of a run's name where the evaluated environment differs from the trained one."""
     parts = []
     for key in EVALUATE_ENV_KEYS:
         value = getattr(env, key)
@@ -202,7 +202,7 @@ def _changes_in_name(trained: TrainRunConfig, env: EnvSpec) -> list[str]:
 
 
 def _checkpoint_without_run(checkpoint: Path, config: EvaluateConfig) -> TestedCheckpoint:
-    """Returns a checkpoint that lies in no run of this project, such as one of ``lerobot-train``."""
+    """Returns a checkpoint of no run of this project, such as one of ``lerobot-train``."""
     from benchmark.provenance import file_hash
     from policies.checkpoint import CONFIG, WEIGHTS, read_json, seen_cameras
     from roboverse_learn.config.serialize import to_values
@@ -210,7 +210,7 @@ def _checkpoint_without_run(checkpoint: Path, config: EvaluateConfig) -> TestedC
 
     if "task" not in config.env:
         raise ConfigError(
-            f"Checkpoint '{checkpoint}' lies in no run of ours, which would say what it was trained on: add "
+            f"Checkpoint '{checkpoint}' is in no run folder, whose config.yaml would name its task: add "
             "task=<name>."
         )
     values = read_json(checkpoint / CONFIG)

@@ -1,6 +1,6 @@
-"""From the words of a command line to a frozen configuration.
+"""Composes command line arguments into a frozen configuration.
 
-A value comes from the last of these that has it:
+The last of these that sets a value wins:
 
 1. the defaults of the dataclasses (:mod:`roboverse_learn.config.schema`),
 2. ``configs/policy/<policy>.yaml``, ``configs/preset/<preset>.yaml`` and
@@ -89,7 +89,7 @@ def compose(command: str, words: Sequence[str]) -> Any:
 
 
 def values_of_key(word: str) -> list[str]:
-    """Returns the words that one word stands for: ``level=0,1`` is ``level=0`` and ``level=1``.
+    """Expands an argument with several values: ``level=0,1`` is ``level=0`` and ``level=1``.
 
     Several values are written as for Hydra's own sweeps: with commas, or as ``range(4)``.
 

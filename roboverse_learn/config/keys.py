@@ -62,7 +62,7 @@ def split_word(word: str, keys: Iterable[str]) -> tuple[str, str]:
 
 
 def full_key(command: str, key: str, keys: Iterable[str]) -> str:
-    """Returns the dotted key that ``key`` stands for.
+    """Returns the full dotted key of ``key``.
 
     Raises:
         ConfigError: It could be several, or is a whole section.

@@ -18,7 +18,7 @@ _PIXELS = ("width", "height")
 def scenario_keys() -> dict[str, tuple[type, str]]:
     """Returns the dotted keys of a scene that any task may have, each with its dataclass and its field.
 
-    What stands in a row, such as a camera, has ``<name>`` or ``<number>`` in its place. Names and sizes of
+    Entries of a list, such as cameras, have ``<name>`` or ``<number>`` in their place. Names and sizes of
     images have keys of their own, ``cameras=`` and ``image_size=``.
     """
     from envs.scenario import CameraCfg, ScenarioCfg
@@ -87,7 +87,7 @@ def learned_hz(trained: Any, task: str) -> float:
 
 
 def scenario_name(changes: Mapping[str, Any]) -> str:
-    """Returns what stands for changes of a scene in the name of a folder or a file."""
+    """Returns the label of changes of a scene in the name of a folder or a file."""
     return f"{SECTION}-{digest(changes)}"
 
 

@@ -1,4 +1,4 @@
-"""What every command can be told: frozen dataclasses, whose field names are the keys of the command line.
+"""Configuration of every command: frozen dataclasses, whose field names are the command line's keys.
 
 Values come from here, then from the YAML deltas in ``configs/``, then from the command line. This
 module is data only; :mod:`roboverse_learn.config.compose` reads words and files.
@@ -36,7 +36,7 @@ def _not_negative(**values: float) -> None:
 
 
 def _within_split(split: str, **counts: int) -> None:
-    """Checks that a split has as many episodes as are asked for."""
+    """Checks that a split has enough episodes."""
     size = len(load_split(split).episodes)
     for key, count in counts.items():
         if count > size:
@@ -78,7 +78,7 @@ class EvaluationConfig:
 
     Attributes:
         levels: Levels to evaluate.
-        alone: Channels that are also varied alone, which tells which of them costs what.
+        alone: Channels that are also varied alone, to measure the cost of each.
         splits: Splits to evaluate; the test split is the headline.
         episodes: Episodes of each cell, that is of each level and split.
         protocol_seed: Root of the episodes' randomness.

@@ -69,7 +69,7 @@ def env_keys(command: str) -> tuple[str, ...]:
 def default_values(command: str, policy: str = "act") -> dict[str, Any]:
     """Returns the defaults of a command's dataclass as nested plain values.
 
-    For ``evaluate``, an empty value of an environment's field stands for the checkpoint's own.
+    For ``evaluate``, an empty value of an environment's field means the checkpoint's own.
     """
     env = plain(EnvSpec())
     values = {key: type(env[key])() if command == "evaluate" else env[key] for key in env_keys(command)}

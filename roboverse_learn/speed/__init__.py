@@ -13,11 +13,11 @@ for _name, _summary in {
     "throughput": "env.step against a bare mj_step loop; an image against MuJoCo's GL (needs libosmesa6)",
     "dataset": "writing demonstrations and reading batches, against LeRobot",
     "evaluation": "evaluation of an ACT checkpoint on the same episodes, against lerobot-eval",
-    "mujoco_warp": "simulator=mujoco_warp against bare mujoco_warp: physics and images (wants a GPU)",
+    "mujoco_warp": "simulator=mujoco_warp against bare mujoco_warp: physics and images (needs a GPU)",
     "simulators": "handlers against scripts on the simulator alone",
-    "training": "a gradient step of ACT and Diffusion Policy against LeRobot, and the losses (wants a GPU)",
-    "rl": "PPO on TorchVectorEnv against bare mujoco_warp; cost of the adapters (wants a GPU)",
-    "agents": "TD-MPC2 and FastTD3 against plain torch, the replay buffer against TorchRL (wants a GPU)",
+    "training": "a gradient step of ACT and Diffusion Policy against LeRobot, and the losses (needs a GPU)",
+    "rl": "PPO on TorchVectorEnv against bare mujoco_warp; cost of the adapters (needs a GPU)",
+    "agents": "TD-MPC2 and FastTD3 against plain torch, the replay buffer against TorchRL (needs a GPU)",
     "startup": "roboverse list and --help against an empty Python program",
 }.items():
     PROGRAMS.add(_name, f"roboverse_learn.speed.{_name}", summary=_summary)

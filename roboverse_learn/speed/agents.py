@@ -29,7 +29,7 @@ from roboverse_learn.speed.harness import (
 
 OBSERVATION, OBSERVED, ACTIONS, EPISODE = "observation.environment_state", 51, 19, 1000
 STEPS, ENVS, SEQUENCES, HORIZON = 100_000, 100, 256, 4
-"""Size of the replay buffer, and of the batches drawn from it."""
+"""Size of the replay buffer, and of the batches sampled from it."""
 GOAL = 2.0
 
 

@@ -46,7 +46,7 @@ def measure_evaluation() -> Measurement:
     (env,) = env_config.create_envs(NUM_EPISODES)[env_config.type].values()
     before, after = make_env_pre_post_processors(env_cfg=env_config, policy_cfg=policy.model.config)
     steps = (before, after, policy.preprocessor, policy.postprocessor)
-    begun: list[int] = []  # the episodes of LeRobot's side, which goes first in the turn that warms up
+    begun: list[int] = []  # the episodes of LeRobot's side, which runs first in the warm-up turn
     records: list[Any] = []
     reset = env.reset
 

@@ -88,10 +88,10 @@ def in_turns(
     after: Call | None = None,
     wait: Call | None = None,
 ) -> np.ndarray:
-    """Times two calls in turns, so that a machine that slows down slows both.
+    """Times two calls alternately, so that a machine that slows down slows both.
 
-    The side that goes first alternates. One more turn, whose times are dropped, warms both up; the baseline
-    goes first in it.
+    The side that runs first alternates. One more turn, whose times are dropped, warms both up; the baseline
+    runs first in it.
 
     Args:
         ours: Our side.

@@ -1,4 +1,4 @@
-"""What training can be told; data only, imported by every command."""
+"""Configuration of training; data only, imported by every command."""
 
 import math
 from dataclasses import dataclass, fields
@@ -12,7 +12,7 @@ Schedule = Literal["cosine", "constant"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class AugmentConfig:
-    """Random changes of the training images, drawn anew for every sample.
+    """Random augmentation of the training images, sampled for every sample.
 
     Attributes:
         shift_px: Largest shift of the image in x and in y, pixels; the border is repeated (DrQ-v2,

@@ -9,7 +9,7 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class Interrupted(KeyboardInterrupt):
-    """A signal asked the process to end.
+    """A signal interrupted the process.
 
     Args:
         number: The signal.
@@ -24,7 +24,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 class Interruption:
-    """Whether training is to end: false until a signal comes.
+    """Whether training is to end: false until a signal arrives.
 
     Attributes:
         signal: The first signal, or None.
@@ -53,7 +53,7 @@ class Interruption:
 def signals_noted() -> Iterator[Interruption]:
     """Notes SIGINT and SIGTERM instead of raising in the middle of a step, and raises at the end.
 
-    Outside the main thread, where Python hears of no signal, it changes nothing; a signal that the process
+    Outside the main thread, where Python gets no signals, it does nothing. A signal that the process
     ignores, as one in the background does, stays ignored.
 
     Raises:

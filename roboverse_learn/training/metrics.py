@@ -117,7 +117,7 @@ class WandbWriter:
 def check_wandb() -> None:
     """Makes sure, before anything is computed, that a run can be logged to Weights & Biases.
 
-    On a terminal it asks for the key that is missing. It does nothing where ``WANDB_MODE`` asks for no login.
+    On a terminal it prompts for a missing key. It does nothing where ``WANDB_MODE`` needs no login.
 
     Raises:
         MissingExtraError: if the package is not installed.
@@ -163,7 +163,7 @@ def read_metrics(run_dir: Path) -> list[dict[str, float]]:
 
 
 def open_writers(run_dir: Path, first_step: int, config: "TrainConfig", policy: str) -> list[MetricsWriter]:
-    """Opens every writer that a run asks for.
+    """Opens the writers that a run's configuration names.
 
     Args:
         run_dir: Folder of the run.

@@ -8,7 +8,7 @@ from torch import Tensor
 
 
 def random_state(env: Any) -> dict[str, Tensor]:
-    """Returns the states of torch's generators, and of the env's if it tells (``random_state``)."""
+    """Returns the states of torch's generators, and of the env's if it has ``random_state``."""
     states = {"cpu": torch.get_rng_state()}
     if env.device.type == "cuda":
         states["cuda"] = torch.cuda.get_rng_state(env.device)
@@ -18,7 +18,7 @@ def random_state(env: Any) -> dict[str, Tensor]:
 
 
 def set_random_state(states: Mapping[str, Tensor], env: Any) -> None:
-    """Takes back what :func:`random_state` returned; generators that are not told of stay as they are."""
+    """Restores the states of :func:`random_state`; generators without one stay as they are."""
     if "cpu" in states:
         torch.set_rng_state(states["cpu"])
     if "cuda" in states:

@@ -1,4 +1,4 @@
-"""How a training run tells whoever started it how far it is."""
+"""Reporters of a training run's progress."""
 
 import contextlib
 from dataclasses import dataclass
@@ -88,7 +88,7 @@ class Reporter:
     """Hears of a run; does nothing. Called in the main process only."""
 
     def on_start(self, progress: Progress, policy: Any) -> None:
-        """The run begins, or goes on at ``progress.step``."""
+        """The run begins, or resumes at ``progress.step``."""
 
     def on_step(self, progress: Progress) -> None:
         """One more gradient step, or environment step of a policy that learns from an env."""

@@ -54,5 +54,5 @@ def test_cells_of_a_split_share_their_episodes(records):
 
 
 def test_an_extra_cell_is_named(records):
-    with pytest.raises(ResultError, match=r"missing none, not asked for level 0, train split"):
+    with pytest.raises(ResultError, match=r"missing none, unexpected level 0, train split"):
         check_complete(PROTOCOL, [*records, replace(records[0], split="train")])

@@ -175,11 +175,11 @@ def test_a_truncated_file_says_so(written, cut):
         (lambda d: d["protocol"].update(seed=1), "its protocol hashes to"),
         (
             lambda d: d["records"].pop(),
-            "Level 1, test split has 2 records of 2 episodes; the protocol asks for 3",
+            "Level 1, test split has 2 records of 2 episodes; the protocol needs 3",
         ),
         (
             lambda d: d["records"].__delitem__(slice(-3, None)),
-            "missing level 1, test split, not asked for none",
+            "missing level 1, test split, unexpected none",
         ),
         (lambda d: d["cells"].pop(), "belongs to no cell of the file"),
         (lambda d: d["cells"].append(d["cells"][0]), "it has 5 cells, and its records make 4"),
@@ -229,7 +229,7 @@ def test_a_result_that_is_not_one_is_not_written(written):
     path, result = written
     before = path.read_bytes()
     lost = replace(result, records=result.records[:-1])
-    with pytest.raises(ResultError, match="asks for 3, each once"):
+    with pytest.raises(ResultError, match="needs 3, each once"):
         write_result(path, lost)
     nan = replace(
         result, records=(replace(result.records[0], episode_return=float("nan")), *result.records[1:])

@@ -115,7 +115,7 @@ def test_wrong_action_shape_names_the_expected_one(point_env, noisy_policy):
 
 
 def test_repeated_episode_is_refused(point_env, noisy_policy):
-    with pytest.raises(ConfigError, match="asked for twice"):
+    with pytest.raises(ConfigError, match="listed twice"):
         evaluate_cell(noisy_policy(), point_env(), [100, 100], **CELL)
 
 
@@ -151,7 +151,7 @@ def test_evaluate_runs_every_cell_and_closes_its_envs(point_env, noisy_policy):
 
 def test_evaluate_closes_the_env_of_a_failed_cell(point_env, noisy_policy):
     env = point_env()
-    with pytest.raises(ConfigError, match="100 episodes were asked for and the split has 50"):
+    with pytest.raises(ConfigError, match="100 episodes were requested and the split has 50"):
         evaluate(noisy_policy(), lambda _: env, Protocol(), policy_name="noisy")
     assert env.closed
 

@@ -111,4 +111,4 @@ def test_a_checkpoint_of_nobody_needs_a_task(
     copy = tmp_path / "copy"
     shutil.copytree(run / "checkpoints/last/pretrained_model", copy)
     assert cli.main(["evaluate", f"checkpoint={copy}"]) == 2
-    assert "lies in no run of ours" in capsys.readouterr().err
+    assert "is in no run folder" in capsys.readouterr().err

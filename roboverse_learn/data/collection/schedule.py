@@ -20,11 +20,11 @@ GIVE_UP_AFTER = 100
 """Failures of a run before it may end without hope: a demonstrator of 3 % gets so far one time in twenty."""
 
 _CONFIDENCE = 0.999
-"""That all the candidates are too few; it is asked again after every failure."""
+"""Confidence that all candidates are too few; tested again after every failure."""
 
 
 class TooFewSuccessesError(DatasetError):
-    """The candidates do not give the successes that were asked for."""
+    """The candidates give too few successes."""
 
 
 class Schedule:
@@ -118,7 +118,7 @@ class Schedule:
         if self._exhausted and not self.finished:
             message = (
                 f"The {len(self._candidates)} candidate episodes gave {self.num_successes} successes; "
-                f"{self._target} were asked for."
+                f"{self._target} are needed."
             )
             raise TooFewSuccessesError(f"{message}{self._what_there_is()}")
         return None
@@ -135,7 +135,7 @@ class Schedule:
             DatasetError: The index is not in flight, or the disk is full.
         """
         if index not in self._outstanding:
-            raise DatasetError(f"The source yielded pool episode {index}, which it was not asked for.")
+            raise DatasetError(f"The source yielded pool episode {index}, which was not requested.")
         self._outstanding.discard(index)
         if directory is None:
             self._failed.add(index)
@@ -159,7 +159,7 @@ class Schedule:
         if not self._fewer_ok and done + rate * (len(self._candidates) - tried) < self._target:
             raise TooFewSuccessesError(
                 f"{done} of the {tried} episodes that were tried succeeded ({done / tried:.1%}). All "
-                f"{len(self._candidates)} will not give the {self._target} successes that were asked for."
+                f"{len(self._candidates)} will not give the {self._target} successes that are needed."
                 f"{self._what_there_is()}"
             )
 

@@ -82,7 +82,7 @@ def run_batch(
             found = index if episode is None else episode.metadata.get("episode")
             if index not in missing or found != index:
                 raise DatasetError(
-                    f"The source was asked for the pool episodes {list(indices)} and yielded "
+                    f"The source was to yield the pool episodes {list(indices)} and yielded "
                     f"{index} with metadata['episode'] = {found!r}. They must be the same, and each once."
                 )
             missing.discard(index)

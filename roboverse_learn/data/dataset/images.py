@@ -125,7 +125,7 @@ def _mapped(info: DatasetInfo, key: str, shape: tuple[int, ...], num_threads: in
                 os.posix_fallocate(file.fileno(), 0, partial.stat().st_size)
             _decode(info, key, out, num_threads)
             out.flush()
-    # Copy-on-write, because torch wants writable memory.
+    # Copy-on-write, because torch needs writable memory.
     return np.lib.format.open_memmap(path, mode="c")
 
 

@@ -200,7 +200,7 @@ def read_episodes(root: Path, *, with_stats: bool = False) -> list[dict[str, Any
 
 
 def episode_key(metadata: dict[str, Any]) -> str | None:
-    """Returns what tells pool episodes apart, or None for an episode that is of no pool."""
+    """Returns the key that identifies a pool episode, or None for an episode of no pool."""
     if "episode" not in metadata:
         return None
     names = ("task", "level", "channels", "split", "episode")

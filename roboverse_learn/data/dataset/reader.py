@@ -169,7 +169,7 @@ def clamp_window(
         ends: (B,) one past its last frame.
 
     Returns:
-        Frames (B, T) and whether each lies outside the episode (B, T).
+        Frames (B, T) and whether each is outside the episode (B, T).
     """
     import torch
 

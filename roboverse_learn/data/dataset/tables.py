@@ -46,7 +46,7 @@ class GrowingTable:
         return self._root / self._template.format(chunk_index=chunk, file_index=file)
 
     def position(self) -> tuple[int, int]:
-        """Returns (chunk index, file index) of the file that the next episode goes to."""
+        """Returns (chunk index, file index) of the file for the next episode."""
         return chunk_and_file(self._number + (self._count >= EPISODES_PER_FILE))
 
     def append(self, group: "pa.Table") -> None:

@@ -1,6 +1,6 @@
 """Video files of a dataset: encoded in memory, checked for every frame, decoded whole.
 
-FFmpeg comes inside the ``av`` wheel; nothing of the system is needed.
+The ``av`` wheel includes FFmpeg; no system package is needed.
 """
 
 import io

@@ -123,7 +123,7 @@ def check_scene(path: Path, name: str, scenes: Mapping[str, Scene], task: Task) 
 
 
 class Placement(NamedTuple):
-    """How another scene lies in ours: turned about z, then shifted.
+    """Pose of another scene in ours: rotated about z, then translated.
 
     Attributes:
         turn: wxyz, (4,).
@@ -277,7 +277,7 @@ def assemble(
 
 
 def array(values: Any, shape: Sequence[int | None], what: str) -> np.ndarray:
-    """Returns ``values`` as a float64 array of a shape; None stands for any length.
+    """Returns ``values`` as a float64 array of a shape; None is any length.
 
     Raises:
         DatasetError: They are no numbers, not finite, or of another shape.

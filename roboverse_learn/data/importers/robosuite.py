@@ -42,7 +42,7 @@ SCENES = {
         "PickCube",
         {"cube": "cube"},
         {"variant": "lift"},
-        "robosuite's Lift draws a cube of 40 to 44 mm a side; ours has 40 mm",
+        "robosuite's Lift samples a cube of 40 to 44 mm a side; ours has 40 mm",
     ),
     "Stack": Scene(
         "StackCube",

@@ -100,7 +100,7 @@ class ImportSummary:
         """Returns the demonstrations that the dataset is made of.
 
         Raises:
-            ConfigError: They were asked for by states, and none has any.
+            ConfigError: Replay by states was requested, and no demonstration has states.
             DatasetError: None passes.
         """
         passing = [verdict for verdict in self.read if verdict.passes(self.replay)]

@@ -18,7 +18,7 @@ Progress = Callable[[str], AbstractContextManager[Callable[[int, int, str], None
 
 _KEYS = {
     "path": "reads no file. Name its format, as in source=maniskill.",
-    "checkpoint": "asks no policy. Add source=policy.",
+    "checkpoint": "uses no policy. Add source=policy.",
 }
 """Keys that some sources need: what to say where they are given to another."""
 
@@ -102,7 +102,7 @@ class DemonstrationSource:
         """
 
     def prepare(self, dataset: Path, progress: Progress) -> None:
-        """Does what comes before the first episode.
+        """Prepares the source before the first episode.
 
         Args:
             dataset: Folder of the dataset, which may not exist yet.
@@ -149,5 +149,5 @@ class DemonstrationSource:
         return "Give a smaller num_demos."
 
     def finish(self, dataset: Path) -> Any:
-        """Adds what the source knows to a complete dataset; returns it for the report, None if nothing."""
+        """Adds the source's own data to a complete dataset; returns it for the report, or None."""
         del dataset

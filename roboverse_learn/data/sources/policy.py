@@ -124,7 +124,7 @@ class PolicySource(DemonstrationSource):
             remedy = f"Add {' '.join(words)}." if words else "Leave out scenario.physics."
             raise ConfigError(
                 f"The policy of '{folder}' learned at {learned:g} control steps per second, and {asked:g} "
-                f"were asked for. {remedy}"
+                f"were requested. {remedy}"
             )
 
     @override

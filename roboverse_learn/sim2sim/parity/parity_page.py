@@ -34,7 +34,7 @@ _SHOWN = {
 }
 
 _LEAST_SHOWN = 1e-6
-"""Lower end of the axes of drift, mm or rad; the curve of an exact replay lies on it."""
+"""Lower end of the axes of drift, mm or rad; the curve of an exact replay is on it."""
 
 
 def write_page(folder: Path) -> dict[str, Path]:

@@ -12,9 +12,9 @@ def make_env(config: Any, num_envs: int, seed: int, device: str, **own: Any) -> 
     Args:
         config: Configuration of the run.
         num_envs: Environments.
-        seed: Seeds which initial states are drawn.
+        seed: Seed of the initial states.
         device: ``cpu`` or ``cuda``.
-        own: What one learner alone asks for; see :class:`envs.torch_env.TorchVectorEnv`.
+        own: Arguments that only one learner needs; see :class:`envs.torch_env.TorchVectorEnv`.
 
     Raises:
         ConfigError: as :func:`check_env`.
@@ -30,7 +30,7 @@ def make_multi_task_env(config: Any, num_envs: int, seed: int, device: str) -> A
         config: Configuration of the run; its ``tasks`` divide the environments among themselves, the first
             ones taking one more where they cannot be divided evenly.
         num_envs: Environments of all tasks together.
-        seed: Seeds which initial states are drawn.
+        seed: Seed of the initial states.
         device: ``cpu`` or ``cuda``.
 
     Raises:
@@ -58,7 +58,7 @@ def make_pixel_env(
     Args:
         config: Configuration of the run; ``cameras`` and ``renderer`` say what is seen.
         num_envs: Environments.
-        seed: Seeds which initial states are drawn.
+        seed: Seed of the initial states.
         device: ``cpu`` or ``cuda``.
         num_frames: Frames of an observation.
         image_size: Pixels a side that the policy's network takes.
@@ -86,8 +86,8 @@ def check_images(config: Any, image_size: int) -> None:
         image_size: Pixels a side that the policy's network takes.
 
     Raises:
-        ConfigError: if the task pays no reward or has no camera, or the images that were asked for are of
-            another size or level.
+        ConfigError: if the task has no reward or no camera, or the requested images have another size or
+            level.
         UnknownNameError: if the task has no camera of a name.
     """
     from envs.pixel_env import watched
@@ -117,12 +117,12 @@ def check_env(config: Any, *, expert_starts: float = 0.0) -> None:
         expert_starts: Share of the episodes that are to begin on the way of the task's expert.
 
     Raises:
-        ConfigError: if one pays no reward, or has no expert and needs one.
+        ConfigError: if one has no reward, or has no expert and needs one.
     """
     for name in config.tasks:
         if not config.env.replace(task=name).make_task().has_reward:
             raise ConfigError(
-                f"Task '{name}' pays no reward, which policy={config.policy_name} learns from. Learn it "
+                f"Task '{name}' has no reward, which policy={config.policy_name} learns from. Learn it "
                 "from demonstrations, as with policy=act, or take another task, such as PickCube."
             )
     if expert_starts and not config.env.make_task().has_expert:

@@ -48,7 +48,7 @@ class FastTd3Algorithm:
 
     @torch.no_grad()
     def act(self, observation: Tensor, first: Tensor) -> Tensor:
-        """Chooses actions; how much noise an environment explores with is drawn for every episode."""
+        """Returns exploring actions; each environment's noise scale is sampled at every episode."""
         config = self.config
         std = torch.rand_like(self.std) * (config.std_max - config.std_min) + config.std_min
         self.std = torch.where(first[:, None], std, self.std)

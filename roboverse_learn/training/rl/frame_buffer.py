@@ -17,9 +17,9 @@ from roboverse_learn.training.rl.replay_buffer import StoredSequences, Transitio
 class FrameReplay:
     """A ring of the last L rows of N environments, with the interface of a ``ReplayBuffer``.
 
-    A row is the newest frame of an observation, and what was done on seeing it. An episode of T steps takes
-    T + 1 rows: the last is the frame that it ended with, on which nothing was done. Stacks of frames are put
-    together when they are drawn: ``age``, the steps since the episode began, says how far back it goes.
+    A row is the newest frame of an observation, with the action taken on it. An episode of T steps takes
+    T + 1 rows: the last is its final frame, without an action. Frames are stacked when they are sampled:
+    ``age``, the steps since the episode began, limits how far back a stack reaches.
 
     ::
 
@@ -107,10 +107,10 @@ class FrameReplay:
         self.added += 1
 
     def sequences(self, num: int) -> StoredSequences:
-        """Returns ``num`` sequences of H steps, drawn uniformly of all rows of uniformly drawn environments.
+        """Returns ``num`` sequences of H steps, sampled uniformly from environments and their rows.
 
-        Observations are (H + 1, B, F C, P, P) uint8. What comes after the episode's end is marked as not
-        valid; so is all of a sequence that was drawn to begin at an end, one of each episode's length.
+        Observations are (H + 1, B, F C, P, P) uint8. Steps after the episode's end are marked as not
+        valid; so is all of a sequence that begins at an end, one of each episode's length.
         """
         storage, device = self.storage, self.device
         envs = torch.randint(self.num_envs, (num,), device=device)

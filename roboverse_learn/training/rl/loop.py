@@ -1,8 +1,8 @@
-"""The loop of agents that act in many environments at once and learn from a replay buffer.
+"""Training loop of agents that act in many environments at once and learn from a replay buffer.
 
-The loop knows no loss and no network: an :class:`Algorithm` acts, stores and learns. On a CPU a run that
-is killed goes on as if it had not been: at every checkpoint the noise is seeded anew, and the env is put
-to exactly what is saved of it, if it can say where it is (``state_dict``); if not, its episodes begin anew.
+An :class:`Algorithm` acts, stores and learns; the loop has no loss and no network. On a CPU a killed run
+resumes bit-identically: every checkpoint reseeds the noise, and sets the env to its saved state if it has
+a ``state_dict``; if not, its episodes restart.
 A checkpoint out of turn, where a run ends early, keeps where the random numbers were instead. It may
 come between two updates of a step: those that are left are due still, and made first.
 """
@@ -55,7 +55,7 @@ class Algorithm(Protocol):
         ...
 
     def must_learn(self) -> bool:
-        """Whether an update is due; it is made before the next step, or by the run that goes on."""
+        """Whether an update is due; it is made before the next step, or by the resumed run."""
         ...
 
     def learn(self) -> Mapping[str, Tensor]:
@@ -225,7 +225,7 @@ class Loop:
         logger.info("Going on from step %d of '%s'.", self.step, directory)
 
     def _seed(self) -> None:
-        """Seeds all that is drawn from here on by the seed of the run and the step."""
+        """Seeds all random numbers from here on by the seed of the run and the step."""
         torch.manual_seed(step_seed(self.seed, self.step, _NOISE))
         self.env.seed(step_seed(self.seed, self.step, _ENV))
 
@@ -237,14 +237,14 @@ class Loop:
             self._restart_env()
 
     def _restart_env(self) -> None:
-        """Begins new episodes everywhere; staggering comes after, for a reset undoes it."""
+        """Resets every environment; staggering follows, since a reset undoes it."""
         self.observation = self.env.reset()
         self.first = torch.ones(self.env.num_envs, dtype=torch.bool, device=self.observation.device)
         if self.stagger:
             self.env.stagger()
 
     def _save(self, *, in_turn: bool) -> None:
-        """Writes a checkpoint, and goes on from exactly what it holds; out of turn, as if there were none."""
+        """Writes a checkpoint and continues from its exact state; out of turn, as if there were none."""
         self._check_weights()
         random = {} if in_turn else random_state(self.env)
         of_env: Mapping[str, Tensor] = self.env.state_dict() if hasattr(self.env, "state_dict") else {}

@@ -132,7 +132,7 @@ class ReplayBuffer:
         self.next = (row + 1) % self.length
 
     def returns(self, num: int, steps: int, discount: float) -> Returns:
-        """Returns what ``num`` actions led to, drawn uniformly of all that are kept.
+        """Returns ``num`` transitions, sampled uniformly from all that are stored.
 
         Args:
             num: B.
@@ -158,10 +158,10 @@ class ReplayBuffer:
         )
 
     def sequences(self, num: int) -> StoredSequences:
-        """Returns ``num`` sequences of H steps, drawn uniformly of all that are kept.
+        """Returns ``num`` sequences of H steps, sampled uniformly from all that are stored.
 
-        They begin anywhere in an episode, its last steps included, or those would be drawn H times less
-        often than all others; what comes after the episode's end is marked.
+        They begin anywhere in an episode, its last steps included, or those would be sampled H times less
+        often than all others; steps after the episode's end are marked.
         """
         oldest = self.next if self.filled == self.length else 0
         drawn = torch.randint((self.filled - self.horizon + 1) * self.num_envs, (num,), device=self.device)

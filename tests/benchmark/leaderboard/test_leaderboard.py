@@ -124,8 +124,8 @@ def test_a_policy_in_another_simulator_is_a_row_of_that_simulator(publish, tmp_p
     }
     assert found == {
         ("mujoco", "warp"): {"act"},
-        ("mujoco", "sapien"): {"act, trained in mujoco, drawn by warp"},
-        ("sapien", "sapien"): {"act", "act, trained in mujoco, drawn by warp"},
+        ("mujoco", "sapien"): {"act, trained in mujoco, rendered with warp"},
+        ("sapien", "sapien"): {"act", "act, trained in mujoco, rendered with warp"},
     }
 
 

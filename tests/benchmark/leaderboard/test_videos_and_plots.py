@@ -132,7 +132,7 @@ def test_loss_curves(tmp_path):
 
 
 def label(words):
-    return f"ppo by torchrl, {', '.join(['trained in mujoco_warp'] * words)}, drawn by warp"
+    return f"ppo by torchrl, {', '.join(['trained in mujoco_warp'] * words)}, rendered with warp"
 
 
 def overlap(figure):

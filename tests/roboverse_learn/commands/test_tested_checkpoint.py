@@ -250,7 +250,7 @@ def test_two_checkpoints_without_a_run_do_not_share_a_results_file(tmp_path: Pat
 
 
 def test_a_checkpoint_without_a_run_needs_a_task(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"lies in no run of ours.*add task=<name>"):
+    with pytest.raises(ConfigError, match=r"is in no run folder.*add task=<name>"):
         subject(write_checkpoint(tmp_path / "model"))
 
 

@@ -87,7 +87,7 @@ class PpoAlgorithm(ABC):
             raise self.diverged("A reward or an observation is not finite")
         try:
             terms = self.update()
-        except (ValueError, RuntimeError) as error:  # a distribution that is asked with numbers that are none
+        except (ValueError, RuntimeError) as error:  # a distribution with parameters that are not finite
             if "found invalid values" in str(error):
                 raise self.diverged("An output of the policy is not finite") from error
             if all(bool(parameter.isfinite().all()) for parameter in self.parameters):

@@ -102,7 +102,7 @@ def test_other_settings_are_refused(tmp_path):
 
 def test_too_few_candidates(tmp_path):
     with pytest.raises(
-        DatasetError, match=r"The 4 candidate episodes gave 3 successes; 9 were asked for\. num_demos=3 "
+        DatasetError, match=r"The 4 candidate episodes gave 3 successes; 9 are needed\. num_demos=3 "
     ):
         collect(config(tmp_path / "d", candidates=range(100, 104)))
     assert DatasetInfo.open(tmp_path / "d").num_episodes == 3

@@ -174,11 +174,11 @@ def test_failures_are_remembered_over_runs_with_their_settings(tmp_path):
 
 def test_answers_nobody_asked_for(tmp_path):
     schedule = Schedule(Writer(tmp_path), [1, 2], 1, {})
-    with pytest.raises(DatasetError, match="yielded pool episode 7, which it was not asked for"):
+    with pytest.raises(DatasetError, match="yielded pool episode 7, which was not requested"):
         schedule.resolve(7, None)
     schedule.next_index()
     schedule.resolve(1, None)
-    with pytest.raises(DatasetError, match="yielded pool episode 1, which it was not asked for"):
+    with pytest.raises(DatasetError, match="yielded pool episode 1, which was not requested"):
         schedule.resolve(1, None)
 
 
@@ -205,7 +205,7 @@ def test_a_run_ends_once_all_the_candidates_will_not_be_enough(tmp_path, target,
     with pytest.raises(
         TooFewSuccessesError,
         match=rf"^{tried // 100 + 1} of the {tried} episodes that were tried succeeded \(\d\.\d%\)\. "
-        rf"All 2000 will not give the {target} successes that were asked for\. num_demos=",
+        rf"All 2000 will not give the {target} successes that are needed\. num_demos=",
     ):
         while (index := schedule.next_index()) is not None:
             end(schedule, tmp_path, index, {number for number in range(2000) if number % 100})
@@ -225,7 +225,7 @@ def test_where_fewer_will_do_one_success_is_hope_enough(tmp_path, committed):
 def test_the_last_candidates_are_tried_before_too_few_are_told(tmp_path):
     schedule = Schedule(Writer(tmp_path), range(3), 3, {})
     there_is = rf"num_demos=1 dataset={tmp_path} takes those that there are\.$"
-    with pytest.raises(TooFewSuccessesError, match=rf"The 3 .* gave 1 successes; 3 were .*\. {there_is}"):
+    with pytest.raises(TooFewSuccessesError, match=rf"The 3 .* gave 1 successes; 3 are needed\. {there_is}"):
         while (index := schedule.next_index()) is not None:
             end(schedule, tmp_path, index, {1, 2})
 
@@ -237,5 +237,5 @@ def test_too_few_successes_wait_for_those_in_flight(tmp_path):
     schedule.resolve(1, None)
     assert schedule.next_index() is None
     schedule.resolve(2, None)
-    with pytest.raises(DatasetError, match=r"The 2 candidate episodes gave 0 successes; 2 were asked for"):
+    with pytest.raises(DatasetError, match=r"The 2 candidate episodes gave 0 successes; 2 are needed"):
         schedule.next_index()

@@ -78,9 +78,9 @@ def test_a_dataset_is_collected_of_its_successes(checkpoint, easy, tmp_path):
         (
             ["scenario.physics.decimation=50"],
             [],
-            r"at 10 .* 20 were asked.*Add scenario\.physics\.decimation=50",
+            r"at 10 .* 20 were requested.*Add scenario\.physics\.decimation=50",
         ),
-        ([], ["scenario.physics.decimation=50"], r"at 20 .* 10 were asked.*Leave out scenario\.physics"),
+        ([], ["scenario.physics.decimation=50"], r"at 20 .* 10 were requested.*Leave out scenario\.physics"),
     ],
 )
 def test_another_control_rate_than_the_policy_learned_at_is_refused(
@@ -105,11 +105,11 @@ def test_the_task_is_that_of_the_checkpoint_unless_another_is_asked_for(tmp_path
 def test_what_cannot_demonstrate_is_named(checkpoint, tmp_path):
     with pytest.raises(ConfigError, match=r"source=policy needs checkpoint=<folder>: that of a run"):
         compose("collect", ["source=policy"])
-    with pytest.raises(ConfigError, match=r"checkpoint=runs was given, and source=expert asks no policy"):
+    with pytest.raises(ConfigError, match=r"checkpoint=runs was given, and source=expert uses no policy"):
         compose("collect", ["checkpoint=runs"])
     with pytest.raises(ConfigError, match=r"path=x was given, and source=policy reads no file"):
         compose("collect", ["source=policy", "checkpoint=runs", "path=x"])
-    with pytest.raises(PolicyError, match=r"'ppo' learned the task PickCube, and StackCube was asked for"):
+    with pytest.raises(PolicyError, match=r"'ppo' learned the task PickCube, not StackCube"):
         find_demonstrator(str(checkpoint), "StackCube")
     with pytest.raises(PolicyError, match="does not exist"):
         find_demonstrator(str(tmp_path / "none"), "PickCube")

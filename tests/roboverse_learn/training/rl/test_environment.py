@@ -17,7 +17,7 @@ from roboverse_learn.training.reporter import Reporter
 def test_a_task_without_reward_is_refused(policy, monkeypatch, tmp_path):
     monkeypatch.setattr(PickCube, "has_reward", False)
     config = compose("train", [f"policy={policy}", "task=PickCube", "simulator=mujoco", "policy.num_envs=2"])
-    with pytest.raises(ConfigError, match=f"'PickCube' pays no reward, which policy={policy} learns from"):
+    with pytest.raises(ConfigError, match=f"'PickCube' has no reward, which policy={policy} learns from"):
         learner_of(config, "cpu").learn(tmp_path, None, 0, Reporter())
     assert not any(tmp_path.iterdir())
 
@@ -34,7 +34,7 @@ def refused(words, tmp_path, monkeypatch, capsys):
 def test_a_refused_run_has_no_folder(policy, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(PickCube, "has_reward", False)
     said = refused(f"policy={policy} task=PickCube", tmp_path, monkeypatch, capsys)
-    assert said.startswith(f"error: Task 'PickCube' pays no reward, which policy={policy} learns from.")
+    assert said.startswith(f"error: Task 'PickCube' has no reward, which policy={policy} learns from.")
 
 
 @pytest.mark.parametrize(
