@@ -15,7 +15,7 @@ import pyarrow.parquet as parquet
 Facts = Iterator[tuple[str, Any]]
 
 TIMES = re.compile(r"_per_s$|_time_s$|^elapsed_s$")
-"""Numbers of a log that tell how fast it was."""
+"""Speeds in a log."""
 
 
 def digest(content: Any) -> str:
@@ -116,7 +116,7 @@ READERS: dict[str, Callable[[Path], Facts]] = {
     "converted/**/*.*": of_file,
     "tasks.json": of_steps,
 }
-"""Files in a check's folder to what they tell."""
+"""Reader of each kind of file in a check's folder."""
 
 
 def data_of(here: Path, printed: dict[str, str]) -> Facts:

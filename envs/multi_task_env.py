@@ -19,7 +19,7 @@ class MultiTaskEnv:
     """One batched environment per task: the first rows are of the first task, and so on.
 
     Observations of smaller tasks are padded with zeros to the largest one, (N, D). A task uses the first
-    entries of an action (N, A), as many as it has. Random draws of a task do not depend on the others.
+    entries of an action (N, A), as many as it has. Random numbers of a task do not depend on the others.
 
     Args:
         envs: Task to its :class:`~envs.torch_env.TorchVectorEnv`, or an environment with its interface;
@@ -49,7 +49,7 @@ class MultiTaskEnv:
         self.task_ids = torch.arange(len(each), device=self.device).repeat_interleave(counts)
 
     def seed(self, seed: int) -> None:
-        """Seeds the draws of initial states, differently for each task."""
+        """Seeds the initial states, differently for each task."""
         for index, env in enumerate(self.envs.values()):
             env.seed(int(np.random.SeedSequence(seed, spawn_key=(index,)).generate_state(1)[0]))
 

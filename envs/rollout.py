@@ -1,6 +1,6 @@
 """Runs episodes in a batch of environments: one loop for policies, experts and replays.
 
-``rollout(env, actor, episodes)`` starts episodes by index, asks an :class:`Actor` for chunks of actions, and
+``rollout(env, actor, episodes)`` starts episodes by index, gets chunks of actions from an :class:`Actor`, and
 yields each episode when it is over. The schedule follows from what the actor and the simulator need:
 
 * If the actor uses observations, rendering is expensive: an environment that needs a chunk waits until all
@@ -176,7 +176,7 @@ class Actor(ABC):
         """Prepares for episodes that are about to start, for instance by setting their ``memory``.
 
         Returns:
-            Their initial states, one row each, or None for those that the task draws.
+            Their initial states, one row each, or None for those that the task samples.
         """
         del episodes
 

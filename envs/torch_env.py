@@ -90,7 +90,7 @@ class TorchEnv(Protocol):
         ...
 
     def seed(self, seed: int) -> None:
-        """Seeds the draws of initial states."""
+        """Seeds the initial states."""
         ...
 
     def close(self) -> None:
@@ -101,7 +101,7 @@ class TorchEnv(Protocol):
 class TorchVectorEnv(BatchedEnv):
     """N environments of one task that are stepped together, with tensors in and out.
 
-    An episode starts at one of K initial states that are drawn once, or, for a share of the episodes, at a
+    An episode starts at one of K initial states sampled once, or, for a share of the episodes, at a
     state on the expert's path. An environment whose episode is over restarts in the same step. Actions are
     those of the task's ``rl_controller``, in [-1, 1]. The task's reward is at most 1 and success ends an
     episode with 1; with ``shift_reward`` an agent gets the reward less 1, so that it has no reason to put
@@ -112,8 +112,8 @@ class TorchVectorEnv(BatchedEnv):
         task: The task.
         handler: Its simulator, not yet launched.
         split: ``"train"`` or ``"test"``: which episodes.
-        device: Where tensors go; the simulator's by default.
-        seed: Seeds the draws of initial states.
+        device: Device of returned tensors; the simulator's by default.
+        seed: Seeds the initial states.
         max_episode_steps: Time limit, control steps; the task's by default.
         shift_reward: See above.
         protocol_seed: Seed of the episodes.
@@ -162,7 +162,7 @@ class TorchVectorEnv(BatchedEnv):
         self.observation_size = math.prod(self.observation_shape)
 
     def seed(self, seed: int) -> None:
-        """Seeds the draws of initial states."""
+        """Seeds the initial states."""
         self._generator = torch.Generator(self.handler.device).manual_seed(seed)
 
     def random_state(self) -> Tensor:
@@ -227,7 +227,7 @@ class TorchVectorEnv(BatchedEnv):
         self._clear(ids.to(self.device))
 
     def _place(self, ids: Tensor, bank: State) -> None:
-        """Sets environments to states that are drawn from a bank."""
+        """Sets environments to states sampled from a bank."""
         if not len(ids):
             return
         device = self.handler.device

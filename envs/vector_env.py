@@ -156,7 +156,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
         return self._instructions[env_id]
 
     def draws(self, env_id: int) -> dict[str, Any]:
-        """Returns what the channels drew for the present episode, as JSON values."""
+        """Returns the channels' sampled values for the present episode, as JSON values."""
         return self.randomizer.draws(int(self.episodes[env_id]))
 
     # -- episodes by index --------------------------------------------------------------------------
@@ -172,8 +172,8 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
         Args:
             env_ids: The environments.
             episodes: Their episodes.
-            states: Initial states in place of those that the task draws, one row each; robots and objects
-                that are absent start as drawn.
+            states: Initial states in place of the task's samples, one row each; absent robots and objects
+                start as sampled.
 
         Raises:
             ConfigError: An episode is not in this environment's split.

@@ -1,7 +1,7 @@
 """Images of what randomization does, for people to look at.
 
-``python -m docs.generate.level_images out=docs/levels.png`` draws every level through the environment;
-``materials=materials.png`` draws a contact sheet of the library, without any simulator.
+``python -m docs.generate.level_images out=docs/levels.png`` renders every level with the environment;
+``materials=materials.png`` writes a contact sheet of the library, without any simulator.
 """
 
 import logging

@@ -1,6 +1,6 @@
-"""One scene as every renderer and simulator that is installed draws it.
+"""Renders one scene with every installed renderer and simulator.
 
-``python -m docs.generate.simulator_images out=docs/renderers.png`` draws the same moment of the same
+``python -m docs.generate.simulator_images out=docs/renderers.png`` renders the same states of the same
 episodes, with physics of one simulator; what cannot run here is left out and named.
 """
 
@@ -27,11 +27,11 @@ LEVELS = (0, 3)
 """Levels whose colours are shown; depth and segmentation are of the last."""
 
 FAR_M = 3.0
-"""Depth that is drawn black."""
+"""Depth that is shown black."""
 
 
 def names(simulator: str) -> list[str]:
-    """Returns everything that ``renderer=`` takes and that draws on its own, physics' renderers first."""
+    """Returns every value of ``renderer=`` that renders by itself, the simulator's own first."""
     own = [name for name in HANDLERS.get(simulator).own_renderers if name in RENDERERS]
     return list(dict.fromkeys([*own, *RENDERERS, *(name for name in HANDLERS if name != simulator)]))
 

@@ -32,7 +32,7 @@ Made by `python -m docs.generate.simulators_page`. Every simulator passes the sa
 (`tests/contracts/test_handlers.py`), and every renderer its own (`tests/contracts/test_renderers.py`); one \
 that is not installed, or finds no driver, is one sentence that says what to install.
 
-`simulator=` chooses physics, `renderer=` images; any pair goes: `simulator=mujoco renderer=sapien` has \
+`simulator=` chooses physics, `renderer=` images; any pair works: `simulator=mujoco renderer=sapien` has \
 MuJoCo's states in SAPIEN's images, and `renderer=` also takes a simulator's name. Each dataset and each \
 result names both.
 

@@ -3,7 +3,7 @@
 ``python -m docs.generate.task_images`` writes ``docs/tasks.md`` and, for each task that has no image yet
 (but for those of Meta-World that are adapted as they are), a strip of how an episode begins and how the
 expert ends it, or where half a second of random actions leads where there is no expert;
-``redraw=[PickCube]`` draws one anew.
+``redraw=[PickCube]`` renders one again.
 """
 
 import inspect
@@ -172,7 +172,7 @@ def _paper(reference: str) -> str:
 
 
 def image_path(name: str) -> Path:
-    """Returns where a task's strip lies, from the folder of the page."""
+    """Returns the path of a task's strip, from the folder of the page."""
     return Path("tasks") / f"{name.replace('/', '_')}.jpg"
 
 

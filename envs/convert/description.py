@@ -1,7 +1,7 @@
 """Description of a robot, independent of the file format: links, joints, shapes and materials.
 
-Metres, kilograms, radians; quaternions wxyz. A link's frame lies on its joint's anchor, so that the joint
-moves about (along) an axis through the frame's origin, as URDF and USD require.
+Metres, kilograms, radians; quaternions wxyz. A link's frame is at its joint's anchor, so that the joint
+axis passes through the frame's origin, as URDF and USD require.
 """
 
 from collections.abc import Iterator

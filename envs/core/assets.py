@@ -8,7 +8,7 @@ from envs.core.errors import ConfigError, MissingExtraError
 
 
 def resolve(reference: str) -> Path:
-    """Returns the file that ``"package:path/inside/package"`` or a plain path stands for.
+    """Resolves ``"package:path/inside/package"`` or a plain path to a file.
 
     Raises:
         MissingExtraError: if the package is not installed.
@@ -36,7 +36,7 @@ def resolve(reference: str) -> Path:
 def cache_dir(name: str) -> Path:
     """Returns (and creates) a folder for files that can be made again.
 
-    It lies under ``$ROBOVERSE_CACHE``, or else under ``$XDG_CACHE_HOME`` or ``~/.cache``.
+    It is in ``$ROBOVERSE_CACHE``, or else in ``$XDG_CACHE_HOME`` or ``~/.cache``.
     """
     root = os.environ.get("ROBOVERSE_CACHE")
     if root is None:

@@ -25,7 +25,7 @@ class ConfigError(RoboVerseError, ValueError):
 
 
 class SimulatorError(RoboVerseError, RuntimeError):
-    """A simulator or renderer that cannot do what was asked."""
+    """A simulator or renderer cannot do what was requested."""
 
 
 class MissingExtraError(RoboVerseError, ImportError):
@@ -33,7 +33,7 @@ class MissingExtraError(RoboVerseError, ImportError):
 
 
 class DatasetError(RoboVerseError, ValueError):
-    """A dataset that is absent, truncated, or of another shape than asked for."""
+    """A dataset is absent, truncated, or of an unexpected shape."""
 
 
 class PolicyError(RoboVerseError, ValueError):

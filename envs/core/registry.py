@@ -91,7 +91,7 @@ class Registry[T]:
         return self._entries[name]
 
     def get(self, name: str) -> T:
-        """Returns what ``name`` stands for, importing it if it was registered lazily.
+        """Returns the entry of ``name``, importing it if it was registered lazily.
 
         Raises:
             UnknownNameError: if nothing is registered under that name.

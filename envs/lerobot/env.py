@@ -1,4 +1,4 @@
-"""The environment configuration that LeRobot's command line knows as ``roboverse``."""
+"""Environment configuration, registered as ``roboverse`` in LeRobot's command line."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, make_dataclass

@@ -16,8 +16,8 @@ def read(
 ) -> mujoco.MjSpec:
     """Reads a file, but none of what drives or watches its bodies, and only the named sites.
 
-    Equality constraints, and the sites that they tie, stay where ``equalities`` says so. The scene says how
-    it is simulated and drawn; what the file says of that is forgotten, or MuJoCo would warn of each
+    Equality constraints, and the sites that they tie, stay where ``equalities`` says so. The scene sets the
+    options of simulation and rendering; those of the file are dropped, or MuJoCo would warn of each
     difference when it is attached.
 
     Raises:

@@ -1,6 +1,6 @@
 """Furniture in a MuJoCo model: geoms that are only seen, and that an appearance sizes, places and colours.
 
-Each place of a room has a fixed set of geoms, its slots. A slot that nothing uses lies, very small, below
+Each place of a room has a fixed set of geoms, its slots. An unused slot is a tiny geom below
 the floor of its place. A ray tracer's tree is built once for a model, so a slot is never far from there.
 """
 

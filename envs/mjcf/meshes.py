@@ -22,7 +22,7 @@ from envs.rotations import rotate
 logger = logging.getLogger(__name__)
 
 VISUAL_GROUP = 1
-"""Geom group of the robots' visual meshes. Group 0 holds collision geometry, which is never drawn."""
+"""Geom group of the robots' visual meshes. Group 0 holds collision geometry, which is never rendered."""
 
 _VERSION = 4
 
@@ -43,7 +43,7 @@ def simplify_visuals(spec: mujoco.MjSpec, folder: Path, max_faces_per_body: int)
         for geom in body.geoms:
             if _is_plain_visual(geom, materials):
                 groups.setdefault(_rgba(geom, materials), []).append(geom)
-        # A file's size goes with its triangles, and is known without reading it.
+        # A file's size grows with its triangles, and needs no reading.
         sizes = {
             rgba: sum((folder / meshes[geom.meshname].file).stat().st_size for geom in geoms)
             for rgba, geoms in groups.items()

@@ -121,7 +121,7 @@ def light_slots(scenario: ScenarioCfg) -> int:
 
 
 def robot_spec(robot: RobotCfg, *, simplify: bool = False) -> mujoco.MjSpec:
-    """Returns a robot alone, with its gripper, ranges and actuators, as it stands in a scene.
+    """Returns a robot alone, with its gripper, ranges and actuators, as in a scene.
 
     Args:
         robot: The robot; its names are prefixed by ``<robot>/``.

@@ -16,7 +16,7 @@ from envs.mjcf.meshes import VISUAL_GROUP
 from envs.scenario import IDENTITY, GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg
 
 SCENE_GROUP = 2
-"""Geom group of everything that is drawn and is not a robot."""
+"""Geom group of everything visible that is not a robot."""
 
 HIDDEN_GROUP = 0
 """Geom group of what is only touched."""
@@ -178,8 +178,8 @@ def _load(scene: mujoco.MjSpec, item: ObjectCfg, reference: str) -> tuple:
 def _let_links_touch_the_root(spec: mujoco.MjSpec, root) -> None:
     """Pairs the geoms that do not move with those of the links that are jointed to them.
 
-    In their file the object stands in the world, which everything touches; here it is a body of its own,
-    which MuJoCo keeps from touching its children.
+    In their file the object is part of the world, which collides with everything; here it is a body of its
+    own, which MuJoCo excludes from contacts with its children.
     """
     still, links = _still_and_links(root)
     for link in links:
@@ -220,7 +220,7 @@ def _still_and_links(root) -> tuple[list, list]:
 def _set_groups(spec: mujoco.MjSpec, item: ObjectCfg) -> None:
     shown = item.mjcf_shown
     if shown is None and not any(geom.group in (VISUAL_GROUP, SCENE_GROUP) for geom in spec.geoms):
-        shown = range(mujoco.mjNGROUP)  # a file that does not tell what is seen from what is touched
+        shown = range(mujoco.mjNGROUP)  # the file does not separate visual from collision geoms
     for geom in spec.geoms:
         if shown is not None and geom.group in shown and geom.rgba[3] > 0.0:
             geom.group = SCENE_GROUP

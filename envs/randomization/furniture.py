@@ -1,7 +1,7 @@
-"""Furniture of the room: which pieces an episode has, and how they stand along the walls.
+"""Furniture of the room: samples pieces and their poses along the walls.
 
-Furniture is part of how a scene looks: nothing ever touches it, and it stands where no camera's view of
-the robot's work is hidden by it.
+Furniture is visual only: nothing collides with it, and it is placed where it hides no camera's view of
+the robot's workspace.
 """
 
 import math
@@ -18,7 +18,7 @@ from envs.scenario.places import Place, places_of
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """How a piece stands at a place.
+    """Pose of a piece at a place.
 
     Attributes:
         place: Name of the place.
@@ -49,7 +49,7 @@ class Circle:
 def draw_furniture(
     rng: np.random.Generator, layouts: Sequence[str], pieces: Sequence[str]
 ) -> tuple[str, tuple[Placement, ...]]:
-    """Draws a layout, and for each of its places a piece and how it stands.
+    """Samples a layout, and a piece and its pose for each of the layout's places.
 
     Args:
         rng: Random numbers of one episode.

@@ -1,6 +1,6 @@
-"""Lighting and reflection: a distant light, an array of cylinder lamps, and how surfaces reflect.
+"""Randomized lighting and reflection: a distant light, an array of cylinder lamps, surface reflectance.
 
-What is drawn from is :class:`envs.scenario.LightingCfg`.
+:class:`envs.scenario.LightingCfg` has the ranges.
 """
 
 import math
@@ -18,8 +18,8 @@ class LightsDraw:
     """One draw of the lights.
 
     Attributes:
-        azimuth_rad: Where the distant light comes from, from world +x towards +y.
-        polar_rad: Angle between where it comes from and straight up.
+        azimuth_rad: Direction to the distant light, from world +x towards +y.
+        polar_rad: Angle between that direction and straight up.
         distant_intensity: Its intensity.
         array_intensity: Intensity of all lamps together.
         radius_m: Radius of every lamp.

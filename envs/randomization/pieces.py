@@ -1,7 +1,7 @@
 """Furniture made from primitives, and layouts of it.
 
 A piece is named, never stored: ``"bookcase-07"`` is the same shape and colours on every machine. So is a
-layout, ``"layout-12"``: which kind of furniture stands at which place of the room, or nothing. The split
+layout, ``"layout-12"``: the kind of furniture at each place of the room, or nothing. The split
 files freeze which pieces and layouts are for training and which for testing.
 
 A piece's own frame has its origin on the floor, in the middle of its footprint, and +x where its front
@@ -286,7 +286,7 @@ def _half_extents(geom: GeomCfg) -> tuple[float, float]:
 
 @functools.lru_cache(maxsize=NUM_LAYOUTS)
 def layout(name: str) -> Mapping[str, str]:
-    """Returns which kind of furniture stands at which place: place to kind, without those left empty."""
+    """Returns the kind of furniture by place, without the empty places."""
     stream = Stream("layout", int(name.rpartition("-")[2]))
     kinds = {}
     for place in places_of(1.0).values():

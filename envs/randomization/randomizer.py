@@ -31,7 +31,7 @@ class EnvironmentDraw:
         size_m: Surface to the side of the square that one copy of its texture covers.
         table_yaw_rad: Rotation of the table top.
         layout: Layout of the furniture, or None without a room.
-        furniture: What stands where.
+        furniture: Piece and pose of each place.
     """
 
     textures: Mapping[str, str]
@@ -58,8 +58,8 @@ class Randomizer:
     """Draws the looks of episodes: a pure function of the seed, the split and the episode's index.
 
     Args:
-        base: How the scene looks at level 0; whatever no channel changes stays as it is here.
-        cameras: The scenario's cameras; the camera channel moves each that stands in the world.
+        base: Appearance at level 0; what no channel changes keeps it.
+        cameras: The scenario's cameras; the camera channel moves each that is fixed in the world.
         channels: Channels that vary, of :data:`~envs.randomization.levels.CHANNELS`; see
             :func:`~envs.randomization.levels.channels_of`.
         split: ``"train"`` or ``"test"``, or a split that was loaded with the same library.
@@ -119,7 +119,7 @@ class Randomizer:
         return appearance
 
     def draws(self, episode: int) -> dict[str, Any]:
-        """Returns what was drawn for an episode, channel by channel, as plain JSON values.
+        """Returns the sampled values of an episode by channel, as plain JSON values.
 
         Raises:
             ConfigError: if the episode is not of this randomizer's split.
@@ -171,7 +171,7 @@ class Randomizer:
 
 
 def _cover(appearance: Appearance, draw: EnvironmentDraw) -> Appearance:
-    """Gives every surface its drawn material; how it reflects stays."""
+    """Gives every surface its sampled material; its reflectance stays."""
     materials = dict(appearance.materials)
     for surface in SURFACES:
         materials[surface] = replace(

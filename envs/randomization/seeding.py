@@ -1,4 +1,4 @@
-"""Where every random number of an episode comes from.
+"""Random number generators of an episode, by channel.
 
 An episode is the same whatever the number of environments, their order, or which other channels are
 on: each channel has its own stream, keyed by the channel's name and the episode's index alone.

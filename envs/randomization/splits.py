@@ -2,10 +2,10 @@
 
 A split file never changes once results name it: ``splits/v2.json`` holds the lists themselves and a
 SHA-256 over them, checked on every load. Another pool, library or grid is another file, ``v3.json``.
-``python -m envs.randomization.splits`` draws the lists again and checks that they are the file's.
+``python -m envs.randomization.splits`` samples the lists again and compares them with the file.
 
-Light and reflection are drawn from continuous ranges by the episode's index. As no episode is in both
-splits, 90 % of the draws are for training, and no draw of the test split occurs in the other.
+Light and reflection are sampled from continuous ranges by the episode's index. As no episode is in both
+splits, 90 % of the samples are for training, and no sample of the test split occurs in training.
 """
 
 import functools
@@ -229,7 +229,7 @@ def _sides(sides: Mapping[str, list[str]], indent: int) -> str:
 
 
 def freeze(path: Path) -> bool:
-    """Writes the split file, or checks that the one already there has the lists drawn now.
+    """Writes the split file, or checks that the existing one has the lists sampled now.
 
     Returns:
         True where the file was written, False where it was there and is right.
@@ -241,7 +241,7 @@ def freeze(path: Path) -> bool:
     if path.exists():
         if read_content(path) != content:
             raise ConfigError(
-                f"The split file '{path}' is frozen, and the lists drawn now differ from it: the pool, the "
+                f"The split file '{path}' is frozen, and the lists sampled now differ from it: the pool, the "
                 f"materials or the cameras have changed. Give VERSION in envs/randomization/splits.py the "
                 f"next number; the new lists then become a file of their own."
             )

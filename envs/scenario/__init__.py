@@ -55,8 +55,8 @@ class TableCfg:
         half_size: Half extents of the top in x and y, m.
         thickness_m: Thickness of the top.
         height_m: Height of the top above the ground.
-        collides: Whether things touch it; if not, something else of the scene carries them.
-        visible: Whether it is drawn.
+        collides: Whether it collides; if not, something else of the scene carries objects.
+        visible: Whether it is rendered.
     """
 
     pos: Vec3 = (0.0, 0.0, 0.0)
@@ -76,7 +76,7 @@ class TableCfg:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RoomCfg:
-    """Four walls round the scene; the ground lies below the table.
+    """Four walls round the scene; the ground is below the table.
 
     Attributes:
         half_size_m: Distance of each wall from the origin.
@@ -141,10 +141,10 @@ class ScenarioCfg:
         objects: Objects.
         cameras: Cameras.
         appearance: Default materials and lights (level 0).
-        lighting: What the lighting channel draws from (level 3).
+        lighting: Ranges of the lighting channel (level 3).
         table: The table, or None.
         room: The walls, or None.
-        ground_half_size_m: How far the ground is drawn from the origin where there is no room.
+        ground_half_size_m: Half the visible ground's size where there is no room.
         physics: Physics.
         simulators: Simulator name to a block of settings that only it understands.
     """

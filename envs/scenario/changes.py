@@ -68,7 +68,7 @@ def merged(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any
 def keys_of(cls: type, prefix: str) -> Iterator[tuple[str, type, str]]:
     """Yields the dotted keys of a dataclass and of those in it, with the class and the field of each.
 
-    What stands in a row has ``<name>`` or ``<number>`` in its place.
+    Entries of a list have ``<name>`` or ``<number>`` in their place.
     """
     for name, hint in _field_types(cls).items():
         own = _dataclass_in(hint)

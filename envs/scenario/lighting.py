@@ -1,4 +1,4 @@
-"""What the lighting channel draws from: a distant light and an array of cylinder lamps.
+"""Ranges of the lighting channel: a distant light and an array of cylinder lamps.
 
 Intensities are relative: a light of intensity 1 that shines straight on a white chalky surface lights it
 to 1.0. The ranges keep the sum of all lights on the table between about 0.3 and 1.1, so that an image
@@ -13,7 +13,7 @@ from envs.core.errors import ConfigError
 Range = tuple[float, float]
 
 MAX_LAMPS = 99
-"""With the distant light, as many lights as MuJoCo's OpenGL renderer draws."""
+"""With the distant light, as many lights as MuJoCo's OpenGL renderer supports."""
 
 TEMPERATURES_K = (1667.0, 25000.0)
 """Where the colour of a black body is known; see :func:`envs.randomization.lights.planckian_xy`."""
@@ -21,7 +21,7 @@ TEMPERATURES_K = (1667.0, 25000.0)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LightingCfg:
-    """What the lighting channel draws from; RoboVerse's level 3 where it gives a range.
+    """Ranges of the lighting channel; RoboVerse's level 3 where it gives a range.
 
     Attributes:
         distant_intensity: Intensity of the distant light.
@@ -56,7 +56,7 @@ class LightingCfg:
         low, high = self.temperature_k
         if not coldest <= low <= high <= hottest:
             raise ConfigError(
-                f"LightingCfg.temperature_k lies within {coldest:g} to {hottest:g} K, given ({low}, {high})."
+                f"temperature_k must be within {coldest:g} to {hottest:g} K, given ({low}, {high})."
             )
         if min(self.array_shape) < 1:
             raise ConfigError(f"LightingCfg.array_shape is two positive counts, given {self.array_shape}.")

@@ -24,8 +24,8 @@ class CameraCfg:
         width: Pixels.
         height: Pixels.
         mount: Body that carries it, such as ``"franka/gripper/eef"``; None is the world.
-        turns: Whether it turns with ``mount``. If not it only goes along, at its distance in world axes when
-            the scene is at rest.
+        turns: Whether it rotates with ``mount``. If not it only translates with it, at its offset in world
+            axes when the scene is at rest.
         up: Direction that points up in the image, in the same frame.
         orbit_pos: Middle of the sphere on which the camera channel places it, m.
         orbit_yaw_rad: Where azimuth 0 of that sphere is, about world z from +x: where the robot faces.
@@ -53,7 +53,7 @@ class CameraCfg:
         if min(self.width, self.height) < 1:
             raise ConfigError(f"An image has pixels; given width {self.width} and height {self.height}.")
         if tuple(self.pos) == tuple(self.look_at):
-            raise ConfigError(f"Camera '{self.name}' stands where it looks at: pos=look_at={self.pos}.")
+            raise ConfigError(f"Camera '{self.name}' is where it looks at: pos=look_at={self.pos}.")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -62,8 +62,8 @@ class LightCfg:
 
     Attributes:
         kind: ``distant`` shines in parallel along ``direction``; ``area`` is a cylinder lamp at ``pos``.
-        pos: Position, m (a distant light's is only where it is drawn from).
-        direction: Where it shines to; need not be normalized.
+        pos: Position, m (of a distant light: of its shadow camera only).
+        direction: Direction of its rays; need not be normalized.
         color: Linear RGB.
         intensity: Multiplies the colour.
         radius_m: Radius of the lamp.
@@ -127,7 +127,7 @@ class Appearance:
         table_yaw_rad: Rotation of the table top about z.
         object_reflection: ``(roughness, specular, metallic)`` of every object and robot, or None for
             what the scenario says.
-        furniture: Place of the room to the geoms of what stands there, in the world's frame; only seen.
+        furniture: Place of the room to its furniture's geoms, in the world's frame; visual only.
             See :mod:`envs.scenario.places` for the places, and how many geoms each can have.
     """
 

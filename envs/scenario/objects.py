@@ -26,8 +26,8 @@ class GeomCfg:
         mass_kg: Mass.
         friction: Sliding, torsional and rolling friction coefficients.
         condim: Directions in which MuJoCo's contacts have friction: 3 slide, 4 turn too.
-        collides: Whether other things touch it.
-        visible: Whether it is drawn.
+        collides: Whether it collides.
+        visible: Whether it is rendered.
     """
 
     shape: Literal["box", "sphere", "cylinder", "capsule", "mesh"]
@@ -116,12 +116,12 @@ class ObjectCfg:
         mjcf: Asset reference of a file that describes the object instead, or None.
         mjcf_root: Body of the file that is the object; its first top body by default.
         mjcf_joints: Joints of the file in our order; one without a name is called after its body.
-        mjcf_shown: Geom groups of the file that are drawn, or None for all that are not only touched.
+        mjcf_shown: Visible geom groups of the file, or None for all but collision-only ones.
         mjcf_radians: The file's angles are in radians, though it does not say so: robosuite's parts.
         pos: Position at rest, m; it replaces the file's.
         rot: Orientation at rest, wxyz; likewise.
-        kind: ``free`` moves under physics; ``fixed`` stands where it is put at the start of an episode;
-            ``marker`` is the same, and only seen.
+        kind: ``free`` moves under physics; ``fixed`` stays at its pose of the start of an episode;
+            ``marker`` does too, and is visual only.
         feels: Robots, objects, or ``"ground"``, whose touch is part of its state.
         pulls: Body, such as ``"sawyer/hand"``, that a soft weld pulls to the place of this object,
             which is no free one; None pulls nothing.

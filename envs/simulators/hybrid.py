@@ -1,7 +1,7 @@
 """Combines the physics of one simulator with the renderer of another.
 
-After MetaSim's hybrid simulation (RoboVerse, arXiv:2504.18904, section 3): every state comes from physics;
-before rendering, states and appearances are copied into the simulator that renders.
+After MetaSim's hybrid simulation (RoboVerse, arXiv:2504.18904, section 3): physics gives every state;
+before rendering, states and appearances are copied into the rendering simulator.
 """
 
 from collections.abc import Mapping, Sequence
@@ -72,7 +72,7 @@ def drawing_simulator(simulator: str, renderer: str) -> tuple[str, str | None]:
             "renderer",
             renderer,
             {*RENDERERS, *HANDLERS},
-            f"A simulator's name draws the states of {simulator} with that simulator's images.",
+            f"A simulator's name renders the states of {simulator} with that simulator.",
         )
     return renderer, next(iter(HANDLERS.get(renderer).own_renderers), None)
 
@@ -86,7 +86,7 @@ def _construct(
 
 @dataclass(frozen=True, slots=True)
 class Moments(Sequence["Moments"]):
-    """Some environments as they were, to be drawn later; an item is one of them.
+    """Snapshots of some environments, to be rendered later; an item is one of them.
 
     Attributes:
         states: Their states, (n, …).
@@ -240,7 +240,7 @@ class HybridHandler(Handler):
     def _drawing(self) -> Handler:
         """The rendering simulator, launched at the first image."""
         if self._closed:
-            raise SimulatorError("The simulator does not run: nothing can be drawn after close().")
+            raise SimulatorError("The simulator is closed: nothing can be rendered after close().")
         if not self._draws:
             self.drawing.launch()
             self._draws = True

@@ -16,7 +16,7 @@ TASKS: "Registry[type[Task]]" = Registry("task", group="roboverse.tasks")
 
 
 def _origin(name: str, paper: str, licence: str, family: str = "") -> dict[str, str]:
-    """Returns where a task comes from; tasks of one ``family`` are listed together."""
+    """Returns the source of a task; tasks of one ``family`` are listed together."""
     facts = {"source": name, "paper": paper, "licence": licence}
     return {**facts, "family": family} if family else facts
 

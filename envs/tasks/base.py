@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 
 class Task(ABC):
-    """Pure functions of batched states. A task knows no simulator.
+    """Pure functions of batched states, independent of the simulator.
 
     Subclasses are frozen dataclasses; their fields are the task's options.
 
     Attributes:
         name: Registered name.
-        instructions: What to do, in words; an episode draws one.
+        instructions: What to do, in words; an episode samples one.
         max_episode_steps: Control steps after which an episode is cut off.
         ends_on_success: Whether success ends an episode, with a reward of 1. If not, success is that of its
             last state, and every step has the dense reward.
@@ -74,7 +74,7 @@ class Task(ABC):
     def reward(self, state: State) -> Tensor:
         """Returns the dense reward of a step that led to each state, (N,).
 
-        Where success ends an episode its reward is 1, and that of all other states lies in [0, 1).
+        Where success ends an episode its reward is 1, and that of all other states is in [0, 1).
         """
 
     @abstractmethod
@@ -104,7 +104,7 @@ class Task(ABC):
 
     @property
     def rl_controller(self) -> "Controller":
-        """The controller of actions in reinforcement learning; every entry lies in [-1, 1].
+        """The controller of actions in reinforcement learning; every entry is in [-1, 1].
 
         By default end-effector deltas, where the task's own actions are joint targets of an arm.
         """

@@ -145,7 +145,7 @@ def _hull(vertices: np.ndarray) -> "trimesh.Trimesh":
 
 
 def _level(vertices: np.ndarray) -> np.ndarray:
-    """Cuts a piece (V, 3) off at the desk if it comes from below and rises above it by a little."""
+    """Cuts a piece (V, 3) off at the desk if it starts below and rises slightly above it."""
     heights = vertices[:, 2]
     if heights.min() < DESK - LEVEL_M and heights.max() < DESK + LEVEL_M:
         vertices = vertices.copy()

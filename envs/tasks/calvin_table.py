@@ -22,7 +22,7 @@ SLIDE_TRAVEL_M, DRAWER_TRAVEL_M, SWITCH_TRAVEL_M = 0.35 * SCALE, 0.275 * SCALE, 
 
 SLIDE_POS = (-0.125, 0.09375, 0.66908)
 SLOPE_RAD = math.pi / 3
-"""Turn about x of what lies on the cabinet's front: its y goes up the slope, its z out of it."""
+"""Rotation about x of parts on the cabinet's front: y points up the slope, z out of it."""
 
 HANDLE = (0.175, 0.0, 0.0875)
 """Middle of the bar of the sliding door's handle, in the door's frame."""

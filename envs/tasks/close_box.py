@@ -1,6 +1,6 @@
 """CloseBox, after RLBench (``rlbench/tasks/close_box.py``), with the box of RoboVerse's release.
 
-RLBench asks that the lid's joint has moved by more than 2.6 rad (``JointCondition(box_joint, 2.6)``).
+RLBench requires that the lid's joint has moved by more than 2.6 rad (``JointCondition(box_joint, 2.6)``).
 The box is built from the dimensions, masses and joint limits that RoboVerse's URDF of it states
 (``box_base_unique.urdf``); frames, sign and zero of its joint are that file's, so that its poses and
 joint positions can be used as they are. The box itself does not move: in RoboVerse's 100 recorded
@@ -43,7 +43,7 @@ ROBOVERSE_CLOSED_RAD = math.radians(-14.0)
 """The variant of the paper's code: the joint's position itself is at most -14°."""
 
 BOX_HEIGHT_M = 0.0753
-"""Height of the root, which is in the middle of the box, when its floor lies on the table."""
+"""Height of the root, at the centre of the box, with the box's floor on the table."""
 
 HINGE_M = (0.076229, -0.123002)
 """The hinge in the box's frame: x, which points up, and y. It is parallel to z."""
@@ -64,7 +64,7 @@ HOME_TIP_RAD = math.radians(10.0)
 """How far the gripper tips forwards in that posture."""
 
 _ROBOT = replace(FRANKA.with_home(HOME), pos=(-0.541, -0.065, 0.0))
-"""Where the box, its open lid included, lies round the world's origin."""
+"""Robot placement that puts the box, its open lid included, round the world's origin."""
 
 _LID_FRAME = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)
 """The lid's frame in the box's: x along the box's y, y up, z backwards along the hinge."""
@@ -77,7 +77,7 @@ TOUCHING_M = 0.0202
 of a finger's width, 10.9 mm."""
 
 TILT_SHARE = 0.85
-"""Tilt of the pushing gripper against the vertical, as a share of the lid's: its wrist comes less low."""
+"""Tilt of the pushing gripper against the vertical, as a share of the lid's: it keeps the wrist higher."""
 
 EASY_REACH_M = 0.53
 """How far in front of its base the arm pushes with ease."""
@@ -138,7 +138,7 @@ class CloseBox(Task):
     """Close the box by its lid, which lies open beyond the vertical.
 
     Attributes:
-        variant: ``rlbench`` asks for 2.6 rad of travel, which ends at -13.5°; ``roboverse`` for -14°.
+        variant: ``rlbench`` requires 2.6 rad of travel, which ends at -13.5°; ``roboverse`` for -14°.
     """
 
     name: ClassVar[str] = "CloseBox"

@@ -2,7 +2,7 @@
 
 LIBERO (Liu et al., "LIBERO: Benchmarking Knowledge Transfer for Lifelong Robot Learning", arXiv
 2306.03310; code MIT) takes its groceries from HOPE and its basket from Google's scanned objects. Neither
-is part of this project: without a copy of LIBERO every object is drawn by a few primitives of its size.
+is part of this project: without a copy of LIBERO every object consists of a few primitives of its size.
 Body frames are LIBERO's in both cases, so that poses mean the same; so are masses (collision boxes at
 100 kg/m³) and friction.
 """
@@ -44,7 +44,7 @@ _WICKER: Rgba = (0.62, 0.44, 0.24, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A primitive of an object that stands at rest.
+    """A primitive of an object at rest.
 
     Attributes:
         shape: ``box`` (half sizes) or ``cylinder`` (radius, half height).
@@ -85,7 +85,7 @@ class Grocery:
         return max(_reach(part) for part in self.parts if part.collides)
 
     def primitives(self) -> tuple[GeomCfg, ...]:
-        """Returns the primitives in the body's frame; the mass goes with their volumes."""
+        """Returns the primitives in the body's frame; the mass is shared by volume."""
         volumes = [_volume(part) if part.collides else 0.0 for part in self.parts]
         back = conjugate(np.array(self.rest_rot))
         return tuple(

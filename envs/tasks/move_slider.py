@@ -1,6 +1,6 @@
 """MoveSliderLeft, after CALVIN (``mees/calvin_env``, ``conf/tasks/new_playtable_tasks.yaml``, MIT).
 
-CALVIN asks that the door has moved by more than 0.15 m to the left since the episode began
+CALVIN requires that the door has moved by more than 0.15 m to the left since the episode began
 (``move_door_rel``). Here an episode begins with the door at its right end, which is the zero of its
 joint, so that how far it has moved is the joint's position. Table, blocks and robot stand as in
 CALVIN's scene A (``conf/scene/calvin_scene_A.yaml``), 0.44 m lower: the desk is the plane z = 0.
@@ -85,7 +85,7 @@ class MoveSliderLeft(Task):
     """Grasp the handle of the play table's sliding door and pull the door to the left.
 
     Attributes:
-        variant: ``calvin`` asks for more than 0.15 m, ``roboverse`` for 0.07 m.
+        variant: ``calvin`` requires more than 0.15 m, ``roboverse`` 0.07 m.
         calvin_dir: The folder ``data`` of CALVIN's environment, whose meshes then make up the table; None
             builds it from boxes of the same dimensions.
     """

@@ -1,7 +1,7 @@
 """NutAssembly, after robosuite 1.5.1 (``environments/manipulation/nut_assembly.py``, MIT).
 
 Nuts are robosuite's own files; pegs, table, robot base and rest posture have its numbers. Its table top
-lies at z = 0.82 m, ours at 0. Its nuts fall 5 cm onto the table at the start; ours lie there already.
+is at z = 0.82 m, ours at 0. Its nuts fall 5 cm onto the table at the start; ours start on it.
 """
 
 import dataclasses
@@ -64,7 +64,7 @@ GRASP_REACH_M = 0.03
 QPOS_NOISE_RAD = 0.02
 APPROACH_NOISE_M = 0.01
 DETOUR_M = 0.03
-"""How far beside its ways' ends the expert goes three times in ten; with 0.05 m arms come to their limits."""
+"""Lateral offset of the expert's detours, in three of ten motions; 0.05 m reaches joint limits."""
 CARRY_HEIGHT_M = PEG_TOP_M + 0.045
 """Height of a nut's centre on its way to the peg."""
 
@@ -212,7 +212,7 @@ class NutAssembly(Task):
     def reward(self, state: State) -> Tensor:
         """Returns robosuite's shaped reward: nuts on their pegs, and reach, grasp, lift, hover of the rest.
 
-        robosuite asks contacts for a grasp; here it is that of :func:`_grasped`.
+        robosuite detects a grasp by contacts; here :func:`_grasped` does.
         """
         done = torch.stack([self._is_done(state, nut) for nut in self.nuts], dim=-1)  # (N, nuts)
         reached, grasped, lifted, hovered = (
@@ -285,7 +285,7 @@ class NutAssemblySquare(NutAssembly):
 
 
 def _pedestal() -> ObjectCfg:
-    """Returns what the robot stands on: the shapes of robosuite's ``bases/rethink_mount.xml``, only seen."""
+    """Returns the robot's pedestal: the visual shapes of robosuite's ``bases/rethink_mount.xml``."""
     shapes = (
         GeomCfg(shape="cylinder", size=(0.1, 0.3), pos=(-0.02, 0.0, -0.3), rgba=_GREY),
         GeomCfg(shape="box", size=(0.11, 0.2, 0.265), pos=(-0.325, 0.0, -0.37), rgba=_GREY),
@@ -300,7 +300,7 @@ def _on_handle(body: EntityState, along_m: float) -> Tensor:
 
 
 def _grasped(robot: EntityState, body: EntityState, nut: Nut) -> Tensor:
-    """Returns whether the handle keeps fingers apart that are told to close on it, (N,)."""
+    """Returns whether the handle keeps closing fingers apart, (N,)."""
     gap = finger_gap(robot)
     round_it = (gap > GRASP_GAP_M[0]) & (gap < GRASP_GAP_M[1])
     if robot.joint_target is not None:
@@ -339,7 +339,7 @@ def _pick(robot: EntityState, body: EntityState, nut: Nut, rng: np.random.Genera
     handle = _on_handle(body, nut.grip_m)[0].numpy()
     handle[2] = max(handle[2], NUT_HALF_HEIGHT_M)
     turn = _grasp_turn(float(yaw_of(body.rot[0].numpy())))
-    # The approach first misses: what comes next shows how to correct.
+    # The approach first misses: the next motion demonstrates the correction.
     above = handle + np.array([*rng.normal(0.0, APPROACH_NOISE_M, 2), rng.uniform(0.06, 0.09)])
     hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
     return [

@@ -1,14 +1,14 @@
 """PickChocolatePudding, after LIBERO-object's "pick up the chocolate pudding and place it in the basket".
 
 LIBERO: Liu et al., arXiv 2306.03310, code MIT. The scene is its ``LIBERO_Floor_Manipulation``: everything
-stands on the floor, the robot too, so there is no table, and of the surfaces that a level changes the
-ground and the walls are seen. Regions, goal and objects are the task's BDDL file; home posture and base
+stands on the floor, the robot too. There is no table, and levels change the ground and the walls
+only. Regions, goal and objects are the task's BDDL file; home posture and base
 are ``envs/robots/on_the_ground_panda.py``; the goal's box is ``SiteObject.in_box``.
 
 LIBERO's 50 initial states (``.pruned_init``) were measured for what the BDDL file does not say: its
 objects never turn, the arm's joints are N(home, 0.02 rad), the fingers are half closed. Five of its seven
 objects, the pudding among them, stand in the middle of their regions in all 50: ``starts="regions"``
-draws all of them from their regions instead. Objects start on the floor; LIBERO's begin up to 3.5 cm
+samples all of them from their regions instead. Objects start on the floor; LIBERO's begin up to 3.5 cm
 under or above it and fall or jump to where they stay.
 """
 
@@ -84,7 +84,7 @@ HAND_HALF_M = (0.033, 0.106)
 """Half depth and half width of the hand above the fingers, seen from above."""
 
 HAND_CLEARANCE_M = 0.01
-"""Enough room between the hand and what stands beside the pudding."""
+"""Minimum clearance between the hand and the pudding's neighbours."""
 
 CARRY_HEIGHT_M = 0.21
 """Over everything in the scene: the ketchup reaches to 0.146."""
@@ -130,7 +130,7 @@ class PickChocolatePudding(Task):
 
     Attributes:
         variant: ``libero`` is the benchmark's goal; ``roboverse`` the larger box of the paper's code.
-        starts: ``regions`` draws from the BDDL file's regions; ``libero`` draws one of LIBERO's 50 initial
+        starts: ``regions`` samples the BDDL file's regions; ``libero`` samples one of LIBERO's 50 initial
             states (arm and places), which needs ``libero_dir``. These 50 are for everybody, so the same
             places come in both splits.
         libero_dir: Folder of a copy of LIBERO, whose meshes, textures and collision boxes are used then.
@@ -156,7 +156,7 @@ class PickChocolatePudding(Task):
             raise unknown_name(f"starts of {self.name}", str(self.starts), ("regions", "libero"))
         if self.starts == "libero" and self.libero_dir is None:
             raise ConfigError(
-                "starts=libero draws LIBERO's own initial states, which are not part of this project. "
+                "starts=libero samples LIBERO's own initial states, which are not part of this project. "
                 "Give libero_dir=<folder of a copy of LIBERO>, or take starts=regions."
             )
 
@@ -232,9 +232,9 @@ class PickChocolatePudding(Task):
         height = max(float(target[2]), 0.012)
         hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
         goal = basket.pos[0].numpy() + turn @ np.array([0.0, 0.0, RELEASE_HEIGHT_M])
-        # Over the basket the pudding's long side lies along world x, and its middle over the basket's.
+        # Over the basket the pudding's long side is along world x, and its centre over the basket's.
         goal[0] += shift
-        # Both ends of the way are first missed, above everything: what comes next shows how to correct.
+        # Both ends first miss, above everything: the next motion demonstrates the correction.
         near = target + np.array([*rng.normal(0.0, miss(rng), 2), rng.uniform(0.16, 0.20)])
         above = target + np.array([0.0, 0.0, 0.07])
         carry = np.array([*(goal[:2] + rng.normal(0.0, miss(rng), 2)), CARRY_HEIGHT_M])
@@ -260,7 +260,7 @@ class PickChocolatePudding(Task):
         """Returns where to grasp the pudding (3,), the gripper's yaw, and how far before its middle, m.
 
         The fingers close on the smallest of its level sides. The hand is wider than the pudding: where it
-        would hit what stands beside, it grasps off the middle, or a little aslant.
+        would hit a neighbour, it grasps off centre, or at a slight angle.
         """
         pudding = state.objects[_PUDDING]
         pos, axes = pudding.pos[0].numpy(), to_matrix(pudding.rot[0].numpy())

@@ -165,7 +165,7 @@ class PickCube(Task):
             target = state.objects["goal"].pos[0].numpy()
         else:
             target = position + np.array([0.0, 0.0, LIFT_HEIGHT_M + 0.05])
-        # Both ends of the way are first missed: what comes next shows how to correct.
+        # Both ends first miss: the next motion demonstrates the correction.
         above = position + np.array([*rng.normal(0.0, APPROACH_NOISE_M, 2), rng.uniform(0.06, 0.09)])
         hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
         come = approach(Waypoint(pos=above, yaw=yaw, gripper=hold, duration_s=0.6), rng)

@@ -8,7 +8,7 @@ from envs.state import State
 from envs.tasks.planner import BatchPlanner, Planner
 
 TAIL_STEPS = 5
-"""Control steps for which a demonstration goes on after success, so that a policy learns to stay."""
+"""Control steps of a demonstration after success, so that a policy learns to stay."""
 
 
 class PlanFollower:

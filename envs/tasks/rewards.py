@@ -47,7 +47,7 @@ def tolerance(
     least = 0.0 if shape != "gaussian" else math.ulp(0.0)
     if not least <= value_at_margin < 1.0:
         valid = "(0, 1)" if least else "[0, 1)"
-        raise ConfigError(f"A {shape} tolerance at its margin lies in {valid}, given {value_at_margin}.")
+        raise ConfigError(f"A {shape} tolerance at its margin is in {valid}, given {value_at_margin}.")
     outside = (low - value).clamp(min=0.0) + (value - high).clamp(min=0.0)
     if margin == 0.0:
         return (outside == 0.0).to(value.dtype)

@@ -1,7 +1,7 @@
 """StackCube, after ManiSkill 3 (``mani_skill/envs/tasks/tabletop/stack_cube.py``, Apache-2.0).
 
-Sizes, ranges and success are ManiSkill's. Its test of a grasp reads contact forces, which a state does
-not have; here the cube is grasped when fingers that are told to close are kept apart round it.
+Sizes, ranges and success are ManiSkill's. Its grasp test reads contact forces, which a state does
+not have; here the cube is grasped when it keeps closing fingers apart.
 """
 
 import dataclasses
@@ -61,7 +61,7 @@ GRASP_GAP_M = (0.03, 2 * np.sqrt(2) * CUBE_HALF_SIZE_M + 0.002)
 QPOS_NOISE_RAD = 0.02
 APPROACH_NOISE_M = 0.01
 DETOUR_M = 0.03
-"""How far beside its ways' ends the expert goes three times in ten; with 0.05 m arms come to their limits."""
+"""Lateral offset of the expert's detours, in three of ten motions; 0.05 m reaches joint limits."""
 CARRY_HEIGHT_M = 0.06
 """How far above its place on the other cube the expert carries a cube."""
 
@@ -79,8 +79,8 @@ class StackCube(Task):
     Attributes:
         variant: ``stack`` is ManiSkill's task. ``roboverse`` is that of the paper's code: the red cube is
             within 2 cm of its place on the green cube along each axis, held or not, moving or not. That
-            code takes the green cube's place at the start of the episode; a state knows only its place
-            now, so the two differ when the green cube has been pushed.
+            code takes the green cube's place at the start of the episode; a state has only its present
+            place, so the two differ when the green cube has been pushed.
     """
 
     name: ClassVar[str] = "StackCube"
@@ -166,7 +166,7 @@ class StackCube(Task):
         up = Waypoint(pos=_higher(hand, 0.08), yaw=hand_yaw(robot), gripper=GRASP_OPEN_M, duration_s=0.5)
         if bool(_on_top(state)[0]):
             return [up]
-        # Both ends of the way are first missed: what comes next shows how to correct.
+        # Both ends first miss: the next motion demonstrates the correction.
         above = start + np.array([*rng.normal(0.0, APPROACH_NOISE_M, 2), rng.uniform(0.07, 0.1)])
         place = _higher(base, 2 * CUBE_HALF_SIZE_M)
         hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M

@@ -90,7 +90,7 @@ class PybulletReader(Reader):
 
     def _pose(self, index: int) -> tuple[np.ndarray, np.ndarray]:
         bullet, client = self._bullet, self._client
-        if index < 0:  # of the base, Bullet tells where its centre of mass is
+        if index < 0:  # of the base, Bullet gives the pose of its centre of mass
             pos, rot = bullet.getBasePositionAndOrientation(self._robot, physicsClientId=client)
             com, turn = bullet.getDynamicsInfo(self._robot, -1, physicsClientId=client)[3:5]
             pos, rot = bullet.multiplyTransforms(pos, rot, *bullet.invertTransform(com, turn))

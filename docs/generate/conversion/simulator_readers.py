@@ -1,4 +1,4 @@
-"""Converted robots as SAPIEN and Genesis load them; both bring a renderer, which is not asked for here."""
+"""Converted robots as SAPIEN and Genesis load them, without their renderers."""
 
 import importlib
 import xml.etree.ElementTree as ET

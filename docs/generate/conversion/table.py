@@ -140,7 +140,7 @@ _PAGE = """# Conversion of robots
 
 `roboverse convert robot=<robot> to=urdf` (or `to=usd`) writes a robot of a scenario, or any MJCF file, as
 URDF or USD; handlers make the same call, and its result is cached by the content of the source.
-`roboverse convert robot=<file>.urdf to=mjcf` goes the other way, through MuJoCo's own loader.
+`roboverse convert robot=<file>.urdf to=mjcf` converts back, through MuJoCo's own loader.
 
 This page is written by `{command}`, which runs every program of the table that
 is installed and keeps the rows of the others from `{rows}`. Each robot, gripper and base that
@@ -150,9 +150,9 @@ robot's), inertia matrices (relative to their largest entry) and centres of mass
 passes within 1e-5 m and 1e-6. UsdPhysics is read back by the frames of its joints, through usd-core.
 MuJoCo itself refuses three of robosuite's files, for the reasons in the note.
 
-PhysX knows no link without mass: SAPIEN gives it 1 mg or, where it has collision shapes, what these weigh at
+PhysX has no massless links: SAPIEN gives them 1 mg or, where it has collision shapes, what these weigh at
 1,000 kg/m³; and its loader takes a mass without inertia for none. Its other failures are these, so such links
-want a mass in the source. Genesis and SAPIEN are asked without the visual shapes, which need a renderer.
+need a mass in the source. Genesis and SAPIEN are compared without the visual shapes, which need a renderer.
 Genesis reads a URDF that has MuJoCo's `<mujoco>` element by an older parser of its own, with a warning; leave
 the element out for it, as this check does.
 

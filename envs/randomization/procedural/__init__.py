@@ -26,7 +26,7 @@ class Family:
 
     Attributes:
         name: First part of its materials' names.
-        module: Module of this package that draws it, by a function called like the family.
+        module: Module of this package that generates it, by a function named like the family.
         size_m: Range of the side of the square that one copy of its texture covers.
         counts: How many materials it gives each surface: table, wall, ground.
     """

@@ -143,7 +143,7 @@ def fractal(stream: Stream, size: int, *, rows: int, cols: int, octaves: int = 5
         size: Pixels along a side.
         rows: Features down the texture in the first octave.
         cols: Features across the texture in the first octave.
-        octaves: Number of frequencies, at most 256 features being drawn.
+        octaves: Number of frequencies, limited to 256 features.
         gain: Amplitude of an octave relative to the one before.
     """
     total = np.zeros((size, size), dtype=np.float32)

@@ -128,7 +128,7 @@ def slate(stream: Stream, size: int) -> np.ndarray:
 
 
 def travertine(stream: Stream, size: int) -> np.ndarray:
-    """Travertine and sandstone: sediment bands with drawn-out holes."""
+    """Travertine and sandstone: sediment bands with elongated holes."""
     dark, light = stream.pick(
         (
             ("c2a67c", "e8d9bd"),

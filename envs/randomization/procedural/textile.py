@@ -127,7 +127,7 @@ def _fit(sheet: np.ndarray, size: int) -> Field:
 
 
 def _motif(stream: Stream, size: int, kind: str) -> Field:
-    """Returns where the print of a wallpaper lies: 1 printed, 0 ground."""
+    """Returns the mask of a wallpaper's print: 1 printed, 0 ground."""
     u, v = coordinates(size)
     count = stream.pick((4, 6, 8))
     if kind == "damask":
@@ -165,7 +165,7 @@ def wallpaper(stream: Stream, size: int) -> np.ndarray:
 
 
 def linoleum(stream: Stream, size: int) -> np.ndarray:
-    """Linoleum and vinyl: two or three tones drawn out along the sheet."""
+    """Linoleum and vinyl: two or three tones stretched along the sheet."""
     base = tinted(stream, stream.pick(palettes.TEXTILES + palettes.STONES), 12)
     light, dark = np.clip(base * 1.22 + 8, 0, 250), base * 0.78
     streaks = fractal(stream, size, rows=20, cols=5, octaves=4, gain=0.7)

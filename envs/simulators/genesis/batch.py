@@ -245,7 +245,7 @@ class Batch:
         self._move_shapes(row)
 
     def place(self, row: int, mocap_pos: np.ndarray, mocap_quat: np.ndarray) -> None:
-        """Moves what stands where it is put."""
+        """Sets the poses of mocap bodies."""
         for base in self._bases:
             if base.tree.root == "mocap":
                 self._link_pos[base.link, row] = mocap_pos[base.tree.mocap]
@@ -266,7 +266,7 @@ class Batch:
                 qvel[tree.dof : tree.dof + 6] = self._qvel[base.dof : base.dof + 6, row]
 
     def _move_shapes(self, row: int) -> None:
-        """Takes the shapes of what stands where it is put along; a step moves those alone that can move."""
+        """Moves the shapes of mocap bodies with them; a step only moves the shapes of dynamic bodies."""
         solver = self._solver
         if any(base.tree.root == "mocap" for base in self._bases):
             part("engine.solvers.rigid.rigid_solver").kernel_forward_kinematics_links_geoms(

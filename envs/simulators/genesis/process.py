@@ -74,9 +74,9 @@ _KINDS = (
 
 
 def _forget_arguments(kernel: Any) -> None:
-    """Lets go of what a kernel knows of the kinds of arguments that it was given, 0.25 MiB of a small scene.
+    """Clears a kernel's cache of argument types, 0.25 MiB of a small scene.
 
-    Starting Genesis anew drops a kernel's compiled forms, but not what it keeps beside them.
+    Restarting Genesis drops a kernel's compiled forms, but not this cache.
     """
     kernel.mapper.mapping.clear()
     for name in _KINDS:
@@ -90,7 +90,7 @@ def forget(state: object) -> None:
     """Lets go of the arrays of a scene that is about to be destroyed, 2 MiB of a small one.
 
     What picks the fastest of its kernels keeps the arguments of every scene's calls. And the view of an array
-    that an array keeps keeps the array, a circle that no collector sees; views are made again when asked for.
+    that an array keeps keeps the array, a circle that no collector sees; views are made again on demand.
 
     Args:
         state: ``dyn_state`` of the scene's rigid solver.

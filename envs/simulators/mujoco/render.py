@@ -35,7 +35,7 @@ _RGB = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
 
 @dataclass(frozen=True, slots=True)
 class RenderJob:
-    """One environment at one moment, as far as its image goes.
+    """Snapshot of one environment: what its images depend on.
 
     Attributes:
         qpos: Joint positions, (nq,).
@@ -113,7 +113,7 @@ class Stage:
         data: Its data; positions of geoms, cameras and lights are current after :meth:`pose`.
         surface_textures: Surface to the name of its present texture, or None.
         furniture: Slots for the furniture of the room.
-        furnished: What stands in the room at present.
+        furnished: Present furniture of the room.
         light_slots: Lights that a look may have.
     """
 

@@ -80,7 +80,7 @@ class FilamentRenderer(StagedRenderer):
         self._build_scene()
 
     def _build_scene(self) -> None:
-        # A context with two scenes of one model draws neither, and a renderer keeps the scenes it made.
+        # A context with two scenes of one model renders neither, and a renderer keeps the scenes it made.
         self._drawn = None
         self._buffers.clear()
         self._renderer = self._filament.Renderer(self._context)
@@ -160,7 +160,7 @@ class _InstanceCreateInfo(ctypes.Structure):
 
 
 def _count_devices(vulkan: ctypes.CDLL) -> int:
-    """Returns how many physical devices Vulkan lists; 0 where it cannot be asked."""
+    """Returns how many physical devices Vulkan lists; 0 where it cannot be queried."""
     instance, count = ctypes.c_void_p(), ctypes.c_uint32()
     created = vulkan.vkCreateInstance(ctypes.byref(_InstanceCreateInfo(type=1)), None, ctypes.byref(instance))
     if created != 0:

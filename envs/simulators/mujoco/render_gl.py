@@ -17,7 +17,7 @@ _SEGMENT_FLAGS = (int(mujoco.mjtRndFlag.mjRND_SEGMENT), int(mujoco.mjtRndFlag.mj
 
 
 class GlRenderer(StagedRenderer):
-    """One OpenGL context, which belongs to the thread that draws first."""
+    """One OpenGL context, which belongs to the thread that renders first."""
 
     not_shown = ("metallic", "lamp_shape")
 
@@ -57,7 +57,7 @@ class GlRenderer(StagedRenderer):
 
     @override
     def pose(self, cameras: tuple[str, ...]) -> None:
-        pass  # the stage's own data is drawn
+        pass  # the stage's own data is rendered
 
     @override
     def draw(self, camera: str, out: dict[str, np.ndarray], index: int) -> None:

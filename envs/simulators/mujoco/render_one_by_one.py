@@ -13,7 +13,7 @@ from envs.simulators.mujoco.render import Renderer, RenderJob, Stage
 
 
 class StagedRenderer(Renderer):
-    """A renderer with a :class:`Stage`; subclasses say how they dress, pose and draw what stands on it."""
+    """A renderer with a :class:`Stage`; subclasses set its appearance and poses, and render it."""
 
     def __init__(
         self,

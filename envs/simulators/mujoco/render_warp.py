@@ -205,7 +205,7 @@ def ready_for_tracing(model: mujoco.MjModel) -> None:
 def create_context(
     model: mujoco.MjModel, cameras: Sequence[str], modalities: Sequence[str], *, num_worlds: int
 ) -> Any:
-    """Returns mujoco_warp's buffers for these images on Warp's present device: how every scene is drawn."""
+    """Returns mujoco_warp's render context for these images on Warp's present device."""
     import mujoco_warp as mjw
 
     return mjw.create_render_context(

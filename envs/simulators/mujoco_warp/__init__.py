@@ -1,6 +1,6 @@
 """MuJoCo Warp: many worlds of one scenario on one GPU; also on CPU, slowly.
 
-:mod:`device` is the only module that knows on what it runs. :mod:`settings` are what a scenario may
-say about it, :mod:`worlds` the physics, :mod:`tracer` and :mod:`textures` the images, :mod:`handler`
-all of it behind :class:`envs.simulators.base.Handler`.
+:mod:`device` alone depends on the device. :mod:`settings` has a scenario's settings, :mod:`worlds` the
+physics, :mod:`tracer` and :mod:`textures` the images, and :mod:`handler` combines them into a
+:class:`envs.simulators.base.Handler`.
 """

@@ -27,7 +27,7 @@ from envs.state import EntityState, State
 logger = logging.getLogger(__name__)
 
 _TRACED = "warp"
-"""The renderer that draws where the physics is; every other one gets its snapshots on the CPU."""
+"""The renderer that runs on the physics' device; every other one gets snapshots on the CPU."""
 
 
 class MujocoWarpHandler(ModelHandler):

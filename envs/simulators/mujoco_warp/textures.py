@@ -76,7 +76,7 @@ class TextureTable:
                 f"The worlds wear more than {len(self._ids)} different materials at once. In the scenario, "
                 f"set simulators['{SIMULATOR}']['num_textures'] to at least {len(keep)}."
             )
-        self._device.synchronize()  # whoever still draws it is done
+        self._device.synchronize()  # no kernel may still read it
         return self._ids.pop(name)
 
     def _texture(self, name: str | None) -> Any:

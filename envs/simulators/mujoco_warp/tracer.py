@@ -35,8 +35,8 @@ Images = dict[str, dict[str, Tensor]]
 class BatchTracer:
     """mujoco_warp's ray tracer over many worlds, each with its own looks.
 
-    It has a model and positions of its own: what it draws need not be where the physics is now, and the
-    table top, which only turns in images, does not turn under the robot.
+    It has its own model and positions: images may show another state than the physics', and the table top,
+    which turns in images only, does not turn under the robot.
 
     Args:
         model: The compiled scene; it is never written to.
@@ -212,7 +212,7 @@ class _Context:
             start = span.stop
 
     def fetch(self, images: Mapping[str, Mapping[str, Tensor]], rows: slice, of_geom: Tensor) -> None:
-        """Copies what was drawn to ``rows`` of the images."""
+        """Copies the rendered pixels to ``rows`` of the images."""
         count, start = rows.stop - rows.start, 0
         for camera in self.cameras:
             span = slice(start, start + len(camera.places))

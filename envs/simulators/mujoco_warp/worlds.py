@@ -188,7 +188,7 @@ class Worlds:
         return frozen
 
     def _restart_lost(self, frozen: Tensor | None) -> Tensor:
-        """Looks at every world once; a single transfer tells whether all is well."""
+        """Checks every world once, with a single transfer if all are finite."""
         state = self._state
         # A sum is finite exactly when every entry is (no overflow at physical magnitudes).
         total = state["qpos"].sum(-1) + state["qvel"].sum(-1) + state["ctrl"].sum(-1)

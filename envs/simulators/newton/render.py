@@ -206,7 +206,7 @@ class NewtonRenderer(StagedRenderer):
 
 
 def _shown(model: mujoco.MjModel) -> np.ndarray:
-    """Returns the ids of the geoms that are drawn, (n,)."""
+    """Returns the ids of the visible geoms, (n,)."""
     everyone = np.arange(model.ngeom)
     drawn = np.isin(model.geom_group, (VISUAL_GROUP, SCENE_GROUP)) & (rgba_of(model, everyone)[:, 3] > 0.0)
     kinds = [_GEOM.mjGEOM_HFIELD, _GEOM.mjGEOM_SDF]

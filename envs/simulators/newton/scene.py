@@ -14,7 +14,7 @@ from envs.simulators.newton.shapes import ShapeFactory, transform
 IDENTITY = (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 
 SLIGHT_MASS_KG, SLIGHT_INERTIA = 1e-3, 1e-6
-"""Of what stands where it is put and carries nothing of its own."""
+"""Mass and inertia of a mocap body that has none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +25,9 @@ class FreeRoot:
         q: Newton's address of its pose: position, then orientation as xyzw.
         qd: Newton's address of its velocity: that of its centre of mass, then its rate of turning, both in
             the world frame.
-        qpos: MuJoCo's address of its pose, or -1 if it stands where it is put.
+        qpos: MuJoCo's address of its pose, or -1 for a mocap body.
         dof: MuJoCo's address of its velocity, or -1.
-        mocap: Index of what is put in place, or -1.
+        mocap: Index of the mocap body, or -1.
         centre: Centre of mass in the link, (3,).
     """
 
@@ -135,7 +135,7 @@ def _add_tree(
 
 
 def _add_root(builder: newton.ModelBuilder, tree: TreeSpec, roots: list[FreeRoot]) -> tuple[int, int]:
-    """Adds what a tree stands on; returns its body and its joint."""
+    """Adds a tree's root; returns its body and its joint."""
     link, at = tree.links[0], transform(tree.pose)
     moves = tree.root == "free"
     body = _add_link(builder, link, at, is_kinematic=tree.root == "mocap")

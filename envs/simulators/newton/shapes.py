@@ -134,6 +134,6 @@ def check_pairs(model: mujoco.MjModel, theirs: mujoco.MjModel) -> None:
     if len(wrong):
         one, other = (model.geom(int(geoms[index])).name for index in wrong[0])
         raise SimulatorError(
-            f"Newton does not tell apart which of this scene's {len(geoms)} shapes touch, as '{one}' and "
+            f"Newton confuses which of this scene's {len(geoms)} shapes touch, as '{one}' and "
             f"'{other}'. Take simulator=mujoco."
         )

@@ -8,9 +8,9 @@ joints gives::
     (M + A + h D + h² P) v = (M + A) q̇ + h (P (target - q) - c)
 
 with mass matrix M, armature A, gains P and all damping D, gravity and Coriolis forces c, and time step h. The
-force is ``kp |target - q| + kd |q̇|``, within the actuator's limit: as much as the actuator could ever ask for
-on the way, and ``kp |target - q|`` exactly for what stands still, in the grip or under a load. A joint that
-nothing drives is held by its damping and dry friction alone.
+force is ``kp |target - q| + kd |q̇|``, within the actuator's limit: the most that the actuator could need
+on the way, and exactly ``kp |target - q|`` at rest, in the grip or under a load. An undriven joint has
+damping and dry friction alone.
 """
 
 from typing import Any

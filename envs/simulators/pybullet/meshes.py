@@ -1,4 +1,4 @@
-"""Geoms of a MuJoCo model as triangles: what Bullet's rasterizer draws."""
+"""Geoms of a MuJoCo model as triangles for Bullet's rasterizer."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ _ENDLESS_M = 50.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Triangles:
-    """A drawn shape in its geom's frame.
+    """A visible shape in its geom's frame.
 
     Attributes:
         vertices: (V, 3), m.

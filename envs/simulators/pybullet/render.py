@@ -32,11 +32,11 @@ DIFFUSE_OF_A_LAMP = 0.6
 """Share of a lamp's intensity that a surface gets from above, on average, where it is one of several."""
 
 LIGHT_DISTANCE_M = 4.0
-"""How far off the light's shadow camera stands."""
+"""Distance of the light's shadow camera."""
 
 FINE, SMALL_PIXELS = 3, 128 * 128
-"""A small image is drawn three times as fine: TinyRenderer leaves triangles out that are smaller than a
-hundredth of a pixel."""
+"""A small image is rendered at three times the resolution: TinyRenderer leaves out triangles smaller than
+a hundredth of a pixel."""
 
 SHAPES_KEPT = 512
 """Bullet keeps the files of at most so many shapes."""
@@ -86,7 +86,7 @@ class TinyRenderer(StagedRenderer):
         self._light = _one_light(appearance.lights or base.lights or (LightCfg(cast_shadow=True),))
 
     def _look(self, geom: int, rgba: Sequence[float], materials: dict[str, SurfaceMaterial]) -> tuple | None:
-        """What a geom's image depends on, its pose aside; None for one that is not drawn."""
+        """What a geom's image depends on, its pose aside; None for one that is not visible."""
         model = self._stage.model
         if int(model.geom_group[geom]) not in (VISUAL_GROUP, SCENE_GROUP) or rgba[3] <= 0.0:
             return None

@@ -94,7 +94,7 @@ def _tree(model: mujoco.MjModel, body: int, description: Description, folder: Pa
 
 
 def _without_looks(description: Description) -> Description:
-    """Leaves out what is drawn, and what :mod:`envs.simulators.pybullet.drives` does in Bullet's place."""
+    """Removes visual shapes, and what :mod:`envs.simulators.pybullet.drives` does in Bullet's place."""
 
     def touched(link: Link) -> Link:
         return replace(link, visuals=(), joint=replace(link.joint, damping=0.0, friction=0.0, armature=0.0))

@@ -1,4 +1,4 @@
-"""One environment in Bullet: a physics client with the scene's trees and what stands still."""
+"""One environment in Bullet: a physics client with the scene's trees and static bodies."""
 
 from typing import override
 
@@ -132,7 +132,7 @@ class _Part:
     """One tree in Bullet, and its addresses in the model's arrays.
 
     MuJoCo's velocity is that of the body's origin, in the world, and its rate of turning is in the body's
-    frame; Bullet tells pose and velocity of the base's centre of mass and principal axes, in the world.
+    frame; Bullet gives pose and velocity of the base's centre of mass and principal axes, in the world.
     """
 
     def __init__(self, client: int, model: mujoco.MjModel, tree: Tree) -> None:

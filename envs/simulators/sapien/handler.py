@@ -12,7 +12,7 @@ from envs.simulators.translated_handler import TranslatedHandler
 
 
 class SapienHandler(TranslatedHandler[SapienSettings]):
-    """PhysX (CPU) by SAPIEN; see :mod:`envs.simulators.sapien.world` for what stands for what of MuJoCo.
+    """PhysX (CPU) by SAPIEN; :mod:`envs.simulators.sapien.world` maps MuJoCo's terms to its own.
 
     The robot is built from the compiled MuJoCo model, not from a URDF: its principal inertias, armature,
     dry friction, limits and force ranges arrive as they are, no file is written, and physics needs no

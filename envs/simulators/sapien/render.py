@@ -84,7 +84,7 @@ class SapienRenderer(StagedRenderer):
         self._closed = False
 
     def _build(self, key: tuple[int, int]) -> None:
-        """Builds what is drawn of a body under one name of the segmentation, instead of what there was."""
+        """Rebuilds the visuals of a body under one segmentation name."""
         if key in self._entities:
             self._scene.remove_entity(self._entities.pop(key))
         entity = sapien.Entity()
@@ -106,7 +106,7 @@ class SapienRenderer(StagedRenderer):
         return frozenset(slot for slot in self._slots if not np.array_equal(now[slot], empty[slot]))
 
     def _find_visible(self) -> dict[tuple[int, int], list[int]]:
-        """Returns the geoms that are drawn, by their body and what the segmentation calls them."""
+        """Returns the visible geoms by their body and segmentation name."""
         model, groups = self.model, (VISUAL_GROUP, SCENE_GROUP)
         out: dict[tuple[int, int], list[int]] = {}
         alphas = rgba_of(model, np.arange(model.ngeom))[:, 3]

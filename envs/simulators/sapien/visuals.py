@@ -1,4 +1,4 @@
-"""What SAPIEN draws for the geoms of a MuJoCo model."""
+"""SAPIEN visuals of a MuJoCo model's geoms."""
 
 from typing import Any
 

@@ -16,7 +16,7 @@ from envs.simulators.sapien.shapes import ShapeFactory, pose_of
 from envs.simulators.translated_handler import World
 
 HOLD = 1e4
-"""Velocity gain, N·m·s/rad (N·s/m), of what stands for dry friction: a drive whose force limit is the
+"""Velocity gain, N·m·s/rad (N·s/m), of the drive that models dry friction; its force limit is the
 friction. Below that force the joint creeps by less than a milliradian per second."""
 
 SOFT_SPEED = 0.05
@@ -322,7 +322,7 @@ class _Servos:
         self._target[self._driven] = ctrl[self._actuators]
 
     def missing(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
-        """Returns what is to be added to the drives' forces, (J,)."""
+        """Returns the forces to add to the drives', (J,)."""
         asked, drag = self._kp * (self._target - qpos) - self._kd * qvel, self._damping * qvel
         low, high = -self._limit, self._limit
         return _bounded(asked, low, high) - drag - _bounded(asked - drag, low, high)
@@ -413,7 +413,7 @@ class _Builder:
     def _furnish(self, component, link: LinkSpec, number: int, *, bare: bool = False) -> None:
         for geom, frame in () if bare else link.geoms:
             component.attach(self._shapes.make(geom, frame, number))
-        if link.inertia is None:  # of a root that never moves; PhysX wants a number
+        if link.inertia is None:  # a root that never moves; PhysX needs a number
             component.mass, component.inertia = 1.0, np.ones(3, np.float32)
             component.cmass_local_pose = Pose()
         else:

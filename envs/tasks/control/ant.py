@@ -30,7 +30,7 @@ SOLVER = {"mujoco": {"cone": "elliptic", "impratio": 1.0}, "newton": {"impratio"
 """Friction pyramids of a leg on the ground lie another way in MuJoCo than in MuJoCo Warp."""
 
 GROUND_HALF_SIZE_M = 200.0
-"""How far it is drawn, farther than a run of 16 s. It is felt everywhere."""
+"""Half the visible size, farther than a run of 16 s. Collisions have no such limit."""
 
 _NEAR_LIMIT = 0.99
 

@@ -37,11 +37,11 @@ def _touched(entity: EntityState, column: int = 0) -> Tensor:
     """Returns whether a thing that an entity feels touches it, 1 or 0, (N,).
 
     Raises:
-        SimulatorError: if the simulator does not tell.
+        SimulatorError: if the simulator reports no contacts.
     """
     if entity.touched is None:
         raise SimulatorError(
-            "This task asks what touches what, which this simulator does not tell. Take another one, as in: "
+            "This task needs contacts, which this simulator does not report. Take another one, as in: "
             "simulator=mujoco"
         )
     return entity.touched[:, column]
@@ -163,7 +163,7 @@ _CHECKPOINTS: tuple[Vec3, ...] = ((0, 0, 1), (3, 0, 1), (3, 6, 1), (6, 6, 1), (6
 """Where the robot has to pass, m. The last two are one place; the last marker is out of sight."""
 
 _START: Vec3 = (0, 0, 2)
-"""Of the marker, before the first step: the first checkpoint is reached, and paid, with that step."""
+"""Of the marker before the first step, which reaches the first checkpoint and gets its reward."""
 
 _WAYS = ((1, 0), (1, 0), (0, 1), (1, 0), (0, 1))
 """Where to go on the way to each."""
@@ -175,7 +175,7 @@ _REACHED_M, _MAZE_SPEED_M_S = 0.4, 2.0
 class Maze(HumanoidTask):
     """Walk through a maze from checkpoint to checkpoint at 2 m/s; the marker shows the next one.
 
-    Which checkpoint is the next is not observed, as published. Reaching the n-th pays 100 n.
+    The next checkpoint is not observed, as published. The reward of reaching the n-th is 100 n.
     """
 
     name: ClassVar[str] = "humanoid/maze"

@@ -1,7 +1,7 @@
-"""What stands round the H1 in HumanoidBench's scenes (``assets/tasks`` and ``assets/locomotion``, MIT).
+"""Objects round the H1 in HumanoidBench's scenes (``assets/tasks`` and ``assets/locomotion``, MIT).
 
-Everything is made from primitives by its published dimensions. Walls that would hide the robot are touched,
-and not drawn; hurdles are drawn as what is touched of them.
+Everything is made from primitives by its published dimensions. Walls that would hide the robot collide
+but are invisible; hurdles show their collision shapes.
 """
 
 import dataclasses
@@ -137,7 +137,7 @@ CHECKPOINT = ObjectCfg(
 """``maze.xml``: where to go next."""
 
 _DENSITY = 1000.0
-"""MuJoCo's, kg/m³, of what is drawn; what is touched has no mass."""
+"""MuJoCo's, kg/m³, of visual shapes; collision shapes have no mass."""
 
 
 def _drawn(pos: Vec3, size: Vec3, rgba: Rgba = WOOD) -> GeomCfg:

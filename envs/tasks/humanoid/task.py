@@ -51,7 +51,7 @@ LOOKS = Appearance(
 )
 
 GROUND_HALF_SIZE_M = 200.0
-"""How far it is drawn, farther than a run of 20 s; ``common/floor.xml`` has 20 m. It is felt everywhere."""
+"""Half the visible size, farther than a run of 20 s; ``common/floor.xml`` has 20 m."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,10 +76,10 @@ class HumanoidTask(Task):
     """Height of the pelvis below which an episode is lost."""
 
     camera_pos: ClassVar[Vec3] = (2.0, 3.0, 0.8)
-    """Where the camera is that goes along with the pelvis, from there, m: cam_default of ``h1_pos.xml``."""
+    """Position of the tracking camera relative to the pelvis, m: cam_default of ``h1_pos.xml``."""
 
     feels: ClassVar[tuple[str, ...]] = ()
-    """What the robot's touch of is asked for."""
+    """Objects whose contacts with the robot the task needs."""
 
     model: str = ""
 
@@ -141,7 +141,7 @@ class HumanoidTask(Task):
         return State({ROBOT: EntityState.at_rest(*_pose(qpos), qpos[:, 7:joints])}, objects)
 
     def place(self, rng: np.random.Generator, qpos: np.ndarray) -> None:
-        """Changes one drawn ``qpos`` further; not by default."""
+        """Changes one sampled ``qpos`` further; does nothing by default."""
 
     @property
     def _moving(self) -> list[ObjectCfg]:

@@ -110,7 +110,7 @@ class FurnitureTask(MetaWorldTask):
         return ee_pos(robot) + rotate(robot.ee_rot, local)
 
     def root(self, state: State) -> Tensor:
-        """Returns where the furniture stands, m, (N, 3)."""
+        """Returns the position of the furniture, m, (N, 3)."""
         return state.objects[self.furniture].pos
 
     def joint(self, state: State) -> Tensor:
@@ -166,7 +166,7 @@ class DrawerOpen(FurnitureTask):
     def reward(self, state: State) -> Tensor:
         opened = long_tail(beyond(self.way_left(state), 0.02, self.open_way_m))
         goal = state.objects[GOAL].pos
-        # Errors along x and y count more, so that the hand comes from above.
+        # Errors along x and y count more, so that the hand approaches from above.
         scale = goal.new_tensor((3.0, 3.0, 1.0))
         first = goal + goal.new_tensor((0.0, self.open_way_m, 0.0)) - self.start(state)
         margin = torch.linalg.vector_norm(first * scale, dim=-1)

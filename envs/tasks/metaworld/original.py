@@ -3,7 +3,7 @@
 Meta-World keeps what an episode is about (goal, first poses, margins of its reward) in attributes that
 ``reset_model`` fills in. All of it follows from the episode's random vector. So a state that carries
 this vector says everything: :class:`Original` makes the attributes of a vector once, keeps them, and puts
-them back before it asks Meta-World about a state.
+them back before it evaluates Meta-World at a state.
 """
 
 import warnings
@@ -129,7 +129,7 @@ class Original:
     def evaluate(self, vector: np.ndarray, pose: Pose) -> tuple[np.ndarray, float, bool]:
         """Returns Meta-World's observation (39,), reward in [0, 10] and success of a pose.
 
-        Both frames of the observation are this moment's: a state knows no past.
+        Both frames of the observation are the present one: a state has no history.
         """
         self._restore(self.episode(vector), pose)
         action = np.array([0.0, 0.0, 0.0, pose.ctrl[0]], np.float32)
@@ -145,7 +145,7 @@ class Original:
         return np.clip(action, -1.0, 1.0)
 
     def _settle(self) -> None:
-        """Fills every attribute in, so that whatever comes before an episode leaves no trace in it."""
+        """Sets every attribute, so that an episode does not depend on what ran before it."""
         rng = np.random.default_rng(0)
         self.env._freeze_rand_vec, self.env.seeded_rand_vec, self.env.np_random = False, True, rng
         self.env.reset()

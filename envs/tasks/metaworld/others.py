@@ -1,4 +1,4 @@
-"""The 45 tasks that have no class of their own; one is made when it is asked for, as an attribute."""
+"""The 45 tasks that have no class of their own; one is made on access, as an attribute."""
 
 from functools import cache
 

@@ -23,7 +23,7 @@ VECTOR_MARKERS = ("random_vector_0", "random_vector_1")
 """Markers that nobody sees, at the positions that make up an episode's random vector."""
 
 _SHOWN_GROUPS = (0, 1, 2)
-"""Geom groups that MuJoCo's viewer, and so Meta-World, draws; 4 is what is only touched."""
+"""Geom groups that MuJoCo's viewer, and so Meta-World, shows; 4 has collision shapes."""
 
 _TABLE, _WALL = "tablelink", "RetainingWall"
 _NO_OBJECTS = {"world", "base", "mocap"}
@@ -37,7 +37,7 @@ _CAMERA = CameraCfg(
     orbit_pos=_WORKSPACE,
     orbit_yaw_rad=-pi / 6,
 )
-"""It looks past the robot onto the objects' fronts, from where Meta-World's ``corner2`` stands."""
+"""It looks past the robot onto the objects' fronts, from the position of Meta-World's ``corner2``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ class MetaworldScene:
 
     def _scenario(self) -> ScenarioCfg:
         env, option = self._original.env, self._original.model.opt
-        # Where the table has a hole, Meta-World's own is drawn.
+        # Where the table has a hole, Meta-World's own is rendered.
         flat = any(part.body == _WALL for part in self._parts)
         objects = [
             ObjectCfg(
@@ -99,7 +99,7 @@ class MetaworldScene:
             objects=tuple(objects),
             cameras=(_CAMERA,),
             appearance=TABLETOP_LOOKS,
-            # Meta-World's own table, which is not drawn, is what things touch.
+            # Meta-World's own table collides, and is not rendered.
             table=TableCfg(
                 pos=_WORKSPACE, half_size=(0.85, 0.85), height_m=0.913, collides=False, visible=flat
             ),

@@ -1,4 +1,4 @@
-"""A robot of one's own: a Franka Panda whose base stands on a block of 10 cm."""
+"""Example robot: a Franka Panda on a block of 10 cm."""
 
 from dataclasses import replace
 

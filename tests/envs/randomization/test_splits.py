@@ -116,7 +116,7 @@ def test_freezing_writes_once_and_never_overwrites(tmp_path):
     assert not splits.freeze(path)
     other = splits.draw_content() | {"pool": 5}
     path.write_text(splits.render_content(other | {"sha256": splits.content_digest(other)}))
-    with pytest.raises(ConfigError, match="is frozen, and the lists drawn now differ"):
+    with pytest.raises(ConfigError, match="is frozen, and the lists sampled now differ"):
         splits.freeze(path)
     assert json.loads(path.read_text())["pool"] == 5
     assert [entry.name for entry in tmp_path.iterdir()] == ["v2.json"]

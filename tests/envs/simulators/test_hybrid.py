@@ -175,7 +175,7 @@ def test_rendering_after_close_is_an_error():
     handler = launched(HybridHandler(small_scene(), 1))
     jobs = handler.snapshot()
     handler.close()
-    with pytest.raises(SimulatorError, match="nothing can be drawn after close"):
+    with pytest.raises(SimulatorError, match="nothing can be rendered after close"):
         handler.render_jobs(jobs)
 
 

@@ -42,7 +42,7 @@ def test_what_makes_no_sense_is_refused():
         tolerance(VALUES, 2.0, 1.0)
     with pytest.raises(ConfigError, match=r"margin of a tolerance must not be negative, given -1.0"):
         tolerance(VALUES, margin=-1.0)
-    with pytest.raises(ConfigError, match=r"A gaussian tolerance at its margin lies in \(0, 1\), given 0.0"):
+    with pytest.raises(ConfigError, match=r"A gaussian tolerance at its margin is in \(0, 1\), given 0.0"):
         tolerance(VALUES, margin=1.0, value_at_margin=0.0)
     with pytest.raises(UnknownNameError, match=r"shape of a tolerance 'linaer'.*Did you mean 'linear'"):
         tolerance(VALUES, margin=1.0, shape="linaer")

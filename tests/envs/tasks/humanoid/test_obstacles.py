@@ -226,7 +226,7 @@ def test_sitting_down_starts_anywhere_before_the_chair():
 def test_simulator_without_contact_sensors_is_refused(postures):
     state = beside(postures, poles=(0, 0, 0))
     state.objects["poles"].touched = None
-    with pytest.raises(SimulatorError, match="asks what touches what, which this simulator does not tell"):
+    with pytest.raises(SimulatorError, match="needs contacts, which this simulator does not report"):
         task_of("pole").reward(state)
 
 
