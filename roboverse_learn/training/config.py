@@ -51,6 +51,7 @@ class TrainConfig:
         batch_size: Samples per gradient step, over all processes together.
         lr: Peak learning rate of AdamW.
         lr_backbone: Peak learning rate of the image backbone; None takes ``lr``.
+        lr_muon: Peak learning rate of Muon for the matrices of linear layers; None trains them by AdamW too.
         weight_decay: Decoupled weight decay of AdamW.
         betas: Moment decays of AdamW.
         warmup_steps: Steps over which the learning rate rises linearly from 0.
@@ -80,6 +81,7 @@ class TrainConfig:
     batch_size: int = 32
     lr: float = 1e-4
     lr_backbone: float | None = None
+    lr_muon: float | None = None
     weight_decay: float = 1e-4
     betas: tuple[float, float] = (0.9, 0.999)
     warmup_steps: int = 500
@@ -114,7 +116,7 @@ class TrainConfig:
         for name in ("steps", "batch_size", "lr", "save_every", "log_every", "ema_power"):
             if getattr(self, name) <= 0:
                 raise ConfigError(f"train.{name} must be above 0, given {getattr(self, name)}.")
-        for name in ("weight_decay", "warmup_steps", "grad_clip", "num_threads", "lr_backbone"):
+        for name in ("weight_decay", "warmup_steps", "grad_clip", "num_threads", "lr_backbone", "lr_muon"):
             if (getattr(self, name) or 0) < 0:
                 raise ConfigError(f"train.{name} must be 0 or more, given {getattr(self, name)}.")
         if self.time_limit_s is not None and self.time_limit_s <= 0:

@@ -26,6 +26,7 @@ from roboverse_learn.training.device import cpu_threads, resolve_precision
 from roboverse_learn.training.imitation.augment import augment
 from roboverse_learn.training.imitation.ema import Ema
 from roboverse_learn.training.imitation.fast_objective import NUM_BATCHES, fast_objective
+from roboverse_learn.training.imitation.muon import MuonAdamW
 from roboverse_learn.training.imitation.schedule import learning_rate_factor, progress
 from roboverse_learn.training.interruption import Interruption, signals_noted
 from roboverse_learn.training.metrics import MetricsWriter, open_writers, plot_training
@@ -88,15 +89,28 @@ def train(
 
 
 def make_optimizer(policy: LeRobotPolicy, config: TrainConfig) -> torch.optim.AdamW:
-    """Returns AdamW over the parameters of a policy, those of its backbone in a group of their own."""
-    named = [(name, p) for name, p in policy.model.named_parameters() if p.requires_grad]
-    lr_backbone = config.lr if config.lr_backbone is None else config.lr_backbone
+    """Returns the optimizer of a policy, with groups for its backbone and for what Muon trains."""
+    named = {name: p for name, p in policy.model.named_parameters() if p.requires_grad}
+    linear = {f"{name}.weight" for name, m in policy.model.named_modules() if isinstance(m, nn.Linear)}
+    peak_lr = {"": config.lr, "backbone": config.lr, "muon": config.lr_muon}
+    if config.lr_backbone is not None:
+        peak_lr["backbone"] = config.lr_backbone
+    parameters: dict[str, list[nn.Parameter]] = {kind: [] for kind in peak_lr}
+    for name, parameter in named.items():
+        if "backbone" in name:
+            kind = "backbone"
+        elif config.lr_muon is not None and name in linear and "head" not in name:
+            kind = "muon"  # its authors leave the last layer to AdamW
+        else:
+            kind = ""
+        parameters[kind].append(parameter)
     groups = [
-        {"params": [p for name, p in named if "backbone" not in name], "peak_lr": config.lr},
-        {"params": [p for name, p in named if "backbone" in name], "peak_lr": lr_backbone},
+        {"params": members, "peak_lr": peak_lr[kind], "muon": kind == "muon"}
+        for kind, members in parameters.items()
+        if members
     ]
-    return torch.optim.AdamW(
-        [group for group in groups if group["params"]],
+    return MuonAdamW(
+        groups,
         lr=config.lr,
         betas=(config.betas[0], config.betas[1]),
         weight_decay=config.weight_decay,
