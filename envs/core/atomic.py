@@ -19,6 +19,7 @@ from typing import Any
 from envs.core.errors import RoboVerseError, WriteError
 
 PARTIAL = ".partial"
+LOCK = ".lock"
 
 log = logging.getLogger(__name__)
 
@@ -183,15 +184,21 @@ def lock_directory(root: Path, *, wait: bool = False) -> int:
     """
     import fcntl
 
+    path = root / LOCK
     with write_errors(root):
-        descriptor = os.open(root / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         if wait:
             log.info("Another process is writing to '%s'; waiting until it has finished.", root)
             fcntl.flock(descriptor, fcntl.LOCK_EX)
-            return descriptor
+            if path.exists() and os.path.samestat(os.fstat(descriptor), path.stat()):
+                return descriptor
+            os.close(descriptor)  # the other process failed and removed the folder that it had made
+            with write_errors(root):
+                root.mkdir(parents=True, exist_ok=True)
+            return lock_directory(root, wait=True)
         os.close(descriptor)
         raise WriteError(
             f"Another process is writing to '{root}'. Wait until it has finished, or choose another folder."

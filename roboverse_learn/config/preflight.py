@@ -6,20 +6,25 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from envs.core.errors import ConfigError, RoboVerseError
+import policies
+from envs.core.errors import ConfigError, RoboVerseError, suggest
 from envs.spec import EnvSpec
+from roboverse_learn.config.schema import CollectConfig, TrainRunConfig
+from roboverse_learn.data.dataset.recovery import refuse_other_files
+from roboverse_learn.data.dataset.schema import INFO_PATH
 
 _FOLDER_KEYS = ("dataset", "datasets_dir", "run", "runs_dir", "results_dir", "out")
-_DATASET_PARTS = ("meta", "data", "videos", "raw")  # also what a killed collection leaves
 _A_FILE = "the path of a file, or package:path for one inside an installed package"
 _A_MATERIAL = "the name of a material, or of an image in the folder that {}=+<folder> adds"
 
 
 def check_folders(config: Any) -> None:
-    """Checks that no folder of a configuration is a file or in one, and that results and runs can be written.
+    """Checks that no folder of a configuration is a file or in one, and that those to write can be written.
 
     Raises:
-        ConfigError: A file is where a folder is meant, or a folder cannot be made or written.
+        ConfigError: A file is where a folder is meant, a folder cannot be made or written, or there is no
+            dataset to train on.
+        DatasetError: The folder to collect into holds other files.
     """
     for key in _FOLDER_KEYS:
         given = getattr(config, key, "")
@@ -34,30 +39,36 @@ def check_folders(config: Any) -> None:
             raise ConfigError(f"{key}={shown}: {error.strerror}. Choose another folder.") from error
         if file is not None:
             raise ConfigError(f"{key}={given}: {not_a_folder(file)}")
-    if hasattr(config, "datasets_dir") and config.dataset:
-        _check_dataset(Path(config.dataset), to_train=hasattr(config, "policy_name"))
+    if isinstance(config, TrainRunConfig) and config.dataset:
+        _check_there(Path(config.dataset), Path(config.datasets_dir))
+    elif isinstance(config, CollectConfig) and config.dataset:
+        refuse_other_files(Path(config.dataset))
 
 
-def _check_dataset(folder: Path, *, to_train: bool) -> None:
-    """Refuses a folder of other files, and for training a folder without a dataset."""
-    if (folder / "meta/info.json").is_file():
+def _check_there(folder: Path, datasets_dir: Path) -> None:
+    """Checks that there is a dataset to train on."""
+    if (folder / INFO_PATH).is_file():
         return
-    if to_train:
-        raise ConfigError(
-            f"dataset={folder}: there is no dataset (meta/info.json is missing). Check the path, collect it "
-            "with roboverse collect, or leave out dataset= to collect one now."
-        )
-    others = sorted(path.name for path in folder.glob("[!.]*") if path.name not in _DATASET_PARTS)
-    if others:
-        raise ConfigError(
-            f"dataset={folder}: the folder is no dataset and holds other files, such as '{others[0]}'. Name "
-            "an empty or a new folder."
-        )
+    inside = (path for base in (folder, folder.parent, datasets_dir) for path in base.glob(f"*/{INFO_PATH}"))
+    deeper = datasets_dir.glob(f"*/*/{INFO_PATH}")
+    known = [str(path.parents[1]) for path in (*inside, *deeper)]
+    raise ConfigError(
+        f"dataset={folder}: there is no dataset ({INFO_PATH} is missing).{suggest(str(folder), known)} Check "
+        "the path, collect it with roboverse collect, or leave out dataset= to collect one now."
+    )
 
 
 def _written_keys(config: Any) -> tuple[str, ...]:
     """Returns the keys of folders that a command writes, whatever else it does."""
-    return "results_dir", "out", "run" if getattr(config, "run", "") else "runs_dir"
+    keys = ("results_dir", "out", "run" if getattr(config, "run", "") else "runs_dir")
+    return (*keys, "dataset" if config.dataset else "datasets_dir") if _collects(config) else keys
+
+
+def _collects(config: Any) -> bool:
+    """Whether a command writes a dataset: collect, and train without one that is given."""
+    if not isinstance(config, TrainRunConfig):
+        return isinstance(config, CollectConfig)
+    return not config.dataset and policies.learns_from(config.policy_name) == "dataset"
 
 
 def _try_writing(path: Path) -> None:

@@ -79,7 +79,8 @@ def collect(
     """Collects until the dataset holds ``num_episodes`` successful episodes.
 
     Killed at any moment, the same call continues; episodes that are in the dataset, and pool episodes
-    that failed, are not tried again. Runs that want the same dataset at once wait for the first of them.
+    that failed, are not tried again. A run that fails before its first episode leaves nothing. Runs that
+    want the same dataset at once wait for the first of them.
 
     Args:
         config: What to collect.
@@ -109,12 +110,12 @@ def collect(
         )
         report = _Reporter(writer, schedule, config.num_episodes, on_progress)
         if not schedule.finished:
-            with contextlib.closing(
-                attempts(config, lambda: schedule.next_batch(config.batch_size))
-            ) as results:
-                for index, staged in results:
-                    schedule.resolve(index, staged)
-                    report()
+            try:
+                _run(config, schedule, report)
+            except BaseException:
+                if writer.is_empty and not schedule.num_failures:
+                    writer.remove()
+                raise
         num_frames = writer.num_frames
         num_attempts = schedule.num_successes + schedule.num_failures
         num_episodes = writer.num_episodes
@@ -127,6 +128,14 @@ def collect(
         wall_time_s=time.monotonic() - start,
         dataset_hash=dataset_hash(config.root),
     )
+
+
+def _run(config: CollectionConfig, schedule: Schedule, report: "_Reporter") -> None:
+    """Runs candidates until the schedule has enough successes."""
+    with contextlib.closing(attempts(config, lambda: schedule.next_batch(config.batch_size))) as results:
+        for index, staged in results:
+            schedule.resolve(index, staged)
+            report()
 
 
 class _Reporter:

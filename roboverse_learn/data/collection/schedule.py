@@ -11,10 +11,9 @@ from benchmark.statistics import wilson
 from envs.core.atomic import write_json
 from envs.core.errors import DatasetError
 from roboverse_learn.data.dataset.damage import broken_file, read_json
+from roboverse_learn.data.dataset.schema import COLLECTION_PATH
 from roboverse_learn.data.dataset.staging import load_staged, staged_directory
 from roboverse_learn.data.dataset.writer import DatasetWriter
-
-COLLECTION_PATH = "meta/collection.json"
 
 GIVE_UP_AFTER = 100
 """Failures of a run before it may end without hope: a demonstrator of 3 % gets so far one time in twenty."""
@@ -209,6 +208,8 @@ class Schedule:
             raise broken_file(self._path, "it holds no settings, or no list of failed episodes")
         before = record["settings"]
         keys = sorted(k for k in {*before, *self._settings} if before.get(k) != self._settings.get(k))
+        if keys and self._writer.is_empty:
+            return set()  # nothing but failures of other settings
         if keys:
             raise DatasetError(
                 f"The dataset '{self._writer.root}' was begun with "

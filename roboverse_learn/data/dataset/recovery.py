@@ -20,6 +20,11 @@ from roboverse_learn.data.dataset.tables import parquet_bytes, read_parquet
 _LOG = logging.getLogger(__name__)
 _CHUNK_AND_FILE = re.compile(r"chunk-(\d+)/file-(\d+)\.(mp4|parquet)$")
 _RAW = re.compile(r"episode_(\d+)\.safetensors$")
+_OWN = re.compile(
+    r"meta/((info|stats|collection|import)\.json|tasks\.parquet|episodes/chunk-\d+/file-\d+\.parquet)"
+    r"|data/chunk-\d+/file-\d+\.parquet|videos/[^/]+/chunk-\d+/file-\d+\.mp4|raw/episode_\d+\.safetensors"
+)
+"""Paths of the files of a dataset that is written here, below its folder."""
 
 
 def recover(root: str | Path) -> int:
@@ -44,6 +49,33 @@ def recover(root: str | Path) -> int:
         return repair(root)
     finally:
         os.close(lock)
+
+
+def other_file(root: Path) -> str | None:
+    """Returns the path, below a folder, of a file that no writer of ours makes; None if there is none.
+
+    Files and folders whose names start with a dot do not count.
+    """
+    for folder, folders, files in os.walk(root):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        for name in sorted(files):
+            path = (Path(folder) / name).relative_to(root).as_posix()
+            if not name.startswith(".") and not _OWN.fullmatch(path):
+                return path
+    return None
+
+
+def refuse_other_files(root: Path) -> None:
+    """Checks that a folder is a dataset, what a killed writer left of one, empty, or absent.
+
+    Raises:
+        DatasetError: It holds other files.
+    """
+    if not (root / INFO_PATH).is_file() and (other := other_file(root)):
+        raise DatasetError(
+            f"The folder '{root}' is no dataset and holds other files, such as '{other}'. Name an empty or a "
+            "new folder."
+        )
 
 
 def repair(root: Path) -> int:

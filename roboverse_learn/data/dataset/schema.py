@@ -28,6 +28,7 @@ RAW_PATH = "raw/episode_{episode_index:06d}.safetensors"
 INFO_PATH = "meta/info.json"
 STATS_PATH = "meta/stats.json"
 TASKS_PATH = "meta/tasks.parquet"
+COLLECTION_PATH = "meta/collection.json"
 
 # The columns that LeRobot adds to every dataset (lerobot.utils.constants.DEFAULT_FEATURES).
 BOOKKEEPING: dict[str, str] = {

@@ -21,7 +21,15 @@ from typing import Any, Self
 
 import numpy as np
 
-from envs.core.atomic import link_file, lock_directory, write_file, write_json
+from envs.core.atomic import (
+    LOCK,
+    link_file,
+    lock_directory,
+    remove_partial_files,
+    write_errors,
+    write_file,
+    write_json,
+)
 from envs.core.errors import DatasetError
 from roboverse_learn.data.dataset import stats as statistics
 from roboverse_learn.data.dataset.info import (
@@ -41,7 +49,7 @@ from roboverse_learn.data.dataset.meta_tables import (
     row_table,
     tasks_bytes,
 )
-from roboverse_learn.data.dataset.recovery import repair
+from roboverse_learn.data.dataset.recovery import other_file, refuse_other_files, repair
 from roboverse_learn.data.dataset.schema import (
     BOOKKEEPING,
     CODEBASE_VERSION,
@@ -81,7 +89,8 @@ class DatasetWriter:
         wait: Wait while another process writes this dataset.
 
     Raises:
-        DatasetError: Another process writes this dataset, or it exists with other features or fps.
+        DatasetError: Another process writes this dataset, it exists with other features or fps, or the folder
+            holds other files.
     """
 
     def __init__(
@@ -103,8 +112,10 @@ class DatasetWriter:
             self.features[key]["info"] = self.encoder.info(height, width, fps)
         self._robot_type = robot_type
         self._all_features = with_bookkeeping(self.features)
-        with contextlib.suppress(FileExistsError):
-            self.root.mkdir(parents=True)
+        refuse_other_files(self.root)
+        self._is_new = not self.root.exists()
+        with write_errors(self.root):
+            self.root.mkdir(parents=True, exist_ok=True)
         self._lock: int | None = lock_directory(self.root, wait=wait)
         try:
             self._open()
@@ -195,6 +206,32 @@ class DatasetWriter:
         finally:
             self._unlock()
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether the folder is what a collection without an episode leaves: none is committed or staged."""
+        return (
+            read_info(self.root)["total_episodes"] == 0
+            and not read_episodes(self.root)
+            and not any(self.staging_directory.glob("pool_*"))
+            and other_file(self.root) is None
+        )
+
+    def remove(self) -> None:
+        """Removes a dataset without an episode and releases it; logs that say something stay."""
+        assert self.is_empty
+        remove_partial_files(self.root)
+        for log in self.staging_directory.glob("*.log"):
+            if log.stat().st_size == 0:
+                log.unlink()
+        shutil.rmtree(self.root / "meta", ignore_errors=True)
+        with contextlib.suppress(OSError):  # logs of workers are there
+            if self.staging_directory.exists():
+                self.staging_directory.rmdir()
+            if self._is_new:
+                (self.root / LOCK).unlink(missing_ok=True)
+                self.root.rmdir()
+        self._unlock()
+
     def _unlock(self) -> None:
         if self._lock is not None:
             os.close(self._lock)
@@ -204,15 +241,20 @@ class DatasetWriter:
         if self._lock is None:
             raise DatasetError(f"The writer of '{self.root}' is closed. Open a new DatasetWriter.")
 
+    def _fits(self) -> bool:
+        """Whether the dataset on disk has the features and the frame rate that were given."""
+        info = read_info(self.root)
+        return same_layout(info["features"], self.features) and info["fps"] == self.fps
+
     def _open(self) -> None:
         """Reads the committed state from the disk, after repairing what a kill left behind."""
-        if not (self.root / INFO_PATH).exists():
+        if not (self.root / INFO_PATH).exists() or (not self._fits() and self.is_empty):
             self._num_episodes = self._num_frames = 0
             self._tasks: list[str] = []
             self._stats: statistics.Stats | None = None
             write_json(self.root / INFO_PATH, self._info())
-        info = read_info(self.root)
-        if not same_layout(info["features"], self.features) or info["fps"] != self.fps:
+        if not self._fits():
+            info = read_info(self.root)
             raise DatasetError(
                 f"The dataset '{self.root}' has {info['fps']} fps and the features "
                 f"{layout_words(info['features'])}; given were {self.fps} fps and "

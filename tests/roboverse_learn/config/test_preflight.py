@@ -6,13 +6,14 @@ import pytest
 from PIL import Image
 
 from envs.core.assets import resolve
-from envs.core.errors import ConfigError
+from envs.core.errors import ConfigError, DatasetError
 from envs.spec import EnvSpec
 from envs.tasks.pick_cube import PickCube
 from policies.checkpoint import CONFIG, WEIGHTS
 from roboverse_learn import cli
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.preflight import check_folders, check_scenario_files
+from roboverse_learn.data import DatasetWriter
 
 TEXTURE = "scenario.appearance.materials.table.texture"
 ROBOT = "scenario.robots.franka.mjcf"
@@ -125,13 +126,40 @@ def test_every_library_must_know_a_material(images: Path) -> None:
 
 def test_a_folder_of_other_files_is_not_collected_into(tmp_path):
     (tmp_path / "thesis.tex").write_text("x")
-    with pytest.raises(ConfigError, match=r"is no dataset and holds other files, such as 'thesis.tex'"):
-        check_folders(compose("collect", [f"dataset={tmp_path}"]))
-    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+    for name in ("thesis.tex", "data/frames.csv"):
+        file = tmp_path / name
+        file.parent.mkdir(exist_ok=True)
+        file.write_text("x")
+        for collecting in (
+            lambda: check_folders(compose("collect", [f"dataset={tmp_path}"])),
+            lambda: DatasetWriter(tmp_path, fps=20, features={}),
+        ):
+            with pytest.raises(DatasetError, match=rf"no dataset and holds other files, such as '{name}'"):
+                collecting()
+        assert [path for path in tmp_path.rglob("*") if path.is_file()] == [file]
+        file.unlink()
 
 
-def test_training_on_a_dataset_that_is_not_there_is_refused(tmp_path):
-    with pytest.raises(
-        ConfigError, match=r"there is no dataset \(meta/info.json is missing\). Check the path"
-    ):
-        check_folders(compose("train", [f"dataset={tmp_path / 'typo'}"]))
+def test_training_on_a_dataset_that_is_not_there_is_refused_and_the_nearest_is_named(tmp_path):
+    there = tmp_path / "datasets" / "PickCube" / "level0"
+    (there / "meta").mkdir(parents=True)
+    (there / "meta/info.json").touch()
+    where = f"datasets_dir={tmp_path / 'datasets'}"
+    for typo in (there.with_name("level"), tmp_path / "dataset" / "PickCube" / "level0", there.parent):
+        with pytest.raises(ConfigError, match=r"info.json is missing\)\. Did you mean '") as caught:
+            check_folders(compose("train", [f"dataset={typo}", where]))
+        assert f"'{there}'? Check the path" in str(caught.value)
+    with pytest.raises(ConfigError, match=r"there is no dataset \(meta/info.json is missing\)\. Check the"):
+        check_folders(compose("train", [f"dataset={tmp_path / 'typo'}", f"datasets_dir={tmp_path}"]))
+
+
+@pytest.mark.parametrize("command", ["collect", "train"])
+def test_datasets_that_cannot_be_written_are_reported_before_anything_starts(command):
+    for folder in ("/proc/here", "x" * 300):
+        with pytest.raises(ConfigError, match=rf"^datasets_dir={folder[:90]}.*Choose another folder"):
+            check_folders(compose(command, [f"datasets_dir={folder}"]))
+
+
+def test_training_without_collecting_needs_no_folder_of_datasets(tmp_path):
+    words = [f"{key}={tmp_path / key}" for key in ("runs_dir", "results_dir")]
+    check_folders(compose("train", ["policy=ppo", "datasets_dir=/proc/here", *words]))

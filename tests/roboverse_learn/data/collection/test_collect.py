@@ -132,6 +132,26 @@ def test_errors_of_a_source_reach_the_user(tmp_path, num_workers):
         assert ("(collection worker " in str(caught.value)) == (num_workers == 2)
 
 
+@pytest.mark.parametrize("num_workers", [1, 2])
+def test_a_collection_that_fails_at_once_leaves_nothing(tmp_path, num_workers):
+    root, users = tmp_path / "d", tmp_path / "users"
+    users.mkdir()
+    for folder in (root, users):
+        with pytest.raises(RoboVerseError, match="PickCub"):
+            collect(config(folder, num_workers=num_workers, source="synthetic_episodes:BrokenSource"))
+    assert not root.exists() and [path.name for path in users.iterdir()] == [".lock"]
+    assert collect(config(root, 1, settings={"task": "StackCube"})).num_episodes == 1
+
+
+def test_failures_alone_do_not_hold_a_dataset_to_their_settings(tmp_path):
+    failing = {"candidates": range(100), "source": "synthetic_episodes:SyntheticSource", "fail_every": 1}
+    with pytest.raises(TooFewSuccessesError):
+        collect(config(tmp_path / "d", **failing))
+    other = replace(config(tmp_path / "d", 1, settings={"task": "StackCube"}), fps=FPS + 1)
+    assert collect(other).num_episodes == 1
+    assert DatasetInfo.open(tmp_path / "d").fps == FPS + 1
+
+
 def test_dead_worker_is_named_and_committed_episodes_stay(undisturbed, tmp_path):
     root = tmp_path / "d"
     with pytest.raises(DatasetError, match=r"worker died \(exit code 9; out of memory\?\)"):
