@@ -35,6 +35,10 @@ class Writer:
     def episode_keys(self):
         return frozenset(json.dumps({"episode": index}) for index in self.committed)
 
+    @property
+    def is_empty(self):
+        return not self.committed and not any(staged_directory(self.root, 0).parent.glob("pool_*"))
+
     def commit(self, directory):
         self.committed.append(int(directory.name.removeprefix("pool_")))
         shutil.rmtree(directory, ignore_errors=True)
@@ -166,10 +170,12 @@ def test_failures_are_remembered_over_runs_with_their_settings(tmp_path):
     assert record == {"settings": {"level": 0, "task": "PickCube"}, "failed": [6]}
     again = Schedule(Writer(tmp_path), [6, 7], 1, {"task": "PickCube", "level": 0})
     assert again.num_failures == 1 and again.next_index() == 7
+    end(again, tmp_path, 7, ())
     with pytest.raises(
         DatasetError, match=r"was begun with level=0; now given: level=2. Use the same settings"
     ):
-        Schedule(Writer(tmp_path), [6, 7], 1, {"task": "PickCube", "level": 2})
+        Schedule(Writer(tmp_path, [7]), [6, 7], 1, {"task": "PickCube", "level": 2})
+    assert Schedule(Writer(tmp_path), [6, 7], 1, {"task": "PickCube", "level": 2}).num_failures == 0
 
 
 def test_answers_nobody_asked_for(tmp_path):
