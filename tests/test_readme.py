@@ -1,4 +1,4 @@
-"""What the README shows works as it stands: its Python, its commands' words, its numbers of levels."""
+"""The README's Python, commands and numbers of levels work as printed."""
 
 import json
 import re

@@ -22,7 +22,7 @@ class StepResult:
 
 
 class PointEnv:
-    """A point in joint space that follows its action; an episode succeeds when it stands at its goal.
+    """A point in joint space that follows its action; an episode succeeds when it rests at its goal.
 
     Goals and starts follow from the episode alone. Every env counts how often it was observed.
     """

@@ -1,4 +1,4 @@
-"""A killed evaluation goes on with its next cell."""
+"""A killed evaluation resumes with its next cell."""
 
 import json
 

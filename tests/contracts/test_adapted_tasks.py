@@ -1,4 +1,4 @@
-"""What the tasks promise that come by one adapter, tried briefly: each starts, steps and can be asked."""
+"""Short contract test of adapted tasks: each resets, steps, and evaluates its functions."""
 
 import numpy as np
 import pytest

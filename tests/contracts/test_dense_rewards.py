@@ -65,7 +65,7 @@ def made(name, simulator):
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "simulator"), PAIRS)
 def test_an_agent_steps_and_is_paid(name, simulator):
-    """Observations are finite; rewards tell states apart, and stay below 1 where success ends an episode."""
+    """Observations are finite; rewards differ, and stay below 1 where success ends an episode."""
     env, paid = made(name, simulator), []
     torch.manual_seed(0)
     for index in range(STEPS):

@@ -142,7 +142,7 @@ def test_what_is_felt_touches_or_does_not(handler):
     handler.step(1)
     robot = handler.get_states().robots["walker"]
     if robot.touched is None:
-        pytest.skip("this simulator does not tell what touches what; tasks that ask are refused")
+        pytest.skip("this simulator reports no contacts; tasks that need them are refused")
     assert robot.touched.shape == (NUM_ENVS, 1)
     assert not robot.touched.any()
     handler.set_states(standing(height_m=0.42).select([0]), [1])

@@ -43,7 +43,7 @@ def handler(name):
 
 
 def random_states(seed: int, count: int = NUM_ENVS):
-    """States with every number drawn: joints, poses, velocities, targets."""
+    """Random states: joints, poses, velocities, targets."""
     rng = np.random.default_rng(seed)
     states = PickCube().initial_state([np.random.default_rng(seed + i) for i in range(count)])
     for entity in states.entities().values():

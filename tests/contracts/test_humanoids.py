@@ -87,7 +87,7 @@ def test_it_stands_alike(mujoco, other):
 
 
 def test_actuators_at_their_limits_push_alike(mujoco, other):
-    """Shoulders and elbows cannot give what is asked, and their damping acts beside what they give."""
+    """Shoulders and elbows saturate, and their damping adds to the saturated force."""
     low, high = np.array([joint.range for joint in TASK.robot.joints]).T
     aim = REST + 0.3 * (low + (high - low) * np.random.default_rng(0).uniform(size=(NUM_ENVS, 19)) - REST)
     targets = np.tile(aim, (5, 1, 1))

@@ -76,7 +76,7 @@ def launch(name, times, *, draw=False):
 
 
 SLOW = {"genesis", "mujoco_warp"}
-"""Simulators whose launches take seconds, and are made only when asked for."""
+"""Simulators whose launches take seconds, made only on demand."""
 
 
 @pytest.fixture(

@@ -90,7 +90,7 @@ def name_of(renderer):
 
 @pytest.fixture(scope="module")
 def job(model):
-    """Makes a job: the robot at rest, the cube at ``cube``, the scene looking as told."""
+    """Makes a job: the robot at rest, the cube at ``cube``, with the given appearance."""
     layout = layout_of(model, SCENARIO)
     data = mujoco.MjData(model)
     cube, goal = layout.objects
@@ -307,7 +307,7 @@ def corners_of_the_table(renderer, images):
 
 
 def test_the_table_turns_and_its_collision_box_is_never_seen(renderer, job):
-    """The box that the cube lies on stays where it is; were it drawn, the corners would stay too."""
+    """The box below the cube stays where it is; were it rendered, the corners would stay too."""
     assert corners_of_the_table(renderer, draw(renderer, job())) == (1.0, 0.0)
     turned = job(dataclasses.replace(BASE, table_yaw_rad=math.pi / 4))
     corners, sides = corners_of_the_table(renderer, draw(renderer, turned))

@@ -132,7 +132,7 @@ def test_the_expert_varies(env, rollouts):
 
 
 def test_reward_rises_towards_success(rollouts):
-    """Less than 0.2 is lost on the way: robosuite pays a nut less while it is lowered onto its peg."""
+    """The reward drops by less than 0.2: robosuite's reward drops while a nut is lowered onto its peg."""
     for rollout in rollouts:
         solved = int(np.argmax(rollout.rewards == 1.0))
         assert rollout.rewards[solved] == 1.0

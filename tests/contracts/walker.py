@@ -58,7 +58,7 @@ SCENARIO = ScenarioCfg(
 
 
 def random_states(seed: int, count: int, height_m: float = 1.0) -> State:
-    """States with every number drawn, the trunk about ``height_m`` above the ground."""
+    """Random states with the trunk about ``height_m`` above the ground."""
     rng = np.random.default_rng(seed)
     rot = rng.normal(size=(count, 4))
     pos = rng.normal(size=(count, 3)) * 0.2 + [0.0, 0.0, height_m]

@@ -1,4 +1,4 @@
-"""Lazy images: drawn once, at the first look, and a plain dict to everybody else."""
+"""Lazy images: rendered once, at the first access; otherwise a plain dict."""
 
 import copy
 import pickle
@@ -13,7 +13,7 @@ IMAGES = {"front": np.zeros((2, 2, 3), np.uint8), "wrist": np.ones((2, 2, 3), np
 
 @pytest.fixture
 def lazy():
-    """Lazy pixels that count how often they are drawn."""
+    """Lazy pixels that count how often they are rendered."""
 
     def draw():
         draw.calls += 1

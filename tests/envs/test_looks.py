@@ -1,4 +1,4 @@
-"""The four levels as they are drawn: visible, reproducible, each channel changing its own."""
+"""Images of the four levels: visible changes, reproducible, each channel changing its own."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The example package, installed as a user installs it: every command knows its task and its robot."""
+"""The example package, installed as a user installs it: every command accepts its task and its robot."""
 
 import json
 import os

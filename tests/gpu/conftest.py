@@ -1,6 +1,6 @@
 """The tests that need a GPU: ``.ci/gpu`` runs them, in about three minutes.
 
-Those marked ``long`` take minutes more and run only when asked for: ``pytest -m 'gpu and long' tests/gpu``.
+Those marked ``long`` take minutes more and run only when selected: ``pytest -m 'gpu and long' tests/gpu``.
 """
 
 import sys

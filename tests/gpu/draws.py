@@ -11,7 +11,7 @@ DRAWS = {
 
 
 class DrawnOnTheCpu(TorchDispatchMode):
-    """Draws every random number by the CPU's generator, and moves it to where it was asked for."""
+    """Samples every random number with the CPU's generator, and moves it to the requested device."""
 
     def __torch_dispatch__(self, func, types, args=(), kwargs=None):
         kwargs = kwargs or {}

@@ -134,7 +134,7 @@ def test_a_run_on_a_gpu_goes_on_where_it_was_stopped(name, compile, tmp_path):
 
 
 def first_updates(config, device):
-    """Returns the mean terms of the first updates: MuJoCo steps, and the CPU draws the random numbers."""
+    """Returns the mean terms of the first updates: MuJoCo steps, and the CPU samples the random numbers."""
     learner = learner_of(config, device)
     with closing(learner.open_env(0)) as env, DrawnOnTheCpu():
         torch.manual_seed(0)

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.gpu
 KINDS = ("rgb", "depth", "segmentation")
 CAMERAS = ("front", "wrist")
 ON_THE_CPU = ("mujoco", *(name for name in RENDERERS if name != "warp"))
-"""What draws beside the GPU's ray tracer; ``mujoco`` is the same ray tracer on the CPU."""
+"""Renderers beside the GPU's ray tracer; ``mujoco`` is the same ray tracer on the CPU."""
 
 PROBE = """
 import envs
@@ -47,7 +47,7 @@ def gpu():
 
 @pytest.fixture(scope="module")
 def looks():
-    """Four different draws of level 3."""
+    """Four different samples of level 3."""
     scenario = PickCube().scenario
     channels = ("environment", "camera", "lighting")
     randomizer = Randomizer(scenario.appearance, scenario.cameras, channels=channels, split="train", seed=0)
@@ -81,7 +81,7 @@ def test_images_are_those_of_the_cpu(gpu, looks):
 
 
 def test_a_graph_draws_what_single_launches_draw(gpu):
-    """All worlds are drawn by a graph, some of them without one; and a graph draws what is new."""
+    """A graph renders all worlds, and subsets run without one; a graph renders new states."""
     for seed in (0, 50):
         gpu.set_states(starts(seed=seed))
         for env_id in range(NUM_ENVS):

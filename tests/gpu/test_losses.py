@@ -25,7 +25,7 @@ NAMES = policies.names("dataset")
 BATCH, BATCHES, SIZE = 64, 6, 128
 DATA = SquareFrames()
 EXACT = {"act": {"use_vae": False}, "diffusion": {}}
-"""Without the draws that depend on how a network is divided into kernels; dropout is off in the examples."""
+"""Without the samples that depend on how a network is split into kernels; dropout is off in the examples."""
 
 
 def frames(policy, seed):

@@ -123,7 +123,7 @@ def test_a_lost_world_is_counted_alone(gpu):
 
 
 def test_deterministic_physics_repeats_itself_to_rounding():
-    """With contacts mujoco_warp 4.0 does not repeat itself to the bit, whatever it is asked for."""
+    """With contacts mujoco_warp 4.0 is never bit-identical between runs, whatever its settings."""
     with launched(64, deterministic=True) as handler:
         ends = []
         for _ in range(2):

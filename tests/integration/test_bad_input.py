@@ -197,7 +197,7 @@ def test_a_broken_training_state_is_named_and_the_checkpoint_is_kept(
     (state,) = runs.rglob("training_state/state.safetensors")
     state.write_bytes(state.read_bytes()[:1000])
     words = [f"runs_dir={runs}", f"results_dir={tmp_path / 'results'}", "train.steps=14"]
-    # The same run asked for more steps goes on from its last checkpoint, which is damaged.
+    # The same run with more steps resumes from its last checkpoint, which is damaged.
     run = next((runs / "PickCube/act").iterdir())
     said = error(["train", *TINY, f"run={run}", *words])
     assert "training_state' cannot be read" in said and "begin a new run" in said

@@ -1,4 +1,4 @@
-"""Disks that fill up in each stage: one message, exit code 2, nothing half-written, and on it goes."""
+"""Disks that fill up in each stage: one message, exit code 2, nothing half-written, and it resumes."""
 
 import json
 import os

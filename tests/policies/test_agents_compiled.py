@@ -1,4 +1,4 @@
-"""What agents learn with is one graph each, and compiled it comes to what it came to before."""
+"""Updates of agents compile into one graph each, with the results of eager code."""
 
 from dataclasses import replace
 
@@ -89,7 +89,7 @@ def test_planning_of_tdmpc2_in_any_number_of_environments(num_envs):
     policy.model.random_pair = lambda: torch.tensor([1, 0])
     found = []
     for agent in agents:
-        agent._normal = torch.zeros  # drawn alike, compiled or not
+        agent._normal = torch.zeros  # the same samples, compiled or not
         torch.manual_seed(1)
         found.append(agent.act(torch.ones(num_envs, 5), torch.ones(num_envs, dtype=torch.bool)))
     torch.testing.assert_close(found[0], found[1], rtol=1e-4, atol=1e-4)

@@ -59,7 +59,7 @@ def test_diffusion_policy_trains_with_it_and_is_saved_without(tmp_path):
     policy = make("diffusion")
     before = {name: value.clone() for name, value in policy.state_dict().items()}
     policy.begin_training()
-    policy.begin_training()  # as a run that goes on
+    policy.begin_training()  # as a resumed run
     norms = [m for m in policy.model.modules() if isinstance(m, ChannelsLastGroupNorm)]
     assert len(norms) == 20, "of a ResNet18"
     after = policy.state_dict()

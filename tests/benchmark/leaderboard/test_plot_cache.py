@@ -1,4 +1,4 @@
-"""An image is drawn when it would show something else than the one that is there."""
+"""A plot is rendered only if its content differs from the existing image's."""
 
 import pytest
 
@@ -11,7 +11,7 @@ ROWS = [{"label": "act", "cells": [CELL]}]
 
 
 class Drawing:
-    """Draws into one file and tells whether it had to."""
+    """Plots into one file and returns whether it had to."""
 
     def __init__(self, path):
         self.path, self.calls = path, 0

@@ -1,4 +1,4 @@
-"""What tells the rows of one section apart, and how it is said."""
+"""Labels that distinguish the rows of one section."""
 
 import pytest
 
@@ -61,7 +61,7 @@ def test_a_setting_that_is_younger_than_a_run_had_its_default(publish, tmp_path)
 
 
 def test_what_decides_nothing_tells_no_rows_apart(publish, tmp_path):
-    """Nor does a setting that an older run does not tell of: it may have had it."""
+    """Nor does a setting that an older run did not record: it may have had it."""
     publish(run="first", config=settings_of(save_every=5, num_threads=1))
     publish(run="again", config=settings_of(save_every=7, num_threads=2), created="2026-04-01T00:00:00Z")
     publish(run="other", seed=1, config=settings_of(log_every=3, compile=True))

@@ -10,7 +10,7 @@ REWARD = 1.0
 
 
 class Chain:
-    """A goes to B and B to A; leaving A pays 1.
+    """A leads to B and B to A; the reward of leaving A is 1.
 
     Episodes begin at A. They are cut off after ``max_episode_steps``; if ``terminates``, they end for good
     there instead. Cut off or not, the value of A is 1 / (1 - γ²) and of B γ / (1 - γ²).
@@ -54,6 +54,6 @@ class Chain:
 
 
 def value_of(observation: Tensor, gamma: float = GAMMA) -> Tensor:
-    """The value of a chain that goes on for ever, (…, 1)."""
+    """The value of an infinite chain, (…, 1)."""
     both = torch.tensor([1.0, gamma]) / (1 - gamma**2)
     return (observation * both).sum(-1, keepdim=True)

@@ -15,7 +15,7 @@ from tests.envs.adapters.chain import GAMMA, Chain, value_of
 
 
 def estimated(env: Chain, lam: float, steps: int = 6) -> tuple[torch.Tensor, np.ndarray, np.ndarray]:
-    """Observations, returns and advantages of a rollout with a critic that knows the values."""
+    """Observations, returns and advantages of a rollout with an exact critic."""
     model = PPO(
         "MlpPolicy", Sb3VecEnv(env), n_steps=steps, batch_size=4, gamma=GAMMA, gae_lambda=lam, device="cpu",
         policy_kwargs={"net_arch": []},

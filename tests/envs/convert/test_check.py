@@ -36,7 +36,7 @@ def test_what_cannot_be_converted_fails_with_its_reason():
 
 
 class Shifted(MujocoReader):
-    """Reads a robot wrongly: one link lies elsewhere, and weighs more."""
+    """Reads a robot wrongly: one link is displaced and heavier."""
 
     def poses(self, joints):
         poses = super().poses(joints)

@@ -92,7 +92,7 @@ def test_visual_meshes_keep_textures_and_collision_meshes_are_convex(hard_robot)
     assert "Kd 1 0.5 1" in mtl
     (hull,) = body.findall("collision")
     stone = (path.parent / hull.find("geometry/mesh").get("filename")).read_text()
-    assert sum(line.startswith("v ") for line in stone.splitlines()) == 4  # the fifth lies inside
+    assert sum(line.startswith("v ") for line in stone.splitlines()) == 4  # the fifth is inside
     assert len(links["finger"].findall("collision")) == 3  # a capsule: a cylinder and two spheres
 
 

@@ -1,4 +1,4 @@
-"""Many paths at once: where the end effectors go, and that it is where the single follower goes."""
+"""Batched inverse kinematics of paths: it reaches them, and equals the single follower."""
 
 import numpy as np
 import pytest

@@ -60,7 +60,7 @@ def compiled(arm, max_faces=600):
 
 
 def visual_points(model, body):
-    """Every vertex that is drawn of a body, in the body's frame, and the number of triangles."""
+    """Every visible vertex of a body, in the body's frame, and the number of triangles."""
     points, faces = [], 0
     for geom in range(model.ngeom):
         mesh = model.geom_dataid[geom]
@@ -89,7 +89,7 @@ def test_poses_and_scales_of_the_parts_are_kept(arm):
     points, faces = visual_points(compiled(arm), 1)
     np.testing.assert_allclose(points.min(0), (-0.4, -0.1, -0.1), atol=2e-3)
     np.testing.assert_allclose(points.max(0), (0.4, 0.4, 0.1), atol=2e-3)
-    assert faces <= 600 + 5120  # what was asked for, and the printed label
+    assert faces <= 600 + 5120  # the limit, and the printed label
 
 
 def test_a_printed_part_and_collision_geometry_stay_as_they_were(arm):
@@ -157,7 +157,7 @@ def test_a_broken_cache_file_is_made_again(arm, cache, caplog, content):
 
 @pytest.mark.slow
 def test_the_arms_links_keep_their_bounds_within_two_millimetres(cache):
-    """What is drawn of each link, before and after: the same box, a small part of the triangles."""
+    """Simplified visuals of each link have the same bounds, and a small part of the triangles."""
     scenario = PickCube().scenario
     full, simple = (build_model(scenario, simplify=simplify) for simplify in (False, True))
     before = after = 0

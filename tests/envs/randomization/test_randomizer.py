@@ -36,7 +36,7 @@ def make(channels, split="train", seed=0, **kwargs):
 
 @pytest.fixture(scope="module")
 def pool():
-    """All draws of all channels, the furniture of a room among them, for the whole pool, by split."""
+    """All samples of all channels, with the furniture of a room, for the whole pool, by split."""
     draws = {}
     for split in ("train", "test"):
         randomizer = make(CHANNELS, split, scenario=TASKS.get("PickCube")().scenario)
@@ -81,7 +81,7 @@ def test_no_test_draw_equals_a_train_draw(pool, path):
 
 @pytest.mark.slow
 def test_no_piece_stands_in_a_test_episode_as_in_a_train_episode(pool):
-    """Piece by piece: neither a piece nor how one stands is in both splits."""
+    """Piece by piece: neither a piece nor a pose is in both splits."""
     placements = {
         split: [item for draw in draws for item in draw["environment"]["furniture"]]
         for split, draws in pool.items()
@@ -109,7 +109,7 @@ def test_splits_share_no_initial_state(task):
         flat = TASKS.get(task)().initial_state(rngs).flatten()
         numbers = np.concatenate([value.flatten(1).numpy() for value in flat.values()], axis=1)
         rows[split] = {row.tobytes() for row in numbers}
-    assert (len(rows["train"]), len(rows["test"])) == (9000, 1000), "every state is drawn once"
+    assert (len(rows["train"]), len(rows["test"])) == (9000, 1000), "every state is sampled once"
     assert not rows["train"] & rows["test"]
 
 

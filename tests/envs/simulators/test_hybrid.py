@@ -1,4 +1,4 @@
-"""Physics of one simulator, images of another: which pair a name means, and what is drawn."""
+"""Physics of one simulator, images of another: resolution of names, and rendering."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Simulators of compiled models, by one whose worlds do what they are told and nothing else."""
+"""Simulators of compiled models, tested with a fake world that records its calls."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ NUM_ENVS = 3
 
 
 class Ledger(World):
-    """Writes down what it is told; a step moves the first number of the state by a millimetre."""
+    """Records its calls; a step moves the first number of the state by a millimetre."""
 
     def __init__(self):
         self.calls = []

@@ -40,7 +40,7 @@ def test_initial_states_fill_the_ranges_of_the_demonstrations():
 
 
 def test_an_orientation_of_the_recorded_demonstrations():
-    """The first of RoboVerse's demonstrations stands at a yaw of 2 atan(0.01246 / 0.70700)."""
+    """The first of RoboVerse's demonstrations has a yaw of 2 atan(0.01246 / 0.70700)."""
     recorded = torch.tensor([[0.706997, 0.0124625, -0.706997, 0.0124625]], dtype=torch.float64)
     up = rotate(recorded, torch.tensor([[1.0, 0.0, 0.0]], dtype=torch.float64))
     torch.testing.assert_close(up, torch.tensor([[0.0, 0.0, 1.0]], dtype=torch.float64), atol=1e-5, rtol=0)
@@ -113,7 +113,7 @@ def test_the_open_lid_lies_beyond_the_vertical():
 
 
 def test_reward_by_hand():
-    """A lid half way shut pays 0.75 / 2, and 0.2 for a hand that is where it pushes."""
+    """The reward of a half-closed lid is 0.75 / 2, plus 0.2 for a hand at the pushing point."""
     task, state = CloseBox(), states()
     state.objects["box_base"] = upright_box((OPEN_RAD + CLOSED_RAD) / 2)
     robot = state.robots["franka"]

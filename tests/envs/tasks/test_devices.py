@@ -37,7 +37,7 @@ def test_arrays_are_judged_as_tensors_are_and_a_row_as_its_batch(name, states):
     task, state = states(name)
     for function in (task.success, task.failure, task.reward, task.observe):
         if function.__func__ is Task.failure:
-            continue  # never asked
+            continue  # never evaluated
         found = function(state.arrays())
         assert isinstance(found, np.ndarray)
         np.testing.assert_allclose(found, function(state), rtol=1e-14)

@@ -75,7 +75,7 @@ def test_every_lamp_of_the_array_shines(shape: list[int]) -> None:
         stage = Stage(build_model(env.scenario), env.scenario)
         stage.dress(look)
         assert stage.model.light_active.sum() == len(look.lights)
-        assert env.observe()["observation.images.front"].std() > 1  # it is drawn, too
+        assert env.observe()["observation.images.front"].std() > 1  # it is rendered, too
 
 
 def test_the_same_draws_light_the_scene_whatever_the_shape_of_the_array() -> None:

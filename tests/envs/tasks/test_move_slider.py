@@ -151,7 +151,7 @@ def test_the_way_to_the_handle_ends_at_its_bar(slide):
 
 
 def test_reward_by_hand():
-    """A hand at the handle pays 0.2, half of 15 cm pays 0.375."""
+    """The reward of a hand at the handle is 0.2, that of half of 15 cm 0.375."""
     task, state = MoveSliderLeft(), states()
     robot = state.robots["franka"]
     robot.ee_pos = torch.zeros((1, 3), dtype=torch.float64)
@@ -211,7 +211,7 @@ def test_objects_of_a_file_become_files_that_are_made_once(tmp_path, monkeypatch
 
 @pytest.mark.slow
 def test_calvins_meshes_have_the_dimensions_of_the_boxes(calvin_dir):
-    """Bounds of everything that is drawn, and of every moving part, within a centimetre."""
+    """Bounds of everything visible, and of every moving part, agree within a centimetre."""
     boxes, meshes = MoveSliderLeft(), MoveSliderLeft(calvin_dir=calvin_dir)
     first, second = (bounds(build_model(task.scenario)) for task in (boxes, meshes))
     assert first.keys() == second.keys()

@@ -119,7 +119,7 @@ def test_a_wrong_variant_is_named(task):
 
 
 def test_reward_by_hand():
-    """robosuite's stages: reach 0.1, grasp 0.35, lift to 0.5, hover to 0.7; a nut on its peg pays 1."""
+    """robosuite's staged rewards: reach 0.1, grasp 0.35, lift to 0.5, hover to 0.7, nut on its peg 1."""
     state = assembled(SQUARE, dx=-0.3, reach=0.1)
     state.objects["square_nut"].rot = torch.from_numpy(from_yaw(np.zeros(1)))
     reach = 0.1 * (1 - np.tanh(10 * np.hypot(0.1, 0.054)))

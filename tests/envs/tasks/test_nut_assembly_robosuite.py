@@ -1,4 +1,4 @@
-"""NutAssembly against robosuite's own environment: success, reward, draws and geometry."""
+"""NutAssembly against robosuite's own environment: success, reward, initial states and geometry."""
 
 import importlib
 import warnings

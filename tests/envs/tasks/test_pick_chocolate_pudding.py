@@ -135,7 +135,7 @@ def test_the_hands_outline_by_hand():
 
 @pytest.mark.slow
 def test_the_expert_picks_up_a_pudding_that_stands_on_its_side():
-    """It fell on its long edge and lies askew: the fingers then close on its thickness."""
+    """It fell on its long edge and is tilted: the fingers then close on its thickness."""
     task = PickChocolatePudding()
     with MujocoHandler(task.scenario, 1) as handler:
         handler.launch()

@@ -56,7 +56,7 @@ def test_reward_by_hand():
     state.objects["goal"].pos[:] = cube.pos + torch.tensor([0.0, 0.0, 0.3])
     expected = 0.2 * (1 - np.tanh(0.5))
     assert PickCube().reward(state).item() == pytest.approx(expected)
-    # Closed fingers that the cube keeps apart: the grasp pays 1, and nearness to the goal on top.
+    # The cube keeps closed fingers apart: the grasp's reward is 1, plus that of nearness to the goal.
     robot.ee_pos = cube.pos.clone()
     robot.joint_pos[:, 7:] = 0.019
     robot.joint_target[:, 7:] = 0.0

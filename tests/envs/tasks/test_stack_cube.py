@@ -42,7 +42,7 @@ def test_initial_states_fill_maniskills_ranges():
         assert a[:, axis].abs().max() <= most
         assert b[:, axis].abs().max() <= most
         assert a[:, axis].abs().max() > 0.9 * most
-    # A sum of two uniform draws: variances add.
+    # A sum of two uniform samples: variances add.
     assert a[:, 0].std().item() == pytest.approx(np.sqrt((0.1**2 + 0.1**2) / 3), rel=0.05)
     assert a[:, 1].std().item() == pytest.approx(np.sqrt((0.1**2 + 0.2**2) / 3), rel=0.05)
     assert (a[:, 2] == 0.02).all()

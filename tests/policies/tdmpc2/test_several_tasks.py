@@ -1,4 +1,4 @@
-"""One TD-MPC2 of several tasks: it acts in each as if there were no padding, and knows them when loaded."""
+"""One TD-MPC2 of several tasks: padding does not change its actions, and a loaded policy has its tasks."""
 
 from dataclasses import replace
 

@@ -238,7 +238,7 @@ class TestRunning:
 
 @pytest.fixture
 def fake_program(tmp_path, monkeypatch):
-    """Real processes, of a program that stands in for ours and fails for seed=1."""
+    """Real processes, of a fake program that fails for seed=1."""
     (tmp_path / "fake.py").write_text(
         "import sys\nprint('working')\nwords = sys.argv[1:]\n"
         "sys.exit('error: no luck') if 'seed=1' in words else print('fine')\n"

@@ -1,4 +1,4 @@
-"""Tasks that are learned by reward alone, where demonstrations are asked for."""
+"""Tasks without an expert, where demonstrations are requested."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A file or a material that a changed scene names and that is not there, told before anything is written."""
+"""A missing file or material of a changed scene is reported before anything is written."""
 
 from pathlib import Path
 

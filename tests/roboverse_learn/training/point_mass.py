@@ -75,7 +75,7 @@ class PointMass:
 
 
 class Mirrored(PointMass):
-    """A point mass that goes the other way when it is pushed; a second push does nothing, time is seen."""
+    """A point mass that moves against its push; a second push does nothing, time is observed."""
 
     observation_size, action_size = 3, 2
 

@@ -44,7 +44,7 @@ def forked(work, *arguments) -> int:
 def launch(folder: str, signal_at: int | None = None) -> list[int]:
     """Trains in two processes with the environment that ``accelerate launch`` gives; returns exit codes.
 
-    At the step ``signal_at`` the first of them alone is asked to end.
+    At the step ``signal_at`` only the first of them gets the signal.
     """
     from tests.roboverse_learn.training.signals import SignalAt
     from tests.roboverse_learn.training.test_distributed import run

@@ -1,4 +1,4 @@
-"""A run that is asked to end while it trains."""
+"""A run that gets a signal while it trains."""
 
 import signal
 

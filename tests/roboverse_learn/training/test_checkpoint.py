@@ -1,4 +1,4 @@
-"""Checkpoints: what is saved comes back, all of it or nothing, whenever the process is killed."""
+"""Checkpoints: loading restores all that was saved or nothing, whenever the process is killed."""
 
 import os
 import shutil

@@ -100,7 +100,7 @@ def ends():
 def test_a_joint_moves_as_mujocos(ends, name):
     model, data, qpos, qvel = ends
     joint = model.joint(name)
-    # Between the two joints of one body stands a slight mass.
+    # Between the two joints of one body is a small mass.
     atol = 2e-3 if name in ("x", "yaw") else 2e-5
     np.testing.assert_allclose(qpos[joint.qposadr], data.joint(name).qpos, atol=atol)
     np.testing.assert_allclose(qvel[joint.dofadr], data.joint(name).qvel, atol=20 * atol)
@@ -109,7 +109,7 @@ def test_a_joint_moves_as_mujocos(ends, name):
 
 @pytest.mark.parametrize(("name", "half_steps"), [("trunk", 0.0), ("ghost", 0.0), ("club", 1.0)])
 def test_what_flies_moves_as_mujocos(ends, name, half_steps):
-    """A lone body whose centre is not its origin goes by the midpoint rule: it falls half a step less."""
+    """A lone body whose centre is not its origin falls half a step less, by the midpoint rule."""
     model, data, qpos, qvel = ends
     first, dof = int(model.joint(name).qposadr[0]), int(model.joint(name).dofadr[0])
     expected = data.joint(name).qpos.copy()

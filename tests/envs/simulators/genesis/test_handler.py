@@ -26,17 +26,17 @@ pytestmark = pytest.mark.slow
 
 
 def test_the_arm_moves_as_in_mujoco():
-    """The same model, told another way: 1e-4 rad all along a half-second reach, forces at their limits."""
+    """The translated model agrees within 1e-4 rad along a half-second reach, with forces at their limits."""
     assert (reach("mujoco") - reach("genesis")).abs().max() < 1e-4
 
 
 def test_an_environment_that_waits_forgets_nothing():
-    """Environments of a batch step together, and one that is not asked for goes on as if it had not."""
+    """Environments of a batch step together, and those not selected keep their state."""
     task, ends = PickCube(), []
     with launched("genesis", task.scenario, 3) as handler:
         for waits in (False, True):
             handler.set_states(start(task, 3))
-            handler.step(20)  # the cube lies on the table
+            handler.step(20)  # the cube rests on the table
             if waits:
                 handler.step(15, [0, 2])
             handler.step(20, [1])

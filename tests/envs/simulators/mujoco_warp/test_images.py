@@ -22,7 +22,7 @@ EVERY_CHANNEL = ("environment", "camera", "lighting")
 
 @pytest.fixture(scope="module")
 def looks():
-    """Four different draws of level 3."""
+    """Four different samples of level 3."""
     scenario = PickCube().scenario
     randomizer = Randomizer(
         scenario.appearance, scenario.cameras, channels=EVERY_CHANNEL, split="train", seed=0

@@ -11,7 +11,7 @@ from tests.envs.simulators.reaching import assert_friction_holds_the_lid, assert
 
 
 def test_the_arm_moves_as_in_mujoco():
-    """The same model, told another way: 1e-4 rad all along a half-second reach."""
+    """The translated model agrees within 1e-4 rad along a half-second reach."""
     ways = [reach("mujoco"), reach("newton")]
     assert (ways[0] - ways[1]).abs().max() < 1e-4
 

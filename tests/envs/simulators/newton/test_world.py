@@ -94,7 +94,7 @@ def test_a_slide_and_a_chain_of_two_joints_of_one_body():
     )
     bench.qvel[:] = [0.4, 2.0]
     bench.run(50)
-    # Between the two joints stands a slight mass.
+    # Between the two joints is a small mass.
     bench.check(2e-3)
     np.testing.assert_allclose(bench.qpos, [0.04, 0.2], atol=2e-3)
 

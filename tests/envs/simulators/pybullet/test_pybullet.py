@@ -1,4 +1,4 @@
-"""What is Bullet's own: its drives, what stands for MuJoCo's joints, its one light."""
+"""Bullet's own parts: its drives, its form of MuJoCo's joints, its one light."""
 
 import dataclasses
 
@@ -254,7 +254,7 @@ def test_a_box_off_its_centre_of_mass_keeps_its_pose_and_turns_about_the_centre(
         states.objects["high"].ang_vel[:] = torch.tensor([0.0, 0.0, np.pi])
         states.objects["high"].lin_vel[:] = torch.tensor([0.0, -0.1 * np.pi, 0.0])
         handler.set_states(states)
-        handler.step(200)  # half a turn about the centre of mass, which stands still
+        handler.step(200)  # half a turn about the centre of mass, which stays at rest
         after = handler.get_states().objects["high"]
     np.testing.assert_allclose(after.pos[0], [2.2, 0.0, 3.0], atol=2e-3)
     np.testing.assert_allclose(after.rot[0].abs(), [0.0, 0.0, 0.0, 1.0], atol=5e-3)

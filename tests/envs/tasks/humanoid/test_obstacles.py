@@ -198,7 +198,7 @@ def test_falls_end_the_tasks_that_say_so(postures):
 
 
 def test_a_maze_is_walked_from_checkpoint_to_checkpoint():
-    """Each control step: the marker moves on, the robot arrives, and is paid."""
+    """Each control step the marker moves on, the robot arrives, and gets the reward."""
     task, bonuses, seen = task_of("maze"), [], []
     with started(task) as handler:
         hold = task.controller.hold(handler.get_states())

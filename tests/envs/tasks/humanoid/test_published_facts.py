@@ -75,7 +75,7 @@ def test_noise_is_a_hundredth_and_on_every_number(task):
 
 @pytest.mark.slow
 def test_a_fall_fits_into_the_buffers_of_mujoco_warp(task):
-    """A second of the largest random actions, until the robot lies on the ground, with room for half more."""
+    """A second of the largest random actions, until the robot has fallen, with room for half more."""
     scenario, rng = task.scenario, np.random.default_rng(0)
     model, given = build_model(scenario), WarpSettings.of(scenario)
     data, robot, contacts, rows = mujoco.MjData(model), task.robot, [], []

@@ -228,7 +228,7 @@ def test_where_fewer_will_do_one_success_is_hope_enough(tmp_path, committed):
     assert schedule.num_failures == len(fails)
 
 
-def test_the_last_candidates_are_tried_before_too_few_are_told(tmp_path):
+def test_too_few_successes_is_raised_after_the_last_candidate(tmp_path):
     schedule = Schedule(Writer(tmp_path), range(3), 3, {})
     there_is = rf"num_demos=1 dataset={tmp_path} takes those that there are\.$"
     with pytest.raises(TooFewSuccessesError, match=rf"The 3 .* gave 1 successes; 3 are needed\. {there_is}"):
@@ -237,7 +237,7 @@ def test_the_last_candidates_are_tried_before_too_few_are_told(tmp_path):
 
 
 def test_too_few_successes_wait_for_those_in_flight(tmp_path):
-    """The error comes when the last candidate has failed, not while one may still succeed."""
+    """The error is raised when the last candidate has failed, not while one may still succeed."""
     schedule = Schedule(SimpleNamespace(root=tmp_path, episode_keys=frozenset()), [1, 2], 2, {})
     assert [schedule.next_index(), schedule.next_index()] == [1, 2]
     schedule.resolve(1, None)

@@ -1,4 +1,4 @@
-"""Damaged and foreign folders, told apart; what a dataset says of itself; copies for publishing."""
+"""Damaged and foreign folders; a dataset's metadata; copies for publishing."""
 
 import json
 import shutil

@@ -18,7 +18,7 @@ TOLERANCE = 6  # 8-bit limited-range YUV and a quantizer of 20
 
 
 def numbered(length, height=16, width=32):
-    """Frames that tell their number: the grey level, and where a bright column is."""
+    """Frames that encode their number: by grey level, and by the place of a bright column."""
     images = np.empty((length, height, width, 3), np.uint8)
     for index, image in enumerate(images):
         image[:] = 16 + 9 * (index % 17)

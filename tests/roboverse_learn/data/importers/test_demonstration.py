@@ -31,7 +31,7 @@ def test_velocities_are_backward_differences_and_none_before_a_jump():
 
 
 def test_angular_velocities_are_in_the_turning_frame_and_take_the_short_way():
-    # A body that lies on its side (its z axis is the world's x) turns by 0.1 rad about the world's x.
+    # A body on its side (its z axis is the world's x) turns by 0.1 rad about the world's x.
     lying = np.array([math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0])
     about_x = np.array([math.cos(0.05), math.sin(0.05), 0.0, 0.0])
     rotations = np.stack([lying, -multiply(about_x, lying)])
@@ -54,7 +54,7 @@ def test_servo_targets_are_followed_by_a_first_order_lag():
 
 
 def test_a_base_is_put_on_ours_by_turning_about_z_alone():
-    # Their base stands at (1, 2), turned by 90 degrees and tipped by a little; the table is at 0.8 m.
+    # Their base is at (1, 2), turned by 90 degrees and slightly tilted; the table is at 0.8 m.
     tipped = multiply(from_yaw(np.pi / 2), np.array([math.cos(0.002), 0.0, math.sin(0.002), 0.0]))
     placed = place_base(np.array([1.0, 2.0, 0.8]), tipped, ROBOT, height_m=0.8)
     np.testing.assert_allclose(placed.pos(np.array([1.0, 2.0, 0.8])), ROBOT.pos, atol=1e-12)

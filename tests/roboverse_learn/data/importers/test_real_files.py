@@ -107,7 +107,7 @@ def test_a_sawyer_closes_the_box_with_our_arm():
     [
         ("nut-assembly", "NutAssembly", {}, True),
         ("stack", "StackCube", {}, True),
-        # The cube is lifted by 85 mm; robosuite asks for 40 mm, our task for 100 mm.
+        # The cube is lifted by 85 mm; robosuite requires 40 mm, our task 100 mm.
         ("lift", "PickCube", {"variant": "lift"}, False),
     ],
 )

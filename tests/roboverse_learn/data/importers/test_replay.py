@@ -42,7 +42,7 @@ def test_replay_is_recorded_like_an_episode_of_the_expert(pick_env, demonstratio
         assert outcome.observation_state.shape == (steps, 9) and outcome.rewards.shape == (steps,)
         assert {len(values) for values in outcome.raw.values()} == {steps + 1}
         assert outcome.rewards[-1 - TAIL_STEPS] == 1.0 and outcome.rewards[: -1 - TAIL_STEPS].max() < 1.0
-        # The recording of our own simulator comes out of both: exactly, or as exactly as float32 says.
+        # Both reproduce the recording of our own simulator: exactly, or to the precision of float32.
         for key in ("robots/franka/joint_pos", "objects/cube/pos", "objects/goal/pos"):
             np.testing.assert_allclose(
                 outcome.raw[key], original.raw[key][: steps + 1], atol=2e-3, err_msg=key
@@ -50,7 +50,7 @@ def test_replay_is_recorded_like_an_episode_of_the_expert(pick_env, demonstratio
 
 
 def test_replay_by_states_runs_no_physics(pick_env, demonstrations, looks):
-    """The cube hangs in the air, and stays there: no physics is asked."""
+    """The cube hangs in the air, and stays there: no physics runs."""
     states = demonstrations[0].states.select(np.arange(12))
     states.objects["cube"].pos[:] = states.objects["goal"].pos + 0.1
     hanging = dataclasses.replace(demonstrations[0], states=states, targets=demonstrations[0].targets[:11])

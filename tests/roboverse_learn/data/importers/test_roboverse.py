@@ -21,7 +21,7 @@ SAWYER_START = {
 
 
 def written(path, content):
-    """Writes a file in the format that its name tells."""
+    """Writes a file in the format of its suffix."""
     data = json.dumps(content).encode() if ".json" in path.name else pickle.dumps(content, 4)
     path.write_bytes(gzip.compress(data) if path.name.endswith(".gz") else data)
     return path
@@ -56,7 +56,7 @@ def test_arrays_in_place_of_lists_are_read_too(tmp_path, content):
 
 
 def test_the_scene_moves_with_the_robots_base(tmp_path, content):
-    """In the file the robot stands elsewhere and is turned; seen from its base nothing has changed."""
+    """In the file the robot's base has another pose; relative to the base nothing has changed."""
     plain = RoboVerseFile(written(tmp_path / "a.json", content), TASK).read("franka_0").states.objects["cube"]
     turn = from_yaw(0.3)
     for frame in [content["franka"][0]["init_state"], *content["franka"][0]["states"]]:

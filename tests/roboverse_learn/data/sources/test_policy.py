@@ -32,7 +32,7 @@ def checkpoint(tmp_path):
 
 @pytest.fixture
 def easy(monkeypatch):
-    """PickCube is solved where the cube lies in front, and its episodes end after six steps."""
+    """PickCube is solved where the cube is in front, and its episodes end after six steps."""
     monkeypatch.setattr(PickCube, "max_episode_steps", 6)
     monkeypatch.setattr(PickCube, "success", lambda _, state: state.objects["cube"].pos[:, 0] > 0.0)
 

@@ -1,4 +1,4 @@
-"""The env of what learns by reward, and what is missing for it: told before the run has a folder."""
+"""The env of reinforcement learning; what it lacks is reported before the run has a folder."""
 
 import importlib.util
 import sys

@@ -1,4 +1,4 @@
-"""The learner of FastTD3: it learns, is repeatable, and goes on where it was killed."""
+"""The learner of FastTD3: it learns, is repeatable, and resumes after it is killed."""
 
 import json
 from dataclasses import replace

@@ -47,7 +47,7 @@ def test_training_shows_what_an_evaluation_shows_after_a_reset_too(simulator):
     env = spec(simulator).make_torch(2, observation="pixels", bank_size=1, num_threads=1)
     expected = evaluated(simulator, 0)
     lengths = [len(each) for each in expected]
-    assert 10 < lengths[0] < lengths[1] < 100, "one begins anew while the other goes on"
+    assert 10 < lengths[0] < lengths[1] < 100, "one restarts while the other continues"
     obs, actions, done = env.reset(), torch.tensor(PUSHES)[:, None], torch.zeros(2, dtype=torch.int64)
     for _ in range(2 * lengths[1]):
         for i in range(2):

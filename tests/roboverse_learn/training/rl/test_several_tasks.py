@@ -116,7 +116,7 @@ def test_random_actions_are_zero_where_a_task_has_none_and_sequences_know_their_
 
 @pytest.mark.slow
 def test_entries_that_a_task_lacks_have_no_influence_on_what_is_learned(tmp_path):
-    """What the environments are told of them is noise here, and nothing changes."""
+    """Padding entries of actions are noise here, and nothing changes."""
 
     class Deaf(PointMass):
         action_size = 2
@@ -200,7 +200,7 @@ def test_an_evaluation_is_of_every_task_or_of_the_one_that_is_named(trained, tmp
     assert [(each.env.task, each.run) for each in both] == [(FIRST, run.name), (SECOND, run.name)]
     (one,) = checkpoints_to_test(compose("evaluate", [f"checkpoint={run}", f"task={SECOND}", *words]))
     assert (one.env.task, one.run, one.training.tasks) == (SECOND, run.name, (FIRST, SECOND))
-    alone = tmp_path / "model"  # of nobody's run: the checkpoint itself knows its tasks
+    alone = tmp_path / "model"  # outside a run: the checkpoint itself has its tasks
     (run / "checkpoints/last/pretrained_model").resolve().rename(alone)
     try:
         found = checkpoints_to_test(compose("evaluate", [f"checkpoint={alone}", *words]))

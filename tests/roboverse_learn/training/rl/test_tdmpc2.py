@@ -1,4 +1,4 @@
-"""The learner of TD-MPC2: it learns, goes on where it was killed, and stops when it diverges."""
+"""The learner of TD-MPC2: it learns, resumes after it is killed, and stops when it diverges."""
 
 import json
 from dataclasses import replace
@@ -60,7 +60,7 @@ def test_it_learns(tmp_path):
 
 
 def test_a_small_preset_plans_as_exactly_as_it_explores():
-    """Of a step that pays 1 - (action - 0.3)², the best action is 0.3."""
+    """With the reward 1 - (action - 0.3)², the best action is 0.3."""
     config = compose("train", ["policy=tdmpc2", "preset=quick"]).policy
     best, envs = 0.3, 200
 
@@ -151,7 +151,7 @@ def test_without_its_replay_a_run_fills_it_anew(tmp_path):
 
 
 class Clock(Reporter):
-    """A second passes whenever it hears of the run."""
+    """A second passes at every call of the reporter."""
 
     def __init__(self, monkeypatch):
         self.now, self.steps = 0.0, []

@@ -130,7 +130,7 @@ def test_equal_seeds_begin_with_equal_networks(backend):
 
 
 def estimates(backend: str, env: Chain, lam: float) -> torch.Tensor:
-    """Returns (T, N) that a backend estimates with a critic that knows the values."""
+    """Returns (T, N) that a backend estimates with an exact critic."""
     config = config_of(backend, num_envs=4, num_steps=6, num_minibatches=1, gamma=GAMMA, lam=lam)
     torch.manual_seed(0)
     policy = PpoPolicy(config, {OBSERVATION: 2}, 1)

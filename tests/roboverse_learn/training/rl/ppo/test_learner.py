@@ -1,4 +1,4 @@
-"""What the learner of PPO refuses, and what it is told."""
+"""Arguments that PPO's learner refuses and accepts."""
 
 import importlib.util
 
