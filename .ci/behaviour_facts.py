@@ -1,4 +1,4 @@
-"""What ``.ci/same_behaviour`` compares: facts, that is names and values, of the files that a command left.
+"""Facts that ``.ci/same_behaviour`` compares: names and values in the files that a command left.
 
 Numbers stay as they are; everything long becomes a digest. Left out is what a command says of itself.
 """
@@ -84,7 +84,7 @@ def of_leaderboard(path: Path) -> Facts:
 
 
 def of_replay(path: Path) -> Facts:
-    """Yields what came of replays."""
+    """Yields the outcomes of replays."""
     for way, came_to in json.loads(path.read_text())["replays"].items():
         yield from ((f"{way} {key}", digest(value)) for key, value in came_to.items())
 

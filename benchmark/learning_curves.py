@@ -148,7 +148,7 @@ def _iqm_with_interval(values: np.ndarray) -> tuple[list[float] | None, list[flo
 
 
 def published(task: str) -> list[dict[str, Any]]:
-    """Returns what others published of learning a task by reward: method, steps, return, source."""
+    """Returns published reinforcement learning results of a task: method, steps, return, source."""
     return _reference("rows", task)
 
 

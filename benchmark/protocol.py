@@ -1,4 +1,4 @@
-"""What is evaluated: which cells, how many episodes of each, from which seed.
+"""Evaluation protocol: cells, episodes of each, seed.
 
 A protocol is frozen and versioned. Two results are of one protocol when their hashes agree.
 """
@@ -51,7 +51,7 @@ class Cell:
 
     @property
     def condition(self) -> str:
-        """What varies, for people: ``"level 2"`` or ``"camera alone"``."""
+        """Readable name of what varies: ``"level 2"`` or ``"camera alone"``."""
         return f"level {self.level}" if self.only is None else f"{self.only} alone"
 
     @property
@@ -65,7 +65,7 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Protocol:
-    """Which episodes a policy is evaluated on. An episode ends where its task says.
+    """Episodes that a policy is evaluated on; the task decides when one ends.
 
     Attributes:
         version: Version of the protocol; the first folder under ``results/``.

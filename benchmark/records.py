@@ -1,4 +1,4 @@
-"""What one episode of an evaluation was, what a cell of them amounts to, and what a whole run is."""
+"""Records of an evaluation: an episode, the summary of a cell, and the whole run."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -76,7 +76,7 @@ class EpisodeRecord:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CellSummary:
-    """What the episodes of one cell amount to.
+    """Summary of the episodes of one cell.
 
     Attributes:
         cell: The cell.
@@ -111,7 +111,7 @@ class CellSummary:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Checkpoint:
-    """Which checkpoint was evaluated, and by which rule it was chosen.
+    """Evaluated checkpoint, and the rule that chose it.
 
     Attributes:
         choice: Always ``"last"``: choosing the best by its results would measure the luck of the choice.
@@ -134,7 +134,7 @@ class Git:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Machine:
-    """What it ran on, without names of hosts or folders."""
+    """Machine that it ran on, without names of hosts or folders."""
 
     device: str
     cpu_count: int

@@ -33,7 +33,7 @@ _RECORD_KEYS = (
     "episode_return",
     "wall_time_s",
 )
-"""What differs between the episodes of a cell; the rest is written once per file."""
+"""Fields that differ between the episodes of a cell; the rest is written once per file."""
 
 _SHARED_ENV_KEYS = ("task", "simulator", "renderer")
 

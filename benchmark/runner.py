@@ -44,7 +44,7 @@ class EvaluatedEnv(EpisodeEnv, Protocol):
 
 
 class PolicyActor(Actor):
-    """Lets a policy act, with a source of noise for each episode.
+    """Actor that runs a policy, with a noise generator for each episode.
 
     Args:
         policy: The policy.
@@ -86,7 +86,7 @@ class PolicyActor(Actor):
 
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """What acts without training: a rule, such as random actions, or the task's expert.
+    """Policy without training: a rule, such as random actions, or the task's expert.
 
     It is made for each environment, whose actions or task it needs.
 

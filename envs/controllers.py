@@ -85,7 +85,7 @@ class JointPositionController(Controller):
 
 
 _SQUEEZE = 0.25
-"""How far the closing target is beyond closed, per stroke: 1 cm of 4, as in ManiSkill 3's Panda, so that
+"""Distance of the closing target beyond closed, per stroke: 1 cm of 4, as in ManiSkill 3's Panda, so that
 exploration noise does not open a gripper that holds something."""
 
 

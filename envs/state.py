@@ -99,7 +99,7 @@ class State:
 
     @property
     def device(self) -> torch.device:
-        """Where its tensors are."""
+        """Device of its tensors."""
         return next(iter({**self.robots, **self.objects}.values())).pos.device
 
     def entities(self) -> dict[str, EntityState]:

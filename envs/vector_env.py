@@ -181,10 +181,10 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
         env_ids, episodes = np.asarray(env_ids), np.asarray(episodes)
         looks = [self.randomizer.appearance(int(episode)) for episode in episodes]
         rngs = [channel_rng(self.protocol_seed, "task", int(episode)) for episode in episodes]
-        drawn = self.task.initial_state(rngs)
+        sampled = self.task.initial_state(rngs)
         if states is None:
-            states = drawn
-        states = State(drawn.robots | states.robots, drawn.objects | states.objects)
+            states = sampled
+        states = State(sampled.robots | states.robots, sampled.objects | states.objects)
         order = np.argsort(env_ids)
         self.handler.set_states(states.select(order), env_ids[order])
         for row, (env_id, episode) in enumerate(zip(env_ids.tolist(), episodes.tolist(), strict=True)):

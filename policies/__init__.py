@@ -32,12 +32,12 @@ __all__ = [
 ]  # fmt: skip
 
 Source = Literal["dataset", "env", "nothing"]
-"""What a policy learns from, the tag of its entry: demonstrations, an environment, or nothing."""
+"""Source that a policy learns from, the tag of its entry: demonstrations, an environment, or nothing."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PolicyInfo:
-    """Where the parts of a policy are, as ``"module:Class"``, imported at first use.
+    """Parts of a policy as ``"module:Class"``, imported at first use.
 
     Attributes:
         policy: Its class, which follows :class:`policies.base.Policy`; it owns its checkpoints.

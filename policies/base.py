@@ -1,4 +1,4 @@
-"""What every policy is, to whoever runs or saves it."""
+"""Interface of every policy for running and saving it."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -62,14 +62,14 @@ def observed(
 class Policy(Protocol):
     """A function from observations to a chunk of actions.
 
-    A policy keeps nothing between calls: whoever runs it holds the last ``n_obs_steps`` observations
+    A policy keeps nothing between calls: the caller holds the last ``n_obs_steps`` observations
     and executes the ``n_action_steps`` actions of a chunk before asking again.
 
     Attributes:
         name: Registered name.
         actions_of: What its actions mean: ``task`` for the task's own controller, ``rl`` for the actions
             scaled to [-1, 1] that reinforcement learning uses.
-        task: Task that it acts in, set by whoever runs it; empty if unknown.
+        task: Task that it acts in, set by the caller; empty if unknown.
         n_obs_steps: Observations, the newest last, that one call looks at.
         n_action_steps: Actions that one call returns.
         batch_invariant: Whether the actions of a sample are bit-identical, whatever other samples

@@ -72,7 +72,7 @@ def learned_tasks(path: str | Path) -> tuple[str, ...]:
     """
     try:
         content = read_json(resolve(path) / CONFIG)
-    except PolicyError:  # there is none, or it is damaged; whoever loads it says so
+    except PolicyError:  # there is none, or it is damaged; loading it raises
         return ()
     several, task = content.get("tasks"), content.get("task")
     if isinstance(several, dict) and several:

@@ -1,4 +1,4 @@
-"""How torch.compile is called here."""
+"""Calls of torch.compile."""
 
 from collections.abc import Callable
 from typing import Any, cast

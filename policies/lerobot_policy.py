@@ -100,7 +100,7 @@ class LeRobotPolicy:
 
     @property
     def device(self) -> torch.device:
-        """Where the model is."""
+        """Device of the model."""
         return torch.device(self.model.config.device)
 
     @property

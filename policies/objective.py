@@ -15,11 +15,11 @@ from torch import Tensor, nn
 from envs.core.errors import PolicyError
 
 type Loss = tuple[Tensor, dict[str, Tensor]]
-"""What is minimized, and its terms by name: tensors without dimensions."""
+"""The loss, and its terms by name: tensors without dimensions."""
 
 
 class Normalizer(nn.Module):
-    """What LeRobot's normalizer does to each key, as ``(x - shift) / scale + offset``.
+    """LeRobot's normalization of each key, as ``(x - shift) / scale + offset``.
 
     Equal to it bit by bit: ``2 (x - min) / (max - min) - 1`` rounds as ``(x - min) / ((max - min) / 2) - 1``.
 

@@ -32,7 +32,7 @@ def collect(config: CollectConfig) -> Any:
 
     Raises:
         TooFewSuccessesError: Many episodes were tried, and none or too few succeeded.
-        DatasetError: The dataset was begun with other settings, is damaged, or the disk is full.
+        DatasetError: The dataset was started with other settings, is damaged, or the disk is full.
     """
     from roboverse_learn.commands.report import collection_report
 

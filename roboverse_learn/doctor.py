@@ -166,7 +166,7 @@ def renderers() -> Facts:
 
 
 def speed() -> Facts:
-    """What to expect here: environment steps, and training of ``policy=act preset=quick``."""
+    """Measures environment steps, and training of ``policy=act preset=quick``."""
     parts = {"env": "PickCube, states, one environment", "train": "act, preset=quick, device=auto"}
     return {f"{kind} ({what})": _guarded(lambda kind=kind: _in_process(kind)) for kind, what in parts.items()}
 
@@ -299,7 +299,7 @@ _PROBES: dict[str, Callable[..., Facts]] = {
     "env": _probe_env,
     "train": _probe_train,
 }
-"""What runs in a process of its own: it writes its facts as the last line of its output."""
+"""Checks that run in their own process, which writes its facts as the last line of its output."""
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Evaluation:
-    """What an evaluation left behind.
+    """Result of an evaluation.
 
     Attributes:
         path: The results file.

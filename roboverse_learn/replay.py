@@ -58,7 +58,7 @@ def replay_recordings(recordings: "list[Recording]", config: ReplayConfig) -> di
         raise DatasetError(
             f"The actions of '{config.dataset}' have {recordings[0].actions.shape[1]} numbers; those of "
             f"{first['task']} have {len(env.controller.names)}: {', '.join(env.controller.names)}. "
-            "Collect it anew with: roboverse collect"
+            "Collect it again with: roboverse collect"
         )
     ways = {"states": tracks.by_states, "controls": tracks.by_controls}
     try:

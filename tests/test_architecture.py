@@ -91,8 +91,8 @@ def holds_of(paths: list[Path]) -> Callable[[Callable[[Path], None]], Callable[[
                 try:
                     rule(path)
                 except AssertionError as error:
-                    told = str(error).splitlines()[0]
-                    broken.append(told if name(path) in told else f"{name(path)}: {told}")
+                    message = str(error).splitlines()[0]
+                    broken.append(message if name(path) in message else f"{name(path)}: {message}")
             assert not broken, "\n".join(broken)
 
         return test

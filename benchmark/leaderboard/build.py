@@ -75,7 +75,7 @@ def write(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
 
     Returns:
         What was written: ``json``, ``markdown``, ``html``, ``plot <section>`` of success over the levels,
-        and ``learning <section>`` where agents learned by reward.
+        and ``learning <section>`` for reinforcement learning.
 
     Raises:
         ResultError: As :func:`build`; nothing is written then.

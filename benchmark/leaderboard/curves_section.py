@@ -56,9 +56,9 @@ def learning_curves(results_dir: Path, rows: Sequence[Sequence[Entry]]) -> list[
         }
         for trainings in recipes
     ]
-    told = [{**key, **curve} for key, curve in zip(keys, found, strict=True)]
-    name_rows(told, [key["settings"] for key in keys])
-    for curve, named in zip(found, told, strict=True):
+    labelled = [{**key, **curve} for key, curve in zip(keys, found, strict=True)]
+    name_rows(labelled, [key["settings"] for key in keys])
+    for curve, named in zip(found, labelled, strict=True):
         curve["label"] = named["label"]
     return sorted(found, key=lambda curve: curve["row"])
 

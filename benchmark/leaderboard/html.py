@@ -14,7 +14,7 @@ LEVELS = {
     2: ("+ camera", "The camera looks from another of 59 poses, too."),
     3: ("+ light", "Lights, their colour, and how surfaces reflect vary, too."),
 }
-"""What each level adds, for the head of its column."""
+"""Channel that each level adds, for the head of its column."""
 
 _WIDTH, _HEIGHT = 560, 300
 _LEFT, _RIGHT, _TOP, _BOTTOM = 44, 16, 14, 40

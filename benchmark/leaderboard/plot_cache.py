@@ -23,9 +23,9 @@ def draw_if_changed(draw: Callable[..., None], values: Any, path: Path, *more: A
         *more: Further arguments.
         **options: Further arguments by name.
     """
-    told = fingerprint([_code(), values, more, options])
-    if _drawn_of(path) != told:
-        draw(values, path, *more, drawn_of=told, **options)
+    digest = fingerprint([_code(), values, more, options])
+    if _drawn_of(path) != digest:
+        draw(values, path, *more, drawn_of=digest, **options)
 
 
 @cache
@@ -40,8 +40,8 @@ def _drawn_of(path: Path) -> str | None:
 
     try:
         with Image.open(path) as image:
-            told = image.info.get(KEYWORD)
+            digest = image.info.get(KEYWORD)
             image.verify()
-            return told
+            return digest
     except (OSError, SyntaxError, ValueError):  # absent, no image, or truncated
         return None

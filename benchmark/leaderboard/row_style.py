@@ -8,7 +8,7 @@ _DASHES = ("", "9 3", "2 3", "9 3 2 3")
 
 
 class RowStyle(NamedTuple):
-    """What a row looks like.
+    """Style of a row.
 
     Attributes:
         color: Its colour.

@@ -147,8 +147,8 @@ def policy_label(result: Result) -> str:
     backend = own.get("backend") if isinstance(own, Mapping) else None
     label = f"{result.policy} by {backend}" if backend else result.policy
     others = _learned_with(result).get("learned_with", [])
-    told = " and ".join(others) if len(others) <= _NAMED_TASKS else f"{len(others)} further tasks"
-    return f"{label}, learned with {told}" if others else label
+    joined = " and ".join(others) if len(others) <= _NAMED_TASKS else f"{len(others)} further tasks"
+    return f"{label}, learned with {joined}" if others else label
 
 
 def _run(path: str, result: Result) -> dict[str, Any]:
@@ -256,7 +256,7 @@ def _of_one_label(rows: Sequence[Mapping[str, Any]]) -> list[list[int]]:
 
 
 def _name_by_settings(rows: Sequence[dict[str, Any]], settings: Sequence[Mapping[str, Any]]) -> None:
-    """Tells rows of one label apart by as few of their settings as do it."""
+    """Distinguishes rows of one label by as few of their settings as possible."""
     candidates = differing(settings)
     for key in candidates:
         for group in _of_one_label(rows):

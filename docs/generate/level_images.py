@@ -124,7 +124,7 @@ def save(image: "Image.Image", path: Path) -> None:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class GallerySettings:
-    """What to draw.
+    """Settings of the program.
 
     Attributes:
         out: Image of all levels.

@@ -30,7 +30,7 @@ logger = logging.getLogger(__name__)
 
 IMAGE_SIZE = 256
 RANDOM_S = 0.5
-"""How long a task without an expert is shown to go on."""
+"""Duration of random actions shown for a task without an expert."""
 
 MAX_BYTES = 20_000
 """Of a strip: the best JPEG quality that fits is taken."""
@@ -54,7 +54,7 @@ def page(names: Iterable[str] | None = None) -> str:
         "This page is made by `python -m docs.generate.task_images`; `roboverse list` shows the same facts. "
         "Expert success is that of the scripted expert at level 0, in the first episodes of the training "
         "and of the test split. Images show the start of a training episode and the expert's success, or, "
-        f"of a task that is learned by reward alone, the start and {RANDOM_S:g} s of random actions later.",
+        f"of a task without an expert, the start and {RANDOM_S:g} s of random actions later.",
     ]
     parts += [section(entry, records.get(entry.name)) for entry in families.pop("", [])]
     parts += [family_section(name, members, records) for name, members in families.items()]
@@ -75,7 +75,7 @@ def section(entry: Entry, record: ExpertRecord | None) -> str:
         "Robot": f"{scenario.robots[0].name}; an action has {_numbers(task.controller.names)}",
         "Cameras": cameras,
         "Horizon": f"{task.max_episode_steps} steps, {task.max_episode_steps / hz:g} s at {hz:g} Hz",
-        "Expert": described(record) if task.has_expert else "none: learned by reward",
+        "Expert": described(record) if task.has_expert else "none: use reinforcement learning",
         **_bar(task),
         **{f"`task_kwargs.{key}`": text for key, text in options(cls).items()},
     }
@@ -261,11 +261,11 @@ def write(path: Path, content: bytes) -> None:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class GallerySettings:
-    """What to write.
+    """Settings of the program.
 
     Attributes:
         out: Folder of ``tasks.md``.
-        redraw: Tasks to draw anew: ``[PickCube,CloseBox]``.
+        redraw: Tasks to render again: ``[PickCube,CloseBox]``.
         renderer: Name of a renderer.
     """
 

@@ -28,7 +28,7 @@ _DONE = "_repaired_for_mujoco_4"
 
 
 def repair_metaworld() -> None:
-    """Lets Meta-World 3.0.0 make its environments."""
+    """Patches MuJoCo so that Meta-World 3.0.0 can make its environments."""
     from metaworld.sawyer_xyz_env import SawyerMocapBase
 
     if hasattr(SawyerMocapBase, _DONE):
@@ -43,7 +43,7 @@ def repair_metaworld() -> None:
 
 
 def repair_robosuite() -> None:
-    """Lets robosuite 1.5.1 make and step its environments, whose controllers ask for the mass matrix."""
+    """Patches MuJoCo for robosuite 1.5.1, whose controllers read the mass matrix."""
     from robosuite.utils import binding_utils
 
     if hasattr(binding_utils, _DONE):

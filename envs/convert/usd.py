@@ -156,18 +156,18 @@ class _Writer:
     def _mesh(self, path: str, mesh: Mesh) -> None:
         from pxr import Sdf, UsdGeom, Vt
 
-        drawn = UsdGeom.Mesh(self.stage.GetPrimAtPath(path))
-        drawn.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(mesh.vertices.astype(np.float32)))
-        drawn.CreateFaceVertexCountsAttr(Vt.IntArray(len(mesh.faces), 3))
-        drawn.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.faces.ravel().astype(np.int32)))
-        drawn.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+        prim = UsdGeom.Mesh(self.stage.GetPrimAtPath(path))
+        prim.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(mesh.vertices.astype(np.float32)))
+        prim.CreateFaceVertexCountsAttr(Vt.IntArray(len(mesh.faces), 3))
+        prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.faces.ravel().astype(np.int32)))
+        prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
         if mesh.normals is not None:
             values, corners = mesh.normals
-            drawn.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(values[corners.ravel()].astype(np.float32)))
-            drawn.SetNormalsInterpolation(UsdGeom.Tokens.faceVarying)
+            prim.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(values[corners.ravel()].astype(np.float32)))
+            prim.SetNormalsInterpolation(UsdGeom.Tokens.faceVarying)
         if mesh.uvs is not None:
             values, corners = mesh.uvs
-            variables = UsdGeom.PrimvarsAPI(drawn)
+            variables = UsdGeom.PrimvarsAPI(prim)
             kind, varying = Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.faceVarying
             uv = variables.CreatePrimvar("st", kind, varying)
             uv.Set(Vt.Vec2fArray.FromNumpy(values.astype(np.float32)))

@@ -1,1 +1,1 @@
-"""What every other package needs: errors, the registry, atomic files. Standard library only."""
+"""Errors, the registry, atomic files: used by every other package. Standard library only."""

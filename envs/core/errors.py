@@ -10,7 +10,7 @@ from typing import Any
 
 
 class RoboVerseError(Exception):
-    """Base of every error that a user can cause and mend."""
+    """Base of every error that a user can cause and fix."""
 
 
 class UnknownNameError(RoboVerseError, KeyError):

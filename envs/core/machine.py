@@ -1,4 +1,4 @@
-"""What this process may use of the machine, on every operating system."""
+"""CPU cores and memory available to this process, on every operating system."""
 
 import os
 

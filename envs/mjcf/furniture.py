@@ -15,7 +15,7 @@ from envs.scenario import GeomCfg
 from envs.scenario.places import PLACE_SHAPES, Place, places_of
 
 FURNITURE = "furniture"
-"""What the names of the slots begin with, and what a segmentation calls them."""
+"""Prefix of the slots' names, and their segmentation name."""
 
 _UNUSED_HALF_SIZE_M = 0.001
 _DEPTH_M = 0.5
@@ -49,7 +49,7 @@ class FurnitureSlots:
     """The slots of one model, and the way from furniture to the model's arrays.
 
     Args:
-        model: The compiled scene, as long as nobody has furnished it.
+        model: The compiled scene, not yet furnished.
 
     Attributes:
         geoms: Ids of all slots, (n,).
@@ -95,4 +95,4 @@ class FurnitureSlots:
 
 
 FIELDS = ("geom_size", "geom_pos", "geom_quat", "geom_rgba", "geom_rbound")
-"""What furniture changes in a model."""
+"""Model fields that furniture changes."""

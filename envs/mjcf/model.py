@@ -43,7 +43,7 @@ ROOT_JOINT = "root"
 """Name of the free joint of a robot whose base is not bolted down."""
 
 GRIPPER_PREFIX = "gripper/"
-"""What the names of a gripper's joints and sites begin with."""
+"""Prefix of the names of a gripper's joints and sites."""
 
 MAX_FACES_PER_BODY = 2000
 """Visual triangles of one robot link. At 256 pixels the difference from 20,000 is below one grey level."""
@@ -305,7 +305,7 @@ def _replace_body(spec: mujoco.MjSpec, robot: RobotCfg, cfg: BodyCfg) -> None:
 
 
 def _free_base(spec: mujoco.MjSpec, root: str) -> None:
-    """Lets a robot's root move freely; at rest it is where the robot is placed."""
+    """Adds a free joint to a robot's root; at rest it is where the robot is placed."""
     for joint in list(spec.joints):
         if joint.type == mujoco.mjtJoint.mjJNT_FREE:
             spec.delete(joint)

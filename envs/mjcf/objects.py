@@ -169,7 +169,7 @@ def _load(scene: mujoco.MjSpec, item: ObjectCfg, reference: str) -> tuple:
                 f"Object '{item.name}': '{reference}' has no joint '{name}'. Its joints: {', '.join(joints)}."
             )
     body.pos, body.quat = np.zeros(3), np.array(IDENTITY)
-    body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT  # forgets Euler angles and the like
+    body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT  # drops Euler angles and the like
     _set_groups(spec, item)
     keep_only(spec, body)
     return spec, body
@@ -190,7 +190,7 @@ def _let_links_touch_the_root(spec: mujoco.MjSpec, root) -> None:
 
 
 def _pair(spec: mujoco.MjSpec, first, second) -> None:
-    """Lets two geoms touch as they would by themselves (MuJoCo documentation, "Contact parameters")."""
+    """Gives a contact pair its default parameters (MuJoCo documentation, "Contact parameters")."""
     for geom in (first, second):
         geom.name = geom.name or f"{geom.parent.name}/geom{geom.parent.geoms.index(geom)}"
     leading = [g for g in (first, second) if g.priority == max(first.priority, second.priority)]

@@ -107,9 +107,9 @@ def furnish(scenario: ScenarioCfg, placements: Sequence[Placement]) -> dict[str,
     standing: list[_Standing] = []
     for placement in placements:
         for gap in (placement.gap_m, 0.0):
-            stands = _Standing.of(places[placement.place], placement, gap)
-            if stands.fits(free, standing):
-                standing.append(stands)
+            placed = _Standing.of(places[placement.place], placement, gap)
+            if placed.fits(free, standing):
+                standing.append(placed)
                 break
     return {item.placement.place: item.geoms(scenario.floor_z) for item in standing}
 

@@ -1,4 +1,4 @@
-"""What each level varies: a level is a set of channels, and each level contains the one below."""
+"""Randomization levels: a level is a set of channels, and each level contains the one below."""
 
 from envs.core.errors import ConfigError, unknown_name
 

@@ -38,7 +38,7 @@ class LightsDraw:
 
 @dataclass(frozen=True, slots=True)
 class Reflection:
-    """How a surface reflects; each value is in [0, 1)."""
+    """Reflectance of a surface; each value is in [0, 1)."""
 
     roughness: float
     specular: float

@@ -86,7 +86,7 @@ class MaterialLibrary:
         return cls(MappingProxyType(names), folder)
 
     def __reduce__(self) -> tuple:
-        """Lets it be copied to another process, which a read-only mapping cannot be."""
+        """Makes it picklable for another process, which a read-only mapping is not."""
         return _library, (dict(self.names), self.folder)
 
     def texture(self, name: str, size: int = procedural.NATIVE_SIZE) -> np.ndarray:

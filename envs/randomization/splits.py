@@ -258,7 +258,7 @@ def freeze(path: Path) -> bool:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FreezeSettings:
-    """What to freeze or check.
+    """Settings of the program.
 
     Attributes:
         path: The split file.

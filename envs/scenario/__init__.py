@@ -1,4 +1,4 @@
-"""What a scene is made of, as frozen data: no simulator, no file access, no mutation.
+"""Scene description as frozen data: no simulator, no file access, no mutation.
 
 Lengths are metres, masses kilograms, angles radians unless the name says ``_deg``, quaternions
 ``(w, x, y, z)``, colours linear RGB in [0, 1].

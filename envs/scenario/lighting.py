@@ -16,7 +16,7 @@ MAX_LAMPS = 99
 """With the distant light, as many lights as MuJoCo's OpenGL renderer supports."""
 
 TEMPERATURES_K = (1667.0, 25000.0)
-"""Where the colour of a black body is known; see :func:`envs.randomization.lights.planckian_xy`."""
+"""Range where the colour of a black body is defined; see :func:`envs.randomization.lights.planckian_xy`."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

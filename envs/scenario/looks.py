@@ -1,4 +1,4 @@
-"""What changes a scene's images and not its physics: cameras, lights and materials."""
+"""Visual properties of a scene, without effect on physics: cameras, lights and materials."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -90,7 +90,7 @@ class LightCfg:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SurfaceMaterial:
-    """How a surface looks.
+    """Material of a surface.
 
     Attributes:
         texture: Name in the material library, or None for the plain colour.

@@ -1,4 +1,4 @@
-"""What a scene names and does not hold: files, and materials of the library."""
+"""References of a scene: files, and materials of the library."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass

@@ -1,4 +1,4 @@
-"""Where furniture can stand in a room: along its walls and in its corners."""
+"""Places for furniture in a room: along its walls and in its corners."""
 
 import math
 from dataclasses import dataclass

@@ -57,7 +57,7 @@ class JointCfg:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class BodyCfg:
-    """What of a robot's body replaces its file's.
+    """Properties of a robot's body that replace its file's.
 
     Attributes:
         name: Body of the robot's file.

@@ -1,4 +1,4 @@
-"""What every part of a scenario is measured in: metres, kilograms, radians unless a name says ``_deg``.
+"""Units of every part of a scenario: metres, kilograms, radians unless a name says ``_deg``.
 
 And what the text of a part can stand for.
 """

@@ -91,7 +91,7 @@ class Task(ABC):
             ConfigError: if the task has no expert.
         """
         raise ConfigError(
-            f"{self.name} has no scripted expert. Learn it by reward, as in: "
+            f"{self.name} has no scripted expert. Use reinforcement learning, as in: "
             f"roboverse train policy=ppo task={self.name}"
         )
 

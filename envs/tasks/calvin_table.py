@@ -50,7 +50,7 @@ _CABINET: tuple[Span, ...] = (
     ((-0.55, 0.175, 0.7848), (0.55, 0.225, 0.8098)),
 )
 _CABINET_ENDS = ((-0.55, -0.45), (0.2, 0.55))
-"""Where along x the cabinet is closed by a slope; between them is the door's opening."""
+"""Ranges of x where a slope closes the cabinet; between them is the door's opening."""
 
 _DOOR: tuple[Span, ...] = (((0.0, -0.1375, 0.0), (0.35, 0.1375, 0.025)),)
 _DOOR_HANDLE: tuple[Span, ...] = (

@@ -61,7 +61,7 @@ SPAWN_YAW_RAD = (-math.pi / 8, 0.221)
 QPOS_NOISE_RAD = 0.02
 HOME = (0.0, math.radians(10.0), 0.0, math.radians(-50.0), 0.0, math.radians(70.0), math.pi / 4, 0.04, 0.04)
 HOME_TIP_RAD = math.radians(10.0)
-"""How far the gripper tips forwards in that posture."""
+"""Forward tilt of the gripper in that posture."""
 
 _ROBOT = replace(FRANKA.with_home(HOME), pos=(-0.541, -0.065, 0.0))
 """Robot placement that puts the box, its open lid included, round the world's origin."""
@@ -80,7 +80,7 @@ TILT_SHARE = 0.85
 """Tilt of the pushing gripper against the vertical, as a share of the lid's: it keeps the wrist higher."""
 
 EASY_REACH_M = 0.53
-"""How far in front of its base the arm pushes with ease."""
+"""Distance in front of its base where the arm pushes with ease."""
 
 FALLING_RAD = 1.0
 """Angle of the lid against the level to which it is pushed; it falls from the vertical, π/2, on."""

@@ -29,7 +29,7 @@ FRICTION = (0.95, 0.3, 0.1)
 
 _TASK = "pick_up_the_chocolate_pudding_and_place_it_in_the_basket"
 INIT_STATES = f"init_files/libero_object/{_TASK}.pruned_init"
-"""Where a copy of LIBERO keeps the 50 initial states of this task, under ``libero/libero``."""
+"""Path of this task's 50 initial states in a copy of LIBERO, below ``libero/libero``."""
 
 INIT_WIDTH = 110
 """Numbers of one state: time, 9 joints of the robot, 7 poses of 7 numbers, and 51 velocities."""

@@ -46,7 +46,7 @@ from envs.tasks.tabletop import (
 )
 
 SUCCESS_TRAVEL_M = {"calvin": 0.15, "roboverse": 0.07}
-"""How far the door has to move: CALVIN's task (more than this), and that of the paper's code (at least)."""
+"""Distance that the door must move: CALVIN's task (more than this), and the paper's code (at least)."""
 
 TABLE = "play_table"
 BLOCKS: dict[str, tuple[float, Rgba]] = {
@@ -71,8 +71,8 @@ BASE_POS_M = (-0.34, -0.46, 0.24)
 _ROBOT = replace(FRANKA.with_home(HOME), pos=(*BASE_POS_M[:2], BASE_POS_M[2] - DESK_HEIGHT_M))
 
 CAMERA_AZIMUTH_RAD = math.radians(-52.5)
-"""Where cameras stand, from +x: between CALVIN's static camera, -36°, and the middle of those of RoboVerse's
-CALVIN tasks, -67.5°. From behind, the cabinet hides its door."""
+"""Azimuth of the cameras, from +x: between CALVIN's static camera, -36°, and the mean of those of
+RoboVerse's CALVIN tasks, -67.5°. From behind, the cabinet hides its door."""
 
 GRASP_TILT_RAD = math.radians(50.0)
 """Turn of the gripper from the vertical towards the cabinet; the door's own normal is at 60°."""

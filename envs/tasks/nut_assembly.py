@@ -43,7 +43,7 @@ PEG_TOP_M = PEG_Z_M + PEG_HALF_HEIGHT_M
 
 SPAWN_X_M = (-0.115, -0.11)
 SPAWN_Y_M = (0.11, 0.225)
-"""Where the square nut starts; the round one has these y's negated."""
+"""Start region of the square nut; the round one has these y's negated."""
 
 TOLERANCE_XY_M = 0.03
 TOLERANCE_Z_M = 0.05
@@ -69,7 +69,7 @@ CARRY_HEIGHT_M = PEG_TOP_M + 0.045
 """Height of a nut's centre on its way to the peg."""
 
 RELEASE_HEIGHT_M = 0.035
-"""Height at which the expert lets go: from here on the peg guides the nut, and hand and peg do not meet."""
+"""Height at which the expert opens the gripper: the peg guides the nut, and the hand clears the peg."""
 
 YAW_RANGE_RAD = (-1.9, 3.0)
 """Turns of the hand that the wrist's joint limits leave over nuts and pegs alike."""
@@ -78,7 +78,7 @@ _HOME = (0.0, np.pi / 16, 0.0, -5 * np.pi / 6, 0.0, np.pi - 0.2, np.pi / 4, GRAS
 """``models/robots/manipulators/panda_robot.py``; fingers open."""
 
 _UPRIGHT_PITCH_RAD = (np.pi - 0.2) - np.pi / 16 - 5 * np.pi / 6
-"""What turns the hand from that posture, in which it is tipped by 7°, to straight down."""
+"""Rotation of the hand from that posture, in which it is tilted by 7°, to straight down."""
 
 _ROBOT = dataclasses.replace(FRANKA, pos=(-0.56, 0.0, 0.912 - TABLE_HEIGHT_M)).with_home(_HOME)
 _CAMERA = dataclasses.replace(FRONT_CAMERA, fovy_deg=30.0)

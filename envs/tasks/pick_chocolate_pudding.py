@@ -131,7 +131,7 @@ class PickChocolatePudding(Task):
     Attributes:
         variant: ``libero`` is the benchmark's goal; ``roboverse`` the larger box of the paper's code.
         starts: ``regions`` samples the BDDL file's regions; ``libero`` samples one of LIBERO's 50 initial
-            states (arm and places), which needs ``libero_dir``. These 50 are for everybody, so the same
+            states (arm and places), which needs ``libero_dir``. These 50 have no splits, so the same
             places come in both splits.
         libero_dir: Folder of a copy of LIBERO, whose meshes, textures and collision boxes are used then.
     """
@@ -291,7 +291,7 @@ class PickChocolatePudding(Task):
 
 
 def _draw_places(rng: np.random.Generator) -> np.ndarray:
-    """Draws where the objects stand, (7, 2), anew until no two are too near."""
+    """Samples the positions of the objects, (7, 2), again until no two are too near."""
     middles = np.array([middle for middle, _ in REGIONS.values()])
     halves = np.array([half for _, half in REGIONS.values()])[:, None]
     radii = np.array([_RADII[name] for name in _NAMES])

@@ -63,7 +63,7 @@ APPROACH_NOISE_M = 0.01
 DETOUR_M = 0.03
 """Lateral offset of the expert's detours, in three of ten motions; 0.05 m reaches joint limits."""
 CARRY_HEIGHT_M = 0.06
-"""How far above its place on the other cube the expert carries a cube."""
+"""Height above its place on the other cube at which the expert carries a cube."""
 
 _ROBOT = FRANKA_AT_TABLE
 _CAMERA = dataclasses.replace(FRONT_CAMERA, fovy_deg=30.0)

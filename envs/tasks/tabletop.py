@@ -1,4 +1,4 @@
-"""What tasks of one arm at a table share: appearance, cameras, robot, and reward terms."""
+"""Shared parts of tasks of one arm at a table: appearance, cameras, robot, and reward terms."""
 
 import dataclasses
 
@@ -44,7 +44,7 @@ CAMERAS = (FRONT_CAMERA, WRIST_CAMERA)
 CONTROL_20_HZ = PhysicsCfg(timestep_s=0.002, decimation=25)
 
 FRANKA_AT_TABLE = dataclasses.replace(FRANKA, pos=(-0.615, 0.0, 0.0))
-"""Where ManiSkill 3 bolts the Panda to its table (``utils/scene_builder/table/scene_builder.py``)."""
+"""Position of the Panda's base on ManiSkill 3's table (``utils/scene_builder/table/scene_builder.py``)."""
 
 
 def ee_pos(robot: EntityState) -> Tensor:

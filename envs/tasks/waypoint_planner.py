@@ -42,12 +42,12 @@ class WaypointPlanner:
         """Returns the plans of all rows of ``state``; see :class:`envs.tasks.planner.BatchPlanner`."""
         ways = [self._expert(state.select([row]), rng) for row, rng in enumerate(rngs)]
         plans = [self._nothing()] * len(ways)
-        asked = [row for row, way in enumerate(ways) if way]
-        if asked:
-            starts = self._starts(state)[asked].numpy()
-            found = self._batched.joint_targets(starts, [ways[row] for row in asked])
+        rows = [row for row, way in enumerate(ways) if way]
+        if rows:
+            starts = self._starts(state)[rows].numpy()
+            found = self._batched.joint_targets(starts, [ways[row] for row in rows])
             targets = found.targets.cpu().numpy().astype(np.float32)
-            for place, row in enumerate(asked):
+            for place, row in enumerate(rows):
                 plans[row] = targets[place, : found.lengths[place]][:, self._driven]
         return plans
 

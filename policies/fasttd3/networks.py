@@ -31,7 +31,7 @@ class RunningNorm(nn.Module):
 
     @torch.no_grad()
     def update(self, x: Tensor) -> None:
-        """Takes in observations (B, D): mean and variance are those of all that were ever taken in."""
+        """Updates the running mean and variance with observations (B, D)."""
         self.count += len(x)
         share = (len(x) / self.count).to(x.dtype)
         apart = x.mean(0) - self.mean

@@ -1,4 +1,4 @@
-"""What PPO has learned, behind the interface of every policy, whichever library trained it."""
+"""PPO's trained policy, with the interface of every policy, whichever library trained it."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self, override

@@ -47,7 +47,7 @@ class PlanningModel(Protocol):
 
 
 class Plan(NamedTuple):
-    """What planning came to.
+    """Result of planning.
 
     Attributes:
         action: Action to take (N, A): the first one of a sequence sampled from the elites.
@@ -124,7 +124,7 @@ def estimate_value(
 
 
 class Search(NamedTuple):
-    """Where the search for a plan is.
+    """State of the search for a plan.
 
     Attributes:
         mean: Mean of the elites (N, H, A).

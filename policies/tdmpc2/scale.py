@@ -22,7 +22,7 @@ class RunningScale(nn.Module):
 
     @torch.no_grad()
     def update(self, values: Tensor) -> None:
-        """Takes in values of any shape."""
+        """Updates the scale with values of any shape."""
         low, high = (percentile(values.flatten(), share) for share in PERCENTILES)
         self.value.lerp_((high - low).clamp(min=1.0), self.tau)
 

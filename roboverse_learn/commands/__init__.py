@@ -1,1 +1,1 @@
-"""What the commands share: the run folder, the checkpoint under test, reports."""
+"""Shared parts of the commands: the run folder, the checkpoint under test, reports."""

@@ -1,4 +1,4 @@
-"""What the commands print at their end: tables and the paths of what was written, as rich renderables."""
+"""Final output of the commands: tables and the paths of written files, as rich renderables."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -54,7 +54,7 @@ def train_report(
 
 
 def collection_report(dataset: "CollectionSummary") -> Group:
-    """What a collection gave, and where it is."""
+    """Summary of a collection, and its path."""
     return Group(
         _collected(dataset),
         Text(
@@ -70,12 +70,12 @@ def evaluation_report(evaluations: Sequence["Evaluation"], board: Mapping[str, P
 
 
 def leaderboard_report(board: Mapping[str, Path]) -> Group:
-    """Where the leaderboard is."""
+    """Path of the leaderboard."""
     return Group(_paths(_board_paths(board)))
 
 
 def replay_report(summary: Mapping[str, Any], path: Path, page: Mapping[str, Path]) -> Group:
-    """What became of recorded episodes, and where it is written."""
+    """Outcomes of replayed episodes, and their path."""
     pair = f"{summary['recorded_in']} to {summary['replayed_in']}"
     lines = [f"{summary['task']}, {pair}, {summary['num_episodes']} episodes:"]
     for way, found in summary["replays"].items():
@@ -147,7 +147,7 @@ def _collected(dataset: "CollectionSummary") -> Text:
 
 
 def _imported(dataset: "CollectionSummary", imported: "ImportSummary") -> Text:
-    """How many demonstrations pass each replay, which of them the dataset is of, and what was skipped."""
+    """Numbers of demonstrations that pass each replay, that the dataset has, and that were skipped."""
     by_states = f"{imported.count('states')} of {imported.num_with_states} pass by states"
     lines = [
         f"Read {len(imported.read)} demonstrations of {imported.source}: "

@@ -33,7 +33,7 @@ _VIDEO_PX = 256
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Training:
-    """What is known of the training of a checkpoint.
+    """Facts of the training of a checkpoint.
 
     Attributes:
         tasks: Tasks that were learned together; empty where it was one.

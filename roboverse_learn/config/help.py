@@ -126,7 +126,7 @@ def list_command(words: Sequence[str]) -> str:
 
 
 KINDS = ("tasks", "policies", "simulators", "renderers", "robots", "presets")
-"""What ``roboverse list`` shows, in this order."""
+"""Sections of ``roboverse list``, in order."""
 
 
 def _named(kind: str, datasets_dir: str | None) -> str:

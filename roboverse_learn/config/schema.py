@@ -54,7 +54,7 @@ def _levels(*levels: int) -> None:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DemonstrationConfig:
-    """How demonstrations are collected.
+    """Settings of collection.
 
     Attributes:
         num_demos: Successful episodes in the dataset.
@@ -74,7 +74,7 @@ class DemonstrationConfig:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EvaluationConfig:
-    """What a checkpoint is evaluated on.
+    """Settings of evaluation.
 
     Attributes:
         levels: Levels to evaluate.
@@ -210,7 +210,7 @@ class SweepConfig:
 
 
 BASELINES = ("expert", *policies.names("nothing"))
-"""What ``evaluate`` takes as ``policy``."""
+"""Values of ``policy`` that ``evaluate`` accepts."""
 
 EVALUATE_ENV_KEYS = tuple(
     item.name for item in fields(EnvSpec) if item.name not in ("level", "only", "materials")

@@ -23,7 +23,7 @@ _COPIED = ("qpos", "qvel", "ctrl", "mocap_pos", "mocap_quat", "qacc_warmstart")
 
 @dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
 class Scale:
-    """How much is measured."""
+    """Amount of measurement."""
 
     physics_envs: int  # envs that are stepped
     control_steps: int  # control steps of one turn

@@ -27,7 +27,7 @@ PRETRAINED = "pretrained_model"
 STATE = "training_state"
 _TENSORS, _JSON, _FORMAT = "state.safetensors", "state.json", 2
 _ADVICE = (
-    "Go on with the configuration that the run was begun with, "
+    "Resume with the configuration that the run was started with, "
     "or begin a new run (another folder, or resume=false)."
 )
 

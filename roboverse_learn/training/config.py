@@ -43,7 +43,7 @@ class AugmentConfig:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TrainConfig:
-    """How a policy is optimized.
+    """Settings of the optimizer.
 
     Attributes:
         steps: Gradient steps; of a policy that learns from an env, environment steps, over all its

@@ -1,4 +1,4 @@
-"""Where training computes, and in which precision."""
+"""Device and precision of training."""
 
 import contextlib
 import os
@@ -51,7 +51,7 @@ def resolve_precision(precision: Precision, device: torch.device) -> str:
 
 @contextlib.contextmanager
 def cpu_threads(num_threads: int, device: str = "cpu") -> Iterator[None]:
-    """Lets torch use so many threads inside the block.
+    """Sets torch's number of threads inside the block.
 
     Args:
         num_threads: How many; 0 takes ``OMP_NUM_THREADS``, or one per core of this process. Beside a GPU it

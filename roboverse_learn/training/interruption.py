@@ -38,7 +38,7 @@ class Interruption:
         return self.signal is not None
 
     def hear(self, number: int, _frame: object = None) -> None:
-        """Notes a signal to this process; the second one raises, so that nobody has to wait for a step."""
+        """Notes a signal to this process; the second one raises at once, without waiting for a step."""
         if self._came:
             raise Interrupted(number)
         self._came, self.signal = True, number
@@ -57,7 +57,7 @@ def signals_noted() -> Iterator[Interruption]:
     ignores, as one in the background does, stays ignored.
 
     Raises:
-        Interrupted: at the end, if a signal came, and at once for the second.
+        Interrupted: at the end, if a signal arrived, and at once for the second.
     """
     interruption = Interruption()
     before = {}

@@ -1,4 +1,4 @@
-"""Where the numbers of a run go: always a JSON-lines file and TensorBoard, W&B on request."""
+"""Metrics writers of a run: always a JSON-lines file and TensorBoard, W&B on request."""
 
 import contextlib
 import json
@@ -91,7 +91,7 @@ class WandbWriter:
 
     Raises:
         MissingExtraError: if the package is not installed.
-        ConfigError: if nobody is logged in, or the server refuses the run or cannot be reached.
+        ConfigError: if there is no login, or the server refuses the run or cannot be reached.
     """
 
     def __init__(self, run_dir: Path, settings: Mapping[str, Any]) -> None:
@@ -121,7 +121,7 @@ def check_wandb() -> None:
 
     Raises:
         MissingExtraError: if the package is not installed.
-        ConfigError: if nobody is logged in.
+        ConfigError: if there is no login.
     """
     with _wandb() as wandb:
         if os.environ.get("WANDB_MODE", "online") in ("online", "shared"):

@@ -1,4 +1,4 @@
-"""Where the random numbers of a run are: what it takes to draw the next ones after a checkpoint."""
+"""States of a run's random number generators, saved with a checkpoint."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Progress:
-    """Where a run is.
+    """Progress of a run.
 
     Attributes:
         step: Gradient steps taken; environment steps of a policy that learns from an env.
@@ -42,7 +42,7 @@ class Progress:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TrainResult:
-    """What a run came to.
+    """Result of a run.
 
     Attributes:
         checkpoint: The LeRobot pretrained folder.

@@ -88,5 +88,5 @@ def test_tasks_without_an_expert_are_tagged_as_learned_by_reward():
     for name in names:
         task = TASKS.get(name)()
         assert not task.has_expert
-        with pytest.raises(ConfigError, match=f"{name} has no scripted expert. Learn it by reward, as in"):
+        with pytest.raises(ConfigError, match=f"{name} has no scripted expert. Use reinforcement"):
             task.expert(State({}, {}), np.random.default_rng(0))

@@ -1,4 +1,4 @@
-"""Tasks that are learned by reward take the same steps in MuJoCo and in MuJoCo Warp."""
+"""Tasks of reinforcement learning take the same steps in MuJoCo and in MuJoCo Warp."""
 
 import numpy as np
 import pytest
@@ -39,11 +39,11 @@ def test_the_same_actions_lead_to_the_same_states(name):
                 handler.step(task.scenario.physics.decimation)
             states = handler.get_states().to("cpu", torch.float64)
         ends.append((states.flatten(), task.reward(states), task.failure(states)))
-    (first, paid, lost), (second, paid_too, lost_too) = ends
+    (first, reward, lost), (second, other_reward, lost_too) = ends
     assert first.keys() == second.keys()
     for key, value in first.items():
         torch.testing.assert_close(
             second[key], value, atol=2e-2 if "vel" in key else 5e-4, rtol=1e-3, msg=key
         )
-    torch.testing.assert_close(paid_too, paid, atol=1e-3, rtol=0.0)
+    torch.testing.assert_close(other_reward, reward, atol=1e-3, rtol=0.0)
     assert torch.equal(lost, lost_too)

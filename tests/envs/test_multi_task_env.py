@@ -67,15 +67,18 @@ def test_statistics_are_of_each_task_and_of_all_episodes_together():
     env.reset()
     assert env.pop_statistics().episodes == 0 and env.pop_statistics().means() == {}
     env.envs["line"].ended = [(2.0, 10.0)]
-    told = env.pop_statistics()
-    assert told.means() == {
+    popped = env.pop_statistics()
+    assert popped.means() == {
         "episode_return": 2.0, "episode_length": 10.0, "success_rate": 1.0,
         "episode_return/line": 2.0, "episode_length/line": 10.0, "success_rate/line": 1.0,
     }  # fmt: skip
     env.envs["line"].ended, env.envs["mirror"].ended = [(2.0, 10.0)], [(5.0, 20.0), (8.0, 30.0)]
-    told = env.pop_statistics()
-    assert (told.episodes, told.episode_return, told.length) == (3, 5.0, 20.0)
-    assert (told.by_task["line"].episode_return, told.by_task["mirror"].episode_return) == (2.0, 6.5)
+    popped = env.pop_statistics()
+    assert (popped.episodes, popped.episode_return, popped.length) == (3, 5.0, 20.0)
+    assert (popped.by_task["line"].episode_return, popped.by_task["mirror"].episode_return) == (
+        2.0,
+        6.5,
+    )
     assert env.pop_statistics().episodes == 0
 
 

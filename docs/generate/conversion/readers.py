@@ -202,7 +202,7 @@ class UsdReader(Reader):
 
 
 def _motion(kind: str, position: float) -> Frame:
-    """What a joint adds along the X axis of its frame: a turn (wxyz) and a shift."""
+    """Returns a joint's rotation (wxyz) and translation along the X axis of its frame."""
     if kind == "revolute":
         return np.array([np.cos(position / 2), np.sin(position / 2), 0.0, 0.0]), np.zeros(3)
     shift = position if kind == "prismatic" else 0.0

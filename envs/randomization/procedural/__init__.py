@@ -122,13 +122,13 @@ def texture(name: str, size: int = NATIVE_SIZE) -> np.ndarray:
     family, number = parse(name)
     if not 16 <= size <= 2048:
         raise ConfigError(f"A texture's size is 16 to 2048 pixels, given {size}.")
-    drawn = NATIVE_SIZE if size < NATIVE_SIZE and NATIVE_SIZE % size == 0 else size
+    native = NATIVE_SIZE if size < NATIVE_SIZE and NATIVE_SIZE % size == 0 else size
     module = importlib.import_module(f"{__name__}.{family.module}")
     draw = getattr(module, family.name.replace("-", "_"))
-    rgb = draw(Stream("texture", VERSION, family.name, number), drawn)
+    rgb = draw(Stream("texture", VERSION, family.name, number), native)
     pixels = (np.clip(rgb, 0.0, 255.0) + np.float32(0.5)).astype(np.uint8)
-    if drawn != size:
-        pixels = _shrink(pixels, drawn // size)
+    if native != size:
+        pixels = _shrink(pixels, native // size)
     pixels.setflags(write=False)
     return pixels
 

@@ -1,4 +1,4 @@
-"""How a surface is divided into pieces: courses of bricks or boards, herringbone, basket weave."""
+"""Layouts that divide a surface into pieces: courses of bricks or boards, herringbone, basket weave."""
 
 from dataclasses import dataclass
 

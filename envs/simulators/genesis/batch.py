@@ -40,7 +40,7 @@ class _Base:
 
 @dataclass(frozen=True, slots=True)
 class Drives:
-    """Where the driven joints of some environments are in Genesis's arrays.
+    """Indices of the driven joints of some environments in Genesis's arrays.
 
     Attributes:
         q: Index of their positions.
@@ -166,7 +166,7 @@ class Batch:
                 self._joints.append((joint.q_start, joint.dof_start, link.joint))
 
     def _keep_apart(self) -> None:
-        """Lets only those touch each other that do in MuJoCo."""
+        """Enables only the contact pairs that MuJoCo has."""
         geoms = np.zeros(len(self._solver.geoms), np.intp)
         for entity, text in self._added:
             for link in entity.links:
@@ -309,7 +309,7 @@ class Batch:
                 self._scene.step(update_visualizer=False, refresh_visualizer=False)
             self._check(moving)
         except self._gs.GenesisException as error:
-            raise SimulatorError(f"Genesis does not go on: {error}") from error
+            raise SimulatorError(f"Genesis stopped: {error}") from error
         finally:
             for column, values in zip(self._columns, kept, strict=len(others) > 0):
                 column[others] = values
@@ -324,7 +324,7 @@ class Batch:
                 self._solver.check_errno()
             except self._gs.GenesisException as error:
                 bad = rows[failed].tolist()
-                raise SimulatorError(f"Genesis cannot go on with the environments {bad}: {error}") from error
+                raise SimulatorError(f"Genesis cannot continue environments {bad}: {error}") from error
 
     def drives_of(self, rows: np.ndarray) -> Drives:
         """Finds the driven joints of environments (A,)."""
@@ -340,12 +340,12 @@ class Batch:
         if not len(self._driven):
             return
         dofs, limit = drives.dof, self._limit
-        asked = self._kp * (targets - self._qpos[drives.q]) - self._kd * self._qvel[dofs]
-        given = np.minimum(np.maximum(asked, -limit), limit)  # 3× faster than np.clip
+        wanted = self._kp * (targets - self._qpos[drives.q]) - self._kd * self._qvel[dofs]
+        given = np.minimum(np.maximum(wanted, -limit), limit)  # 3× faster than np.clip
         self._targets[dofs] = targets
         self._forces[dofs] = given
         modes = self._gs.CTRL_MODE
-        self._modes[dofs] = np.where(np.abs(asked) >= limit, int(modes.FORCE), int(modes.POSITION))
+        self._modes[dofs] = np.where(np.abs(wanted) >= limit, int(modes.FORCE), int(modes.POSITION))
 
     def close(self) -> None:
         """Frees the scene."""

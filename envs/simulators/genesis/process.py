@@ -9,7 +9,7 @@ if importlib.util.find_spec("genesis") is None:  # importing it takes ten second
     raise ModuleNotFoundError("No module named 'genesis'", name="genesis")
 
 PRECISION = "64"
-"""Of what Genesis calculates with. The states that go in and out are float32."""
+"""Precision of Genesis's computations. The states that are set and read are float32."""
 
 
 def part(name: str) -> Any:
@@ -24,12 +24,12 @@ def _runtime() -> Any:
 
 SCENES_KEPT = 20
 """Genesis compiles its kernels for each scene and keeps them, 1.5 MiB of a small one: after so many scenes,
-and when none is open, it is started anew, which takes a few seconds."""
+and when none is open, it is restarted, which takes a few seconds."""
 
 
 @dataclass(slots=True)
 class _Process:
-    """What this process has of Genesis.
+    """State of Genesis in this process.
 
     Attributes:
         is_ours: Whether it was started here.
@@ -87,7 +87,7 @@ _VIEWS = ("_tc", "_T_tc", "_np", "_T_np")
 
 
 def forget(state: object) -> None:
-    """Lets go of the arrays of a scene that is about to be destroyed, 2 MiB of a small one.
+    """Frees the arrays of a scene that is about to be destroyed, 2 MiB of a small one.
 
     What picks the fastest of its kernels keeps the arguments of every scene's calls. And the view of an array
     that an array keeps keeps the array, a circle that no collector sees; views are made again on demand.

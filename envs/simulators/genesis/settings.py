@@ -1,4 +1,4 @@
-"""What a scenario may say about Genesis's rigid solver: its block ``simulators["genesis"]``."""
+"""Settings of Genesis's rigid solver in a scenario: the block ``simulators["genesis"]``."""
 
 from dataclasses import dataclass
 

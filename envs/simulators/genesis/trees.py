@@ -33,7 +33,7 @@ _NAMES = {
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """What Genesis makes one entity of.
+    """Parts of one Genesis entity.
 
     Attributes:
         mjcf: The text.

@@ -105,8 +105,8 @@ class GlRenderer(StagedRenderer):
 
 def _open_context(width: int, height: int):
     """Opens an off-screen context by ``MUJOCO_GL``, or else by the first of EGL and OSMesa that works."""
-    asked = os.environ.get("MUJOCO_GL", "").lower()
-    backends = (asked,) if asked in ("egl", "osmesa", "glfw") else ("egl", "osmesa")
+    chosen = os.environ.get("MUJOCO_GL", "").lower()
+    backends = (chosen,) if chosen in ("egl", "osmesa", "glfw") else ("egl", "osmesa")
     reasons = []
     for backend in backends:
         try:

@@ -54,7 +54,7 @@ class Device:
 
     @contextlib.contextmanager
     def scope(self) -> Iterator[None]:
-        """Lets Warp work here, and on a GPU in torch's present stream: neither has to wait for the other."""
+        """Makes Warp use this device, and on a GPU torch's present stream, so neither waits for the other."""
         with contextlib.ExitStack() as stack:
             stack.enter_context(wp.ScopedDevice(self.warp))
             if self.is_cuda:

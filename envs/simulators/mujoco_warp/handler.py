@@ -127,7 +127,7 @@ class MujocoWarpHandler(ModelHandler):
 
     @property
     def num_resets(self) -> Tensor:
-        """How often each environment was put back because its state was no longer finite, (N,) int64."""
+        """Number of resets of each environment because its state was not finite, (N,) int64."""
         return self._running.num_resets
 
     # -- states -------------------------------------------------------------------------------------

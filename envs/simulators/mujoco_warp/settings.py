@@ -1,4 +1,4 @@
-"""What a scenario may say about this simulator: its block ``simulators["mujoco_warp"]``."""
+"""Settings of this simulator in a scenario: the block ``simulators["mujoco_warp"]``."""
 
 from dataclasses import dataclass, replace
 from typing import override

@@ -14,7 +14,7 @@ from envs.simulators.mujoco.render import RenderJob
 
 @dataclass(frozen=True, slots=True)
 class Snapshots(Sequence[RenderJob]):
-    """What is needed to draw n environments as they were; one of them is a :class:`RenderJob`.
+    """Snapshots of n environments for rendering; one of them is a :class:`RenderJob`.
 
     Attributes:
         qpos: Joint positions, (n, nq).

@@ -216,17 +216,17 @@ class _Context:
         count, start = rows.stop - rows.start, 0
         for camera in self.cameras:
             span = slice(start, start + len(camera.places))
-            shape, drawn = (count, camera.height, camera.width), images[camera.name]
+            shape, out = (count, camera.height, camera.width), images[camera.name]
             if "rgb" in self.modalities:
                 # One number per pixel, its bytes blue, green, red and opacity.
                 packed = self._rows(self.context.rgb_data, count, span)[:, camera.places]
-                drawn["rgb"][rows] = packed.view(torch.uint8).view(*shape, 4)[..., :3].flip(-1)
+                out["rgb"][rows] = packed.view(torch.uint8).view(*shape, 4)[..., :3].flip(-1)
             if "depth" in self.modalities:
                 depth = self._rows(self.context.depth_data, count, span)[:, camera.places]
-                drawn["depth"][rows] = depth.view(shape)
+                out["depth"][rows] = depth.view(shape)
             if "segmentation" in self.modalities:
                 ids = self._rows(self.context.seg_data, count, span)[:, camera.places, 0]
-                drawn["segmentation"][rows] = of_geom[ids.long()].view(shape)
+                out["segmentation"][rows] = of_geom[ids.long()].view(shape)
             start = span.stop
 
     def _rows(self, buffer: Any, count: int, span: slice) -> Tensor:

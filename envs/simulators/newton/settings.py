@@ -1,4 +1,4 @@
-"""What a scenario may say about Newton's solver: its block ``simulators["newton"]``."""
+"""Settings of Newton's solver in a scenario: the block ``simulators["newton"]``."""
 
 from dataclasses import dataclass
 

@@ -48,7 +48,7 @@ class ShapeFactory:
         self._shapes[geom] = self._add(geom, frame, link)
 
     def keep_apart(self) -> None:
-        """Lets only those touch each other that do in MuJoCo, once all are added."""
+        """Enables only the contact pairs that MuJoCo has, once all shapes are added."""
         geoms = np.array(list(self._shapes), np.intp)
         touch = touching(self._model, geoms)
         for first, second in np.argwhere(~touch):
@@ -117,9 +117,9 @@ class ShapeFactory:
 
 
 def check_pairs(model: mujoco.MjModel, theirs: mujoco.MjModel) -> None:
-    """Compares who touches whom to the model that Newton's solver has made of its own.
+    """Compares the contact pairs with those of the Newton solver's own model.
 
-    Newton fits pairs into bits, which it gives up without a word when a scene has too many shapes.
+    Newton encodes pairs in bit masks, which silently overflow when a scene has too many shapes.
 
     Args:
         model: The compiled scene.

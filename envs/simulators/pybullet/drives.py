@@ -132,11 +132,11 @@ class Drives:
         step, error = self._step_s, self._target - position
         momentum = self._inertia @ velocity - self._bias
         reached = self._implicit @ (momentum + step * self._kp * error)
-        asked = self._kp * (error - step * reached) - self._kd * reached
-        full = np.abs(asked) > self._limit
+        force = self._kp * (error - step * reached) - self._kd * reached
+        full = np.abs(force) > self._limit
         if full.any():  # what gives all its force gives no more the nearer it is
             gains = np.where(full, 0.0, step * self._kd + step**2 * self._kp)
-            pull = np.where(full, np.clip(asked, -self._limit, self._limit), self._kp * error)
+            pull = np.where(full, np.clip(force, -self._limit, self._limit), self._kp * error)
             reached = np.linalg.solve(self._passive_drag + np.diag(gains), momentum + step * pull)
         return reached
 

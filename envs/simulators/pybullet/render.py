@@ -66,7 +66,7 @@ class TinyRenderer(StagedRenderer):
 
     @override
     def dress(self, appearance: Appearance) -> None:
-        """Builds what looks otherwise than before anew, and sets the light."""
+        """Rebuilds the visuals that changed, and sets the light."""
         base, model = self.scenario.appearance, self._stage.model
         materials = {
             surface: appearance.materials.get(surface) or base.materials.get(surface) or SurfaceMaterial()
@@ -86,7 +86,7 @@ class TinyRenderer(StagedRenderer):
         self._light = _one_light(appearance.lights or base.lights or (LightCfg(cast_shadow=True),))
 
     def _look(self, geom: int, rgba: Sequence[float], materials: dict[str, SurfaceMaterial]) -> tuple | None:
-        """What a geom's image depends on, its pose aside; None for one that is not visible."""
+        """Returns what a geom's image depends on, except its pose; None for one that is not visible."""
         model = self._stage.model
         if int(model.geom_group[geom]) not in (VISUAL_GROUP, SCENE_GROUP) or rgba[3] <= 0.0:
             return None

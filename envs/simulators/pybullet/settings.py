@@ -1,4 +1,4 @@
-"""What a scenario may say about Bullet's solver: its block ``simulators["pybullet"]``."""
+"""Settings of Bullet's solver in a scenario: the block ``simulators["pybullet"]``."""
 
 from dataclasses import dataclass
 

@@ -30,7 +30,7 @@ class PybulletWorld(World):
     """A physics client of its own, and what moves in it.
 
     Bullet keeps contacts from step to step, so that the future depends on more than on what can be read or
-    set. Where that would show, at the first step after a state was set, the client is filled anew.
+    set. Where that would show, at the first step after a state was set, the client is rebuilt.
 
     Args:
         model: The compiled model.

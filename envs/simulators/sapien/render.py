@@ -1,7 +1,7 @@
 """Images of MuJoCo models by SAPIEN's rasterizer: physically based materials, through Vulkan.
 
 A surface always has an image, because SAPIEN shows no texture on a material that had none at first, and is
-built anew when the size of the image changes. SAPIEN's shaders multiply a light by albedo / π, and let a
+rebuilt when the size of the image changes. SAPIEN's shaders multiply a light by albedo / π, and let a
 lamp's fall with the square of the distance; lights are set so that one of intensity 1 that shines straight
 on a white chalky surface lights it to 1, a lamp's at the height of the table. What SAPIEN brightens for the
 screen is undone, so that its images are comparable to the others'.
@@ -53,7 +53,7 @@ _CAMERA_AXES = np.array([0.5, -0.5, 0.5, 0.5])
 
 @cache
 def _keep_compiled() -> object:
-    """Returns what keeps SAPIEN's shaders: compiled anew for each renderer, they cost it seconds."""
+    """Returns the cache of SAPIEN's shaders, whose compilation takes each renderer seconds."""
     return sapien.render.RenderSystem()
 
 

@@ -1,4 +1,4 @@
-"""What a scenario may say about PhysX: its block ``simulators["sapien"]``."""
+"""Settings of PhysX in a scenario: the block ``simulators["sapien"]``."""
 
 from dataclasses import dataclass
 

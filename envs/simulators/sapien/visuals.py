@@ -48,7 +48,7 @@ class VisualFactory:
         Args:
             geom: Its id.
             copies_per_metre: How often a surface's image is repeated.
-            fresh: Its material is not shared, nor kept: for what is built anew with each draw.
+            fresh: Its material is neither shared nor cached: for visuals rebuilt at each change.
 
         Raises:
             SimulatorError: if SAPIEN has no such shape.

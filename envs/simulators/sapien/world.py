@@ -49,7 +49,7 @@ class SapienWorld(World):
 
     @property
     def native(self) -> sapien.Scene:
-        """SAPIEN's scene, until the world is built anew."""
+        """SAPIEN's scene, until the world is rebuilt."""
         return self._scene
 
     def _build(self) -> None:
@@ -290,7 +290,7 @@ class _Articulation(_Part):
 
 
 class _Servos:
-    """What PhysX's drives lack of position actuators beside which the joint's own damping acts.
+    """Difference of PhysX's drives from position actuators with separate joint damping.
 
     A joint has one drive in PhysX, and its limit bounds the damping too; in MuJoCo the limit bounds the
     actuator, and the damping is added. The two are the same until an actuator reaches its limit, as those of
@@ -323,9 +323,9 @@ class _Servos:
 
     def missing(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
         """Returns the forces to add to the drives', (J,)."""
-        asked, drag = self._kp * (self._target - qpos) - self._kd * qvel, self._damping * qvel
+        force, drag = self._kp * (self._target - qpos) - self._kd * qvel, self._damping * qvel
         low, high = -self._limit, self._limit
-        return _bounded(asked, low, high) - drag - _bounded(asked - drag, low, high)
+        return _bounded(force, low, high) - drag - _bounded(force - drag, low, high)
 
 
 def _bounded(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -98,8 +98,8 @@ class Ant(Task):
         near = _normalized(robot).abs()
         at_limits = ((near > _NEAR_LIMIT) * (near - _NEAR_LIMIT) / (1.0 - _NEAR_LIMIT)).sum(-1)
         power = (action * robot.joint_vel).abs().sum(-1)
-        paid = progress + 0.5 * alive + 0.1 * (up > 0.93) + 0.5 * towards
-        return STEP_S * (paid - 0.005 * (action**2).sum(-1) - 0.05 * power - 0.1 * at_limits)
+        reward = progress + 0.5 * alive + 0.1 * (up > 0.93) + 0.5 * towards
+        return STEP_S * (reward - 0.005 * (action**2).sum(-1) - 0.05 * power - 0.1 * at_limits)
 
     def observe(self, state: State) -> Tensor:
         """Returns height, velocities in the body, yaw, roll, angle to the target, axes, joints, (N, 36)."""

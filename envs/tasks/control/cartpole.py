@@ -63,11 +63,11 @@ class Cartpole(Task):
     @override
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
         half = np.array([START_M, START_RAD, START_M_S, START_RAD])
-        drawn = np.stack([rng.uniform(-half, half) for rng in rngs])
+        sampled = np.stack([rng.uniform(-half, half) for rng in rngs])
         robot = EntityState.at_rest(
-            np.array(CARTPOLE.pos), np.tile(CARTPOLE.rot, (len(rngs), 1)), drawn[:, :2]
+            np.array(CARTPOLE.pos), np.tile(CARTPOLE.rot, (len(rngs), 1)), sampled[:, :2]
         )
-        robot.joint_vel = torch.from_numpy(drawn[:, 2:].copy())
+        robot.joint_vel = torch.from_numpy(sampled[:, 2:].copy())
         robot.joint_target = torch.zeros((len(rngs), 1), dtype=torch.float64)
         return State({CARTPOLE.name: robot}, {})
 
@@ -86,8 +86,8 @@ class Cartpole(Task):
         lost = self.failure(state).to(robot.joint_pos.dtype)
         cart_speed, pole_speed = robot.joint_vel.abs().unbind(-1)
         angle = torch.remainder(robot.joint_pos[:, 1] + pi, 2 * pi) - pi
-        paid = (1.0 - lost) - 2.0 * lost - angle**2 - 0.01 * cart_speed - 0.005 * pole_speed
-        return STEP_S * paid
+        reward = (1.0 - lost) - 2.0 * lost - angle**2 - 0.01 * cart_speed - 0.005 * pole_speed
+        return STEP_S * reward
 
     def observe(self, state: State) -> Tensor:
         """Returns positions and speeds of cart and pole, m and rad, (N, 4)."""

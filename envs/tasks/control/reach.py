@@ -111,8 +111,8 @@ class FrankaReach(Task):
         """Returns nearness, less both errors and joint speeds, per step, (N,)."""
         off, turn = self._errors(state)
         speeds = (state.robots[ROBOT.name].joint_vel ** 2).sum(-1)
-        paid = -0.2 * off + 0.1 * (1.0 - torch.tanh(off / 0.1)) - 0.1 * turn - 0.0001 * speeds
-        return STEP_S * paid
+        reward = -0.2 * off + 0.1 * (1.0 - torch.tanh(off / 0.1)) - 0.1 * turn - 0.0001 * speeds
+        return STEP_S * reward
 
     def observe(self, state: State) -> Tensor:
         """Returns joints from their rest, their speeds, the command, and the last action, (N, 32)."""

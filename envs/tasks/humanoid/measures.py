@@ -1,4 +1,4 @@
-"""What HumanoidBench's rewards measure on an H1 (``robots.py``), and the terms that its tasks share."""
+"""Measurements of HumanoidBench's rewards on an H1 (``robots.py``), and the terms that its tasks share."""
 
 import math
 from dataclasses import dataclass
@@ -67,7 +67,7 @@ class Measures:
 
     @property
     def still(self) -> Tensor:
-        """How slow it is along x and y, (N,)."""
+        """Reward for low speed along x and y, (N,)."""
         return tolerance(self.com_vel[:, :2], margin=2.0).mean(-1)
 
 

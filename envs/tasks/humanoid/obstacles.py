@@ -26,7 +26,7 @@ from envs.tasks.humanoid.task import ROBOT, HumanoidTask
 from envs.tasks.rewards import tolerance
 
 TOUCH_DISCOUNT = 0.1
-"""What is left of a reward while the robot touches what it should not."""
+"""Factor of the reward while the robot touches an obstacle."""
 
 
 BEHIND: Vec3 = (-3.0, 3.0, 3.0)
@@ -72,8 +72,8 @@ class Crawl(HumanoidTask):
         m, rot = self.measures(state), state.robots[ROBOT].rot
         low = torch.minimum(*(tolerance(part[:, 2], 0.6, 1.0, margin=1.0) for part in (m.imu, m.head)))
         off = torch.linalg.vector_norm(rot - rot.new_tensor([0.75, 0.0, 0.65, 0.0]), dim=-1)
-        paid = 0.1 * m.small_control + 0.25 * low + 0.4 * m.moving(1.0) + 0.25 * tolerance(off, margin=1.0)
-        return paid * tolerance(m.imu[:, 1], -1.0, 1.0)
+        reward = 0.1 * m.small_control + 0.25 * low + 0.4 * m.moving(1.0) + 0.25 * tolerance(off, margin=1.0)
+        return reward * tolerance(m.imu[:, 1], -1.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,8 +93,8 @@ class Hurdle(Walk):
     @override
     def reward(self, state: State) -> Tensor:
         m = self.measures(state)
-        paid = m.small_control * m.standing() * m.straight(0.8) * m.moving(self.speed_m_s)
-        return paid * _discount(state.objects["walls"])
+        reward = m.small_control * m.standing() * m.straight(0.8) * m.moving(self.speed_m_s)
+        return reward * _discount(state.objects["walls"])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,18 +155,18 @@ class Pole(HumanoidTask):
     def reward(self, state: State) -> Tensor:
         """Returns the mean of standing and of moving, a tenth of it for a touch, in [0, 1], (N,)."""
         m = self.measures(state)
-        stands = m.small_control * m.standing() * m.straight(UPRIGHT)
-        return (0.5 * stands + 0.5 * m.moving(0.5)) * _discount(state.objects["poles"])
+        standing = m.small_control * m.standing() * m.straight(UPRIGHT)
+        return (0.5 * standing + 0.5 * m.moving(0.5)) * _discount(state.objects["poles"])
 
 
 _CHECKPOINTS: tuple[Vec3, ...] = ((0, 0, 1), (3, 0, 1), (3, 6, 1), (6, 6, 1), (6, 6, -1))
-"""Where the robot has to pass, m. The last two are one place; the last marker is out of sight."""
+"""Checkpoints that the robot has to pass, m. The last two are one place; the last marker is out of sight."""
 
 _START: Vec3 = (0, 0, 2)
 """Of the marker before the first step, which reaches the first checkpoint and gets its reward."""
 
 _WAYS = ((1, 0), (1, 0), (0, 1), (1, 0), (0, 1))
-"""Where to go on the way to each."""
+"""Direction of the way to each."""
 
 _REACHED_M, _MAZE_SPEED_M_S = 0.4, 2.0
 
@@ -219,9 +219,9 @@ class Maze(HumanoidTask):
         move = torch.where(now == len(_CHECKPOINTS) - 1, 1.0, move)
         place = m.imu.new_tensor(_CHECKPOINTS)[now][:, :2]
         near = tolerance(torch.linalg.vector_norm(place - m.imu[:, :2], dim=-1), margin=1.0)
-        stands = m.small_control * m.standing() * m.straight(UPRIGHT)
-        paid = 0.2 * stands + 0.4 * (5.0 * move + 1.0) / 6.0 + 0.4 * near
-        return paid * _discount(state.objects["maze"]) + 100.0 * now * (now > before)
+        standing = m.small_control * m.standing() * m.straight(UPRIGHT)
+        reward = 0.2 * standing + 0.4 * (5.0 * move + 1.0) / 6.0 + 0.4 * near
+        return reward * _discount(state.objects["maze"]) + 100.0 * now * (now > before)
 
 
 class MazeController(NormalizedPositionController):

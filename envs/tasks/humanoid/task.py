@@ -1,4 +1,4 @@
-"""What HumanoidBench's tasks of the H1 share: scene, observation, control, ends, start."""
+"""Base of HumanoidBench's tasks of the H1: scene, observation, control, ends, start."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -70,7 +70,7 @@ class HumanoidTask(Task):
     has_expert: ClassVar[bool] = False
 
     start_pos: ClassVar[Vec3] = (0.0, 0.0, STAND_HEIGHT_M)
-    """Where the pelvis is at the start, m."""
+    """Initial position of the pelvis, m."""
 
     fallen_below_m: ClassVar[float | None] = 0.2
     """Height of the pelvis below which an episode is lost."""
@@ -90,7 +90,7 @@ class HumanoidTask(Task):
 
     @property
     def objects(self) -> tuple[ObjectCfg, ...]:
-        """What else is in the scene."""
+        """Further objects of the scene."""
         return ()
 
     @property

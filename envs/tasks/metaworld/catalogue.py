@@ -12,4 +12,4 @@ WORDS: dict[str, tuple[str, ...]] = {
 """Meta-World's name, without its version, to instructions."""
 
 VERSION = "-v3"
-"""What Meta-World adds to each of these names."""
+"""Suffix that Meta-World adds to each of these names."""

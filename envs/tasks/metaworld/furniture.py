@@ -57,7 +57,7 @@ def both(a: Tensor, b: Tensor) -> Tensor:
 
 
 class FurnitureTask(MetaWorldTask):
-    """One piece of furniture whose handle has to come to the goal.
+    """One piece of furniture whose handle has to reach the goal.
 
     Attributes:
         furniture: The object that carries the joint.

@@ -51,7 +51,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """What follows from a random vector.
+    """Values derived from a random vector.
 
     Attributes:
         start: How the episode begins.

@@ -20,7 +20,7 @@ PULLER_ROT = (sqrt(0.5), 0.0, sqrt(0.5), 0.0)
 """Meta-World's (1, 0, 1, 0), normalized: the gripper points down."""
 
 VECTOR_MARKERS = ("random_vector_0", "random_vector_1")
-"""Markers that nobody sees, at the positions that make up an episode's random vector."""
+"""Invisible markers at the positions that make up an episode's random vector."""
 
 _SHOWN_GROUPS = (0, 1, 2)
 """Geom groups that MuJoCo's viewer, and so Meta-World, shows; 4 has collision shapes."""

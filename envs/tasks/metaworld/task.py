@@ -26,7 +26,7 @@ BELOW_ONE = 0.999
 
 
 class MetaWorldTask(Task):
-    """What the 50 tasks share. Success, reward and observation are Meta-World's, row by row.
+    """Base of the 50 tasks. Success, reward and observation are Meta-World's, row by row.
 
     The observation is Meta-World's of MT1, where the goal is seen, without its second frame: a frame
     (hand, opening of the gripper, positions and orientations of up to two objects, zeros) and the goal.

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CollectionProgress:
-    """How far a collection is.
+    """Progress of a collection.
 
     Attributes:
         num_episodes: Successful episodes on disk, those of earlier runs included.
@@ -50,7 +50,7 @@ class CollectionProgress:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CollectionSummary:
-    """What a collection gave.
+    """Result of a collection.
 
     Attributes:
         root: The dataset's folder.
@@ -88,7 +88,7 @@ def collect(
 
     Raises:
         TooFewSuccessesError: The candidates do not give enough successes, or will not.
-        DatasetError: The disk is full, a worker died, or the dataset was begun with other settings.
+        DatasetError: The disk is full, a worker died, or the dataset was started with other settings.
     """
     start = time.monotonic()
     settings = config.source_kwargs if config.settings is None else config.settings
@@ -139,7 +139,7 @@ def _run(config: CollectionConfig, schedule: Schedule, report: "_Reporter") -> N
 
 
 class _Reporter:
-    """Tells a caller how far the collection is."""
+    """Reports progress to the caller."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""What a collection collects."""
+"""Configuration of a collection."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from roboverse_learn.data.sources.base import EpisodeSource, imported
 
 @dataclass(frozen=True, kw_only=True)
 class CollectionConfig:
-    """What to collect.
+    """Settings of a collection.
 
     Attributes:
         root: The dataset's folder; an existing one is continued.

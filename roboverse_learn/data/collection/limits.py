@@ -1,4 +1,4 @@
-"""How many processes and environments of a collection this machine can hold."""
+"""Limits the processes and environments of a collection to this machine's cores and memory."""
 
 import dataclasses
 import logging
@@ -25,18 +25,18 @@ def within_machine(config: CollectConfig) -> CollectConfig:
     """
     from envs.simulators import HANDLERS
 
-    asked = config.collect
+    requested = config.collect
     cores, free = num_cores(), psutil.virtual_memory().available
     default = 1 if HANDLERS.get(config.env.simulator).steps_together else cores
-    workers = max(1, min(asked.num_workers or default, cores, free // WORKER_BYTES))
-    envs = max(1, min(asked.num_envs, (free // workers - WORKER_BYTES) // _bytes_of_env(config)))
-    if workers < asked.num_workers or envs < asked.num_envs:
+    workers = max(1, min(requested.num_workers or default, cores, free // WORKER_BYTES))
+    envs = max(1, min(requested.num_envs, (free // workers - WORKER_BYTES) // _bytes_of_env(config)))
+    if workers < requested.num_workers or envs < requested.num_envs:
         _LOG.warning(
             "num_workers=%d with num_envs=%d is more than this machine holds (%d cores, %.1f GB free); "
             "num_workers=%d with num_envs=%d is used.",
-            *(asked.num_workers or default, asked.num_envs, cores, free / 1e9, workers, envs),
+            *(requested.num_workers or default, requested.num_envs, cores, free / 1e9, workers, envs),
         )
-    collect = dataclasses.replace(asked, num_workers=workers, num_envs=envs)
+    collect = dataclasses.replace(requested, num_workers=workers, num_envs=envs)
     return dataclasses.replace(config, collect=collect)
 
 

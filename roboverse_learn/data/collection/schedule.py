@@ -1,4 +1,4 @@
-"""Which pool episode is tried next, and which finished ones are committed, so that order is deterministic."""
+"""Schedules pool episodes and commits finished ones in a deterministic order."""
 
 import itertools
 import json
@@ -43,7 +43,7 @@ class Schedule:
             candidates together will not be enough.
 
     Raises:
-        DatasetError: The dataset was begun with other settings.
+        DatasetError: The dataset was started with other settings.
     """
 
     def __init__(

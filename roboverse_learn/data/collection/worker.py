@@ -1,4 +1,4 @@
-"""What the processes of a collection do: simulate, encode, and stage batches of pool episodes."""
+"""Worker processes of a collection: simulate, encode, and stage batches of pool episodes."""
 
 import os
 import signal

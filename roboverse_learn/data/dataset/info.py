@@ -1,4 +1,4 @@
-"""What a dataset says about itself, read without LeRobot and without torch."""
+"""Metadata of a dataset, read without LeRobot and without torch."""
 
 import json
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ _EPISODE_COLUMNS = ["episode_index", "tasks", "length", "dataset_from_index", "d
 
 @dataclass(frozen=True, kw_only=True)
 class DatasetInfo:
-    """The metadata of a LeRobotDataset v3, whoever wrote it.
+    """The metadata of a LeRobotDataset v3, of any writer.
 
     Attributes:
         root: The dataset's folder.
@@ -112,7 +112,7 @@ class DatasetInfo:
 
     @cached_property
     def episode_metadata(self) -> tuple[dict[str, Any], ...]:
-        """What :attr:`EpisodeData.metadata` said of each episode; empty where another tool wrote it."""
+        """:attr:`EpisodeData.metadata` of each episode; empty where another tool wrote it."""
         return tuple(json.loads(episode.get(METADATA_COLUMN) or "{}") for episode in self.episodes)
 
     def data_files(self) -> list[Path]:

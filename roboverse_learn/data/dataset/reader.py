@@ -25,7 +25,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class ResidentDataset:
-    """All frames of a LeRobotDataset v3, whoever wrote it, ready to be gathered.
+    """All frames of a LeRobotDataset v3, of any writer, ready to be gathered.
 
     Images that would take more than ``memory_fraction`` of the free memory go to a memory-mapped file in
     the dataset's ``.cache`` folder instead, written once.

@@ -1,4 +1,4 @@
-"""What a dataset holds: the features of LeRobotDataset v3, and one episode on its way into it.
+"""Schema of a dataset: the features of LeRobotDataset v3, and one episode to be written.
 
 Shape legend: T = frames of an episode, S = state dimension, A = action dimension, H, W = image size.
 """

@@ -20,7 +20,7 @@ _PRESETS = ("ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "s
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EncoderConfig:
-    """How frames become an H.264 video.
+    """Settings of the H.264 encoder.
 
     The defaults favour speed and fidelity over size: on the benchmark's frames at 256x256, 2500 frames per
     CPU second with a PSNR of 34.5 dB, where LeRobot's default (SVT-AV1) has 310 and 33.0 dB in a fifth of

@@ -150,7 +150,7 @@ class DatasetWriter:
 
     @property
     def staging_directory(self) -> Path:
-        """Where episodes wait that are finished and not committed."""
+        """Folder of finished episodes that are not committed yet."""
         return self.root / STAGING_DIRECTORY
 
     def add_episode(self, episode: EpisodeData) -> int:

@@ -83,7 +83,7 @@ class DemonstrationFile(ABC):
 
 
 class Scene(NamedTuple):
-    """Where a scene of another project is one of our tasks.
+    """Mapping of another project's scene to one of our tasks.
 
     Attributes:
         task: Name of our task.

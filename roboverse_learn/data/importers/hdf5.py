@@ -8,7 +8,7 @@ import h5py
 from envs.core.errors import DatasetError
 
 READ_ERRORS = (KeyError, OSError, RuntimeError, TypeError)
-"""What h5py raises for a group that is absent, of another kind, or damaged."""
+"""Errors that h5py raises for a group that is absent, of another kind, or damaged."""
 
 
 def open_hdf5(path: Path) -> Any:

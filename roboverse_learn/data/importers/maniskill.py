@@ -39,7 +39,7 @@ ROBOT = "franka"
 """Our robot that is ManiSkill's ``panda``: same kinematics, joints in the same order."""
 
 GRIPPER_RANGE_M = (-0.01, 0.04)
-"""Finger positions that a gripper action of -1 and 1 stand for (``agents/robots/panda/panda.py``)."""
+"""Finger positions of the gripper actions -1 and 1 (``agents/robots/panda/panda.py``)."""
 
 DEFAULT_CONTROL_HZ = 20.0
 """ManiSkill's ``SimConfig.control_freq``."""

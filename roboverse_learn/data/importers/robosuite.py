@@ -61,7 +61,7 @@ SAME_BASE_M = 2e-3
 """Bases nearer than this are the same: robosuite moved its own by 1 mm between 1.0 and 1.5."""
 
 _MOVING_TAGS = ("body", "joint", "freejoint", "inertial", "geom", "site")
-"""What of a model's worldbody is needed, and all that is compiled of a stranger's file."""
+"""Elements of a model's worldbody that are needed; no others of a foreign file are compiled."""
 
 
 class RobosuiteFile(DemonstrationFile):
@@ -157,7 +157,7 @@ class RobosuiteSource(FileSource):
 
 
 class _Motion(NamedTuple):
-    """What the recorded model did, in its own world, at R moments."""
+    """Poses of the recorded model, in its own world, at R moments."""
 
     model: mujoco.MjModel
     qpos: np.ndarray

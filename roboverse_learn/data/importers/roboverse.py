@@ -117,7 +117,7 @@ class RoboVerseFile(DemonstrationFile):
     def _read(self, name: str, episode: Mapping[str, Any]) -> Demonstration:
         frames: list[Frame] = [episode["init_state"], *(episode.get("states") or ())]
         actions = [action["dof_pos_target"] for action in episode["actions"]]
-        if len(frames) > 1:  # the actions go on, all the same, where the states end
+        if len(frames) > 1:  # actions continue where the states end
             actions = actions[: len(frames) - 1]
             frames = frames[: len(actions) + 1]
         base = frames[0][self._source]

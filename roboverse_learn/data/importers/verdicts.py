@@ -1,4 +1,4 @@
-"""Which demonstrations can be read, and which pass our checker: by states and by controls."""
+"""Verdicts on demonstrations: whether they can be read, and pass our checker by states and by controls."""
 
 import hashlib
 import json
@@ -15,12 +15,12 @@ from roboverse_learn.data.importers.demonstration import Demonstration, Demonstr
 from roboverse_learn.data.importers.replayer import Replay, Replayer
 
 IMPORT_PATH = "meta/import.json"
-"""Where a dataset of imported demonstrations says what became of each of them."""
+"""File of a dataset of imported demonstrations with the verdict on each of them."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Verdict:
-    """What became of one demonstration.
+    """Verdict on one demonstration.
 
     Attributes:
         file: Its file, relative to the folder that was given.
@@ -47,7 +47,7 @@ class Verdict:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ImportSummary:
-    """What became of all demonstrations.
+    """Verdicts on all demonstrations.
 
     Attributes:
         source: Format.
@@ -74,12 +74,12 @@ class ImportSummary:
         return tuple(verdict for verdict in self.verdicts if verdict.error)
 
     def count(self, replay: Replay) -> int:
-        """How many pass a replay."""
+        """Number that pass a replay."""
         return sum(verdict.passes(replay) for verdict in self.read)
 
     @property
     def num_said(self) -> int:
-        """Of how many both their file and a replay by states say whether they succeed."""
+        """Number whose success both their file and a replay by states state."""
         return sum(None not in (v.file_success, v.states) for v in self.read)
 
     @property
@@ -89,7 +89,7 @@ class ImportSummary:
 
     @property
     def num_with_states(self) -> int:
-        """How many can be replayed by states."""
+        """Number that can be replayed by states."""
         return sum(verdict.states is not None for verdict in self.read)
 
     def identity(self) -> dict[str, Any]:

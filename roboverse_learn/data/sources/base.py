@@ -1,4 +1,4 @@
-"""What a source of demonstrations is: what it needs before a run, and how it makes episodes."""
+"""Interface of a source of demonstrations: its checks before a run, and its episodes."""
 
 import importlib
 from collections.abc import Callable, Iterator, Mapping, Sequence

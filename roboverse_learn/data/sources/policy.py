@@ -46,7 +46,7 @@ class PolicyPlanner:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Demonstrator:
-    """Which policy demonstrates.
+    """The demonstrating policy.
 
     Attributes:
         checkpoint: Its pretrained folder.
@@ -83,7 +83,7 @@ def find_demonstrator(checkpoint: str, task: str) -> Demonstrator:
     if policies.learns_from(name) != "env":
         raise ConfigError(
             f"Checkpoint '{folder}' is of policy '{name}', which learned from demonstrations itself. "
-            f"source=policy takes what learned by reward: {', '.join(policies.names('env'))}."
+            f"source=policy takes reinforcement learning policies: {', '.join(policies.names('env'))}."
         )
     if cameras := seen_cameras(folder):
         raise ConfigError(
@@ -117,14 +117,14 @@ class PolicySource(DemonstrationSource):
         if folder is None:
             return
         trained = read_config(folder)
-        learned, asked = learned_hz(trained, self.config.env.task), control_hz(self.config.env)
-        if learned != asked:
+        learned, requested = learned_hz(trained, self.config.env.task), control_hz(self.config.env)
+        if learned != requested:
             changes = trained.env.scenario.get("physics", {})
             words = [f"scenario.physics.{key}={value}" for key, value in changes.items()]
             remedy = f"Add {' '.join(words)}." if words else "Leave out scenario.physics."
             raise ConfigError(
-                f"The policy of '{folder}' learned at {learned:g} control steps per second, and {asked:g} "
-                f"were requested. {remedy}"
+                f"The policy of '{folder}' learned at {learned:g} control steps per second, and "
+                f"{requested:g} were requested. {remedy}"
             )
 
     @override

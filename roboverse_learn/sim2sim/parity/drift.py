@@ -1,4 +1,4 @@
-"""How far a replay is from the recording, state by state.
+"""Drift of a replay from the recording, state by state.
 
 Shape legend: E = episodes, T = states of the longest of them.
 """

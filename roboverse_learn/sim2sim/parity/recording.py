@@ -53,7 +53,7 @@ def read_recordings(root: str | Path, count: int = 0) -> list[Recording]:
         if missing:
             raise DatasetError(
                 f"Episode {index} of '{root}' does not say its {', '.join(missing)}, so it cannot be "
-                "replayed. Collect it anew with: roboverse collect"
+                "replayed. Collect it again with: roboverse collect"
             )
         start, end = info.episode_starts[index], info.episode_ends[index]
         flat = {key: torch.from_numpy(value) for key, value in arrays.items()}

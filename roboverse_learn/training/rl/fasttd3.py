@@ -57,7 +57,7 @@ class FastTd3Algorithm:
         return (action + self.std * torch.randn_like(action)).clamp(-1.0, 1.0)
 
     def store(self, observation: Tensor, action: Tensor, step: Any) -> None:
-        """Takes in what came of the actions."""
+        """Stores the step that followed the actions."""
         ended = step.terminated.float()
         lived = Transitions(observation, action, step.reward, ended, step.final_obs)
         self.buffer.add(lived, step.terminated | step.truncated)
@@ -71,8 +71,8 @@ class FastTd3Algorithm:
     def learn(self) -> Mapping[str, Tensor]:
         """Makes an update."""
         self.due -= 1
-        drawn = self.buffer.returns(self.batch_size, self.config.num_steps, self.config.discount)
-        return self.updater.update(*drawn)
+        batch = self.buffer.returns(self.batch_size, self.config.num_steps, self.config.discount)
+        return self.updater.update(*batch)
 
     def set_progress(self, fraction: float) -> None:
         """The learning rates stay as they are."""
@@ -82,7 +82,7 @@ class FastTd3Algorithm:
         return True
 
     def state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
-        """Returns all that it takes to go on."""
+        """Returns the state that resuming needs."""
         updater = self.updater
         numbers: dict[str, Any] = {"updates": updater.updates, "due": self.due}
         tensors = checkpoint.named(self.policy.state_dict(), "policy")

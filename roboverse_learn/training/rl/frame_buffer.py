@@ -1,4 +1,4 @@
-"""What an agent that sees images lived through: every frame once, in bytes, on the device it learns on.
+"""Replay buffer of images: every frame once, in bytes, on the device of training.
 
 Shapes: L rows, N environments, F frames of an observation, C channels and P pixels of a frame, A action,
 B samples, H steps of a sequence.
@@ -81,7 +81,7 @@ class FrameReplay:
         return min(self.added, self.length) * self.num_envs
 
     def add(self, transitions: Transitions, over: Tensor) -> None:
-        """Takes in one step of every environment.
+        """Adds one step of every environment.
 
         Args:
             transitions: The step, B = N; observations are stacks (N, F C, P, P) uint8.

@@ -34,7 +34,7 @@ _NOISE, _ENV = 0, 1
 
 
 class Algorithm(Protocol):
-    """What learns.
+    """Interface of a learning algorithm.
 
     Attributes:
         policy: What it trains.
@@ -51,7 +51,7 @@ class Algorithm(Protocol):
         ...
 
     def store(self, observation: Tensor, action: Tensor, step: Any) -> None:
-        """Takes in what came of the actions; ``step`` is an :class:`~envs.torch_env.EnvStep`."""
+        """Stores the step that followed the actions; ``step`` is an :class:`~envs.torch_env.EnvStep`."""
         ...
 
     def must_learn(self) -> bool:
@@ -63,7 +63,7 @@ class Algorithm(Protocol):
         ...
 
     def state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
-        """Returns all that it takes to go on, the policy included, as tensors and plain JSON."""
+        """Returns the state that resuming needs, the policy included, as tensors and plain JSON."""
         ...
 
     def load(self, tensors: Mapping[str, Tensor], numbers: Mapping[str, Any]) -> None:
@@ -104,9 +104,9 @@ def run(
             every rollout that is shorter than an episode sees one part of the episodes alone.
 
     Raises:
-        CheckpointError: if the checkpoint to go on from is damaged or of another configuration, or if a
+        CheckpointError: if the checkpoint to resume from is damaged or of another configuration, or if a
             new one cannot be written.
-        Interrupted: after a checkpoint, if SIGINT or SIGTERM came.
+        Interrupted: after a checkpoint, on SIGINT or SIGTERM.
         TrainingDivergedError: if a term of the loss or a weight becomes infinite or NaN.
     """
     device = algorithm.policy.device
@@ -208,7 +208,7 @@ class Loop:
         self.updates += 1
 
     def begin(self, directory: Path | None) -> None:
-        """Starts anew, or where a checkpoint left off."""
+        """Starts, or resumes from a checkpoint."""
         if directory is None:
             self._seed()
             self._restart_env()

@@ -1,4 +1,4 @@
-"""What an agent lived through, on the device that it learns on.
+"""Replay buffer on the device of training.
 
 Shapes: T time steps, N environments, D observation, A action, B samples, H steps of a sequence.
 
@@ -37,7 +37,7 @@ class Transitions(NamedTuple):
 
 
 class Returns(NamedTuple):
-    """What actions led to within a few steps.
+    """Transitions of a few steps.
 
     Attributes:
         observation: (B, D).
@@ -118,7 +118,7 @@ class ReplayBuffer:
         return self.filled * self.num_envs
 
     def add(self, transitions: Transitions, over: Tensor) -> None:
-        """Takes in one step of every environment.
+        """Adds one step of every environment.
 
         Args:
             transitions: The step, B = N.
@@ -164,9 +164,9 @@ class ReplayBuffer:
         often than all others; steps after the episode's end are marked.
         """
         oldest = self.next if self.filled == self.length else 0
-        drawn = torch.randint((self.filled - self.horizon + 1) * self.num_envs, (num,), device=self.device)
+        picked = torch.randint((self.filled - self.horizon + 1) * self.num_envs, (num,), device=self.device)
         step = torch.arange(self.horizon, device=self.device)[:, None]
-        rows, envs = (oldest + drawn // self.num_envs + step) % self.length, drawn % self.num_envs
+        rows, envs = (oldest + picked // self.num_envs + step) % self.length, picked % self.num_envs
         storage = self.storage
         ended_before = storage["over"][rows[:-1], envs].cumsum(0) > 0
         valid = torch.cat([torch.ones_like(rows[:1]), ~ended_before]).float()

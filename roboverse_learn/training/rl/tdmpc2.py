@@ -71,7 +71,7 @@ class Tdmpc2Algorithm:
         return action if mask is None else action * mask  # padding is learned as the zeros that are planned
 
     def store(self, observation: Tensor, action: Tensor, step: Any) -> None:
-        """Takes in what came of the actions."""
+        """Stores the step that followed the actions."""
         ended = step.terminated.float()
         self.buffer.add(
             Transitions(observation, action, step.reward, ended, step.final_obs),
@@ -104,7 +104,7 @@ class Tdmpc2Algorithm:
         return True
 
     def state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
-        """Returns all that it takes to go on."""
+        """Returns the state that resuming needs."""
         updater = self.updater
         numbers: dict[str, Any] = {"learning": self.learning, "due": self.due}
         tensors = checkpoint.named(self.policy.state_dict(), "policy")

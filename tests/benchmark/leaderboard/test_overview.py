@@ -63,7 +63,7 @@ def test_of_several_rows_stands_the_best_measured_not_the_best(publish, tmp_path
 @pytest.mark.parametrize(
     "change",
     [
-        {"demonstrations": None, "dataset_hash": None},  # learned by reward
+        {"demonstrations": None, "dataset_hash": None},  # reinforcement learning
         {"train_level": None, "train_only": "camera"},
         {"task_kwargs": {"success": "lift"}},
         {"scenario": {"cameras": {"front": {"fovy_deg": 30.0}}}},

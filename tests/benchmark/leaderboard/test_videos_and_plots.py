@@ -156,6 +156,6 @@ def test_a_legend_lies_wholly_within_the_image(monkeypatch, tmp_path, labels):
     for figure in figures:
         assert overlap(figure) <= 0
         # All of the names, whatever the lines that they are broken into.
-        told = ["".join(text.get_text().split()) for text in figure.legends[0].get_texts()]
-        assert all(name.startswith("".join(text.split())) for name, text in zip(told, labels, strict=True))
+        shown = ["".join(text.get_text().split()) for text in figure.legends[0].get_texts()]
+        assert all(name.startswith("".join(text.split())) for name, text in zip(shown, labels, strict=True))
         assert figure.axes[0].get_position().height * figure.get_figheight() > 2.0, "an image is left, inch"

@@ -46,11 +46,11 @@ def test_report_does_not_depend_on_the_number_of_envs():
 
 
 def test_command_logs_a_line_per_split(monkeypatch):
-    asked = []
+    calls = []
 
     def pretend(task, split, episodes, *, num_envs, simulator):
         assert simulator == "mujoco"
-        asked.append((task, split, episodes, num_envs))
+        calls.append((task, split, episodes, num_envs))
         return ExpertReport(episodes, (17,), 42.5, 0.125)
 
     monkeypatch.setattr("envs.experts.check.check_expert", pretend)
@@ -58,13 +58,13 @@ def test_command_logs_a_line_per_split(monkeypatch):
     said = []
     monkeypatch.setattr("envs.experts.check.logger.info", lambda text, *values: said.append(text % values))
     assert main(["episodes=50", "num_envs=8"]) == 0
-    assert asked == [("PickCube", "train", 50, 8), ("PickCube", "test", 50, 8)]
+    assert calls == [("PickCube", "train", 50, 8), ("PickCube", "test", 50, 8)]
     assert said[0] == (
         "PickCube train in mujoco: 98.00 % success (49 of 50 episodes), 42.5 steps on average, "
         "largest joint step 0.125 rad; failed: 17"
     )
     assert main(["split=test"]) == 0
-    assert len(asked) == 3
+    assert len(calls) == 3
 
 
 def test_unknown_task_exits_with_code_two(caplog):

@@ -162,9 +162,9 @@ def test_the_difference_is_what_was_changed(changes: dict[str, Any]) -> None:
 @pytest.mark.parametrize("lights", [[], [{"kind": "area"}, {}]])
 def test_a_row_of_another_length_differs_as_a_whole(lights: list[Any]) -> None:
     new = changed(SCENE, {"appearance": {"lights": lights}})
-    told = difference(SCENE, new)
-    assert changed(SCENE, json.loads(json.dumps(told))) == new
-    assert len(told["appearance"]["lights"]) == len(lights)
+    changes = difference(SCENE, new)
+    assert changed(SCENE, json.loads(json.dumps(changes))) == new
+    assert len(changes["appearance"]["lights"]) == len(lights)
 
 
 def test_what_is_set_to_what_it_was_is_no_difference() -> None:

@@ -110,10 +110,10 @@ def test_targets_move_evenly_and_arrive():
         world = handler.worlds[0]
         world.calls.clear()
         handler.step_towards({"franka": before[None] + 0.01}, 4, [0])
-        told = [entry[1] for entry in world.calls if entry[0] == "drive"]
-        assert len(told) == 4
-        np.testing.assert_allclose(np.diff([before, *told], axis=0)[:, :7], 0.0025, atol=1e-6)
-        np.testing.assert_array_equal(told[-1], handler.get_joint_targets("franka")[0].numpy())
+        driven = [entry[1] for entry in world.calls if entry[0] == "drive"]
+        assert len(driven) == 4
+        np.testing.assert_allclose(np.diff([before, *driven], axis=0)[:, :7], 0.0025, atol=1e-6)
+        np.testing.assert_array_equal(driven[-1], handler.get_joint_targets("franka")[0].numpy())
 
 
 def test_what_is_not_placed_is_refused_by_name():

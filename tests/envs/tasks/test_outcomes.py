@@ -111,5 +111,5 @@ def test_the_actions_may_be_those_of_an_agent(monkeypatch):
 
 def test_a_task_without_an_expert_says_how_it_is_learned(state, monkeypatch):
     monkeypatch.delattr(PickCube, "expert")
-    with pytest.raises(ConfigError, match=r"PickCube has no scripted expert. Learn it by reward.*policy=ppo"):
+    with pytest.raises(ConfigError, match=r"PickCube has no scripted expert. Use .*policy=ppo"):
         PickCube().expert(state, np.random.default_rng(0))

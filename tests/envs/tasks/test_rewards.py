@@ -24,10 +24,10 @@ def test_reward_at_either_margin_is_value_at_margin(shape):
 
 @pytest.mark.parametrize("shape", ["gaussian", "linear", "quadratic"])
 def test_it_falls_on_either_side(shape):
-    paid = tolerance(VALUES, 0.0, 1.0, margin=2.0, shape=shape)
-    assert (paid[:3].diff() >= 0).all()
-    assert (paid[3:].diff() <= 0).all()
-    assert ((paid >= 0) & (paid <= 1)).all()
+    rewards = tolerance(VALUES, 0.0, 1.0, margin=2.0, shape=shape)
+    assert (rewards[:3].diff() >= 0).all()
+    assert (rewards[3:].diff() <= 0).all()
+    assert ((rewards >= 0) & (rewards <= 1)).all()
 
 
 def test_the_shapes_are_those_of_the_paper():

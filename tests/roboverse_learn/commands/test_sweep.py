@@ -205,16 +205,16 @@ class TestRunning:
         run_jobs(jobs, [{"X": "0"}, {"X": "1"}, {"X": "2"}], start, lambda *_: None)
 
     def test_what_follows_a_failure_is_left_out_and_the_rest_is_done(self):
-        heard = []
+        calls = []
         jobs = [Job("bad", ()), Job("good", ()), Job("after-bad", (), "bad"), Job("after-good", (), "good")]
         codes = run_jobs(
             jobs,
             [{}],
             lambda job, _: int(job.name == "bad"),
-            lambda job, code: heard.append((job.name, code)),
+            lambda job, code: calls.append((job.name, code)),
         )
         assert codes == {"bad": 1, "good": 0, "after-bad": None, "after-good": 0}
-        assert sorted(heard) == sorted(codes.items())
+        assert sorted(calls) == sorted(codes.items())
 
     def test_a_bug_in_a_job_stops_the_sweep(self):
         def start(_job, _slot):

@@ -1,4 +1,4 @@
-"""What the backends share: networks, optimizer, when an update is due, state.
+"""Base of the backends: networks, optimizer, schedule of updates, state.
 
 A backend trains the policy's own network, so that what is saved is the same whichever it is.
 
@@ -63,10 +63,10 @@ class PpoAlgorithm(ABC):
 
     @abstractmethod
     def update(self) -> dict[str, float]:
-        """Learns from the rollout, which is full, and forgets it; returns the mean terms of the loss."""
+        """Learns from the full rollout and clears it; returns the mean terms of the loss."""
 
     def store(self, observation: Tensor, action: Tensor, step: Any) -> None:
-        """Takes in what came of the actions."""
+        """Stores the step that followed the actions."""
         self.keep(observation, action, step)
         self.collected += 1
         self._sound = self._sound & step.reward.isfinite().all() & step.obs.isfinite().all()
@@ -142,7 +142,7 @@ class PpoAlgorithm(ABC):
         return self.collected == 0
 
     def state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
-        """Returns all that it takes to go on from an update on."""
+        """Returns the state that resuming after an update needs."""
         tensors = checkpoint.named(self.policy.state_dict(), "policy")
         tensors |= checkpoint.named(self.critic.state_dict(), "critic")
         tensors |= checkpoint.moments(self.optimizer, "adam")

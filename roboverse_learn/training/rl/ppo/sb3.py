@@ -88,8 +88,8 @@ class Sb3Ppo(PpoAlgorithm):
     @torch.no_grad()
     def keep(self, observation: Tensor, action: Tensor, step: Any) -> None:
         rewards = step.reward + self.config.gamma * self.values(step.final_obs)[:, 0] * step.truncated
-        seen, taken, paid = (value.cpu().numpy() for value in (observation, action, rewards))
-        self._buffer.add(seen, taken, paid, self._first, self._values, self._log_probs)
+        seen, taken, rewarded = (value.cpu().numpy() for value in (observation, action, rewards))
+        self._buffer.add(seen, taken, rewarded, self._first, self._values, self._log_probs)
         self._last, self._over = step.obs, (step.terminated | step.truncated).cpu().numpy()
 
     @override
@@ -103,19 +103,19 @@ class Sb3Ppo(PpoAlgorithm):
         moved = self.adapt(seen, mean, std)
         self.policy.model.norm.update(seen)
         self._buffer.reset()
-        told = self.ppo.logger.name_to_value
+        logged = self.ppo.logger.name_to_value
         return {
-            "loss": float(told["train/loss"]),
-            "policy_loss": float(told["train/policy_gradient_loss"]),
-            "value_loss": float(told["train/value_loss"]),
-            "entropy": -float(told["train/entropy_loss"]),
+            "loss": float(logged["train/loss"]),
+            "policy_loss": float(logged["train/policy_gradient_loss"]),
+            "value_loss": float(logged["train/value_loss"]),
+            "entropy": -float(logged["train/entropy_loss"]),
             "kl": moved,
         }
 
 
 @contextlib.contextmanager
 def _shuffled_by_torch() -> Iterator[None]:
-    """Lets numpy's generator, by which their buffer is shuffled, follow torch's, which the run seeds."""
+    """Seeds numpy's generator, which shuffles their buffer, from torch's, which the run seeds."""
     before = np.random.get_state()
     np.random.seed(int(torch.randint(2**31, ())))
     try:

@@ -77,7 +77,7 @@ def test_a_state_that_is_not_finite_is_named_and_another_one_helps():
         bad = dataclasses.replace(good, objects={"ball": dataclasses.replace(good.objects["ball"])})
         bad.objects["ball"].lin_vel = torch.tensor([[0.0, 0.0, 0.0], [float("nan"), 0.0, 0.0]])
         handler.set_states(bad)
-        with pytest.raises(SimulatorError, match=r"cannot go on with the environments \[1\]: .*nan"):
+        with pytest.raises(SimulatorError, match=r"cannot continue environments \[1\]: .*nan"):
             handler.step(3)
         handler.set_states(good)
         handler.step(3)

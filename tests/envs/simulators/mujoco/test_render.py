@@ -69,9 +69,9 @@ def test_reversed_depth_is_inverted_over_its_range():
 def test_no_texture_is_white():
     assert (texture_of(None, lambda name, size: np.zeros((size, size, 3), np.uint8)) == 255).all()
     assert (texture_of("oak", None) == 255).all()
-    asked = []
-    texture_of("oak", lambda name, size: asked.append((name, size)) or np.zeros((size, size, 3), np.uint8))
-    assert asked == [("oak", TEXTURE_SIZE)]
+    calls = []
+    texture_of("oak", lambda name, size: calls.append((name, size)) or np.zeros((size, size, 3), np.uint8))
+    assert calls == [("oak", TEXTURE_SIZE)]
 
 
 @pytest.fixture(scope="module")

@@ -207,10 +207,10 @@ def test_who_touches_whom_is_what_mujoco_says():
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)  # all spheres are in one place
     found = {frozenset(names[geom] for geom in pair) for pair in data.contact.geom}
-    told = {
+    expected = {
         frozenset((names[i], names[j])) for i, j in np.argwhere(table) if i < j and (i or names[j] != "foot")
     }
-    assert told == found
+    assert expected == found
 
 
 def crowd(count):

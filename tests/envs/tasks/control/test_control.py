@@ -108,7 +108,7 @@ def test_a_pole_that_is_kept_upright_reaches_the_bar():
 def test_an_ant_is_paid_term_by_term(recorded):
     state = recorded("ant")
     robot = state.robots["ant"]
-    paid = task_of("ant").reward(state)
+    reward = task_of("ant").reward(state)
     for row in range(ROWS):
         matrix = np.zeros(9)
         mujoco.mju_quat2Mat(matrix, robot.rot[row].numpy())
@@ -129,7 +129,7 @@ def test_an_ant_is_paid_term_by_term(recorded):
             -0.05 * np.abs(action * robot.joint_vel[row].numpy()).sum(),
             -0.1 * limits,
         )
-        assert paid[row].item() == pytest.approx(STEP_S * sum(terms)), row
+        assert reward[row].item() == pytest.approx(STEP_S * sum(terms)), row
 
 
 def test_an_ant_sees_itself_in_its_own_frame(recorded):
@@ -149,7 +149,7 @@ def test_an_ant_sees_itself_in_its_own_frame(recorded):
 def test_reaching_is_paid_by_both_errors(recorded):
     state, task = recorded("franka_reach"), task_of("franka_reach")
     robot, goal = state.robots["franka"], state.objects["goal"]
-    paid, seen = task.reward(state), task.observe(state)
+    reward, seen = task.reward(state), task.observe(state)
     assert seen.shape == (ROWS, 32)
     for row in range(ROWS):
         off = np.linalg.norm((robot.ee_pos[row] - goal.pos[row]).numpy())
@@ -157,7 +157,7 @@ def test_reaching_is_paid_by_both_errors(recorded):
         turn = 2 * math.acos(min(1.0, overlap))
         speeds = float((robot.joint_vel[row] ** 2).sum())
         terms = -0.2 * off + 0.1 * (1 - math.tanh(off / 0.1)) - 0.1 * turn - 0.0001 * speeds
-        assert paid[row].item() == pytest.approx(terms / 30)
+        assert reward[row].item() == pytest.approx(terms / 30)
     state.robots["franka"].ee_pos, state.robots["franka"].ee_rot = goal.pos.clone(), goal.rot.clone()
     assert task.success(state).all()
     state.robots["franka"].ee_pos = goal.pos + 0.06

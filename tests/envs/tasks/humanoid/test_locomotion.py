@@ -105,12 +105,12 @@ def test_the_posture_of_the_start_is_the_published_keyframe(published):
 @pytest.mark.parametrize("name", NAMES)
 def test_rewards_are_those_written_out_by_hand(name, recorded, published):
     task, data = TASKS.get(f"humanoid/{name}")(), mujoco.MjData(published)
-    paid = task.reward(recorded)
+    reward = task.reward(recorded)
     for row in range(recorded.num_envs):
         put(published, data, recorded.select([row]))
-        assert paid[row].item() == pytest.approx(Published(data).reward(name), abs=1e-9), row
-    assert paid.max() > 0.05
-    assert paid.min() < 0.01
+        assert reward[row].item() == pytest.approx(Published(data).reward(name), abs=1e-9), row
+    assert reward.max() > 0.05
+    assert reward.min() < 0.01
 
 
 @needs_assets

@@ -110,13 +110,13 @@ def by_hand(name, p, pos, touched):
 def test_rewards_are_those_written_out_by_hand(name, touched, postures):
     things = {"walls": (0, 0, 0), "poles": (0, 0, 0), "chair": (-0.25, 0, 0)}
     state = beside(postures, touched, maze=(0, 0, 0), checkpoint=(3, 0, 1), **things)
-    paid = task_of(name).reward(state)
+    reward = task_of(name).reward(state)
     model = published_model()
     data = mujoco.MjData(model)
     for row in range(ROWS):
         put(model, data, postures.select([row]))
         expected = by_hand(name, Published(data), data.qpos[:3], touched)
-        assert paid[row].item() == pytest.approx(expected, abs=1e-9), row
+        assert reward[row].item() == pytest.approx(expected, abs=1e-9), row
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Demonstrations of a policy that learned by reward."""
+"""Demonstrations of a policy trained by reinforcement learning."""
 
 import json
 
@@ -67,13 +67,13 @@ def test_a_dataset_is_collected_of_its_successes(checkpoint, easy, tmp_path):
     assert summary.num_episodes == 2 and summary.num_attempts > 2
     weights = find_demonstrator(str(checkpoint), "PickCube").weights
     assert dataset_folder(config).name == f"level0-mujoco-warp-32px-2demos-ppo-{weights[:8]}"
-    told = [json.loads(path.read_text()) for path in dataset_folder(config).rglob("*.json")]
-    assert any(weights in json.dumps(content) for content in told)
+    contents = [json.loads(path.read_text()) for path in dataset_folder(config).rglob("*.json")]
+    assert any(weights in json.dumps(content) for content in contents)
     assert collect_dataset(config).dataset_hash == summary.dataset_hash
 
 
 @pytest.mark.parametrize(
-    ("trained", "asked", "said"),
+    ("trained", "requested", "said"),
     [
         (
             ["scenario.physics.decimation=50"],
@@ -84,13 +84,13 @@ def test_a_dataset_is_collected_of_its_successes(checkpoint, easy, tmp_path):
     ],
 )
 def test_another_control_rate_than_the_policy_learned_at_is_refused(
-    checkpoint, tmp_path, trained, asked, said
+    checkpoint, tmp_path, trained, requested, said
 ):
     run = to_values(compose("train", ["policy=ppo", *trained]))
     (tmp_path / "config.yaml").write_text(yaml.safe_dump(run))
     words = ["source=policy", f"checkpoint={checkpoint}", f"datasets_dir={tmp_path / 'datasets'}"]
     with pytest.raises(ConfigError, match=said):
-        collect_dataset(compose("collect", [*words, *asked]))
+        collect_dataset(compose("collect", [*words, *requested]))
     assert not (tmp_path / "datasets").exists()
 
 

@@ -83,12 +83,12 @@ def test_a_run_goes_on_to_the_same_weights_and_tells_of_each_task(tmp_path):
     assert all(resumed[key].equal(value) for key, value in whole.items())
     rows = read_metrics(tmp_path / "cut")
     assert [row["step"] for row in rows] == [80, 160, 240, 320, 400, 480]
-    told = [row for row in rows if "episode_return" in row]
+    logged = [row for row in rows if "episode_return" in row]
     tasks = [
-        [row[f"episode_return/{task}"] for task in SIZES if f"episode_return/{task}" in row] for row in told
+        [row[f"episode_return/{task}"] for task in SIZES if f"episode_return/{task}" in row] for row in logged
     ]
     assert {len(returns) for returns in tasks} >= {2}
-    for row, returns in zip(told, tasks, strict=True):
+    for row, returns in zip(logged, tasks, strict=True):
         assert min(returns) - 1e-6 <= row["episode_return"] <= max(returns) + 1e-6
 
 
@@ -215,8 +215,8 @@ def test_no_other_task_is_evaluated_or_demonstrated(trained, capsys):
     run = run_of(trained)
     words = [f"checkpoint={run}", "task=control/franka_reach", f"results_dir={trained}/none"]
     assert cli.main(["evaluate", *words]) == 2
-    told = capsys.readouterr().err
-    assert f"learned the task {FIRST} and {SECOND}, not control/franka_reach. Give" in told
+    logged = capsys.readouterr().err
+    assert f"learned the task {FIRST} and {SECOND}, not control/franka_reach. Give" in logged
     with pytest.raises(PolicyError, match=f"Give task={FIRST} or task={SECOND}, or train it on PickCube"):
         find_demonstrator(str(run), "PickCube")
 

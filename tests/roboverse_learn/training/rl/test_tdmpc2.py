@@ -96,18 +96,18 @@ def generators(num):
 
 
 def test_a_run_leaves_what_every_run_leaves(tmp_path):
-    heard = []
+    steps = []
 
     class Listener(Reporter):
         def on_checkpoint(self, step, directory):
-            heard.append(step)
+            steps.append(step)
 
     env = PointMass(TINY.num_envs)
     policy = Tdmpc2Policy.create(TINY, {OBSERVATION: 2}, 1, STEPS)
     algorithm = Tdmpc2Algorithm(policy, TINY.num_envs, STEPS)
     config = TrainConfig(steps=320, log_every=80, save_every=240, num_threads=1)
     result = off_policy.run(algorithm, env, config, tmp_path, reporter=Listener())
-    assert heard == [240, 320]
+    assert steps == [240, 320]
     assert Tdmpc2Policy.load(tmp_path).discount == policy.discount
     rows = read_metrics(tmp_path)
     assert [row["step"] for row in rows] == [80, 160, 240, 320]
