@@ -60,6 +60,6 @@ def test_a_packed_folder_has_the_tracked_files_and_the_commit(tmp_path):
     assert again.returncode == 2 and "exists. Name a new folder." in again.stderr
 
 
-def test_an_unknown_option_is_told_what_is_valid():
+def test_unknown_option_error_lists_valid_ones():
     done = run("--help")
     assert done.returncode == 2 and "Usage: .ci/gpu [REPORT] or .ci/gpu --pack FOLDER" in done.stderr

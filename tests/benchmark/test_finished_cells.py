@@ -46,7 +46,7 @@ def test_those_of_another_checkpoint_do_not_count(tmp_path, make_records):
     ],
     ids=["cut short", "a list", "null", "another field", "no records"],
 )
-def test_a_damaged_file_is_told_of_and_evaluated_again(tmp_path, make_records, caplog, damage):
+def test_damaged_file_is_reported_and_evaluated_again(tmp_path, make_records, caplog, damage):
     cell = PROTOCOL.cells()[0]
     finished = FinishedCells(tmp_path / "run.json", KEY)
     finished.add(cell, by_cell(make_records(PROTOCOL))[cell])

@@ -40,7 +40,7 @@ def test_without_videos_there_is_no_gif(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_success_stands_for_its_level_and_a_failure_where_there_is_none() -> None:
+def test_video_of_a_level_prefers_a_success() -> None:
     names = (
         "level1-test-9-failure",
         "level0-test-44-failure",

@@ -104,7 +104,7 @@ def test_equal_runs_leave_no_doubt():
     assert found["low"] == found["mid"] == found["high"] == [0.25, 0.5, 0.75]
 
 
-def test_what_others_published_is_known_of_three_tasks():
+def test_three_tasks_have_published_curves():
     assert {row["method"]: row["episode_return"] for row in published("humanoid/run")} == {
         "TD-MPC2": 791.7,
         "SimbaV2": 416.0,
@@ -152,7 +152,7 @@ def test_lines_whose_colours_repeat_have_dashes():
     assert [style.dash for style in styles] == [""] * 8 + ["9 3"] * 2
 
 
-def test_an_image_is_drawn(tmp_path):
+def test_plot_is_written(tmp_path):
     plot_learning(
         [band(), band((1.0, 2.0), "sac", 1)], tmp_path / "a.png", "humanoid/run", published("humanoid/run")
     )

@@ -77,7 +77,7 @@ def _as_schema_1(document):
     document["digest"] = fingerprint({key: value for key, value in document.items() if key != "digest"})
 
 
-def test_tasks_that_were_learned_together_are_told_and_nothing_of_one_alone(make_result, tmp_path, written):
+def test_result_lists_tasks_learned_together(make_result, tmp_path, written):
     assert "train_tasks" not in json.loads(written[0].read_text())
     result = make_result(run="other", train_tasks=("PickCube", "humanoid/walk"))
     path = result_path(tmp_path, result)

@@ -64,7 +64,7 @@ def made(name, simulator):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "simulator"), PAIRS)
-def test_an_agent_steps_and_is_paid(name, simulator):
+def test_agent_steps_and_gets_reward(name, simulator):
     """Observations are finite; rewards differ, and stay below 1 where success ends an episode."""
     env, paid = made(name, simulator), []
     torch.manual_seed(0)
@@ -81,7 +81,7 @@ def test_an_agent_steps_and_is_paid(name, simulator):
     env.close()
 
 
-def test_tasks_without_an_expert_are_tagged_as_learned_by_reward():
+def test_tasks_without_an_expert_are_tagged_rl():
     names = [name for name in TASKS if {"humanoid", "control"} & set(TASKS.entry(name).tags)]
     assert len(names) == 16
     assert set(names) == set(TASKS.names("rl"))

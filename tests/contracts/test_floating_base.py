@@ -70,7 +70,7 @@ def test_states_are_copies(handler):
         assert torch.equal(value, kept[key]), key
 
 
-def test_the_end_effector_goes_with_the_base(handler):
+def test_end_effector_moves_with_the_base(handler):
     states = random_states(3, NUM_ENVS)
     handler.set_states(states)
     robot = handler.get_states().robots["walker"]

@@ -61,7 +61,7 @@ def off(one, two):  # joints, rad, and base, m
     return tuple((getattr(a, key) - getattr(b, key)).abs().max().item() for key in ("joint_pos", "pos"))
 
 
-def test_a_state_is_seen_paid_and_lost_alike(mujoco, other):
+def test_observation_reward_and_failure_agree(mujoco, other):
     rng, states = np.random.default_rng(0), start(0.0)
     robot = states.robots["h1"]
     robot.pos[:, 2] = torch.tensor([0.15, 1.0])
@@ -78,7 +78,7 @@ def test_a_state_is_seen_paid_and_lost_alike(mujoco, other):
     assert [TASK.failure(s).tolist() for s in seen] == [[True, False]] * 2
 
 
-def test_it_stands_alike(mujoco, other):
+def test_standing_agrees(mujoco, other):
     """Feet come down from 2 cm, for a foot in the ground is put out of it in one way or another."""
     targets = np.tile(REST, (10, NUM_ENVS, 1))
     joints, base = off(*(moved(handler, start(0.02), targets) for handler in (mujoco, other[1])))

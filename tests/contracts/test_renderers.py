@@ -267,7 +267,7 @@ NEEDS = {"roughness of the table": "roughness", "reflection of objects": "object
 
 @pytest.mark.slow
 @pytest.mark.parametrize("change", CHANGES)
-def test_an_appearance_shows_and_goes_away_again(renderer, plain, job, change):
+def test_appearance_can_be_set_and_reset(renderer, plain, job, change):
     appearance, camera, least = CHANGES[change]
     if NEEDS.get(change) in renderer.not_shown:
         pytest.skip(f"renderer={name_of(renderer)} says that it does not show {NEEDS[change]}")

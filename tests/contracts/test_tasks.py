@@ -168,7 +168,7 @@ def test_states_that_are_not_finite_are_no_success(env):
 
 
 @pytest.mark.slow
-def test_nothing_moves_by_itself(env):
+def test_scene_at_rest_stays_at_rest(env):
     """Objects keep still for 10 s while the robot holds its posture: no sliding, sinking or flying."""
     if not env.scenario.robots[0].fixed_base:
         pytest.skip("a robot that falls may move things")

@@ -15,7 +15,7 @@ def test_images_are_laid_out_in_captioned_rows():
     assert (sheet == (0, 0, 255)).all(axis=-1).sum() == 400
 
 
-def test_a_folder_is_drawn_from_the_command_line(tmp_path):
+def test_command_line_renders_a_folder(tmp_path):
     for i in range(3):
         Image.new("RGB", (8, 8), (200, 10 * i, 0)).save(tmp_path / f"{i}.png")
     out = tmp_path / "images" / "materials.png"

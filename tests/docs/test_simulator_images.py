@@ -11,7 +11,7 @@ from envs.core.errors import SimulatorError
 from envs.simulators import HANDLERS, RENDERERS
 
 
-def test_everything_that_draws_is_there_once():
+def test_every_renderer_is_listed_once():
     found = gallery.names("mujoco")
     assert found[:3] == ["warp", "gl", "filament"]
     assert set(found) == {*RENDERERS, *HANDLERS} - {"mujoco"}
@@ -61,7 +61,7 @@ def test_mistakes_end_with_a_sentence(tmp_path, capsys):
     assert "Unknown renderer 'wrap'. Did you mean 'warp'?" in capsys.readouterr().err
 
 
-def test_depth_and_parts_are_told_apart():
+def test_depth_and_segmentation_have_distinct_colours():
     grey = gallery.shaded(np.array([[0.0, 0.3, 3.0, 9.0]]))
     assert grey[0, :, 0].tolist() == [0, 229, 0, 0]
     colours = gallery.coloured(np.array([[-1, 0, 1, 2, 3]]))[0]

@@ -33,7 +33,7 @@ def test_options_are_the_fields_with_their_words_and_defaults():
     assert "Attributes" not in gallery.class_text(PickCube)
 
 
-def test_a_record_is_told_by_split():
+def test_record_is_described_by_split():
     assert gallery.described(RECORD) == ("train: 99.8 % of 500, 60.2 steps; test: 100.0 % of 400, 61.0 steps")
     assert gallery.described(None) == "not measured"
 
@@ -93,7 +93,7 @@ def test_a_strip_is_as_good_as_fits():
     assert max(fine.quantization[0]) < max(coarse.quantization[0])
 
 
-def test_only_what_lacks_an_image_is_drawn(tmp_path, monkeypatch):
+def test_only_missing_images_are_rendered(tmp_path, monkeypatch):
     drawn = []
 
     def draw(name, *, renderer):

@@ -70,7 +70,7 @@ def test_a_step_gives_plain_numbers(env):
     assert env.observation_space.contains(observation)
 
 
-def test_images_of_one_row_stay_undrawn_until_they_are_read(env):
+def test_images_of_one_row_are_rendered_when_read(env):
     observation, _ = env.reset(seed=1)
     pixels = observation["pixels"]
     assert not pixels.drawn

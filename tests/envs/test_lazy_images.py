@@ -59,7 +59,7 @@ def test_names_are_known_without_drawing(lazy, look):
     ],
     ids=["item", "get", "values", "items", "copy", "dict", "copy.copy", "deepcopy", "pickle"],
 )
-def test_the_first_look_draws_all_once(lazy, look):
+def test_first_access_renders_all_once(lazy, look):
     pixels, draw = lazy
     look(pixels)
     look(pixels)
@@ -95,7 +95,7 @@ def test_it_travels_as_a_plain_dict(lazy):
     np.testing.assert_array_equal(other["wrist"], IMAGES["wrist"])
 
 
-def test_comparing_draws_and_compares():
+def test_comparison_renders_and_compares():
     pixels = LazyPixels(["front"], lambda: {"front": 3})
     assert pixels == {"front": 3}
     assert pixels != {"front": 4}

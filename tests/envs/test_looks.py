@@ -89,7 +89,7 @@ def test_images_are_the_same_again(levels):
 
 
 @pytest.mark.slow
-def test_each_level_keeps_the_draws_of_the_last(levels, channels):
+def test_each_level_keeps_the_samples_of_the_last(levels, channels):
     """The start is the task channel's alone: at every level the robot and the cube begin alike."""
     np.testing.assert_array_equal(
         levels[0][0]["segmentation"] == levels[0][2].index("cube"),
@@ -98,7 +98,7 @@ def test_each_level_keeps_the_draws_of_the_last(levels, channels):
     np.testing.assert_array_equal(channels["environment"][0]["rgb"], levels[1][0]["rgb"])
 
 
-def test_hashes_tell_looks_apart(levels):
+def test_hashes_differ_between_appearances(levels):
     every = [digest for level in LEVELS for digest in levels[level][1]]
     assert len(set(every)) == len(every)
     assert all(len(digest) == 16 and int(digest, 16) >= 0 for digest in every)

@@ -39,7 +39,7 @@ def test_entries_of_an_action_that_a_task_lacks_have_no_influence():
     assert seen[0].equal(seen[1]) and seen[0].equal(seen[2])
 
 
-def test_what_a_task_draws_depends_on_no_other_task():
+def test_random_numbers_of_a_task_do_not_depend_on_other_tasks():
     alone, beside = MultiTaskEnv({"line": PointMass(2)}), make()
     starts = []
     for env in (alone, beside):
@@ -82,7 +82,7 @@ def test_statistics_are_of_each_task_and_of_all_episodes_together():
     assert env.pop_statistics().episodes == 0
 
 
-def test_it_goes_on_where_it_was():
+def test_it_resumes_where_it_was():
     env = make()
     env.seed(1)
     env.reset()

@@ -62,7 +62,7 @@ def test_looking_straight_down_has_an_up_too():
 
 
 @pytest.mark.parametrize("kind", ["numpy", "torch"])
-def test_a_matrix_becomes_its_quaternion_again(kind):
+def test_matrix_round_trips_to_its_quaternion(kind):
     """Half turns about each axis too, where one of the four ways to write it divides by nothing."""
     q = np.random.default_rng(0).normal(size=(50, 4))
     q = np.concatenate([np.eye(4), q / np.linalg.norm(q, axis=-1, keepdims=True)])

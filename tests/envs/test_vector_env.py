@@ -55,7 +55,7 @@ def test_a_late_look_shows_the_moment_of_the_observation(pixels):
     assert (pixels.observe()["observation.images.front"] != now).any()
 
 
-def test_lazy_pixels_are_a_plain_dict_to_everybody_else(pixels):
+def test_lazy_pixels_are_a_plain_dict(pixels):
     observation, _ = pixels.reset(seed=3)
     lazy = observation["pixels"]
     assert list(lazy) == ["front"]
@@ -96,7 +96,7 @@ def test_an_episode_is_the_same_for_any_number_of_environments(level):
     assert results[0] == results[1] == results[2]
 
 
-def test_hashes_tell_episodes_and_looks_apart():
+def test_hashes_differ_between_episodes_and_appearances():
     def hashes(level):
         env = envs.make_vec("PickCube", 8, split="test", level=level, observation="state")
         env.reset_envs(range(8), env.split_indices[:8])

@@ -115,7 +115,7 @@ def test_updates_of_fasttd3_that_are_played_back_learn_as_plain_ones_do(bf16):
 
 @pytest.mark.parametrize("name", sorted(WORDS))
 @pytest.mark.parametrize("compile", [False, pytest.param(True, marks=pytest.mark.long)])
-def test_a_run_on_a_gpu_goes_on_where_it_was_stopped(name, compile, tmp_path):
+def test_run_on_a_gpu_resumes_where_it_stopped(name, compile, tmp_path):
     if compile and name == "ppo":
         pytest.skip("PPO is not compiled")
     own = () if name == "ppo" else (f"policy.compile={compile}".lower(),)

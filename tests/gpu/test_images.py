@@ -80,7 +80,7 @@ def test_images_are_those_of_the_cpu(gpu, looks):
     assert not np.array_equal(ours["rgb"][0], ours["rgb"][1])
 
 
-def test_a_graph_draws_what_single_launches_draw(gpu):
+def test_graph_renders_the_same_as_single_launches(gpu):
     """A graph renders all worlds, and subsets run without one; a graph renders new states."""
     for seed in (0, 50):
         gpu.set_states(starts(seed=seed))

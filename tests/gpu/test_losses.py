@@ -127,7 +127,7 @@ def test_actions_are_those_of_the_cpu(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_recorded_training_that_was_killed_goes_on_to_the_same_losses(name, tmp_path, caplog):
+def test_killed_recorded_training_resumes_to_the_same_losses(name, tmp_path, caplog):
     config = replace(CONFIG, steps=6, save_every=3, compile=False, cuda_graphs=True)
     train(tiny(name, "cuda"), DATA, config, tmp_path / "straight")
     with pytest.raises(KeyboardInterrupt):

@@ -89,7 +89,7 @@ def test_it_works_in_any_stream_of_torch(gpu):
     torch.testing.assert_close(found, expected, atol=1e-6, rtol=0)
 
 
-def test_a_graph_of_torch_that_nobody_uses_is_freed_before_a_capture_and_not_amid_it(gpu):
+def test_unused_torch_graph_is_freed_before_a_capture(gpu):
     """As a policy's recorded loss is after its training: freed amid a capture it breaks it."""
     number, unused = torch.zeros(1, device="cuda"), torch.cuda.CUDAGraph()
     with torch.cuda.graph(unused):

@@ -79,7 +79,7 @@ def one_message(capsys: pytest.CaptureFixture[str]) -> str:
     return errors[0]
 
 
-def test_a_collection_goes_on_when_the_disk_has_room_again(
+def test_collection_resumes_when_the_disk_has_room(
     main_run: MainRun, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with SmallDisk.at(tmp_path / "disk", "64k") as disk:
@@ -146,7 +146,7 @@ def test_a_limit_on_the_size_of_files_stops_training(
     assert read_facts(run, "train")["status"] == "stopped"
 
 
-def test_results_that_are_a_file_are_told_before_an_episode_is_evaluated(
+def test_results_dir_that_is_a_file_is_refused_before_evaluation(
     main_run: MainRun, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "results").write_text("not a folder")

@@ -105,7 +105,7 @@ def test_a_checkpoint_is_evaluated_in_another_simulator(run: Path, simulator: st
     path.unlink()
 
 
-def test_a_checkpoint_of_nobody_needs_a_task(
+def test_checkpoint_without_a_run_needs_a_task(
     run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     copy = tmp_path / "copy"

@@ -55,7 +55,7 @@ class TestDenoising:
 
     @pytest.mark.slow
     @pytest.mark.parametrize("t", [1, 6, 13, 18])
-    def test_a_ddim_step_draws_nothing(self, t):
+    def test_ddim_step_is_deterministic(self, t):
         """arXiv:2010.02502, eq. 12, with sigma = 0."""
         _, bars = alpha_bars()
         x, eps = torch.randn(3, 8, 9), torch.randn(3, 8, 9)
@@ -68,7 +68,7 @@ class TestDenoising:
 
     @pytest.mark.slow
     @pytest.mark.parametrize("kind", ["DDPM", "DDIM"])
-    def test_a_network_that_knows_the_noise_finds_the_clean_actions(self, kind):
+    def test_exact_noise_prediction_recovers_clean_actions(self, kind):
         _, bars = alpha_bars()
         noise_scheduler, clean = scheduler(kind), torch.rand(2, 8, 9) * 1.6 - 0.8
         x = torch.randn(2, 8, 9)

@@ -55,7 +55,7 @@ def test_a_second_training_of_a_seed_is_no_further_sample(trained, tmp_path):
     assert len({curve["label"] for curve in curves}) == 2
 
 
-def test_a_training_that_was_tested_twice_is_drawn_once(trained, tmp_path):
+def test_a_run_tested_twice_is_plotted_once(trained, tmp_path):
     rows = [[trained(0, 100, 200)], [trained(0, 100, 200)]]
     assert [curve["row"] for curve in learning_curves(tmp_path, rows)] == [0]
 

@@ -216,7 +216,7 @@ def test_a_task_of_a_family_has_a_folder_of_its_own(publish, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("damaged", [None, "{", "[]", '{"sections": [{}]}'])
-def test_a_plot_goes_with_the_results_that_it_showed(publish, tmp_path, damaged):
+def test_a_plot_is_removed_with_its_results(publish, tmp_path, damaged):
     """But images of others stay, and so do all if the last leaderboard cannot be read."""
     publish(task="CloseBox")
     gone = publish(task="PickCube")
@@ -278,7 +278,7 @@ def parse(path):
 
 
 @pytest.mark.slow
-def test_page_stands_alone(publish, tmp_path):
+def test_page_is_self_contained(publish, tmp_path):
     publish()
     publish(policy="diffusion")
     text = leaderboard.write(tmp_path)["html"].read_text()

@@ -52,7 +52,7 @@ def test_rows_are_tasks_and_policies_by_the_level_they_were_trained_at(publish, 
         ({"created": "2026-05-01T12:00:00Z"}, {}),
     ],
 )
-def test_of_several_rows_stands_the_best_measured_not_the_best(publish, tmp_path, better, worse):
+def test_overview_shows_the_row_with_most_test_episodes(publish, tmp_path, better, worse):
     publish(run="worse", rates=(1.0,) * 4, **worse)
     publish(run="better", rates=(0.0,) * 4, **better)
     publish(task="CloseBox")
@@ -101,7 +101,7 @@ def test_pages_show_the_table(publish, tmp_path):
     assert "2000 steps, 1 seed" in html
 
 
-def test_a_mean_says_of_how_many_tasks_its_numbers_are(publish, tmp_path):
+def test_a_mean_has_its_number_of_tasks(publish, tmp_path):
     for task in ("PickCube", "CloseBox"):
         publish(task=task)
     publish(task="StackCube", protocol=Protocol(episodes=10, levels=(0,)))

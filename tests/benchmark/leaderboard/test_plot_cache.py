@@ -31,7 +31,7 @@ def draw(tmp_path):
     return Drawing(tmp_path / "plot.png")
 
 
-def test_the_same_image_is_drawn_once(draw):
+def test_unchanged_plot_is_rendered_once(draw):
     assert draw()
     first = draw.path.read_bytes()
     assert not draw()
@@ -39,7 +39,7 @@ def test_the_same_image_is_drawn_once(draw):
 
 
 @pytest.mark.slow
-def test_other_values_are_drawn(draw):
+def test_changed_values_are_rendered(draw):
     assert draw()
     first = draw.path.read_bytes()
     assert draw([{"label": "act", "cells": [CELL | {"success_rate": 0.6}]}])
@@ -50,7 +50,7 @@ def test_other_values_are_drawn(draw):
 
 
 @pytest.mark.slow
-def test_an_image_that_is_gone_damaged_or_tells_nothing_is_drawn_again(draw):
+def test_missing_damaged_or_unhashed_image_is_rendered_again(draw):
     draw()
     whole = draw.path.read_bytes()
     for spoil in (
@@ -64,7 +64,7 @@ def test_an_image_that_is_gone_damaged_or_tells_nothing_is_drawn_again(draw):
         assert draw.path.read_bytes() == whole
 
 
-def test_other_code_draws_again(draw, monkeypatch):
+def test_changed_code_renders_again(draw, monkeypatch):
     draw()
     monkeypatch.setattr(drawn, "_code", lambda: "of another release")
     assert draw()

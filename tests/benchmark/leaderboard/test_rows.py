@@ -14,7 +14,7 @@ def settings_of(chunk=20, shift=0, **train):
     return {"policy": {"chunk_size": chunk}, "train": {"lr": 1e-4, "augment": {"shift_px": shift}, **train}}
 
 
-def test_rows_are_told_apart_by_the_setting_that_differs(publish, tmp_path):
+def test_row_labels_name_the_setting_that_differs(publish, tmp_path):
     """Also where both have the same seed, or where each is the only run of its seed."""
     publish(run="plain", config=settings_of())
     publish(run="shifted", config={"policy": {"chunk_size": 20}, "run": settings_of(shift=4)})
@@ -33,7 +33,7 @@ def test_what_was_tested_on_single_channels_too_says_so(publish, tmp_path):
     assert {row["label"] for row in rows(tmp_path)} == {"act", "act, tested on single channels too"}
 
 
-def test_settings_of_one_name_are_told_apart_by_their_keys(publish, tmp_path):
+def test_settings_of_one_name_are_labelled_with_their_keys(publish, tmp_path):
     for lr in (1, 2):
         for batch in (8, 16):
             config = {"policy": {"lr": lr}, "train": {"lr": batch, "name": "x"}}
@@ -60,7 +60,7 @@ def test_a_setting_that_is_younger_than_a_run_had_its_default(publish, tmp_path)
     }
 
 
-def test_what_decides_nothing_tells_no_rows_apart(publish, tmp_path):
+def test_irrelevant_settings_do_not_split_rows(publish, tmp_path):
     """Nor does a setting that an older run did not record: it may have had it."""
     publish(run="first", config=settings_of(save_every=5, num_threads=1))
     publish(run="again", config=settings_of(save_every=7, num_threads=2), created="2026-04-01T00:00:00Z")
@@ -83,7 +83,7 @@ def test_what_was_trained_in_another_scene_is_a_row_of_its_own(publish, tmp_path
     assert any(row["label"].endswith(said) for row in rows(tmp_path))
 
 
-def test_rows_evaluated_on_other_materials_are_told_apart(publish, tmp_path):
+def test_row_labels_name_evaluation_materials(publish, tmp_path):
     publish()
     publish(run="images", materials="+images-1a2b3c4d")
     assert sorted(row["label"] for row in rows(tmp_path)) == [
@@ -92,9 +92,7 @@ def test_rows_evaluated_on_other_materials_are_told_apart(publish, tmp_path):
     ]
 
 
-def test_what_was_learned_with_other_tasks_says_so_and_whichever_was_named_first_is_one_row(
-    publish, tmp_path
-):
+def test_multi_task_row_names_other_tasks_in_any_order(publish, tmp_path):
     publish(config={"policy": {"tasks": []}})
     for seed, tasks in enumerate([("PickCube", "b", "a"), ("b", "PickCube", "a")]):
         config = {"policy": {"tasks": list(tasks[1:])}}

@@ -145,7 +145,7 @@ def overlap(figure):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("labels", [["act"], [label(1)] * 3, [label(1)] * 30, [label(9)] * 4, ["x" * 300]])
-def test_a_legend_lies_wholly_within_the_image(monkeypatch, tmp_path, labels):
+def test_legend_is_within_the_image(monkeypatch, tmp_path, labels):
     figures = []
     monkeypatch.setattr(plots, "save_figure", lambda figure, *_: figures.append(figure))
     cell = {"split": "test", "level": 0, "only": None, "success_rate": 0.5, "ci_low": 0.4, "ci_high": 0.6}

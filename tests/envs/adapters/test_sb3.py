@@ -40,7 +40,7 @@ def test_cut_off_episodes_have_the_value_of_endless_ones(lam, horizon):
     np.testing.assert_allclose(advantages, 0.0, atol=1e-5)
 
 
-def test_nothing_comes_after_an_episode_that_ended():
+def test_terminated_episode_has_no_next_value():
     _, returns, _ = estimated(Chain(4, 3, terminates=True), 1.0)
     expected = [1 + GAMMA**2, GAMMA, 1.0] * 2
     np.testing.assert_allclose(returns, np.tile(np.array(expected)[:, None], (1, 4)), rtol=1e-5)

@@ -37,7 +37,7 @@ def test_cut_off_episodes_have_the_value_of_endless_ones(lam, horizon):
     torch.testing.assert_close(data["advantage"], torch.zeros(4, 6, 1), atol=1e-5, rtol=0)
 
 
-def test_nothing_comes_after_an_episode_that_ended():
+def test_terminated_episode_has_no_next_value():
     data = with_returns(rollout(Chain(4, 3, terminates=True)), 1.0)
     expected = torch.tensor([1 + GAMMA**2, GAMMA, 1.0] * 2).expand(4, 6)
     torch.testing.assert_close(data["value_target"][..., 0], expected)

@@ -49,7 +49,7 @@ class Shifted(MujocoReader):
         return {**found, "base": heavier}
 
 
-def test_a_link_that_lies_or_weighs_wrong_is_found_and_named(hard_robot):
+def test_wrong_pose_or_mass_of_a_link_is_reported(hard_robot):
     loaded = load(hard_robot)
     description = describe_loaded(loaded)
     path = convert(hard_robot)

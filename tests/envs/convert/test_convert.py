@@ -211,7 +211,7 @@ def test_an_msh_lends_its_textured_twins_coordinates(hard_robot, tmp_path):
     assert any("'checked' cannot be aligned on mesh 'wedge'" in loss for loss in description.losses)
 
 
-def test_a_urdf_comes_back_as_mjcf(hard_robot, tmp_path):
+def test_urdf_round_trips_to_mjcf(hard_robot, tmp_path):
     import mujoco
 
     urdf = convert(hard_robot, out=tmp_path / "urdf")

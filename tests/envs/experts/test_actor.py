@@ -81,7 +81,7 @@ def test_lengths_and_types_agree(recorded):
         assert each.states.num_envs == steps + 1
 
 
-def test_recording_goes_on_for_a_few_steps_after_success(recorded):
+def test_recording_continues_a_few_steps_after_success(recorded):
     for each in recorded:
         assert each.success
         assert each.solved_at == 1 + int(np.argmax(each.rewards == 1.0)) == 1 + int(np.argmax(each.successes))

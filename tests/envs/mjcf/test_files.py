@@ -135,7 +135,7 @@ def test_only_visible_opaque_groups_are_rendered(scene):
     assert SCENE_GROUP not in model_of(cabinet(scene, mjcf_shown=())).geom_group[1:]
 
 
-def test_nothing_comes_along_that_the_object_does_not_use(scene):
+def test_unused_assets_are_not_imported(scene):
     assert model_of(cabinet(scene)).nmesh == 1
     assert model_of(ObjectCfg(name="puck", mjcf=scene, mjcf_root="puck")).nmesh == 0
 

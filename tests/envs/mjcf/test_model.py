@@ -169,7 +169,7 @@ def test_the_layout_finds_every_joint_in_the_scenarios_order(model, layout):
     np.testing.assert_allclose(robot.pos, SCENARIO.robots[0].pos)
 
 
-def test_the_layout_knows_what_moves_how(model, layout):
+def test_layout_has_the_kind_of_each_object(model, layout):
     cube, goal, post = layout.objects
     assert (cube.root, goal.root, post.root) == ("free", "mocap", "mocap")
     assert cube.root_qpos == model.joint("cube").qposadr[0]

@@ -57,7 +57,7 @@ def test_joints_begin_at_their_defaults_in_the_order_of_the_links():
         assert torch.equal(door.pos, torch.tensor([[0.0, 0.0, 1.0]] * 2, dtype=torch.float64))
 
 
-def test_a_fixed_object_stands_where_each_environment_puts_it():
+def test_fixed_object_keeps_the_pose_of_each_environment():
     with launched(DOOR) as handler:
         states = state_of((0.0, 0.0, 1.0), (0.25, 0.1))
         states.objects["door"].pos[1] = torch.tensor([1.0, 2.0, 3.0])

@@ -67,7 +67,7 @@ def test_undeclared_joints_are_refused_and_passive_ones_are_not():
     assert model_of(joints=(left, dataclasses.replace(right, driven=False))).nu == 1
 
 
-def test_a_camera_that_does_not_turn_only_goes_along():
+def test_camera_that_does_not_turn_only_translates():
     camera = CameraCfg(
         name="beside", mount="walker/trunk", turns=False, pos=(0.0, 2.0, 1.0), look_at=(0.0, 0.0, 0.0)
     )

@@ -15,7 +15,7 @@ def test_there_are_59_poses_most_of_which_face_the_robot():
     assert sides == {False: 53, True: 6}
 
 
-def test_every_pose_lies_on_the_sphere_above_the_table():
+def test_every_pose_is_on_the_sphere_above_the_table():
     for pose in CAMERA_POSES.values():
         assert math.dist(pose.pos, (0, 0, 0)) == pytest.approx(1.5)
         assert pose.pos[2] > 0.5

@@ -65,7 +65,7 @@ def test_layouts_differ_and_leave_places_empty():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("task", FAMILIES)
-def test_furniture_stands_inside_the_room_and_outside_what_stays_free(task):
+def test_furniture_is_inside_the_room_and_outside_free_space(task):
     scenario = TASKS.get(task)().scenario
     circles = keep_free(scenario)
     inside = scenario.room.half_size_m - 0.04

@@ -26,7 +26,7 @@ def flat_folder(tmp_path):
     return tmp_path
 
 
-def test_the_built_in_library_draws_its_own_names():
+def test_built_in_library_generates_its_own_names():
     library = MaterialLibrary.built_in()
     assert {surface: len(names) for surface, names in library.names.items()} == {
         "table": 300,

@@ -77,7 +77,7 @@ def test_textures_are_those_that_results_were_made_with():
     assert sha.hexdigest() == DIGEST_OF_ONE_OF_EACH_FAMILY
 
 
-def test_a_fresh_process_without_vector_instructions_draws_the_same_bytes():
+def test_textures_are_bit_identical_without_vector_instructions():
     from numpy._core._multiarray_umath import __cpu_dispatch__
 
     disabled = {"NPY_DISABLE_CPU_FEATURES": " ".join(__cpu_dispatch__), "PYTHONHASHSEED": "7"}

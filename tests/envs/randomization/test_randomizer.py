@@ -80,7 +80,7 @@ def test_no_test_draw_equals_a_train_draw(pool, path):
 
 
 @pytest.mark.slow
-def test_no_piece_stands_in_a_test_episode_as_in_a_train_episode(pool):
+def test_no_furniture_placement_is_in_both_splits(pool):
     """Piece by piece: neither a piece nor a pose is in both splits."""
     placements = {
         split: [item for draw in draws for item in draw["environment"]["furniture"]]
@@ -129,7 +129,7 @@ def test_level_0_is_exactly_the_base():
     assert randomizer.draws(episode) == {}
 
 
-def test_each_level_adds_its_channel_and_keeps_the_draws_of_the_one_below():
+def test_each_level_adds_its_channel_and_keeps_samples_of_the_one_below():
     episode = int(load_split("train").episodes[17])
     looks = [make(channels_of(level)).appearance(episode) for level in LEVELS]
     draws = [make(channels_of(level)).draws(episode) for level in LEVELS]
@@ -144,7 +144,7 @@ def test_each_level_adds_its_channel_and_keeps_the_draws_of_the_one_below():
 
 
 @pytest.mark.parametrize("only", CHANNELS[1:])
-def test_a_channel_alone_draws_what_it_draws_among_others(only):
+def test_channel_samples_do_not_depend_on_other_channels(only):
     alone, together = make(channels_of(only=only), "test"), make(CHANNELS, "test")
     for episode in alone.split.episodes[:20]:
         assert alone.draws(int(episode)) == {only: together.draws(int(episode))[only]}
@@ -201,7 +201,7 @@ def test_channels_have_streams_of_their_own():
     assert channel_rng(3, "task", 8).uniform() != first["task"]
 
 
-def test_draws_are_plain_json(pool):
+def test_samples_are_plain_json(pool):
     draw = pool["test"][0]
     assert json.loads(json.dumps(draw)) == draw
     assert set(draw) == {"environment", "camera", "lighting"}

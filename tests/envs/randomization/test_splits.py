@@ -29,7 +29,7 @@ def test_v2_is_what_it_was_when_the_first_result_was_published(sides):
     assert {side.digest for side in sides} == {DIGEST_OF_V2}
 
 
-def test_the_file_is_what_its_command_draws():
+def test_split_file_is_what_its_command_samples():
     assert splits.draw_content() == json.loads(FROZEN.read_text())
 
 

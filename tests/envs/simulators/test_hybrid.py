@@ -65,7 +65,7 @@ def assert_same(first, second):
         np.testing.assert_array_equal(first[kind], second[kind])
 
 
-def test_images_are_those_of_the_simulator_that_draws(pair, alone):
+def test_images_are_those_of_the_rendering_simulator(pair, alone):
     pair.set_states(starts())
     pair.step(30)
     alone.set_states(pair.get_states().to(alone.device, alone.dtype))
@@ -156,7 +156,7 @@ def test_another_simulators_name_makes_a_pair():
     assert (handler.renderer_name, handler.dtype, handler.steps_together) == ("mujoco", torch.float32, True)
 
 
-def test_a_renderer_of_models_draws_for_simulators_that_have_none(monkeypatch):
+def test_model_renderer_serves_simulators_without_one(monkeypatch):
     monkeypatch.setattr(MujocoWarpHandler, "own_renderers", ())
     assert drawing_simulator("mujoco_warp", "gl") == ("mujoco", "gl")
     assert drawing_simulator("mujoco_warp", "mujoco_warp") == ("mujoco_warp", None)
@@ -180,7 +180,7 @@ def test_rendering_after_close_is_an_error():
 
 
 @pytest.mark.slow
-def test_episodes_of_an_env_are_the_same_whoever_draws():
+def test_episodes_do_not_depend_on_the_renderer():
     hashes, images = {}, {}
     for renderer in ("warp", "mujoco_warp"):
         env = envs.make_vec("PickCube", 2, split="train", level=3, renderer=renderer, image_size=32)

@@ -92,7 +92,7 @@ def upright_box(lid):
     return EntityState.at_rest(np.zeros((1, 3)), np.array([[half, 0.0, -half, 0.0]]), np.array([[lid]]))
 
 
-def test_the_closed_lid_lies_level_on_the_walls():
+def test_closed_lid_is_level_on_the_walls():
     """At -14.5° it is turned from the level by 0.5°; its lower face is where the walls end, 0.075 m."""
     tip, axes = lid_corner(upright_box(CLOSED_RAD), 1.0)
     root, _ = lid_corner(upright_box(CLOSED_RAD), -1.0)
@@ -104,7 +104,7 @@ def test_the_closed_lid_lies_level_on_the_walls():
     assert abs(axes[2, 1]) > 0.999
 
 
-def test_the_open_lid_lies_beyond_the_vertical():
+def test_open_lid_is_beyond_the_vertical():
     """15° + 135.5° = 150.5° from the level: backwards, and 29.5° upwards."""
     tip, _ = lid_corner(upright_box(OPEN_RAD), 1.0)
     root, _ = lid_corner(upright_box(OPEN_RAD), -1.0)

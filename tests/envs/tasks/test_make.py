@@ -78,7 +78,7 @@ def test_every_lamp_of_the_array_shines(shape: list[int]) -> None:
         assert env.observe()["observation.images.front"].std() > 1  # it is rendered, too
 
 
-def test_the_same_draws_light_the_scene_whatever_the_shape_of_the_array() -> None:
+def test_lighting_samples_do_not_depend_on_the_array_shape() -> None:
     drawn = []
     for scenario in (None, {"lighting": {"array_shape": [3, 4]}}):
         env = envs.make_vec("PickCube", split="test", level=3, observation="state", scenario=scenario)

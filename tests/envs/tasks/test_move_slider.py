@@ -235,7 +235,7 @@ def bounds(model):
 
 
 @pytest.mark.slow
-def test_with_calvins_meshes_nothing_moves_by_itself(calvin_dir):
+def test_calvin_meshes_stay_at_rest(calvin_dir):
     joints, blocks = resting(MoveSliderLeft(calvin_dir=calvin_dir))
     assert joints < 1e-3
     assert blocks < 1e-3

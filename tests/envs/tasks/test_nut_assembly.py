@@ -155,7 +155,7 @@ def test_every_handle_can_be_taken_and_turned_to_the_robot():
         assert min(max(low - p, p - high, 0.0) for p in place) < 0.15
 
 
-def test_the_expert_goes_for_the_nut_that_is_not_on_its_peg():
+def test_expert_picks_the_nut_that_is_not_on_its_peg():
     rng = np.random.default_rng(0)
     state = assembled()
     assert [waypoint.gripper for waypoint in BOTH.expert(state, rng)] == [0.04]  # all done: away

@@ -117,7 +117,7 @@ def test_reward_without_a_grasp_is_robosuites(pair):
         assert task.reward(state).item() == pytest.approx((on_pegs.sum() + max(reach, hover)) / nuts)
 
 
-def test_draws_have_robosuites_ranges(pair):
+def test_initial_states_have_robosuites_ranges(pair):
     task, theirs = pair
     ours = task.initial_state([np.random.default_rng(i) for i in range(1000)])
     placements = [theirs.placement_initializer.sample() for _ in range(1000)]

@@ -134,7 +134,7 @@ def test_the_hands_outline_by_hand():
 
 
 @pytest.mark.slow
-def test_the_expert_picks_up_a_pudding_that_stands_on_its_side():
+def test_expert_picks_up_a_pudding_on_its_side():
     """It fell on its long edge and is tilted: the fingers then close on its thickness."""
     task = PickChocolatePudding()
     with MujocoHandler(task.scenario, 1) as handler:

@@ -164,7 +164,7 @@ def test_the_expert_keeps_its_fingers_off_the_other_cube():
     assert _clear_yaw(0.1, np.array([0.0, 0.3])) == pytest.approx(0.1)
 
 
-def test_the_expert_grasps_again_or_draws_back():
+def test_expert_regrasps_or_retracts():
     rng = np.random.default_rng(0)
     grasp = TASK.expert(stacked(dx=0.2, dz=0.0), rng)
     assert [waypoint.gripper for waypoint in grasp][-1] == 0.04

@@ -37,7 +37,7 @@ def test_it_is_a_policy(policy):
     np.testing.assert_array_equal(actions[2:3], policy.act({KEY: seen(4)[KEY][2:3]}))
 
 
-def test_what_is_saved_acts_the_same_and_knows_its_task(policy, tmp_path):
+def test_loaded_policy_acts_the_same_and_has_its_task(policy, tmp_path):
     policy.save(tmp_path / "checkpoint")
     loaded = policies.load(tmp_path / "checkpoint")
     np.testing.assert_array_equal(loaded.act(seen(4)), policy.act(seen(4)))

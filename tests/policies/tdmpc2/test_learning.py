@@ -119,7 +119,7 @@ def test_the_world_loss_by_hand():
     torch.testing.assert_close(loss, 20 * consistency / 3 + 0.1 * reward / 3 + 0.1 * value / 6 + ended / 3)
 
 
-def test_what_comes_after_the_end_of_an_episode_changes_no_loss():
+def test_steps_after_an_episode_end_change_no_loss():
     model, given = make(), batch()
     torch.nn.init.normal_(model.reward_head[-1].weight)
     updater = Updater(TINY, model, [0.9])
@@ -225,7 +225,7 @@ def test_padded_actions_are_zero_and_do_not_count():
     torch.testing.assert_close(sample.entropy[::2], other.entropy[::2])
 
 
-def test_the_embedding_tells_tasks_apart_and_its_norm_is_at_most_one():
+def test_task_embeddings_differ_and_have_norm_at_most_one():
     model = make(action_sizes=(2, 2))
     z, action = torch.rand(B, 16), torch.rand(B, 2)
     torch.nn.init.normal_(model.task_embedding.weight)
@@ -250,7 +250,7 @@ def test_tasks_have_discounts_of_their_own_and_learn_together():
     assert updater.update(given)["loss"].isfinite()
 
 
-def test_a_model_of_several_tasks_asks_which():
+def test_multi_task_model_needs_a_task():
     with pytest.raises(PolicyError, match="has 2 tasks: say which"):
         make(action_sizes=(2, 2)).encode(torch.rand(B, D))
 
@@ -258,7 +258,7 @@ def test_a_model_of_several_tasks_asks_which():
 # --- acting -------------------------------------------------------------------------------------
 
 
-def test_the_agent_starts_from_its_last_plan_and_anew_with_an_episode(monkeypatch):
+def test_agent_warm_starts_and_resets_with_an_episode(monkeypatch):
     agent = Tdmpc2Agent(TINY, make().eval(), 0.9, 2)
     starts = []
 

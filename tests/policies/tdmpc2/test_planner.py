@@ -126,7 +126,7 @@ def test_masked_entries_stay_zero():
     assert not found.action[:, 1].any() and not found.mean[..., 1].any() and not found.std[:, 1].any()
 
 
-def test_an_action_is_drawn_by_the_weights_of_the_elites():
+def test_action_is_sampled_by_the_weights_of_the_elites():
     from policies.tdmpc2.planner import _drawn
 
     actions = torch.tensor([[[0.0], [1.0]]]).expand(4000, -1, -1)

@@ -87,7 +87,7 @@ def film(n: int):
     return {key: rng.integers(0, 256, (n, 3, 64, 64, 3), np.uint8) for key in CAMERAS}
 
 
-def test_of_images_it_sees_the_last_three_and_knows_its_cameras_when_loaded(tmp_path):
+def test_pixel_policy_stacks_three_frames_and_loads_its_cameras(tmp_path):
     config = replace(CONFIG, observation="pixels", num_channels=4)
     policy, seen = Tdmpc2Policy.create(config, CAMERAS, 2, 100), film(2)
     assert policy.n_obs_steps == 3 and make().n_obs_steps == 1

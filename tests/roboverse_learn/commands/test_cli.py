@@ -137,7 +137,7 @@ def test_a_mistake_is_one_line_and_exit_code_2(
         *(("sweep", "runs_dir"), ("replay", "dataset"), ("conservation", "out"), ("convert", "out")),
     ],
 )
-def test_a_folder_that_is_a_file_is_told_before_anything_begins(
+def test_folder_that_is_a_file_is_refused_before_the_run(
     command: str,
     key: str,
     below: str,
@@ -169,7 +169,7 @@ def test_a_file_that_exists_and_should_not_is_a_bug(tmp_path: Path, monkeypatch:
         cli.main(["leaderboard"])
 
 
-def test_of_a_file_more_demonstrations_can_be_asked_for_than_the_split_has() -> None:
+def test_file_source_may_exceed_the_split_size() -> None:
     config = compose("collect", ["source=maniskill", "path=recorded.h5", "num_demos=20000"])
     assert config.collect.num_demos == 20_000
 
@@ -184,7 +184,7 @@ def test_of_a_file_more_demonstrations_can_be_asked_for_than_the_split_has() -> 
         ["evaluate", "checkpoint=runs/x", "materials=nowhere"],
     ],
 )
-def test_a_wrong_folder_of_materials_is_told_before_anything_is_made(
+def test_wrong_materials_folder_is_refused_before_the_run(
     words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -195,7 +195,7 @@ def test_a_wrong_folder_of_materials_is_told_before_anything_is_made(
 
 
 @pytest.mark.parametrize("error", [DatasetError("no such dataset"), PolicyError("broken checkpoint")])
-def test_the_errors_of_every_part_are_told_alike(
+def test_errors_of_every_package_are_printed_alike(
     error: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def fail(*_: object) -> None:
@@ -213,7 +213,7 @@ def test_a_speed_program_gets_its_settings(capfd: pytest.CaptureFixture[str]) ->
     assert "roboverse speed dataset key=value" in capfd.readouterr().out
 
 
-def test_a_full_disk_is_told_and_the_same_command_continues(
+def test_full_disk_is_reported_and_the_same_command_resumes(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def fail(*_: object) -> None:

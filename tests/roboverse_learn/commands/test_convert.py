@@ -44,7 +44,7 @@ URDF = """<robot name="arm">
 
 
 @pytest.mark.parametrize("words", [["{file}", "--to", "mjcf"], ["--to=mjcf", "robot={file}"]])
-def test_a_urdf_becomes_mjcf_in_the_words_of_other_converters(words, tmp_path, capsys):
+def test_convert_accepts_the_words_of_other_converters(words, tmp_path, capsys):
     import mujoco
 
     file = tmp_path / "arm.urdf"

@@ -157,7 +157,7 @@ def test_the_manifest_says_where_the_code_came_from() -> None:
     assert start["git"] is None or set(start["git"]) == {"sha", "dirty"}
 
 
-def test_the_log_of_a_run_goes_to_its_folder() -> None:
+def test_log_of_a_run_is_in_its_folder() -> None:
     with Run.open(config(), COMMAND) as run:
         logging.getLogger("roboverse_learn.test").warning("a line to find again")
     logging.getLogger("roboverse_learn.test").warning("not of this run")

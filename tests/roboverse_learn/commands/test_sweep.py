@@ -41,7 +41,7 @@ class TestWords:
             ("runs_dir=/data/a=b/runs", ["runs_dir=/data/a=b/runs"]),
         ],
     )
-    def test_a_word_stands_for_as_many_words_as_it_has_values(self, word, expected):
+    def test_argument_with_several_values_is_expanded(self, word, expected):
         assert values_of_key(word) == expected
 
     def test_there_is_a_run_for_every_combination(self):
@@ -59,7 +59,7 @@ class TestWords:
     def test_a_combination_that_is_named_twice_runs_once(self):
         assert len(plan(["seed=1,1"]).runs) == 1
 
-    def test_its_own_keys_are_told_from_those_of_train(self):
+    def test_sweep_keys_are_separate_from_train_keys(self):
         planned = plan(["jobs_per_gpu=3", "dry_run=true", "seed=4"])
         assert (planned.config.jobs_per_gpu, planned.config.dry_run) == (3, True)
         assert [words for words, _ in planned.runs] == [("seed=4",)]
@@ -72,7 +72,7 @@ class TestWords:
             ("task=PickCube,StackCub", "Did you mean 'StackCube'"),
         ],
     )
-    def test_a_mistake_in_any_of_them_is_told_before_anything_runs(self, word, said):
+    def test_mistake_in_any_run_is_refused_before_all(self, word, said):
         with pytest.raises(UnknownNameError, match=said):
             plan([word])
 
@@ -143,7 +143,7 @@ class TestJobs:
         job = make_jobs(Sweep(SweepConfig(), (((), config),)))[0][0]
         assert compose("collect", job.words[1:]).env.scenario == config.env.scenario
 
-    def test_a_run_is_complete_once_it_was_evaluated_as_it_is_asked_for(self, tmp_path):
+    def test_run_is_complete_once_evaluated_as_configured(self, tmp_path):
         from roboverse_learn.commands.run_folder import Run
 
         words = ["task=PickCube", f"runs_dir={tmp_path}"]
@@ -249,7 +249,7 @@ def fake_program(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "executable", str(fake))
 
 
-def test_failures_are_told_with_their_last_words_and_all_others_are_done(fake_program, tmp_path):
+def test_failures_are_reported_with_their_last_output(fake_program, tmp_path):
     words = ["seed=0,1", f"runs_dir={tmp_path}/runs", f"results_dir={tmp_path}/results"]
     with pytest.raises(SweepError, match="1 of 3 processes failed") as caught:
         sweep(plan(words))

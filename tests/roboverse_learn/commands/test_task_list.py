@@ -26,7 +26,7 @@ def test_demonstrations_of_all_datasets_of_a_task_count(tmp_path):
     assert task_list.count_demos(tmp_path / "none", "PickCube") == 0
 
 
-def test_every_fact_of_a_task_stands_in_its_row(tmp_path, monkeypatch):
+def test_every_fact_of_a_task_is_in_its_row(tmp_path, monkeypatch):
     dataset(tmp_path, "PickCube", "level0", 700)
     splits = {"train": SplitRecord(500, 1.0, 60.0), "test": SplitRecord(500, 0.996, 60.0)}
     monkeypatch.setattr(task_list, "read_records", lambda: {"PickCube": ExpertRecord(splits, "", None)})

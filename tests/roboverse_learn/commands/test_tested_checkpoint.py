@@ -69,7 +69,7 @@ def subject(checkpoint: Path, *words: str) -> TestedCheckpoint:
     )
 
 
-def test_a_checkpoint_is_known_by_the_run_that_it_lies_in(run: Path) -> None:
+def test_checkpoint_is_identified_by_its_run(run: Path) -> None:
     found = subject(run)
     assert found.run == run.name
     assert (found.env.task, found.env.simulator, found.env.renderer, found.env.image_size) == (
@@ -89,7 +89,7 @@ def test_a_run_of_a_gpu_is_evaluated_where_there_is_none(run: Path) -> None:
     assert subject(run).device == "cpu"
 
 
-def test_the_folder_of_a_run_stands_for_its_last_checkpoint(run: Path) -> None:
+def test_run_folder_means_its_last_checkpoint(run: Path) -> None:
     last = run / "checkpoints/000200/pretrained_model"
     assert subject(run).checkpoint.resolve() == subject(last).checkpoint.resolve() == last.resolve()
     assert subject(run).run == subject(last).run
@@ -169,9 +169,7 @@ def test_the_scene_of_the_demonstrations_is_that_of_the_evaluation(slow_run: Pat
     assert found.run == slow_run.name
 
 
-def test_what_is_changed_for_an_evaluation_comes_on_top(
-    slow_run: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_evaluation_overrides_have_precedence(slow_run: Path, caplog: pytest.LogCaptureFixture) -> None:
     found = subject(slow_run, "scenario.cameras.front.fovy_deg=30")
     assert found.env.scenario["physics"] == {"decimation": 50}
     assert found.env.scenario["cameras"] == {"front": {"fovy_deg": 30}}
@@ -189,16 +187,14 @@ def test_a_light_of_the_demonstrations_can_be_changed_for_an_evaluation(run: Pat
     assert (first["intensity"], second["kind"], second["intensity"]) == (0.25, "area", 0.5)
 
 
-def test_another_control_rate_than_the_policy_learned_at_is_told(
-    slow_run: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_different_control_rate_warns(slow_run: Path, caplog: pytest.LogCaptureFixture) -> None:
     assert subject(slow_run, "scenario.physics.decimation=25").env.scenario == {
         "room": None
     }  # the task's own
     assert "learned at 10 control steps per second and is evaluated at 20" in caplog.text
 
 
-def test_a_camera_that_the_task_of_the_demonstrations_has_not_is_told(run: Path) -> None:
+def test_unknown_camera_of_the_demonstrations_is_refused(run: Path) -> None:
     with pytest.raises(UnknownNameError, match=r"key of scenario\.cameras 'fromt'.*Did you mean 'front'"):
         subject(run, "scenario.cameras.fromt.fovy_deg=30")
 

@@ -58,7 +58,7 @@ def test_a_run_that_is_short_or_wanted_or_on_a_gpu_is_not_refused() -> None:
     command.refuse_long_run(Timed(None, "train.time_limit_s=60"))
 
 
-def test_a_missing_login_is_told_before_anything_is_written(
+def test_missing_login_is_refused_before_anything_is_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail() -> None:
@@ -172,7 +172,7 @@ def test_the_paths_of_everything_are_printed(evaluation: Evaluation) -> None:
     assert "… and 1 more beside them" in said and "8.mp4" not in said
 
 
-def test_the_report_of_a_run_tells_the_rate_of_the_expert_and_the_times(evaluation: Evaluation) -> None:
+def test_report_has_the_expert_rate_and_times(evaluation: Evaluation) -> None:
     trained = TrainResult(
         checkpoint=Path("runs/x/checkpoints/last/pretrained_model"), steps=1234, loss=0.5, elapsed_s=60.0,
         samples_per_s=10.0, stopped_by="time_limit", precision="fp32", plot=Path("runs/x/losses.png"),

@@ -39,7 +39,7 @@ def test_settings_of_a_simulator_pass_through(command: str) -> None:
         ),
     ],
 )
-def test_a_wrong_setting_of_a_simulator_is_told_before_it_starts(words, error, message) -> None:
+def test_wrong_simulator_setting_is_refused_before_launch(words, error, message) -> None:
     with pytest.raises(error, match=message):
         compose("collect", words)
 
@@ -113,7 +113,7 @@ def test_keys_of_the_scene_pass_through(command: str) -> None:
         ("scenario..physics=3", ConfigError, r"'scenario\.\.physics=3' is not key=value"),
     ],
 )
-def test_a_wrong_key_of_the_scene_is_told_before_a_simulator_starts(word, error, message) -> None:
+def test_wrong_scene_key_is_refused_before_launch(word, error, message) -> None:
     with pytest.raises(error, match=message):
         compose("collect", [word])
 

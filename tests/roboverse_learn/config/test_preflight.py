@@ -91,7 +91,7 @@ def test_a_broken_file_leaves_nothing_behind(
 
 
 @pytest.mark.slow
-def test_a_file_that_does_not_fit_is_told_with_what_it_lacks(tmp_path: Path) -> None:
+def test_unsuitable_file_error_names_what_is_missing(tmp_path: Path) -> None:
     other = tmp_path / "other.xml"
     other.write_text('<mujoco><worldbody><body name="trunk"/></worldbody></mujoco>')
     (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")

@@ -41,7 +41,7 @@ def test_a_dataset_is_made_in_the_changed_scene_and_says_so(tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-def test_a_dataset_that_was_begun_in_another_scene_is_not_continued(tmp_path: Path) -> None:
+def test_dataset_of_another_scene_is_not_continued(tmp_path: Path) -> None:
     first = config(tmp_path)
     collect_dataset(first)
     assert "scenario" not in DatasetInfo.open(dataset_folder(first)).episode_metadata[0]

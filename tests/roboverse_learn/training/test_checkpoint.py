@@ -99,7 +99,7 @@ def test_only_the_newest_checkpoint_keeps_its_training_state(states):
     assert len([folder for folder in states if (folder / "checkpoints/000005" / STATE).is_dir()]) >= 6
 
 
-def test_what_is_saved_comes_back(tmp_path):
+def test_save_and_load_round_trip(tmp_path):
     folder = save_checkpoint(tmp_path, Weights(), state())
     assert folder == tmp_path / "checkpoints/000007/pretrained_model"
     loaded = load_checkpoint(folder.parent, SETTINGS)

@@ -29,7 +29,7 @@ def test_the_second_signal_raises_at_once():
     assert reached == [1]
 
 
-def test_what_another_process_heard_is_no_first_signal_to_this_one():
+def test_signal_of_another_process_does_not_count():
     reached = []
     with pytest.raises(Interrupted, match="SIGTERM"), signals_noted() as interruption:
         interruption.hear_of_others()
@@ -38,7 +38,7 @@ def test_what_another_process_heard_is_no_first_signal_to_this_one():
     assert reached == [1]
 
 
-def test_an_error_is_told_rather_than_the_signal():
+def test_error_has_precedence_over_the_signal():
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(ZeroDivisionError), signals_noted():
         signal.raise_signal(signal.SIGINT)

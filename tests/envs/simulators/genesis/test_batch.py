@@ -120,13 +120,13 @@ def test_what_flies_moves_as_mujocos(ends, name, half_steps):
 
 
 @pytest.mark.parametrize("name", [*SHAPES, "thing"])
-def test_a_shape_falls_and_lies_as_mujocos(ends, name):
+def test_shape_falls_and_rests_as_in_mujoco(ends, name):
     model, data, qpos, _ = ends
     first = int(model.joint(name).qposadr[0])
     np.testing.assert_allclose(qpos[first : first + 3], data.joint(name).qpos[:3], atol=3e-3)
 
 
-def test_what_is_put_in_place_carries_what_lies_on_it(ends):
+def test_mocap_body_carries_objects(ends):
     model, _, qpos, _ = ends
     assert qpos[int(model.joint("ball").qposadr[0]) + 2] == pytest.approx(0.2, abs=3e-3)
 

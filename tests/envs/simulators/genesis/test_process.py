@@ -42,7 +42,7 @@ def test_the_arrays_of_a_closed_scene_are_freed():
     assert counts[0] == counts[1]
 
 
-def test_it_is_started_anew_after_many_scenes_but_not_while_one_is_open(monkeypatch):
+def test_it_restarts_after_many_scenes_but_not_while_one_is_open(monkeypatch):
     monkeypatch.setattr(process, "SCENES_KEPT", 0)
     monkeypatch.setattr(process._PROCESS, "is_ours", True)
     started = []
@@ -60,7 +60,7 @@ def test_it_is_started_anew_after_many_scenes_but_not_while_one_is_open(monkeypa
     assert not process._PROCESS.open
 
 
-def test_starting_anew_forgets_what_kernels_know_of_arguments(monkeypatch):
+def test_restart_clears_cached_kernel_arguments(monkeypatch):
     monkeypatch.setattr(process, "SCENES_KEPT", 0)
     monkeypatch.setattr(process._PROCESS, "is_ours", True)
     known = []

@@ -175,7 +175,7 @@ def handler():
 
 
 @pytest.mark.slow
-def test_two_threads_draw_what_one_draws(handler):
+def test_two_threads_render_the_same_images_as_one(handler):
     """An image depends on its job alone: many at once, one after the other, from two callers."""
     jobs = handler.snapshot()
     together = handler.render_jobs(jobs)["front"]["rgb"]
@@ -187,7 +187,7 @@ def test_two_threads_draw_what_one_draws(handler):
         np.testing.assert_array_equal(images, together)
 
 
-def test_furniture_that_comes_and_goes_leaves_no_trace(handler):
+def test_removed_furniture_leaves_no_trace(handler):
     """Rooms with and without furniture have trees and textures of their own."""
     (bare,) = handler.snapshot([0])
     stool = GeomCfg(shape="box", size=(0.2, 0.2, 0.3), pos=(0.0, 0.0, 0.3), rgba=(0.9, 0.1, 0.9, 1.0))

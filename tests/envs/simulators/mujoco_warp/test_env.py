@@ -36,7 +36,7 @@ def test_an_episode_begins_and_looks_the_same(envs):
     assert differs.mean() < 1e-2
 
 
-def test_steps_pay_and_end_the_same(envs):
+def test_rewards_and_ends_agree(envs):
     for env in envs:
         env.reset(seed=4)
     rest = np.array(envs[0].scenario.robots[0].default_qpos, np.float32)

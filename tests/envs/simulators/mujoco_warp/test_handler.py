@@ -79,7 +79,7 @@ def test_a_state_of_another_robot_is_refused(handler):
         handler.set_states(states)
 
 
-def test_another_renderer_draws_its_snapshots(monkeypatch):
+def test_another_renderer_renders_its_snapshots(monkeypatch):
     """Renderers of the CPU get what they always get; their images become tensors on request."""
     monkeypatch.setattr(RENDERERS, "get", lambda name: WarpRenderer)
     with MujocoWarpHandler(scene(), 1, renderer="gl", textures=images_of, num_threads=1) as handler:

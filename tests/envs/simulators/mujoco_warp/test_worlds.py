@@ -66,7 +66,7 @@ def test_the_physics_is_that_of_the_other_simulator(handler):
 
 
 @pytest.mark.parametrize("cause", ["state", "targets"])
-def test_a_world_that_is_lost_goes_back_alone_and_is_counted(handler, caplog, cause):
+def test_diverged_world_is_reset_alone_and_counted(handler, caplog, cause):
     start = moving(starts())
     handler.set_states(start)
     handler.step(10)
@@ -89,7 +89,7 @@ def test_a_world_that_is_lost_goes_back_alone_and_is_counted(handler, caplog, ca
     assert torch.isfinite(everything(handler)).all()
 
 
-def test_a_world_that_stands_still_is_not_looked_at(handler):
+def test_frozen_world_is_not_checked(handler):
     """What happens to it while others step is undone, whatever it is."""
     handler.set_states(starts())
     handler.views.qvel[3, 0] = torch.inf

@@ -148,7 +148,7 @@ def test_shapes_fall_and_lie_as_mujocos(shape, floor):
     assert bench.qpos[2] == pytest.approx(height, abs=3e-3)
 
 
-def test_a_mesh_lies_on_its_hull():
+def test_mesh_rests_on_its_hull():
     bench = Bench(
         """<geom type="plane" size="2 2 .1"/><body name="thing" pos="0 0 .06"><freejoint/>
           <geom type="mesh" mesh="wedge" mass="1"/></body>""",
@@ -158,7 +158,7 @@ def test_a_mesh_lies_on_its_hull():
     bench.check(5e-4)
 
 
-def test_what_is_put_in_place_carries_what_lies_on_it():
+def test_mocap_body_carries_objects():
     bench = Bench(
         """<body name="tray" mocap="true" pos="1 0 0"><geom type="box" size=".2 .2 .05"/></body>
         <body name="ball" pos="0 0 .2"><freejoint/><geom type="sphere" size=".05" mass=".1"/></body>"""
@@ -223,7 +223,7 @@ def crowd(count):
     return Bench(bodies, f"<contact>{rest}</contact>")
 
 
-def test_pairs_that_newton_cannot_tell_apart_are_refused(monkeypatch):
+def test_pairs_that_newton_confuses_are_refused(monkeypatch):
     crowd(6)
     original = shapes.touching
     monkeypatch.setattr(

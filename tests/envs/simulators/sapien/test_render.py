@@ -72,7 +72,7 @@ def test_every_shape_is_seen_with_its_size_and_colour(renderer, model):
         assert np.nonzero(mask)[1].mean() == pytest.approx(column, abs=3), name
 
 
-def test_a_surface_that_was_built_anew_keeps_its_name(renderer, model):
+def test_rebuilt_surface_keeps_its_name(renderer, model):
     """The size of an image is part of the mesh."""
     before = draw(renderer, model)["segmentation"]
     table = dataclasses.replace(TABLETOP_LOOKS.materials["table"], texture="checker", size_m=0.37)

@@ -62,7 +62,7 @@ def cartpole_at(angle, cart=0.0, speeds=(0.0, 0.0)):
 
 
 @pytest.mark.parametrize("turns", [0, 1, -2])
-def test_a_pole_is_paid_for_how_upright_and_slow_it_is(turns):
+def test_cartpole_reward_depends_on_angle_and_speed(turns):
     state = cartpole_at(0.3 + turns * 2 * math.pi, 1.0, (2.0, -3.0))
     expected = STEP_S * (1.0 - 0.3**2 - 0.01 * 2.0 - 0.005 * 3.0)
     assert task_of("cartpole").reward(state).item() == pytest.approx(expected)
@@ -105,7 +105,7 @@ def test_a_pole_that_is_kept_upright_reaches_the_bar():
     assert returns.max() <= 5.0
 
 
-def test_an_ant_is_paid_term_by_term(recorded):
+def test_ant_reward_is_the_sum_of_its_terms(recorded):
     state = recorded("ant")
     robot = state.robots["ant"]
     reward = task_of("ant").reward(state)
@@ -146,7 +146,7 @@ def test_an_ant_sees_itself_in_its_own_frame(recorded):
     assert torch.equal(seen[:, 28:], robot.joint_target / 7.5)
 
 
-def test_reaching_is_paid_by_both_errors(recorded):
+def test_reach_reward_has_both_errors(recorded):
     state, task = recorded("franka_reach"), task_of("franka_reach")
     robot, goal = state.robots["franka"], state.objects["goal"]
     reward, seen = task.reward(state), task.observe(state)

@@ -142,7 +142,7 @@ def test_scenes_have_the_published_parts():
 
 
 @pytest.mark.slow
-def test_nothing_stands_in_the_robots_way_at_the_start():
+def test_initial_state_has_no_collisions():
     for name in NAMES:
         with started(task_of(name)) as handler:
             robot = {

@@ -45,7 +45,7 @@ def test_there_are_meta_worlds_fifty_tasks():
     assert all(len(set(words)) == len(words) >= 2 for words in WORDS.values())
 
 
-def test_a_task_is_made_once_and_knows_its_name():
+def test_a_task_is_made_once_and_has_its_name():
     reach = TASKS.get("metaworld/reach")
     assert TASKS.get("metaworld/reach") is reach
     assert (reach.name, reach.original_name) == ("metaworld/reach", f"reach{VERSION}")
@@ -109,7 +109,7 @@ def test_an_episode_leaves_no_trace_in_the_next(task):
     np.testing.assert_array_equal(fresh.episode(second).start.qpos, used.episode(second).start.qpos)
 
 
-def test_draws_are_of_meta_worlds_space(task):
+def test_initial_states_are_in_meta_worlds_space(task):
     space = task.original.env._random_reset_space
     vectors = np.stack([task.original.draw(rng) for rng in rngs(20)])
     assert (vectors >= space.low).all() and (vectors <= space.high).all()

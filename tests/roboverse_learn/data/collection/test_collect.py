@@ -109,7 +109,7 @@ def test_too_few_candidates(tmp_path):
 
 
 @pytest.mark.parametrize("num_workers", [1, 2])
-def test_without_a_success_it_ends_and_a_better_demonstrator_goes_on(tmp_path, num_workers):
+def test_without_success_it_ends_and_a_better_demonstrator_resumes(tmp_path, num_workers):
     hopeless = config(tmp_path / "d", num_workers=num_workers, fail_every=1)
     with pytest.raises(TooFewSuccessesError, match=r"None of the 6 episodes that were tried succeeded\."):
         collect(replace(hopeless, give_up_after=6))

@@ -178,7 +178,7 @@ def test_failures_are_remembered_over_runs_with_their_settings(tmp_path):
     assert Schedule(Writer(tmp_path), [6, 7], 1, {"task": "PickCube", "level": 2}).num_failures == 0
 
 
-def test_answers_nobody_asked_for(tmp_path):
+def test_unrequested_episodes_are_refused(tmp_path):
     schedule = Schedule(Writer(tmp_path), [1, 2], 1, {})
     with pytest.raises(DatasetError, match="yielded pool episode 7, which was not requested"):
         schedule.resolve(7, None)
@@ -188,7 +188,7 @@ def test_answers_nobody_asked_for(tmp_path):
         schedule.resolve(1, None)
 
 
-def test_a_run_without_a_success_ends_and_the_next_one_goes_on_where_it_was(tmp_path):
+def test_run_without_success_ends_and_the_next_one_resumes(tmp_path):
     def run():
         schedule = Schedule(Writer(tmp_path), range(POOL), 2, {}, give_up_after=5)
         with pytest.raises(

@@ -49,7 +49,7 @@ def test_the_shares_of_the_processes_are_the_batch_of_one(lengths, share, world_
 
 @given(lengths=datasets, drop=st.integers(0, 4), data=st.data())
 @settings(deadline=None)
-def test_only_the_frames_asked_for_are_drawn(lengths, drop, data):
+def test_only_requested_frames_are_sampled(lengths, drop, data):
     info = dataset(lengths)
     chosen = data.draw(st.lists(st.sampled_from(range(len(lengths))), min_size=1, unique=True))
     expected = {f for e in chosen for f in range(info.episode_starts[e], info.episode_ends[e] - drop)}

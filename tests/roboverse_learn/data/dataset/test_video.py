@@ -46,7 +46,7 @@ def key_frames(content, folder):
 
 @given(length=st.integers(1, 19), gop=st.integers(1, 8), data=st.data())
 @settings(max_examples=40, deadline=None)
-def test_every_frame_comes_to_the_row_asked_for(length, gop, data):
+def test_every_frame_is_decoded_to_its_row(length, gop, data):
     images = numbered(length)
     rows = data.draw(st.permutations(range(length)))
     out = decode(encode_video(images, FPS, EncoderConfig(gop_size=gop)), rows, length)

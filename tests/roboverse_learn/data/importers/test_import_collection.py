@@ -56,7 +56,7 @@ def folder(tmp_path, played):
     return folder
 
 
-def test_the_command_line_knows_every_format():
+def test_command_line_accepts_every_format():
     with pytest.raises(UnknownNameError, match=r"demonstrations 'manskill'\. Did you mean 'mani"):
         compose("collect", ["source=manskill", "path=x"])
     with pytest.raises(ConfigError, match=r"source=maniskill needs path=<file or folder>"):

@@ -94,7 +94,7 @@ def test_another_control_rate_than_the_policy_learned_at_is_refused(
     assert not (tmp_path / "datasets").exists()
 
 
-def test_the_task_is_that_of_the_checkpoint_unless_another_is_asked_for(tmp_path):
+def test_task_defaults_to_that_of_the_checkpoint(tmp_path):
     (tmp_path / "config.json").write_text(json.dumps({"type": "tdmpc2", "task": "control/cartpole"}))
     words = ["source=policy", f"checkpoint={tmp_path}"]
     assert compose("collect", words).env.task == "control/cartpole"

@@ -41,7 +41,7 @@ def test_a_refused_run_has_no_folder(policy, tmp_path, monkeypatch, capsys):
     ("backend", "package", "extra"),
     [("rsl_rl", "rsl_rl", "rsl-rl"), ("sb3", "stable_baselines3", "sb3"), ("torchrl", "torchrl", "torchrl")],
 )
-def test_a_missing_backend_is_told(backend, package, extra, tmp_path, monkeypatch, capsys):
+def test_missing_backend_error_names_the_extra(backend, package, extra, tmp_path, monkeypatch, capsys):
     find = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == package else find(name))
     said = refused(f"policy=ppo backend={backend} task=PickCube", tmp_path, monkeypatch, capsys)
@@ -49,7 +49,7 @@ def test_a_missing_backend_is_told(backend, package, extra, tmp_path, monkeypatc
     assert f"pip install 'roboverse-learn[{extra}]'" in said
 
 
-def test_a_missing_torchrl_is_told_of_tdmpc2(tmp_path, monkeypatch, capsys):
+def test_missing_torchrl_error_of_tdmpc2(tmp_path, monkeypatch, capsys):
     ours = ("policies.tdmpc2", "roboverse_learn.training.rl.tdmpc2")
     for name in [each for each in sys.modules if each.startswith(ours)]:
         monkeypatch.delitem(sys.modules, name)
@@ -61,7 +61,7 @@ def test_a_missing_torchrl_is_told_of_tdmpc2(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.parametrize("policy", ["ppo", "act"])
 @pytest.mark.parametrize("key", ["simulator", "renderer"])
-def test_a_missing_simulator_or_renderer_is_told(policy, key, tmp_path, monkeypatch, capsys):
+def test_missing_simulator_or_renderer_is_refused(policy, key, tmp_path, monkeypatch, capsys):
     for name in [each for each in sys.modules if each.startswith(("sapien", "envs.simulators.sapien."))]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "sapien", None)

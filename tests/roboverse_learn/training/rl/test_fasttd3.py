@@ -59,7 +59,7 @@ def state_file(run_dir):
     return run_dir / "checkpoints/last/training_state/state.json"
 
 
-def test_a_run_goes_on_to_the_same_weights(tmp_path):
+def test_run_resumes_to_the_same_weights(tmp_path):
     _, whole = train(tmp_path / "whole")
     train(tmp_path / "cut", steps=320)
     _, resumed = train(tmp_path / "cut")

@@ -86,7 +86,7 @@ def test_a_stack_does_not_reach_into_the_episode_before():
 
 @pytest.mark.parametrize("num_envs", [1, 2, 5])
 @pytest.mark.parametrize("steps", [5, 23])
-def test_every_valid_step_is_what_happened_and_all_that_are_kept_are_drawn(num_envs, steps):
+def test_sampled_steps_are_valid_and_cover_the_buffer(num_envs, steps):
     torch.manual_seed(0)
     replay = buffer(num_envs=num_envs, capacity=14 * num_envs)
     story = Story(replay)
@@ -109,7 +109,7 @@ def test_every_valid_step_is_what_happened_and_all_that_are_kept_are_drawn(num_e
         assert {key for key in known if key[1] <= steps - 3} <= drawn  # from which a sequence has happened
 
 
-def test_each_step_is_drawn_equally_often():
+def test_each_step_is_sampled_equally_often():
     torch.manual_seed(0)
     replay = buffer(num_envs=1, capacity=40)
     story = Story(replay)

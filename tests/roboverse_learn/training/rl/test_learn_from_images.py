@@ -47,7 +47,7 @@ def trained(tmp_path_factory):
     return folder
 
 
-def test_a_run_ends_with_a_policy_that_knows_its_cameras(trained):
+def test_trained_policy_has_its_cameras(trained):
     policy = policies.load(trained)
     assert policy.sizes == {"observation.images.front": 64, "observation.images.rail": 64}
     assert (policy.n_obs_steps, policy.task) == (3, "control/cartpole")
@@ -55,7 +55,7 @@ def test_a_run_ends_with_a_policy_that_knows_its_cameras(trained):
     assert np.isfinite(losses).all() and losses[-1] < losses[0]
 
 
-def test_a_run_goes_on_to_the_same_weights(trained, tmp_path):
+def test_run_resumes_to_the_same_weights(trained, tmp_path):
     learn(tmp_path, "cameras=[front,rail]", "train.steps=48")
     learn(tmp_path, "cameras=[front,rail]")
     for key, value in policies.load(trained).state_dict().items():
@@ -130,7 +130,7 @@ def test_images_that_cannot_be_had_are_errors(words, error, said, tmp_path):
     assert not any(tmp_path.iterdir())
 
 
-def test_a_task_without_a_camera_is_told_before_anything_is_made(monkeypatch, tmp_path):
+def test_task_without_a_camera_is_refused_before_the_run(monkeypatch, tmp_path):
     scene = replace(Cartpole().scenario, cameras=())
     monkeypatch.setattr(Cartpole, "scenario", property(lambda _: scene))
     with pytest.raises(ConfigError, match=r"'control/cartpole' has no camera.*policy.observation=state"):

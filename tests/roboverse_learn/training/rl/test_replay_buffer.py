@@ -31,7 +31,7 @@ def test_what_a_sequence_holds_of_the_next_episode_is_marked():
         assert batch.valid[:, row].tolist() == [1.0] * steps + [0.0] * (3 - steps)
 
 
-def test_the_end_of_an_episode_is_drawn_as_often_as_any_other_step_and_at_every_place():
+def test_episode_ends_are_sampled_as_often_as_other_steps():
     torch.manual_seed(0)
     batch = filled(30, over={14}, capacity=80).sequences(28_000)  # 28 starts in each environment
     for place in range(3):
@@ -58,7 +58,7 @@ def test_the_ring_forgets_the_oldest_steps_and_never_joins_ends():
     assert starts(buffer) == {*range(15, 23), *range(115, 123)}
 
 
-def test_single_steps_are_drawn_of_all_that_is_there():
+def test_single_steps_are_sampled_from_the_whole_buffer():
     batch = filled(5, over={2}, horizon=1).returns(4000, 1, 0.9)
     assert {int(value) for value in batch.reward} == {*range(5), *range(100, 105)}
     torch.testing.assert_close(batch.next_observation, batch.observation + 0.5)

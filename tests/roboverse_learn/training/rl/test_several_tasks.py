@@ -76,7 +76,7 @@ def train(run_dir, *, steps, config=TINY, **options):
 
 
 @pytest.mark.slow
-def test_a_run_goes_on_to_the_same_weights_and_tells_of_each_task(tmp_path):
+def test_run_resumes_to_the_same_weights_and_logs_each_task(tmp_path):
     whole = train(tmp_path / "whole", steps=480).state_dict()
     train(tmp_path / "cut", steps=240)
     resumed = train(tmp_path / "cut", steps=480).state_dict()
@@ -93,7 +93,7 @@ def test_a_run_goes_on_to_the_same_weights_and_tells_of_each_task(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_run_cut_out_of_turn_goes_on_as_well(tmp_path):
+def test_run_interrupted_between_checkpoints_resumes(tmp_path):
     train(tmp_path, steps=300)
     assert Tdmpc2Policy.load(tmp_path).tasks == ("line", "mirror")
     train(tmp_path, steps=320)
@@ -134,7 +134,7 @@ def test_entries_that_a_task_lacks_have_no_influence_on_what_is_learned(tmp_path
 
 
 @pytest.mark.long
-def test_it_learns_two_tasks_that_want_the_opposite(tmp_path):
+def test_it_learns_two_opposite_tasks(tmp_path):
     policy = train(tmp_path, steps=2000, config=LEARNING, log_every=200, save_every=20_000)
     rows = [row for row in read_metrics(tmp_path) if "episode_return" in row]
     for task, env in (("line", PointMass(16, seed=5)), ("mirror", Mirrored(16, seed=5))):
@@ -169,7 +169,7 @@ def run_of(folder):
 
 
 @pytest.mark.slow
-def test_every_task_has_a_result_that_tells_what_it_was_learned_with(trained):
+def test_result_of_every_task_names_the_other_tasks(trained):
     run = run_of(trained)
     for task, length in ((FIRST, 3), (SECOND, 4)):
         result = read_result(trained / "results/v2" / task / "tdmpc2" / f"{run.name}.json")
@@ -284,14 +284,14 @@ def test_tasks_that_cannot_be_learned_together_are_errors(words, error, said):
         compose("train", [*(word for word in WORDS if "num_envs" not in word), *words])
 
 
-def test_a_further_task_without_reward_is_told_before_anything_is_made(monkeypatch, tmp_path):
+def test_further_task_without_reward_is_refused_before_the_run(monkeypatch, tmp_path):
     monkeypatch.setattr(Ant, "has_reward", False)
     config = compose("train", [*WORDS, f"runs_dir={tmp_path}"])
     with pytest.raises(ConfigError, match=f"Task '{SECOND}' has no reward, which policy=tdmpc2 learns from"):
         learner_of(config, "cpu").check()
 
 
-def test_a_run_of_other_tasks_is_not_gone_on_with(trained, tmp_path):
+def test_run_of_other_tasks_is_not_resumed(trained, tmp_path):
     run = run_of(trained)
     words = ["train", f"run={run}", "policy=tdmpc2"]
     with pytest.raises(ConfigError, match=rf"you gave policy.tasks=.*franka_reach.*, it has \['{SECOND}'\]"):

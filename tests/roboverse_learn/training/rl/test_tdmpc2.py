@@ -129,7 +129,7 @@ def test_the_same_seed_learns_the_same_and_another_does_not(tmp_path):
     assert not weights(first).equal(weights(other))
 
 
-def test_a_run_goes_on_to_the_same_weights(tmp_path):
+def test_run_resumes_to_the_same_weights(tmp_path):
     _, whole = train(tmp_path / "whole", steps=480)
     train(tmp_path / "cut", steps=240)
     _, resumed = train(tmp_path / "cut", steps=480)
@@ -142,7 +142,7 @@ def saved(run_dir):
     return json.loads((run_dir / "checkpoints/last/training_state/state.json").read_text())["numbers"]
 
 
-def test_without_its_replay_a_run_fills_it_anew(tmp_path):
+def test_run_without_saved_replay_refills_it(tmp_path):
     config = replace(TINY, save_replay=False)
     train(tmp_path, steps=240, config=config)
     updates = saved(tmp_path)["updates"]
@@ -167,7 +167,7 @@ class Clock(Reporter):
 
 # What is logged and saved at step 200 has all its updates.
 @pytest.mark.parametrize("every", [pytest.param(240, marks=pytest.mark.long), 200])
-def test_a_run_stopped_among_its_first_updates_goes_on_to_the_same_weights(every, tmp_path, monkeypatch):
+def test_run_stopped_among_its_first_updates_resumes_identically(every, tmp_path, monkeypatch):
     options = {"steps": 400, "log_every": every, "save_every": every}
     clock = Clock(monkeypatch)
     _, whole = train(tmp_path / "whole", reporter=clock, **options)
@@ -194,7 +194,7 @@ def test_updates_that_are_due_after_the_last_step_are_made_before_a_run_is_compl
     assert weights(whole).equal(weights(resumed))
 
 
-def test_a_signal_is_heard_between_two_updates(tmp_path):
+def test_signal_is_handled_between_two_updates(tmp_path):
     _, whole = train(tmp_path / "whole")
     reporter = SignalAt(200)
     with pytest.raises(KeyboardInterrupt, match="SIGTERM"):
@@ -204,7 +204,7 @@ def test_a_signal_is_heard_between_two_updates(tmp_path):
     assert weights(whole).equal(weights(resumed))
 
 
-def test_updates_left_without_a_replay_are_made_once_it_is_filled_anew(tmp_path, monkeypatch):
+def test_pending_updates_run_once_the_replay_is_refilled(tmp_path, monkeypatch):
     config = replace(TINY, save_replay=False)
     clock = Clock(monkeypatch)
     train(tmp_path, config=config, reporter=clock, time_limit_s=30.0)

@@ -66,7 +66,7 @@ def test_nothing_is_left_outside_the_run_folder(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("backend", sweep(BACKENDS, {"rsl_rl"}))
-def test_a_run_goes_on_where_it_was_stopped(backend, tmp_path):
+def test_run_resumes_where_it_stopped(backend, tmp_path):
     run(backend, tmp_path, train=optimization(steps=64))
     before = policies.load(tmp_path).state_dict()
     result = run(backend, tmp_path, train=optimization(steps=128))
@@ -77,7 +77,7 @@ def test_a_run_goes_on_where_it_was_stopped(backend, tmp_path):
 
 
 @pytest.mark.parametrize("backend", sweep(BACKENDS, {"rsl_rl"}))
-def test_a_signal_ends_a_run_after_the_rollout_and_it_goes_on_to_the_same_weights(backend, tmp_path):
+def test_signal_ends_a_run_after_the_rollout_and_it_resumes_identically(backend, tmp_path):
     def train(folder, **kwargs):
         run(backend, folder, PointMass(8), train=optimization(steps=320, save_every=256), **kwargs)
         return policies.load(folder).state_dict()
@@ -110,7 +110,7 @@ def test_a_run_that_diverges_stops_and_keeps_the_last_checkpoint(backend, tmp_pa
 
 
 @pytest.mark.parametrize(("backend", "lr"), [("sb3", 1e20), *((name, 1e30) for name in BACKENDS)])
-def test_an_update_that_breaks_the_network_is_told_as_such(backend, lr, tmp_path):
+def test_diverged_update_is_reported(backend, lr, tmp_path):
     message = r"(is not finite|is nan|is inf).* No checkpoint had been saved"
     with pytest.raises(TrainingDivergedError, match=message):
         run(backend, tmp_path, train=optimization(steps=320, lr=lr))

@@ -126,7 +126,7 @@ def test_a_checkpoint_is_evaluated_in_another_simulator(finished):
 
 
 @pytest.mark.long
-def test_it_learns_in_mujoco_warp_and_goes_on_there(tmp_path):
+def test_it_learns_in_mujoco_warp_and_resumes(tmp_path):
     words = ["simulator=mujoco_warp", "levels=[0]", "splits=[test]", "episodes=1", "evaluate.num_envs=1"]
     run(tmp_path, *words)
     (result,) = results_of(tmp_path)
@@ -149,7 +149,7 @@ def test_a_task_without_reward_and_an_unknown_backend_are_refused(tmp_path, monk
     assert not list(tmp_path.rglob("*.safetensors"))
 
 
-def test_the_curve_lies_beside_the_result_and_on_the_page(finished):
+def test_curve_is_beside_the_result_and_on_the_page(finished):
     for path in (finished / "results").glob("*/PickCube/ppo/*.json"):
         curve = read_curve(path)
         assert curve[:, 0].tolist() == [16.0, 32.0, 48.0] and np.isfinite(curve).all()

@@ -66,7 +66,7 @@ class Staggered(Reach):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("stagger", [True, False])
-def test_the_first_episodes_end_at_different_times_if_asked(tmp_path, stagger):
+def test_staggered_first_episodes_end_at_different_times(tmp_path, stagger):
     config = PpoConfig(backend="torchrl", num_envs=30, num_steps=4, num_minibatches=2, stagger=stagger)
     env = Staggered(30)
     train = TrainConfig(steps=30 * 20, save_every=10**6, num_threads=1)
