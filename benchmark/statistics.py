@@ -187,7 +187,7 @@ def two_stage_bootstrap(
     rates = np.array([np.mean(values) for values in runs])
     sizes = np.array([len(values) for values in runs])
     chosen = rng.integers(len(runs), size=(num_resamples, len(runs)))
-    # The sum of resampled 0/1 outcomes is a binomial draw: no need to resample them one by one.
+    # The sum of resampled 0/1 outcomes is binomial: no need to resample them one by one.
     draws = rng.binomial(sizes[chosen], rates[chosen]) / sizes[chosen]
     tail = (1.0 - confidence) / 2.0
     low, high = np.quantile(draws.mean(axis=1), [tail, 1.0 - tail])
@@ -215,7 +215,7 @@ def e_process(a_wins: Sequence[bool] | np.ndarray) -> np.ndarray:
     """Returns the evidence against "both policies are equally good" after each discordant episode.
 
     A gambler who starts with 1, bets on every discordant episode by the rate seen so far (a uniform
-    prior on it: Laplace's rule) and is paid fairly, holds ``2**n * B(a + 1, b + 1)`` after ``n`` of
+    prior on it: Laplace's rule) at fair odds holds ``2**n * B(a + 1, b + 1)`` after ``n`` of
     them. If the policies are equal this is a martingale, so it ever reaches ``1 / alpha`` with
     probability at most ``alpha`` (Ville), however often one looks: arXiv:2210.01948 §3, Robbins 1970.
 

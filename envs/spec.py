@@ -134,7 +134,7 @@ class EnvSpec:
             split: ``"train"`` or ``"test"``: which episodes.
             observation: What is observed; see :class:`~envs.vector_env.RoboVerseVectorEnv`.
             actions: ``"task"`` for the task's controller, ``"rl"`` for that of reinforcement learning.
-            protocol_seed: Seeds every draw.
+            protocol_seed: Seeds every random number.
             num_threads: Threads of the simulator; 0 means one per core.
             autoreset_mode: Gymnasium's: what ``step`` does with an environment whose episode is over.
 

@@ -21,7 +21,7 @@ from envs.tasks.base import Task
 from envs.tasks.plan_following import PlanFollower
 
 BANK_SIZE = 4096
-"""Initial states that are kept on the device; drawing one takes Python about 50 µs."""
+"""Initial states that are kept on the device; sampling one takes Python about 50 µs."""
 
 
 def initial_bank(task: Task, handler: Handler, split: str, protocol_seed: int, size: int) -> State:
@@ -70,7 +70,7 @@ def expert_states(
         ConfigError: The task has no expert, or no state was kept.
     """
     follower, controller = PlanFollower(rngs, task.planner), task.controller
-    # One draw per step: every step is equally likely, and no episode's length has to be known.
+    # One sample per step: every step is equally likely, and no episode's length has to be known.
     share = num_states / task.max_episode_steps
     keep = np.stack([rng.random(task.max_episode_steps) for rng in rngs]) < share
     kept: list[dict[str, torch.Tensor]] = []

@@ -130,7 +130,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
 
     @property
     def protocol_seed(self) -> int:
-        """Seed of every draw."""
+        """Seed of every random number."""
         return self.randomizer.seed
 
     @property
@@ -284,7 +284,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
         return observation, result.reward, result.terminated, result.truncated, info
 
     def _restart(self, env_ids: np.ndarray, episodes: Sequence[int] | None = None) -> None:
-        """Starts episodes in these environments, by default ones that their generators draw."""
+        """Starts episodes in these environments, by default ones that their generators sample."""
         if episodes is None:
             episodes = [self._rngs[env_id].choice(self.split_indices) for env_id in env_ids]
         self.reset_envs(env_ids, episodes)

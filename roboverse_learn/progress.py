@@ -22,7 +22,7 @@ class StageProgress:
 
     Args:
         stage: What is done, such as ``"collecting"``.
-        console: Where to draw; None takes the standard output.
+        console: Console to print to; None takes the standard output.
         interval_s: Time between two lines.
     """
 

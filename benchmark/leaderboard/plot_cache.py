@@ -17,7 +17,7 @@ def draw_if_changed(draw: Callable[..., None], values: Any, path: Path, *more: A
     """Calls ``draw(values, path, *more, drawn_of=…, **options)``, unless that image exists already.
 
     Args:
-        draw: A function of :mod:`benchmark.leaderboard.plots`; it hands ``drawn_of`` on to ``save_figure``.
+        draw: A function of :mod:`benchmark.leaderboard.plots`; it passes ``drawn_of`` to ``save_figure``.
         values: Plotted values, plain JSON, as are ``more`` and ``options``.
         path: The ``.png`` file. One that is damaged or has no hash is written again.
         *more: Further arguments.

@@ -93,7 +93,7 @@ def plot_losses(rows: Sequence[Mapping[str, float]], path: Path, title: str = "T
     """
     names = list(dict.fromkeys(name for row in rows for name in row if "loss" in name))
     if not names:
-        raise ValueError("There is no loss to draw: no row has a key with 'loss' in its name.")
+        raise ValueError("There is no loss to plot: no row has a key with 'loss' in its name.")
     figure, axes = new_figure((6.0, 3.4))
     lowest = float("inf")
     for index, name in enumerate(names):
@@ -128,7 +128,7 @@ def plot_learning(
         path: The ``.png`` (or ``.svg``) file.
         title: Title.
         others: What others published of the task, from :func:`benchmark.learning_curves.published`.
-        ends_when_solved: Whether a solved episode is over; the picture says then why the return falls.
+        ends_when_solved: Whether a solved episode is over; the plot then says why the return falls.
         drawn_of: As :func:`save_figure`.
 
     Raises:

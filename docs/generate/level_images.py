@@ -153,7 +153,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         args = parse("python -m docs.generate.level_images", GallerySettings, argv)
         if args.out is None and args.materials is None:
-            raise ConfigError("There is nothing to draw: give out=<file>, materials=<file>, or both.")
+            raise ConfigError("There is nothing to render: give out=<file>, materials=<file>, or both.")
         if args.materials is not None:
             library = MaterialLibrary.from_folder(args.folder) if args.folder else MaterialLibrary.built_in()
             save(draw_materials(library), args.materials)

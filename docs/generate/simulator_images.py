@@ -44,7 +44,7 @@ def draw(task: str, renderers: Sequence[str], *, simulator: str, image_size: int
 
     Args:
         task: Name of the task.
-        renderers: Names of renderers, or of simulators that draw.
+        renderers: Names of renderers, or of simulators that render.
         simulator: Physics.
         image_size: Pixels along an image's side.
 

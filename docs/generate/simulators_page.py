@@ -48,7 +48,7 @@ package indices, and are not here.
 
 ## Renderers
 
-What a renderer cannot show is written into every dataset and result that it drew, as `not_shown`.
+What a renderer cannot show is written into its datasets and results, as `not_shown`.
 
 {renderers}
 

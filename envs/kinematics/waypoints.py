@@ -68,7 +68,7 @@ def approach(way: Waypoint, rng: np.random.Generator, seldom_m: float = 0.05) ->
 
     Args:
         way: The waypoint.
-        rng: Source of the draw.
+        rng: Random number generator.
         seldom_m: Standard deviation of how far beside, along x and y each.
     """
     aside = rng.normal(0.0, miss(rng, often_m=0.0, seldom_m=seldom_m), 2)

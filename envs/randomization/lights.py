@@ -15,7 +15,7 @@ from envs.scenario.lighting import TEMPERATURES_K
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LightsDraw:
-    """One draw of the lights.
+    """One sample of the lights.
 
     Attributes:
         azimuth_rad: Direction to the distant light, from world +x towards +y.

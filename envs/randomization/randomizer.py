@@ -24,7 +24,7 @@ from envs.scenario import SURFACES, Appearance, CameraCfg, LightingCfg, Scenario
 
 @dataclass(frozen=True, slots=True)
 class EnvironmentDraw:
-    """One draw of the environment channel.
+    """One sample of the environment channel.
 
     Attributes:
         textures: Surface to material.
@@ -43,7 +43,7 @@ class EnvironmentDraw:
 
 @dataclass(frozen=True, slots=True)
 class LightingDraw:
-    """One draw of the lighting channel.
+    """One sample of the lighting channel.
 
     Attributes:
         lights: The scene's lights.

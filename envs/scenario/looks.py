@@ -118,7 +118,7 @@ class SurfaceMaterial:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Appearance:
-    """Everything of a scene that changes its images and not its physics: one draw of a level.
+    """Visual properties of a scene, without effect on physics: one sample of a level.
 
     Attributes:
         materials: Surface (of :data:`SURFACES`) to material.

@@ -40,7 +40,7 @@ def make_handler(
         simulator: Registered simulator: physics.
         scenario: The scene.
         num_envs: Number of environments.
-        renderer: Registered renderer, or a registered simulator whose images are wanted.
+        renderer: Registered renderer, or a registered simulator that renders.
         num_threads: Threads that step and draw; 0 means one per core.
         textures: Gives the images of the named materials.
 
@@ -138,7 +138,7 @@ class HybridHandler(Handler):
 
     Attributes:
         physics: Where states come from.
-        drawing: Where images come from.
+        drawing: Rendering simulator.
     """
 
     def __init__(

@@ -65,7 +65,7 @@ REGIONS = {
 """Middle and half size of the BDDL file's regions, m, in the order of the objects."""
 
 MIN_GAP_M = 0.008
-"""Smallest gap between the circles round two objects, so that a draw has no overlap."""
+"""Smallest gap between the circles round two objects, so that samples have no overlap."""
 
 CONTAIN_CENTRE_M = (0.0, 0.0, 0.07185)
 CONTAIN_HALF_M = (0.06108, 0.06108, 0.06949)

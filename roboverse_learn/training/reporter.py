@@ -104,7 +104,7 @@ class ProgressReporter(Reporter):
     """Shows the loss, the speed and the time left; see :class:`roboverse_learn.progress.StageProgress`.
 
     Args:
-        console: Where to draw; None takes the standard output.
+        console: Console to print to; None takes the standard output.
     """
 
     def __init__(self, console: "Console | None" = None) -> None:

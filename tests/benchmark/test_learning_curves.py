@@ -196,7 +196,7 @@ def test_the_page_shows_the_curves_of_a_section(make_result, tmp_path):
     (section,) = json.loads(written["json"].read_text())["sections"]
     assert section["curves"][0]["episode_return"]["mid"][0] == 10.5
     page, markdown = written["html"].read_text(), written["markdown"].read_text()
-    assert "Learning by reward" in page and 'class="band"' in page and "TD-MPC2, 815.8" in page
+    assert "Reinforcement learning" in page and 'class="band"' in page and "TD-MPC2, 815.8" in page
     assert "ppo by rsl_rl (2 seeds, 6 s)<" in page
     assert f"plots/{section['id']}-learning.png" in markdown
     for text in (page, markdown):
@@ -210,5 +210,5 @@ def test_a_section_without_curves_has_no_chart_of_them(make_result, tmp_path):
     result = make_result()
     write_result(result_path(tmp_path, result), result)
     written = leaderboard.write(tmp_path)
-    assert "Learning by reward" not in written["html"].read_text()
+    assert "Reinforcement learning" not in written["html"].read_text()
     assert not any(name.startswith("learning") for name in written)

@@ -1,4 +1,4 @@
-"""What agents that learn by reward are promised of every task that they are sent to, in both MuJoCos."""
+"""Contract of tasks for reinforcement learning, in both MuJoCos."""
 
 import numpy as np
 import pytest

@@ -63,7 +63,7 @@ def normalized(q):
 
 
 def assert_equal(states, expected, *, but=("ee_pos", "ee_rot")):
-    """Equal to the bit, once ``expected`` is rounded to the precision of the simulator's states."""
+    """Bit-identical, once ``expected`` is rounded to the precision of the simulator's states."""
     flat = states.flatten()
     for key, value in expected.flatten().items():
         name, field = key.split("/")[1:]

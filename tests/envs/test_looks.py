@@ -69,7 +69,7 @@ def test_level_0_looks_the_same_in_every_episode(levels):
     everywhere = still.all(axis=0)
     assert everywhere.mean() > 0.3
     values = images["rgb"][:, everywhere].astype(float)
-    # The arm's shadow moves with its start posture; everything else is equal to the bit.
+    # The arm's shadow moves with its start posture; everything else is bit-identical.
     assert np.median(values.std(axis=0)) == 0.0
 
 

@@ -42,7 +42,7 @@ def test_torch_and_numpy_agree():
 
 
 def test_a_turn_stays_on_its_device_and_keeps_its_type():
-    """The meta device has no values: whoever waits for one fails there."""
+    """The meta device has no values: code that synchronizes fails there."""
     yaw = torch.zeros(5, dtype=torch.float32, device="meta")
     matrix = r.to_matrix(r.from_yaw(yaw))
     assert (matrix.device.type, matrix.dtype, matrix.shape) == ("meta", torch.float32, (5, 3, 3))

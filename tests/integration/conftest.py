@@ -8,7 +8,7 @@ from tests.integration.main_run import TINY, MainRun
 
 @pytest.fixture(scope="session")
 def main_run(tmp_path_factory: pytest.TempPathFactory) -> MainRun:
-    """Runs the main command once; nobody may change what it left behind."""
+    """Runs the main command once; tests must not change its files."""
     folder = tmp_path_factory.mktemp("loop")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)

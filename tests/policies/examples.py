@@ -57,7 +57,7 @@ setattr(torchvision.models, NARROW, _narrow)  # where LeRobot looks the name up
 setattr(torchvision.models, SHALLOW, _shallow)
 
 NARROW_CONFIGS = {name: replace(config, vision_backbone=NARROW) for name, config in CONFIGS.items()}
-"""For tests of what is done with a policy: how it is trained, saved, gone on with."""
+"""For tests that train, save and resume a policy."""
 
 
 def stats() -> dict:

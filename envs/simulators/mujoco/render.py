@@ -57,7 +57,7 @@ class Renderer(ABC):
         model: The compiled scene; it is never written to.
         scenario: What it was compiled from.
         textures: ``textures(name, size)`` gives the image (size, size, 3) uint8 of a material.
-        num_threads: Threads that may draw at once; 0 means one per core.
+        num_threads: Threads that may render at once; 0 means one per core.
     """
 
     not_shown: ClassVar[tuple[str, ...]] = ()
@@ -93,7 +93,7 @@ class Renderer(ABC):
     def empty(
         self, num_jobs: int, cameras: tuple[str, ...], modalities: tuple[str, ...]
     ) -> dict[str, dict[str, np.ndarray]]:
-        """Returns arrays to draw into."""
+        """Returns arrays to render into."""
         kinds = {"rgb": ((3,), np.uint8), "depth": ((), np.float32), "segmentation": ((), np.int32)}
         sizes = {camera.name: (camera.height, camera.width) for camera in self.scenario.cameras}
         return {

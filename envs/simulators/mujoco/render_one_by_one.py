@@ -1,4 +1,4 @@
-"""Renderers that draw one environment after the other, each posed and dressed on one stage."""
+"""Renderers of one environment at a time, all on one stage."""
 
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -32,11 +32,11 @@ class StagedRenderer(Renderer):
 
     @abstractmethod
     def pose(self, cameras: tuple[str, ...]) -> None:
-        """Puts everything, and the cameras that will draw, where it is on the stage."""
+        """Sets the poses of everything on the stage, and of the cameras in use."""
 
     @abstractmethod
     def draw(self, camera: str, out: dict[str, np.ndarray], index: int) -> None:
-        """Draws through a camera into row ``index`` of the arrays of the wanted modalities."""
+        """Renders a camera into row ``index`` of the arrays of the requested modalities."""
 
     @override
     def render(

@@ -332,7 +332,7 @@ class MujocoWarpHandler(ModelHandler):
             jobs: Snapshots; every environment as it is now by default.
             cameras: Names of cameras; all of them by default.
             modalities: Of :data:`envs.simulators.base.MODALITIES`.
-            out: Camera to modality to the tensor (n, H, W, …) to draw into, which may be a part of a larger
+            out: Camera to modality to the tensor (n, H, W, …) to render into, which may be a part of a larger
                 one; new tensors by default.
         """
         if self.renderer_name != _TRACED:

@@ -97,7 +97,7 @@ class BatchTracer:
             appearances: How each of them looks, n.
             cameras: Names of cameras.
             modalities: Of :data:`envs.simulators.base.MODALITIES`.
-            out: Tensors to draw into, which may be parts of larger ones; new ones by default.
+            out: Tensors to render into, which may be parts of larger ones; new ones by default.
         """
         images = self._empty(len(appearances), cameras, modalities) if out is None else out
         with self._device.scope():

@@ -214,7 +214,7 @@ def _shown(model: mujoco.MjModel) -> np.ndarray:
     if len(odd):
         name = model.geom(int(odd[0])).name or f"number {odd[0]}"
         raise SimulatorError(
-            f"renderer=newton cannot draw the geom '{name}' ({_GEOM(int(model.geom_type[odd[0]])).name}). "
+            f"renderer=newton cannot render the geom '{name}' ({_GEOM(int(model.geom_type[odd[0]])).name}). "
             "Take renderer=warp."
         )
     return everyone[drawn]

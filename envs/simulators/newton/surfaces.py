@@ -1,4 +1,4 @@
-"""Images of table, walls and ground in Newton's camera sensor, changed from draw to draw."""
+"""Images of table, walls and ground in Newton's camera sensor, changed at every episode."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -10,7 +10,7 @@ from newton.sensors import SensorCamera
 from envs.scenario import SURFACES
 
 MAX_KEPT = 64
-"""Images that are kept for the next draw; then all are forgotten."""
+"""Largest number of cached images; then the cache is cleared."""
 
 
 class SurfaceImages:

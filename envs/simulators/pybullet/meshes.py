@@ -52,7 +52,7 @@ def triangles_of(model: mujoco.MjModel, geom: int) -> Triangles:
     if kind not in profiles:
         name = model.geom(geom).name or f"number {geom}"
         raise SimulatorError(
-            f"renderer=pybullet cannot draw the geom '{name}' ({_GEOM(kind).name}). Take renderer=warp."
+            f"renderer=pybullet cannot render the geom '{name}' ({_GEOM(kind).name}). Take renderer=warp."
         )
     turned = _turned(*profiles[_GEOM(kind)]())
     if kind != _GEOM.mjGEOM_ELLIPSOID:

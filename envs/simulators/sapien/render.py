@@ -28,7 +28,7 @@ from envs.simulators.mujoco.render_one_by_one import StagedRenderer
 from envs.simulators.sapien.visuals import VisualFactory
 
 NO_DEVICE = (
-    "SAPIEN found no Vulkan device to draw with. On Debian 12 install its driver with: apt install "
+    "SAPIEN found no Vulkan device to render with. On Debian 12 install its driver with: apt install "
     "-t bookworm-backports mesa-vulkan-drivers (version 25; 22.3 is too old), or take renderer=warp."
 )
 
@@ -45,7 +45,7 @@ SHADOW_HALF_SIZE_M = 2.5
 SHADOW_MAP_SIZE = 2048
 
 SPOT_LIGHTS = 7
-"""Lamps of a draw; unused ones are dark, for another number of lights compiles the shaders again."""
+"""Lamps of a scene; unused ones are dark, since another number of lights recompiles the shaders."""
 
 _CAMERA_AXES = np.array([0.5, -0.5, 0.5, 0.5])
 """SAPIEN's camera axes (x forward, y left, z up) in MuJoCo's (x right, y up, z backward), wxyz."""

@@ -77,7 +77,7 @@ class VisualFactory:
         else:
             name = model.geom(geom).name or f"number {geom}"
             raise SimulatorError(
-                f"renderer=sapien cannot draw the geom '{name}' ({_SHAPES(kind).name}). Take renderer=warp."
+                f"renderer=sapien cannot render the geom '{name}' ({_SHAPES(kind).name}). Take renderer=warp."
             )
         shape.local_pose = pose
         return shape

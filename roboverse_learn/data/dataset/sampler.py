@@ -18,7 +18,7 @@ class EpisodeAwareSampler:
         info: The dataset.
         batch_size: Frames per batch over all processes.
         seed: Seed of the order.
-        episodes: Episodes to draw from; all by default.
+        episodes: Episodes to sample from; all by default.
         drop_last_frames: Frames left out at the end of every episode.
         rank: Which of ``world_size`` processes this is; it gets every ``world_size``-th frame of a batch.
         world_size: Number of training processes.

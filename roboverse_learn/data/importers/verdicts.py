@@ -151,7 +151,7 @@ def judge(
     conditions: Mapping[str, Any],
     on_progress: Callable[[int, int], None] | None = None,
 ) -> ImportSummary:
-    """Replays every demonstration both ways, without drawing an image.
+    """Replays every demonstration both ways, without rendering.
 
     Args:
         file_type: Reads the format.

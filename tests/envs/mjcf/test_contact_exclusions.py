@@ -1,4 +1,4 @@
-"""Which bodies cannot touch, and that nothing moves otherwise where nobody looks for their contacts."""
+"""Contact exclusions: bodies that cannot touch, and that excluding them changes no motion."""
 
 import mujoco
 import numpy as np

@@ -1,4 +1,4 @@
-"""Pieces and layouts are named, fit their places, and stand in nobody's way."""
+"""Pieces and layouts are named, fit their places, and obstruct nothing."""
 
 import itertools
 import math

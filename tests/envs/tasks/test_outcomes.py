@@ -85,7 +85,7 @@ def test_an_env_counts_the_return_and_says_at_the_end_whether_it_was_enough(monk
         assert [step[3].all() for step in steps] == [False, False, True]
         assert [step[4]["is_success"].any() for step in steps] == [False, False, enough]
         assert env.returns.tolist() == [6.0, 6.0]
-        played(env, 1)  # begins anew
+        played(env, 1)  # restarts
         assert env.returns.tolist() == [0.0, 0.0]
         env.close()
 

@@ -32,7 +32,7 @@ def printed(renderable: Any) -> str:
 
 
 class Timed(Learner):
-    """Training that takes some hours; None where nobody may ask."""
+    """Training that takes some hours; None where the estimate must not run."""
 
     def __init__(self, hours: float | None, *words: str, device: str = "cpu") -> None:
         super().__init__(compose("train", words), device)

@@ -63,7 +63,7 @@ def launch(folder: str, signal_at: int | None = None) -> list[int]:
 
 
 def kill(folder: str, kills: int) -> list[int]:
-    """Kills runs that go on from each other with SIGKILL; returns the step that each had logged."""
+    """Kills runs that resume from each other with SIGKILL; returns the step that each had logged."""
     from roboverse_learn.training.metrics import read_metrics
     from tests.roboverse_learn.training.imitation.test_killed import STEPS, Waits, run
 

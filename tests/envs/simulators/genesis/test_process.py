@@ -1,4 +1,4 @@
-"""Genesis in a process: what it keeps of scenes that are closed, and when it is started anew."""
+"""Genesis in a process: memory of closed scenes, and restarts."""
 
 import gc
 

@@ -39,7 +39,7 @@ def test_views_are_the_simulators_own_memory(handler):
 
 @pytest.mark.slow
 def test_a_world_is_the_same_whatever_their_number_is(handler):
-    """On a CPU to the bit: 60 steps in which the cube lands and the arm moves."""
+    """Bit-identical on a CPU: 60 steps in which the cube lands and the arm moves."""
     start = moving(starts())
     handler.set_states(start)
     handler.step(60)

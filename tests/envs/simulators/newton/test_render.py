@@ -55,7 +55,9 @@ def test_a_shape_that_newton_cannot_trace_is_refused_by_name():
     model = build_model(scenario)
     drawn = np.flatnonzero((model.geom_group == SCENE_GROUP) & (model.geom_rgba[:, 3] > 0))
     model.geom_type[drawn[0]] = int(mujoco.mjtGeom.mjGEOM_HFIELD)
-    with pytest.raises(SimulatorError, match=r"renderer=newton cannot draw the geom '.*' \(mjGEOM_HFIELD\)"):
+    with pytest.raises(
+        SimulatorError, match=r"renderer=newton cannot render the geom '.*' \(mjGEOM_HFIELD\)"
+    ):
         RENDERERS.get("newton")(model, scenario)
 
 

@@ -84,7 +84,7 @@ def test_any_interleaving_and_any_kills_give_the_same_episodes_in_the_same_order
             assert writer.committed == [i for i in order if i in writer.committed]
         good = [index for index in order if index not in fails][:target]
         assert writer.committed == good
-        assert tried == set(order[: order.index(good[-1]) + 1]), "candidates were tried that nobody needed"
+        assert tried == set(order[: order.index(good[-1]) + 1]), "unneeded candidates were tried"
         assert not flying
         assert not list((writer.root / STAGING_DIRECTORY).glob("pool_*"))
         assert schedule.num_failures == len(tried & fails)

@@ -81,7 +81,7 @@ def test_the_order_of_merging_does_not_matter(parts):
 
 
 def test_the_variance_of_far_apart_parts_is_between_them():
-    """Two constants: no part varies, together they do (the term that a mean of variances forgets)."""
+    """Two constants: no part varies, together they do (the term that a mean of variances lacks)."""
     merged = merge_stats(one([0.0] * 3), one([8.0]))["x"]
     assert merged["mean"] == 2.0
     np.testing.assert_allclose(merged["std"] ** 2, (3 * 2.0**2 + 6.0**2) / 4)

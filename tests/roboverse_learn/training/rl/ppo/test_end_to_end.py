@@ -154,5 +154,5 @@ def test_curve_is_beside_the_result_and_on_the_page(finished):
         curve = read_curve(path)
         assert curve[:, 0].tolist() == [16.0, 32.0, 48.0] and np.isfinite(curve).all()
     written = write_leaderboard(finished / "results")
-    assert "Learning by reward" in written["html"].read_text()
+    assert "Reinforcement learning" in written["html"].read_text()
     assert any(name.startswith("learning") for name in written)
