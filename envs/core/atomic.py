@@ -7,7 +7,6 @@ temporary name; :func:`remove_partial_files` deletes what killed processes left.
 import contextlib
 import errno
 import json
-import logging
 import os
 import re
 import shutil
@@ -19,9 +18,6 @@ from typing import Any
 from envs.core.errors import RoboVerseError, WriteError
 
 PARTIAL = ".partial"
-LOCK = ".lock"
-
-log = logging.getLogger(__name__)
 
 
 def partial_path(path: Path, *, keep_suffix: bool = False) -> Path:
@@ -161,46 +157,11 @@ def atomic_directory(directory: str | Path) -> Iterator[Path]:
 
 
 def fsync(path: Path) -> None:
-    """Flushes a file, or the names in a folder, to the disk."""
-    descriptor = os.open(path, os.O_RDONLY)
+    """Flushes a file, or the names in a folder, to the disk; Windows does not open folders."""
+    if os.name == "nt" and path.is_dir():
+        return
+    descriptor = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
     try:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-def lock_directory(root: Path, *, wait: bool = False) -> int:
-    """Makes this process the only writer of a folder; the system releases the lock when the process ends.
-
-    Args:
-        root: The folder, which must exist.
-        wait: Wait for the other process instead of raising.
-
-    Returns:
-        The lock's file descriptor; ``os.close`` releases it.
-
-    Raises:
-        WriteError: Another process writes to this folder, or the folder cannot be written.
-    """
-    import fcntl
-
-    path = root / LOCK
-    with write_errors(root):
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        if wait:
-            log.info("Another process is writing to '%s'; waiting until it has finished.", root)
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
-            if path.exists() and os.path.samestat(os.fstat(descriptor), path.stat()):
-                return descriptor
-            os.close(descriptor)  # the other process failed and removed the folder that it had made
-            with write_errors(root):
-                root.mkdir(parents=True, exist_ok=True)
-            return lock_directory(root, wait=True)
-        os.close(descriptor)
-        raise WriteError(
-            f"Another process is writing to '{root}'. Wait until it has finished, or choose another folder."
-        ) from error
-    return descriptor

@@ -44,6 +44,10 @@ class WriteError(RoboVerseError, OSError):
     """A file or folder that cannot be written: the disk is full, or the folder is forbidden or locked."""
 
 
+class LockedError(WriteError):
+    """A folder that another process writes to."""
+
+
 class CheckpointError(RoboVerseError, ValueError):
     """A checkpoint that is absent, incomplete, or of another policy."""
 

@@ -6,10 +6,8 @@ name follows from the configuration, so that the same command finds the same run
 """
 
 import contextlib
-import fcntl
 import json
 import logging
-import os
 import shlex
 import time
 from collections.abc import Iterator, Mapping
@@ -17,13 +15,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from filelock import BaseFileLock
 
 from benchmark.protocol import digest
 from envs.core.atomic import write_file
-from envs.core.errors import ConfigError, RoboVerseError
+from envs.core.errors import ConfigError, LockedError, RoboVerseError
 from roboverse_learn.config.keys import at, flat_keys
 from roboverse_learn.config.schema import TrainRunConfig
 from roboverse_learn.config.serialize import from_values, to_values
+from roboverse_learn.system import lock_directory
 
 log = logging.getLogger(__name__)
 
@@ -125,7 +125,7 @@ class Run:
                 _write_config(folder / CONFIG_FILE, config)
             self._handler = logging.FileHandler(folder / "run.log")
         except BaseException:
-            os.close(self._lock)
+            self._lock.release()
             raise
         self._handler.setFormatter(logging.Formatter("%(asctime)s %(name)s %(levelname)s %(message)s"))
         logging.getLogger().addHandler(self._handler)
@@ -179,7 +179,7 @@ class Run:
         self._save(status)
         logging.getLogger().removeHandler(self._handler)
         self._handler.close()
-        os.close(self._lock)
+        self._lock.release()
 
     def __enter__(self) -> "Run":
         return self
@@ -246,16 +246,13 @@ def _write_config(path: Path, config: TrainRunConfig) -> None:
     write_file(path, yaml.safe_dump(to_values(config), sort_keys=False).encode())
 
 
-def _lock(folder: Path) -> int:
+def _lock(folder: Path) -> BaseFileLock:
     """Takes the run's lock, which the system releases when the process ends however it ends."""
     folder.mkdir(parents=True, exist_ok=True)
-    descriptor = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        os.close(descriptor)
+        return lock_directory(folder)
+    except LockedError as error:
         raise ConfigError(
             f"Another process is working on the run '{folder}'. Wait for it to end, or start a run beside "
             "it with resume=false."
         ) from error
-    return descriptor

@@ -18,6 +18,7 @@ import numpy as np
 
 from envs.core.arguments import run_program
 from envs.core.errors import MissingExtraError, RoboVerseError, unknown_name
+from envs.core.machine import use_one_core
 
 log = logging.getLogger(__name__)
 
@@ -200,7 +201,7 @@ def program[S: Settings](
         for key, value in (environment or {}).items():
             os.environ.setdefault(key, value)
         if one_core:
-            os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+            use_one_core()
         available = parts(settings)
         for part in settings.parts:
             if part not in available:

@@ -3,10 +3,9 @@
 import dataclasses
 import logging
 
-import psutil
-
 from envs.core.machine import num_cores
 from roboverse_learn.config.schema import CollectConfig
+from roboverse_learn.system import free_memory_bytes
 
 WORKER_BYTES = 700 << 20
 """Memory of one process: Python, torch and a compiled scene."""
@@ -26,7 +25,7 @@ def within_machine(config: CollectConfig) -> CollectConfig:
     from envs.simulators import HANDLERS
 
     requested = config.collect
-    cores, free = num_cores(), psutil.virtual_memory().available
+    cores, free = num_cores(), free_memory_bytes()
     default = 1 if HANDLERS.get(config.env.simulator).steps_together else cores
     workers = max(1, min(requested.num_workers or default, cores, free // WORKER_BYTES))
     envs = max(1, min(requested.num_envs, (free // workers - WORKER_BYTES) // _bytes_of_env(config)))

@@ -16,6 +16,7 @@ from roboverse_learn.data.dataset.damage import broken_file
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.tables import read_parquet
 from roboverse_learn.data.dataset.video import decode_video
+from roboverse_learn.system import free_memory_bytes
 
 _LOG = logging.getLogger(__name__)
 CACHE_DIRECTORY = ".cache"
@@ -121,8 +122,9 @@ def _mapped(info: DatasetInfo, key: str, shape: tuple[int, ...], num_threads: in
                 stale.unlink()
             out = np.lib.format.open_memmap(partial, mode="w+", dtype=np.uint8, shape=shape)
             # Take the blocks now: a full disk is an error here and a crash in a mapped write.
-            with open(partial, "r+b") as file:
-                os.posix_fallocate(file.fileno(), 0, partial.stat().st_size)
+            if hasattr(os, "posix_fallocate"):
+                with open(partial, "r+b") as file:
+                    os.posix_fallocate(file.fileno(), 0, partial.stat().st_size)
             _decode(info, key, out, num_threads)
             out.flush()
     # Copy-on-write, because torch needs writable memory.
@@ -140,16 +142,3 @@ def _fingerprint(info: DatasetInfo, key: str) -> str:
             raise DatasetError(f"'{path}' is missing. Restore it from a copy, or collect again.") from error
         digest.update(f"{path.name}:{status.st_size}:{status.st_mtime_ns}".encode())
     return digest.hexdigest()[:16]
-
-
-def free_memory_bytes() -> int:
-    """Returns the memory that can still be used, within the container's limit if there is one."""
-    free = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_AVPHYS_PAGES")
-    meminfo = Path("/proc/meminfo")
-    if meminfo.exists():
-        fields = dict(line.split(":", 1) for line in meminfo.read_text().splitlines() if ":" in line)
-        free = int(fields["MemAvailable"].split()[0]) * 1024 if "MemAvailable" in fields else free
-    limit, used = Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory.current")
-    if limit.exists() and used.exists() and (text := limit.read_text().strip()) != "max":
-        free = min(free, int(text) - int(used.read_text()))
-    return max(free, 0)

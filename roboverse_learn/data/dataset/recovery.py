@@ -10,12 +10,13 @@ import re
 from pathlib import Path
 from typing import Any
 
-from envs.core.atomic import lock_directory, remove_partial_files, write_file, write_json
+from envs.core.atomic import remove_partial_files, write_file, write_json
 from envs.core.errors import DatasetError
 from roboverse_learn.data.dataset.damage import broken_file
 from roboverse_learn.data.dataset.info import METADATA_COLUMN, read_episodes, read_info
 from roboverse_learn.data.dataset.schema import FILES_PER_CHUNK, INFO_PATH
 from roboverse_learn.data.dataset.tables import parquet_bytes, read_parquet
+from roboverse_learn.system import lock_directory
 
 _LOG = logging.getLogger(__name__)
 _CHUNK_AND_FILE = re.compile(r"chunk-(\d+)/file-(\d+)\.(mp4|parquet)$")
@@ -48,7 +49,7 @@ def recover(root: str | Path) -> int:
     try:
         return repair(root)
     finally:
-        os.close(lock)
+        lock.release()
 
 
 def other_file(root: Path) -> str | None:

@@ -13,7 +13,6 @@ Each step is one atomic rename. :func:`recover` completes step 5 or undoes steps
 
 import contextlib
 import json
-import os
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,9 +21,7 @@ from typing import Any, Self
 import numpy as np
 
 from envs.core.atomic import (
-    LOCK,
     link_file,
-    lock_directory,
     remove_partial_files,
     write_errors,
     write_file,
@@ -72,6 +69,7 @@ from roboverse_learn.data.dataset.schema import (
 from roboverse_learn.data.dataset.staging import STAGING_DIRECTORY, StagedEpisode, stage_episode
 from roboverse_learn.data.dataset.tables import GrowingTable, to_arrow
 from roboverse_learn.data.dataset.video import EncoderConfig
+from roboverse_learn.system import LOCK, lock_directory
 
 
 class DatasetWriter:
@@ -116,7 +114,7 @@ class DatasetWriter:
         self._is_new = not self.root.exists()
         with write_errors(self.root):
             self.root.mkdir(parents=True, exist_ok=True)
-        self._lock: int | None = lock_directory(self.root, wait=wait)
+        self._lock = lock_directory(self.root, wait=wait)
         try:
             self._open()
         except BaseException:
@@ -234,7 +232,7 @@ class DatasetWriter:
 
     def _unlock(self) -> None:
         if self._lock is not None:
-            os.close(self._lock)
+            self._lock.release()
             self._lock = None
 
     def _check_open(self) -> None:
