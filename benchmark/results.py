@@ -1,4 +1,4 @@
-"""Results on disk: ``results/<protocol>/<task>/<policy>/<run>.json``, written whole and read with suspicion.
+"""Results on disk: ``results/<protocol>/<task>/<policy>/<run>.json``, validated when read.
 
 A file that was cut short, edited, or written by another version is refused with a message that says
 what is wrong and what to do. It is never read in part.

@@ -114,7 +114,7 @@ EXPERT = "expert"
 
 
 def actor_of(policy: Policy | Baseline, env: EvaluatedEnv, seed: int, where: str) -> Actor:
-    """Returns what lets a policy or a baseline act; see :class:`PolicyActor`."""
+    """Returns the actor of a policy or a baseline; see :class:`PolicyActor`."""
     if isinstance(policy, Baseline):
         return policy.actor(env, seed, where)
     return PolicyActor(policy, env, seed, where)

@@ -1,4 +1,4 @@
-"""Films episodes by running them again: an evaluation renders only what its policy needs."""
+"""Records videos of episodes by running them again: an evaluation renders only what its policy needs."""
 
 import logging
 from collections.abc import Sequence

@@ -253,7 +253,7 @@ def _result(
 
 
 def _view_of(checkpoint: Path | None) -> tuple[bool, dict[str, Any]]:
-    """Returns whether a policy sees images, and what its env shows it and lets it do."""
+    """Returns whether a policy sees images, and its env's observations and actions."""
     import policies
     from policies.checkpoint import policy_type, seen_cameras
 

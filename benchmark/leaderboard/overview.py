@@ -1,4 +1,4 @@
-"""All tasks at a glance: what a policy that was trained at a level does at every level."""
+"""Overview of all tasks: success at every level of policies trained at each level."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from statistics import fmean

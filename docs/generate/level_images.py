@@ -1,4 +1,4 @@
-"""Images of what randomization does, for people to look at.
+"""Sample images of the randomization levels.
 
 ``python -m docs.generate.level_images out=docs/levels.png`` renders every level with the environment;
 ``materials=materials.png`` writes a contact sheet of the library, without any simulator.

@@ -33,7 +33,7 @@ def run_program[T](
 
 
 def parse[T](command: str, settings: type[T], words: Sequence[str] | None = None) -> T:
-    """Returns the settings that the words give; a field without a word keeps its default.
+    """Parses arguments into settings; a field without an argument keeps its default.
 
     Values are written as on every command line: ``task=PickCube``, ``record=true``,
     ``redraw=[PickCube,CloseBox]``. ``--help`` prints the settings' docstring and ends the program.

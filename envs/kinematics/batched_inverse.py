@@ -45,7 +45,7 @@ class BatchedTargets:
 
 
 class BatchedInverseKinematics:
-    """Changes of posture that bring end effectors to where they are to be.
+    """Joint displacements that bring end effectors to their targets.
 
     Shapes: N postures, K joints between the world and the end effector.
 

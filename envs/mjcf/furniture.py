@@ -1,4 +1,4 @@
-"""Furniture in a MuJoCo model: geoms that are only seen, and that an appearance sizes, places and colours.
+"""Furniture in a MuJoCo model: visual geoms whose sizes, poses and colours an appearance sets.
 
 Each place of a room has a fixed set of geoms, its slots. An unused slot is a tiny geom below
 the floor of its place. A ray tracer's tree is built once for a model, so a slot is never far from there.
@@ -46,7 +46,7 @@ def _below(place: Place, floor_z: float) -> tuple[float, float, float]:
 
 
 class FurnitureSlots:
-    """The slots of one model, and the way from furniture to the model's arrays.
+    """The slots of one model, and their addresses in its arrays.
 
     Args:
         model: The compiled scene, not yet furnished.

@@ -1,4 +1,4 @@
-"""The library of materials: what each surface may be made of, and its images.
+"""The library of materials: those allowed for each surface, and their images.
 
 By default every material is computed from its name (:mod:`envs.randomization.procedural`). A folder of
 image files replaces or extends them.

@@ -1,4 +1,4 @@
-"""From an episode's index to how its scene looks."""
+"""Maps an episode's index to the appearance of its scene."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -55,7 +55,7 @@ class LightingDraw:
 
 
 class Randomizer:
-    """Draws the looks of episodes: a pure function of the seed, the split and the episode's index.
+    """Samples the appearance of episodes: a pure function of the seed, the split and the episode's index.
 
     Args:
         base: Appearance at level 0; what no channel changes keeps it.

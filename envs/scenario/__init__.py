@@ -134,7 +134,7 @@ class PhysicsCfg:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ScenarioCfg:
-    """A scene: what is in it, how it looks by default, and how time passes.
+    """A scene: its contents, default appearance and physics.
 
     Attributes:
         robots: Robots.

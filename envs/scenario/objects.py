@@ -1,4 +1,4 @@
-"""Objects: rigid, articulated, fixed, or only seen, as frozen data."""
+"""Objects: rigid, articulated, fixed, or visual only, as frozen data."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -86,7 +86,7 @@ class ObjectJointCfg:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LinkCfg:
-    """A part of an articulated object. It does not touch its parent: its joint's range says where it ends.
+    """A part of an articulated object. It does not collide with its parent: its joint's range limits it.
 
     Attributes:
         name: Its name, and its joint's, within the object.

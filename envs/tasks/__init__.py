@@ -1,4 +1,4 @@
-"""Tasks: a file or a folder per family, a line per task. Robot, horizon and instructions stand on the class.
+"""Tasks: a file or a folder per family, a line per task. The class has robot, horizon and instructions.
 
 Other packages register tasks through the entry-point group ``roboverse.tasks``, or by ``TASKS.add`` in a
 module that ``plugins=[...]`` names; see ``docs/plugins.md``.

@@ -109,7 +109,7 @@ class Critics(nn.Module):
         self.register_buffer("atoms", torch.linspace(v_min, v_max, num_atoms), persistent=False)
 
     def forward(self, observation: Tensor, action: Tensor, *, detached: bool = False) -> Tensor:
-        """Returns the logits (2, B, K) of actions (B, A); ``detached`` lets no gradient reach the weights."""
+        """Returns the logits (2, B, K) of actions (B, A); ``detached`` stops gradients to the weights."""
         h = torch.cat([observation, action], dim=-1).expand(2, -1, -1)
         last = len(self.weights) - 1
         for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):

@@ -100,7 +100,7 @@ def listing(datasets_dir: str | None = None, kinds: Sequence[str] = ()) -> str:
 
     Args:
         datasets_dir: Where demonstrations are counted, or None for names and summaries alone.
-        kinds: Those of :data:`KINDS` that are wanted; empty is all.
+        kinds: Some of :data:`KINDS`; empty is all.
     """
     return "\n".join(f"{kind.capitalize()}:\n{_named(kind, datasets_dir)}" for kind in kinds or KINDS)
 

@@ -35,7 +35,7 @@ GOAL = 2.0
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Scale:
-    """Amount of measurement."""
+    """Sizes and repetitions of a measurement."""
 
     model_size: Any  # size of TD-MPC2
     sequences: int  # its sequences per update

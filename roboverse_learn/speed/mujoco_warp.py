@@ -23,7 +23,7 @@ _COPIED = ("qpos", "qvel", "ctrl", "mocap_pos", "mocap_quat", "qacc_warmstart")
 
 @dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
 class Scale:
-    """Amount of measurement."""
+    """Sizes and repetitions of a measurement."""
 
     physics_envs: int  # envs that are stepped
     control_steps: int  # control steps of one turn

@@ -36,7 +36,7 @@ SAME_LOSS = 0.02
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Scale:
-    """Amount of measurement."""
+    """Sizes and repetitions of a measurement."""
 
     batch_size: int  # samples of a step
     image_size: int  # pixels a side

@@ -1,4 +1,4 @@
-"""Learners: what trains the policy of a run.
+"""Learners, which train the policy of a run.
 
 A policy's entry in :data:`policies.POLICIES` names its learner: a name in :data:`LEARNERS`, or the
 ``"module:Class"`` of a :class:`Learner` elsewhere.

@@ -85,7 +85,7 @@ def seconds_left(
 
 
 class Reporter:
-    """Hears of a run; does nothing. Called in the main process only."""
+    """Base of reporters, which does nothing. Called in the main process only."""
 
     def on_start(self, progress: Progress, policy: Any) -> None:
         """The run begins, or resumes at ``progress.step``."""

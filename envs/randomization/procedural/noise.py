@@ -1,4 +1,4 @@
-"""Seamless random fields, bit for bit the same on every machine.
+"""Seamless random fields, bit-identical on every machine.
 
 A texture is named, never stored, so two machines must compute the same bytes from one name. Hence
 only operations that IEEE 754 rounds exactly (``+ - * / sqrt``, comparisons, look-ups) act on pixels:

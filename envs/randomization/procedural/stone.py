@@ -1,4 +1,4 @@
-"""Stone and what is cast like stone: marble, granite, terrazzo, concrete, slate, travertine, plaster."""
+"""Stone and cast stone: marble, granite, terrazzo, concrete, slate, travertine, plaster."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""N environments as one batch of a Genesis scene, and what one of them is in its arrays.
+"""N environments as one batch of a Genesis scene, and their addresses in its arrays.
 
 Genesis steps all environments of a batch together. Everything that a step reads of the step before, warm
 starts and contacts among it, is in arrays with one column for each environment: a column is put back where

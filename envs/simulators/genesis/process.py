@@ -1,4 +1,4 @@
-"""Genesis belongs to a process: it is started once, with one precision, and stays for many scenes."""
+"""Initializes Genesis, once per process, with one precision, for many scenes."""
 
 import importlib
 import importlib.util

@@ -1,4 +1,4 @@
-"""Base of the renderers of MuJoCo models: a model posed and styled for one job after the other."""
+"""Base of the renderers of MuJoCo models, which set poses and appearance job by job."""
 
 import copy
 from abc import ABC, abstractmethod
@@ -106,7 +106,7 @@ class Renderer(ABC):
 
 
 class Stage:
-    """A private copy of the model and its data, posed and dressed for one job after the other.
+    """A private copy of the model and its data, with poses and appearance set job by job.
 
     Attributes:
         model: The copy.

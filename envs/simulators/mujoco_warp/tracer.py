@@ -33,7 +33,7 @@ Images = dict[str, dict[str, Tensor]]
 
 
 class BatchTracer:
-    """mujoco_warp's ray tracer over many worlds, each with its own looks.
+    """mujoco_warp's ray tracer over many worlds, each with its own appearance.
 
     It has its own model and positions: images may show another state than the physics', and the table top,
     which turns in images only, does not turn under the robot.

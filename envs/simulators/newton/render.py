@@ -43,7 +43,7 @@ _GEOM = mujoco.mjtGeom
 
 
 class NewtonRenderer(StagedRenderer):
-    """A Newton model of what is seen, without joints, posed and dressed for one job after the other."""
+    """A Newton model of the visible geoms, without joints, with poses and appearance set job by job."""
 
     not_shown = ("roughness", "specular", "metallic", "object_reflection", "lamp_shape", "lamp_direction")
 

@@ -27,7 +27,7 @@ def view(array: "wp.array | None") -> np.ndarray:
 
 
 class ShapeFactory:
-    """Adds the geoms of one model to a builder, with their friction, impedance and what they touch."""
+    """Adds the geoms of one model to a builder, with their friction, impedance and contact pairs."""
 
     def __init__(self, model: mujoco.MjModel, builder: newton.ModelBuilder) -> None:
         self._model, self._builder = model, builder

@@ -45,7 +45,7 @@ BACKGROUND = (153, 166, 178)
 
 
 class TinyRenderer(StagedRenderer):
-    """A physics client with nothing but visual shapes, posed and dressed for one job after the other."""
+    """A physics client with visual shapes only, with poses and appearance set job by job."""
 
     not_shown = ("roughness", "specular", "metallic", "object_reflection", "lamp_shape", "lamp_direction")
 

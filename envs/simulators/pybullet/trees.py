@@ -1,4 +1,4 @@
-"""A compiled scene as what Bullet loads: a URDF file per robot or object, and the bodies that stand still."""
+"""A compiled scene in Bullet's formats: a URDF file per robot or object, and the static bodies."""
 
 import hashlib
 import os
@@ -22,7 +22,7 @@ _VERSION = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tree:
-    """A robot or an object: what hangs together below one body of the world.
+    """A robot or an object: the connected links below one body of the world.
 
     Attributes:
         urdf: What Bullet loads.

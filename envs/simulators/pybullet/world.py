@@ -27,7 +27,7 @@ MAX_SPEED = 1000.0
 
 
 class PybulletWorld(World):
-    """A physics client of its own, and what moves in it.
+    """A physics client of its own, and its dynamic bodies.
 
     Bullet keeps contacts from step to step, so that the future depends on more than on what can be read or
     set. Where that would show, at the first step after a state was set, the client is rebuilt.
@@ -267,7 +267,7 @@ def _add_still(client: int, model: mujoco.MjModel, geom: int) -> tuple[int, int]
 
 
 def _filter(client: int, model: mujoco.MjModel, still: list[tuple[int, int]], parts: list[_Part]) -> None:
-    """Keeps those from touching that do not touch in MuJoCo; Bullet lets everything touch."""
+    """Disables contact pairs that MuJoCo does not have; Bullet enables all by default."""
     solids = [(unique, -1, 0, [geom]) for unique, geom in still]
     for part in parts:
         for link, index in part.links.items():

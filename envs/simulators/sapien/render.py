@@ -58,7 +58,7 @@ def _keep_compiled() -> object:
 
 
 class SapienRenderer(StagedRenderer):
-    """One scene of visuals, posed and dressed for one job after the other; it has no physics."""
+    """One scene of visuals without physics, with poses and appearance set job by job."""
 
     not_shown = ("lamp_shape",)
 

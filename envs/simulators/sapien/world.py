@@ -29,7 +29,7 @@ MAX_SPEED = 1000.0
 
 
 class SapienWorld(World):
-    """A physics system of its own, and what moves in it.
+    """A physics system of its own, and its dynamic bodies.
 
     PhysX keeps contacts and their order from step to step, so that the future depends on more than on what
     can be read or set. Where that would show, at the first step after a state was set, the system is made

@@ -10,7 +10,7 @@ from roboverse_learn.data.dataset.info import DatasetInfo
 
 
 class EpisodeAwareSampler:
-    """Draws frames without replacement, epoch after epoch, in full batches.
+    """Samples frames without replacement, epoch after epoch, in full batches.
 
     The order is a function of (seed, epoch) alone, so two numbers are its whole state.
 

@@ -128,7 +128,7 @@ def make_features(
 
 
 def with_bookkeeping(features: Mapping[str, Feature]) -> dict[str, Feature]:
-    """Adds the columns that LeRobot puts into every dataset."""
+    """Adds the columns of every LeRobot dataset."""
     bookkeeping = {key: {"dtype": kind, "shape": [1], "names": None} for key, kind in BOOKKEEPING.items()}
     return {**{key: dict(feature) for key, feature in features.items()}, **bookkeeping}
 

@@ -176,7 +176,7 @@ class Placement(NamedTuple):
 
 
 def place_base(pos: np.ndarray, rot: np.ndarray, robot: RobotCfg, height_m: float = 0.0) -> Placement:
-    """Returns the placement that puts their robot's base on ours, as far as turning about z can.
+    """Returns the placement that moves their robot's base to ours, by translation and a rotation about z.
 
     Args:
         pos: Their base, m, (3,).

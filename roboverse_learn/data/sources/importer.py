@@ -95,7 +95,7 @@ class FileSource(DemonstrationSource):
 
 
 class FileEpisodes(ExpertEpisodes):
-    """Replays demonstrations with the looks of episodes of the train split.
+    """Replays demonstrations with the appearance of episodes of the train split.
 
     Args:
         source: Name of the files' format.
