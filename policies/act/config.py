@@ -64,7 +64,7 @@ class ActConfig:
     image_stats: Literal["auto", "dataset", "imagenet", "half"] = "auto"
     mask_padding: bool = True
     state_noise: float = 0.0
-    conv_channels: tuple[int, ...] = (16, 32, 64, 64)
+    conv_channels: tuple[int, ...] = (32, 32, 64)
     n_keypoints: int = 32
     tokens_per_camera: int = 4
 

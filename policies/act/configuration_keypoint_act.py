@@ -21,8 +21,8 @@ class KeypointActConfig(PreTrainedConfig):
         chunk_size: Actions that one forward pass predicts.
         n_action_steps: Actions of a chunk that are executed before the next forward pass.
         normalization_mapping: How each kind of feature is normalized.
-        conv_channels: Channels of each convolution of a camera's backbone. The first has a kernel of 5
-            pixels, the others of 3; all but the last have a stride of 2.
+        conv_channels: Channels of each convolution of a camera's backbone. The first has a kernel of 6
+            pixels and a stride of 4, the others a kernel of 3; their stride is 2, and 1 at the last.
         n_keypoints: Keypoints of each camera, by spatial softmax.
         tokens_per_camera: Tokens that the keypoints of a camera become.
         dim_model: Width of the transformer.
@@ -42,7 +42,7 @@ class KeypointActConfig(PreTrainedConfig):
     normalization_mapping: dict[str, NormalizationMode] = field(
         default_factory=lambda: dict.fromkeys(("VISUAL", "STATE", "ACTION"), NormalizationMode.MEAN_STD)
     )
-    conv_channels: tuple[int, ...] = (16, 32, 64, 64)
+    conv_channels: tuple[int, ...] = (32, 32, 64)
     n_keypoints: int = 32
     tokens_per_camera: int = 4
     dim_model: int = 128

@@ -2,7 +2,7 @@
 
 It follows ACT (arXiv:2304.13705) without the variational encoder: tokens of the images and of the joints pass
 an encoder, and one query per future action decodes them. The image tokens come from keypoints by spatial
-softmax (arXiv:1504.00702) over four convolutions with group normalization, in place of a ResNet-18's feature
+softmax (arXiv:1504.00702) over convolutions with group normalization, in place of a ResNet-18's feature
 map.
 
 Shape legend: B = samples, C, H, W = an image, K = keypoints, S = tokens, D = width, T = actions of a chunk.
@@ -143,9 +143,10 @@ class KeypointBackbone(nn.Module):
         super().__init__()
         layers: list[nn.Module] = []
         for i, width in enumerate(channels):
-            kernel, stride = 5 if i == 0 else 3, 2 if i < len(channels) - 1 else 1
+            # Large steps over the pixels first: the full resolution is what costs a CPU most.
+            kernel, stride = (6, 4) if i == 0 else (3, 2 if i < len(channels) - 1 else 1)
             layers += [
-                nn.Conv2d(in_channels, width, kernel, stride, kernel // 2),
+                nn.Conv2d(in_channels, width, kernel, stride, padding=1),
                 nn.GroupNorm(_NORM_GROUPS, width),
                 nn.ReLU(inplace=True),
             ]
