@@ -172,8 +172,8 @@ def _check_schema(path: Path, document: Any) -> None:
         )
     try:
         error = next(_validator(version).iter_errors(document), None)
-    except ValueError as problem:  # half a surrogate pair is no text
-        raise ResultError(f"Results file '{path}' holds what is no JSON: {problem}. {_AGAIN}") from problem
+    except ValueError as problem:  # half a surrogate pair is not text
+        raise ResultError(f"Results file '{path}' holds invalid text: {problem}. {_AGAIN}") from problem
     if error is not None:
         where = "/".join(map(str, error.instance_path)) or "the top"
         message = error.message if len(error.message) < 300 else error.message[:300] + " …"

@@ -114,7 +114,7 @@ def film_cell(
         frames, success = record_episode(policy, env, record.episode, seed=record.seed, every=every)
         if success is not record.success:
             logger.warning(
-                "Episode %d of %s succeeded=%s when it was evaluated and %s when it was filmed: this policy "
+                "Episode %d of %s succeeded=%s when it was evaluated and %s when recorded: this policy "
                 "or simulator is not deterministic here.",
                 record.episode,
                 record.cell,

@@ -41,7 +41,7 @@ class Normalizer(nn.Module):
             elif mode is NormalizationMode.MIN_MAX:
                 shift, scale, offset = stats["min"], (stats["max"] - stats["min"]) / 2.0, -1.0
             else:
-                raise PolicyError(f"'{key}' is normalized by {mode.value}, which training does not know.")
+                raise PolicyError(f"'{key}' is normalized by {mode.value}, which training does not support.")
             self.offsets[key] = offset
             self.register_buffer(f"shift_{_plain(key)}", shift, persistent=False)
             self.register_buffer(f"scale_{_plain(key)}", scale, persistent=False)

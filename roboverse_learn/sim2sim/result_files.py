@@ -38,7 +38,7 @@ def read_json_results(folder: Path, keys: set[str], what: str) -> list[dict[str,
         try:
             values = json.loads(path.read_bytes())
         except ValueError as error:
-            raise ResultError(f"'{path}' is no JSON file: {error}. Remove it and run again.") from error
+            raise ResultError(f"'{path}' is not a JSON file: {error}. Remove it and run again.") from error
         if not isinstance(values, dict) or not set(values) >= keys:
             raise ResultError(
                 f"'{path}' is no {what}. Keep other files out of '{folder}', or choose another folder with "

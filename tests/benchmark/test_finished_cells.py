@@ -55,7 +55,7 @@ def test_damaged_file_is_reported_and_evaluated_again(tmp_path, make_records, ca
     assert "cannot be read" in caplog.text and "they are evaluated again" in caplog.text
 
 
-def test_an_evaluation_that_was_killed_ends_as_if_it_had_not_been(tmp_path, point_env, noisy_policy):
+def test_killed_evaluation_resumes_to_the_same_result(tmp_path, point_env, noisy_policy):
     def run(path, dies_in=None):
         made = []
 

@@ -113,7 +113,7 @@ def test_three_tasks_have_published_curves():
     assert published("PickCube") == []
 
 
-def test_how_soon_others_reached_the_bars_is_known_with_the_robot_it_was_of():
+def test_published_times_name_their_robot():
     found = [published_times(f"humanoid/{task}") for task in ("stand", "walk", "run")]
     assert [[(t["reaches"], t["minutes"], t["robot"]) for t in times] for times in found] == [
         [(800, 49, "H1 with hands")], [(700, 38, "H1 with hands")], [(700, 61, "H1 with hands")]
@@ -159,7 +159,7 @@ def test_plot_is_written(tmp_path):
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_where_a_solved_episode_ends_the_image_says_why_returns_fall(monkeypatch, tmp_path):
+def test_plot_explains_falling_returns_where_success_ends_an_episode(monkeypatch, tmp_path):
     figures = []
     monkeypatch.setattr(plots, "save_figure", lambda figure, *_: figures.append(figure))
     for ends in (True, False):
@@ -171,9 +171,7 @@ def test_where_a_solved_episode_ends_the_image_says_why_returns_fall(monkeypatch
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("steps", "ends"), [(250, True), (60, False), (0, None)])
-def test_episodes_end_when_solved_if_most_solved_ones_were_shorter_than_their_time(
-    steps, ends, make_result, tmp_path
-):
+def test_task_ends_when_solved_if_most_solved_episodes_are_short(steps, ends, make_result, tmp_path):
     solved = {"max_episode_steps": steps} if steps else {"rates": (0.0,) * 4}
     result = make_result(policy="ppo", **solved)  # episodes that are solved take 40 to 119 steps
     path = result_path(tmp_path, result)

@@ -208,7 +208,7 @@ def test_what_is_wrong_is_named(written, change, message):
 def test_half_a_surrogate_pair_is_no_text(written):
     path, _ = written
     edit(path, lambda d: d.update(task="\ud800"))
-    with pytest.raises(ResultError, match=r"holds what is no JSON.*Evaluate the checkpoint again"):
+    with pytest.raises(ResultError, match=r"holds invalid text.*Evaluate the checkpoint again"):
         read_result(path)
 
 

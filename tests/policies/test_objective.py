@@ -102,5 +102,5 @@ def test_a_mode_of_normalization_that_is_not_known_is_refused():
 
     step = normalizer_step(make("act").preprocessor)
     step.norm_map = dict.fromkeys(step.norm_map, NormalizationMode.QUANTILES)
-    with pytest.raises(PolicyError, match="is normalized by QUANTILES, which training does not know"):
+    with pytest.raises(PolicyError, match="is normalized by QUANTILES, which training does not support"):
         Normalizer(step, torch.device("cpu"))

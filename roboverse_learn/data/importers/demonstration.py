@@ -142,7 +142,7 @@ class Placement(NamedTuple):
         rot = np.asarray(rot, np.float64)
         norm = np.linalg.norm(rot, axis=-1, keepdims=True)
         if not np.all(norm > 0.5):
-            raise DatasetError("An orientation is no unit quaternion.")
+            raise DatasetError("An orientation is not a unit quaternion.")
         return multiply(self.turn, rot / norm)
 
     def entity(
@@ -258,7 +258,7 @@ def assemble(
         DatasetError: A number is not finite, or the lengths differ.
     """
     if len(targets) == 0 or not np.isfinite(targets).all():
-        raise DatasetError("Its actions are none, or not finite.")
+        raise DatasetError("Its actions are missing or not finite.")
     entity = EntityState.at_rest(np.asarray(robot.pos), np.asarray(robot.rot), joint_pos)
     count = len(joint_pos)
     for name in ("pos", "rot", "lin_vel", "ang_vel"):
@@ -285,7 +285,7 @@ def array(values: Any, shape: Sequence[int | None], what: str) -> np.ndarray:
     try:
         out = np.asarray(values, np.float64)
     except (TypeError, ValueError) as error:
-        raise DatasetError(f"{what} is no array of numbers: {error}.") from error
+        raise DatasetError(f"{what} is not an array of numbers: {error}.") from error
     fits = out.ndim == len(shape) and all(w in (None, g) for w, g in zip(shape, out.shape, strict=True))
     if not fits:
         wanted = ", ".join("any" if size is None else str(size) for size in shape)

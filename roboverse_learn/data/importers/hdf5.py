@@ -20,4 +20,4 @@ def open_hdf5(path: Path) -> Any:
     try:
         return h5py.File(path, "r")
     except OSError as error:
-        raise DatasetError(f"'{path}' is no whole HDF5 file ({error}). Download it again.") from error
+        raise DatasetError(f"'{path}' is not a complete HDF5 file ({error}). Download it again.") from error

@@ -221,7 +221,7 @@ def _load(path: Path) -> dict[str, Any]:
         try:
             content = json.loads(data)
         except (ValueError, RecursionError) as error:
-            raise DatasetError(f"'{path}' is no JSON ({error}). Download it again.") from error
+            raise DatasetError(f"'{path}' is not JSON ({error}). Download it again.") from error
     else:
         content = load_pickle(data, str(path))
     if not isinstance(content, dict):

@@ -210,7 +210,7 @@ def _judge_batch(
     for name in names:
         episode = next(episodes, None)
         if episode is None:
-            raise DatasetError(f"'{file}' holds more demonstrations than the train split has looks for.")
+            raise DatasetError(f"'{file}' holds more demonstrations than the train split has episodes.")
         verdict = Verdict(file=file, name=name, episode=episode)
         try:
             demonstration = opened.read(name)

@@ -153,7 +153,7 @@ class FrameReplay:
             if saved.shape[1:] != value.shape[1:] or len(saved) > self.length:
                 raise CheckpointError(
                     f"The replay buffer of the checkpoint has {len(saved)} rows of shape "
-                    f"{tuple(saved.shape[1:])}, this run's {self.length} of {tuple(value.shape[1:])}. Go on "
+                    f"{tuple(saved.shape[1:])}, this run's {self.length} of {tuple(value.shape[1:])}. Resume "
                     "with the same policy.num_envs, policy.buffer_size and cameras, or begin a new run "
                     "(resume=false)."
                 )

@@ -99,7 +99,7 @@ def run(
         run_dir: Where checkpoints, metrics and plots go.
         seed: Root of all randomness.
         reporter: Hears of the progress.
-        resume: Go on from the last checkpoint of ``run_dir``, if there is one.
+        resume: Resume from the last checkpoint of ``run_dir``, if there is one.
         stagger: Let the first episodes end at different times, if the env can (``stagger``). Without it
             every rollout that is shorter than an episode sees one part of the episodes alone.
 
@@ -222,7 +222,7 @@ class Loop:
         self._seed()
         self._put_env(checkpoint.part(state.tensors, "env"), state.tensors["first"])
         set_random_state(checkpoint.part(state.tensors, "random"), self.env)
-        logger.info("Going on from step %d of '%s'.", self.step, directory)
+        logger.info("Resuming from step %d of '%s'.", self.step, directory)
 
     def _seed(self) -> None:
         """Seeds all random numbers from here on by the seed of the run and the step."""

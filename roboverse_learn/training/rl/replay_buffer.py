@@ -197,7 +197,7 @@ class ReplayBuffer:
             if saved.shape[1:] != value.shape[1:] or filled > self.length:
                 raise CheckpointError(
                     f"The replay buffer of the checkpoint has steps of shape {tuple(saved.shape[1:])}, this "
-                    f"run's {tuple(value.shape[1:])}. Go on with the same policy.num_envs and "
+                    f"run's {tuple(value.shape[1:])}. Resume with the same policy.num_envs and "
                     "policy.buffer_size, or begin a new run (resume=false)."
                 )
             value[:filled] = saved.to(self.device)

@@ -32,7 +32,7 @@ def trained(make_result, tmp_path):
 
 
 @pytest.mark.slow
-def test_seeds_that_stopped_at_different_times_share_a_curve_as_far_as_all_of_them_went(trained, tmp_path):
+def test_curve_over_seeds_ends_with_the_shortest_run(trained, tmp_path):
     rows = [[trained(2, 100, 300, time_limit_s=560.0)], [trained(1, 50, 200, 400, time_limit_s=600.0)]]
     (curve,) = learning_curves(tmp_path, rows)
     assert (curve["label"], curve["row"], curve["seeds"]) == ("ppo", 0, [1, 2])
@@ -41,7 +41,7 @@ def test_seeds_that_stopped_at_different_times_share_a_curve_as_far_as_all_of_th
     assert [run["run"] for run in curve["runs"]] == ["seed1-1", "seed2-0"]
 
 
-def test_seeds_that_learned_otherwise_have_curves_that_say_in_what(trained, tmp_path):
+def test_curves_of_different_settings_name_the_difference(trained, tmp_path):
     rows = [[trained(0, 100, 200, policy={"num_updates": 4})], [trained(1, 100, 200)]]
     curves = learning_curves(tmp_path, rows)
     assert [curve["label"] for curve in curves] == ["ppo, num_updates 4", "ppo, num_updates 8"]
@@ -60,7 +60,7 @@ def test_a_run_tested_twice_is_plotted_once(trained, tmp_path):
     assert [curve["row"] for curve in learning_curves(tmp_path, rows)] == [0]
 
 
-def test_trainings_without_a_step_in_common_have_curves_of_their_own(trained, tmp_path):
+def test_runs_without_common_steps_have_separate_curves(trained, tmp_path):
     rows = [[trained(0, 10, 20), trained(1, 100, 200)], [trained(2)]]
     assert [curve["seeds"] for curve in learning_curves(tmp_path, rows)] == [[0], [1]]
 

@@ -303,7 +303,7 @@ def test_the_index_leads_to_every_section(publish, tmp_path):
 
 
 @pytest.mark.slow
-def test_rows_whose_colours_repeat_have_lines_and_marks_of_their_own(publish, tmp_path):
+def test_rows_of_one_colour_differ_in_line_and_marker(publish, tmp_path):
     for number in range(9):
         publish(policy=f"policy{number}")
     page = parse(leaderboard.write(tmp_path)["html"])

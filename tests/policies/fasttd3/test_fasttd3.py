@@ -90,7 +90,7 @@ def test_the_target_moves_by_tau_and_the_actor_every_second_time():
     assert not policy.actor.layers[0].weight.equal(acting)
 
 
-def test_the_actor_climbs_the_lesser_value_and_leaves_the_critics_alone():
+def test_actor_maximizes_the_smaller_value_without_changing_critics():
     policy, updater = make()
     observation = batch()[0]
     loss = updater.actor_loss(observation)

@@ -198,7 +198,7 @@ def test_images_are_learned_from_too():
 
 
 @pytest.mark.parametrize(("latent_dim", "apart"), [(64, 5e-4), (32, 2e-3)])
-def test_different_images_are_different_latent_states_from_the_beginning(latent_dim, apart):
+def test_different_images_have_different_initial_latent_states(latent_dim, apart):
     config = replace(TINY, latent_dim=latent_dim, num_channels=4)  # of 4 channels are 64 numbers
     bars = torch.zeros(16, 3, 64, 64, dtype=torch.uint8)
     for i, image in enumerate(bars):

@@ -99,7 +99,7 @@ def test_the_pixel_encoder_has_the_published_size():
     assert z.shape == (2, 3, 512)
 
 
-def test_what_is_seen_of_an_image_is_shifted_while_it_learns_alone():
+def test_images_are_shifted_in_training_only():
     encoder, images = PixelEncoder(3, 4, 16, 8), torch.randint(0, 256, (2, 3, 64, 64), dtype=torch.uint8)
     encoder.eval()
     assert encoder(images).equal(encoder(images))

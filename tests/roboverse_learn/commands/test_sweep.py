@@ -82,7 +82,7 @@ class TestWords:
 
 
 class TestJobs:
-    def test_what_several_runs_learn_from_is_collected_once_and_first(self, tmp_path):
+    def test_shared_dataset_is_collected_once_and_first(self, tmp_path):
         same = ["cameras=[front]", "image_size=64", "num_demos=9", f"runs_dir={tmp_path}"]
         jobs, complete = make_jobs(plan([*WORDS, *same]))
         assert complete == []
@@ -167,7 +167,7 @@ class TestJobs:
 
 
 class TestRunning:
-    def test_no_more_run_at_once_than_there_are_slots_and_none_before_its_turn(self):
+    def test_jobs_respect_slots_and_order(self):
         lock, running, most, order = threading.Lock(), [0], [0], []
 
         def start(job, slot):

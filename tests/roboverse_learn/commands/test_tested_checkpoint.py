@@ -112,7 +112,7 @@ def test_run_folder_means_its_last_checkpoint(run: Path) -> None:
     ],
     ids=" ".join,
 )
-def test_whatever_is_evaluated_differently_has_a_results_file_of_its_own(run: Path, words: list[str]) -> None:
+def test_different_evaluations_have_different_results_files(run: Path, words: list[str]) -> None:
     changed = subject(run, *words).run
     assert changed != run.name and changed.startswith(f"{run.name}-")
     assert Path(changed).name == changed  # it is the name of a file

@@ -44,9 +44,7 @@ class Timed(Learner):
 
 
 @pytest.mark.parametrize(("hours", "said"), [(1.1, "66 minutes"), (30, "30 hours"), (480, "20.0 days")])
-def test_a_full_size_run_without_a_gpu_says_how_long_it_takes_and_names_the_preset(
-    hours: float, said: str
-) -> None:
+def test_full_size_run_without_gpu_estimates_time_and_names_preset(hours: float, said: str) -> None:
     with pytest.raises(ConfigError, match=rf"about {said} on this machine.*preset=quick.*slow_ok=true"):
         command.refuse_long_run(Timed(hours))
 

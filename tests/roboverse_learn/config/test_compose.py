@@ -180,7 +180,7 @@ def test_numbers_arrive_as_they_were_typed(seed: int, lr: float, levels: set[int
     assert (config.seed, config.train.lr, config.evaluate.levels) == (seed, lr, tuple(sorted(levels)))
 
 
-def test_the_command_line_wins_over_yaml_and_yaml_over_the_dataclass() -> None:
+def test_command_line_overrides_yaml_overrides_dataclass() -> None:
     default = default_values("train")["collect"]["num_demos"]
     quick = yaml.safe_load((configs_folder() / "preset" / "quick.yaml").read_text())["collect"]["num_demos"]
     assert default != quick
@@ -199,7 +199,7 @@ def test_a_preset_of_a_policy_wins_over_the_policy() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("policy", policies.names())
-def test_locomotion_is_a_farther_horizon_for_ppo_and_nothing_else(policy: str) -> None:
+def test_locomotion_preset_changes_only_ppo_horizon_settings(policy: str) -> None:
     plain, legs = (
         to_values(compose("train", [f"policy={policy}", f"preset={name}"])) for name in ("full", "locomotion")
     )
@@ -238,7 +238,7 @@ def test_every_yaml_is_reachable() -> None:
     assert found - {"run"} <= known
 
 
-def test_a_preset_does_not_change_the_scene_that_a_checkpoint_is_evaluated_in() -> None:
+def test_preset_does_not_change_the_evaluated_scene() -> None:
     config = compose("evaluate", ["checkpoint=runs/x", "preset=quick"])
     assert config.env == {}
     assert config.evaluate.episodes == compose("train", ["preset=quick"]).evaluate.episodes
@@ -305,15 +305,13 @@ def test_a_level_that_does_not_exist_is_named() -> None:
 @pytest.mark.parametrize(
     ("word", "nearest"), [("policy", "policy="), ("polcy", "policy="), ("taks", "task="), ("leve", "level=")]
 )
-def test_a_word_without_a_value_suggests_the_key_that_it_resembles(word: str, nearest: str) -> None:
+def test_word_without_a_value_suggests_nearest_key(word: str, nearest: str) -> None:
     with pytest.raises(ConfigError, match=rf"'{word}' is not key=value\. Did you mean '{nearest}'\?"):
         compose("train", [word])
 
 
 @pytest.mark.parametrize("word", ["task_kwargs.variant=lift", "scenario.physics.decimation=50"])
-def test_a_part_of_an_open_section_that_is_given_to_a_saved_run_is_not_lost(
-    word: str, tmp_path: Path
-) -> None:
+def test_key_of_an_open_section_overrides_a_saved_run(word: str, tmp_path: Path) -> None:
     before = to_values(compose("train", ["scenario.room=null"]))
     (tmp_path / "config.yaml").write_text(yaml.safe_dump(before))
     config = compose("train", [f"run={tmp_path}", word])

@@ -140,7 +140,7 @@ def test_a_folder_of_other_files_is_not_collected_into(tmp_path):
         file.unlink()
 
 
-def test_training_on_a_dataset_that_is_not_there_is_refused_and_the_nearest_is_named(tmp_path):
+def test_missing_dataset_suggests_nearest(tmp_path):
     there = tmp_path / "datasets" / "PickCube" / "level0"
     (there / "meta").mkdir(parents=True)
     (there / "meta/info.json").touch()

@@ -64,7 +64,7 @@ collections = st.fixed_dictionaries(
 
 @given(case=collections, kill_rate=st.sampled_from([0.0, 0.05, 0.2]))
 @settings(max_examples=60, deadline=None)
-def test_any_interleaving_and_any_kills_give_the_same_episodes_in_the_same_order(case, kill_rate):
+def test_episodes_do_not_depend_on_interleaving_or_kills(case, kill_rate):
     order, fails, target = case["order"], case["fails"], case["target"]
     rng = np.random.default_rng(case["seed"])
     with tempfile.TemporaryDirectory() as folder:
@@ -118,7 +118,7 @@ def test_asking_for_more_later_is_asking_for_them_at_once(first, second):
         assert writer.committed == good[: max(first, second)]
 
 
-def test_a_late_success_is_held_back_until_those_before_it_are_settled(tmp_path):
+def test_late_success_waits_for_earlier_episodes(tmp_path):
     writer = Writer(tmp_path)
     schedule = Schedule(writer, [5, 3, 9], 2, {})
     assert [schedule.next_index(), schedule.next_index(), schedule.next_index()] == [5, 3, None]

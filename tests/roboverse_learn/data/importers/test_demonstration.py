@@ -72,7 +72,7 @@ def test_velocities_turn_with_the_scene_and_spins_do_not():
     np.testing.assert_allclose(state.lin_vel, [[0, 1, 0]], atol=1e-12)
     np.testing.assert_allclose(state.ang_vel, [[1, 0, 0]])
     np.testing.assert_allclose(state.rot, from_yaw(np.pi / 2)[None], atol=1e-12)
-    with pytest.raises(DatasetError, match="no unit quaternion"):
+    with pytest.raises(DatasetError, match="not a unit quaternion"):
         placed.rot(np.zeros((1, 4)))
 
 
@@ -95,8 +95,8 @@ def test_a_scene_is_assembled_with_the_targets_that_led_to_each_moment():
     [
         ({"objects": {"cube": rest(2)}}, "'objects/cube/pos' has 2 moments; the robot has 3"),
         ({"joint_vel": np.full((3, 9), np.nan)}, "'robots/franka/joint_vel' is not finite at moment 0"),
-        ({"targets": np.zeros((0, 9))}, "Its actions are none, or not finite"),
-        ({"targets": np.full((2, 9), np.inf)}, "Its actions are none, or not finite"),
+        ({"targets": np.zeros((0, 9))}, "Its actions are missing or not finite"),
+        ({"targets": np.full((2, 9), np.inf)}, "Its actions are missing or not finite"),
     ],
 )
 def test_what_does_not_fit_is_refused(change, says):
@@ -110,9 +110,9 @@ def test_what_does_not_fit_is_refused(change, says):
     ("values", "says"),
     [
         ([[1.0, 2.0]], r"Poses has the shape \(1, 2\); \(any, 3\) is needed"),
-        ([["a", "b", "c"]], "Poses is no array of numbers"),
+        ([["a", "b", "c"]], "Poses is not an array of numbers"),
         ([[1.0, 2.0, 3.0], [1.0, np.nan, 3.0]], "Poses is not finite at 1"),
-        ([[1.0], [1.0, 2.0]], "Poses is no array of numbers"),
+        ([[1.0], [1.0, 2.0]], "Poses is not an array of numbers"),
     ],
 )
 def test_an_array_must_have_its_shape(values, says):

@@ -75,7 +75,7 @@ def test_damage_loses_nothing_else(folder, pick_env):
     ]
     damaged, truncated = summary.skipped
     assert (damaged.file, damaged.name) == ("a.h5", "traj_0") and "not finite at 3" in damaged.error
-    assert (truncated.file, truncated.name) == ("b.h5", "") and "no whole HDF5 file" in truncated.error
+    assert (truncated.file, truncated.name) == ("b.h5", "") and "not a complete HDF5 file" in truncated.error
     assert sorted(summary.files) == ["a.h5", "b.h5", "c.h5"]
     assert (summary.num_said, summary.num_agreeing, summary.num_with_states) == (2, 2, 2)
     # Every demonstration has looks of its own, whatever became of the ones before it.
@@ -96,7 +96,7 @@ def test_what_is_no_demonstration_is_refused(tmp_path, folder, pick_env, lift_en
         find_files(ManiSkillFile, tmp_path / "nowhere")
     with pytest.raises(DatasetError, match=r"holds no file of robosuite \(\.hdf5\)"):
         find_files(RobosuiteFile, folder)
-    with pytest.raises(DatasetError, match="no whole HDF5 file"):
+    with pytest.raises(DatasetError, match="not a complete HDF5 file"):
         judge(**given(folder / "b.h5"), env=pick_env)
     file = write_robosuite(tmp_path / "lift.hdf5", lifted, env="PickPlace")
     with pytest.raises(DatasetError, match="no registered task is the same"):
@@ -172,7 +172,7 @@ def test_a_dataset_like_the_experts(folder, tmp_path, open_with_lerobot, pick_en
 
 
 @pytest.mark.slow
-def test_the_same_command_again_does_nothing_and_another_file_is_refused(tmp_path, played, monkeypatch):
+def test_repeated_import_does_nothing_and_another_file_is_refused(tmp_path, played, monkeypatch):
     file, root = write_maniskill(tmp_path / "a", played), tmp_path / "dataset"
     first = collect_dataset(words(file, root, "num_demos=1", "replay=controls"))
     assert first.num_episodes == 1 and first.imported.count("controls") == 2

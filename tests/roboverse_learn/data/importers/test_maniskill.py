@@ -79,7 +79,7 @@ def test_a_damaged_episode_spoils_no_other(file, damage, says):
 
 def test_a_truncated_file_is_named(file):
     file.write_bytes(file.read_bytes()[:-5000])
-    with pytest.raises(DatasetError, match=r"two\.h5' is no whole HDF5 file .* Download it again"):
+    with pytest.raises(DatasetError, match=r"two\.h5' is not a complete HDF5 file .* Download it again"):
         ManiSkillFile(file, TASK)
 
 

@@ -123,7 +123,7 @@ def test_a_newer_file_names_its_environment_elsewhere(file):
 def test_a_truncated_or_empty_file_is_named(file):
     whole = file.read_bytes()
     file.write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(DatasetError, match=r"lift\.hdf5' is no whole HDF5 file"):
+    with pytest.raises(DatasetError, match=r"lift\.hdf5' is not a complete HDF5 file"):
         RobosuiteFile(file, TASK)
     with h5py.File(file, "w") as content:
         content["other"] = 1

@@ -116,12 +116,12 @@ def test_a_sawyer_is_followed_by_its_tool(tmp_path, content):
         (lambda e: e.pop("init_state"), "Its record is incomplete or damaged"),
         (lambda e: e["actions"][3].pop("dof_pos_target"), "Its record is incomplete or damaged"),
         (lambda e: e["actions"].clear(), "The robot's joints has the shape"),
-        (lambda e: e["states"][3]["cube"].update(pos=[0.0, 1.0]), "Positions of 'cube' is no array"),
-        (lambda e: e["states"][3]["cube"].update(pos=["x", 0, 0]), "Positions of 'cube' is no array"),
+        (lambda e: e["states"][3]["cube"].update(pos=[0.0, 1.0]), "Positions of 'cube' is not an array"),
+        (lambda e: e["states"][3]["cube"].update(pos=["x", 0, 0]), "Positions of 'cube' is not an array"),
         (lambda e: e["states"][3]["cube"].update(pos=[float("nan"), 0, 0]), "'cube' is not finite at 4"),
         (lambda e: e["states"][3]["franka"]["dof_pos"].pop("panda_joint3"), "incomplete.*panda_joint3"),
         (lambda e: e.update(states=7), "Its record is incomplete or damaged"),
-        (lambda e: e["init_state"]["cube"].update(rot=[0, 0, 0, 0]), "no unit quaternion"),
+        (lambda e: e["init_state"]["cube"].update(rot=[0, 0, 0, 0]), "not a unit quaternion"),
     ],
 )
 def test_a_damaged_episode_spoils_no_other(tmp_path, content, damage, says):
@@ -165,7 +165,7 @@ def test_a_bomb_is_not_unpacked(tmp_path, content, monkeypatch):
     with pytest.raises(DatasetError, match="unpacks to more than 1 MiB"):
         RoboVerseFile(file, TASK)
     file.write_bytes(gzip.compress(b"[" * 100_000))
-    with pytest.raises(DatasetError, match="is no JSON"):
+    with pytest.raises(DatasetError, match="is not JSON"):
         RoboVerseFile(file, TASK)
 
 

@@ -42,7 +42,7 @@ def make(task="PickCube", num_envs=2, **kwargs):
 
 
 @pytest.mark.slow
-def test_its_actions_are_recorded_as_the_tasks_own_and_lead_to_the_same_states(checkpoint, easy):
+def test_recorded_task_actions_reproduce_the_states(checkpoint, easy):
     policy = policies.load(checkpoint)
     env, agent = make(observation="state"), make(observation="full", actions="rl")
     episodes = env.split_indices[:2].tolist()

@@ -102,7 +102,7 @@ def test_other_json_files_are_refused(tmp_path):
     with pytest.raises(ResultError, match=r"notes.json' is no result of roboverse conservation"):
         page.write_page(tmp_path)
     (tmp_path / "notes.json").write_text("{")
-    with pytest.raises(ResultError, match=r"notes.json' is no JSON file.*run again"):
+    with pytest.raises(ResultError, match=r"notes.json' is not a JSON file.*run again"):
         page.write_page(tmp_path)
 
 

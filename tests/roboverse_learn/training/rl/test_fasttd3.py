@@ -66,7 +66,7 @@ def test_run_resumes_to_the_same_weights(tmp_path):
     assert weights(whole).equal(weights(resumed))
 
 
-def test_a_checkpoint_that_does_not_say_what_is_due_has_nothing_due(tmp_path):
+def test_old_checkpoint_has_no_pending_updates(tmp_path):
     train(tmp_path, steps=320)
     state = json.loads(state_file(tmp_path).read_text())
     assert state["numbers"]["algorithm"].pop("due") == 0
@@ -83,7 +83,7 @@ def cartpole():
 @pytest.mark.parametrize(
     "make_env", [lambda: PointMass(TINY.num_envs), pytest.param(cartpole, marks=pytest.mark.long)]
 )
-def test_a_signal_ends_a_run_with_a_checkpoint_that_goes_on_to_the_same_weights(make_env, tmp_path):
+def test_signal_saves_a_checkpoint_that_resumes_identically(make_env, tmp_path):
     _, whole = train(tmp_path / "whole", env=make_env())
     reporter = SignalAt(31 * 16)
     with pytest.raises(KeyboardInterrupt, match="SIGTERM"):

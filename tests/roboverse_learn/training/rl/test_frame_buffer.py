@@ -139,7 +139,7 @@ def test_state_round_trip(steps):
     torch.manual_seed(0)
     for mine, theirs in zip(other.sequences(50), expected, strict=True):
         assert mine.equal(theirs)
-    with pytest.raises(CheckpointError, match=r"Go on with the same policy.num_envs"):
+    with pytest.raises(CheckpointError, match=r"Resume with the same policy.num_envs"):
         buffer(num_envs=3).load(tensors, numbers)
 
 

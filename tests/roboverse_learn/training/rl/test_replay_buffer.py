@@ -88,7 +88,7 @@ def test_returns_go_around_the_ring_but_not_into_what_was_overwritten():
     assert after(batch, 12) == [12, 0.5, 12.5]
 
 
-def test_an_episode_that_was_cut_off_is_bootstrapped_from_its_last_observation():
+def test_truncated_episode_bootstraps_from_its_last_observation():
     buffer = ReplayBuffer(20, 1, 1, 1, torch.device("cpu"))
     for t in range(4):
         value, cut_off = torch.tensor([float(t)]), torch.tensor([t == 1])
@@ -106,7 +106,7 @@ def test_state_round_trip():
     torch.manual_seed(0)
     for mine, theirs in zip(other.sequences(50), expected, strict=True):
         assert mine.equal(theirs)
-    with pytest.raises(CheckpointError, match=r"Go on with the same policy.num_envs"):
+    with pytest.raises(CheckpointError, match=r"Resume with the same policy.num_envs"):
         filled(0, over=set(), capacity=30, num_envs=3).load(tensors, numbers)
 
 

@@ -43,7 +43,7 @@ def evaluated(simulator, episode):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("simulator", ["mujoco", "mujoco_warp"])
-def test_training_shows_what_an_evaluation_shows_after_a_reset_too(simulator):
+def test_training_images_equal_evaluation_images_after_a_reset(simulator):
     env = spec(simulator).make_torch(2, observation="pixels", bank_size=1, num_threads=1)
     expected = evaluated(simulator, 0)
     lengths = [len(each) for each in expected]

@@ -100,7 +100,7 @@ def test_run_interrupted_between_checkpoints_resumes(tmp_path):
     assert read_metrics(tmp_path)[-1]["step"] == 320
 
 
-def test_random_actions_are_zero_where_a_task_has_none_and_sequences_know_their_task():
+def test_random_actions_are_zero_in_padding():
     algorithm, env = make_algorithm()
     loop = off_policy.Loop(algorithm, env, TrainConfig(steps=320), None, 0, off_policy.Reporter())
     loop.begin(None)
@@ -115,7 +115,7 @@ def test_random_actions_are_zero_where_a_task_has_none_and_sequences_know_their_
 
 
 @pytest.mark.slow
-def test_entries_that_a_task_lacks_have_no_influence_on_what_is_learned(tmp_path):
+def test_padding_does_not_influence_learning(tmp_path):
     """Padding entries of actions are noise here, and nothing changes."""
 
     class Deaf(PointMass):
@@ -194,7 +194,7 @@ def test_the_learning_curve_beside_a_result_is_that_of_its_task(trained):
         assert float(last["episode_return"]) == pytest.approx(row[f"episode_return/{task}"])
 
 
-def test_an_evaluation_is_of_every_task_or_of_the_one_that_is_named(trained, tmp_path):
+def test_evaluation_covers_every_task_or_the_named_one(trained, tmp_path):
     run, words = run_of(trained), ["splits=[test]", "levels=[0]", "episodes=2", "device=cpu"]
     both = checkpoints_to_test(compose("evaluate", [f"checkpoint={run}", *words]))
     assert [(each.env.task, each.run) for each in both] == [(FIRST, run.name), (SECOND, run.name)]

@@ -184,7 +184,7 @@ def test_run_stopped_among_its_first_updates_resumes_identically(every, tmp_path
     assert last["updates"] == same["updates"] == 50 and last["loss"] == same["loss"]
 
 
-def test_updates_that_are_due_after_the_last_step_are_made_before_a_run_is_complete(tmp_path, monkeypatch):
+def test_pending_updates_run_before_a_run_is_complete(tmp_path, monkeypatch):
     _, whole = train(tmp_path / "whole", steps=200)
     clock = Clock(monkeypatch)
     result, _ = train(tmp_path / "cut", steps=200, reporter=clock, time_limit_s=30.0)
@@ -243,7 +243,7 @@ def test_a_diverged_run_stops_at_once_and_keeps_its_last_checkpoint(tmp_path):
     assert [path.name for path in (tmp_path / "checkpoints").glob("[0-9]*")] == ["000240"]
 
 
-def test_a_run_that_diverges_before_its_first_checkpoint_says_that_there_is_none(tmp_path):
+def test_divergence_before_the_first_checkpoint_says_there_is_none(tmp_path):
     message = r"is nan at environment step 28\d.* No checkpoint had been saved; a smaller train.save_every"
     with pytest.raises(TrainingDivergedError, match=message):
         train(
