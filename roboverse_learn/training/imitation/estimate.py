@@ -17,6 +17,7 @@ from roboverse_learn.training.reporter import Reporter
 from roboverse_learn.training.rl.loop import Loop
 
 _SMALL_BATCH = 4
+_NUM_SMALL_STEPS = 3
 _QUICK_STEP_S = 0.3
 _LEAST_TIMED_S, _MOST_TIMED_S = 1.0, 20.0
 
@@ -39,7 +40,7 @@ def estimate_training_s(policy: LeRobotPolicy, config: TrainConfig, num_timed_st
     with cpu_threads(config.num_threads, policy.device.type), torch.random.fork_rng():
         policy.begin_training()
         if policy.device.type == "cpu" and batch_size > _SMALL_BATCH:
-            seconds = _step_s(policy, config, _SMALL_BATCH, 1)
+            seconds = _step_s(policy, config, _SMALL_BATCH, _NUM_SMALL_STEPS)
             if seconds > _QUICK_STEP_S:
                 policy.end_training()
                 return _limited(seconds * batch_size / _SMALL_BATCH * config.steps, config)

@@ -1,8 +1,8 @@
 """Muon for the matrices of linear layers, AdamW for everything else.
 
 Muon (https://kellerjordan.github.io/posts/muon) replaces the momentum of a weight matrix by the nearest
-semi-orthogonal matrix, so that every direction learns at the same rate. The small ACT of ``preset=quick`` needs
-half of the steps with it.
+semi-orthogonal matrix, so that every direction learns at the same rate. With it the small ACT of
+``preset=quick`` needs half of the steps.
 
 ``torch.optim.Muon`` computes in bfloat16, which processors without such instructions emulate: a step of that
 network's matrices takes ten times as long there as here.
@@ -23,7 +23,7 @@ _COEFFICIENTS = (3.4445, -4.7750, 2.0315)
 
 _ITERATIONS = 5
 _RMS = 0.2
-"""Root mean square of an update at learning rate 1, as AdamW's typical one (arXiv:2502.16982, section 2.2)."""
+"""Root mean square of an update at learning rate 1: AdamW's typical one (arXiv:2502.16982, section 2.2)."""
 
 
 class MuonAdamW(torch.optim.AdamW):
@@ -67,8 +67,8 @@ class MuonAdamW(torch.optim.AdamW):
 def orthogonalized(matrices: Sequence[Tensor]) -> list[Tensor]:
     """Returns the approximately nearest semi-orthogonal matrix of each matrix (rows, columns).
 
-    The Newton-Schulz iteration multiplies a matrix by polynomials of its Gram matrix. They commute, so they are
-    collected on the smaller side, for all matrices of one size together.
+    The Newton-Schulz iteration multiplies a matrix by polynomials of its Gram matrix. They commute, so they
+    are collected on the smaller side, for all matrices of one size together.
     """
     wide = [(x.T if x.shape[0] > x.shape[1] else x) for x in matrices]
     wide = [x / (x.norm() + 1e-7) for x in wide]
