@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from roboverse_learn.config.preflight import check_installed, check_materials, check_scenario_files
 from roboverse_learn.config.scenario_overrides import folder_name, scenario_name
-from roboverse_learn.config.schema import CollectConfig
+from roboverse_learn.config.schema import CollectConfig, TrainRunConfig
 from roboverse_learn.data.sources import SOURCES
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
     target = config.collect.num_demos
     if source.num_demos_is_most:
         target = min(target, len(candidates))
-    features, fps, robot = dataset_layout(config)
+    features, fps, robot = task_layout(config)
     workers = min(config.collect.num_workers, len(candidates))
     collection = CollectionConfig(
         root=root,
@@ -116,6 +116,21 @@ def _bar(what: str) -> Iterator[Callable[[int, int, str], None]]:
 
 
 def dataset_layout(config: CollectConfig) -> tuple[dict[str, Any], int, str]:
+    """Returns the features, the frames per second and the robot of the given dataset, or of the task's."""
+    from roboverse_learn.data.dataset.info import DatasetInfo
+
+    if not (isinstance(config, TrainRunConfig) and config.dataset):
+        return task_layout(config)
+    info = DatasetInfo.open(config.dataset)
+    # Images that are stored one by one are learned from as those of videos are.
+    features = {
+        key: {**feature, "dtype": "video"} if key in info.camera_keys else feature
+        for key, feature in info.features.items()
+    }
+    return features, info.fps, info.robot_type or ""
+
+
+def task_layout(config: CollectConfig) -> tuple[dict[str, Any], int, str]:
     """Returns the features, the frames per second and the robot of a task's dataset."""
     from roboverse_learn.data.dataset.schema import make_features
 

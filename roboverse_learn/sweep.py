@@ -22,6 +22,7 @@ import policies
 from envs.core.errors import RoboVerseError
 from envs.core.machine import num_cores
 from roboverse_learn.collect import dataset_folder
+from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
 from roboverse_learn.commands.run_folder import CONFIG_FILE, default_folder, read_config, read_facts
 from roboverse_learn.config.compose import compose, values_of_key
 from roboverse_learn.config.keys import flat_keys
@@ -85,10 +86,12 @@ def plan(words: Sequence[str]) -> Sweep:
     config = compose("sweep", [word for word, mine in zip(words, is_own, strict=True) if mine])
     choices = [values_of_key(word) for word, mine in zip(words, is_own, strict=True) if not mine]
     combinations = dict.fromkeys(itertools.product(*choices))
-    runs = tuple((each, compose("train", each)) for each in combinations)
-    for _, run in runs:
+    runs = []
+    for each in combinations:
+        run = compose("train", each)
         check_folders(run)
-    return Sweep(config, runs)
+        runs.append((each, given_dataset(run).config if learns_from_given(run) else run))
+    return Sweep(config, tuple(runs))
 
 
 def sweep(the_sweep: Sweep) -> str:
@@ -142,7 +145,7 @@ def make_jobs(the_sweep: Sweep) -> tuple[list[Job], list[Path]]:
             complete.append(folder)
             continue
         after = None
-        if policies.learns_from(config.policy_name) == "dataset":
+        if policies.learns_from(config.policy_name) == "dataset" and not config.dataset:  # one given is there
             dataset = dataset_folder(config)
             name = f"collect-{config.env.task}-{dataset.name}".replace("/", "-")
             job = collections.setdefault(dataset, Job(name, ("collect", *_collect_words(config))))

@@ -21,8 +21,10 @@ from envs.core.errors import ConfigError
 from roboverse_learn.config.schema import TrainRunConfig
 
 if TYPE_CHECKING:
+    from roboverse_learn.commands.given_dataset import GivenDataset
     from roboverse_learn.commands.run_folder import Run
     from roboverse_learn.data.collection.collect import CollectionSummary
+    from roboverse_learn.evaluate import Evaluation
     from roboverse_learn.training.learners import Learner
     from roboverse_learn.training.reporter import TrainResult
 
@@ -37,6 +39,9 @@ _POLL_S = 1.0
 def train(config: TrainRunConfig) -> Any:
     """Runs the whole loop; returns a printable report.
 
+    A dataset that is named is trained on as it is, whoever made it. Where its policy cannot act in the task,
+    as that of another robot, nothing is evaluated.
+
     Under ``accelerate launch`` the first process collects and evaluates, and all of them train.
 
     Raises:
@@ -45,19 +50,19 @@ def train(config: TrainRunConfig) -> Any:
             task pays no reward, or has no expert, that an agent is to learn from.
         MissingExtraError: A package is not installed.
     """
-    from benchmark.gifs import one_per_level, write_gif
+    from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
     from roboverse_learn.commands.report import train_report
     from roboverse_learn.commands.run_folder import Run
-    from roboverse_learn.commands.tested_checkpoint import checkpoint_of_run
     from roboverse_learn.config.preflight import check_installed, check_materials, check_scenario_files
-    from roboverse_learn.evaluate import command_words, evaluate_checkpoint
-    from roboverse_learn.leaderboard import write_leaderboard
+    from roboverse_learn.evaluate import command_words
     from roboverse_learn.training.device import resolve_device
     from roboverse_learn.training.learners import learner_of
     from roboverse_learn.training.metrics import check_wandb
 
     device = resolve_device(config.device)
     from_dataset = policies.learns_from(config.policy_name) == "dataset"
+    given = given_dataset(config) if learns_from_given(config) else None
+    config = given.config if given else config
     if from_dataset and int(os.environ.get("RANK", "0")) > 0:
         return _train_along(config, device)
     check_installed(config.env)
@@ -74,31 +79,28 @@ def train(config: TrainRunConfig) -> Any:
     started = time.monotonic()
     with Run.open(config, ["roboverse", "train", *command_words()]) as run:
         log.info("Run: %s", run.folder)
-        dataset = _collect(config, run) if from_dataset else None
+        misfit = given.misfit if given else ""
+        if misfit:
+            log.warning("%s", misfit)
+        collected = _collect(config, run) if from_dataset and not given else None
+        if given:
+            _read(given, run)
+        root = str(given.info.root) if given else collected and collected.root
         with run.stage("train") as facts:
-            trained = _train(config, run.folder, dataset and dataset.root, device)
+            trained = _train(config, run.folder, root, device)
             facts.update(steps=trained.steps, stopped_by=trained.stopped_by)
             if trained.loss is not None:  # a run that was complete before has no new one
                 facts.update(loss=trained.loss)
-        results = Path(config.results_dir)
-        with run.stage("evaluate") as facts:
-            tested = checkpoint_of_run(run.folder, config, trained.checkpoint)
-            evaluations = [
-                evaluate_checkpoint(tested.with_task(task), config.evaluate, results, "train")
-                for task in config.tasks
-            ]
-            facts.update(results=[str(each.path) for each in evaluations])
-        with run.stage("leaderboard"):
-            board = write_leaderboard(results)
-            gif = write_gif(run.folder / "policy.gif", one_per_level(evaluations[0].videos))
+        evaluations, board, gif = ([], {}, None) if misfit else _evaluate(config, run, trained.checkpoint)
         stages = dict(run.stages)
     return train_report(
-        dataset,
+        given.words if given else collected,
         trained,
         evaluations,
         board,
         folder=run.folder,
         gif=gif,
+        note=misfit,
         stages=stages,
         seconds=time.monotonic() - started,
     )
@@ -135,6 +137,46 @@ def _collect(config: TrainRunConfig, run: "Run") -> "CollectionSummary":
     return dataset
 
 
+def _read(given: "GivenDataset", run: "Run") -> None:
+    """Records the dataset that is given as the run's.
+
+    Raises:
+        ConfigError: The run began with other demonstrations.
+    """
+    with run.stage("collect") as facts:
+        before = facts.get("dataset_hash", given.hash)
+        if before != given.hash:
+            raise ConfigError(
+                f"The run '{run.folder}' was started with the demonstrations {before[:16]}, and "
+                f"'{given.info.root}' holds {given.hash[:16]}. Add resume=false to start a run beside it."
+            )
+        facts.update(dataset_hash=given.hash, num_episodes=given.info.num_episodes)
+        facts.update(folder=str(given.info.root), level=given.level, only=given.only)
+
+
+def _evaluate(
+    config: TrainRunConfig, run: "Run", checkpoint: Path
+) -> tuple[list["Evaluation"], dict[str, Path], Path | None]:
+    """Evaluates a checkpoint in its tasks; returns the evaluations, the leaderboard's files and a GIF."""
+    from benchmark.gifs import one_per_level, write_gif
+    from roboverse_learn.commands.tested_checkpoint import checkpoint_of_run
+    from roboverse_learn.evaluate import evaluate_checkpoint
+    from roboverse_learn.leaderboard import write_leaderboard
+
+    results = Path(config.results_dir)
+    with run.stage("evaluate") as facts:
+        tested = checkpoint_of_run(run.folder, config, checkpoint)
+        evaluations = [
+            evaluate_checkpoint(tested.with_task(task), config.evaluate, results, "train")
+            for task in config.tasks
+        ]
+        facts.update(results=[str(each.path) for each in evaluations])
+    with run.stage("leaderboard"):
+        board = write_leaderboard(results)
+        gif = write_gif(run.folder / "policy.gif", one_per_level(evaluations[0].videos))
+    return evaluations, board, gif
+
+
 def _train(config: TrainRunConfig, folder: Path, dataset_root: str | None, device: str) -> "TrainResult":
     """Trains in this process, on a dataset or in an environment."""
     from roboverse_learn.commands.run_folder import seed_of
@@ -151,7 +193,7 @@ def _train(config: TrainRunConfig, folder: Path, dataset_root: str | None, devic
 
 
 def _train_along(config: TrainRunConfig, device: str) -> str:
-    """Trains beside the first process of ``accelerate launch``, which has collected the dataset."""
+    """Trains beside the first process of ``accelerate launch``, which has the dataset."""
     from roboverse_learn.commands.run_folder import default_folder, read_facts
 
     folder = Path(config.run) if config.run else default_folder(config)

@@ -22,28 +22,31 @@ _SHOWN_SKIPPED = 20
 
 
 def train_report(
-    dataset: "CollectionSummary | None",
+    dataset: "CollectionSummary | str | None",
     trained: "TrainResult",
     evaluations: Sequence["Evaluation"],
     board: Mapping[str, Path],
     *,
     folder: Path,
     gif: Path | None = None,
+    note: str = "",
     stages: Mapping[str, Any],
     seconds: float,
 ) -> Group:
     """The whole loop: what each stage did, the table of success, and where everything is.
 
-    ``dataset`` is None for a policy that learned from an env.
+    ``dataset`` is a sentence for one that was given, and None for a policy that learned from an env; ``note``
+    says why nothing was evaluated.
     """
     loss = "" if trained.loss is None else f", loss {trained.loss:.4f}"
     times = ", ".join(
         f"{name} {clock(facts['seconds'])}" for name, facts in stages.items() if "seconds" in facts
     )
     return Group(
-        *([] if dataset is None else [_collected(dataset)]),
+        *([] if dataset is None else [Text(dataset) if isinstance(dataset, str) else _collected(dataset)]),
         Text(f"Trained {trained.steps:,} steps (stopped by {trained.stopped_by.replace('_', ' ')}){loss}."),
         *map(success_table, evaluations),
+        *([Text(note)] if note else []),
         _paths(
             {"run": folder, "checkpoint": trained.checkpoint, "curves": trained.plot}
             | _evaluation_paths(evaluations, board)
@@ -108,7 +111,8 @@ def conservation_report(page: str, written: Mapping[str, Path]) -> Group:
 def success_table(evaluation: "Evaluation") -> Table:
     """Success by level and split, with Wilson's 95 % interval; the test split is the headline."""
     result = evaluation.result
-    trained = f"{result.train_only} alone" if result.train_only else f"level {result.train_level}"
+    level = "an unknown level" if result.train_level is None else f"level {result.train_level}"
+    trained = f"{result.train_only} alone" if result.train_only else level
     others = [task for task in result.train_tasks if task != result.env.task]
     trained += f" together with {', '.join(others)}" if others else ""
     episodes = f"{result.protocol.episodes} episodes"

@@ -2,7 +2,8 @@
 
 ``runs/<task>/<policy>/<name>/`` holds ``config.yaml`` (the resolved configuration), ``manifest.json``
 (command, commit, versions, status and time of each stage), ``run.log``, and what training writes. The
-name follows from the configuration, so that the same command finds the same run and continues it.
+name follows from the configuration, so that the same command finds the same run and continues it. A dataset
+of another program takes the place of the task.
 """
 
 import contextlib
@@ -17,12 +18,16 @@ from typing import Any
 import numpy as np
 from filelock import BaseFileLock
 
+import policies
 from benchmark.protocol import digest
 from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, LockedError, RoboVerseError
 from roboverse_learn.config.keys import at, flat_keys
 from roboverse_learn.config.schema import TrainRunConfig
 from roboverse_learn.config.serialize import from_values, to_values
+from roboverse_learn.data.dataset.info import is_collected_here
+from roboverse_learn.data.dataset.raw import dataset_hash
+from roboverse_learn.data.dataset.schema import INFO_PATH
 from roboverse_learn.system import lock_directory
 
 log = logging.getLogger(__name__)
@@ -57,6 +62,9 @@ def identity(config: TrainRunConfig) -> dict[str, Any]:
 
 def run_name(config: TrainRunConfig) -> str:
     """Returns the name of the run of a configuration, such as ``quick-level0-seed0-1a2b3c4d``."""
+    if _is_of_others(config):  # what is learned follows from its content alone, whose level nobody knows
+        decides = {**identity(config), "dataset_hash": dataset_hash(config.dataset)}
+        return f"{config.preset}-seed{config.seed}-{digest(decides)}"
     varied = f"{config.env.only}-alone" if config.env.only else f"level{config.env.level}"
     return f"{config.preset}-{varied}-seed{config.seed}-{digest(identity(config))}"
 
@@ -221,11 +229,20 @@ class Run:
 
 def default_folder(config: TrainRunConfig) -> Path:
     """Returns the folder that a configuration names; with ``resume=false`` the first free one."""
-    base = Path(config.runs_dir) / config.env.task / config.policy_name / run_name(config)
+    task = Path(config.dataset).resolve().name if _is_of_others(config) else config.env.task
+    base = Path(config.runs_dir) / task / config.policy_name / run_name(config)
     folder, number = base, 2
     while not config.resume and folder.exists():
         folder, number = base.with_name(f"{base.name}-{number}"), number + 1
     return folder
+
+
+def _is_of_others(config: TrainRunConfig) -> bool:
+    """Whether a run learns from a dataset that is given and is of no collection of ours."""
+    root, learns = Path(config.dataset), policies.learns_from(config.policy_name)
+    return (
+        learns == "dataset" and bool(config.dataset) and (root / INFO_PATH).is_file()
+    ) and not is_collected_here(root)
 
 
 def _check_same(folder: Path, config: TrainRunConfig) -> None:

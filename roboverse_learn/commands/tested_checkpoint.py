@@ -160,8 +160,8 @@ def checkpoint_of_run(folder: Path, config: TrainRunConfig, checkpoint: Path) ->
         device=resolve_device(config.device),
         training=Training(
             tasks=_learned_together(checkpoint),
-            level=None if config.env.only else config.env.level,
-            only=config.env.only,
+            level=facts.get("level", None if config.env.only else config.env.level),
+            only=facts.get("only", config.env.only),
             seed=config.seed,
             dataset_hash=facts.get("dataset_hash"),
             demonstrations=facts.get("num_episodes"),

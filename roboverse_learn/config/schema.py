@@ -120,7 +120,8 @@ class CollectConfig:
         checkpoint: Folder of that policy, or of its run.
         path: File of demonstrations, or a folder of them; of files, num_demos is the most that is taken.
         replay: How a file's demonstrations become ours: by recorded states, or by controls in our physics.
-        dataset: Folder of the dataset; empty for one named after the configuration.
+        dataset: Folder of the dataset; empty for one named after the configuration. train collects only
+            where none is named, and takes any LeRobotDataset v3, also of another robot.
         collect: How demonstrations are collected.
     """
 

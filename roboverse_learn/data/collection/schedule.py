@@ -3,7 +3,7 @@
 import itertools
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -199,27 +199,54 @@ class Schedule:
         """Reads which candidates failed in earlier runs, and checks that the settings are theirs."""
         if not self._path.exists():
             return set()
-        record = read_json(self._path)
-        if not (
-            isinstance(record, dict)
-            and isinstance(record.get("settings"), dict)
-            and isinstance(record.get("failed"), list)
-        ):
-            raise broken_file(self._path, "it holds no settings, or no list of failed episodes")
-        before = record["settings"]
-        keys = sorted(k for k in {*before, *self._settings} if before.get(k) != self._settings.get(k))
-        if keys and self._writer.is_empty:
+        before, failed = read_record(self._writer.root)
+        if before != self._settings and self._writer.is_empty:
             return set()  # nothing but failures of other settings
-        if keys:
-            raise DatasetError(
-                f"The dataset '{self._writer.root}' was begun with "
-                f"{_words(before, keys)}; now given: {_words(self._settings, keys)}. Use the same settings, "
-                "or choose another folder."
-            )
-        return set(record["failed"])
+        check_settings(self._writer.root, before, self._settings)
+        return failed
 
     def _write_record(self) -> None:
         write_json(self._path, {"settings": self._settings, "failed": sorted(self._failed)})
+
+
+def read_record(root: Path) -> tuple[dict[str, Any], set[int]]:
+    """Returns the settings of a collection, and the candidates that failed.
+
+    Raises:
+        DatasetError: The record is absent or damaged.
+    """
+    record = read_json(root / COLLECTION_PATH)
+    if not (
+        isinstance(record, dict)
+        and isinstance(record.get("settings"), dict)
+        and isinstance(record.get("failed"), list)
+    ):
+        raise broken_file(root / COLLECTION_PATH, "it holds no settings, or no list of failed episodes")
+    return record["settings"], set(record["failed"])
+
+
+def check_settings(
+    root: Path, before: Mapping[str, Any], now: Mapping[str, Any], keys: Collection[str] | None = None
+) -> None:
+    """Checks that a dataset was collected with the settings that are given.
+
+    Args:
+        root: The dataset's folder.
+        before: Its settings.
+        now: Those that are given.
+        keys: Which of them must be the same; all by default.
+
+    Raises:
+        DatasetError: Some differ.
+    """
+    now = json.loads(json.dumps(now))
+    compared = {*before, *now} if keys is None else keys
+    other = sorted(key for key in compared if before.get(key) != now.get(key))
+    if other:
+        raise DatasetError(
+            f"The dataset '{root}' was begun with {_words(before, other)}; now given: {_words(now, other)}. "
+            "Use the same settings, or choose another folder."
+        )
 
 
 def _words(settings: Mapping[str, Any], keys: Sequence[str]) -> str:

@@ -13,6 +13,7 @@ from roboverse_learn.data.dataset import stats as statistics
 from roboverse_learn.data.dataset.damage import broken_file, read_json
 from roboverse_learn.data.dataset.schema import (
     CODEBASE_VERSION,
+    COLLECTION_PATH,
     DATA_PATH,
     INFO_PATH,
     RAW_PATH,
@@ -154,6 +155,11 @@ class DatasetInfo:
                 reason = f"'{key}' has {len(values)} of {self.num_frames} frames"
                 raise broken_file(self.root / "data", reason)
         return columns
+
+
+def is_collected_here(root: Path) -> bool:
+    """Whether a dataset is of a collection of ours, with its settings, and neither merged nor edited."""
+    return (root / COLLECTION_PATH).is_file()
 
 
 def read_info(root: Path) -> dict[str, Any]:

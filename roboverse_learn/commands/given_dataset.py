@@ -1,0 +1,134 @@
+"""The dataset of ``train dataset=``: collected here, edited by another program, or of another robot.
+
+It is read and never written.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import policies
+from envs.core.errors import ConfigError, RoboVerseError
+from roboverse_learn.collect import task_layout
+from roboverse_learn.config.schema import TrainRunConfig
+from roboverse_learn.data.collection.schedule import check_settings, read_record
+from roboverse_learn.data.dataset.info import DatasetInfo, is_collected_here
+from roboverse_learn.data.dataset.raw import dataset_hash
+from roboverse_learn.data.dataset.schema import ACTION_KEY, IMAGE_PREFIX, STATE_KEY, Feature
+from roboverse_learn.data.sources.base import DemonstrationSource
+
+_ENVIRONMENT_STATE_KEY = "observation.environment_state"
+
+
+@dataclass(frozen=True)
+class GivenDataset:
+    """A dataset to train on.
+
+    Attributes:
+        info: What it says of itself.
+        config: The run's configuration, with the cameras and the image size of the dataset.
+        level: Randomization level of the demonstrations; None where unknown, or where one channel varied.
+        only: The channel that varied alone in them.
+        misfit: Why the policy cannot be evaluated in the run's tasks, one sentence; empty where it can.
+    """
+
+    info: DatasetInfo
+    config: TrainRunConfig
+    level: int | None
+    only: str | None
+    misfit: str = ""
+
+    @cached_property
+    def hash(self) -> str:
+        """:func:`~roboverse_learn.data.dataset.raw.dataset_hash`."""
+        return dataset_hash(self.info.root)
+
+    @property
+    def words(self) -> str:
+        """One sentence for the report."""
+        return (
+            f"Read {self.info.num_episodes} demonstrations, {self.info.num_frames:,} frames, of "
+            f"'{self.info.root}'."
+        )
+
+
+def learns_from_given(config: TrainRunConfig) -> bool:
+    """Whether a run learns from a dataset that is named."""
+    return bool(config.dataset) and policies.learns_from(config.policy_name) == "dataset"
+
+
+def given_dataset(config: TrainRunConfig) -> GivenDataset:
+    """Opens the dataset of ``config.dataset``, whoever wrote it.
+
+    Raises:
+        DatasetError: There is none, it is damaged or empty, or was collected here with other settings.
+        ConfigError: Its episodes are of another task.
+    """
+    info = DatasetInfo.open(config.dataset)
+    if is_collected_here(info.root):
+        before, _ = read_record(info.root)
+        now = DemonstrationSource(config).settings()
+        check_settings(info.root, before, now, keys={*now, "simulator_settings", "scenario"})
+        return GivenDataset(info, config, None if config.env.only else config.env.level, config.env.only)
+    _check_tasks(info, config)
+    variations = {(each.get("level"), each.get("only")) for each in info.episode_metadata}
+    level, only = variations.pop() if len(variations) == 1 else (None, None)
+    try:
+        fitted = _as_seen(info, config)
+        misfit = next(filter(None, (_misfit(info, fitted, task) for task in config.tasks)), "")
+    except RoboVerseError as error:
+        fitted, misfit = config, _sentence(config.env.task, str(error).rstrip("."))
+    return GivenDataset(info, config if misfit else fitted, level, only, misfit)
+
+
+def _check_tasks(info: DatasetInfo, config: TrainRunConfig) -> None:
+    """Checks that episodes that name their task name one of the run."""
+    named = sorted({str(each["task"]) for each in info.episode_metadata if "task" in each})
+    if named and not set(named) & set(config.tasks):
+        raise ConfigError(
+            f"dataset={info.root} is of {', '.join(named)}, and the run is of {', '.join(config.tasks)}. Add "
+            f"task={named[0]}."
+        )
+
+
+def _as_seen(info: DatasetInfo, config: TrainRunConfig) -> TrainRunConfig:
+    """Returns a configuration with the cameras and the image size of a dataset.
+
+    Raises:
+        ConfigError: Its images are not square, differ in size, or are too small or too large.
+    """
+    shapes = {key: sorted(info.shapes[key]) for key in info.camera_keys}  # the channels are the smallest
+    sizes = {tuple(shape[1:]) for shape in shapes.values()}
+    if not sizes:
+        return config
+    height, width = min(sizes)
+    if len(sizes) > 1 or height != width:
+        shown = ", ".join(f"{key} {shape[1]} x {shape[2]}" for key, shape in shapes.items())
+        raise ConfigError(f"the images of the dataset are not square and of one size: {shown}")
+    cameras = tuple(key.removeprefix(IMAGE_PREFIX) for key in info.camera_keys)
+    return replace(config, env=config.env.replace(cameras=cameras, image_size=height))
+
+
+def _misfit(info: DatasetInfo, config: TrainRunConfig, task: str) -> str:
+    """Returns why the policy of a dataset cannot act in a task; empty where it can."""
+    features, _, _ = task_layout(replace(config, env=config.env.replace(task=task)))
+    for key in (STATE_KEY, ACTION_KEY):
+        theirs, ours = info.features.get(key), features[key]
+        if theirs is None:  # of which the policy speaks itself
+            continue
+        if (here := _words(ours)) != (there := _words(theirs)):
+            return _sentence(task, f"its {key} has {here} numbers, and that of the dataset {there}")
+        names = theirs.get("names")
+        if isinstance(names, list) and names != ours["names"]:
+            return _sentence(task, f"its {key} is {ours['names']}, and that of the dataset {names}")
+    if _ENVIRONMENT_STATE_KEY in info.features:
+        return _sentence(task, f"it has no {_ENVIRONMENT_STATE_KEY}, which the dataset has")
+    return ""
+
+
+def _words(vector: Feature) -> str:
+    """Returns the shape of a vector or an array, such as ``7`` or ``2 x 7``."""
+    return " x ".join(map(str, vector["shape"]))
+
+
+def _sentence(task: str, reason: str) -> str:
+    return f"The policy is not evaluated, for it cannot act in {task}: {reason.strip()}."
