@@ -46,8 +46,10 @@ def losses(folder):
 
 
 @pytest.mark.long
-def test_a_run_killed_twice_ends_as_one_that_was_left_alone(tmp_path, processes):
-    processes.ask("kill", folder=str(tmp_path / "killed"), kills=2)
+@pytest.mark.parametrize("seed", range(25))
+def test_a_run_killed_twice_ends_as_one_that_was_left_alone(tmp_path, processes, seed):
+    """Of all seeds, 50 kills."""
+    processes.ask("kill", folder=str(tmp_path / "killed"), kills=2, seed=seed)
     run(tmp_path / "straight")
     reached = processes.answer()
     assert reached == sorted(reached) and reached[-1] < STEPS
