@@ -175,6 +175,10 @@ def _run(command: str, config: Any) -> None:
         from roboverse_learn.replay import replay
 
         _show(replay(config))
+    elif command == "view":
+        from roboverse_learn.view import view
+
+        _show(view(config))
     else:
         from roboverse_learn.leaderboard import leaderboard
 

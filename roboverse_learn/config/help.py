@@ -23,6 +23,7 @@ SUMMARIES = {
     "sweep": "train once for every combination of several values, over the GPUs of this machine",
     "evaluate": "evaluate a checkpoint, the expert or a rule over levels and splits",
     "replay": "replay recorded states and controls in another simulator, and say how far apart they are",
+    "view": "show an episode in the browser: 3D scene over time, camera images, randomization draws",
     "conservation": "measure what each simulator keeps of momentum, angular momentum and kinetic energy",
     "leaderboard": "write tables, plots and the page from the result files",
     "convert": "write a robot as URDF or USD, its meshes beside it",
@@ -50,6 +51,11 @@ EXAMPLES = {
         "roboverse evaluate policy=random task=PickCube   (a baseline; also zero, hold, expert)",
     ),
     "replay": ("roboverse replay dataset=datasets/PickCube/<name> simulator=mujoco_warp episodes=50",),
+    "view": (
+        "roboverse view task=PickCube level=3   (the expert)",
+        "roboverse view dataset=datasets/PickCube/<name> episode=4",
+        "roboverse view result=results/v2/PickCube/act/<run>.json file=episode.rrd",
+    ),
     "conservation": ("roboverse conservation simulators=[mujoco,mujoco_warp]",),
     "leaderboard": ("roboverse leaderboard results_dir=results",),
     "convert": (

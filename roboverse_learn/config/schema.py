@@ -13,6 +13,7 @@ from envs.core.errors import ConfigError, unknown_name
 from envs.randomization.splits import load_split
 from envs.spec import EnvSpec
 from policies.base import listed
+from roboverse_learn.config.view_config import ViewConfig
 from roboverse_learn.data.sources import SOURCES
 from roboverse_learn.training.config import TrainConfig
 
@@ -369,6 +370,7 @@ COMMANDS: dict[str, type] = {
     "leaderboard": LeaderboardConfig,
     "convert": ConvertConfig,
     "replay": ReplayConfig,
+    "view": ViewConfig,
     "conservation": ConservationConfig,
     "doctor": DoctorConfig,
 }

@@ -41,6 +41,8 @@ CHOSEN = {
     "train.precision": "fp32",
     "train.schedule": "constant",
     "train.lr_backbone": 1e-6,
+    "split": "test",
+    "file": "episode.rrd",
     "source": "maniskill",
     "replay": "controls",
     "by": ["states"],

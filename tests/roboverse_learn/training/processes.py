@@ -62,12 +62,12 @@ def launch(folder: str, signal_at: int | None = None) -> list[int]:
     return [os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) for child in children]
 
 
-def kill(folder: str, kills: int, seed: int) -> list[int]:
+def kill(folder: str, kills: int) -> list[int]:
     """Kills runs that resume from each other with SIGKILL; returns the step that each had logged."""
     from roboverse_learn.training.metrics import read_metrics
     from tests.roboverse_learn.training.imitation.test_killed import STEPS, Waits, run
 
-    rng, reached, seen = random.Random(seed), [], 0
+    rng, reached, seen = random.Random(0), [], 0
     for number in range(kills):
         wanted = STEPS * (number + 1) // (kills + 1)
         child = forked(run, Path(folder), Waits(wanted + 4))
