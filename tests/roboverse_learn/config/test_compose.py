@@ -54,6 +54,7 @@ CHOSEN = {
     "evaluate.alone": ["lighting"],
     "evaluate.splits": ["test"],
     "train.betas": [0.5, 0.75],
+    "train.lr_muon": 0.01,
     "policy.down_dims": [64, 128, 256],
     "policy.horizon": 16,
     "policy.n_obs_steps": 2,
