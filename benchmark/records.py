@@ -157,6 +157,7 @@ class Result:
         train_tasks: Tasks that one policy learned together, this one among them; empty where it is alone.
         train_level: Level of the demonstrations, or None.
         train_only: The channel that varied alone in training, or None.
+        recipe: Name of the recipe that it was trained by, version included; empty without one.
         seed: Seed of the training run.
         checkpoint: Which checkpoint.
         dataset_hash: Hash of the training data, or None when nothing was trained.
@@ -180,6 +181,7 @@ class Result:
     train_tasks: tuple[str, ...] = ()
     train_level: int | None
     train_only: str | None = None
+    recipe: str = ""
     seed: int
     checkpoint: Checkpoint = field(default_factory=Checkpoint)
     dataset_hash: str | None

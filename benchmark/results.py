@@ -139,6 +139,8 @@ def _to_document(result: Result) -> dict[str, Any]:
     }
     if not result.train_tasks:
         del values["train_tasks"]
+    if not result.recipe:
+        del values["recipe"]
     records = values.pop("records")
     document = {"schema_version": SCHEMA_VERSION, **values, "protocol_hash": result.protocol.hash}
     document["cells"] = [summary.to_json() for summary in result.cells()]

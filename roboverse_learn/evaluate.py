@@ -238,6 +238,7 @@ def _result(
         train_tasks=tested.training.tasks,
         train_level=tested.training.level,
         train_only=tested.training.only,
+        recipe=tested.training.recipe,
         seed=tested.training.seed,
         checkpoint=checkpoint,
         dataset_hash=tested.training.dataset_hash,

@@ -1,10 +1,12 @@
 """``roboverse sweep policy=act,diffusion task=PickCube,StackCube level=0,3``: a run for every combination.
 
 The runs share the GPUs of the machine, and what several of them learn from is collected once. A run that is
-complete is left alone, so the same command finishes a sweep that was stopped.
+complete is left alone, so the same command finishes a sweep that was stopped. ``recipe=<name>`` makes the
+leaderboard's table.
 """
 
 import itertools
+import json
 import logging
 import os
 import queue
@@ -19,20 +21,24 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import policies
-from envs.core.errors import RoboVerseError
+from envs.core.atomic import write_file
+from envs.core.errors import RoboVerseError, unknown_name
 from envs.core.machine import num_cores
 from roboverse_learn.collect import dataset_folder
 from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
 from roboverse_learn.commands.run_folder import CONFIG_FILE, default_folder, read_config, read_facts
-from roboverse_learn.config.compose import compose, values_of_key
+from roboverse_learn.commands.tested_checkpoint import protocol_of
+from roboverse_learn.config.compose import compose, configs_folder, values_of_key
 from roboverse_learn.config.keys import flat_keys
 from roboverse_learn.config.preflight import check_folders
+from roboverse_learn.config.recipes import find_recipes, read_recipe, runs_in_order
 from roboverse_learn.config.schema import CollectConfig, SweepConfig, TrainRunConfig
 from roboverse_learn.config.serialize import to_values
 
 log = logging.getLogger(__name__)
 
 _LOGS = "sweep-logs"
+_PROGRESS = "progress.txt"
 
 _PLAIN = re.compile(r"(?!(?:null|true|false|nan|inf)$)[A-Za-z_][\w./-]*", re.IGNORECASE | re.ASCII)
 """Texts that mean themselves on the command line without quotes."""
@@ -84,6 +90,9 @@ def plan(words: Sequence[str]) -> Sweep:
     own = flat_keys(to_values(SweepConfig()))
     is_own = [word.partition("=")[0] in own for word in words]
     config = compose("sweep", [word for word, mine in zip(words, is_own, strict=True) if mine])
+    if config.recipe:
+        rest = tuple(word for word, mine in zip(words, is_own, strict=True) if not mine)
+        return Sweep(config, _runs_of_recipes(config, rest))
     choices = [values_of_key(word) for word, mine in zip(words, is_own, strict=True) if not mine]
     combinations = dict.fromkeys(itertools.product(*choices))
     runs = []
@@ -94,6 +103,24 @@ def plan(words: Sequence[str]) -> Sweep:
     return Sweep(config, tuple(runs))
 
 
+def _runs_of_recipes(
+    config: SweepConfig, rest: tuple[str, ...]
+) -> tuple[tuple[tuple[str, ...], TrainRunConfig], ...]:
+    """Returns the runs of the leaderboard's table; ``rest`` is typed beside the recipe in each."""
+    folder = configs_folder() / "recipe"
+    recipes = find_recipes(config.recipe, folder)
+    of_policy = {recipe: str(read_recipe(recipe, folder)[1]["policy_name"]) for recipe in recipes}
+    for policy in config.policies:
+        if policy not in of_policy.values():
+            raise unknown_name(f"policy of recipe={config.recipe}", policy, of_policy.values())
+    recipes = [each for each in recipes if not config.policies or of_policy[each] in config.policies]
+    each_run = runs_in_order(recipes, config.tasks, config.levels, config.seeds)
+    runs = tuple(((*words, *rest), compose("train", [*words, *rest])) for words in each_run)
+    for _, run in runs:
+        check_folders(run)
+    return runs
+
+
 def sweep(the_sweep: Sweep) -> str:
     """Does every run that is not complete; returns a printable report.
 
@@ -101,6 +128,8 @@ def sweep(the_sweep: Sweep) -> str:
         SweepError: Runs failed; the others were done all the same.
     """
     jobs, complete = make_jobs(the_sweep)
+    if the_sweep.config.dry_run and the_sweep.config.recipe:
+        return table(the_sweep)
     if the_sweep.config.dry_run:
         lines = [f"# complete: {folder}" for folder in complete] + [job.command for job in jobs]
         return "\n".join(lines)
@@ -115,6 +144,7 @@ def sweep(the_sweep: Sweep) -> str:
         what = "was left out" if code is None else "done" if code == 0 else f"FAILED with code {code}"
         minutes = (time.monotonic() - started) / 60.0
         log.info("%3d of %d, %.1f min: %s %s", next(ended), len(jobs), minutes, job.name, what)
+        write_file(logs / _PROGRESS, f"{table(the_sweep)}\n\nLast: {job.name} {what}\n".encode())
 
     def start(job: Job, slot: Mapping[str, str]) -> int:
         return _start(job, slot, logs / f"{job.name}.log", len(slots))
@@ -135,9 +165,12 @@ def sweep(the_sweep: Sweep) -> str:
 
 
 def make_jobs(the_sweep: Sweep) -> tuple[list[Job], list[Path]]:
-    """Returns the processes that are still to do, collections first, and the folders of complete runs."""
+    """Returns the processes that are still to do, and the folders of complete runs.
+
+    A collection comes just before the first training that needs it, so that an interruption leaves runs.
+    """
     collections: dict[Path, Job] = {}
-    trainings: list[Job] = []
+    jobs: list[Job] = []
     complete = []
     for words, config in the_sweep.runs:
         folder = default_folder(config)
@@ -148,11 +181,26 @@ def make_jobs(the_sweep: Sweep) -> tuple[list[Job], list[Path]]:
         if policies.learns_from(config.policy_name) == "dataset" and not config.dataset:  # one given is there
             dataset = dataset_folder(config)
             name = f"collect-{config.env.task}-{dataset.name}".replace("/", "-")
-            job = collections.setdefault(dataset, Job(name, ("collect", *_collect_words(config))))
-            after = job.name
+            if dataset not in collections:
+                collections[dataset] = Job(name, ("collect", *_collect_words(config)))
+                jobs.append(collections[dataset])
+            after = collections[dataset].name
         name = f"train-{config.env.task}-{config.policy_name}-{folder.name}".replace("/", "-")
-        trainings.append(Job(name, ("train", *words), after))
-    return [*collections.values(), *trainings], complete
+        jobs.append(Job(name, ("train", *words), after))
+    return jobs, complete
+
+
+def table(the_sweep: Sweep) -> str:
+    """Returns a line per run, in their order, with its state: done, started or open."""
+    lines, counts = [], dict.fromkeys(("done", "started", "open"), 0)
+    for _, config in the_sweep.runs:
+        folder = default_folder(config)
+        started = "started" if (folder / CONFIG_FILE).exists() else "open"
+        state = "done" if _is_complete(folder, config) else started
+        counts[state] += 1
+        what = (config.env.task, config.recipe or config.policy_name, config.env.level, config.seed)
+        lines.append("{:<8} {:<24} {:<16} level {}  seed {}".format(state, *what))
+    return "\n".join([*lines, ", ".join(f"{count} {state}" for state, count in counts.items())])
 
 
 def run_jobs(
@@ -188,7 +236,10 @@ def run_jobs(
     with ThreadPoolExecutor(len(slots)) as pool:
         try:
             while waiting or running:
-                for job in [job for job in waiting if job.after is None or job.after in codes]:
+                ready = [job for job in waiting if job.after is None or job.after in codes]
+                for job in ready:
+                    if len(running) == len(slots):
+                        break
                     waiting.remove(job)
                     if job.after is not None and codes[job.after] != 0:
                         codes[job.name] = None
@@ -232,12 +283,27 @@ def _start(job: Job, slot: Mapping[str, str], log_file: Path, at_once: int) -> i
 
 def _is_complete(folder: Path, config: TrainRunConfig) -> bool:
     """Whether a run was evaluated as this configuration wants it."""
+    if config.recipe:  # its result alone counts: runs need not be kept
+        return _has_result(folder.name, config)
     if not (folder / CONFIG_FILE).exists():
         return False
     facts = read_facts(folder, "evaluate")
     same = to_values(read_config(folder)) == to_values(config)
     results = facts.get("results") or [facts.get("result", "")]  # runs that are older name one
     return same and facts.get("status") == "done" and all(Path(str(each)).is_file() for each in results)
+
+
+def _has_result(run: str, config: TrainRunConfig) -> bool:
+    """Whether there is a result of a run of a recipe, whose name follows from all that decides the training."""
+    protocol = protocol_of(config.evaluate)
+    for path in (Path(config.results_dir) / protocol.version / config.env.task).glob(f"*/{run}.json"):
+        try:
+            document = json.loads(path.read_text())
+        except (OSError, ValueError):
+            continue
+        if (document.get("recipe"), document.get("protocol_hash")) == (config.recipe, protocol.hash):
+            return True
+    return False
 
 
 def _collect_words(config: TrainRunConfig) -> list[str]:

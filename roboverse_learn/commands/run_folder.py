@@ -52,7 +52,7 @@ _STREAMS = ("training", "collection")
 def identity(config: TrainRunConfig) -> dict[str, Any]:
     """Returns the flat keys and values that decide what a run learns."""
     values = {key: value for key, value in to_values(config).items() if key not in _FREE}
-    for younger in ("simulator_settings", "scenario"):  # without it a run keeps its name
+    for younger in ("simulator_settings", "scenario", "recipe"):  # without it a run keeps its name
         if not values[younger]:
             del values[younger]
     if len(config.tasks) == 1:
@@ -66,7 +66,7 @@ def run_name(config: TrainRunConfig) -> str:
         decides = {**identity(config), "dataset_hash": dataset_hash(config.dataset)}
         return f"{config.preset}-seed{config.seed}-{digest(decides)}"
     varied = f"{config.env.only}-alone" if config.env.only else f"level{config.env.level}"
-    return f"{config.preset}-{varied}-seed{config.seed}-{digest(identity(config))}"
+    return f"{config.recipe or config.preset}-{varied}-seed{config.seed}-{digest(identity(config))}"
 
 
 def seed_of(config: TrainRunConfig, stream: str) -> int:

@@ -42,6 +42,7 @@ class Training:
         seed: Seed of the run.
         dataset_hash: Hash of the demonstrations.
         demonstrations: Number of demonstrations.
+        recipe: Name of the recipe; empty without one.
     """
 
     tasks: tuple[str, ...] = ()
@@ -50,6 +51,7 @@ class Training:
     seed: int = 0
     dataset_hash: str | None = None
     demonstrations: int | None = None
+    recipe: str = ""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -165,6 +167,7 @@ def checkpoint_of_run(folder: Path, config: TrainRunConfig, checkpoint: Path) ->
             seed=config.seed,
             dataset_hash=facts.get("dataset_hash"),
             demonstrations=facts.get("num_episodes"),
+            recipe=config.recipe,
         ),
         config=to_values(config),
     )

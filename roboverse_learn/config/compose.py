@@ -5,8 +5,9 @@ The last of these that sets a value wins:
 1. the defaults of the dataclasses (:mod:`roboverse_learn.config.schema`),
 2. ``configs/policy/<policy>.yaml``, ``configs/preset/<preset>.yaml`` and
    ``configs/policy_preset/<preset>_<policy>.yaml``, composed by Hydra,
-3. the saved configuration of the run that ``run=`` names, in place of 1 and 2,
-4. the command line, in Hydra's grammar of values, later words last.
+3. for ``train``, ``configs/recipe/<recipe>.yaml``, with the preset ``full``,
+4. the saved configuration of the run that ``run=`` names, in place of 1 to 3,
+5. the command line, in Hydra's grammar of values, later words last.
 
 What is evaluated follows the checkpoint: ``evaluate`` takes no field of the environment from 2. The task of
 ``collect source=policy`` is that of its checkpoint, where the command line names none.
@@ -24,6 +25,7 @@ from envs.scenario.changes import merged
 from envs.spec import EnvSpec
 from policies.checkpoint import learned_tasks
 from roboverse_learn.config.keys import at, flat_keys, full_key, in_open_section, split_word
+from roboverse_learn.config.recipes import check_beside, read_recipe
 from roboverse_learn.config.serialize import default_values, env_keys, from_values, to_values
 
 ALL_CAMERAS = "all"
@@ -63,21 +65,31 @@ def compose(command: str, words: Sequence[str]) -> Any:
     pairs = [_split(word) for word in words]
     typed = dict(pairs)
     saved = _saved_values(typed.get("run", "")) if command == "train" else {}
-    policy = "act" if command == "evaluate" else str(typed.get("policy", saved.get("policy_name", "act")))
+    recipe, of_recipe = "", {}
+    if command == "train" and typed.get("recipe"):
+        recipe, of_recipe = read_recipe(typed["recipe"], configs_folder() / "recipe")
+    chosen = of_recipe.get("policy_name", saved.get("policy_name", "act"))
+    policy = "act" if command == "evaluate" else str(typed.get("policy", chosen))
     preset = typed.get("preset", "full")
     for kind, name, names in (("policy", policy, policies.names()), ("preset", preset, preset_names())):
         if name not in names:
             raise unknown_name(kind, name, names)
     defaults = default_values(command, policy)
     keys = [full_key(command, key, flat_keys(defaults)) for key, _ in pairs]
+    if recipe and policy != chosen:
+        raise ConfigError(f"recipe={recipe} trains policy={chosen}, given policy={policy}. Leave it out.")
+    if recipe or saved.get("recipe"):
+        check_beside(recipe or saved["recipe"], ["policy_name" if key == "policy" else key for key in keys])
     if saved.get("policy_name") == policy:
         values = saved | ({"preset": preset} if "preset" in typed else {})
     else:
-        values = copy.deepcopy(_composed(command, policy, preset))
+        values = merged(copy.deepcopy(_composed(command, policy, preset)), of_recipe)
     if command == "evaluate":
         values |= {key: defaults[key] for key in env_keys(command)} | {"policy_name": typed.get("policy", "")}
     for word, key, (_, text) in zip(words, keys, pairs, strict=True):
-        if key not in _GROUPS:
+        if key == "recipe" and command == "train":
+            values["recipe"] = recipe
+        elif key not in _GROUPS:
             _put(values, key, _value(word, text, command, key, at(defaults, key)))
     if command == "collect" and values["source"] == "policy" and "task" not in typed:
         values["task"] = next(iter(learned_tasks(str(values["checkpoint"]))), values["task"])

@@ -152,6 +152,7 @@ class TrainRunConfig(CollectConfig):
         policy_name: Registered name of that policy.
         seed: Root of all randomness of training.
         device: ``auto``, ``cpu``, ``cuda``.
+        recipe: Name of a set of training values from ``configs/recipe``, or a YAML file, in place of a preset.
         run: Folder of a run to continue, or of a new one; empty for one named after the configuration.
         resume: Continue the run of the same configuration; false starts a new one beside it.
         slow_ok: Start even when the run would take very long on this machine.
@@ -165,6 +166,7 @@ class TrainRunConfig(CollectConfig):
     policy_name: str = "act"
     seed: int = 0
     device: str = "auto"
+    recipe: str = ""
     run: str = ""
     resume: bool = True
     slow_ok: bool = False
@@ -200,15 +202,32 @@ class SweepConfig:
     """``roboverse sweep``: a run of ``train`` for every combination of the values that its keys are given.
 
     Attributes:
+        recipe: Makes the leaderboard's table by a recipe: its name, several with commas, or a version such as
+            v1 for all recipes of that version.
+        tasks: With a recipe: tasks in place of the table's, as in tasks=[PickCube].
+        levels: With a recipe: training levels in place of all.
+        seeds: With a recipe: seeds in place of 0 to 2, which levels 1 and 2 are trained with too.
+        policies: With a recipe: only the recipes of these policies.
         jobs_per_gpu: Runs that share a GPU; on a machine without one, runs at the same time.
-        dry_run: Print the commands instead of running them.
+        dry_run: Print the commands, or the table of a recipe's runs with their state, instead of running.
     """
 
+    recipe: str = ""
+    tasks: tuple[str, ...] = ()
+    levels: tuple[int, ...] = ()
+    seeds: tuple[int, ...] = ()
+    policies: tuple[str, ...] = ()
     jobs_per_gpu: int = 1
     dry_run: bool = False
 
     def __post_init__(self) -> None:
         _positive(jobs_per_gpu=self.jobs_per_gpu)
+        _levels(*self.levels)
+        only = [key for key in ("tasks", "levels", "seeds", "policies") if getattr(self, key)]
+        if only and not self.recipe:
+            raise ConfigError(
+                f"{', '.join(only)} restrict the table of a recipe: add recipe=<name>, as in recipe=act_v1."
+            )
 
 
 BASELINES = ("expert", *policies.names("nothing"))
