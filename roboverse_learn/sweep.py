@@ -294,7 +294,7 @@ def _is_complete(folder: Path, config: TrainRunConfig) -> bool:
 
 
 def _has_result(run: str, config: TrainRunConfig) -> bool:
-    """Whether there is a result of a run of a recipe, whose name follows from all that decides the training."""
+    """Whether a run of a recipe has a result; the run's name follows from all that decides it."""
     protocol = protocol_of(config.evaluate)
     for path in (Path(config.results_dir) / protocol.version / config.env.task).glob(f"*/{run}.json"):
         try:

@@ -48,7 +48,7 @@ def preset_names() -> list[str]:
     return sorted(path.stem for path in (configs_folder() / "preset").glob("*.yaml"))
 
 
-def compose(command: str, words: Sequence[str]) -> Any:
+def compose(command: str, words: Sequence[str]) -> Any:  # noqa: C901
     """Builds the configuration of a command.
 
     Args:

@@ -152,7 +152,7 @@ class TrainRunConfig(CollectConfig):
         policy_name: Registered name of that policy.
         seed: Root of all randomness of training.
         device: ``auto``, ``cpu``, ``cuda``.
-        recipe: Name of a set of training values from ``configs/recipe``, or a YAML file, in place of a preset.
+        recipe: Name of a recipe in ``configs/recipe``, or a YAML file, in place of a preset.
         run: Folder of a run to continue, or of a new one; empty for one named after the configuration.
         resume: Continue the run of the same configuration; false starts a new one beside it.
         slow_ok: Start even when the run would take very long on this machine.
