@@ -48,7 +48,7 @@ def preset_names() -> list[str]:
     return sorted(path.stem for path in (configs_folder() / "preset").glob("*.yaml"))
 
 
-def compose(command: str, words: Sequence[str]) -> Any:  # noqa: C901
+def compose(command: str, words: Sequence[str]) -> Any:
     """Builds the configuration of a command.
 
     Args:
@@ -65,9 +65,7 @@ def compose(command: str, words: Sequence[str]) -> Any:  # noqa: C901
     pairs = [_split(word) for word in words]
     typed = dict(pairs)
     saved = _saved_values(typed.get("run", "")) if command == "train" else {}
-    recipe, of_recipe = "", {}
-    if command == "train" and typed.get("recipe"):
-        recipe, of_recipe = read_recipe(typed["recipe"], configs_folder() / "recipe")
+    recipe, of_recipe = _recipe(command, typed.get("recipe", ""))
     chosen = of_recipe.get("policy_name", saved.get("policy_name", "act"))
     policy = "act" if command == "evaluate" else str(typed.get("policy", chosen))
     preset = typed.get("preset", "full")
@@ -76,10 +74,7 @@ def compose(command: str, words: Sequence[str]) -> Any:  # noqa: C901
             raise unknown_name(kind, name, names)
     defaults = default_values(command, policy)
     keys = [full_key(command, key, flat_keys(defaults)) for key, _ in pairs]
-    if recipe and policy != chosen:
-        raise ConfigError(f"recipe={recipe} trains policy={chosen}, given policy={policy}. Leave it out.")
-    if recipe or saved.get("recipe"):
-        check_beside(recipe or saved["recipe"], ["policy_name" if key == "policy" else key for key in keys])
+    check_beside(recipe or str(saved.get("recipe", "")), chosen, policy, keys)
     if saved.get("policy_name") == policy:
         values = saved | ({"preset": preset} if "preset" in typed else {})
     else:
@@ -98,6 +93,13 @@ def compose(command: str, words: Sequence[str]) -> Any:  # noqa: C901
         scene = EnvSpec(task=values["task"], task_kwargs=options).make_task().scenario
         values["cameras"] = [camera.name for camera in scene.cameras]
     return from_values(command, values)
+
+
+def _recipe(command: str, name: str) -> tuple[str, dict[str, Any]]:
+    """Returns the name and the values of a recipe; none for other commands than ``train``."""
+    if command != "train" or not name:
+        return "", {}
+    return read_recipe(name, configs_folder() / "recipe")
 
 
 def values_of_key(word: str) -> list[str]:

@@ -72,13 +72,23 @@ def find_recipes(text: str, folder: Path) -> list[str]:
     return list(dict.fromkeys(chosen))
 
 
-def check_beside(recipe: str, keys: Sequence[str]) -> None:
+def check_beside(recipe: str, its_policy: str, policy: str, keys: Sequence[str]) -> None:
     """Checks that no typed key changes a recipe.
+
+    Args:
+        recipe: Its name; empty checks nothing.
+        its_policy: The policy that it trains.
+        policy: The policy of the command line.
+        keys: Full names of the typed keys.
 
     Raises:
         ConfigError: One does.
     """
-    wrong = [key for key in keys if key not in _BESIDE]
+    if not recipe:
+        return
+    if policy != its_policy:
+        raise ConfigError(f"recipe={recipe} trains policy={its_policy}, given policy={policy}. Leave it out.")
+    wrong = [key for key in keys if key != "policy" and key not in _BESIDE]
     if wrong:
         raise ConfigError(
             f"{', '.join(wrong)} would change recipe={recipe}, whose results are compared. Leave it out, "

@@ -16,6 +16,7 @@ from envs.core.errors import ConfigError, RoboVerseError, UnknownNameError
 from roboverse_learn import cli
 from roboverse_learn.config.compose import compose, configs_folder, preset_names
 from roboverse_learn.config.keys import at, flat_keys
+from roboverse_learn.config.recipes import recipe_names
 from roboverse_learn.config.schema import COMMANDS
 from roboverse_learn.config.serialize import default_values, from_values, to_values
 
@@ -55,6 +56,11 @@ CHOSEN = {
     "evaluate.splits": ["test"],
     "train.betas": [0.5, 0.75],
     "train.lr_muon": 0.01,
+    "recipe": "act_v1",
+    "tasks": ["PickCube"],
+    "levels": [1],
+    "seeds": [4],
+    "policies": ["act"],
     "policy.down_dims": [64, 128, 256],
     "policy.horizon": 16,
     "policy.n_obs_steps": 2,
@@ -124,6 +130,8 @@ def test_every_key_can_be_set_and_survives_the_saved_configuration(
     value = another(key, at(default_values(command, policy), key))
     words = [*REQUIRED.get(command, []), *([f"policy={policy}"] if command == "train" else [])]
     words += {"source": ["path=recorded.h5"], "path": ["source=robosuite"]}.get(key, [])
+    of_a_table = command == "sweep" and key in ("tasks", "levels", "seeds", "policies")
+    words += ["recipe=act_v1"] if of_a_table else []
     words += ["source=policy"] if key == "checkpoint" and command != "evaluate" else []
     config = compose(command, [*words, f"{key}={typed(value)}"])
     assert at(to_values(config), key) == value
@@ -234,6 +242,7 @@ def test_every_command_composes(command: str) -> None:
 def test_every_yaml_is_reachable() -> None:
     known = {f"preset/{name}" for name in preset_names()} | {f"policy/{name}" for name in policies.names()}
     known |= {f"policy_preset/{preset}_{policy}" for preset in preset_names() for policy in policies.names()}
+    known |= {f"recipe/{name}" for name in recipe_names(configs_folder() / "recipe")}
     found = {
         path.relative_to(configs_folder()).with_suffix("").as_posix()
         for path in configs_folder().rglob("*.y*ml")
