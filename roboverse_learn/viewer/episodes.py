@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Collection
+from contextlib import closing
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -167,7 +168,7 @@ def _video(path: Path) -> tuple[list[np.ndarray], float]:
     """Returns the frames (H, W, 3) uint8 of a video, and how many make a second."""
     import av
 
-    with av.open(str(path), "r") as container:
+    with closing(av.open(str(path), "r")) as container:
         stream = container.streams.video[0]
         frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(stream)]
         fps = float(stream.average_rate or 30)
