@@ -124,7 +124,7 @@ def refuse_long_run(learner: "Learner") -> None:
     if seconds > (LONG_QUICK_RUN_S if config.preset == "quick" else LONG_RUN_S):
         raise ConfigError(
             f"Training alone will take about {_duration(seconds)} on this machine's CPU. Take a GPU that "
-            "torch can use, preset=quick for the whole loop in about a quarter of an hour, or add "
+            "torch can use, preset=quick for the whole loop in about ten minutes, or add "
             "slow_ok=true to start all the same."
         )
     log.info("Training will take about %s.", _duration(seconds))

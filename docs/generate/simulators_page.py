@@ -60,6 +60,9 @@ The image is made by `python -m docs.generate.simulator_images`.
 
 - `roboverse replay dataset=datasets/{task} simulator=sapien` replays recorded states and controls in \
 another simulator; [parity/parity.md](parity/parity.md) is its table.
+- `roboverse view task=PickCube level=3 simulator=mujoco` shows an episode in the browser (extra `viewer`): \
+a time slider, the scene in 3D, the cameras, the draws. `dataset=…` and `result=…` show recorded ones; \
+`file=out.rrd` writes a file.
 - `roboverse conservation` measures what each simulator keeps of momentum, angular momentum and kinetic \
 energy: [conservation/conservation.md](conservation/conservation.md).
 - `roboverse evaluate checkpoint=runs/… simulator=sapien` evaluates a policy where it was not trained. The \

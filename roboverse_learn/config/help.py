@@ -157,7 +157,7 @@ PRESETS = {
     "full": "the full size, for a GPU (default)",
     "gpu": "one cell of the leaderboard in about ten minutes of one data-centre GPU",
     "locomotion": "the full size, with PPO's horizon and noise for robots on legs",
-    "quick": "the whole loop on two CPU cores in about a quarter of an hour",
+    "quick": "the whole loop on two CPU cores in about ten minutes",
 }
 
 

@@ -96,7 +96,7 @@ def test_training_keeps_its_state_on_a_full_disk(
     main_run: MainRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(main_run.folder)
-    with SmallDisk.at(tmp_path / "disk", "1m") as disk:
+    with SmallDisk.at(tmp_path / "disk", "700k") as disk:
         words = ["train", *TINY, f"runs_dir={disk.folder}", f"results_dir={tmp_path / 'results'}"]
         assert cli.main(words) == 2
         said = one_message(capsys)
