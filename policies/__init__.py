@@ -1,13 +1,9 @@
 """Policies behind one interface: LeRobot's policies, reinforcement learning agents and baselines.
 
-:data:`POLICIES` lists them. Registering one, also from another package, is one call::
+:data:`POLICIES` lists them. A network of your own is a :class:`policies.trainable.TrainablePolicy`; registering
+it is an entry point in the group ``roboverse.policies``, or one call in a module that ``plugins=`` names::
 
-    POLICIES.add(
-        "mine",
-        PolicyInfo(config="my_package.config:MyConfig", policy="my_package.policy:MyPolicy"),
-        tags={"dataset"},
-        summary="What it is, in one line",
-    )
+    POLICIES.add("mine", "my_package.policy:Mine", summary="What it is, in one line")
 
 Nothing heavy is imported before a policy is made or loaded.
 """
@@ -23,12 +19,13 @@ from envs.core.registry import Registry
 from policies.base import Policy
 
 if TYPE_CHECKING:
-    from policies.lerobot_policy import LeRobotPolicy
+    from policies.imitation import ImitationPolicy
     from policies.scripted import ScriptedPolicy
+    from policies.trainable import TrainablePolicy
 
 __all__ = [
-    "POLICIES", "Policy", "PolicyInfo", "Source", "config_class", "create", "create_scripted", "learns_from",
-    "load", "names", "policy_class", "summary",
+    "POLICIES", "Policy", "PolicyInfo", "Source", "config_class", "create", "create_scripted", "learner",
+    "learns_from", "load", "names", "policy_class", "summary",
 ]  # fmt: skip
 
 Source = Literal["dataset", "env", "nothing"]
@@ -51,7 +48,9 @@ class PolicyInfo:
     learner: str = "imitation"
 
 
-POLICIES: Registry[PolicyInfo] = Registry("policy")
+POLICIES: "Registry[PolicyInfo | type[TrainablePolicy]]" = Registry(
+    "policy", "roboverse.policies", default_tags={"dataset"}
+)
 POLICIES.add(
     "act",
     PolicyInfo(policy="policies.act.policy:ActPolicy", config="policies.act.config:ActConfig"),
@@ -131,16 +130,20 @@ def learns_from(name: str) -> Source:
 
 
 def config_class(name: str) -> type:
-    """Returns the frozen dataclass of the settings of policy ``name``, without importing torch.
+    """Returns the frozen dataclass of the settings of policy ``name``.
+
+    Of our own policies, torch is not imported.
 
     Raises:
         UnknownNameError: if there is no such policy.
-        PolicyError: if it has no settings.
+        PolicyError: if it has no settings, or what is registered is no policy.
     """
-    target = POLICIES.get(name).config
-    if target is None:
+    found = POLICIES.get(name)
+    if not isinstance(found, PolicyInfo):
+        return _checked(name, found).config_class
+    if found.config is None:
         raise PolicyError(f"Policy '{name}' needs no training. Trainable: {', '.join(names())}.")
-    return resolve(target)
+    return resolve(found.config)
 
 
 def policy_class(name: str) -> Any:
@@ -148,8 +151,30 @@ def policy_class(name: str) -> Any:
 
     Raises:
         UnknownNameError: if there is no such policy.
+        PolicyError: if what is registered is no policy.
     """
-    return resolve(POLICIES.get(name).policy)
+    found = POLICIES.get(name)
+    if isinstance(found, PolicyInfo):
+        return resolve(found.policy)
+    from policies.module_policy import module_policy
+
+    return module_policy(name, _checked(name, found))
+
+
+def learner(name: str) -> str:
+    """Returns what trains policy ``name``; see :attr:`PolicyInfo.learner`.
+
+    Raises:
+        UnknownNameError: if there is no such policy.
+    """
+    found = POLICIES.get(name)
+    return found.learner if isinstance(found, PolicyInfo) else "imitation"
+
+
+def _checked(name: str, found: Any) -> "type[TrainablePolicy]":
+    from policies.trainable import check_class
+
+    return check_class(name, found)
 
 
 def create_scripted(name: str, action_space: Any, n_action_steps: int = 1) -> "ScriptedPolicy":
@@ -179,7 +204,7 @@ def create(
     config: Any = None,
     device: str = "cpu",
     seed: int = 0,
-) -> "LeRobotPolicy":
+) -> "ImitationPolicy":
     """Makes an untrained policy for a dataset.
 
     Args:

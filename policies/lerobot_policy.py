@@ -5,9 +5,8 @@ Shapes: n environments or samples, T observations or actions in time, C, H, W an
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Self
 
-import numpy as np
 import torch
 from lerobot.configs import FeatureType, PolicyFeature, PreTrainedConfig
 from lerobot.policies.pretrained import PreTrainedPolicy
@@ -18,15 +17,15 @@ from torch import Tensor
 from envs.core.atomic import atomic_directory
 from envs.core.errors import PolicyError
 from policies import checkpoint
-from policies.base import Observation, observed
+from policies.imitation import ImitationPolicy
 from policies.normalization import policy_stats
-from policies.objective import Loss, Normalizer, Objective, normalizer_step
+from policies.objective import Normalizer, Objective, normalizer_step
 
 type Features = dict[str, PolicyFeature]
 type Processors = tuple[PolicyProcessorPipeline, PolicyProcessorPipeline]
 
 
-class LeRobotPolicy:
+class LeRobotPolicy(ImitationPolicy):
     """A LeRobot model and the two pipelines that normalize its inputs and outputs.
 
     Subclasses name the model and say how it is built; see ``policies/act`` and ``policies/diffusion``.
@@ -36,16 +35,11 @@ class LeRobotPolicy:
         model: LeRobot's policy.
         preprocessor: From observations (and actions) to the numbers that the model sees.
         postprocessor: From the actions of the model to those of the robot.
-        default_ema: Whether training averages the weights by default.
         processor_steps: Registered names of the processor steps that a checkpoint may use.
-        batch_invariant: Run the samples one by one. True on a CPU, where it costs little.
     """
 
     model: Any  # LeRobot's base class does not declare what every policy has
-    name: ClassVar[str]
     model_classes: ClassVar[Mapping[str, Any]]
-    actions_of: ClassVar[Literal["task", "rl"]] = "task"
-    default_ema: ClassVar[bool] = False
     processor_steps: ClassVar[frozenset[str]] = frozenset(
         {
             "device_processor",
@@ -55,7 +49,6 @@ class LeRobotPolicy:
             "unnormalizer_processor",
         }
     )
-    task: str = ""
 
     def __init__(self, model: PreTrainedPolicy, processors: Processors) -> None:
         self.model = model
@@ -119,52 +112,22 @@ class LeRobotPolicy:
         return self.model.config.input_features | self.model.config.output_features
 
     @property
-    def n_params(self) -> int:
-        """Parameters of the model."""
-        return sum(parameter.numel() for parameter in self.model.parameters())
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Shape of one entry of each input and output; images (C, H, W)."""
+        return {key: tuple(feature.shape) for key, feature in self.features.items()}
 
-    def act(
-        self, observation: Observation, generators: Sequence[torch.Generator] | None = None
-    ) -> np.ndarray:
-        """Chooses the next actions; see :meth:`policies.base.Policy.act`."""
-        batch = self._to_tensors(observation)
-        n = len(batch[OBS_STATE])
-        if generators is not None and len(generators) != n:
-            raise PolicyError(f"act() needs one generator per environment: {n}, given {len(generators)}.")
-        was_training = self.model.training
-        if was_training:
-            self.model.eval()
-        with torch.inference_mode():
-            batch = self.preprocess(batch)
-            if self.batch_invariant:
-                actions = torch.cat(
-                    [
-                        self.predict({key: value[i : i + 1] for key, value in batch.items()},
-                                     None if generators is None else generators[i : i + 1])
-                        for i in range(n)
-                    ]
-                )  # fmt: skip
-            else:
-                actions = self.predict(batch, generators)
-            chunk = self.postprocessor(actions[:, : self.n_action_steps]).float().cpu()
-        if was_training:
-            self.model.train()
-        return chunk.numpy()
+    @property
+    def image_keys(self) -> list[str]:
+        """Inputs that are images."""
+        return list(self.model.config.image_features)
 
     def predict(self, batch: dict[str, Tensor], generators: Sequence[torch.Generator] | None) -> Tensor:
         """Returns normalized actions (n, at least n_action_steps, action_dim) of normalized inputs."""
         return self.model.predict_action_chunk(batch)
 
-    def _to_tensors(self, observation: Observation) -> dict[str, Tensor]:
-        """Checks the observation; images become (n, [T,] C, H, W) uint8."""
-        batch = {}
-        for key, feature in self.model.config.input_features.items():
-            is_image = feature.type is FeatureType.VISUAL
-            shape = (*feature.shape[1:], feature.shape[0]) if is_image else tuple(feature.shape)
-            shape = (self.n_obs_steps, *shape) if self.n_obs_steps > 1 else shape
-            tensor = torch.tensor(observed(observation, key, shape, self.name))
-            batch[key] = tensor.movedim(-1, -3).contiguous() if is_image else tensor.float()
-        return batch
+    def postprocess(self, actions: Tensor) -> Tensor:
+        """Returns the actions of the robot of normalized ones."""
+        return self.postprocessor(actions)
 
     # --- learning -------------------------------------------------------------------------------
 
@@ -202,7 +165,7 @@ class LeRobotPolicy:
         return {key: value for key, value in self.preprocessor(floats).items() if isinstance(value, Tensor)}
 
     def begin_training(self) -> None:
-        """Readies the model for gradient steps."""
+        """See :meth:`policies.imitation.ImitationPolicy.begin_training`."""
         # Convolutions are faster with channels last, on a GPU and in bf16 on a CPU.
         self.model.to(memory_format=torch.channels_last).train()
 
@@ -210,21 +173,12 @@ class LeRobotPolicy:
         """Readies the model for acting."""
         self.model.to(memory_format=torch.contiguous_format).eval()
 
-    def loss(self, batch: dict[str, Tensor]) -> Loss:
-        """Returns the loss of a normalized batch, and its terms, without waiting for a GPU."""
-        raise NotImplementedError
-
     def objective(self) -> Objective:
         """Returns the loss of raw frames as a module over :attr:`model`, for gradient steps."""
         step = normalizer_step(self.preprocessor)
         return Objective(self.model, Normalizer(step, self.device), self.loss)
 
     # --- checkpoints ----------------------------------------------------------------------------
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """Returns the tensors of the model, under the names that LeRobot gives them."""
-        state = self.model.state_dict()
-        return {key: value for key, value in state.items() if not key.endswith("num_batches_tracked")}
 
     def save(self, directory: str | Path, weights: Mapping[str, Tensor] | None = None) -> None:
         """Writes a LeRobot pretrained folder: all of it, or nothing.

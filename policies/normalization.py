@@ -1,7 +1,10 @@
-"""Statistics that LeRobot's processors normalize with, made from those of a dataset."""
+"""Normalization of observations and actions by the statistics of a dataset."""
 
 from collections.abc import Mapping
 from typing import Any
+
+import torch
+from torch import Tensor, nn
 
 from envs.core.errors import PolicyError
 
@@ -12,6 +15,55 @@ HALF = ((0.5, 0.5, 0.5), (0.5, 0.5, 0.5))
 # dimension to 0: a joint that never moves in the demonstrations must not be amplified without bound.
 _MIN_STD = 1e-2
 _MIN_RANGE = 1e-4
+
+type Terms = tuple[Tensor, Tensor, float]
+"""Shift, scale and offset of a key."""
+
+
+class KeyNormalizer(nn.Module):
+    """Normalizes the entries of a batch by key, as ``(x - shift) / scale + offset``.
+
+    Args:
+        terms: Shift, scale and offset by key; other keys are left as they are.
+        persistent: Whether they are part of the module's state.
+    """
+
+    def __init__(self, terms: Mapping[str, Terms], *, persistent: bool = False) -> None:
+        super().__init__()
+        self.offsets: dict[str, float] = {}
+        for key, (shift, scale, offset) in terms.items():
+            self.offsets[key] = offset
+            self.register_buffer(f"shift_{_plain(key)}", shift, persistent=persistent)
+            self.register_buffer(f"scale_{_plain(key)}", scale, persistent=persistent)
+
+    def forward(self, batch: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        """Normalizes a batch; images in bytes become float32 from 0 to 1 first."""
+        out = {}
+        for key, value in batch.items():
+            value = value.float() / 255.0 if value.dtype is torch.uint8 else value
+            if key in self.offsets:
+                value = (value - self._shift(key)) / self._scale(key) + self.offsets[key]
+            out[key] = value
+        return out
+
+    def restore(self, key: str, value: Tensor) -> Tensor:
+        """Returns what the entry of a key was before it was normalized."""
+        return (value - self.offsets[key]) * self._scale(key) + self._shift(key)
+
+    def set_terms(self, key: str, shift: Tensor, scale: Tensor) -> None:
+        """Sets the shift and the scale of a key."""
+        self._shift(key).copy_(shift)
+        self._scale(key).copy_(scale)
+
+    def _shift(self, key: str) -> Tensor:
+        return getattr(self, f"shift_{_plain(key)}")
+
+    def _scale(self, key: str) -> Tensor:
+        return getattr(self, f"scale_{_plain(key)}")
+
+
+def _plain(key: str) -> str:
+    return key.replace(".", "_")
 
 
 def policy_stats(
@@ -37,8 +89,6 @@ def policy_stats(
 
 
 def _of(key: str, stats: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    import torch
-
     names = ("mean", "std", "min", "max")
     missing = [name for name in names if name not in stats.get(key, {})]
     if missing:
@@ -48,8 +98,6 @@ def _of(key: str, stats: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _vector(key: str, stats: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    import torch
-
     own = _of(key, stats)
     own["std"] = own["std"].clamp_min(_MIN_STD)
     constant = own["max"] - own["min"] < _MIN_RANGE
@@ -59,8 +107,6 @@ def _vector(key: str, stats: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _image(key: str, stats: Mapping[str, Mapping[str, Any]], image_stats: str) -> dict[str, Any]:
-    import torch
-
     if image_stats == "dataset":
         own = {name: value.reshape(-1, 1, 1) for name, value in _of(key, stats).items()}
         own["std"] = own["std"].clamp_min(_MIN_STD)

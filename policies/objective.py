@@ -4,7 +4,7 @@ LeRobot's processors and losses stop for the host in every step: they look value
 and ask for numbers. A gradient step of a small policy then waits for Python, not for the GPU.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -13,13 +13,14 @@ from lerobot.processor import NormalizerProcessorStep
 from torch import Tensor, nn
 
 from envs.core.errors import PolicyError
+from policies.normalization import KeyNormalizer, Terms
 
 type Loss = tuple[Tensor, dict[str, Tensor]]
 """The loss, and its terms by name: tensors without dimensions."""
 
 
-class Normalizer(nn.Module):
-    """LeRobot's normalization of each key, as ``(x - shift) / scale + offset``.
+class Normalizer(KeyNormalizer):
+    """LeRobot's normalization of each key.
 
     Equal to it bit by bit: ``2 (x - min) / (max - min) - 1`` rounds as ``(x - min) / ((max - min) / 2) - 1``.
 
@@ -29,37 +30,19 @@ class Normalizer(nn.Module):
     """
 
     def __init__(self, step: NormalizerProcessorStep, device: torch.device) -> None:
-        super().__init__()
-        self.offsets: dict[str, float] = {}
+        terms: dict[str, Terms] = {}
         for key, feature in step.features.items():
             mode = step.norm_map.get(feature.type, NormalizationMode.IDENTITY)
             stats = {name: value.to(device) for name, value in (step._tensor_stats.get(key) or {}).items()}
             if mode is NormalizationMode.IDENTITY or not stats:
                 continue
             if mode is NormalizationMode.MEAN_STD:
-                shift, scale, offset = stats["mean"], stats["std"] + step.eps, 0.0
+                terms[key] = stats["mean"], stats["std"] + step.eps, 0.0
             elif mode is NormalizationMode.MIN_MAX:
-                shift, scale, offset = stats["min"], (stats["max"] - stats["min"]) / 2.0, -1.0
+                terms[key] = stats["min"], (stats["max"] - stats["min"]) / 2.0, -1.0
             else:
                 raise PolicyError(f"'{key}' is normalized by {mode.value}, which training does not support.")
-            self.offsets[key] = offset
-            self.register_buffer(f"shift_{_plain(key)}", shift, persistent=False)
-            self.register_buffer(f"scale_{_plain(key)}", scale, persistent=False)
-
-    def forward(self, batch: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """Normalizes a batch; images in bytes become float32 from 0 to 1 first."""
-        out = {}
-        for key, value in batch.items():
-            if key in self.offsets:
-                value = value.float() / 255.0 if value.dtype is torch.uint8 else value
-                shift = getattr(self, f"shift_{_plain(key)}")
-                value = (value - shift) / getattr(self, f"scale_{_plain(key)}") + self.offsets[key]
-            out[key] = value
-        return out
-
-
-def _plain(key: str) -> str:
-    return key.replace(".", "_")
+        super().__init__(terms)
 
 
 class Objective(nn.Module):
@@ -72,7 +55,7 @@ class Objective(nn.Module):
     """
 
     def __init__(
-        self, model: nn.Module, normalizer: Normalizer, loss: Callable[[dict[str, Tensor]], Loss]
+        self, model: nn.Module, normalizer: nn.Module, loss: Callable[[dict[str, Tensor]], Loss]
     ) -> None:
         super().__init__()
         self.model, self.normalizer = model, normalizer

@@ -3,7 +3,7 @@
 import importlib
 import importlib.metadata
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from envs.core.errors import ConfigError, MissingExtraError, unknown_name
@@ -45,10 +45,11 @@ class Registry[T]:
         kind: What is registered, as it reads in an error message (``"task"``).
         group: Group of entry points by which other packages register, such as ``"roboverse.tasks"``: the
             entry point's name is the registered name, its value the target.
+        default_tags: Tags of what is added without any.
     """
 
-    def __init__(self, kind: str, group: str = "") -> None:
-        self.kind, self.group = kind, group
+    def __init__(self, kind: str, group: str = "", default_tags: Iterable[str] = ()) -> None:
+        self.kind, self.group, self._default_tags = kind, group, frozenset(default_tags)
         self._entries: dict[str, Entry[T]] = {}
         self._complete = False
 
@@ -66,7 +67,8 @@ class Registry[T]:
         """Registers ``target`` under ``name``; a name can be taken only once."""
         if name in self._entries:
             raise ValueError(f"The {self.kind} '{name}' is registered already.")
-        entry = Entry(name, target, frozenset(tags), extra, summary, dict(info or {}), distribution)
+        tags = frozenset(tags) or self._default_tags
+        entry = Entry(name, target, tags, extra, summary, dict(info or {}), distribution)
         self._entries[name] = entry
 
     def decorate(self, name: str, **kwargs) -> Callable[[T], T]:

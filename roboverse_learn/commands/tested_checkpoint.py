@@ -60,7 +60,7 @@ class TestedCheckpoint:
 
     Attributes:
         checkpoint: The LeRobot pretrained folder; None for a baseline.
-        baseline: What acts without a checkpoint: one of ``schema.BASELINES``, empty for a checkpoint.
+        baseline: What acts without a checkpoint: one of ``schema.baselines()``, empty for a checkpoint.
         run: Name of the evaluation, unique for a task and policy.
         env: Environment; its level, channel and materials are those of each cell of the evaluation.
         device: Torch device.

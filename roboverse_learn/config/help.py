@@ -14,7 +14,7 @@ from envs.spec import EnvSpec
 from roboverse_learn.config.compose import preset_names
 from roboverse_learn.config.keys import at, flat_keys
 from roboverse_learn.config.scenario_overrides import SECTION, scenario_keys
-from roboverse_learn.config.schema import BASELINES, COMMANDS
+from roboverse_learn.config.schema import COMMANDS, baselines
 from roboverse_learn.config.serialize import default_values
 
 SUMMARIES = {
@@ -78,7 +78,7 @@ def overview() -> str:
         f"{_rows(_key_rows('train', ('policy.', 'train.')))}\n\n"
         "A key may be shortened to its last part where that is unambiguous. Every key of a command and of\n"
         "its policy: roboverse <command> --help [policy=<name>]\n"
-        "plugins=[my_module] imports modules first, which register tasks and robots of your own.\n\n"
+        "plugins=[my_module] imports modules first, which register tasks, robots and policies of your own.\n\n"
         "Start with: roboverse train policy=act task=PickCube preset=quick"
     )
 
@@ -168,7 +168,9 @@ def _key_rows(command: str, skip: tuple[str, ...] = (), policy: str = "act") -> 
     rows = []
     for key in flat_keys(values):
         if key == "policy_name":
-            names, what = (BASELINES, about[key]) if command == "evaluate" else (policies.names(), "Policy:")
+            names, what = (
+                (baselines(), about[key]) if command == "evaluate" else (policies.names(), "Policy:")
+            )
             rows.append((f"policy={values[key]}", f"{what.rstrip('.:')}: {', '.join(names)}."))
         elif not any(key.startswith(start) for start in skip):
             rows.append((f"{key}={_shown(at(values, key))}", about.get(key, "")))

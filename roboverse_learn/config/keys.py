@@ -106,6 +106,7 @@ def _typed(keys: Iterable[str]) -> list[str]:
 def _of_other_policies(key: str) -> str:
     """Returns which policies have a key that the chosen one has not."""
     section, _, last = key.rpartition(".")
-    fields = {name: policies.config_class(name).__dataclass_fields__ for name in policies.names()}
+    own = [name for name in policies.names() if not policies.POLICIES.entry(name).distribution]
+    fields = {name: policies.config_class(name).__dataclass_fields__ for name in own}
     having = [name for name in fields if last in fields[name]] if section in ("", "policy") else []
     return f" It is a key of policy={' and policy='.join(having)}." if having else ""

@@ -230,8 +230,10 @@ class SweepConfig:
             )
 
 
-BASELINES = ("expert", *policies.names("nothing"))
-"""Values of ``policy`` that ``evaluate`` accepts."""
+def baselines() -> tuple[str, ...]:
+    """Returns the values of ``policy`` that ``evaluate`` accepts."""
+    return ("expert", *policies.names("nothing"))
+
 
 EVALUATE_ENV_KEYS = tuple(
     item.name for item in fields(EnvSpec) if item.name not in ("level", "only", "materials")
@@ -269,7 +271,7 @@ class EvaluateConfig:
             raise ConfigError(
                 "evaluate needs checkpoint=<folder>: the folder of a run, or a LeRobot checkpoint inside it, "
                 "as in checkpoint=runs/PickCube/act/<run>. Without one, give "
-                f"policy={' or policy='.join(BASELINES)} and task=<name>."
+                f"policy={' or policy='.join(baselines())} and task=<name>."
             )
 
     def _check_baseline(self) -> None:
@@ -278,10 +280,10 @@ class EvaluateConfig:
             raise ConfigError(
                 f"{given} must be trained: give its checkpoint=<folder>, as in "
                 f"checkpoint=runs/PickCube/{self.policy_name}/<run>. Without training: "
-                f"{', '.join(BASELINES)}."
+                f"{', '.join(baselines())}."
             )
-        if self.policy_name not in BASELINES:
-            raise unknown_name("policy without training", self.policy_name, BASELINES)
+        if self.policy_name not in baselines():
+            raise unknown_name("policy without training", self.policy_name, baselines())
         if self.checkpoint:
             raise ConfigError(
                 f"{given} and checkpoint={self.checkpoint} are both given: which of them is evaluated? Leave "

@@ -63,7 +63,8 @@ class TrainConfig:
         ema_max_decay: Largest decay of the average.
         precision: ``bf16`` computes under autocast; ``auto`` takes it where the processor has
             instructions for it. Weights, optimizer and evaluation stay float32.
-        compile: Compile the network with ``torch.compile``; None compiles on a GPU only. It is used if the
+        compile: Compile the network with ``torch.compile``; None compiles our own policies
+            on a GPU, and those of other packages nowhere. It is used if the
             gradients of the first batches are those of eager code, and left out with a warning otherwise.
         cuda_graphs: Record the kernels of the loss, forward and backward, and play them back, on one GPU:
             for a network so small that the GPU waits for Python to launch its kernels. It is used under the

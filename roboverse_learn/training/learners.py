@@ -114,7 +114,7 @@ def learner_of(config: "TrainRunConfig", device: str) -> Learner:
         MissingExtraError: if a package that it needs is not installed.
     """
     name = config.policy_name
-    target = policies.POLICIES.get(name).learner
+    target = policies.learner(name)
     if not target:
         raise ConfigError(f"policy={name} needs no training. Trainable: {', '.join(policies.names())}.")
     found = policies.resolve(target) if ":" in target else LEARNERS.get(target)

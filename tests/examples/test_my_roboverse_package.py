@@ -1,4 +1,4 @@
-"""The example package, installed as a user installs it: every command accepts its task and its robot."""
+"""The example package, installed as a user installs it: every command accepts its task, robot and policy."""
 
 import json
 import os
@@ -45,8 +45,35 @@ def test_task_of_an_installed_package_is_collected_with_its_robot(installed, tmp
     assert info["total_episodes"] == 2 and info["robot_type"] == "franka_on_block"
 
 
+def test_policy_of_an_installed_package_trains_resumes_evaluates_and_is_on_the_board(installed, tmp_path):
+    words = (
+        "train", "policy=chunk_cnn", "task=PushCube", "collect.num_demos=2", "collect.num_workers=1",
+        "image_size=32", "policy.hidden_dim=16", "policy.chunk_size=8", "train.batch_size=4",
+        "train.save_every=2", "train.log_every=1", "train.schedule=constant",
+        "train.num_threads=1", "evaluate.episodes=1", "levels=[0,1]", "videos=0", "device=cpu", f"datasets_dir={tmp_path / 'd'}", f"results_dir={tmp_path / 'results'}",
+    )  # fmt: skip
+    halves = [run(installed, *words, f"run={tmp_path / 'halves'}", f"train.steps={n}") for n in (2, 4)]
+    whole = run(installed, *words, f"run={tmp_path / 'whole'}", "train.steps=4")
+    for done in (*halves, whole):
+        assert done.returncode == 0, done.stderr
+    losses = [_losses(tmp_path / name) for name in ("halves", "whole")]
+    assert losses[0] == losses[1] and len(losses[0]) == 4
+    board = json.loads((tmp_path / "results" / "leaderboard.json").read_text(encoding="utf-8"))
+    assert "chunk_cnn" in json.dumps(board)
+    out = ("task=PushCube", "levels=[3]", "evaluate.episodes=1", "videos=0", "device=cpu")
+    done = run(
+        installed, "evaluate", f"checkpoint={tmp_path / 'whole'}", *out, f"results_dir={tmp_path / 'r'}"
+    )
+    assert done.returncode == 0, done.stderr
+
+
 def test_an_option_out_of_range_is_refused_by_the_task(installed, tmp_path):
     done = run(installed, "collect", "task=PushCube", "task_kwargs.line_x_m=3", f"dataset={tmp_path / 'd'}")
     assert done.returncode == 2
     assert "task_kwargs.line_x_m must be 0.07 to 0.2, given 3" in done.stderr
     assert not (tmp_path / "d").exists()
+
+
+def _losses(run_dir):
+    lines = (run_dir / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
+    return [json.loads(line)["loss"] for line in lines]

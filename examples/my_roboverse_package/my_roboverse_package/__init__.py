@@ -1,1 +1,1 @@
-"""A task and a robot of one's own for RoboVerse Learn."""
+"""A task, a robot and a policy of one's own for RoboVerse Learn."""

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from policies.lerobot_policy import LeRobotPolicy
+from policies.imitation import ImitationPolicy
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.device import cpu_threads, resolve_precision
 from roboverse_learn.training.imitation.train import make_optimizer
@@ -22,7 +22,7 @@ _QUICK_STEP_S = 0.3
 _LEAST_TIMED_S, _MOST_TIMED_S = 1.0, 20.0
 
 
-def estimate_training_s(policy: LeRobotPolicy, config: TrainConfig, num_timed_steps: int = 5) -> float:
+def estimate_training_s(policy: ImitationPolicy, config: TrainConfig, num_timed_steps: int = 5) -> float:
     """Times gradient steps on random data and returns the seconds of the whole run.
 
     On a CPU a few samples stand for the batch of a large network, so that asking takes seconds, not minutes.
@@ -49,7 +49,7 @@ def estimate_training_s(policy: LeRobotPolicy, config: TrainConfig, num_timed_st
     return _limited(seconds * config.steps, config)
 
 
-def _step_s(policy: LeRobotPolicy, config: TrainConfig, batch_size: int, num_timed_steps: int) -> float:
+def _step_s(policy: ImitationPolicy, config: TrainConfig, batch_size: int, num_timed_steps: int) -> float:
     """Returns the seconds of the fastest of some gradient steps, after one that warms up."""
     optimizer, objective = make_optimizer(policy, config), policy.objective()
     batch = _random_batch(policy, batch_size)
@@ -106,13 +106,13 @@ def _limited(seconds: float, config: TrainConfig) -> float:
     return seconds if config.time_limit_s is None else min(seconds, config.time_limit_s)
 
 
-def _random_batch(policy: LeRobotPolicy, batch_size: int) -> dict[str, Tensor]:
+def _random_batch(policy: ImitationPolicy, batch_size: int) -> dict[str, Tensor]:
     """Returns a batch with the shapes that a dataset would give."""
     deltas, batch = policy.delta_indices, {}
-    for key, feature in policy.features.items():
+    for key, of_one in policy.shapes.items():
         time_axis = (len(deltas[key]),) if key in deltas else ()
         shape = (batch_size, *time_axis)
-        batch[key] = torch.rand(*shape, *feature.shape, device=policy.device)
+        batch[key] = torch.rand(*shape, *of_one, device=policy.device)
         batch[f"{key}_is_pad"] = torch.zeros(
             *(shape if time_axis else (*shape, 1)), dtype=torch.bool, device=policy.device
         )

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from policies.compilation import compile_objective
 from policies.cuda_graphs import RecordedObjective
-from policies.lerobot_policy import LeRobotPolicy
+from policies.imitation import ImitationPolicy
 
 logger = logging.getLogger(__name__)
 
@@ -51,7 +51,7 @@ class Disagreement(NamedTuple):
 
 
 def fast_objective(
-    policy: LeRobotPolicy, batches: Sequence[Batch], precision: str, *, compile: bool, cuda_graphs: bool
+    policy: ImitationPolicy, batches: Sequence[Batch], precision: str, *, compile: bool, cuda_graphs: bool
 ) -> nn.Module:
     """Returns a policy's loss in the fastest of the wanted forms that changes no gradient.
 

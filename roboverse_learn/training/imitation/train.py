@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from envs.core.errors import RoboVerseError
 from policies.checkpoint import WEIGHTS, load_weights, read_weights
-from policies.lerobot_policy import LeRobotPolicy
+from policies.imitation import ImitationPolicy
 from policies.objective import Loss
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.sampler import EpisodeAwareSampler
@@ -52,7 +52,7 @@ class TrainingDivergedError(RoboVerseError, ArithmeticError):
 
 
 def train(
-    policy: LeRobotPolicy,
+    policy: ImitationPolicy,
     dataset: FrameDataset,
     config: TrainConfig,
     run_dir: str | Path,
@@ -88,7 +88,7 @@ def train(
         return trainer.run(resume)
 
 
-def make_optimizer(policy: LeRobotPolicy, config: TrainConfig) -> torch.optim.AdamW:
+def make_optimizer(policy: ImitationPolicy, config: TrainConfig) -> torch.optim.AdamW:
     """Returns the optimizer of a policy, with groups for its backbone and for what Muon trains."""
     named = {name: p for name, p in policy.model.named_parameters() if p.requires_grad}
     linear = {f"{name}.weight" for name, m in policy.model.named_modules() if isinstance(m, nn.Linear)}
@@ -129,7 +129,7 @@ class _Trainer:
 
     def __init__(
         self,
-        policy: LeRobotPolicy,
+        policy: ImitationPolicy,
         dataset: FrameDataset,
         config: TrainConfig,
         run_dir: Path,
@@ -156,7 +156,7 @@ class _Trainer:
             rank=self.rank,
             world_size=self.world,
         )
-        self.keys = list(policy.features)
+        self.keys = list(policy.shapes)
         policy.begin_training()
         # Every process starts from the weights of the first: DDP broadcasts them.
         self.objective, self.optimizer = self.accelerator.prepare(
@@ -171,7 +171,8 @@ class _Trainer:
 
     def _make_objective(self) -> nn.Module:
         on_gpu = self.policy.device.type == "cuda"
-        compile = on_gpu if self.config.compile is None else self.config.compile
+        default = on_gpu and self.policy.default_compile
+        compile = default if self.config.compile is None else self.config.compile
         cuda_graphs = on_gpu and self.config.cuda_graphs and self.world == 1
         if not (compile or cuda_graphs):
             return self.policy.objective()
@@ -242,8 +243,8 @@ class _Trainer:
     def _batch(self) -> dict[str, Tensor]:
         """Returns this process's share of the step's batch, augmented, on the device."""
         batch = self.dataset.sample(self.sampler.next_batch(), self.policy.delta_indices, keys=self.keys)
-        images = self.policy.model.config.image_features
         if self.config.augment.enabled:
+            images = self.policy.image_keys
             batch |= {key: augment(batch[key].to(self.policy.device), self.config.augment) for key in images}
         device = self.policy.device
         return {key: value.to(device, non_blocking=True) for key, value in batch.items()}

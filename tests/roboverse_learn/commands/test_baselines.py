@@ -6,7 +6,7 @@ from benchmark.results import read_result
 from envs.core.errors import ConfigError, UnknownNameError
 from roboverse_learn import cli
 from roboverse_learn.config.compose import compose
-from roboverse_learn.config.schema import BASELINES
+from roboverse_learn.config.schema import baselines
 from roboverse_learn.config.serialize import from_values, to_values
 from roboverse_learn.evaluate import evaluate
 
@@ -39,7 +39,7 @@ def test_the_expert_solves_what_a_policy_would_be_tested_on(tmp_path):
     assert len(list(tmp_path.glob("*/PickCube/expert/*/*.mp4"))) == 1
 
 
-@pytest.mark.parametrize("policy", BASELINES)
+@pytest.mark.parametrize("policy", baselines())
 def test_a_baseline_survives_the_saved_configuration(policy):
     config = compose("evaluate", [f"policy={policy}", "task=PickCube", "preset=quick"])
     assert config.policy_name == policy and config.evaluate.episodes == 100

@@ -40,7 +40,7 @@ def act_learner(monkeypatch):
 
 def test_every_trainable_policy_has_a_learner():
     for name in policies.names():
-        learner = LEARNERS.get(policies.POLICIES.get(name).learner)
+        learner = LEARNERS.get(policies.learner(name))
         assert issubclass(learner, AgentLearner) == (policies.learns_from(name) == "env")
 
 
