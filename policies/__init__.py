@@ -1,7 +1,7 @@
 """Policies behind one interface: LeRobot's policies, reinforcement learning agents and baselines.
 
-:data:`POLICIES` lists them. A network of your own is a :class:`policies.trainable.TrainablePolicy`; registering
-it is an entry point in the group ``roboverse.policies``, or one call in a module that ``plugins=`` names::
+:data:`POLICIES` lists them. A network of your own is a :class:`policies.trainable.TrainablePolicy`. An entry
+point in the group ``roboverse.policies`` registers it, or one call in a module that ``plugins=`` names::
 
     POLICIES.add("mine", "my_package.policy:Mine", summary="What it is, in one line")
 

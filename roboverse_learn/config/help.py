@@ -78,7 +78,7 @@ def overview() -> str:
         f"{_rows(_key_rows('train', ('policy.', 'train.')))}\n\n"
         "A key may be shortened to its last part where that is unambiguous. Every key of a command and of\n"
         "its policy: roboverse <command> --help [policy=<name>]\n"
-        "plugins=[my_module] imports modules first, which register tasks, robots and policies of your own.\n\n"
+        "plugins=[my_module] imports modules first, which register tasks, robots, policies of your own.\n\n"
         "Start with: roboverse train policy=act task=PickCube preset=quick"
     )
 

@@ -50,7 +50,8 @@ def test_policy_of_an_installed_package_trains_resumes_evaluates_and_is_on_the_b
         "train", "policy=chunk_cnn", "task=PushCube", "collect.num_demos=2", "collect.num_workers=1",
         "image_size=32", "policy.hidden_dim=16", "policy.chunk_size=8", "train.batch_size=4",
         "train.save_every=2", "train.log_every=1", "train.schedule=constant",
-        "train.num_threads=1", "evaluate.episodes=1", "levels=[0,1]", "videos=0", "device=cpu", f"datasets_dir={tmp_path / 'd'}", f"results_dir={tmp_path / 'results'}",
+        "train.num_threads=1", "evaluate.episodes=1", "levels=[0,1]", "videos=0", "device=cpu",
+        f"datasets_dir={tmp_path / 'd'}", f"results_dir={tmp_path / 'results'}",
     )  # fmt: skip
     halves = [run(installed, *words, f"run={tmp_path / 'halves'}", f"train.steps={n}") for n in (2, 4)]
     whole = run(installed, *words, f"run={tmp_path / 'whole'}", "train.steps=4")
