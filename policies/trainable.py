@@ -72,9 +72,9 @@ class TrainablePolicy(nn.Module):
 
     With ``n_obs_steps`` above 1 each observation has a time axis after the first: (B, n_obs_steps, ...).
 
-    Mean and deviation are those of the dataset. In its own units, the state is in rad and m, and actions are
-    joint targets in rad, or what the dataset holds. ``self.dataset_normalizer.restore("action", actions)``
-    returns own units; the class does so itself with what ``act`` returns, when it is evaluated.
+    Mean and deviation are those of the dataset, where the state is in rad (rotary joints) and m (sliding
+    ones), and actions are what the task's controller takes, such as joint targets. Evaluation turns what
+    ``act`` returns into these units; ``self.dataset_normalizer.restore("action", actions)`` does so elsewhere.
 
     Args:
         config: Instance of ``config_class``.
