@@ -74,7 +74,8 @@ class TrainablePolicy(nn.Module):
 
     Mean and deviation are those of the dataset, where the state is in rad (rotary joints) and m (sliding
     ones), and actions are what the task's controller takes, such as joint targets. Evaluation turns what
-    ``act`` returns into these units; ``self.dataset_normalizer.restore("action", actions)`` does so elsewhere.
+    ``act`` returns into these units;
+    elsewhere ``self.dataset_normalizer.restore("action", actions)`` does so.
 
     Args:
         config: Instance of ``config_class``.
