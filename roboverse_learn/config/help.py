@@ -75,7 +75,7 @@ def overview() -> str:
         f"Commands:\n{commands}\n\n"
         f"{listing()}\n\n"
         "Main keys of train, with their defaults:\n"
-        f"{_rows(_key_rows('train', ('policy.', 'train.')))}\n\n"
+        f"{_rows(key_rows('train', ('policy.', 'train.')))}\n\n"
         "A key may be shortened to its last part where that is unambiguous. Every key of a command and of\n"
         "its policy: roboverse <command> --help [policy=<name>]\n"
         "plugins=[my_module] imports modules first, which register tasks, robots, policies of your own.\n\n"
@@ -97,7 +97,7 @@ def command_help(command: str, policy: str = "act") -> str:
     ]
     if command not in ("leaderboard", "convert", "doctor"):
         parts.append(listing())
-    parts.append(f"Keys, with their defaults:\n{_rows(_key_rows(command, policy=policy))}")
+    parts.append(f"Keys, with their defaults:\n{_rows(key_rows(command, policy=policy))}")
     return "\n\n".join(parts)
 
 
@@ -161,7 +161,7 @@ PRESETS = {
 }
 
 
-def _key_rows(command: str, skip: tuple[str, ...] = (), policy: str = "act") -> list[tuple[str, str]]:
+def key_rows(command: str, skip: tuple[str, ...] = (), policy: str = "act") -> list[tuple[str, str]]:
     """Returns rows of ``key=default`` and the line of its dataclass's docstring."""
     values = default_values(command, policy)
     about = dict(_attributes(COMMANDS[command], policy))
@@ -187,21 +187,21 @@ def _scene_rows() -> list[tuple[str, str]]:
     rows = [(f"{SECTION}.{part}.<name>.*=", "Every field, as in envs/scenario.") for part in _NOT_LISTED]
     hidden = tuple(f"{SECTION}.{part}." for part in _NOT_LISTED)
     listed = {key: of for key, of in scenario_keys().items() if not key.startswith(hidden)}
-    return [(f"{key}=", dict(_documented(cls)).get(name, "")) for key, (cls, name) in listed.items()] + rows
+    return [(f"{key}=", dict(documented(cls)).get(name, "")) for key, (cls, name) in listed.items()] + rows
 
 
 def _attributes(cls: type, policy: str, prefix: str = "") -> Iterator[tuple[str, str]]:
     """Yields each dotted key of a dataclass with its line of the ``Attributes`` section."""
-    yield from ((prefix + name, text) for name, text in _documented(cls))
+    yield from ((prefix + name, text) for name, text in documented(cls))
     for name, item in getattr(cls, "__dataclass_fields__", {}).items():
         nested = policies.config_class(policy) if name == "policy" else item.type
         if name == "env":
-            yield from _documented(EnvSpec)
+            yield from documented(EnvSpec)
         elif is_dataclass(nested) and isinstance(nested, type):
             yield from _attributes(nested, policy, f"{prefix}{name}.")
 
 
-def _documented(cls: type) -> Iterator[tuple[str, str]]:
+def documented(cls: type) -> Iterator[tuple[str, str]]:
     """Yields each attribute of a dataclass and of its bases with its text in the docstring."""
     for base in reversed(cls.__mro__):
         docstring = inspect.cleandoc(base.__doc__ or "")

@@ -1,0 +1,153 @@
+"""The reference of commands: every key with its default and its line of help.
+
+``python -m docs.generate.commands_page`` writes ``docs/reference/commands.md`` from the dataclasses, whose
+fields are the keys and whose docstrings are their help.
+"""
+
+import logging
+import re
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import policies
+from envs.core.arguments import parse
+from envs.core.errors import RoboVerseError
+from roboverse_learn.config import help as help_texts
+from roboverse_learn.config.scenario_overrides import SECTION
+from roboverse_learn.config.schema import COMMANDS
+from roboverse_learn.dataset import InfoConfig, MergeConfig
+from roboverse_learn.speed import PROGRAMS
+
+logger = logging.getLogger(__name__)
+
+PAGE = """\
+# Commands
+
+Made by `python -m docs.generate.commands_page`. `roboverse <command> --help` prints the same.
+
+Settings are words `key=value`. A key may be shortened to its last part where only one key ends so: `steps=100` is
+`train.steps=100`. Values come from the dataclasses, then from `configs/`, then from the command line. An unknown key is
+an error that suggests the nearest. `plugins=[my_module]` imports modules first, which register tasks, robots and policies.
+
+| command | what it does |
+|---|---|
+{overview}
+
+{commands}
+
+## Keys of a scene
+
+Keys of every command that takes `scenario.*`; their defaults are the task's.
+
+{scene}
+
+## Keys of policies
+
+Keys of `roboverse train policy=<name>`, with the defaults of `preset=full`. Checkpoints record them.
+
+{policies}
+"""
+
+ROLE = re.compile(r":\w+:`~?([^`]+)`")
+"""A cross reference of a docstring, as ``:class:`~envs.spec.EnvSpec```."""
+
+FOREIGN = ("policy.", f"{SECTION}.")
+"""Keys that have tables of their own below the commands."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PageSettings:
+    """Writes the reference of commands.
+
+    Attributes:
+        out: The page.
+    """
+
+    out: Path = Path("docs/reference/commands.md")
+
+
+def page() -> str:
+    """Returns the page."""
+    commands = "\n\n".join(_section(name) for name in help_texts.SUMMARIES)
+    rows = dict.fromkeys(row for name in COMMANDS for row in help_texts.key_rows(name))
+    agents = (
+        f"### policy={name}\n\n{policies.summary(name)}.\n\n{_key_table(_policy_rows(name))}"
+        for name in policies.names()
+    )
+    return PAGE.format(
+        overview="\n".join(
+            f"| [`{name}`](#roboverse-{name}) | {about} |" for name, about in help_texts.SUMMARIES.items()
+        ),
+        commands=commands,
+        scene=_key_table(row for row in rows if row[0].startswith(f"{SECTION}.")),
+        policies="\n\n".join(agents),
+    )
+
+
+def _policy_rows(policy: str) -> list[tuple[str, str]]:
+    rows = help_texts.key_rows("train", policy=policy)
+    return [row for row in rows if row[0].startswith("policy.")]
+
+
+def _section(name: str) -> str:
+    """Returns the section of one command."""
+    about = help_texts.SUMMARIES[name]
+    parts = [f"## roboverse {name}", f"{about[0].upper()}{about[1:]}."]
+    if name in help_texts.EXAMPLES:
+        parts.append("```\n" + "\n".join(help_texts.EXAMPLES[name]) + "\n```")
+    if name in COMMANDS:
+        rows = help_texts.key_rows(name)
+        parts.append(_key_table(row for row in rows if not row[0].startswith(FOREIGN)))
+        if any(row[0].startswith(f"{SECTION}.") for row in rows):
+            parts.append("Keys of the scene: see [below](#keys-of-a-scene).")
+    elif name == "list":
+        parts.append(f"Kinds: {', '.join(f'`{kind}`' for kind in help_texts.KINDS)}; none lists all.")
+    elif name == "speed":
+        entries = ((name, PROGRAMS.entry(name).summary) for name in PROGRAMS)
+        parts.append(_table(("program", "what it measures"), ((f"`{name}`", text) for name, text in entries)))
+    elif name == "dataset":
+        parts.append(_table(("key", "default", "what it is"), _dataset_rows()))
+    return "\n\n".join(parts)
+
+
+def _dataset_rows() -> Iterable[tuple[str, str, str]]:
+    for action, cls in (("merge", MergeConfig), ("info", InfoConfig)):
+        about = dict(help_texts.documented(cls))
+        for item in fields(cls):
+            key = "from" if item.name == "parts" else item.name
+            yield f"`{action} {key}=`", "", about[item.name]
+
+
+def _key_table(rows: Iterable[tuple[str, str]]) -> str:
+    split = ((left.partition("="), about) for left, about in rows)
+    return _table(
+        ("key", "default", "what it is"),
+        (
+            (f"`{key}`", f"`{default}`" if default else "", ROLE.sub(r"`\1`", about))
+            for (key, _, default), about in split
+        ),
+    )
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
+    return "\n".join(lines)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Writes the reference of commands; returns the exit code."""
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    try:
+        args = parse("python -m docs.generate.commands_page", PageSettings, argv)
+        args.out.write_text(page(), encoding="utf-8")
+    except RoboVerseError as error:
+        logger.error("%s", error)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
