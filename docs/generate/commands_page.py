@@ -27,9 +27,10 @@ PAGE = """\
 
 Made by `python -m docs.generate.commands_page`. `roboverse <command> --help` prints the same.
 
-Settings are words `key=value`. A key may be shortened to its last part where only one key ends so: `steps=100` is
-`train.steps=100`. Values come from the dataclasses, then from `configs/`, then from the command line. An unknown key is
-an error that suggests the nearest. `plugins=[my_module]` imports modules first, which register tasks, robots and policies.
+Settings are words `key=value`. A key may be shortened to its last part where only one key ends so: \
+`steps=100` is `train.steps=100`. Values come from the dataclasses, then from `configs/`, then from the \
+command line. An unknown key is an error that suggests the nearest. `plugins=[my_module]` imports modules \
+first, which register tasks, robots and policies.
 
 | command | what it does |
 |---|---|
