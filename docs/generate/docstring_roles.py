@@ -1,4 +1,4 @@
-"""Turns Sphinx roles of docstrings into code for the API's page: ``:class:`~envs.spec.EnvSpec``` is ``EnvSpec``.
+"""Turns Sphinx roles of docstrings into code: ``:class:`~envs.spec.EnvSpec``` is ``EnvSpec``.
 
 An extension of Griffe, which reads the sources for mkdocstrings; ``docs/mkdocs.yml`` names it.
 """
