@@ -59,16 +59,14 @@ class TrainablePolicy(nn.Module):
 
     Batches are normalized and on the device of the parameters:
 
-    ==============================  ============================  ==========================================
-    key                             shape                         content
-    ==============================  ============================  ==========================================
-    ``observation.state``           (B, D) float32                joint positions, mean 0 and deviation 1
-    ``observation.images.<name>``   (B, C, H, W) float32          a camera, RGB from 0 to 1
-    ``action``                      (B, chunk_size, A) float32    this frame's action and the next ones, the
-                                                                  same; for ``compute_loss`` alone
-    ``action_is_pad``               (B, chunk_size) bool          true after the end of the episode, where
-                                                                  the last action is repeated; likewise
-    ==============================  ============================  ==========================================
+    | key | shape | content |
+    |---|---|---|
+    | ``observation.state`` | (B, D) float32 | joint positions, mean 0 and deviation 1 |
+    | ``observation.images.<name>`` | (B, C, H, W) float32 | a camera, RGB from 0 to 1 |
+    | ``action`` | (B, chunk_size, A) float32 | this frame's action and the next ones, scaled likewise |
+    | ``action_is_pad`` | (B, chunk_size) bool | true after the episode's end, where the last is repeated |
+
+    The last two are for ``compute_loss`` alone.
 
     With ``n_obs_steps`` above 1 each observation has a time axis after the first: (B, n_obs_steps, ...).
 

@@ -370,7 +370,8 @@ def test_constraints_pin_every_requirement_and_name_no_host() -> None:
     assert "://" not in text and "#" not in text
     pins = {line.partition("==")[0].lower().replace("_", "-") for line in text.split()}
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    needed = [*project["dependencies"], *project["optional-dependencies"]["dev"]]
+    extras = project["optional-dependencies"]
+    needed = [*project["dependencies"], *extras["dev"], *extras["docs"]]
     names = {re.split(r"[\[<>=!~ ;]", item)[0].lower().replace("_", "-") for item in needed}
     assert names <= pins, f"not pinned: {sorted(names - pins)}"
 
