@@ -6,9 +6,11 @@ from pathlib import Path
 if __name__ == "__main__":  # as a script: this folder's `data` or `run` must not hide other packages
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
+import dataclasses
 import itertools
 import logging
 import math
+from contextvars import ContextVar
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +28,7 @@ from roboverse_learn.config.schema import EvaluateConfig, EvaluationConfig
 if TYPE_CHECKING:
     from benchmark.finished_cells import FinishedCells
     from benchmark.records import Checkpoint, EpisodeRecord, Result
+    from policies.base import Policy
 
 log = logging.getLogger(__name__)
 
@@ -35,13 +38,13 @@ class Evaluation:
     """Result of an evaluation.
 
     Attributes:
-        path: The results file.
+        path: The results file; None for a policy that is no checkpoint.
         result: What it holds.
         videos: Videos of the test split.
         reused: The file of an earlier evaluation of the same checkpoint stood for this one.
     """
 
-    path: Path
+    path: Path | None
     result: "Result"
     videos: tuple[Path, ...]
     reused: bool = False
@@ -50,22 +53,29 @@ class Evaluation:
 def evaluate(config: EvaluateConfig) -> Any:
     """Evaluates a checkpoint or a baseline, writes its results and the leaderboard; returns a report.
 
+    See :func:`evaluate_all`.
+    """
+    from roboverse_learn.commands.report import evaluation_report
+    from roboverse_learn.leaderboard import write_leaderboard
+
+    return evaluation_report(evaluate_all(config), write_leaderboard(Path(config.results_dir)))
+
+
+def evaluate_all(config: EvaluateConfig) -> list[Evaluation]:
+    """Evaluates a checkpoint or a baseline and writes its results, one file per task.
+
     What learned several tasks is evaluated in each of them, or in the one that is named.
 
     Raises:
         ConfigError: The task or the image size is needed and was not given.
         PolicyError: The checkpoint is broken, or learned other tasks.
     """
-    from roboverse_learn.commands.report import evaluation_report
-    from roboverse_learn.leaderboard import write_leaderboard
-
     check_materials(config.evaluate.materials)
     results = Path(config.results_dir)
-    evaluations = [
+    return [
         evaluate_checkpoint(each, config.evaluate, results, "evaluate")
         for each in checkpoints_to_test(config)
     ]
-    return evaluation_report(evaluations, write_leaderboard(results))
 
 
 def evaluate_checkpoint(
@@ -106,7 +116,8 @@ def evaluate_checkpoint(
     else:
         for old in _videos(path):
             old.unlink()
-    records, facts = _run_cells(policy, name, tested, config, protocol, video_dir(path), finished)
+    view = _view_of(tested.checkpoint)
+    records, facts = _run_cells(policy, name, tested, config, view, video_dir(path), finished)
     facts["env"] = tested.env.replace(cameras=facts.pop("cameras"), materials=materials)
     result = _result(tested, name, protocol, checkpoint, command, records, facts)
     assert path == result_path(results_dir, result)
@@ -114,6 +125,28 @@ def evaluate_checkpoint(
     finished.remove()
     _write_curve(path, tested)
     return Evaluation(path=path, result=result, videos=_videos(path))
+
+
+def evaluate_policy(policy: "Policy", config: EvaluateConfig) -> Evaluation:
+    """Evaluates a policy that is in memory, on every cell; writes nothing.
+
+    Args:
+        policy: The policy; it sees images where ``config.env`` names cameras, and the whole state otherwise.
+        config: The environment and what to evaluate on, as for a baseline.
+    """
+    check_materials(config.evaluate.materials)
+    (tested,) = checkpoints_to_test(config)
+    check_scenario_files(tested.env, {"evaluate.materials": config.evaluate.materials})
+    policy.task, name = tested.env.task, getattr(policy, "name", "function")
+    observation = "pixels" if config.env.get("cameras") else "full"
+    view = {"observation": observation, "actions": policy.actions_of}
+    records, facts = _run_cells(policy, name, tested, config.evaluate, view)
+    materials = recorded_materials(config.evaluate.materials)
+    facts["env"] = tested.env.replace(cameras=facts.pop("cameras"), materials=materials)
+    tested = dataclasses.replace(tested, run=name, baseline="", config={})
+    protocol = protocol_of(config.evaluate)
+    result = _result(tested, name, protocol, _recorded(None), "evaluate", records, facts)
+    return Evaluation(path=None, result=result, videos=())
 
 
 def _recorded(checkpoint: Path | None) -> "Checkpoint":
@@ -179,15 +212,16 @@ def _deciding(
 
 
 def _run_cells(
-    policy: Any, name: str, tested: TestedCheckpoint, config: EvaluationConfig, protocol: Protocol,
-    video_folder: Path, finished: "FinishedCells",
+    policy: Any, name: str, tested: TestedCheckpoint, config: EvaluationConfig, view: dict[str, Any],
+    video_folder: Path | None = None, finished: "FinishedCells | None" = None,
 ) -> tuple[list["EpisodeRecord"], dict[str, Any]]:  # fmt: skip
     """Evaluates every cell that is not finished; returns all records, and facts of the env."""
     from benchmark import runner, videos
     from roboverse_learn.progress import StageProgress
 
-    sees, view = _view_of(tested.checkpoint)
+    protocol, sees = protocol_of(config), view["observation"] == "pixels"
     facts: dict[str, Any] = {"sees_images": sees}
+    known = finished.records if finished else {}
 
     def make_env(cell: Cell) -> Any:
         spec = tested.env.replace(level=cell.level or 0, only=cell.only, materials=config.materials)
@@ -199,17 +233,18 @@ def _run_cells(
 
     def end_cell(cell: Cell, env: Any, records: list["EpisodeRecord"]) -> None:
         progress.print(f"{cell}: {sum(record.success for record in records)} of {len(records)} succeeded")
-        if cell.split == "test" and config.videos:
+        if cell.split == "test" and config.videos and video_folder:
             videos.film_cell(
                 policy, env, records, video_folder, control_hz=facts["control_hz"], count=config.videos
             )
-        finished.add(cell, records)
+        if finished:
+            finished.add(cell, records)
 
     cells = protocol.cells()
-    if all(cell in finished.records for cell in cells):  # killed just before the results file was written
+    if all(cell in known for cell in cells):  # killed just before the results file was written
         make_env(cells[0]).close()
     with StageProgress("evaluating") as progress:
-        done = itertools.count(sum(map(len, finished.records.values())) + 1)
+        done = itertools.count(sum(map(len, known.values())) + 1)
         records = runner.evaluate(
             policy,
             make_env,
@@ -217,7 +252,7 @@ def _run_cells(
             policy_name=name,
             on_episode=lambda _: progress.update(next(done), len(cells) * protocol.episodes),
             on_cell=end_cell,
-            known=finished.records,
+            known=known,
         )
     return records, facts
 
@@ -253,21 +288,25 @@ def _result(
     )
 
 
-def _view_of(checkpoint: Path | None) -> tuple[bool, dict[str, Any]]:
-    """Returns whether a policy sees images, and its env's observations and actions."""
+def _view_of(checkpoint: Path | None) -> dict[str, Any]:
+    """Returns what a policy observes, and what its actions mean."""
     import policies
     from policies.checkpoint import policy_type, seen_cameras
 
     if checkpoint is None:
-        return False, {"observation": "state", "actions": "task"}
-    sees = bool(seen_cameras(checkpoint))
+        return {"observation": "state", "actions": "task"}
     actions = policies.policy_class(policy_type(checkpoint)).actions_of
-    return sees, {"observation": "pixels" if sees else "full", "actions": actions}
+    return {"observation": "pixels" if seen_cameras(checkpoint) else "full", "actions": actions}
+
+
+CALLED_WITH: ContextVar[tuple[str, ...] | None] = ContextVar("CALLED_WITH", default=None)
+"""The ``key=value`` words that a call from Python stands for."""
 
 
 def command_words() -> list[str]:
-    """Returns the ``key=value`` words that this process was started with."""
-    return [word for word in sys.argv[1:] if "=" in word]
+    """Returns the ``key=value`` words of this call, or those that this process was started with."""
+    called = CALLED_WITH.get()
+    return [word for word in sys.argv[1:] if "=" in word] if called is None else list(called)
 
 
 def _earlier(

@@ -10,7 +10,6 @@ import json
 import logging
 import os
 import queue
-import re
 import shlex
 import subprocess
 import sys
@@ -34,14 +33,12 @@ from roboverse_learn.config.preflight import check_folders
 from roboverse_learn.config.recipes import find_recipes, read_recipe, runs_in_order
 from roboverse_learn.config.schema import CollectConfig, SweepConfig, TrainRunConfig
 from roboverse_learn.config.serialize import to_values
+from roboverse_learn.config.words import as_text
 
 log = logging.getLogger(__name__)
 
 _LOGS = "sweep-logs"
 _PROGRESS = "progress.txt"
-
-_PLAIN = re.compile(r"(?!(?:null|true|false|nan|inf)$)[A-Za-z_][\w./-]*", re.IGNORECASE | re.ASCII)
-"""Texts that mean themselves on the command line without quotes."""
 
 
 class SweepError(RoboVerseError):
@@ -317,30 +314,10 @@ def _collect_words(config: TrainRunConfig) -> list[str]:
         value = values[section][last] if section else values[key]
         default = defaults[section][last] if section else defaults[key]
         if isinstance(value, dict):
-            words += [f"{key}.{name}={_text(item)}" for name, item in value.items()]
+            words += [f"{key}.{name}={as_text(item)}" for name, item in value.items()]
         elif value != default:
-            words.append(f"{key}={value if isinstance(default, str) else _text(value)}")
+            words.append(f"{key}={value if isinstance(default, str) else as_text(value)}")
     return words
-
-
-def _text(value: object) -> str:
-    """A value as Hydra's grammar reads it, which the text of a key that is a text by itself is spared."""
-    if isinstance(value, list):
-        return f"[{','.join(map(_text, value))}]"
-    if isinstance(value, dict):
-        return f"{{{','.join(f'{name}:{_text(inner)}' for name, inner in value.items())}}}"
-    if value is None:
-        return "null"
-    if isinstance(value, str):
-        return value if _PLAIN.fullmatch(value) else _quoted(value)
-    return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _quoted(text: str) -> str:
-    """A text that could be read as something else, such as two values or a number."""
-    from hydra.core.override_parser.types import Quote, QuotedString
-
-    return QuotedString(text, Quote.single).with_quotes()
 
 
 def _last_line(log_file: Path) -> str:

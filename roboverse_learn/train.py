@@ -14,6 +14,8 @@ if __name__ == "__main__":  # as a script: this folder's `data` or `run` must no
 import logging
 import os
 import time
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import policies
@@ -39,8 +41,49 @@ LONG_QUICK_RUN_S = 24 * LONG_RUN_S
 _POLL_S = 1.0
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TrainedRun:
+    """Outcome of the whole loop.
+
+    Attributes:
+        folder: The run's folder.
+        dataset: What was collected, a sentence on a dataset that was given, or None for a policy that
+            learned from an environment.
+        trained: What training did, its checkpoint among it.
+        evaluations: One per task; none where the policy cannot act in the task.
+        board: Files of the leaderboard.
+        gif: Moving image of the policy, or None.
+        note: Why nothing was evaluated, or empty.
+        stages: Facts of each stage, by name.
+        seconds: Wall time.
+    """
+
+    folder: Path
+    dataset: "CollectionSummary | str | None"
+    trained: "TrainResult"
+    evaluations: "tuple[Evaluation, ...]"
+    board: Mapping[str, Path]
+    gif: Path | None = None
+    note: str = ""
+    stages: Mapping[str, Any]
+    seconds: float
+
+    @property
+    def checkpoint(self) -> Path:
+        """Folder of the last checkpoint."""
+        return self.trained.checkpoint
+
+
 def train(config: TrainRunConfig) -> Any:
-    """Runs the whole loop; returns a printable report.
+    """Runs the whole loop; returns a printable report. See :func:`train_run`."""
+    from roboverse_learn.commands.report import train_report
+
+    run = train_run(config)
+    return "" if run is None else train_report(run)
+
+
+def train_run(config: TrainRunConfig) -> TrainedRun | None:
+    """Runs the whole loop; None in other processes than the first of ``accelerate launch``.
 
     A dataset that is named is trained on as it is, whoever made it. Where its policy cannot act in the task,
     as that of another robot, nothing is evaluated.
@@ -54,7 +97,6 @@ def train(config: TrainRunConfig) -> Any:
         MissingExtraError: A package is not installed.
     """
     from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
-    from roboverse_learn.commands.report import train_report
     from roboverse_learn.commands.run_folder import Run
     from roboverse_learn.config.preflight import check_installed, check_materials, check_scenario_files
     from roboverse_learn.evaluate import command_words
@@ -67,7 +109,8 @@ def train(config: TrainRunConfig) -> Any:
     given = given_dataset(config) if learns_from_given(config) else None
     config = given.config if given else config
     if from_dataset and int(os.environ.get("RANK", "0")) > 0:
-        return _train_along(config, device)
+        _train_along(config, device)
+        return None
     check_installed(config.env)
     learner = learner_of(config, device)
     learner.check()
@@ -96,12 +139,12 @@ def train(config: TrainRunConfig) -> Any:
                 facts.update(loss=trained.loss)
         evaluations, board, gif = ([], {}, None) if misfit else _evaluate(config, run, trained.checkpoint)
         stages = dict(run.stages)
-    return train_report(
-        given.words if given else collected,
-        trained,
-        evaluations,
-        board,
+    return TrainedRun(
         folder=run.folder,
+        dataset=given.words if given else collected,
+        trained=trained,
+        evaluations=tuple(evaluations),
+        board=board,
         gif=gif,
         note=misfit,
         stages=stages,
@@ -195,7 +238,7 @@ def _train(config: TrainRunConfig, folder: Path, dataset_root: str | None, devic
             reporter.close()
 
 
-def _train_along(config: TrainRunConfig, device: str) -> str:
+def _train_along(config: TrainRunConfig, device: str) -> None:
     """Trains beside the first process of ``accelerate launch``, which has the dataset."""
     from roboverse_learn.commands.run_folder import default_folder, read_facts
 
@@ -203,7 +246,6 @@ def _train_along(config: TrainRunConfig, device: str) -> str:
     while not (facts := read_facts(folder, "collect")) or facts.get("status") != "done":
         time.sleep(_POLL_S)
     _train(config, folder, facts["folder"], device)
-    return ""
 
 
 def _duration(seconds: float) -> str:

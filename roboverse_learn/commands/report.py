@@ -15,29 +15,15 @@ if TYPE_CHECKING:
     from roboverse_learn.data.collection.collect import CollectionSummary
     from roboverse_learn.data.importers.verdicts import ImportSummary
     from roboverse_learn.evaluate import Evaluation
-    from roboverse_learn.training.reporter import TrainResult
+    from roboverse_learn.train import TrainedRun
 
 _SHOWN_VIDEOS = 8
 _SHOWN_SKIPPED = 20
 
 
-def train_report(
-    dataset: "CollectionSummary | str | None",
-    trained: "TrainResult",
-    evaluations: Sequence["Evaluation"],
-    board: Mapping[str, Path],
-    *,
-    folder: Path,
-    gif: Path | None = None,
-    note: str = "",
-    stages: Mapping[str, Any],
-    seconds: float,
-) -> Group:
-    """The whole loop: what each stage did, the table of success, and where everything is.
-
-    ``dataset`` is a sentence for one that was given, and None for a policy that learned from an env; ``note``
-    says why nothing was evaluated.
-    """
+def train_report(run: "TrainedRun") -> Group:
+    """The whole loop: what each stage did, the table of success, and where everything is."""
+    trained, dataset, stages = run.trained, run.dataset, run.stages
     loss = "" if trained.loss is None else f", loss {trained.loss:.4f}"
     times = ", ".join(
         f"{name} {clock(facts['seconds'])}" for name, facts in stages.items() if "seconds" in facts
@@ -45,14 +31,14 @@ def train_report(
     return Group(
         *([] if dataset is None else [Text(dataset) if isinstance(dataset, str) else _collected(dataset)]),
         Text(f"Trained {trained.steps:,} steps (stopped by {trained.stopped_by.replace('_', ' ')}){loss}."),
-        *map(success_table, evaluations),
-        *([Text(note)] if note else []),
+        *map(success_table, run.evaluations),
+        *([Text(run.note)] if run.note else []),
         _paths(
-            {"run": folder, "checkpoint": trained.checkpoint, "curves": trained.plot}
-            | _evaluation_paths(evaluations, board)
+            {"run": run.folder, "checkpoint": trained.checkpoint, "curves": trained.plot}
+            | _evaluation_paths(run.evaluations, run.board)
         ),
-        Text(f"Done in {clock(seconds)}: {times}."),
-        _paths({"See the policy": gif, "Open in a browser": board.get("html")}),
+        Text(f"Done in {clock(run.seconds)}: {times}."),
+        _paths({"See the policy": run.gif, "Open in a browser": run.board.get("html")}),
     )
 
 

@@ -14,13 +14,14 @@ What is evaluated follows the checkpoint: ``evaluate`` takes no field of the env
 """
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import policies
 from envs.core.errors import ConfigError, unknown_name
+from envs.core.plain_values import plain
 from envs.scenario.changes import merged
 from envs.spec import EnvSpec
 from policies.checkpoint import learned_tasks
@@ -48,12 +49,14 @@ def preset_names() -> list[str]:
     return sorted(path.stem for path in (configs_folder() / "preset").glob("*.yaml"))
 
 
-def compose(command: str, words: Sequence[str]) -> Any:
+def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None = None) -> Any:
     """Builds the configuration of a command.
 
     Args:
         command: One of :data:`roboverse_learn.config.schema.COMMANDS`.
         words: ``key=value`` words. One value is a list of one where a list is meant: ``levels=0``.
+        given: Values by key, as a program has them, which win over the words. Nested ones are of keys with
+            dots: ``{"train": {"steps": 5}}`` is ``{"train.steps": 5}``.
 
     Returns:
         The command's frozen dataclass.
@@ -63,7 +66,8 @@ def compose(command: str, words: Sequence[str]) -> Any:
         ConfigError: A value is of the wrong kind or out of range, or a word is not ``key=value``.
     """
     pairs = [_split(word) for word in words]
-    typed = dict(pairs)
+    read = flat(given or {})
+    typed = dict(pairs) | {key: value for key, value in read.items() if isinstance(value, str)}
     saved = _saved_values(typed.get("run", "")) if command == "train" else {}
     recipe, of_recipe = _recipe(command, typed.get("recipe", ""))
     chosen = of_recipe.get("policy_name", saved.get("policy_name", "act"))
@@ -74,7 +78,8 @@ def compose(command: str, words: Sequence[str]) -> Any:
             raise unknown_name(kind, name, names)
     defaults = default_values(command, policy)
     keys = [full_key(command, key, flat_keys(defaults)) for key, _ in pairs]
-    check_beside(recipe or str(saved.get("recipe", "")), chosen, policy, keys)
+    read = {full_key(command, key, flat_keys(defaults)): value for key, value in read.items()}
+    check_beside(recipe or str(saved.get("recipe", "")), chosen, policy, [*keys, *read])
     if saved.get("policy_name") == policy:
         values = saved | ({"preset": preset} if "preset" in typed else {})
     else:
@@ -86,6 +91,9 @@ def compose(command: str, words: Sequence[str]) -> Any:
             values["recipe"] = recipe
         elif key not in _GROUPS:
             _put(values, key, _value(word, text, command, key, at(defaults, key)))
+    for key, value in read.items():
+        if key not in _GROUPS:
+            _put(values, key, recipe if key == "recipe" else _in_list(value, at(defaults, key)))
     if command == "collect" and values["source"] == "policy" and "task" not in typed:
         values["task"] = next(iter(learned_tasks(str(values["checkpoint"]))), values["task"])
     if values.get("cameras") == [ALL_CAMERAS]:
@@ -182,8 +190,24 @@ def _value(word: str, text: str, command: str, key: str, default: Any) -> Any:
     value = override.value()
     if isinstance(value, dict) and not in_open_section(key):
         raise ConfigError(f"'{word}' gives keys of its own. {takes}")
+    return _in_list(value, default)
+
+
+def _in_list(value: Any, default: Any) -> Any:
+    """Returns one value as a list of one where a list is meant."""
     one = (value and isinstance(value, str)) or type(value) in (int, float)
     return [value] if isinstance(default, list) and one else value
+
+
+def flat(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Returns nested values by dotted key, as plain values."""
+    values: dict[str, Any] = {}
+    for name, value in given.items():
+        if isinstance(value, Mapping):
+            values |= flat(value, f"{prefix}{name}.")
+        else:
+            values[f"{prefix}{name}"] = plain(value)
+    return values
 
 
 def _put(values: dict[str, Any], key: str, value: Any) -> None:

@@ -179,7 +179,10 @@ def test_report_has_the_expert_rate_and_times(evaluation: Evaluation) -> None:
     stages = {"collect": {"seconds": 5.0}, "train": {"seconds": 61.0}}
     said = printed(
         train_report(
-            SUMMARY, trained, [evaluation], BOARD, folder=Path("runs/x"), stages=stages, seconds=3671
+            command.TrainedRun(
+                folder=Path("runs/x"), dataset=SUMMARY, trained=trained, evaluations=(evaluation,),
+                board=BOARD, stages=stages, seconds=3671,
+            )  # fmt: skip
         )
     )
     assert "Collected 9 demonstrations; the expert succeeded in 90.0 % of 10 episodes." in said

@@ -1,0 +1,163 @@
+"""The commands as functions: ``collect``, ``train`` and ``evaluate``, with the commands' settings as arguments.
+
+A setting has the name that it has on the command line. One with dots is a dictionary, or is named by its last
+part where no other ends so: ``train(steps=5)``, ``train(train={"steps": 5})``.
+"""
+
+import contextlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from envs.core.errors import ConfigError
+from envs.tasks import TASKS
+from envs.tasks.base import Task
+from policies.base import Observation, Policy
+from roboverse_learn.config.compose import compose
+from roboverse_learn.config.words import as_text
+from roboverse_learn.evaluate import CALLED_WITH, Evaluation, evaluate_all, evaluate_policy
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from roboverse_learn.data.collection.collect import CollectionSummary
+    from roboverse_learn.train import TrainedRun
+
+type AnyPolicy = Policy | Callable[[Observation], "np.ndarray"]
+
+
+def collect(task: "str | Task | type[Task]" = "PickCube", **settings: Any) -> "CollectionSummary":
+    """Collects demonstrations as a LeRobotDataset; called again, it continues.
+
+    Args:
+        task: Name of a task, a task, or its class.
+        **settings: Those of ``roboverse collect``, such as ``num_demos=50``.
+
+    Returns:
+        What was collected; ``root`` is the dataset's folder.
+
+    Raises:
+        RoboVerseError: as :func:`roboverse_learn.collect.collect`.
+    """
+    from roboverse_learn.collect import collect_dataset
+
+    return collect_dataset(compose("collect", (), _of_task(task, in_one_process=True) | settings))
+
+
+def train(
+    policy: str = "act", task: "str | Task | type[Task]" = "PickCube", **settings: Any
+) -> "TrainedRun | None":
+    """Runs the whole loop: collects what is missing, trains, evaluates and writes the leaderboard.
+
+    Called again with the same settings, it continues where it stopped.
+
+    Args:
+        policy: Name of a policy.
+        task: Name of a task, a task, or its class.
+        **settings: Those of ``roboverse train``, such as ``preset="quick"``.
+
+    Returns:
+        The run with its checkpoint and evaluations; None in other processes than the first of
+        ``accelerate launch``.
+
+    Raises:
+        RoboVerseError: as :func:`roboverse_learn.train.train_run`.
+    """
+    from roboverse_learn.train import train_run
+
+    given = {"policy": policy} | _of_task(task, in_one_process=True) | settings
+    with _called_with(given):
+        return train_run(compose("train", (), given))
+
+
+def evaluate(
+    policy: "str | Path | AnyPolicy",
+    task: "str | Task | type[Task] | None" = None,
+    *,
+    actions: Literal["task", "rl"] = "task",
+    **settings: Any,
+) -> list[Evaluation]:
+    """Evaluates a policy over levels and splits.
+
+    Args:
+        policy: Folder of a checkpoint or of a run, a baseline such as ``"random"`` or ``"expert"``, a
+            :class:`~policies.base.Policy`, or a function: it takes the observations of n environments, a
+            dictionary of arrays (n, …), and returns actions (n, action_dim) or chunks of them
+            (n, T, action_dim). It gets images where ``cameras`` is given, and the state of all objects
+            (``observation.environment_state``) otherwise.
+        task: Name of a task, a task, or its class; None takes the one that the checkpoint learned.
+        actions: What the actions of a function mean: ``task`` for the task's controller, ``rl`` for that of
+            reinforcement learning.
+        **settings: Those of ``roboverse evaluate``, such as ``levels=[0, 3]`` or ``episodes=20``.
+
+    Returns:
+        One evaluation per task. Checkpoints and baselines have a results file; functions have none, since
+        nobody could repeat it.
+
+    Raises:
+        RoboVerseError: as :func:`roboverse_learn.evaluate.evaluate_all`.
+    """
+    given = ({} if task is None else _of_task(task)) | settings
+    if isinstance(policy, str | Path):
+        from roboverse_learn.config.schema import baselines
+
+        given |= {"policy" if policy in baselines() else "checkpoint": str(policy)}
+        with _called_with(given):
+            return evaluate_all(compose("evaluate", (), given))
+    if task is None:
+        raise ConfigError("A policy that is no checkpoint needs a task, as in evaluate(policy, 'PickCube').")
+    if not isinstance(policy, Policy):
+        from policies.function import FunctionPolicy
+
+        policy = FunctionPolicy(policy, actions)
+    # The words of a baseline, so that the same keys are valid and have the same defaults.
+    config = compose("evaluate", (), {"policy": "random"} | given)
+    with _called_with(given):
+        return [evaluate_policy(policy, config)]
+
+
+def _of_task(task: "str | Task | type[Task]", *, in_one_process: bool = False) -> dict[str, Any]:
+    """Returns the settings of a task, which is registered for this process where it is not.
+
+    Raises:
+        ConfigError: Another task has its name.
+    """
+    if isinstance(task, str):
+        return {"task": task}
+    cls = task if isinstance(task, type) else type(task)
+    settings: dict[str, Any] = {"task": cls.name}
+    if cls.name not in TASKS:
+        TASKS.add(cls.name, cls)
+        _IN_THIS_PROCESS.add(cls.name)
+    elif TASKS.get(cls.name) is not cls:
+        raise ConfigError(
+            f"The task '{cls.name}' is registered already, as another class. Give {cls.__qualname__} another "
+            "name."
+        )
+    if in_one_process and cls.name in _IN_THIS_PROCESS:  # other processes do not know it
+        settings["collect"] = {"num_workers": 1}
+    if not isinstance(task, type):
+        options = {item.name: getattr(task, item.name) for item in fields(task) if item.init}  # pyright: ignore[reportArgumentType]
+        settings["task_kwargs"] = {
+            item.name: options[item.name]
+            for item in fields(task)  # pyright: ignore[reportArgumentType]
+            if item.name in options and options[item.name] != item.default
+        }
+    return settings
+
+
+_IN_THIS_PROCESS: set[str] = set()
+"""Tasks that were given as classes and are registered nowhere else."""
+
+
+@contextlib.contextmanager
+def _called_with(given: Mapping[str, Any]) -> Iterator[None]:
+    """Records settings as the words that a result's command shows."""
+    from roboverse_learn.config.compose import flat
+
+    token = CALLED_WITH.set(tuple(f"{key}={as_text(value)}" for key, value in flat(given).items()))
+    try:
+        yield
+    finally:
+        CALLED_WITH.reset(token)

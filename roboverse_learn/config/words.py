@@ -1,0 +1,26 @@
+"""Values as the text of ``key=value`` words, in Hydra's grammar."""
+
+import re
+
+_PLAIN = re.compile(r"(?!(?:null|true|false|nan|inf)$)[A-Za-z_][\w./-]*", re.IGNORECASE | re.ASCII)
+"""Texts that mean themselves on the command line without quotes."""
+
+
+def as_text(value: object) -> str:
+    """A value as Hydra's grammar reads it, which the text of a key that is a text by itself is spared."""
+    if isinstance(value, list):
+        return f"[{','.join(map(as_text, value))}]"
+    if isinstance(value, dict):
+        return f"{{{','.join(f'{name}:{as_text(inner)}' for name, inner in value.items())}}}"
+    if value is None:
+        return "null"
+    if isinstance(value, str):
+        return value if _PLAIN.fullmatch(value) else _quoted(value)
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _quoted(text: str) -> str:
+    """A text that could be read as something else, such as two values or a number."""
+    from hydra.core.override_parser.types import Quote, QuotedString
+
+    return QuotedString(text, Quote.single).with_quotes()
