@@ -45,8 +45,8 @@ class FunctionPolicy:
         actions = np.asarray(self._function(observation), np.float32)
         if actions.ndim not in (2, 3):
             raise PolicyError(
-                f"The policy returned an array of shape {actions.shape}. Return actions (n, action_dim) for n "
-                "environments, or chunks of them (n, T, action_dim)."
+                f"The policy returned an array of shape {actions.shape}. Return actions (n, action_dim) for "
+                "n environments, or chunks of them (n, T, action_dim)."
             )
         chunks = actions if actions.ndim == 3 else actions[:, None]
         self.n_action_steps = chunks.shape[1]

@@ -1,4 +1,4 @@
-"""The commands as functions: ``collect``, ``train`` and ``evaluate``, with the commands' settings as arguments.
+"""``collect``, ``train`` and ``evaluate`` as functions, with the settings of the commands as arguments.
 
 A setting has the name that it has on the command line. One with dots is a dictionary, or is named by its last
 part where no other ends so: ``train(steps=5)``, ``train(train={"steps": 5})``.
@@ -14,15 +14,15 @@ from envs.core.errors import ConfigError
 from envs.tasks import TASKS
 from envs.tasks.base import Task
 from policies.base import Observation, Policy
+from roboverse_learn.commands.outcomes import Evaluation, TrainedRun
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.words import as_text
-from roboverse_learn.evaluate import CALLED_WITH, Evaluation, evaluate_all, evaluate_policy
+from roboverse_learn.evaluate import CALLED_WITH, evaluate_all, evaluate_policy
 
 if TYPE_CHECKING:
     import numpy as np
 
     from roboverse_learn.data.collection.collect import CollectionSummary
-    from roboverse_learn.train import TrainedRun
 
 type AnyPolicy = Policy | Callable[[Observation], "np.ndarray"]
 
@@ -47,7 +47,7 @@ def collect(task: "str | Task | type[Task]" = "PickCube", **settings: Any) -> "C
 
 def train(
     policy: str = "act", task: "str | Task | type[Task]" = "PickCube", **settings: Any
-) -> "TrainedRun | None":
+) -> TrainedRun | None:
     """Runs the whole loop: collects what is missing, trains, evaluates and writes the leaderboard.
 
     Called again with the same settings, it continues where it stopped.
@@ -107,14 +107,20 @@ def evaluate(
             return evaluate_all(compose("evaluate", (), given))
     if task is None:
         raise ConfigError("A policy that is no checkpoint needs a task, as in evaluate(policy, 'PickCube').")
+    acting: Any = policy
     if not isinstance(policy, Policy):
         from policies.function import FunctionPolicy
 
-        policy = FunctionPolicy(policy, actions)
+        if not callable(policy):
+            raise ConfigError(
+                f"'{policy}' is no policy. Give the folder of a checkpoint, the name of a baseline, a "
+                "Policy, or a function of observations that returns actions."
+            )
+        acting = FunctionPolicy(policy, actions)
     # The words of a baseline, so that the same keys are valid and have the same defaults.
     config = compose("evaluate", (), {"policy": "random"} | given)
     with _called_with(given):
-        return [evaluate_policy(policy, config)]
+        return [evaluate_policy(acting, config)]
 
 
 def _of_task(task: "str | Task | type[Task]", *, in_one_process: bool = False) -> dict[str, Any]:

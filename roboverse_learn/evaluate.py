@@ -11,10 +11,11 @@ import itertools
 import logging
 import math
 from contextvars import ContextVar
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from benchmark.protocol import Cell, Protocol
+from roboverse_learn.commands.outcomes import Evaluation
 from roboverse_learn.commands.tested_checkpoint import (
     TestedCheckpoint,
     checkpoints_to_test,
@@ -29,25 +30,9 @@ if TYPE_CHECKING:
     from benchmark.finished_cells import FinishedCells
     from benchmark.records import Checkpoint, EpisodeRecord, Result
     from policies.base import Policy
+    from policies.function import FunctionPolicy
 
 log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Evaluation:
-    """Result of an evaluation.
-
-    Attributes:
-        path: The results file; None for a policy that is no checkpoint.
-        result: What it holds.
-        videos: Videos of the test split.
-        reused: The file of an earlier evaluation of the same checkpoint stood for this one.
-    """
-
-    path: Path | None
-    result: "Result"
-    videos: tuple[Path, ...]
-    reused: bool = False
 
 
 def evaluate(config: EvaluateConfig) -> Any:
@@ -127,7 +112,7 @@ def evaluate_checkpoint(
     return Evaluation(path=path, result=result, videos=_videos(path))
 
 
-def evaluate_policy(policy: "Policy", config: EvaluateConfig) -> Evaluation:
+def evaluate_policy(policy: "Policy | FunctionPolicy", config: EvaluateConfig) -> Evaluation:
     """Evaluates a policy that is in memory, on every cell; writes nothing.
 
     Args:

@@ -14,19 +14,17 @@ if __name__ == "__main__":  # as a script: this folder's `data` or `run` must no
 import logging
 import os
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import policies
 from envs.core.errors import ConfigError
+from roboverse_learn.commands.outcomes import Evaluation, TrainedRun
 from roboverse_learn.config.schema import TrainRunConfig
 
 if TYPE_CHECKING:
     from roboverse_learn.commands.given_dataset import GivenDataset
     from roboverse_learn.commands.run_folder import Run
     from roboverse_learn.data.collection.collect import CollectionSummary
-    from roboverse_learn.evaluate import Evaluation
     from roboverse_learn.training.learners import Learner
     from roboverse_learn.training.reporter import TrainResult
 
@@ -39,39 +37,6 @@ LONG_QUICK_RUN_S = 24 * LONG_RUN_S
 """The same for ``preset=quick``, which is meant for any machine."""
 
 _POLL_S = 1.0
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class TrainedRun:
-    """Outcome of the whole loop.
-
-    Attributes:
-        folder: The run's folder.
-        dataset: What was collected, a sentence on a dataset that was given, or None for a policy that
-            learned from an environment.
-        trained: What training did, its checkpoint among it.
-        evaluations: One per task; none where the policy cannot act in the task.
-        board: Files of the leaderboard.
-        gif: Moving image of the policy, or None.
-        note: Why nothing was evaluated, or empty.
-        stages: Facts of each stage, by name.
-        seconds: Wall time.
-    """
-
-    folder: Path
-    dataset: "CollectionSummary | str | None"
-    trained: "TrainResult"
-    evaluations: "tuple[Evaluation, ...]"
-    board: Mapping[str, Path]
-    gif: Path | None = None
-    note: str = ""
-    stages: Mapping[str, Any]
-    seconds: float
-
-    @property
-    def checkpoint(self) -> Path:
-        """Folder of the last checkpoint."""
-        return self.trained.checkpoint
 
 
 def train(config: TrainRunConfig) -> Any:
@@ -202,7 +167,7 @@ def _read(given: "GivenDataset", run: "Run") -> None:
 
 def _evaluate(
     config: TrainRunConfig, run: "Run", checkpoint: Path
-) -> tuple[list["Evaluation"], dict[str, Path], Path | None]:
+) -> tuple[list[Evaluation], dict[str, Path], Path | None]:
     """Evaluates a checkpoint in its tasks; returns the evaluations, the leaderboard's files and a GIF."""
     from benchmark.gifs import one_per_level, write_gif
     from roboverse_learn.commands.tested_checkpoint import checkpoint_of_run

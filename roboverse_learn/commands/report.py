@@ -12,10 +12,9 @@ from roboverse_learn.progress import clock
 
 if TYPE_CHECKING:
     from benchmark.records import CellSummary
+    from roboverse_learn.commands.outcomes import Evaluation, TrainedRun
     from roboverse_learn.data.collection.collect import CollectionSummary
     from roboverse_learn.data.importers.verdicts import ImportSummary
-    from roboverse_learn.evaluate import Evaluation
-    from roboverse_learn.train import TrainedRun
 
 _SHOWN_VIDEOS = 8
 _SHOWN_SKIPPED = 20

@@ -32,7 +32,7 @@ from roboverse_learn.config.serialize import default_values, env_keys, from_valu
 ALL_CAMERAS = "all"
 """``cameras=[all]``: every camera of the task."""
 
-_GROUPS = ("policy", "preset")
+_GROUPS = {"policy", "preset"}
 
 
 def configs_folder() -> Path:
@@ -80,27 +80,30 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
     keys = [full_key(command, key, flat_keys(defaults)) for key, _ in pairs]
     read = {full_key(command, key, flat_keys(defaults)): value for key, value in read.items()}
     check_beside(recipe or str(saved.get("recipe", "")), chosen, policy, [*keys, *read])
+    values = merged(copy.deepcopy(_composed(command, policy, preset)), of_recipe)
     if saved.get("policy_name") == policy:
         values = saved | ({"preset": preset} if "preset" in typed else {})
-    else:
-        values = merged(copy.deepcopy(_composed(command, policy, preset)), of_recipe)
     if command == "evaluate":
         values |= {key: defaults[key] for key in env_keys(command)} | {"policy_name": typed.get("policy", "")}
     for word, key, (_, text) in zip(words, keys, pairs, strict=True):
-        if key == "recipe" and command == "train":
-            values["recipe"] = recipe
-        elif key not in _GROUPS:
-            _put(values, key, _value(word, text, command, key, at(defaults, key)))
-    for key, value in read.items():
         if key not in _GROUPS:
-            _put(values, key, recipe if key == "recipe" else _in_list(value, at(defaults, key)))
-    if command == "collect" and values["source"] == "policy" and "task" not in typed:
+            _put(values, key, _value(word, text, command, key, at(defaults, key)))
+    for key in read.keys() - _GROUPS:
+        _put(values, key, _in_list(read[key], at(defaults, key)))
+    if recipe:
+        values["recipe"] = recipe
+    _name_task_and_cameras(command, values, names_task="task" in typed)
+    return from_values(command, values)
+
+
+def _name_task_and_cameras(command: str, values: dict[str, Any], *, names_task: bool) -> None:
+    """Replaces a task that a checkpoint decides, and ``cameras=[all]``, by names."""
+    if command == "collect" and values["source"] == "policy" and not names_task:
         values["task"] = next(iter(learned_tasks(str(values["checkpoint"]))), values["task"])
     if values.get("cameras") == [ALL_CAMERAS]:
         options: Any = values["task_kwargs"]
         scene = EnvSpec(task=values["task"], task_kwargs=options).make_task().scenario
         values["cameras"] = [camera.name for camera in scene.cameras]
-    return from_values(command, values)
 
 
 def _recipe(command: str, name: str) -> tuple[str, dict[str, Any]]:

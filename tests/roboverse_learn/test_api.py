@@ -8,6 +8,7 @@ import pytest
 
 import policies
 from envs.core.errors import ConfigError, PolicyError, UnknownNameError
+from envs.tasks import TASKS
 from envs.tasks.pick_cube import PickCube
 from roboverse_learn import api
 from roboverse_learn.config.compose import compose
@@ -78,7 +79,9 @@ def test_a_policy_is_evaluated_as_the_baseline_of_its_name_is(tmp_path):
     (named,) = api.evaluate("random", "PickCube", results_dir=str(tmp_path), **TINY)
     assert named.path is not None and named.path.is_file()
     pairs = zip(given.result.records, named.result.records, strict=True)
-    assert all((a.episode, a.length, a.episode_return) == (b.episode, b.length, b.episode_return) for a, b in pairs)
+    assert all(
+        (a.episode, a.length, a.episode_return) == (b.episode, b.length, b.episode_return) for a, b in pairs
+    )
     assert "policy=random" in named.result.command and "task=PickCube" in named.result.command
 
 
@@ -92,12 +95,18 @@ def test_a_function_needs_a_task():
         api.evaluate(lambda _: np.zeros((2, 9)))
 
 
+def test_what_cannot_be_called_is_no_policy():
+    with pytest.raises(ConfigError, match=r"'5' is no policy\. Give the folder of a checkpoint"):
+        api.evaluate(5, "PickCube")  # pyright: ignore[reportArgumentType]
+
+
 @dataclass(frozen=True)
 class _Higher(PickCube):
     name: ClassVar[str] = "HigherCube"
 
 
-def test_a_task_that_is_registered_nowhere_can_be_given(tmp_path):
+def test_a_task_that_is_registered_nowhere_can_be_given(tmp_path, monkeypatch):
+    monkeypatch.setattr(TASKS, "_entries", dict(TASKS._entries))
     root = tmp_path / "demos"
     small = {"num_demos": 2, "image_size": 32, "cameras": ["front"], "dataset": str(root)}
     summary = api.collect(_Higher(), **small)
@@ -121,7 +130,7 @@ def test_the_whole_loop_in_python(tmp_path):
     small = {"num_demos": 2, "image_size": 32, "cameras": ["front"], "train": {"steps": 2, "batch_size": 2}}
     settings = small | folders | TINY | {"preset": "quick", "device": "cpu"}
     run = api.train("act", "PickCube", **settings)
-    assert run is not None and run.checkpoint.is_dir() and run.dataset.num_episodes == 2
+    assert run is not None and run.checkpoint.is_dir() and "num_episodes=2" in str(run.dataset)
     assert [len(each.result.records) for each in run.evaluations] == [2]
     (again,) = api.evaluate(run.folder, results_dir=folders["results_dir"], **TINY)
     assert again.reused and again.result.records == run.evaluations[0].result.records

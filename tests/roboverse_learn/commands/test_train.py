@@ -12,11 +12,11 @@ from envs.core.errors import ConfigError
 from envs.spec import EnvSpec
 from roboverse_learn import train as command
 from roboverse_learn.collect import dataset_folder, dataset_layout
+from roboverse_learn.commands.outcomes import Evaluation, TrainedRun
 from roboverse_learn.commands.report import collection_report, evaluation_report, train_report
 from roboverse_learn.commands.tested_checkpoint import protocol_of
 from roboverse_learn.config.compose import compose
 from roboverse_learn.data.collection.collect import CollectionSummary
-from roboverse_learn.evaluate import Evaluation
 from roboverse_learn.training import metrics
 from roboverse_learn.training.learners import Learner
 from roboverse_learn.training.reporter import TrainResult
@@ -177,14 +177,11 @@ def test_report_has_the_expert_rate_and_times(evaluation: Evaluation) -> None:
         samples_per_s=10.0, stopped_by="time_limit", precision="fp32", plot=Path("runs/x/losses.png"),
     )  # fmt: skip
     stages = {"collect": {"seconds": 5.0}, "train": {"seconds": 61.0}}
-    said = printed(
-        train_report(
-            command.TrainedRun(
-                folder=Path("runs/x"), dataset=SUMMARY, trained=trained, evaluations=(evaluation,),
-                board=BOARD, stages=stages, seconds=3671,
-            )  # fmt: skip
-        )
-    )
+    run = TrainedRun(
+        folder=Path("runs/x"), dataset=SUMMARY, trained=trained, evaluations=(evaluation,), board=BOARD,
+        stages=stages, seconds=3671,
+    )  # fmt: skip
+    said = printed(train_report(run))
     assert "Collected 9 demonstrations; the expert succeeded in 90.0 % of 10 episodes." in said
     assert "Trained 1,234 steps (stopped by time limit), loss 0.5000." in said
     assert "Done in 1:01:11: collect 0:05, train 1:01." in said
