@@ -16,6 +16,7 @@ from typing import Any
 
 from envs.core.errors import ConfigError, RoboVerseError, unknown_name
 from envs.core.registry import PLUGINS_VARIABLE, load_plugins
+from roboverse_learn.commands.child_process import end_with_parent
 from roboverse_learn.config import help as help_texts
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.preflight import check_folders, file_in_place_of_folder, not_a_folder
@@ -38,6 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         The exit code.
     """
     words = list(sys.argv[1:] if argv is None else argv)
+    end_with_parent()
     try:
         return _dispatch(words)
     except RoboVerseError as error:

@@ -11,7 +11,6 @@ import logging
 import os
 import queue
 import shlex
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -24,6 +23,7 @@ from envs.core.atomic import write_file
 from envs.core.errors import RoboVerseError, unknown_name
 from envs.core.machine import num_cores
 from roboverse_learn.collect import dataset_folder
+from roboverse_learn.commands import child_process
 from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
 from roboverse_learn.commands.run_folder import CONFIG_FILE, default_folder, read_config, read_facts
 from roboverse_learn.commands.tested_checkpoint import protocol_of
@@ -264,18 +264,12 @@ def gpu_slots(jobs_per_gpu: int) -> list[dict[str, str]]:
 
 
 def _start(job: Job, slot: Mapping[str, str], log_file: Path, at_once: int) -> int:
-    """Runs one job as a process that writes to a log."""
+    """Runs one job as a process that writes to a log and ends with this one."""
     threads = max(1, num_cores() // at_once)
     environment = {"OMP_NUM_THREADS": str(threads)} | dict(os.environ) | dict(slot)
     with log_file.open("ab") as output:
-        return subprocess.run(
-            [sys.executable, "-m", "roboverse_learn.cli", *job.words],
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            env=environment,
-            check=False,
-        ).returncode
+        command = [sys.executable, "-m", "roboverse_learn.cli", *job.words]
+        return child_process.run(command, output, environment)
 
 
 def _is_complete(folder: Path, config: TrainRunConfig) -> bool:

@@ -1,0 +1,43 @@
+"""A process that ends when the one that started it does, however that ends: by Ctrl-C, a crash or SIGKILL.
+
+Its standard input is a pipe that only its parent can write to, so the system closes it with the parent.
+"""
+
+import os
+import signal
+import subprocess
+import threading
+from collections.abc import Mapping, Sequence
+from typing import BinaryIO
+
+_WATCHES = "ROBOVERSE_ENDS_WITH_PARENT"
+
+
+def run(words: Sequence[str], output: BinaryIO, environment: Mapping[str, str]) -> int:
+    """Runs a program that calls :func:`end_with_parent`; returns its exit code.
+
+    Args:
+        words: The program and its arguments.
+        output: File that gets what it prints, errors too.
+        environment: All of its environment variables.
+    """
+    with subprocess.Popen(
+        words,
+        stdin=subprocess.PIPE,
+        stdout=output,
+        stderr=subprocess.STDOUT,
+        env={**environment, _WATCHES: "1"},
+    ) as process:
+        return process.wait()
+
+
+def end_with_parent() -> None:
+    """Ends this process, as SIGTERM does, when the one that started it by :func:`run` is gone."""
+    if os.environ.pop(_WATCHES, ""):  # not for the processes that this one starts
+        threading.Thread(target=_watch, daemon=True).start()
+
+
+def _watch() -> None:
+    while os.read(0, 1):
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
