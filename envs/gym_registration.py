@@ -5,21 +5,28 @@ import gymnasium
 from envs.tasks import TASKS
 
 
-def gym_id(task: str) -> str:
-    """Returns a task's Gymnasium id, such as ``"RoboVerse/PickCube-v0"``; an id has one slash only."""
-    return f"RoboVerse/{task.replace('/', '-')}-v0"
+def gym_id(task: str, *, state: bool = False) -> str:
+    """Returns a task's Gymnasium id, such as ``"RoboVerse/PickCube-v0"``; an id has one slash only.
+
+    Args:
+        task: Name of the task.
+        state: The id of the environment that shows the whole state in place of images, such as
+            ``"RoboVerse/PickCube-state-v0"``.
+    """
+    return f"RoboVerse/{task.replace('/', '-')}{'-state' if state else ''}-v0"
 
 
 def register_envs() -> None:
     """Registers every task that Gymnasium does not know yet; ``import envs`` has done it for those here."""
     for name in TASKS:
-        env_id = gym_id(name)
-        if env_id not in gymnasium.registry:
-            gymnasium.register(
-                id=env_id,
-                entry_point="envs.gym_env:RoboVerseEnv",
-                vector_entry_point="envs.gym_env:make_vec",
-                kwargs={"task": name},
-                disable_env_checker=True,
-                order_enforce=False,
-            )
+        for view in ({}, {"observation": "full"}):
+            env_id = gym_id(name, state=bool(view))
+            if env_id not in gymnasium.registry:
+                gymnasium.register(
+                    id=env_id,
+                    entry_point="envs.gym_env:RoboVerseEnv",
+                    vector_entry_point="envs.gym_env:make_vec",
+                    kwargs={"task": name, **view},
+                    disable_env_checker=True,
+                    order_enforce=False,
+                )

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Literal, Self
 
-from envs.core.errors import ConfigError, unknown_name
+from envs.core.errors import ConfigError, unknown_name, unknown_option
 from envs.core.plain_values import plain
 from envs.randomization.levels import channels_of
 
@@ -240,13 +240,13 @@ def split_options(options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str,
     """Divides options into fields of :class:`EnvSpec` and options of :meth:`EnvSpec.make`.
 
     Raises:
-        UnknownNameError: An option is neither.
+        UnknownOptionError: An option is neither.
     """
     names = {item.name for item in fields(EnvSpec)}
     runtime = set(inspect.signature(EnvSpec.make).parameters) - {"self", "num_envs"}
     for key in options:
         if key not in names | runtime:
-            raise unknown_name("option of an environment", key, names | runtime)
+            raise unknown_option("An environment", key, names | runtime)
     return (
         {key: value for key, value in options.items() if key in names},
         {key: value for key, value in options.items() if key in runtime},

@@ -108,8 +108,8 @@ def _without_plugins(words: list[str]) -> list[str]:
     """
     given = [word.removeprefix("plugins=").strip("[]") for word in words if word.startswith("plugins=")]
     if given:
-        named = filter(None, [os.environ.get(PLUGINS_VARIABLE, ""), *given])
-        os.environ[PLUGINS_VARIABLE] = ",".join(named).replace(" ", "")
+        named = ",".join([os.environ.get(PLUGINS_VARIABLE, ""), *given]).replace(" ", "").split(",")
+        os.environ[PLUGINS_VARIABLE] = ",".join(dict.fromkeys(filter(None, named)))
         load_plugins()
     return [word for word in words if not word.startswith("plugins=")]
 

@@ -20,6 +20,10 @@ class UnknownNameError(RoboVerseError, KeyError):
         return str(self.args[0]) if self.args else ""
 
 
+class UnknownOptionError(UnknownNameError, TypeError):
+    """An option that a function does not have: a TypeError, as Python itself raises."""
+
+
 class ConfigError(RoboVerseError, ValueError):
     """A value of the right name and the wrong kind, range or combination."""
 
@@ -76,6 +80,13 @@ def unknown_name(kind: str, given: str, valid: Iterable[str], hint: str = "") ->
     names = sorted(valid)
     message = f"Unknown {kind} '{given}'.{suggest(given, names)} Valid: {', '.join(names) or 'none'}."
     return UnknownNameError(f"{message} {hint}".rstrip())
+
+
+def unknown_option(what: str, given: str, valid: Iterable[str]) -> UnknownOptionError:
+    """Builds the error for an option that ``what`` does not have, in the words that libraries look for."""
+    names = sorted(valid)
+    message = f"{what} got an unexpected keyword argument '{given}'.{suggest(given, names)}"
+    return UnknownOptionError(f"{message} Valid: {', '.join(names)}.")
 
 
 def wrong_value(item: Mapping[str, Any]) -> str:

@@ -144,16 +144,25 @@ class Registry[T]:
         """
         if self._complete or not self.group:
             return
-        self._complete = True
-        load_plugins()
+        self._complete = True  # a plugin may read this registry while it is imported
+        try:
+            load_plugins()
+            self._add_entry_points()
+        except BaseException:  # whoever reads it next sees the same error, not a registry with gaps
+            self._complete = False
+            raise
+
+    def _add_entry_points(self) -> None:
         for point in importlib.metadata.entry_points(group=self.group):
             owner = point.dist.name if point.dist else "unknown"
-            if point.name in self._entries:
+            known = self._entries.get(point.name)
+            if known is None:
+                self.add(point.name, point.value, summary=f"from {owner}", distribution=owner)
+            elif (known.distribution, known.target) != (owner, point.value):
                 raise ConfigError(
                     f"The package '{owner}' registers the {self.kind} '{point.name}', and so does another "
                     f"one. Give it another name in its entry points, in the group '{self.group}'."
                 )
-            self.add(point.name, point.value, summary=f"from {owner}", distribution=owner)
 
 
 def load_plugins() -> None:

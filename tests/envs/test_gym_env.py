@@ -136,3 +136,16 @@ def test_a_task_of_a_family_has_an_id_that_gymnasium_takes():
     assert gym_id("PickCube") == "RoboVerse/PickCube-v0"
     assert gym_id("metaworld/pick-place-wall") == "RoboVerse/metaworld-pick-place-wall-v0"
     assert gym_id("metaworld/reach") in gymnasium.registry
+    assert gym_id("metaworld/reach", state=True) == "RoboVerse/metaworld-reach-state-v0"
+
+
+def test_the_id_of_the_state_shows_no_images():
+    env = gymnasium.make(gym_id("PickCube", state=True))
+    observation, _ = env.reset(seed=0)
+    assert {key: value.ndim for key, value in observation.items()} == {"agent_pos": 1, "environment_state": 1}
+    env.close()
+
+
+def test_an_unknown_option_is_a_type_error_with_the_nearest():
+    with pytest.raises(TypeError, match=r"unexpected keyword argument 'levle'\. Did you mean 'level'"):
+        envs.make_vec("PickCube", levle=3)

@@ -39,7 +39,7 @@ def test_hash_depends_on_values_alone_and_never_changes():
 def test_unknown_field_suggests_nearest():
     with pytest.raises(UnknownNameError, match=r"field of an environment 'image_sze'.*'image_size'"):
         EnvSpec.from_json({"image_sze": 32})
-    with pytest.raises(UnknownNameError, match=r"option of an environment 'num_thread'.*'num_threads'"):
+    with pytest.raises(UnknownNameError, match=r"keyword argument 'num_thread'.*'num_threads'"):
         envs.make_vec("PickCube", num_thread=1)
 
 

@@ -65,6 +65,19 @@ def test_a_plugin_that_is_not_installed_is_named(monkeypatch):
         Registry("thing", GROUP).names()
 
 
+def test_after_a_plugin_that_failed_the_next_reader_sees_the_same_error_and_then_everything(
+    tmp_path, monkeypatch
+):
+    install(tmp_path, monkeypatch, "theirs", {"Their": "json:loads"})
+    monkeypatch.setenv(PLUGINS_VARIABLE, "plugin_of_nobody")
+    registry = Registry("thing", GROUP)
+    for _ in range(2):
+        with pytest.raises(ConfigError, match="'plugin_of_nobody' cannot be imported"):
+            registry.names()
+    monkeypatch.setenv(PLUGINS_VARIABLE, "")
+    assert registry.names() == ["Their"]
+
+
 def test_unknown_name_suggests_nearest():
     registry = Registry("thing")
     registry.add("PickCube", 1)

@@ -42,3 +42,8 @@ def test_a_plugin_that_cannot_be_imported_is_one_sentence(
 ) -> None:
     assert cli.main(["train", "plugins=no_such_module"]) == 2
     assert "error: The plugin 'no_such_module' cannot be imported" in capsys.readouterr().err
+
+
+def test_a_plugin_that_is_given_twice_is_named_once(plugin: str) -> None:
+    assert cli.main(["list", f"plugins=[{plugin},{plugin}]", f"plugins={plugin}", "policies"]) == 0
+    assert os.environ[PLUGINS_VARIABLE] == plugin
