@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 from envs.core.errors import ConfigError, unknown_name
-from envs.randomization.levels import CHANNELS, LEVELS
+from envs.randomization.levels import LEVELS, channels_of
 from envs.randomization.splits import SPLITS
 
 if TYPE_CHECKING:
@@ -19,9 +19,6 @@ if TYPE_CHECKING:
 VERSION = "v2"
 """The version that this code evaluates: changed whenever an episode of it would change."""
 
-CHANNELS_ALONE = tuple(name for name in CHANNELS if name != "task")
-"""Channels that can vary alone; the task space varies always."""
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Cell:
@@ -29,7 +26,7 @@ class Cell:
 
     Attributes:
         level: The level, 0 to 3, or None when one channel varies alone.
-        only: The channel that varies alone, or None when ``level`` is given.
+        only: The channel that varies alone, or several joined by ``+``; None when ``level`` is given.
         split: ``"train"`` or ``"test"``.
     """
 
@@ -44,8 +41,8 @@ class Cell:
             )
         if self.level is not None and self.level not in LEVELS:
             raise ConfigError(f"Unknown level {self.level}. Valid: {', '.join(map(str, LEVELS))}.")
-        if self.only is not None and self.only not in CHANNELS_ALONE:
-            raise unknown_name("channel", self.only, CHANNELS_ALONE)
+        if self.only is not None and channels_of(only=self.only) == ("task",):
+            raise ConfigError("The task varies in every cell: name another channel that varies with it.")
         if self.split not in SPLITS:
             raise unknown_name("split", self.split, SPLITS)
 

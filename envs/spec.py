@@ -44,7 +44,7 @@ class EnvSpec:
         scenario: Changes of the task's scene, as nested mappings of the fields of
             :class:`~envs.scenario.ScenarioCfg`.
         level: Randomization level, 0 to 3.
-        only: One channel that varies alone, in place of a level.
+        only: One channel that varies alone, in place of a level, or several joined by ``+``.
         materials: Folder of images in place of the built-in materials; with ``+`` before it, beside them.
     """
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from envs.core.arguments import parse
 from envs.core.errors import ConfigError, RoboVerseError
-from envs.randomization.levels import CHANNELS, LEVELS
+from envs.randomization.levels import LEVEL_CHANNELS, LEVELS
 from envs.randomization.materials import MaterialLibrary
 from envs.scenario import SURFACES
 
@@ -45,7 +45,7 @@ def draw_levels(task: str, *, split: str, num_draws: int, image_size: int, rende
     for level in LEVELS:
         env = envs.make_vec(task, 1, level=level, split=split, renderer=renderer, image_size=image_size)
         try:
-            rows[f"Level {level}: {' + '.join(CHANNELS[: level + 1])}"] = [
+            rows[f"Level {level}: {' + '.join(LEVEL_CHANNELS[: level + 1])}"] = [
                 _first_image(env, int(episode)) for episode in env.split_indices[:num_draws]
             ]
         finally:

@@ -1,4 +1,4 @@
-"""The four channels of randomization, the levels made of them, and their frozen splits.
+"""The channels of randomization, the levels made of them, and their frozen splits.
 
 Names are imported at first use: importing this package costs NumPy and nothing else.
 """
@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from envs.randomization.cameras import CAMERA_POSES, CameraPose, place_camera
-    from envs.randomization.levels import CHANNELS, LEVELS, channels_of, parse_level
+    from envs.randomization.channels import CHANNELS, Channel, Scene, divided
+    from envs.randomization.levels import LEVEL_CHANNELS, LEVELS, channels_of, parse_level
     from envs.randomization.lights import temperature_to_rgb
     from envs.randomization.materials import MaterialLibrary
     from envs.randomization.procedural import texture
@@ -21,7 +22,11 @@ _HOMES = {
     "CAMERA_POSES": "cameras",
     "CameraPose": "cameras",
     "place_camera": "cameras",
-    "CHANNELS": "levels",
+    "CHANNELS": "channels",
+    "Channel": "channels",
+    "Scene": "channels",
+    "divided": "channels",
+    "LEVEL_CHANNELS": "levels",
     "LEVELS": "levels",
     "channels_of": "levels",
     "parse_level": "levels",
@@ -40,14 +45,18 @@ __all__ = [
     "CAMERA_POSES",
     "CHANNELS",
     "LEVELS",
+    "LEVEL_CHANNELS",
     "SPLITS",
     "CameraPose",
+    "Channel",
     "LightingCfg",
     "MaterialLibrary",
     "Randomizer",
+    "Scene",
     "Split",
     "channel_rng",
     "channels_of",
+    "divided",
     "load_split",
     "parse_level",
     "place_camera",

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import policies
 from benchmark.protocol import LEVELS, SPLITS
 from envs.core.errors import ConfigError, unknown_name
+from envs.randomization.levels import channels_of
 from envs.randomization.splits import load_split
 from envs.spec import EnvSpec
 from policies.base import listed
@@ -17,7 +18,6 @@ from roboverse_learn.config.view_config import ViewConfig
 from roboverse_learn.data.sources import SOURCES
 from roboverse_learn.training.config import TrainConfig
 
-Channel = Literal["environment", "camera", "lighting"]
 Split = Literal["train", "test"]
 Replay = Literal["states", "controls"]
 
@@ -79,7 +79,8 @@ class EvaluationConfig:
 
     Attributes:
         levels: Levels to evaluate.
-        alone: Channels that are also varied alone, to measure the cost of each.
+        alone: Channels that are also varied alone, to measure the cost of each, or several together, as in
+            camera+lighting.
         splits: Splits to evaluate; the test split is the headline.
         episodes: Episodes of each cell, that is of each level and split.
         protocol_seed: Root of the episodes' randomness.
@@ -90,7 +91,7 @@ class EvaluationConfig:
     """
 
     levels: tuple[int, ...] = LEVELS
-    alone: tuple[Channel, ...] = ()
+    alone: tuple[str, ...] = ()
     splits: tuple[Split, ...] = SPLITS
     episodes: int = 100
     protocol_seed: int = 0
@@ -100,6 +101,8 @@ class EvaluationConfig:
 
     def __post_init__(self) -> None:
         _levels(*self.levels)
+        for channel in self.alone:
+            channels_of(only=channel)
         _positive(episodes=self.episodes, num_envs=self.num_envs)
         if not self.splits or not (self.levels or self.alone):
             raise ConfigError("evaluate needs a split and a level, as in splits=[test] levels=[0,1,2,3].")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import envs
-from envs.randomization import CHANNELS, LEVELS
+from envs.randomization import LEVEL_CHANNELS, LEVELS
 
 SIZE = 64
 EPISODES = 8
@@ -33,7 +33,7 @@ def levels():
 @pytest.fixture(scope="module")
 def channels():
     kinds = ("rgb", "depth", "segmentation")
-    return {channel: drawn(only=channel, kinds=kinds) for channel in CHANNELS}
+    return {channel: drawn(only=channel, kinds=kinds) for channel in LEVEL_CHANNELS}
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import pytest
 
 from envs.mjcf.furniture import FURNITURE
 from envs.mjcf.model import build_model
-from envs.randomization import CHANNELS, Randomizer
+from envs.randomization import LEVEL_CHANNELS, Randomizer
 from envs.randomization.cameras import CAMERA_POSES, place_camera
 from envs.randomization.furniture import draw_furniture, furnish, keep_free
 from envs.randomization.pieces import AT_WALL, LAYOUTS, PIECES, VARIANTS, layout, piece
@@ -120,7 +120,12 @@ def test_the_draw_depends_on_its_own_stream_and_not_on_the_cameras_that_are_read
     scenario = TASKS.get("PickCube")().scenario
     whole, bare = (
         Randomizer(
-            scenario.appearance, scenario.cameras, channels=CHANNELS, split="test", seed=0, scenario=item
+            scenario.appearance,
+            scenario.cameras,
+            channels=LEVEL_CHANNELS,
+            split="test",
+            seed=0,
+            scenario=item,
         )
         for item in (scenario, None)
     )

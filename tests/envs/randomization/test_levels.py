@@ -1,7 +1,7 @@
 import pytest
 
 from envs.core.errors import ConfigError, UnknownNameError
-from envs.randomization.levels import CHANNELS, LEVELS, channels_of, parse_level
+from envs.randomization.levels import LEVEL_CHANNELS, LEVELS, channels_of, parse_level
 
 
 def test_levels_are_cumulative():
@@ -13,7 +13,7 @@ def test_levels_are_cumulative():
     ]
 
 
-@pytest.mark.parametrize("only", CHANNELS)
+@pytest.mark.parametrize("only", LEVEL_CHANNELS)
 def test_a_channel_alone_still_varies_the_task(only):
     assert set(channels_of(only=only)) == {"task", only}
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from envs.core.errors import ConfigError, UnknownNameError
 from envs.randomization import (
-    CHANNELS,
+    LEVEL_CHANNELS,
     LEVELS,
     LightingCfg,
     MaterialLibrary,
@@ -39,7 +39,7 @@ def pool():
     """All samples of all channels, with the furniture of a room, for the whole pool, by split."""
     draws = {}
     for split in ("train", "test"):
-        randomizer = make(CHANNELS, split, scenario=TASKS.get("PickCube")().scenario)
+        randomizer = make(LEVEL_CHANNELS, split, scenario=TASKS.get("PickCube")().scenario)
         draws[split] = [randomizer.draws(int(episode)) for episode in randomizer.split.episodes]
     return draws
 
@@ -143,9 +143,9 @@ def test_each_level_adds_its_channel_and_keeps_samples_of_the_one_below():
     assert looks[3].object_reflection is not None and looks[2].object_reflection is None
 
 
-@pytest.mark.parametrize("only", CHANNELS[1:])
+@pytest.mark.parametrize("only", LEVEL_CHANNELS[1:])
 def test_channel_samples_do_not_depend_on_other_channels(only):
-    alone, together = make(channels_of(only=only), "test"), make(CHANNELS, "test")
+    alone, together = make(channels_of(only=only), "test"), make(LEVEL_CHANNELS, "test")
     for episode in alone.split.episodes[:20]:
         assert alone.draws(int(episode)) == {only: together.draws(int(episode))[only]}
 
@@ -186,15 +186,16 @@ def test_a_second_camera_does_not_shift_the_first():
 
 def test_an_episode_is_the_same_in_any_order_and_differs_with_the_seed():
     episodes = [int(episode) for episode in load_split("train").episodes[:5]]
-    forwards, backwards = make(CHANNELS), make(CHANNELS)
+    forwards, backwards = make(LEVEL_CHANNELS), make(LEVEL_CHANNELS)
     looks = {episode: forwards.appearance(episode) for episode in episodes}
     assert {episode: backwards.appearance(episode) for episode in reversed(episodes)} == looks
-    assert make(CHANNELS, seed=1).appearance(episodes[0]) != looks[episodes[0]]
+    assert make(LEVEL_CHANNELS, seed=1).appearance(episodes[0]) != looks[episodes[0]]
 
 
 def test_channels_have_streams_of_their_own():
     first = {
-        channel: channel_rng(3, channel, 7).uniform() for channel in (*CHANNELS, "a channel of the future")
+        channel: channel_rng(3, channel, 7).uniform()
+        for channel in (*LEVEL_CHANNELS, "a channel of the future")
     }
     assert len(set(first.values())) == 5
     assert channel_rng(3, "task", 7).uniform() == first["task"]
@@ -209,7 +210,7 @@ def test_samples_are_plain_json(pool):
 
 @pytest.mark.parametrize("episode", [-1, 10_000, "first of the other"])
 def test_an_episode_of_the_other_split_is_refused(episode):
-    randomizer = make(CHANNELS)
+    randomizer = make(LEVEL_CHANNELS)
     episode = int(load_split("test").episodes[0]) if isinstance(episode, str) else episode
     for call in (randomizer.appearance, randomizer.draws):
         with pytest.raises(
@@ -230,7 +231,7 @@ def test_every_sampled_material_has_a_texture(pool):
 
 
 def test_the_ranges_of_the_lights_can_be_set():
-    randomizer = make(CHANNELS, lighting=LightingCfg(array_shape=(1, 2), temperature_k=(5000, 5000)))
+    randomizer = make(LEVEL_CHANNELS, lighting=LightingCfg(array_shape=(1, 2), temperature_k=(5000, 5000)))
     draw = randomizer.draws(int(randomizer.split.episodes[0]))
     assert draw["lighting"]["lights"]["temperature_k"] == 5000
     assert len(randomizer.appearance(int(randomizer.split.episodes[0])).lights) == 3
@@ -257,7 +258,7 @@ def test_a_folder_of_images_reaches_the_appearance(tmp_path):
 @given(seed=st.integers(0, 2**63), position=st.integers(0, 999))
 @settings(max_examples=60, deadline=None)
 def test_every_draw_of_every_seed_is_within_its_range(seed, position):
-    randomizer = make(CHANNELS, "test", seed=seed)
+    randomizer = make(LEVEL_CHANNELS, "test", seed=seed)
     episode = int(randomizer.split.episodes[position])
     draws, look = randomizer.draws(episode), randomizer.appearance(episode)
     cfg, lights = randomizer.lighting, draws["lighting"]["lights"]

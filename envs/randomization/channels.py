@@ -1,0 +1,108 @@
+"""What varies from episode to episode: a registry of channels, and their base class.
+
+A channel of another package registers through the entry-point group ``roboverse.channels``, or by
+``CHANNELS.add`` in a plugin. It varies alone (``only=fog``, ``alone=[fog]``) or with others
+(``only=environment+camera+fog``).
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from envs.core.registry import Registry
+from envs.randomization.seeding import channel_rng
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from envs.randomization.materials import MaterialLibrary
+    from envs.randomization.splits import Split
+    from envs.scenario import Appearance, CameraCfg, LightingCfg, ScenarioCfg
+
+CHANNELS: "Registry[type[Channel]]" = Registry("channel", group="roboverse.channels")
+
+for _name, _target, _summary in (
+    ("environment", "EnvironmentChannel", "materials of all surfaces, the table's yaw, furniture"),
+    ("camera", "CameraChannel", "poses of the cameras that are fixed in the world"),
+    ("lighting", "LightingChannel", "lamps, and how everything reflects"),
+):
+    CHANNELS.add(_name, f"envs.randomization.built_in_channels:{_target}", summary=_summary)
+
+TEST_SHARE = 0.1
+"""Share of what a channel may draw that is held out for the test split, as in RoboVerse (arXiv:2504.18904)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What a channel draws for.
+
+    Attributes:
+        split: The split, with its materials, furniture and cameras.
+        seed: The protocol's seed.
+        episode: The episode's index.
+        library: Materials.
+        lighting: Ranges of the lamps.
+        cameras: The scenario's cameras.
+        scenario: The scenario, or None where only its appearance is known.
+    """
+
+    split: "Split"
+    seed: int
+    episode: int
+    library: "MaterialLibrary"
+    lighting: "LightingCfg"
+    cameras: "tuple[CameraCfg, ...]"
+    scenario: "ScenarioCfg | None" = None
+
+    def rng(self, stream: str) -> "np.random.Generator":
+        """Returns a stream of random numbers of this episode, independent of those of other names."""
+        return channel_rng(self.seed, stream, self.episode)
+
+
+class Channel(ABC):
+    """One part of the appearance of an episode: what may be drawn, a draw, and the scene that has it.
+
+    All three are pure functions, so that an episode looks the same in every simulator and process.
+    """
+
+    @abstractmethod
+    def split(self, scene: Scene) -> Any:
+        """Returns what episodes of ``scene.split`` may draw: nothing that the other split may draw too.
+
+        :func:`divided` divides a list.
+        """
+
+    @abstractmethod
+    def sample(self, rng: "np.random.Generator", allowed: Any, scene: Scene) -> Any:
+        """Draws for one episode.
+
+        Args:
+            rng: Random numbers of this channel in this episode.
+            allowed: What :meth:`split` returned.
+            scene: What it is drawn for.
+
+        Returns:
+            A dataclass, or plain JSON values: datasets and results record it.
+        """
+
+    @abstractmethod
+    def apply(self, appearance: "Appearance", draw: Any, scene: Scene) -> "Appearance":
+        """Returns the appearance with a draw; what the channel does not change keeps its look."""
+
+
+def divided[T](values: Sequence[T], split: str) -> tuple[T, ...]:
+    """Returns a split's part of a list: every tenth value, beginning with the tenth, is of the test split.
+
+    Args:
+        values: At least ten, in an order that stays.
+        split: ``"train"`` or ``"test"``.
+
+    Raises:
+        ValueError: There are fewer than ten.
+    """
+    every = round(1 / TEST_SHARE)
+    if len(values) < every:
+        raise ValueError(f"A channel needs at least {every} values to divide, given {len(values)}.")
+    is_test = split == "test"
+    return tuple(value for i, value in enumerate(values) if (i % every == every - 1) == is_test)
