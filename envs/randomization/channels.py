@@ -30,7 +30,7 @@ for _name, _target, _summary in (
     CHANNELS.add(_name, f"envs.randomization.built_in_channels:{_target}", summary=_summary)
 
 TEST_SHARE = 0.1
-"""Share of what a channel may draw that is held out for the test split, as in RoboVerse (arXiv:2504.18904)."""
+"""Share of what a channel may draw that is held out for the test split, as in RoboVerse (2504.18904)."""
 
 
 @dataclass(frozen=True, slots=True)
