@@ -79,8 +79,7 @@ class EvaluationConfig:
 
     Attributes:
         levels: Levels to evaluate.
-        alone: Channels that are also varied alone, to measure the cost of each, or several together, as in
-            camera+lighting.
+        alone: Channels that are also varied alone, or together, as in camera+lighting.
         splits: Splits to evaluate; the test split is the headline.
         episodes: Episodes of each cell, that is of each level and split.
         protocol_seed: Root of the episodes' randomness.
