@@ -68,6 +68,7 @@ def test_layouts_differ_and_leave_places_empty():
 def test_furniture_is_inside_the_room_and_outside_free_space(task):
     scenario = TASKS.get(task)().scenario
     circles = keep_free(scenario)
+    assert scenario.room is not None
     inside = scenario.room.half_size_m - 0.04
     standing = 0
     for look in looks(scenario):
