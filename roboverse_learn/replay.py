@@ -12,7 +12,7 @@ from envs.core.errors import DatasetError
 from roboverse_learn.config.schema import ReplayConfig
 
 if TYPE_CHECKING:
-    from roboverse_learn.sim2sim.parity.recording import Recording
+    from roboverse_learn.data.dataset.recording import Recording
 
 
 def replay(config: ReplayConfig) -> Any:
@@ -23,8 +23,8 @@ def replay(config: ReplayConfig) -> Any:
         WriteError: A file cannot be written.
     """
     from roboverse_learn.commands.report import replay_report
+    from roboverse_learn.data.dataset.recording import read_recordings
     from roboverse_learn.sim2sim.parity import parity_page, summary
-    from roboverse_learn.sim2sim.parity.recording import read_recordings
 
     recordings = read_recordings(config.dataset, config.episodes)
     values = replay_recordings(recordings, config)

@@ -130,8 +130,8 @@ def _collected(dataset: "CollectionSummary") -> Text:
     if dataset.imported is not None:
         return _imported(dataset, dataset.imported)
     return Text(
-        f"Collected {dataset.num_episodes} demonstrations; the expert succeeded in "
-        f"{100 * dataset.success_rate:.1f} % of {dataset.num_attempts} episodes."
+        f"Collected {dataset.num_episodes} demonstrations; {100 * dataset.success_rate:.1f} % of "
+        f"{dataset.num_attempts} attempts succeeded."
     )
 
 

@@ -56,7 +56,7 @@ def record_dataset(config: ViewConfig) -> EpisodeRecording:
     """
     from envs.state import State
     from roboverse_learn.data.dataset.info import DatasetInfo
-    from roboverse_learn.sim2sim.parity.recording import read_recordings
+    from roboverse_learn.data.dataset.recording import read_recordings
 
     info = DatasetInfo.open(config.dataset)
     _check_index(config.episode, info.num_episodes, "dataset")

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from envs.scenario import ScenarioCfg
+from roboverse_learn.data.dataset.recording import Recording
 from roboverse_learn.sim2sim.parity.drift import UNITS, drift, over_time
-from roboverse_learn.sim2sim.parity.recording import Recording
 from roboverse_learn.sim2sim.parity.tracks import Track
 from roboverse_learn.sim2sim.result_files import read_json_results, write_json_result
 

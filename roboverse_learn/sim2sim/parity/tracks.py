@@ -14,7 +14,7 @@ from envs.playback import ReplayActor, concatenated, set_and_judge
 from envs.rollout import in_order, rollout
 from envs.state import State
 from envs.vector_env import RoboVerseVectorEnv
-from roboverse_learn.sim2sim.parity.recording import Recording
+from roboverse_learn.data.dataset.recording import Recording
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,8 @@ from roboverse_learn.config.help import command_help
 from roboverse_learn.config.scenario_overrides import scenario_keys, scenario_name
 from roboverse_learn.config.schema import CollectConfig
 from roboverse_learn.data.dataset.info import DatasetInfo
+from roboverse_learn.data.dataset.recording import read_recordings
 from roboverse_learn.replay import replay_recordings
-from roboverse_learn.sim2sim.parity.recording import read_recordings
 
 WORDS = ["num_demos=1", "image_size=32", "num_workers=1", "collect.num_envs=2"]
 SLOW = "scenario.physics.decimation=50"

@@ -3,7 +3,7 @@ import pytest
 from envs.spec import EnvSpec
 from roboverse_learn.collect import collect_dataset
 from roboverse_learn.config.schema import CollectConfig, DemonstrationConfig
-from roboverse_learn.sim2sim.parity.recording import read_recordings
+from roboverse_learn.data.dataset.recording import read_recordings
 
 
 @pytest.fixture(scope="session")

@@ -13,10 +13,10 @@ from envs.core.errors import DatasetError, ResultError
 from envs.playback import HOLD_STEPS
 from roboverse_learn.cli import main
 from roboverse_learn.config.schema import ReplayConfig
+from roboverse_learn.data.dataset.recording import read_recordings
 from roboverse_learn.replay import replay_recordings
 from roboverse_learn.sim2sim.parity import parity_page as page
 from roboverse_learn.sim2sim.parity import summary, tracks
-from roboverse_learn.sim2sim.parity.recording import read_recordings
 
 
 @pytest.fixture(scope="module")
@@ -170,7 +170,7 @@ def test_dataset_without_states_or_metadata_is_refused(tmp_path, dataset, monkey
         path.unlink()
     with pytest.raises(DatasetError, match=r"has no raw states of episode 0.*hold no raw states"):
         read_recordings(root)
-    from roboverse_learn.sim2sim.parity import recording
+    from roboverse_learn.data.dataset import recording
 
     monkeypatch.setattr(recording, "read_raw", lambda *_: ({}, {"task": "PickCube", "episode": 3}))
     with pytest.raises(DatasetError, match="does not say its split, simulator, so it cannot be replayed"):

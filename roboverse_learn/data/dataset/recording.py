@@ -44,18 +44,40 @@ def read_recordings(root: str | Path, count: int = 0) -> list[Recording]:
     Raises:
         DatasetError: There is no dataset, it holds no raw states, or does not say where they come from.
     """
-    info = DatasetInfo.open(root)
-    actions = info.read_columns([ACTION_KEY])[ACTION_KEY]
-    recordings = []
-    for index in range(min(count or info.num_episodes, info.num_episodes)):
-        arrays, metadata = read_raw(root, index)
+    reader = RecordingReader(root)
+    return [reader.read(index) for index in range(min(count or len(reader), len(reader)))]
+
+
+class RecordingReader:
+    """Reads recorded episodes of a dataset one by one.
+
+    Args:
+        root: The dataset's folder.
+
+    Raises:
+        DatasetError: There is no dataset.
+    """
+
+    def __init__(self, root: str | Path) -> None:
+        self.info = DatasetInfo.open(root)
+        self._actions = self.info.read_columns([ACTION_KEY])[ACTION_KEY]
+
+    def __len__(self) -> int:
+        return self.info.num_episodes
+
+    def read(self, index: int) -> Recording:
+        """Returns an episode by its index in the dataset.
+
+        Raises:
+            DatasetError: It has no raw states, or does not say where they come from.
+        """
+        arrays, metadata = read_raw(self.info.root, index)
         missing = [key for key in _NEEDED if key not in metadata]
         if missing:
             raise DatasetError(
-                f"Episode {index} of '{root}' does not say its {', '.join(missing)}, so it cannot be "
-                "replayed. Collect it again with: roboverse collect"
+                f"Episode {index} of '{self.info.root}' does not say its {', '.join(missing)}, so it cannot "
+                "be replayed. Collect it again with: roboverse collect"
             )
-        start, end = info.episode_starts[index], info.episode_ends[index]
+        start, end = self.info.episode_starts[index], self.info.episode_ends[index]
         flat = {key: torch.from_numpy(value) for key, value in arrays.items()}
-        recordings.append(Recording(index, State.unflatten(flat), actions[start:end], metadata))
-    return recordings
+        return Recording(index, State.unflatten(flat), self._actions[start:end], metadata)

@@ -1,0 +1,158 @@
+"""Stored episodes of a dataset, rendered again: at another level, and as often as wanted.
+
+The physics ran once, when the dataset was collected. Here its states are set and rendered, which costs the
+images alone. The first look of an episode is that of its own index in the pool, so at the level of the
+dataset it gives the same images; each further look has the appearance of an index that no episode of the
+dataset has.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar, override
+
+from envs.core.errors import ConfigError, DatasetError
+from envs.playback import PlaybackEnv, ReplayActor
+from envs.rollout import in_order, rollout
+from roboverse_learn.config.keys import at, flat_keys
+from roboverse_learn.data.dataset.recording import RecordingReader
+from roboverse_learn.data.dataset.schema import EpisodeData
+from roboverse_learn.data.sources.base import DemonstrationSource
+from roboverse_learn.data.sources.expert import ExpertEpisodes
+
+_SAME = ("task", "task_kwargs", "scenario")
+"""Fields of the environment in which the states must have been recorded."""
+
+
+class RerenderSource(DemonstrationSource):
+    """``source=rerender path=<dataset>``."""
+
+    episodes: ClassVar = "roboverse_learn.data.sources.rerender:RerenderedEpisodes"
+    needs: ClassVar = {"path": "<folder of a dataset of this task>."}
+
+    @cached_property
+    def _looks(self) -> "Looks":
+        return Looks.of(RecordingReader(self.config.path), super().candidates())
+
+    @override
+    def check(self) -> None:
+        config, env = self.config, self.config.env
+        first = RecordingReader(config.path).read(0).metadata
+        for key in _SAME:
+            recorded, wanted = _words(key, first.get(key) or {}), _words(key, getattr(env, key))
+            if recorded != wanted:
+                raise ConfigError(
+                    f"The dataset '{config.path}' was recorded with {recorded}, and {wanted} was requested. "
+                    "States can be rendered in their own scene alone: give what they were recorded with."
+                )
+
+    @override
+    def name_part(self) -> str:
+        return f"rerender-{Path(self.config.path).name}"
+
+    @override
+    def identity(self) -> dict[str, Any]:
+        from roboverse_learn.data.dataset.raw import dataset_hash
+
+        return {"source": "rerender", "dataset": dataset_hash(self.config.path)[:16]}
+
+    @override
+    def candidates(self) -> list[int]:
+        return self._looks.indices
+
+    @override
+    def arguments(self) -> dict[str, Any]:
+        return super().arguments() | self.identity() | {"path": str(self.config.path)}
+
+
+def _words(key: str, value: Any) -> str:
+    """Returns a field of the environment as it is typed."""
+    if isinstance(value, str):
+        return f"{key}={value}"
+    keys = flat_keys(value, f"{key}.")
+    return " ".join(f"{name}={at({key: value}, name)}" for name in sorted(keys)) or f"no {key}"
+
+
+class Looks:
+    """Which recorded episode is rendered with the appearance of which pool index.
+
+    Args:
+        own: Pool index of each recorded episode, in the order of the dataset.
+        pool: All indices of the train split, in order.
+    """
+
+    def __init__(self, own: Sequence[int], pool: Sequence[int]) -> None:
+        taken = set(own)
+        self.num_recordings = len(own)
+        self.indices = [*own, *(index for index in pool if index not in taken)]
+        self._position = {index: position for position, index in enumerate(self.indices)}
+
+    @classmethod
+    def of(cls, recordings: RecordingReader, pool: Sequence[int]) -> "Looks":
+        """Returns the looks of a dataset.
+
+        Raises:
+            DatasetError: An episode is of the test split or of no pool, or two have one index.
+        """
+        facts = recordings.info.episode_metadata
+        where = f"The dataset '{recordings.info.root}'"
+        for number, metadata in enumerate(facts):
+            if metadata.get("split") != "train" or "episode" not in metadata:
+                raise DatasetError(
+                    f"{where} has an episode ({number}) that is not of the train split. Give a dataset that "
+                    "roboverse collect made."
+                )
+        own = [int(metadata["episode"]) for metadata in facts]
+        if len(set(own)) < len(own):
+            raise DatasetError(
+                f"{where} has several episodes of one index of the pool: it is merged, or rendered again "
+                "itself. Give the datasets that it was made of, one by one."
+            )
+        return cls(own, pool)
+
+    def recording_of(self, index: int) -> tuple[int, int]:
+        """Returns the recorded episode that takes an index's appearance, and which of its looks this is."""
+        look, recording = divmod(self._position[index], self.num_recordings)
+        return recording, look
+
+
+class RerenderedEpisodes(ExpertEpisodes):
+    """Renders recorded states with the appearance of episodes of the train split.
+
+    Args:
+        path: Folder of the dataset.
+        source: ``"rerender"``.
+        dataset: First digits of the dataset's hash.
+        scene: See :class:`~roboverse_learn.data.sources.expert.ExpertEpisodes`.
+    """
+
+    def __init__(self, *, path: str, source: str, dataset: str, **scene: Any) -> None:
+        super().__init__(**scene)
+        from envs.randomization.splits import load_split
+
+        self._recordings = RecordingReader(path)
+        self._looks = Looks.of(self._recordings, load_split("train").episodes.tolist())
+        self._facts = {"source": source, "dataset": dataset}
+
+    @override
+    def attempts(self, indices: Sequence[int]) -> Iterator[tuple[int, EpisodeData | None]]:
+        places = [self._looks.recording_of(index) for index in indices]
+        recordings = [self._recordings.read(episode) for episode, _ in places]
+        actor = ReplayActor(
+            [recording.states.select([0]) for recording in recordings],
+            [recording.actions for recording in recordings],
+            hold_steps=0,
+            tail_steps=math.inf,
+        )
+        env = PlaybackEnv(self._env, [recording.states for recording in recordings])
+        outcomes = in_order(rollout(env, actor, indices, record=("images", "states")))
+        for recording, (_, look), outcome in zip(recordings, places, outcomes, strict=True):
+            facts = self._facts | source_facts(recording.metadata, look)
+            yield int(outcome.episode), self._episode(outcome, **facts) if outcome.success else None
+
+
+def source_facts(metadata: Mapping[str, Any], look: int) -> dict[str, Any]:
+    """Returns where a rendered episode comes from; a first look is the recorded episode itself."""
+    facts = {"simulator": metadata["simulator"], "look": look}
+    return facts | ({"source_episode": metadata["episode"]} if look else {})
