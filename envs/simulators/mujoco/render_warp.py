@@ -33,6 +33,9 @@ _FURNITURE_FIELDS = ("geom_size", "geom_rgba")
 _LOOKS = (*_LIGHT_FIELDS, *_MATERIAL_FIELDS, *_FURNITURE_FIELDS)
 _COMPILING = Lock()
 
+KEPT_TEXTURES = 32
+"""Textures that a renderer keeps, 4 MiB each: those of ten environments, which it draws in turn."""
+
 _POSE_FIELDS = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
 
 
@@ -46,6 +49,8 @@ class WarpRenderer(Renderer):
         self._size = num_threads or os.cpu_count() or 1
         self._pool = ThreadPoolExecutor(self._size, thread_name_prefix="render")
         self._idle: dict[tuple, SimpleQueue[_Tracer]] = {}
+        self._textures_of_names: dict[str | None, Any] = {}
+        self._uploading = Lock()
 
     @override
     def render(
@@ -78,10 +83,26 @@ class WarpRenderer(Renderer):
             queue.put(_Tracer(self, cameras, modalities))
         return queue
 
+    def uploaded(self, name: str | None) -> Any:
+        """Returns a material's texture on the device; those used last are kept, for all tracers."""
+        import warp as wp
+
+        with self._uploading:
+            texture = self._textures_of_names.pop(name, None)
+            if texture is None:
+                pixels = np.ones((TEXTURE_SIZE, TEXTURE_SIZE, 4), np.float32)
+                pixels[..., :3] = texture_of(name, self.textures) / np.float32(255)
+                texture = wp.Texture2D(wp.array(pixels), filter_mode=wp.TextureFilterMode.LINEAR)
+            self._textures_of_names[name] = texture  # the last of the order
+            if len(self._textures_of_names) > KEPT_TEXTURES:
+                del self._textures_of_names[next(iter(self._textures_of_names))]
+        return texture
+
     @override
     def close(self) -> None:
         self._pool.shutdown()
         self._idle.clear()
+        self._textures_of_names.clear()
 
 
 class _Tracer:
@@ -151,10 +172,7 @@ class _Tracer:
         changed = [s for s in SURFACES if self._stage.surface_textures[s] != self._texture_names[s]]
         for surface in changed:
             name = self._stage.surface_textures[surface]
-            pixels = np.ones((TEXTURE_SIZE, TEXTURE_SIZE, 4), np.float32)
-            pixels[..., :3] = texture_of(name, self._renderer.textures) / np.float32(255)
-            slot = self._stage.model.texture(surface).id
-            registry[slot] = wp.Texture2D(wp.array(pixels), filter_mode=wp.TextureFilterMode.LINEAR)
+            registry[self._stage.model.texture(surface).id] = self._renderer.uploaded(name)
             self._texture_names[surface] = name
         if changed:
             self._context.textures = wp.array(registry, dtype=wp.Texture2D)
