@@ -13,7 +13,7 @@ from envs.mjcf.model import LEAST_LIGHTS, TEXTURE_SIZE, build_model
 from envs.scenario import Appearance, GeomCfg, LightCfg, SurfaceMaterial
 from envs.scenario.places import places_of
 from envs.simulators import RENDERERS
-from envs.simulators.mujoco import render_filament, render_gl
+from envs.simulators.mujoco import render_filament, render_gl, render_warp
 from envs.simulators.mujoco.handler import MujocoHandler
 from envs.simulators.mujoco.render import (
     AMBIENT_FRACTION,
@@ -210,8 +210,36 @@ def test_removed_furniture_leaves_no_trace(handler):
     renderer.close()
 
 
+def test_an_image_does_not_depend_on_the_textures_that_are_kept(handler, monkeypatch):
+    (bare,) = handler.snapshot([0])
+    jobs = []
+    for table, wall in (("a", "b"), ("b", "c"), ("c", "a"), ("a", "b")):
+        materials = {"table": SurfaceMaterial(texture=table), "wall": SurfaceMaterial(texture=wall)}
+        jobs.append(
+            dataclasses.replace(bare, appearance=dataclasses.replace(bare.appearance, materials=materials))
+        )
+    made, drawn, counts = [], [], []
+
+    def textures(name, size):
+        made.append(name)
+        return _noise(name, size)
+
+    for kept in (1, 32):
+        monkeypatch.setattr(render_warp, "KEPT_TEXTURES", kept)
+        made.clear()
+        renderer = WarpRenderer(handler.model, SCENARIO, textures=textures, num_threads=1)
+        images = [renderer.render([job], ("front",), ("rgb",))["front"]["rgb"] for job in jobs]
+        renderer.close()
+        drawn.append(np.concatenate(images))
+        counts.append(len(made))
+    assert counts[0] > 3 == counts[1]
+    np.testing.assert_array_equal(drawn[0], drawn[1])
+    np.testing.assert_array_equal(drawn[1][0], drawn[1][3])
+    assert (drawn[1][0] != drawn[1][1]).any()
+
+
 def _noise(name, size):
-    return np.random.default_rng(0).integers(0, 255, (size, size, 3), dtype=np.uint8)
+    return np.random.default_rng(len(name) + ord(name[0])).integers(0, 255, (size, size, 3), dtype=np.uint8)
 
 
 def test_a_snapshot_is_of_its_moment(handler):
