@@ -71,6 +71,9 @@ class Protocol:
         splits: Splits. The headline is the test split.
         episodes: Episodes per cell: the first of the frozen split.
         seed: Root of the episodes' randomness, of the scene's and of the policy's.
+        width: A cell ends once the interval of its success rate is this narrow, and ``episodes`` is the
+            most; None evaluates all of them. The interval stays valid: see
+            :func:`benchmark.statistics.confidence_sequence`.
     """
 
     version: str = VERSION
@@ -79,6 +82,7 @@ class Protocol:
     splits: tuple[str, ...] = SPLITS
     episodes: int = 100
     seed: int = 0
+    width: float | None = None
 
     def __post_init__(self) -> None:
         if self.version != VERSION:
@@ -99,6 +103,11 @@ class Protocol:
             raise ConfigError(f"episodes must be a whole number of at least 1, given {self.episodes!r}.")
         if not _is_count(self.seed, 0):
             raise ConfigError(f"seed must be a whole number of at least 0, given {self.seed!r}.")
+        if self.width is not None and not 0.0 < self.width < 1.0:
+            raise ConfigError(
+                f"width must be between 0 and 1, given {self.width!r}: 0.1 ends a cell when its interval "
+                "spans 10 points."
+            )
 
     def cells(self) -> tuple[Cell, ...]:
         """Returns every cell, in the order in which they are evaluated."""
@@ -119,8 +128,10 @@ class Protocol:
         return episodes(split_indices, self.episodes)
 
     def to_json(self) -> dict[str, Any]:
-        """Returns plain JSON values, in the order of the fields."""
+        """Returns plain JSON values, in the order of the fields; ``width`` only where there is one."""
         values = {item.name: getattr(self, item.name) for item in fields(self)}
+        if self.width is None:
+            del values["width"]
         return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 
     @classmethod

@@ -1,12 +1,12 @@
 """Records of an evaluation: an episode, the summary of a cell, and the whole run."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from benchmark.protocol import Cell, Protocol
-from benchmark.statistics import wilson
+from benchmark.statistics import confidence_sequence, narrow_after, wilson
 from envs.core.errors import ResultError
 from envs.spec import EnvSpec
 
@@ -85,7 +85,7 @@ class CellSummary:
         episodes: Number of episodes.
         successes: How many succeeded.
         success_rate: Their share.
-        ci_low: Lower end of Wilson's 95 % interval.
+        ci_low: Lower end of the 95 % interval: Wilson's, or the one that allows to stop early.
         ci_high: Upper end.
         mean_length: Mean length, control steps.
         mean_return: Mean undiscounted return.
@@ -200,11 +200,15 @@ class Result:
             ResultError: The records are not exactly those of the protocol.
         """
         check_complete(self.protocol, self.records)
-        return summarize(self.records)
+        return summarize(self.records, stopped_early=self.protocol.width is not None)
 
 
-def summarize(records: Iterable[EpisodeRecord]) -> tuple[CellSummary, ...]:
+def summarize(records: Iterable[EpisodeRecord], *, stopped_early: bool = False) -> tuple[CellSummary, ...]:
     """Returns the summary of every cell, in the order in which the cells first appear.
+
+    Args:
+        records: Episodes.
+        stopped_early: Whether the outcomes decided how many episodes a cell has.
 
     Raises:
         ResultError: The records of one cell disagree on what varied, or hold a number that is not finite.
@@ -212,10 +216,15 @@ def summarize(records: Iterable[EpisodeRecord]) -> tuple[CellSummary, ...]:
     by_cell: dict[Cell, list[EpisodeRecord]] = {}
     for record in records:
         by_cell.setdefault(record.cell, []).append(record)
-    return tuple(_summarize_cell(cell, members) for cell, members in by_cell.items())
+    interval = confidence_sequence if stopped_early else wilson
+    return tuple(_summarize_cell(cell, members, interval) for cell, members in by_cell.items())
 
 
-def _summarize_cell(cell: Cell, records: Sequence[EpisodeRecord]) -> CellSummary:
+def _summarize_cell(
+    cell: Cell,
+    records: Sequence[EpisodeRecord],
+    interval: Callable[[int, int], tuple[float, float]],
+) -> CellSummary:
     if len({(record.channels, record.not_shown) for record in records}) != 1:
         raise ResultError(f"The episodes of {cell} disagree on which channels varied or could be shown.")
     for record in records:
@@ -225,7 +234,7 @@ def _summarize_cell(cell: Cell, records: Sequence[EpisodeRecord]) -> CellSummary
                 f"{record.wall_time_s} s; both must be finite. Check the task's reward."
             )
     successes, n = sum(record.success for record in records), len(records)
-    low, high = wilson(successes, n)
+    low, high = interval(successes, n)
     return CellSummary(
         cell=cell,
         channels=records[0].channels,
@@ -248,8 +257,10 @@ def check_complete(protocol: Protocol, records: Sequence[EpisodeRecord]) -> None
             other episodes than another cell of its split.
     """
     by_cell: dict[Cell, list[int]] = {}
+    outcomes: dict[Cell, list[bool]] = {}
     for record in records:
         by_cell.setdefault(record.cell, []).append(record.episode)
+        outcomes.setdefault(record.cell, []).append(record.success)
     missing = [str(cell) for cell in protocol.cells() if cell not in by_cell]
     extra = [str(cell) for cell in by_cell if cell not in protocol.cells()]
     if missing or extra:
@@ -258,12 +269,16 @@ def check_complete(protocol: Protocol, records: Sequence[EpisodeRecord]) -> None
             f"unexpected {'; '.join(extra) or 'none'}."
         )
     for cell, episodes in by_cell.items():
-        if len(episodes) != protocol.episodes or len(set(episodes)) != len(episodes):
+        needed = protocol.episodes
+        if protocol.width is not None:
+            needed = narrow_after(outcomes[cell], protocol.width) or needed
+        if len(episodes) != needed or len(set(episodes)) != len(episodes):
             raise ResultError(
                 f"{str(cell).capitalize()} has {len(episodes)} records of {len(set(episodes))} episodes; the "
-                f"protocol needs {protocol.episodes}, each once."
+                f"protocol needs {needed}, each once."
             )
     for split in protocol.splits:
-        chosen = {frozenset(episodes) for cell, episodes in by_cell.items() if cell.split == split}
-        if len(chosen) > 1:
+        of_split = [episodes for cell, episodes in by_cell.items() if cell.split == split]
+        longest = max(of_split, key=len)
+        if any(set(episodes) != set(longest[: len(episodes)]) for episodes in of_split):
             raise ResultError(f"The cells of the {split} split are not of the same episodes.")

@@ -1,5 +1,6 @@
 """Evaluates a policy: (policy, env, protocol) to one record per episode."""
 
+import itertools
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from benchmark.protocol import Cell
 from benchmark.protocol import Protocol as EvaluationProtocol
 from benchmark.provenance import package_versions
 from benchmark.records import EpisodeRecord
+from benchmark.statistics import narrow_after
 from envs.core.errors import CheckpointError, ConfigError
 from envs.rollout import Actor, Episode, EpisodeEnv, rollout
 from policies import create_scripted
@@ -165,6 +167,7 @@ def evaluate(
                 seed=protocol.seed,
                 policy_name=policy_name,
                 on_episode=on_episode,
+                width=protocol.width,
             )
             if on_cell is not None:
                 on_cell(cell, env, of_cell)
@@ -185,6 +188,7 @@ def evaluate_cell(
     policy_name: str,
     only: str | None = None,
     on_episode: OnEpisode | None = None,
+    width: float | None = None,
 ) -> list[EpisodeRecord]:
     """Runs the episodes of one cell.
 
@@ -198,6 +202,9 @@ def evaluate_cell(
         policy_name: Name of the policy in the records.
         only: The channel that varies alone, or None.
         on_episode: Called with every record as soon as its episode is over, in order of finishing.
+        width: Ends the cell at the first episode, in the order of ``episodes``, after which the interval is
+            this narrow; see :class:`~benchmark.protocol.Protocol`. Later episodes that ran beside it do not
+            count, so the records do not depend on the number of environments.
 
     Returns:
         One record per episode, in the order of ``episodes``.
@@ -235,7 +242,15 @@ def evaluate_cell(
         )
         if on_episode is not None:
             on_episode(done[episode.position])
+        if width is not None and (enough := _narrow_after(done, width)) is not None:
+            return [done[position] for position in range(enough)]
     return [done[position] for position in sorted(done)]
+
+
+def _narrow_after(done: Mapping[int, EpisodeRecord], width: float) -> int | None:
+    """Returns after how many of the episodes, in order and without a gap, the interval is narrow enough."""
+    first = list(itertools.takewhile(done.__contains__, range(len(done))))
+    return narrow_after([done[position].success for position in first], width)
 
 
 def episode_generator(seed: int, episode: int) -> "torch.Generator":

@@ -63,6 +63,59 @@ def wilson(successes: int, n: int, confidence: float = CONFIDENCE) -> tuple[floa
     return float(interval.low), float(interval.high)
 
 
+@cache
+def confidence_sequence(successes: int, n: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """Returns an interval of a success rate that stays valid whenever one stops, also by looking at it.
+
+    With probability ``confidence`` the intervals after 1, 2, 3, … episodes all hold the rate. A rate p is
+    outside once the mixture of likelihoods under a uniform prior, ``B(s + 1, f + 1)``, is ``1 / alpha``
+    times its own, ``p**s * (1 - p)**f``: a martingale under p, so Ville's inequality bounds it (Robbins
+    1970, doi:10.1214/aoms/1177696786; Howard et al. 2021, arXiv:1810.08240). It is wider than
+    :func:`wilson`, which is valid for a number of episodes that was fixed beforehand.
+
+    Args:
+        successes: Episodes that succeeded.
+        n: Episodes so far, at least 1.
+        confidence: Coverage of all intervals together.
+
+    Raises:
+        ValueError: ``n`` is below 1, or ``successes`` is not between 0 and ``n``.
+    """
+    from scipy.optimize import brentq
+    from scipy.special import betaln, xlog1py, xlogy
+
+    if n < 1 or not 0 <= successes <= n:
+        raise ValueError(f"An interval needs 0 <= successes <= n and n >= 1, given {successes} of {n}.")
+    failures, rate = n - successes, successes / n
+    least = betaln(successes + 1, failures + 1) + np.log(1.0 - confidence)
+
+    def excess(p: float) -> float:
+        return float(xlogy(successes, p) + xlog1py(failures, -p) - least)
+
+    low = 0.0 if successes == 0 else brentq(excess, 1e-12, rate)
+    high = 1.0 if failures == 0 else brentq(excess, rate, 1.0 - 1e-12)
+    return float(low), float(high)
+
+
+def narrow_after(outcomes: Sequence[bool] | np.ndarray, width: float) -> int | None:
+    """Returns the episodes after which the :func:`confidence_sequence` is first at most ``width`` wide.
+
+    Args:
+        outcomes: Whether each episode succeeded, in order.
+        width: Width of the interval, in (0, 1).
+
+    Returns:
+        A number of episodes, or None where the interval is wider after all of them.
+    """
+    successes = 0
+    for n, success in enumerate(outcomes, start=1):
+        successes += bool(success)
+        # Wilson's interval is narrower at every n, and in closed form.
+        if np.ptp(wilson(successes, n)) <= width and np.ptp(confidence_sequence(successes, n)) <= width:
+            return n
+    return None
+
+
 def iqm(scores: np.ndarray) -> float:
     """Returns the interquartile mean: the mean of the middle half (rliable, arXiv:2108.13264, eq. 4.1).
 
@@ -98,25 +151,34 @@ def mean_of_rates(cells: Sequence[tuple[float, float, float]]) -> tuple[float, f
     return mean, max(0.0, mean - below), min(1.0, mean + above)
 
 
-def rate_of_runs(runs: Sequence[np.ndarray], *, seed: int = 0) -> tuple[float, float, float]:
+def rate_of_runs(
+    runs: Sequence[np.ndarray], *, seed: int = 0, stopped_early: bool = False
+) -> tuple[float, float, float]:
     """Returns the success rate of a method over its training runs, and its 95 % interval.
 
     One run: Wilson's interval. Several: whichever end is further out of Wilson's on all episodes (which
     handles 20 of 20) and the two-stage bootstrap's (which includes the variation between runs).
 
     Args:
-        runs: Successes of every run's episodes, each (episodes,), of equal length.
+        runs: Successes of every run's episodes, each (episodes,).
         seed: Seed of the bootstrap.
+        stopped_early: Whether the outcomes decided how many episodes there are; the interval of a run is
+            then that of :func:`confidence_sequence`, and every run weighs the same.
 
     Returns:
         Rate, lower end, upper end.
     """
     pooled = np.concatenate(runs)
-    low, high = wilson(int(pooled.sum()), len(pooled))
+    if stopped_early:
+        rate, low, high = mean_of_rates(
+            [(float(run.mean()), *confidence_sequence(int(run.sum()), len(run))) for run in runs]
+        )
+    else:
+        rate, (low, high) = float(pooled.mean()), wilson(int(pooled.sum()), len(pooled))
     if len(runs) > 1:
         between = two_stage_bootstrap(runs, seed=seed)
         low, high = min(low, between[0]), max(high, between[1])
-    return float(pooled.mean()), low, high
+    return rate, low, high
 
 
 def mean_of_strata(strata: Sequence[np.ndarray]) -> np.ndarray:

@@ -168,7 +168,8 @@ def _run(path: str, result: Result) -> dict[str, Any]:
 
 def _cell(cell: Cell, results: list[Result]) -> dict[str, Any]:
     members = [[record for record in result.records if record.cell == cell] for result in results]
-    rate, low, high = rate_of_runs([_successes(records) for records in members])
+    stopped_early = any(result.protocol.width is not None for result in results)
+    rate, low, high = rate_of_runs([_successes(records) for records in members], stopped_early=stopped_early)
     flat = [record for records in members for record in records]
     return {
         "level": cell.level,

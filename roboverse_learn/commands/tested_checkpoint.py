@@ -91,6 +91,7 @@ def protocol_of(config: EvaluationConfig) -> Protocol:
         splits=config.splits,
         episodes=config.episodes,
         seed=config.protocol_seed,
+        width=config.width,
     )
 
 

@@ -82,6 +82,8 @@ class EvaluationConfig:
         alone: Channels that are also varied alone, or together, as in camera+lighting.
         splits: Splits to evaluate; the test split is the headline.
         episodes: Episodes of each cell, that is of each level and split.
+        width: A cell ends once the 95 % interval of its success rate is this narrow, as in 0.1, and
+            ``episodes`` is the most; null evaluates all of them.
         protocol_seed: Root of the episodes' randomness.
         num_envs: Environments that step at once; on a CPU no result depends on it.
         videos: Videos of successes, and as many of failures, kept of each level.
@@ -93,6 +95,7 @@ class EvaluationConfig:
     alone: tuple[str, ...] = ()
     splits: tuple[Split, ...] = SPLITS
     episodes: int = 100
+    width: float | None = None
     protocol_seed: int = 0
     num_envs: int = 10
     videos: int = 1

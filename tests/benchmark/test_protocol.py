@@ -31,6 +31,7 @@ def test_hash_follows_every_field():
         {"splits": ("test",)},
         {"episodes": 20},
         {"seed": 1},
+        {"width": 0.1},
     )
     hashes = {Protocol().hash} | {Protocol(**change).hash for change in changes}
     assert len(hashes) == 1 + len(changes)
@@ -39,6 +40,14 @@ def test_hash_follows_every_field():
 def test_json_round_trip():
     protocol = Protocol(levels=(0, 3), only=("lighting",), episodes=7, seed=5)
     assert Protocol.from_json(protocol.to_json()) == protocol
+
+
+def test_a_width_is_written_only_where_there_is_one():
+    assert "width" not in Protocol().to_json()
+    protocol = Protocol(width=0.1)
+    assert Protocol.from_json(protocol.to_json()) == protocol
+    with pytest.raises(ConfigError, match=r"width must be between 0 and 1, given 10: 0\.1 ends a cell"):
+        Protocol(width=10)
 
 
 def test_canonical_json_has_one_form():

@@ -5,7 +5,7 @@ import pytest
 
 from benchmark.protocol import Protocol
 from benchmark.records import check_complete, summarize
-from benchmark.statistics import wilson
+from benchmark.statistics import confidence_sequence, narrow_after, wilson
 from envs.core.errors import ResultError
 
 PROTOCOL = Protocol(levels=(0, 3), splits=("test",), episodes=4)
@@ -51,6 +51,26 @@ def test_a_complete_set_passes(records):
 def test_cells_of_a_split_share_their_episodes(records):
     with pytest.raises(ResultError, match="cells of the test split are not of the same episodes"):
         check_complete(PROTOCOL, [*records[:-1], replace(records[-1], episode=1)])
+
+
+def test_cells_that_end_early_have_exactly_the_episodes_of_the_rule(make_records):
+    protocol = Protocol(levels=(0, 3), splits=("test",), episodes=40, width=0.4)
+    whole = [replace(record, success=record.level == 0) for record in make_records(protocol)]
+    first, second = whole[:40], [replace(r, success=index % 2 == 0) for index, r in enumerate(whole[40:])]
+    enough = narrow_after([True] * 40, 0.4)
+    assert enough is not None and enough < 40
+    later = narrow_after([record.success for record in second], 0.4) or 40
+    assert later > enough
+    ended = [*first[:enough], *second[:later]]
+    check_complete(protocol, ended)
+    (cell, _) = summarize(ended, stopped_early=True)
+    assert (cell.ci_low, cell.ci_high) == confidence_sequence(enough, enough)
+    for count, needed in ((enough - 1, 40), (enough + 1, enough)):
+        with pytest.raises(ResultError, match=f"protocol needs {needed}, each once"):
+            check_complete(protocol, [*first[:count], *second[:later]])
+    swapped = [*first[: enough - 1], replace(first[0], episode=99), *second[:later]]
+    with pytest.raises(ResultError, match="not of the same episodes"):
+        check_complete(protocol, swapped)
 
 
 def test_an_extra_cell_is_named(records):

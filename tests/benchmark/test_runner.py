@@ -5,6 +5,7 @@ import pytest
 
 from benchmark.protocol import Protocol
 from benchmark.runner import PolicyActor, episode_generator, evaluate, evaluate_cell
+from benchmark.statistics import narrow_after
 from envs.core.errors import CheckpointError, ConfigError, SimulatorError
 from envs.rollout import rollout
 
@@ -26,6 +27,17 @@ def test_records_do_not_depend_on_the_number_of_envs(point_env, noisy_policy, n_
     assert outcomes(runs[0]) == outcomes(runs[1]) == outcomes(runs[2])
     assert [record.episode for record in runs[0]] == episodes
     assert 0 < sum(record.success for record in runs[0]) < len(episodes), "the test would show nothing"
+
+
+def test_a_cell_ends_once_its_interval_is_narrow_for_any_number_of_envs(point_env, noisy_policy):
+    episodes = list(range(100, 150))
+    whole = evaluate_cell(noisy_policy(), point_env(4), episodes, **CELL)
+    for width in (0.8, 0.5):
+        enough = narrow_after([record.success for record in whole], width)
+        assert enough is not None and 1 < enough < len(episodes)
+        for num_envs in (1, 4, 16):
+            ended = evaluate_cell(noisy_policy(), point_env(num_envs), episodes, width=width, **CELL)
+            assert outcomes(ended) == outcomes(whole[:enough])
 
 
 @pytest.mark.parametrize("num_envs", [1, 3])

@@ -26,6 +26,48 @@ def test_wilson_refuses_impossible_counts(successes, n):
         statistics.wilson(successes, n)
 
 
+def test_confidence_sequence_by_hand():
+    """One success of one: p >= B(2, 1) / 20. One of two: p (1 - p) = B(2, 2) / 20 = 1 / 120 at both ends."""
+    assert statistics.confidence_sequence(1, 1) == pytest.approx((0.5 * 0.05, 1.0))
+    half = math.sqrt(0.25 - 1 / 120)
+    assert statistics.confidence_sequence(1, 2) == pytest.approx((0.5 - half, 0.5 + half))
+    assert statistics.confidence_sequence(0, 2) == pytest.approx((0.0, 1 - math.sqrt(0.05 / 3)))
+
+
+def test_confidence_sequence_holds_the_rate_after_every_episode():
+    rng, rate, missed = np.random.default_rng(0), 0.7, 0
+    for _ in range(400):
+        counts = np.cumsum(rng.random(60) < rate)
+        bounds = [statistics.confidence_sequence(int(s), n + 1) for n, s in enumerate(counts)]
+        missed += any(not low <= rate <= high for low, high in bounds)
+    assert 0 < missed / 400 <= 0.05 + 3 * math.sqrt(0.05 * 0.95 / 400)
+
+
+@pytest.mark.parametrize(("successes", "n"), [(0, 30), (7, 10), (95, 100), (1, 9000)])
+def test_confidence_sequence_is_wider_than_wilsons_interval(successes, n):
+    (low, high), (inner_low, inner_high) = (
+        interval(successes, n) for interval in (statistics.confidence_sequence, statistics.wilson)
+    )
+    assert low <= successes / n <= high and high - low > inner_high - inner_low
+
+
+def test_narrow_after_is_the_first_episode():
+    outcomes = [True] * 200
+    n = statistics.narrow_after(outcomes, 0.1)
+    assert n is not None
+    before, after = (1.0 - statistics.confidence_sequence(count, count)[0] for count in (n - 1, n))
+    assert after <= 0.1 < before
+    assert statistics.narrow_after(outcomes[: n - 1], 0.1) is None
+    assert statistics.narrow_after([True, False] * 100, 0.1) is None, "50 % needs more episodes"
+
+
+def test_runs_that_stopped_early_weigh_the_same():
+    rate, low, high = statistics.rate_of_runs([np.ones(50), np.zeros(10)], stopped_early=True)
+    assert (rate, low, high) == (0.5, 0.0, 1.0)
+    one = statistics.rate_of_runs([np.array([1.0, 1.0, 0.0])], stopped_early=True)
+    assert one[1:] == pytest.approx(statistics.confidence_sequence(2, 3))
+
+
 def test_iqm_drops_a_quarter_at_either_end():
     assert statistics.iqm(np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 100.0])) == pytest.approx(3.5)
     assert statistics.iqm(np.array([[0.0, 1.0], [2.0, 100.0]])) == pytest.approx(1.5)

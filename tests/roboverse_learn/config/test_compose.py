@@ -56,6 +56,7 @@ CHOSEN = {
     "evaluate.splits": ["test"],
     "train.betas": [0.5, 0.75],
     "train.lr_muon": 0.01,
+    "evaluate.width": 0.1,
     "recipe": "act_v1",
     "tasks": ["PickCube"],
     "levels": [1],
