@@ -81,7 +81,7 @@ def confidence_sequence(successes: int, n: int, confidence: float = CONFIDENCE) 
     Raises:
         ValueError: ``n`` is below 1, or ``successes`` is not between 0 and ``n``.
     """
-    from scipy.optimize import brentq
+    from scipy.optimize import root_scalar
     from scipy.special import betaln, xlog1py, xlogy
 
     if n < 1 or not 0 <= successes <= n:
@@ -92,8 +92,8 @@ def confidence_sequence(successes: int, n: int, confidence: float = CONFIDENCE) 
     def excess(p: float) -> float:
         return float(xlogy(successes, p) + xlog1py(failures, -p) - least)
 
-    low = 0.0 if successes == 0 else brentq(excess, 1e-12, rate)
-    high = 1.0 if failures == 0 else brentq(excess, rate, 1.0 - 1e-12)
+    low = 0.0 if successes == 0 else root_scalar(excess, bracket=(1e-12, rate)).root
+    high = 1.0 if failures == 0 else root_scalar(excess, bracket=(rate, 1.0 - 1e-12)).root
     return float(low), float(high)
 
 
