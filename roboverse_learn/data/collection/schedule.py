@@ -12,7 +12,7 @@ from envs.core.atomic import write_json
 from envs.core.errors import DatasetError
 from roboverse_learn.data.dataset.damage import broken_file, read_json
 from roboverse_learn.data.dataset.schema import COLLECTION_PATH
-from roboverse_learn.data.dataset.staging import load_staged, staged_directory
+from roboverse_learn.data.dataset.staging import STAGING_DIRECTORY, load_staged, staged_directory
 from roboverse_learn.data.dataset.writer import DatasetWriter
 
 GIVE_UP_AFTER = 100
@@ -181,10 +181,11 @@ class Schedule:
 
     def _find_staged(self) -> dict[int, Path]:
         """Finds the episodes that an earlier run finished and did not commit."""
-        staged = {}
-        for index in self._candidates:
+        staged, folder = {}, self._writer.root / STAGING_DIRECTORY
+        present = set(folder.iterdir()) if folder.is_dir() else set()
+        for index in self._candidates if present else ():
             directory = staged_directory(self._writer.root, index)
-            if not directory.exists():
+            if directory not in present:
                 continue
             try:
                 if index in self._committed:
