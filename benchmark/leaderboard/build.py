@@ -87,7 +87,7 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
 
 
 def write(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str, Path]:
-    """Writes the board, ``leaderboard.json``, ``.md`` and ``.html``, ``studies.md`` and ``.html``, and the plots.
+    """Writes the board, ``leaderboard.*``, the studies, ``studies.*``, and the plots.
 
     A plot whose content did not change is not rendered again. Plots of sections that the folder's last
     leaderboard had and this one has not are removed.
@@ -97,8 +97,8 @@ def write(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         train: As :func:`build`.
 
     Returns:
-        What was written: ``json``, ``markdown``, ``html``, ``studies markdown``, ``studies html``, and the plots,
-        see :func:`benchmark.leaderboard.section_plots.section_plots`.
+        What was written: ``json``, ``markdown``, ``html``, ``studies markdown``, ``studies html``, and the
+        plots, see :func:`benchmark.leaderboard.section_plots.section_plots`.
 
     Raises:
         ResultError: As :func:`build`; nothing is written then.
@@ -220,7 +220,7 @@ def _section(
 
 
 def _asks(row: Mapping[str, Any]) -> tuple[Any, ...]:
-    """Returns what the rows of a paired comparison share: both on the board, or both studies, of one training."""
+    """Returns what the rows of a paired comparison share: both of the board or both studies, of one level."""
     return row["kind"] == STUDY, row["train_level"], row["train_only"]
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from benchmark.leaderboard.plots import COLORS, LESS_WHEN_SOLVED, seeds_and_time
+from benchmark.leaderboard.plots import COLORS, LESS_WHEN_SOLVED, check_number, seeds_and_time
 from benchmark.learning_curves import published
 
 _WIDTH, _HEIGHT = 560, 260
@@ -20,9 +20,13 @@ def curve_charts(
         task: Task of the section; returns that others published of it are marked.
         curves: From :func:`benchmark.leaderboard.curves_section.learning_curves`.
         ends_when_solved: Whether a solved episode is over; the title says then why the return falls.
+
+    Raises:
+        ValueError: There are more curves than colours.
     """
     if not curves:
         return []
+    check_number(curves)
     returns = _chart("episode_return", curves, published(task))
     if ends_when_solved:
         returns["title"] += f" ({LESS_WHEN_SOLVED})"

@@ -1,9 +1,9 @@
 """Which results are entries of the board, and which are studies.
 
-An **entry** is one budget, the same for every task: a recipe, or a named preset. A preset counts where its keys
-were left as they are, or where two tasks or more learned with one budget at one level. Everything else that was
-trained is a **study**: other numbers of demonstrations or steps, ablations, a checkpoint of another program.
-A **baseline** was not trained. Success decides none of this.
+An **entry** is one budget, the same for every task: a recipe, or a named preset. A preset counts where its
+keys were left as they are, or where two tasks or more learned with one budget at one level. Everything else
+that was trained is a **study**: other numbers of demonstrations or steps, ablations, a checkpoint of another
+program. A **baseline** was not trained. Success decides none of this.
 """
 
 import re
@@ -87,9 +87,7 @@ def classify(results: Sequence[Result], labels: Sequence[str]) -> list[tuple[str
             found.append((BASELINE, None))
         elif key is None or result.train_level is None:
             found.append((STUDY, None))
-        elif (
-            result.recipe or key in unchanged or len(tasks[key, result.train_level]) >= _LEAST_TASKS
-        ):
+        elif result.recipe or key in unchanged or len(tasks[key, result.train_level]) >= _LEAST_TASKS:
             found.append((ENTRY, _entry(key, result, label)))
         else:
             found.append((STUDY, None))
@@ -98,7 +96,11 @@ def classify(results: Sequence[Result], labels: Sequence[str]) -> list[tuple[str
 
 def is_baseline(result: Result) -> bool:
     """Returns whether nothing was trained."""
-    return result.checkpoint.hash is None and result.dataset_hash is None and not trained_with(result).get("train")
+    return (
+        result.checkpoint.hash is None
+        and result.dataset_hash is None
+        and not trained_with(result).get("train")
+    )
 
 
 def is_foreign(result: Result) -> bool:

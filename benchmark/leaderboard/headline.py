@@ -1,4 +1,4 @@
-"""The board's first screen: entries ranked over one set of tasks, each protocol and tested level on its own."""
+"""The board's first screen: entries ranked over one set of tasks, each protocol and level on its own."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -7,7 +7,7 @@ from benchmark.leaderboard.standings import PROTOCOLS, standings
 from benchmark.statistics import mean_of_rates
 
 MIN_EPISODES = 100
-"""Test episodes that a cell needs to count in a rank: of 100 episodes the 95 % interval is at most 20 points wide."""
+"""Test episodes that a cell needs to count in a rank: their 95 % interval is at most 20 points wide."""
 
 _PLACE = ("protocol", "protocol_seed", "simulator", "renderer")
 
@@ -21,9 +21,9 @@ def headline(
 ) -> list[Board]:
     """Returns the rankings, the one with most cells first.
 
-    A board has the entries that learned from the same source, demonstrations or reward, and were tested where they
-    were trained, in tasks of one suite: those of the paper's table, or of one family. Only the tasks' own scenes
-    count.
+    A board has the entries that learned from the same source, demonstrations or reward, and were tested
+    where they were trained, in tasks of one suite: those of the paper's table, or of one family. Only the
+    tasks' own scenes count.
 
     Args:
         sections: Those of :func:`benchmark.leaderboard.build.build`.
@@ -32,10 +32,10 @@ def headline(
 
     Returns:
         Boards of plain values: where they were measured, ``learned_from``, ``suite``, ``tasks`` and
-        ``protocols``, of ``"A"`` and ``"B"`` to tested level (as text) to rows. A row has ``entry``, ``rank``,
-        ``mean`` with its interval, ``missing``, ``too_few`` and ``cells`` by task. It is ranked by its mean over
-        all tasks of the board, each of :data:`MIN_EPISODES` or more; without that, mean and rank are None and
-        the tasks that it lacks are named.
+        ``protocols``, of ``"A"`` and ``"B"`` to tested level (as text) to rows. A row has ``entry``,
+        ``rank``, ``mean`` with its interval, ``missing``, ``too_few`` and ``cells`` by task. It is ranked by
+        its mean over all tasks of the board, each of :data:`MIN_EPISODES` or more; without that, mean and
+        rank are None and the tasks that it lacks are named.
     """
     table = list(dict.fromkeys(row["task"] for row in reference["rows"]))
     found: dict[tuple[Any, ...], dict[str, Any]] = {}
@@ -70,7 +70,9 @@ def _shown(cell: Mapping[str, Any], section: str) -> dict[str, Any]:
 
 def _board(key: tuple[Any, ...], cells: Mapping[str, Mapping[str, Any]], table: Sequence[str]) -> Board:
     *place, learned_from, suite = key
-    seen = {task for levels in cells.values() for rows in levels.values() for row in rows.values() for task in row}
+    seen = {
+        task for levels in cells.values() for rows in levels.values() for row in rows.values() for task in row
+    }
     tasks = list(table) if suite == "RoboVerse" else sorted(seen)
     return dict(zip(_PLACE, place, strict=True)) | {
         "learned_from": learned_from,

@@ -1,4 +1,4 @@
-"""The board and the studies as Markdown and as HTML pages that open from a file, without server or network."""
+"""The board and the studies as Markdown and as HTML pages that open from a file, without a network."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,7 +10,7 @@ BOARD, STUDIES = "leaderboard", "studies"
 
 
 def render_html(board: Mapping[str, Any]) -> str:
-    """Returns the page of a leaderboard that :func:`benchmark.leaderboard.build.build` made: entries alone."""
+    """Returns the page of the entries of what :func:`benchmark.leaderboard.build.build` returned."""
     return _render("leaderboard.html.j2", board_view(board))
 
 

@@ -35,8 +35,8 @@ def series_lines(
 def chosen_lines(lines: Sequence[Line]) -> list[Line]:
     """Returns the lines that a plot shows, in their order; none where no line joins two levels.
 
-    Recipes come first, then what was tested at most levels and in most episodes; never what did best. The train
-    split is drawn where the plot has room for it: it counts as a line, too.
+    Recipes come first, then what was tested at most levels and in most episodes; never what did best. The
+    train split is drawn where the plot has room for it: it counts as a line, too.
     """
     if not any(len(_of(each, "test")) > 1 for each in lines):
         return []

@@ -35,7 +35,7 @@ def plot_levels(
         WriteError: The file cannot be written.
         ValueError: There are more lines than colours.
     """
-    _check_number(rows)
+    check_number(rows)
     figure, axes = new_figure((6.0, 3.4))
     shift = min(
         0.06, 0.4 / max(1, len(rows))
@@ -78,7 +78,12 @@ def plot_levels(
     save_figure(figure, path, drawn_of)
 
 
-def _check_number(lines: Sequence[Any]) -> None:
+def check_number(lines: Sequence[Any]) -> None:
+    """Checks that every line of a plot has a colour of its own.
+
+    Raises:
+        ValueError: There are more than eight.
+    """
     if len(lines) > len(COLORS):
         raise ValueError(f"A plot has at most {len(COLORS)} lines, given {len(lines)}.")
 
@@ -142,7 +147,7 @@ def plot_learning(
     """
     from matplotlib.ticker import EngFormatter
 
-    _check_number(curves)
+    check_number(curves)
     figure, both = new_figure((9.0, 3.3), columns=2)
     labels = {
         "episode_return": "return of an episode" + f"\n({LESS_WHEN_SOLVED})" * ends_when_solved,

@@ -1,7 +1,7 @@
 """What each entry reached in one section, by the two protocols of the benchmark.
 
-**A**, generalization: trained at level 0, tested at every level. **B**, as the paper's table: trained at the level
-that is tested. They ask different questions, and no number of one is ranked with one of the other.
+**A**, generalization: trained at level 0, tested at every level. **B**, as the paper's table: trained at the
+level that is tested. They ask different questions, and no number of one is ranked with one of the other.
 """
 
 from collections.abc import Mapping
@@ -21,11 +21,11 @@ def standings(section: Mapping[str, Any]) -> dict[str, list[Series]]:
         section: One of :func:`benchmark.leaderboard.build.build`.
 
     Returns:
-        Of ``"A"`` and ``"B"``, one series per entry and place of its training: ``entry``, ``transferred_from``,
-        ``rows`` (indices of its rows in the section) and ``cells``, of tested level (as text) to ``test`` and
-        ``train``, the cells of the row that the protocol asks for; of A also ``alone``, the same by the channel
-        that varied alone. Baselines, which learned nothing, are in
-        both. Series stand in the order of the section's rows.
+        Of ``"A"`` and ``"B"``, one series per entry and place of its training: ``entry``,
+        ``transferred_from``, ``rows`` (indices of its rows in the section) and ``cells``, of tested level
+        (as text) to ``test`` and ``train``, the cells of the row that the protocol asks for; of A also
+        ``alone``, the same by the channel that varied alone. Baselines, which learned nothing, are in both.
+        Series stand in the order of the section's rows.
     """
     found: dict[str, dict[tuple[Any, ...], Series]] = {name: {} for name in PROTOCOLS}
     for index, row in enumerate(section["rows"]):

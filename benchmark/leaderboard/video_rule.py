@@ -10,13 +10,22 @@ from benchmark.leaderboard.standings import standings
 def kept_videos(board: Mapping[str, Any]) -> set[str]:
     """Returns the videos that stay, as paths relative to the folder of results.
 
-    They are of the test split of the cells that the board shows of an entry where it was trained: by protocol A or
-    B. Of several seeds, the first that has one.
+    They are of the test split of the cells that the board shows of an entry where it was trained: by
+    protocol A or B. Of several seeds, the first that has one. Where a recipe of a policy has a task, videos
+    of the policy's presets go.
     """
     kept: set[str] = set()
     for section in board["sections"]:
-        for series in (each for of in standings(section).values() for each in of):
-            if series["entry"] is not None and series["transferred_from"] is None:
+        shown = [
+            series
+            for of in standings(section).values()
+            for series in of
+            if series["entry"] is not None and series["transferred_from"] is None
+        ]
+        kinds = {series["entry"]: board["entries"][series["entry"]]["kind"] for series in shown}
+        by_recipe = {series["policy"] for series in shown if kinds[series["entry"]] == "recipe"}
+        for series in shown:
+            if kinds[series["entry"]] == "recipe" or series["policy"] not in by_recipe:
                 kept |= _of_series(section, series)
     return kept
 

@@ -20,9 +20,13 @@ def board_view(board: Mapping[str, Any]) -> View:
     places = [_board_place(section, entries, reference) for section in board["sections"]]
     tasks = _by_task([place for place in places if place["kinds"] - {STUDY}])
     policies = {entry["policy"] for entry in entries.values()}
-    policies |= {series["policy"] for place in places for each in place["protocols"] for series in each["series"]}
+    policies |= {
+        series["policy"] for place in places for each in place["protocols"] for series in each["series"]
+    }
     boards = [_ranking(each, reference) for each in board["headline"]]
-    names = list(dict.fromkeys([task for each in boards for task in each["tasks"]] + [t["title"] for t in tasks]))
+    names = list(
+        dict.fromkeys([task for each in boards for task in each["tasks"]] + [t["title"] for t in tasks])
+    )
     return {
         "boards": boards,
         "tasks": tasks,
@@ -124,13 +128,17 @@ def series_label(series: Mapping[str, Any], entries: Mapping[str, Any]) -> str:
     entry = entries[series["entry"]]
     moved = f", trained in {series['transferred_from']}" if series["transferred_from"] else ""
     same = [
-        each for each in entries.values() if (entry_name(each), origin(each)) == (entry_name(entry), origin(entry))
+        each
+        for each in entries.values()
+        if (entry_name(each), origin(each)) == (entry_name(entry), origin(entry))
     ]
     length = f", {entry['steps']:,} steps" if entry["steps"] else f", {entry['time_s'] or 0:.0f} s"
     return f"{entry_name(entry)}, {origin(entry)}" + (length if len(same) > 1 else "") + moved
 
 
-def _board_place(section: Mapping[str, Any], entries: Mapping[str, Any], reference: Mapping[str, Any]) -> View:
+def _board_place(
+    section: Mapping[str, Any], entries: Mapping[str, Any], reference: Mapping[str, Any]
+) -> View:
     """Returns the entries of a section: a table and a chart for each protocol."""
     rows = section["rows"]
     protocols = []
@@ -220,7 +228,11 @@ def shown_curves(section: Mapping[str, Any], *, studies: bool) -> list[Mapping[s
 
 def place_name(section: Mapping[str, Any]) -> str:
     """Returns the name of a simulator's tab: ``SAPIEN``, or ``MuJoCo, rendered with gl``."""
-    drawn = "" if section["renderer"] in ("warp", section["simulator"]) else f", rendered with {section['renderer']}"
+    drawn = (
+        ""
+        if section["renderer"] in ("warp", section["simulator"])
+        else f", rendered with {section['renderer']}"
+    )
     seed = f", seed {section['protocol_seed']}" if section["protocol_seed"] else ""
     return name_of(section["simulator"]) + drawn + seed
 

@@ -1,7 +1,7 @@
 """Words and numbers of the leaderboard's pages: names of policies and simulators, budgets, rates, dates."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from html import escape
 from typing import Any
 
@@ -27,7 +27,20 @@ _NAMES = {
     "genesis": "Genesis",
 }
 
-_MONTHS = "January February March April May June July August September October November December".split()
+_MONTHS = [
+    "January",
+    "February",
+    "March",
+    "April",
+    "May",
+    "June",
+    "July",
+    "August",
+    "September",
+    "October",
+    "November",
+    "December",
+]
 
 _MARKDOWN = str.maketrans({character: f"\\{character}" for character in "|[]`*"})
 
@@ -43,7 +56,7 @@ def entry_name(entry: Mapping[str, Any]) -> str:
 
 
 def budget(entry: Mapping[str, Any]) -> str:
-    """Returns what an entry was trained with: ``1,000 demos · 10,000 steps``; seconds where a clock ended it."""
+    """Returns what an entry was trained with: ``1,000 demos · 10,000 steps``; or seconds of a clock."""
     parts = [f"{entry['demonstrations']:,} demos"] if entry["demonstrations"] else []
     if entry["steps"]:
         parts.append(f"{entry['steps']:,} steps")
@@ -68,12 +81,6 @@ def date(created: str | None) -> str:
 def words_of_task(task: str) -> list[str]:
     """Returns a task's name where it may break: ``PickCube`` as ``Pick``, ``Cube``."""
     return re.split(r"(?<=[a-z])(?=[A-Z])|(?<=[/_])", task)
-
-
-def from_to(counts: Iterable[int]) -> str:
-    """Returns what counts lie between: ``4 to 6``, or ``6`` where all are the same."""
-    ordered = sorted(set(counts))
-    return " to ".join(str(count) for count in dict.fromkeys((ordered[0], ordered[-1])))
 
 
 def percent(rate: float) -> str:
@@ -102,7 +109,6 @@ FILTERS = {
     "budget": budget,
     "date": date,
     "entry_name": entry_name,
-    "from_to": from_to,
     "interval": interval,
     "name_of": name_of,
     "origin": origin,
