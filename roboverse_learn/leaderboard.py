@@ -13,7 +13,7 @@ from roboverse_learn.config.leaderboard_config import LeaderboardConfig
 
 
 def leaderboard(config: LeaderboardConfig) -> Any:
-    """Writes the leaderboard of a folder of results, and prunes its videos if asked; returns a printable report.
+    """Writes the leaderboard of a folder of results, its videos pruned if asked; returns a printable report.
 
     Raises:
         ResultError: The folder is absent, or a file in it is no result; nothing is written then.

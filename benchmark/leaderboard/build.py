@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmark.leaderboard.curves_section import learning_curves
-from benchmark.leaderboard.entries import STUDY, BoardEntry, classify, is_foreign, one_row_each
+from benchmark.leaderboard.entries import STUDY, BoardEntry, classify, is_foreign, one_row_each, shown_entries
 from benchmark.leaderboard.headline import headline
 from benchmark.leaderboard.overview import overview
 from benchmark.leaderboard.recipe_settings import completed, flat
@@ -26,7 +26,6 @@ from benchmark.leaderboard.rows import (
     build_row,
     group_runs,
     name_rows,
-    policy_label,
     rank,
     row_key,
 )
@@ -66,7 +65,7 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         for path, told in _load(results_dir)
     ]
     results = [result for _, result in loaded]
-    kinds = classify(results, [policy_label(result) for result in results])
+    kinds = classify(results)
     kind_of = {path: kind for (path, _), kind in zip(loaded, kinds, strict=True)}
     groups: dict[tuple[str, ...], list[Entry]] = {}
     for path, result in loaded:
@@ -74,12 +73,12 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
     sections = [_rounded(_section(results_dir, groups[key], kind_of)) for key in sorted(groups)]
     reference = json.loads(files("benchmark").joinpath("reference/paper.json").read_text())
     shown = {row["entry"] for section in sections for row in section["rows"]}
-    entries = {entry.id: entry.to_json() for _, entry in kinds if entry and entry.id in shown}
+    entries = shown_entries(entry for _, entry in kinds if entry and entry.id in shown)
     return {
         "schema_version": SCHEMA_VERSION,
         "latest": max((result.created for result in results), default=None),
         "reference": reference,
-        "entries": dict(sorted(entries.items())),
+        "entries": entries,
         "headline": _rounded(headline(sections, entries, reference)),
         "overview": _rounded(overview(sections)),
         "sections": sections,

@@ -9,11 +9,11 @@ program. A **baseline** was not trained. Success decides none of this.
 import re
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from benchmark.leaderboard.recipe_settings import learned_settings
-from benchmark.leaderboard.rows import trained_with, training_length
+from benchmark.leaderboard.rows import policy_and_backend, trained_with, training_length
 from benchmark.protocol import canonical_json, digest
 from benchmark.records import Result
 
@@ -40,7 +40,7 @@ class BoardEntry:
     Attributes:
         id: Identifies it, in names of HTML elements too.
         policy: Name of the policy.
-        label: Policy, backend, and the tasks that it learned together.
+        label: Policy, backend, and how many tasks one network learned.
         kind: ``"recipe"`` or ``"preset"``.
         name: Name of the recipe, version included, or of the preset.
         learned_from: ``"demonstrations"`` or ``"reward"``.
@@ -48,6 +48,7 @@ class BoardEntry:
         steps: Gradient steps, or environment steps of reinforcement learning; None where a clock ended it.
         time_s: Seconds after which a clock ended the training, or None.
         image_size: Height and width of the images, pixels, or None.
+        variant: Which of the entries that differ in nothing else shown here, from 1; 0 where there is one.
     """
 
     id: str
@@ -60,18 +61,18 @@ class BoardEntry:
     steps: int | None
     time_s: float | None
     image_size: int | None
+    variant: int = 0
 
     def to_json(self) -> dict[str, Any]:
         """Returns plain JSON values."""
         return asdict(self)
 
 
-def classify(results: Sequence[Result], labels: Sequence[str]) -> list[tuple[str, BoardEntry | None]]:
+def classify(results: Sequence[Result]) -> list[tuple[str, BoardEntry | None]]:
     """Returns the kind of each result, ``entry``, ``study`` or ``baseline``, and the entry that it is of.
 
     Args:
         results: All results of a folder.
-        labels: Label of the policy of each.
     """
     keys = [_budget_key(result) for result in results]
     tasks: dict[tuple[str, int | None], set[str]] = {}
@@ -82,13 +83,13 @@ def classify(results: Sequence[Result], labels: Sequence[str]) -> list[tuple[str
             if not result.recipe and _is_unchanged(result.command):
                 unchanged.add(key)
     found: list[tuple[str, BoardEntry | None]] = []
-    for key, result, label in zip(keys, results, labels, strict=True):
+    for key, result in zip(keys, results, strict=True):
         if is_baseline(result):
             found.append((BASELINE, None))
         elif key is None or result.train_level is None:
             found.append((STUDY, None))
         elif result.recipe or key in unchanged or len(tasks[key, result.train_level]) >= _LEAST_TASKS:
-            found.append((ENTRY, _entry(key, result, label)))
+            found.append((ENTRY, _entry(key, result)))
         else:
             found.append((STUDY, None))
     return found
@@ -141,14 +142,15 @@ def _is_unchanged(command: str) -> bool:
     )
 
 
-def _entry(key: str, result: Result, label: str) -> BoardEntry:
+def _entry(key: str, result: Result) -> BoardEntry:
     length: Mapping[str, Any] = training_length(result)
     kind = "recipe" if result.recipe else "preset"
     name = result.recipe or trained_with(result)["preset"]
+    together = len(result.train_tasks)
     return BoardEntry(
         id=re.sub(r"[^a-z0-9]+", "-", f"{result.policy}-{name}".lower()).strip("-") + f"-{digest(key)[:6]}",
         policy=result.policy,
-        label=label,
+        label=policy_and_backend(result) + (f", {together} tasks in one" if together else ""),
         kind=kind,
         name=name,
         learned_from="reward" if result.demonstrations is None else "demonstrations",
@@ -157,6 +159,19 @@ def _entry(key: str, result: Result, label: str) -> BoardEntry:
         time_s=length["training_time_s"],
         image_size=result.env.image_size if result.sees_images else None,
     )
+
+
+def shown_entries(entries: Iterable[BoardEntry]) -> dict[str, dict[str, Any]]:
+    """Returns entries by id as plain JSON values, numbered where they would look the same."""
+    alike: dict[BoardEntry, list[BoardEntry]] = {}
+    for entry in sorted(set(entries), key=lambda entry: entry.id):
+        alike.setdefault(replace(entry, id=""), []).append(entry)
+    numbered = [
+        replace(entry, variant=number if len(group) > 1 else 0)
+        for group in alike.values()
+        for number, entry in enumerate(group, 1)
+    ]
+    return {entry.id: entry.to_json() for entry in sorted(numbered, key=lambda entry: entry.id)}
 
 
 def one_row_each(rows: Iterable[dict[str, Any]]) -> None:

@@ -142,11 +142,16 @@ def build_row(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
     }
 
 
-def policy_label(result: Result) -> str:
-    """Returns the policy's name, whose implementation was trained, and which tasks it learned besides."""
+def policy_and_backend(result: Result) -> str:
+    """Returns the policy's name, and whose implementation was trained: ``ppo by rsl_rl``."""
     own = result.config.get("policy")
     backend = own.get("backend") if isinstance(own, Mapping) else None
-    label = f"{result.policy} by {backend}" if backend else result.policy
+    return f"{result.policy} by {backend}" if backend else result.policy
+
+
+def policy_label(result: Result) -> str:
+    """Returns the policy's name, whose implementation was trained, and which tasks it learned besides."""
+    label = policy_and_backend(result)
     others = _learned_with(result).get("learned_with", [])
     joined = " and ".join(others) if len(others) <= _NAMED_TASKS else f"{len(others)} further tasks"
     return f"{label}, learned with {joined}" if others else label

@@ -18,7 +18,8 @@ def board_view(board: Mapping[str, Any]) -> View:
     """Returns the view of the board's page: rankings, and the entries of every task."""
     entries, reference = board["entries"], board["reference"]
     places = [_board_place(section, entries, reference) for section in board["sections"]]
-    tasks = _by_task([place for place in places if place["kinds"] - {STUDY}])
+    table = list(dict.fromkeys(row["task"] for row in reference["rows"]))
+    tasks = _by_task([place for place in places if place["kinds"] - {STUDY}], table)
     policies = {entry["policy"] for entry in entries.values()}
     policies |= {
         series["policy"] for place in places for each in place["protocols"] for series in each["series"]
@@ -44,8 +45,9 @@ def board_view(board: Mapping[str, Any]) -> View:
 def studies_view(board: Mapping[str, Any]) -> View:
     """Returns the view of the studies' page; entries stand beside the studies of their policy, to compare."""
     places = [_studies_place(section, board) for section in board["sections"]]
+    table = list(dict.fromkeys(row["task"] for row in board["reference"]["rows"]))
     return {
-        "tasks": _by_task([place for place in places if STUDY in place["kinds"]]),
+        "tasks": _by_task([place for place in places if STUDY in place["kinds"]], table),
         "overview": board["overview"],
         "entries": board["entries"],
         "reference": board["reference"],
@@ -53,15 +55,17 @@ def studies_view(board: Mapping[str, Any]) -> View:
     }
 
 
-def _by_task(places: Iterable[View]) -> list[View]:
-    """Returns the places of every task and its options together."""
+def _by_task(places: Iterable[View], table: Sequence[str]) -> list[View]:
+    """Returns the places of every task and its options together, the tasks of the paper's table first."""
     found: dict[str, list[View]] = {}
     for place in places:
         found.setdefault(place["title"], []).append(place)
-    return [
+    tasks = [
         {"title": title, "places": sorted(of, key=lambda place: -place["num_native"])}
         for title, of in found.items()
     ]
+    order = {task: index for index, task in enumerate(table)}
+    return sorted(tasks, key=lambda task: order.get(task["title"], len(table)))
 
 
 def _shown_level(boards: Sequence[View]) -> str:

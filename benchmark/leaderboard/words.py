@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
+from benchmark.leaderboard.curve_chart import thousands
+
 LEVELS = {
     0: ("object poses", "Only the task space varies: where objects and goals are."),
     1: ("+ materials", "Table, walls and ground get other materials, too."),
@@ -56,10 +58,10 @@ def entry_name(entry: Mapping[str, Any]) -> str:
 
 
 def budget(entry: Mapping[str, Any]) -> str:
-    """Returns what an entry was trained with: ``1,000 demos · 10,000 steps``; or seconds of a clock."""
+    """Returns what an entry was trained with: ``1,000 demos · 10k steps``; or seconds of a clock."""
     parts = [f"{entry['demonstrations']:,} demos"] if entry["demonstrations"] else []
     if entry["steps"]:
-        parts.append(f"{entry['steps']:,} steps")
+        parts.append(f"{thousands(entry['steps'])} steps")
     elif entry["time_s"]:
         parts.append(f"{entry['time_s']:.0f} s")
     return " · ".join(parts)
@@ -67,7 +69,8 @@ def budget(entry: Mapping[str, Any]) -> str:
 
 def origin(entry: Mapping[str, Any]) -> str:
     """Returns what fixes an entry's budget: ``recipe act_v1``."""
-    return f"{entry['kind']} {entry['name']}"
+    variant = f", variant {entry['variant']}" if entry["variant"] else ""
+    return f"{entry['kind']} {entry['name']}{variant}"
 
 
 def date(created: str | None) -> str:
@@ -81,6 +84,11 @@ def date(created: str | None) -> str:
 def words_of_task(task: str) -> list[str]:
     """Returns a task's name where it may break: ``PickCube`` as ``Pick``, ``Cube``."""
     return re.split(r"(?<=[a-z])(?=[A-Z])|(?<=[/_])", task)
+
+
+def breakable(task: str) -> str:
+    """Returns a task's name with a space of no width where it may break."""
+    return "\u200b".join(words_of_task(task))
 
 
 def percent(rate: float) -> str:
@@ -114,6 +122,7 @@ FILTERS = {
     "origin": origin,
     "p_value": p_value,
     "percent": percent,
+    "breakable": breakable,
     "words_of_task": words_of_task,
 }
 """Filters of the templates."""

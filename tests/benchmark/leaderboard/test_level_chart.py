@@ -22,6 +22,7 @@ def test_nine_lines_become_eight_whatever_their_success():
     assert labels(lines) == [f"line{number}" for number in range(8)]
     assert labels(lines[::-1]) == [f"line{number}" for number in range(7, -1, -1)]
     chart = level_chart(lines)
+    assert chart is not None
     assert (len(chart["curves"]), chart["left_out"], len({c["color"] for c in chart["curves"]})) == (8, 1, 8)
 
 
@@ -45,6 +46,7 @@ def test_single_points_and_single_channels_are_no_lines():
 
 def test_coordinates_by_hand():
     chart = level_chart([line("act", [cell(0, 1.0), cell(3, 0.0)])])
+    assert chart is not None
     (curve,) = chart["curves"]
     first, last = curve["test"]
     assert (first["x"], last["x"]) == (chart["left"] + 30, chart["right"] - 30)
