@@ -3,6 +3,7 @@
 import pytest
 
 from benchmark.leaderboard import build as leaderboard
+from benchmark.leaderboard.html import render_html, render_markdown
 from benchmark.leaderboard.standings import standings
 from benchmark.protocol import Protocol
 from benchmark.statistics import wilson
@@ -141,11 +142,11 @@ def test_the_newest_result_dates_the_board(publish, tmp_path):
     publish()
     publish(run="later", seed=1, created="2026-05-02T03:04:05Z")
     assert leaderboard.build(tmp_path)["latest"] == "2026-05-02T03:04:05Z"
-    assert "results of 2 May 2026" in leaderboard.write(tmp_path)["html"].read_text()
+    assert "results of 2 May 2026" in render_html(leaderboard.build(tmp_path))
 
 
 def test_the_page_ranks_and_names_what_is_missing(two_entries, tmp_path):
     (tmp_path / "v2/NutAssembly/diffusion/diffusion-s0.json").unlink()
-    written = leaderboard.write(tmp_path)
-    assert "lacks NutAssembly |\n" in written["markdown"].read_text()
-    assert 'title="not tested: NutAssembly"' in written["html"].read_text()
+    board = leaderboard.build(tmp_path)
+    assert "lacks NutAssembly |\n" in render_markdown(board)
+    assert 'title="not tested: NutAssembly"' in render_html(board)

@@ -53,6 +53,7 @@ def test_coordinates_by_hand():
     assert (first["y"], last["y"]) == (14, chart["bottom"])
 
 
+@pytest.mark.slow
 def test_no_plot_of_a_folder_has_more_than_eight_lines(publish, monkeypatch, tmp_path):
     from benchmark.leaderboard import section_plots
 
