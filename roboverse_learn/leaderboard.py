@@ -9,26 +9,37 @@ if __name__ == "__main__":  # as a script: this folder's `data` or `run` must no
 from dataclasses import asdict
 from typing import Any
 
-from roboverse_learn.config.schema import LeaderboardConfig
+from roboverse_learn.config.leaderboard_config import LeaderboardConfig
 
 
 def leaderboard(config: LeaderboardConfig) -> Any:
-    """Writes the leaderboard of a folder of results; returns a printable report.
+    """Writes the leaderboard of a folder of results, its videos pruned if asked; returns a printable report.
 
     Raises:
         ResultError: The folder is absent, or a file in it is no result; nothing is written then.
     """
     from roboverse_learn.commands.report import leaderboard_report
 
-    return leaderboard_report(write_leaderboard(Path(config.results_dir)))
+    results_dir = Path(config.results_dir)
+    removed = _prune_videos(results_dir) if config.prune_videos else None
+    return leaderboard_report(write_leaderboard(results_dir), removed)
 
 
 def write_leaderboard(results_dir: Path) -> dict[str, Path]:
-    """Writes ``leaderboard.json``, ``.md``, ``.html`` and the plots; returns what was written."""
+    """Writes ``leaderboard.*``, ``studies.*`` and the plots; returns what was written."""
     from benchmark.leaderboard.build import write
     from roboverse_learn.training.config import TrainConfig
 
     return write(results_dir, asdict(TrainConfig()))
+
+
+def _prune_videos(results_dir: Path) -> int:
+    """Removes the videos that :mod:`benchmark.leaderboard.video_rule` does not keep; returns their number."""
+    from benchmark.leaderboard.build import build
+    from benchmark.leaderboard.video_rule import remove_other_videos
+    from roboverse_learn.training.config import TrainConfig
+
+    return len(remove_other_videos(results_dir, build(results_dir, asdict(TrainConfig()))))
 
 
 if __name__ == "__main__":

@@ -17,10 +17,18 @@ from pathlib import Path
 from typing import Any
 
 from benchmark.leaderboard.curves_section import learning_curves
+from benchmark.leaderboard.entries import STUDY, BoardEntry, classify, is_foreign, one_row_each, shown_entries
+from benchmark.leaderboard.headline import headline
 from benchmark.leaderboard.overview import overview
-from benchmark.leaderboard.plot_cache import draw_if_changed
 from benchmark.leaderboard.recipe_settings import completed, flat
-from benchmark.leaderboard.rows import Entry, build_row, group_runs, name_rows, rank, row_key
+from benchmark.leaderboard.rows import (
+    Entry,
+    build_row,
+    group_runs,
+    name_rows,
+    rank,
+    row_key,
+)
 from benchmark.protocol import Cell, canonical_json, digest
 from benchmark.records import EpisodeRecord, Result
 from benchmark.results import read_result, result_path
@@ -28,8 +36,9 @@ from benchmark.statistics import compare
 from envs.core.atomic import write_file
 from envs.core.errors import ResultError
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 JSON_NAME, MARKDOWN_NAME, HTML_NAME = "leaderboard.json", "leaderboard.md", "leaderboard.html"
+STUDIES_MARKDOWN_NAME, STUDIES_HTML_NAME = "studies.md", "studies.html"
 
 _SHOWN_ERRORS = 10
 
@@ -42,29 +51,42 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         train: Defaults of the training, for keys that a result is older than.
 
     Returns:
-        Plain JSON values: ``schema_version``, ``reference``, ``overview`` (see
+        Plain JSON values: ``schema_version``, ``latest`` (when the newest result was made), ``reference``,
+        ``entries`` by id, ``headline`` (see :mod:`benchmark.leaderboard.headline`), ``overview`` (see
         :mod:`benchmark.leaderboard.overview`) and ``sections``, each with its ``rows``, learning ``curves``,
-        ``comparisons`` and ``notes``.
+        ``comparisons`` and ``notes``. A row's ``kind`` is ``entry``, ``baseline`` or ``study``.
 
     Raises:
         ResultError: The folder is absent, or a file in it is not a valid result in its place; every
             such file is named.
     """
+    loaded = [
+        (path, replace(told, config=completed(told.config, told.policy, train or {})))
+        for path, told in _load(results_dir)
+    ]
+    results = [result for _, result in loaded]
+    kinds = classify(results)
+    kind_of = {path: kind for (path, _), kind in zip(loaded, kinds, strict=True)}
     groups: dict[tuple[str, ...], list[Entry]] = {}
-    for path, told in _load(results_dir):
-        result = replace(told, config=completed(told.config, told.policy, train or {}))
+    for path, result in loaded:
         groups.setdefault(_section_order(_section_key(result)), []).append((path, result))
-    sections = [_rounded(_section(results_dir, groups[key])) for key in sorted(groups)]
+    sections = [_rounded(_section(results_dir, groups[key], kind_of)) for key in sorted(groups)]
+    reference = json.loads(files("benchmark").joinpath("reference/paper.json").read_text())
+    shown = {row["entry"] for section in sections for row in section["rows"]}
+    entries = shown_entries(entry for _, entry in kinds if entry and entry.id in shown)
     return {
         "schema_version": SCHEMA_VERSION,
-        "reference": json.loads(files("benchmark").joinpath("reference/paper.json").read_text()),
+        "latest": max((result.created for result in results), default=None),
+        "reference": reference,
+        "entries": entries,
+        "headline": _rounded(headline(sections, entries, reference)),
         "overview": _rounded(overview(sections)),
         "sections": sections,
     }
 
 
 def write(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str, Path]:
-    """Writes ``leaderboard.json``, ``.md``, ``.html`` and the plots into a folder of results.
+    """Writes the board, ``leaderboard.*``, the studies, ``studies.*``, and the plots.
 
     A plot whose content did not change is not rendered again. Plots of sections that the folder's last
     leaderboard had and this one has not are removed.
@@ -74,64 +96,32 @@ def write(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         train: As :func:`build`.
 
     Returns:
-        What was written: ``json``, ``markdown``, ``html``, ``plot <section>`` of success over the levels,
-        and ``learning <section>`` for reinforcement learning.
+        What was written: ``json``, ``markdown``, ``html``, ``studies markdown``, ``studies html``, and the
+        plots, see :func:`benchmark.leaderboard.section_plots.section_plots`.
 
     Raises:
         ResultError: As :func:`build`; nothing is written then.
     """
-    from benchmark.leaderboard.html import render_html, render_markdown
-    from benchmark.leaderboard.plots import plot_learning, plot_levels
-    from benchmark.learning_curves import published
+    from benchmark.leaderboard import html
+    from benchmark.leaderboard.section_plots import draw_sections, possible_plots
 
     board = build(results_dir, train)
     contents = {
         "json": (JSON_NAME, json.dumps(board, indent=1, allow_nan=False) + "\n"),
-        "markdown": (MARKDOWN_NAME, render_markdown(board)),
-        "html": (HTML_NAME, render_html(board)),
+        "markdown": (MARKDOWN_NAME, html.render_markdown(board)),
+        "html": (HTML_NAME, html.render_html(board)),
+        "studies markdown": (STUDIES_MARKDOWN_NAME, html.render_studies_markdown(board)),
+        "studies html": (STUDIES_HTML_NAME, html.render_studies_html(board)),
     }
-    plots = _plots(results_dir, board)
-    for path in _last_plots(results_dir) - set(plots.values()):
-        path.unlink(missing_ok=True)
+    before = possible_plots(results_dir, results_dir / JSON_NAME)
     written: dict[str, Path] = {}
     for kind, (name, text) in contents.items():
         written[kind] = results_dir / name
         write_file(written[kind], text.encode())
-    for section in board["sections"]:
-        path = plots[f"plot {section['id']}"]
-        draw_if_changed(plot_levels, section["rows"], path, section["title"])
-        if section["curves"]:
-            path = plots[f"learning {section['id']}"]
-            ends, others = bool(section["ends_when_solved"]), published(section["task"])
-            learned = section["curves"], path, section["title"], others
-            draw_if_changed(plot_learning, *learned, ends_when_solved=ends)
+    plots = draw_sections(results_dir, board)
+    for path in before - set(plots.values()):
+        path.unlink(missing_ok=True)
     return written | plots
-
-
-def _plots(results_dir: Path, board: Mapping[str, Any]) -> dict[str, Path]:
-    """Returns the plots of a leaderboard."""
-    plots = {}
-    for section in board["sections"]:
-        of_levels, of_learning = _plot_paths(results_dir, section)
-        plots[f"plot {section['id']}"] = of_levels
-        if section["curves"]:
-            plots[f"learning {section['id']}"] = of_learning
-    return plots
-
-
-def _last_plots(results_dir: Path) -> set[Path]:
-    """Returns the plots that the folder's last leaderboard may have; none if it cannot be read."""
-    try:
-        board = json.loads((results_dir / JSON_NAME).read_text(encoding="utf-8"))
-        return {path for section in board["sections"] for path in _plot_paths(results_dir, section)}
-    except (OSError, ValueError, TypeError, LookupError):  # there is none, or it is damaged, or another's
-        return set()
-
-
-def _plot_paths(results_dir: Path, section: Mapping[str, Any]) -> tuple[Path, Path]:
-    """Returns where a section's plots are, of levels and of learning."""
-    folder = results_dir / "plots"
-    return folder / f"{section['id']}.png", folder / f"{section['id']}-learning.png"
 
 
 def _load(results_dir: Path) -> list[Entry]:
@@ -183,15 +173,23 @@ def _section_order(key: Mapping[str, Any]) -> tuple[str, ...]:
     return *(canonical_json(key[name]) for name in first), canonical_json(dict(key))
 
 
-def _section(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
+def _section(
+    results_dir: Path, entries: list[Entry], kind_of: Mapping[str, tuple[str, BoardEntry | None]]
+) -> dict[str, Any]:
     key = _section_key(entries[0][1])
     groups = group_runs(entries)
     rows = [build_row(results_dir, group) for group in groups]
+    for row, ((path, first), *_) in zip(rows, groups, strict=True):
+        kind, entry = kind_of[path]
+        row |= {"kind": kind, "entry": entry.id if entry else None, "foreign": is_foreign(first)}
+    one_row_each(rows)
     name_rows(rows, [row_key(group[0][1])["settings"] for group in groups])
     order = sorted(range(len(rows)), key=lambda index: rank(rows[index]))
     compared = [_Compared.of(group[0]) for group in groups]
     comparisons, notes = [], []
     for first, second in combinations(order, 2):
+        if _asks(rows[first]) != _asks(rows[second]):
+            continue
         found, unlike = _compare(compared[first], compared[second])
         labels = {"a": rows[first]["label"], "b": rows[second]["label"]}
         comparisons += [labels | item for item in found]
@@ -218,6 +216,11 @@ def _section(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
         "comparisons": comparisons,
         "notes": notes,
     }
+
+
+def _asks(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Returns what the rows of a paired comparison share: both of the board or both studies, of one level."""
+    return row["kind"] == STUDY, row["train_level"], row["train_only"]
 
 
 def _ends_when_solved(entries: list[Entry]) -> bool | None:

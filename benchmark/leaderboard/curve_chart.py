@@ -3,8 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from benchmark.leaderboard.plots import LESS_WHEN_SOLVED, seeds_and_time
-from benchmark.leaderboard.row_style import row_style
+from benchmark.leaderboard.plots import COLORS, LESS_WHEN_SOLVED, check_number, seeds_and_time
 from benchmark.learning_curves import published
 
 _WIDTH, _HEIGHT = 560, 260
@@ -15,15 +14,19 @@ _TITLES = {"episode_return": "return of an episode", "success_rate": "success in
 def curve_charts(
     task: str, curves: Sequence[Mapping[str, Any]], *, ends_when_solved: bool = False
 ) -> list[dict[str, Any]]:
-    """Returns one chart per measure, of all learning curves of a section; none without any.
+    """Returns one chart per measure, of learning curves of a section, eight at most; none without any.
 
     Args:
         task: Task of the section; returns that others published of it are marked.
         curves: From :func:`benchmark.leaderboard.curves_section.learning_curves`.
         ends_when_solved: Whether a solved episode is over; the title says then why the return falls.
+
+    Raises:
+        ValueError: There are more curves than colours.
     """
     if not curves:
         return []
+    check_number(curves)
     returns = _chart("episode_return", curves, published(task))
     if ends_when_solved:
         returns["title"] += f" ({LESS_WHEN_SOLVED})"
@@ -45,7 +48,7 @@ def _chart(
         return round(_TOP + (high - value) / (high - low) * (_HEIGHT - _TOP - _BOTTOM), 1)
 
     lines = []
-    for curve in curves:
+    for curve, color in zip(curves, COLORS, strict=False):
         measure = curve[name]
         across = [x(step) for step in curve["steps"]]
         band = []
@@ -57,7 +60,7 @@ def _chart(
             {
                 "label": curve["label"],
                 "told": seeds_and_time(curve),
-                "style": row_style(curve["row"]),
+                "color": color,
                 "line": list(zip(across, map(y, measure["mid"]), strict=True)),
                 "band": band,
             }

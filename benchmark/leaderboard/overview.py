@@ -1,7 +1,6 @@
 """Overview of all tasks: success at every level of policies trained at each level."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from statistics import fmean
 from typing import Any
 
 type Table = dict[str, Any]
@@ -21,10 +20,10 @@ def overview(sections: Iterable[Mapping[str, Any]]) -> list[Table]:
 
     Returns:
         Tables of plain values, the longest first: where they were measured, ``train_levels`` and
-        ``test_levels``; ``rows`` of a task and a policy, and ``means`` of a policy over the tasks. Either has
-        ``trained``, a mapping of training level (as text) to a mapping of test level (as text) to
-        ``success_rate``; a row's has ``ci_low``, ``ci_high`` and ``episodes`` besides, a mean's the number of
-        ``tasks``. A row has ``trainings``, of training level to ``demonstrations``, ``steps`` and ``seeds``.
+        ``test_levels``, and ``rows`` of a task and a policy. A row has ``trained``, a mapping of training
+        level (as text) to a mapping of test level (as text) to ``success_rate``, ``ci_low``, ``ci_high`` and
+        ``episodes``, and ``trainings``, of training level to ``demonstrations``, ``steps`` and ``seeds``.
+        There is no mean: budgets differ from cell to cell.
     """
     places: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
     for section in sections:
@@ -82,22 +81,4 @@ def _table(rows: Sequence[Table]) -> Table:
     trained = [level for row in rows for level in row["trained"]]
     tested = [level for row in rows for cells in row["trained"].values() for level in cells]
     levels = {"train_levels": sorted(set(trained)), "test_levels": sorted(set(tested))}
-    means = []
-    for policy in sorted({row["policy"] for row in rows}):
-        own = [row["trained"] for row in rows if row["policy"] == policy]
-        if len(own) > 1:
-            means.append({"policy": policy, "trained": _mean_over(own, **levels)})
-    return levels | {"rows": rows, "means": means}
-
-
-def _mean_over(
-    rows: Sequence[Mapping[str, Any]], train_levels: Sequence[str], test_levels: Sequence[str]
-) -> dict[str, dict[str, Table]]:
-    """Returns the mean over the tasks of every pair of levels that two tasks or more have."""
-    means: dict[str, dict[str, Table]] = {}
-    for train in train_levels:
-        for test in test_levels:
-            rates = [row[train][test]["success_rate"] for row in rows if test in row.get(train, {})]
-            if len(rates) > 1:
-                means.setdefault(train, {})[test] = {"success_rate": fmean(rates), "tasks": len(rates)}
-    return means
+    return levels | {"rows": rows}

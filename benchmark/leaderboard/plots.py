@@ -16,8 +16,7 @@ LESS_WHEN_SOLVED = "it ends when solved, with less reward"
 
 _DPI = 160
 
-_MARKERS = "osD^v*X"
-_LINES = ("-", "--", "-.", ":")
+_MARKERS = "osD^v*XP"
 
 
 def plot_levels(
@@ -26,21 +25,23 @@ def plot_levels(
     """Draws success over the levels: the test split solid with its 95 % interval, the train split dashed.
 
     Args:
-        rows: Rows of one section of the leaderboard, each with ``label`` and ``cells``.
+        rows: The lines, eight at most, each with ``label`` and ``cells``; see
+            :func:`benchmark.leaderboard.level_chart.chosen_lines`.
         path: The ``.png`` (or ``.svg``) file.
         title: Title.
         drawn_of: As :func:`save_figure`.
 
     Raises:
         WriteError: The file cannot be written.
+        ValueError: There are more lines than colours.
     """
+    check_number(rows)
     figure, axes = new_figure((6.0, 3.4))
     shift = min(
         0.06, 0.4 / max(1, len(rows))
     )  # levels are whole numbers: intervals of several policies would hide each other
     for index, row in enumerate(rows):
-        color, marker = COLORS[index % len(COLORS)], _in_its_round(_MARKERS, index)
-        again = index >= len(COLORS)  # its colour is another row's, too
+        color, marker = COLORS[index], _MARKERS[index]
         offset = shift * (index - (len(rows) - 1) / 2)
         for split, style in (("test", "-"), ("train", "--")):
             cells = [cell for cell in row["cells"] if cell["split"] == split and cell["level"] is not None]
@@ -59,9 +60,8 @@ def plot_levels(
                 yerr=bars if test else None,
                 linestyle=style,
                 color=color,
-                marker=marker if test or again else None,
-                markersize=(5.5 if again else 4) if test else 3.5,
-                markerfacecolor="white" if again else color,
+                marker=marker if test else None,
+                markersize=4,
                 linewidth=1.8 if test else 1.1,
                 capsize=3,
                 alpha=1.0 if test else 0.6,
@@ -76,6 +76,16 @@ def plot_levels(
         axes.plot([], [], linestyle="--", color="#7f7f7f", linewidth=1.1, label="same, train split")
     legend_below(figure, *axes.get_legend_handles_labels(), columns=1 if len(rows) > 3 else 2)
     save_figure(figure, path, drawn_of)
+
+
+def check_number(lines: Sequence[Any]) -> None:
+    """Checks that every line of a plot has a colour of its own.
+
+    Raises:
+        ValueError: There are more than eight.
+    """
+    if len(lines) > len(COLORS):
+        raise ValueError(f"A plot has at most {len(COLORS)} lines, given {len(lines)}.")
 
 
 def plot_losses(rows: Sequence[Mapping[str, float]], path: Path, title: str = "Training") -> None:
@@ -123,7 +133,7 @@ def plot_learning(
     """Draws return and success over environment steps: interquartile mean over seeds, and its 95 % interval.
 
     Args:
-        curves: Those of one section of the leaderboard, from
+        curves: Eight at most of those of one section of the leaderboard, from
             :func:`benchmark.leaderboard.curves_section.learning_curves`.
         path: The ``.png`` (or ``.svg``) file.
         title: Title.
@@ -133,20 +143,21 @@ def plot_learning(
 
     Raises:
         WriteError: The file cannot be written.
+        ValueError: There are more curves than colours.
     """
     from matplotlib.ticker import EngFormatter
 
+    check_number(curves)
     figure, both = new_figure((9.0, 3.3), columns=2)
     labels = {
         "episode_return": "return of an episode" + f"\n({LESS_WHEN_SOLVED})" * ends_when_solved,
         "success_rate": "success in training",
     }
     for axes, (name, label) in zip(both, labels.items(), strict=True):
-        for curve in curves:
-            steps, measure, color = curve["steps"], curve[name], COLORS[curve["row"] % len(COLORS)]
-            line = _in_its_round(_LINES, curve["row"])
+        for curve, color in zip(curves, COLORS, strict=False):
+            steps, measure = curve["steps"], curve[name]
             legend = f"{curve['label']}, {seeds_and_time(curve)}"
-            axes.plot(steps, measure["mid"], line, color=color, linewidth=1.8, label=legend)
+            axes.plot(steps, measure["mid"], color=color, linewidth=1.8, label=legend)
             if measure["low"] is not None:
                 axes.fill_between(steps, measure["low"], measure["high"], color=color, alpha=0.2, linewidth=0)
         axes.set(xlabel="environment steps", ylabel=label)
@@ -166,11 +177,6 @@ def seeds_and_time(curve: Mapping[str, Any]) -> str:
     number, seconds = len(curve["seeds"]), curve["seconds"][-1]
     took = f"{seconds:.0f} s" if seconds < 60 else f"{seconds / 60:.3g} min"
     return f"{number} seed{'s' * (number > 1)}, {took}"
-
-
-def _in_its_round(styles: Sequence[str], index: int) -> str:
-    """Returns the style of a row's round of the colours: rows of one colour look different."""
-    return styles[index // len(COLORS) % len(styles)]
 
 
 def _smooth(values: Sequence[float]) -> list[float]:

@@ -22,6 +22,7 @@ _LEAST_RUNS_FOR_IQM = 3
 _NAMED_TASKS = 3
 
 _DISTINGUISHING = {
+    "recipe": "recipe {}",
     "train_level": "trained at level {}",
     "train_only": "trained on {} alone",
     "demonstrations": "{} demonstrations",
@@ -39,6 +40,7 @@ def row_key(result: Result) -> dict[str, Any]:
     """Returns what the runs of one row share: everything but the training seed."""
     return {
         "policy": result.policy,
+        "recipe": result.recipe or None,
         **_learned_with(result),
         "transferred_from": transferred_from(result),
         "train_level": result.train_level,
@@ -46,11 +48,11 @@ def row_key(result: Result) -> dict[str, Any]:
         "cameras": " and ".join(result.env.cameras) or None,
         "image_size": result.env.image_size if result.sees_images else None,
         "demonstrations": result.demonstrations,
-        **_training_length(result),
+        **training_length(result),
         "protocol_hash": result.protocol.hash,
         "tested_alone": ", ".join(result.protocol.only) or None,
         "settings": {
-            **learned_settings(result.config.get("policy"), _trained_with(result).get("train")),
+            **learned_settings(result.config.get("policy"), trained_with(result).get("train")),
             **_trained_in(result),
             "materials": result.env.materials or "built-in",
         },
@@ -65,27 +67,26 @@ def _learned_with(result: Result) -> dict[str, Any]:
 
 def _trained_in(result: Result) -> dict[str, Any]:
     """Returns what was changed of the scene and the materials of the demonstrations."""
-    trained = _trained_with(result)
+    trained = trained_with(result)
     return {
         "training materials": trained.get("materials") or "built-in",
         "training scenario": trained.get("scenario") or "as it is",
     }
 
 
-def _training_length(result: Result) -> dict[str, Any]:
+def training_length(result: Result) -> dict[str, Any]:
     """Returns how long the policy was trained: seeds that stop by the clock stop after different steps."""
-    train = _trained_with(result).get("train")
+    train = trained_with(result).get("train")
     limit = train.get("time_limit_s") if isinstance(train, Mapping) else None
-    by_clock = (
-        isinstance(train, Mapping) and limit is not None and result.checkpoint.step != train.get("steps")
-    )
+    step, steps = result.checkpoint.step, train.get("steps") if isinstance(train, Mapping) else None
+    by_clock = limit is not None and (step is None or steps is None or step < steps)
     return {
-        "training_steps": None if by_clock else result.checkpoint.step,
+        "training_steps": None if by_clock else step,
         "training_time_s": limit if by_clock else None,
     }
 
 
-def _trained_with(result: Result) -> Mapping[str, Any]:
+def trained_with(result: Result) -> Mapping[str, Any]:
     """Returns the configuration of the training, which a later evaluation keeps under ``run``."""
     run = result.config.get("run")
     return run if isinstance(run, Mapping) else result.config
@@ -93,7 +94,7 @@ def _trained_with(result: Result) -> Mapping[str, Any]:
 
 def transferred_from(result: Result) -> str | None:
     """Returns where the policy was trained, ``"mujoco, rendered with warp"``, if not where it was tested."""
-    trained = _trained_with(result)
+    trained = trained_with(result)
     simulator, renderer = trained.get("simulator"), trained.get("renderer")
     if not simulator or not renderer or (simulator, renderer) == (result.env.simulator, result.env.renderer):
         return None
@@ -141,11 +142,16 @@ def build_row(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
     }
 
 
-def policy_label(result: Result) -> str:
-    """Returns the policy's name, whose implementation was trained, and which tasks it learned besides."""
+def policy_and_backend(result: Result) -> str:
+    """Returns the policy's name, and whose implementation was trained: ``ppo by rsl_rl``."""
     own = result.config.get("policy")
     backend = own.get("backend") if isinstance(own, Mapping) else None
-    label = f"{result.policy} by {backend}" if backend else result.policy
+    return f"{result.policy} by {backend}" if backend else result.policy
+
+
+def policy_label(result: Result) -> str:
+    """Returns the policy's name, whose implementation was trained, and which tasks it learned besides."""
+    label = policy_and_backend(result)
     others = _learned_with(result).get("learned_with", [])
     joined = " and ".join(others) if len(others) <= _NAMED_TASKS else f"{len(others)} further tasks"
     return f"{label}, learned with {joined}" if others else label

@@ -1,4 +1,4 @@
-for (const head of document.querySelectorAll("thead th")) {
+for (const head of document.querySelectorAll("table:not(.ranking) thead th")) {
   head.tabIndex = 0;
   const sort = () => {
     const body = head.closest("table").tBodies[0];

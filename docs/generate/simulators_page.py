@@ -66,8 +66,8 @@ a time slider, the scene in 3D, the cameras, the draws. `dataset=…` and `resul
 - `roboverse conservation` measures what each simulator keeps of momentum, angular momentum and kinetic \
 energy: [conservation/conservation.md](conservation/conservation.md).
 - `roboverse evaluate checkpoint=runs/… simulator=sapien` evaluates a policy where it was not trained. The \
-leaderboard keeps simulator and renderer in the key of a section: the result is a row of that simulator's \
-section, labelled with where the policy was trained, beside what was trained there.
+leaderboard keeps simulators and renderers apart: the result is a row of that simulator's tab, labelled with \
+where the policy was trained, beside what was trained there.
 - `roboverse speed simulators` compares handlers to scripts on the simulator alone.
 """
 

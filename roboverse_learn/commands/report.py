@@ -57,9 +57,10 @@ def evaluation_report(evaluations: Sequence["Evaluation"], board: Mapping[str, P
     return Group(*map(success_table, evaluations), _paths(_evaluation_paths(evaluations, board)))
 
 
-def leaderboard_report(board: Mapping[str, Path]) -> Group:
-    """Path of the leaderboard."""
-    return Group(_paths(_board_paths(board)))
+def leaderboard_report(board: Mapping[str, Path], removed_videos: int | None = None) -> Group:
+    """Paths of the leaderboard, and how many videos were removed, if any were to be."""
+    removed = [] if removed_videos is None else [Text(f"Removed {removed_videos} videos.")]
+    return Group(*removed, _paths(_board_paths(board)))
 
 
 def replay_report(summary: Mapping[str, Any], path: Path, page: Mapping[str, Path]) -> Group:
@@ -164,7 +165,7 @@ def _evaluation_paths(evaluations: Sequence["Evaluation"], board: Mapping[str, P
 
 def _board_paths(board: Mapping[str, Path]) -> dict[str, Any]:
     plots = [path for name, path in board.items() if name.startswith("plot")]
-    names = {"html": "page", "markdown": "table", "json": "leaderboard"}
+    names = {"html": "page", "studies html": "studies", "markdown": "table", "json": "leaderboard"}
     return {title: board[name] for name, title in names.items() if name in board} | {"plots": plots}
 
 

@@ -14,6 +14,7 @@ from envs.randomization.levels import channels_of
 from envs.randomization.splits import load_split
 from envs.spec import EnvSpec
 from policies.base import listed
+from roboverse_learn.config.leaderboard_config import LeaderboardConfig
 from roboverse_learn.config.view_config import ViewConfig
 from roboverse_learn.data.sources import SOURCES
 from roboverse_learn.training.config import TrainConfig
@@ -364,17 +365,6 @@ class ConservationConfig:
 
     def __post_init__(self) -> None:
         _positive(timestep_s=self.timestep_s)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class LeaderboardConfig:
-    """``roboverse leaderboard``: tables, plots and page from the result files alone.
-
-    Attributes:
-        results_dir: Folder of results and of the leaderboard.
-    """
-
-    results_dir: str = "results"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -191,6 +191,7 @@ def make_result(make_records):
             "control_hz": 20.0,
             "policy": policy,
             "train_level": 0,
+            "recipe": f"{policy}_v1",
             "seed": seed,
             "checkpoint": Checkpoint(step=2000, hash="ab" * 32),
             "dataset_hash": "cd" * 8,

@@ -9,7 +9,6 @@ from benchmark.leaderboard import build as leaderboard
 from benchmark.leaderboard import plots
 from benchmark.leaderboard.curve_chart import curve_charts, thousands
 from benchmark.leaderboard.plots import plot_learning
-from benchmark.leaderboard.row_style import row_style
 from benchmark.learning_curves import (
     COLUMNS,
     curve_path,
@@ -135,7 +134,7 @@ def test_charts_stay_within_their_frame_and_mark_what_is_published():
     assert curve_charts("PickCube", []) == []
     returns, success = curve_charts("humanoid/stand", [band((0.0, 5.0), row=1)])
     (line,) = returns["lines"]
-    assert (line["label"], line["told"], line["style"]) == ("ppo", "2 seeds, 6 s", row_style(1))
+    assert (line["label"], line["told"], line["color"]) == ("ppo", "2 seeds, 6 s", plots.COLORS[0])
     assert [other["method"] for other in returns["others"]] == ["TD-MPC2", "SimbaV2"] and not success[
         "others"
     ]
@@ -145,11 +144,13 @@ def test_charts_stay_within_their_frame_and_mark_what_is_published():
     assert returns["steps"][-1]["text"] == "2M" and success["steps"][-1]["text"] == "300"
 
 
-def test_lines_whose_colours_repeat_have_dashes():
-    returns, _ = curve_charts("PickCube", [band(label=str(index), row=index) for index in range(10)])
-    styles = [line["style"] for line in returns["lines"]]
-    assert len(set(styles)) == 10 and styles[0].color == styles[8].color
-    assert [style.dash for style in styles] == [""] * 8 + ["9 3"] * 2
+def test_curves_have_different_colours_and_are_eight_at_most(tmp_path):
+    curves = [band(label=str(index), row=index) for index in range(9)]
+    returns, _ = curve_charts("PickCube", curves[:8])
+    assert len({line["color"] for line in returns["lines"]}) == 8
+    for draw in (lambda: curve_charts("PickCube", curves), lambda: plot_learning(curves, tmp_path / "a.png")):
+        with pytest.raises(ValueError, match="at most 8 lines, given 9"):
+            draw()
 
 
 def test_plot_is_written(tmp_path):

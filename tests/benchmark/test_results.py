@@ -58,7 +58,10 @@ def test_file_of_schema_1_reads_as_the_same_result(make_result, tmp_path):
         "cameras": ("front", "wrist"),
         "task": "StackCube",
     }
-    for result in (make_result(**changed), make_result(sees_images=False, image_size=256)):
+    for result in (
+        make_result(**changed, recipe=""),
+        make_result(sees_images=False, image_size=256, recipe=""),
+    ):
         path = result_path(tmp_path, result)
         write_result(path, result)
         edit(path, _as_schema_1)

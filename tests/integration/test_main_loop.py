@@ -33,7 +33,7 @@ def test_the_loop_leaves_behind_all_that_it_promises(run: Path) -> None:
     assert result.dataset_hash == read_facts(run, "collect")["dataset_hash"]
     assert result.config["train"]["steps"] == 12
     assert {record.initial_state_hash for record in result.records} != {""}
-    for path in ("leaderboard.json", "leaderboard.md", "leaderboard.html"):
+    for path in ("leaderboard.json", "leaderboard.md", "leaderboard.html", "studies.md", "studies.html"):
         assert (Path("results") / path).stat().st_size > 0
     assert list(Path("results/plots").glob("*.png"))
     videos = list((Path("results/v2/PickCube/act") / run.name).glob("*.mp4"))
@@ -101,7 +101,7 @@ def test_a_checkpoint_is_evaluated_in_another_simulator(run: Path, simulator: st
     assert (result.env.simulator, trained.env.simulator) == (simulator, "mujoco")
     assert result.checkpoint == trained.checkpoint
     assert cli.main(["leaderboard"]) == 0
-    assert simulator in Path("results/leaderboard.md").read_text()
+    assert simulator in Path("results/studies.md").read_text(), "a changed preset is a study"
     path.unlink()
 
 

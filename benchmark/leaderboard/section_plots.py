@@ -1,0 +1,77 @@
+"""The images of ``plots/``: success over the levels and learning curves of each section."""
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmark.leaderboard.entries import STUDY
+from benchmark.leaderboard.level_chart import chosen_lines, line, series_lines
+from benchmark.leaderboard.plot_cache import draw_if_changed
+from benchmark.leaderboard.plots import plot_learning, plot_levels
+from benchmark.leaderboard.standings import standings
+from benchmark.leaderboard.views import series_label, shown_curves
+from benchmark.learning_curves import published
+
+_SUFFIXES = ("", "-b", "-studies", "-learning", "-studies-learning")
+
+
+@dataclass(frozen=True, slots=True)
+class SectionPlot:
+    """One image: its ``kind`` and ``name``, and the function and values that draw it."""
+
+    kind: str
+    name: str
+    draw: Callable[..., None]
+    values: Any
+    more: tuple[Any, ...]
+    options: Mapping[str, Any]
+
+
+def draw_sections(results_dir: Path, board: Mapping[str, Any]) -> dict[str, Path]:
+    """Draws what changed of the plots of a board; returns all of them.
+
+    Returns:
+        Paths by kind: ``plot <section>`` and ``plot <section>-b`` of the entries by the protocols A and B,
+        ``plot <section>-studies``, and ``learning <section>`` and ``learning <section>-studies``.
+    """
+    plots = {}
+    for section in board["sections"]:
+        for plot in section_plots(section, board["entries"]):
+            path = plots[plot.kind] = results_dir / "plots" / f"{plot.name}.png"
+            draw_if_changed(plot.draw, plot.values, path, *plot.more, **plot.options)
+    return plots
+
+
+def section_plots(section: Mapping[str, Any], entries: Mapping[str, Any]) -> Iterator[SectionPlot]:
+    """Yields the plots of a section that have something to join."""
+    name, title = section["id"], section["title"]
+    lines = {
+        protocol: series_lines(series, entries, lambda each: series_label(each, entries))
+        for protocol, series in standings(section).items()
+    }
+    studies = [line(row["label"], row["cells"]) for row in section["rows"] if row["kind"] == STUDY]
+    trained = {row["train_level"] for row in section["rows"] if row["kind"] != STUDY}
+    of_levels = [("", title, lines["A"]), ("-studies", f"{title}, studies", studies)]
+    if trained - {0, None}:
+        of_levels.append(("-b", f"{title}, trained at the tested level", lines["B"]))
+    for suffix, head, all_lines in of_levels:
+        if shown := chosen_lines(all_lines):
+            yield SectionPlot(f"plot {name}{suffix}", name + suffix, plot_levels, shown, (head,), {})
+    for suffix in ("", "-studies"):
+        if curves := shown_curves(section, studies=bool(suffix)):
+            more = (title, published(section["task"]))
+            options = {"ends_when_solved": bool(section["ends_when_solved"])}
+            kind = f"learning {name}{suffix}"
+            yield SectionPlot(kind, f"{name}{suffix}-learning", plot_learning, curves, more, options)
+
+
+def possible_plots(results_dir: Path, board: Path) -> set[Path]:
+    """Returns the plots that a leaderboard's file may have; none if it cannot be read."""
+    try:
+        names = [section["id"] for section in json.loads(board.read_text(encoding="utf-8"))["sections"]]
+        folder = results_dir / "plots"
+        return {folder / f"{name}{suffix}.png" for name in names for suffix in _SUFFIXES}
+    except (OSError, ValueError, TypeError, LookupError):  # there is none, or it is damaged, or another's
+        return set()

@@ -1,0 +1,71 @@
+"""Which videos a folder of results keeps: one success and one failure per entry and level."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from benchmark.leaderboard.standings import standings
+
+
+def kept_videos(board: Mapping[str, Any]) -> set[str]:
+    """Returns the videos that stay, as paths relative to the folder of results.
+
+    They are of the test split of the cells that the board shows of an entry where it was trained: by
+    protocol A or B. Of several seeds, the first that has one. Where a recipe of a policy has a task, videos
+    of the policy's presets go.
+    """
+    kept: set[str] = set()
+    for section in board["sections"]:
+        shown = [
+            series
+            for of in standings(section).values()
+            for series in of
+            if series["entry"] is not None and series["transferred_from"] is None
+        ]
+        kinds = {series["entry"]: board["entries"][series["entry"]]["kind"] for series in shown}
+        by_recipe = {series["policy"] for series in shown if kinds[series["entry"]] == "recipe"}
+        for series in shown:
+            if kinds[series["entry"]] == "recipe" or series["policy"] not in by_recipe:
+                kept |= _of_series(section, series)
+    return kept
+
+
+def _of_series(section: Mapping[str, Any], series: Mapping[str, Any]) -> set[str]:
+    first: dict[tuple[str, str], str] = {}
+    for index in series["rows"]:
+        for video in section["rows"][index]["videos"]:
+            level = video["condition"].removeprefix("level")
+            if video["split"] == "test" and level in series["cells"]:
+                first.setdefault((f"{index} {level}", video["outcome"]), video["path"])
+    wanted = {f"{index} {level}" for index in series["rows"] for level in _levels(section, series, index)}
+    return {path for (cell, _), path in first.items() if cell in wanted}
+
+
+def _levels(section: Mapping[str, Any], series: Mapping[str, Any], index: int) -> set[str]:
+    """Returns the levels whose shown cell is of this row."""
+    own = [cell for cell in section["rows"][index]["cells"] if cell["split"] == "test"]
+    return {level for level, cell in series["cells"].items() if cell["test"] in own}
+
+
+def remove_other_videos(results_dir: Path, board: Mapping[str, Any]) -> list[Path]:
+    """Removes every video of a results file that the rule does not keep, with its poster.
+
+    Videos beside no results file are left alone.
+
+    Returns:
+        The removed videos, sorted.
+    """
+    kept = kept_videos(board)
+    removed = sorted(results_dir / path for path in set(_videos(board)) - kept)
+    for path in removed:
+        path.unlink(missing_ok=True)
+        path.with_suffix(".png").unlink(missing_ok=True)
+        if not any(path.parent.iterdir()):
+            path.parent.rmdir()
+    return removed
+
+
+def _videos(board: Mapping[str, Any]) -> Iterator[str]:
+    for section in board["sections"]:
+        for row in section["rows"]:
+            yield from (video["path"] for video in row["videos"])

@@ -1,0 +1,128 @@
+"""Words and numbers of the leaderboard's pages: names of policies and simulators, budgets, rates, dates."""
+
+import re
+from collections.abc import Mapping
+from html import escape
+from typing import Any
+
+from benchmark.leaderboard.curve_chart import thousands
+
+LEVELS = {
+    0: ("object poses", "Only the task space varies: where objects and goals are."),
+    1: ("+ materials", "Table, walls and ground get other materials, too."),
+    2: ("+ camera", "The camera looks from another of 59 poses, too."),
+    3: ("+ light", "Lights, their colour, and how surfaces reflect vary, too."),
+}
+"""Channel that each level adds, for the head of its column."""
+
+_NAMES = {
+    "act": "ACT",
+    "diffusion": "Diffusion Policy",
+    "ppo": "PPO",
+    "tdmpc2": "TD-MPC2",
+    "fasttd3": "FastTD3",
+    "mujoco": "MuJoCo",
+    "mujoco_warp": "MuJoCo Warp",
+    "newton": "Newton",
+    "sapien": "SAPIEN",
+    "pybullet": "PyBullet",
+    "genesis": "Genesis",
+}
+
+_MONTHS = [
+    "January",
+    "February",
+    "March",
+    "April",
+    "May",
+    "June",
+    "July",
+    "August",
+    "September",
+    "October",
+    "November",
+    "December",
+]
+
+_MARKDOWN = str.maketrans({character: f"\\{character}" for character in "|[]`*"})
+
+
+def name_of(word: str) -> str:
+    """Returns how a policy or a simulator is written, its own name where it has no other."""
+    return _NAMES.get(word, word)
+
+
+def entry_name(entry: Mapping[str, Any]) -> str:
+    """Returns an entry's policy: ``PPO by rsl_rl``."""
+    return name_of(entry["policy"]) + entry["label"].removeprefix(entry["policy"])
+
+
+def budget(entry: Mapping[str, Any]) -> str:
+    """Returns what an entry was trained with: ``1,000 demos · 10k steps``; or seconds of a clock."""
+    parts = [f"{entry['demonstrations']:,} demos"] if entry["demonstrations"] else []
+    if entry["steps"]:
+        parts.append(f"{thousands(entry['steps'])} steps")
+    elif entry["time_s"]:
+        parts.append(f"{entry['time_s']:.0f} s")
+    return " · ".join(parts)
+
+
+def origin(entry: Mapping[str, Any]) -> str:
+    """Returns what fixes an entry's budget: ``recipe act_v1``."""
+    variant = f", variant {entry['variant']}" if entry["variant"] else ""
+    return f"{entry['kind']} {entry['name']}{variant}"
+
+
+def date(created: str | None) -> str:
+    """Returns a result's date for people: ``24 November 2026``."""
+    if not created:
+        return "no results yet"
+    year, month, day = created[:10].split("-")
+    return f"{int(day)} {_MONTHS[int(month) - 1]} {year}"
+
+
+def words_of_task(task: str) -> list[str]:
+    """Returns a task's name where it may break: ``PickCube`` as ``Pick``, ``Cube``."""
+    return re.split(r"(?<=[a-z])(?=[A-Z])|(?<=[/_])", task)
+
+
+def breakable(task: str) -> str:
+    """Returns a task's name with a space of no width where it may break."""
+    return "\u200b".join(words_of_task(task))
+
+
+def percent(rate: float) -> str:
+    """Returns a rate in percent, without the sign."""
+    return f"{100 * rate:.0f}"
+
+
+def interval(cell: Mapping[str, Any]) -> str:
+    """Returns an interval in percent: ``85–96``."""
+    return f"{percent(cell['ci_low'])}–{percent(cell['ci_high'])}"
+
+
+def p_value(value: float) -> str:
+    """Returns a p-value with three decimals."""
+    return "< 0.001" if value < 0.001 else f"{value:.3f}"
+
+
+def markdown(value: Any) -> Any:
+    """Escapes what Markdown would pass through or read as more than text: HTML, links, ends of cells."""
+    if not isinstance(value, str):
+        return value
+    return escape(" ".join(value.splitlines()), quote=False).translate(_MARKDOWN)
+
+
+FILTERS = {
+    "budget": budget,
+    "date": date,
+    "entry_name": entry_name,
+    "interval": interval,
+    "name_of": name_of,
+    "origin": origin,
+    "p_value": p_value,
+    "percent": percent,
+    "breakable": breakable,
+    "words_of_task": words_of_task,
+}
+"""Filters of the templates."""

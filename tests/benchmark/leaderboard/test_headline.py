@@ -1,0 +1,152 @@
+"""The rankings: one set of tasks, the two protocols apart, a minimum of episodes. All numbers by hand."""
+
+import pytest
+
+from benchmark.leaderboard import build as leaderboard
+from benchmark.leaderboard.html import render_html, render_markdown
+from benchmark.leaderboard.standings import standings
+from benchmark.protocol import Protocol
+from benchmark.statistics import wilson
+
+SIX = ("PickCube", "StackCube", "CloseBox", "MoveSliderLeft", "PickChocolatePudding", "NutAssembly")
+ONE_LEVEL = Protocol(levels=(0,), splits=("test",))
+ALL = (1.0, 1.0, 1.0, 1.0)
+NONE = (0.0, 0.0, 0.0, 0.0)
+
+
+def tables(tmp_path, protocol="A"):
+    return leaderboard.build(tmp_path)["headline"][0]["protocols"][protocol]
+
+
+def named(board, rows):
+    return [(board["entries"][row["entry"]]["name"], row["rank"]) for row in rows]
+
+
+@pytest.fixture
+def two_entries(publish):
+    """ACT solves the first three tasks, Diffusion Policy the first five; each task once, at level 0."""
+    for index, task in enumerate(SIX):
+        publish(task=task, protocol=ONE_LEVEL, rates=ALL if index < 3 else NONE)
+        publish(task=task, protocol=ONE_LEVEL, rates=ALL if index < 5 else NONE, policy="diffusion")
+
+
+def test_means_are_over_all_tasks_of_the_table_and_rank_the_entries(two_entries, tmp_path):
+    board = leaderboard.build(tmp_path)
+    (table,) = board["headline"]
+    assert tuple(table["tasks"]) == SIX and table["suite"] == "RoboVerse"
+    rows = table["protocols"]["A"]["0"]
+    assert named(board, rows) == [("diffusion_v1", 1), ("act_v1", 2)]
+    assert [row["mean"]["success_rate"] for row in rows] == [round(5 / 6, 6), 0.5]
+    # Six cells of 100 episodes, all or none solved: each interval is of the same width, and three of ACT's
+    # reach down and three up (Zou & Donner 2008).
+    width = 1.0 - wilson(100, 100)[0]
+    assert rows[1]["mean"]["ci_low"] == pytest.approx(0.5 - (3 * width**2) ** 0.5 / 6, abs=1e-6)
+    assert rows[1]["mean"]["ci_high"] == pytest.approx(0.5 + (3 * width**2) ** 0.5 / 6, abs=1e-6)
+
+
+def test_without_one_task_there_is_no_mean_and_the_task_is_named(two_entries, tmp_path):
+    (tmp_path / "v2/NutAssembly/diffusion/diffusion-s0.json").unlink()
+    board = leaderboard.build(tmp_path)
+    first, second = board["headline"][0]["protocols"]["A"]["0"]
+    assert named(board, [first, second]) == [("act_v1", 1), ("diffusion_v1", None)]
+    assert second["mean"] is None and second["missing"] == ["NutAssembly"]
+    assert len(second["cells"]) == 5
+
+
+def test_a_cell_of_few_episodes_is_shown_and_not_ranked(two_entries, publish, tmp_path):
+    (tmp_path / "v2/PickCube/act/act-s0.json").unlink()
+    few = Protocol(levels=(0,), splits=("test",), episodes=99)
+    publish(task="PickCube", protocol=few, rates=ALL)
+    _, row = tables(tmp_path)["0"]
+    assert (row["rank"], row["mean"], row["too_few"]) == (None, None, ["PickCube"])
+    assert row["cells"]["PickCube"]["episodes"] == 99
+
+
+def test_episodes_of_seeds_count_together(two_entries, publish, tmp_path):
+    (tmp_path / "v2/PickCube/act/act-s0.json").unlink()
+    fifty = Protocol(levels=(0,), splits=("test",), episodes=50)
+    for seed in range(2):
+        publish(task="PickCube", protocol=fifty, rates=ALL, seed=seed)
+    _, row = tables(tmp_path)["0"]
+    assert (row["rank"], row["cells"]["PickCube"]["episodes"]) == (2, 100)
+
+
+def test_equal_means_share_a_rank(two_entries, publish, tmp_path):
+    for index, task in enumerate(SIX):
+        publish(task=task, protocol=ONE_LEVEL, rates=ALL if index > 2 else NONE, policy="third")
+    board = leaderboard.build(tmp_path)
+    rows = board["headline"][0]["protocols"]["A"]["0"]
+    assert [row["rank"] for row in rows] == [1, 2, 2]
+
+
+def test_the_protocols_are_apart(publish, tmp_path):
+    """A has what was trained at level 0, at each level; B has each level of what was trained there."""
+    for level in range(4):
+        rates = tuple(float(tested <= level) for tested in range(4))
+        publish(run=f"l{level}", train_level=level, rates=rates, protocol=Protocol(episodes=10))
+    a, b = (tables(tmp_path, protocol) for protocol in "AB")
+    rates = {
+        name: [row["cells"]["PickCube"]["success_rate"] for (row,) in of.values()]
+        for name, of in (("a", a), ("b", b))
+    }
+    assert list(a) == list(b) == ["0", "1", "2", "3"]
+    assert rates == {"a": [1.0, 0.0, 0.0, 0.0], "b": [1.0, 1.0, 1.0, 1.0]}
+    (section,) = leaderboard.build(tmp_path)["sections"]
+    (of_a,), (of_b,) = standings(section).values()
+    assert [len(of_a["rows"]), len(of_b["rows"])] == [1, 4]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"recipe": ""},  # a study
+        {"task_kwargs": {"success": "lift"}},
+        {"scenario": {"cameras": {"front": {"fovy_deg": 30.0}}}},
+        {"config": {"policy": {}, "run": {"simulator": "sapien", "renderer": "sapien", "train": {}}}},
+    ],
+)
+def test_what_says_something_else_is_in_no_ranking(publish, tmp_path, change):
+    publish()
+    publish(policy="diffusion", **change)
+    board = leaderboard.build(tmp_path)
+    shown = {
+        row["entry"]
+        for table in board["headline"]
+        for of in table["protocols"].values()
+        for rows in of.values()
+        for row in rows
+    }
+    assert [board["entries"][entry]["name"] for entry in shown] == ["act_v1"]
+
+
+def test_places_sources_and_families_are_ranked_apart(publish, tmp_path):
+    publish()
+    publish(run="there", simulator="sapien", renderer="sapien")
+    publish(policy="ppo", demonstrations=None, dataset_hash=None)
+    publish(policy="ppo", task="humanoid/walk", demonstrations=None, dataset_hash=None)
+    publish(policy="ppo", task="DoorOpen", demonstrations=None, dataset_hash=None)
+    found = [
+        (table["suite"], table["learned_from"], table["simulator"], len(table["tasks"]))
+        for table in leaderboard.build(tmp_path)["headline"]
+    ]
+    assert found == [
+        ("RoboVerse", "demonstrations", "mujoco", 6),
+        ("RoboVerse", "demonstrations", "sapien", 6),
+        ("RoboVerse", "reward", "mujoco", 6),
+        ("humanoid", "reward", "mujoco", 1),
+        ("other tasks", "reward", "mujoco", 1),
+    ]
+
+
+def test_the_newest_result_dates_the_board(publish, tmp_path):
+    publish()
+    publish(run="later", seed=1, created="2026-05-02T03:04:05Z")
+    assert leaderboard.build(tmp_path)["latest"] == "2026-05-02T03:04:05Z"
+    assert "results of 2 May 2026" in render_html(leaderboard.build(tmp_path))
+
+
+def test_the_page_ranks_and_names_what_is_missing(two_entries, tmp_path):
+    (tmp_path / "v2/NutAssembly/diffusion/diffusion-s0.json").unlink()
+    board = leaderboard.build(tmp_path)
+    assert "lacks NutAssembly |\n" in render_markdown(board)
+    assert 'title="not tested: NutAssembly"' in render_html(board)

@@ -1,0 +1,71 @@
+"""One success and one failure per entry and level stay; the folder of results stays small."""
+
+from pathlib import Path
+
+import pytest
+
+from benchmark.leaderboard import build as leaderboard
+from benchmark.leaderboard.video_rule import kept_videos, remove_other_videos
+from benchmark.results import video_dir
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture
+def filmed(publish, tmp_path):
+    """A function that publishes a result with videos of the given names."""
+
+    def make(*names, **result):
+        folder = video_dir(publish(**result))
+        folder.mkdir()
+        for name in names:
+            (folder / f"{name}.mp4").touch()
+            (folder / f"{name}.png").touch()
+        return folder.relative_to(tmp_path).as_posix()
+
+    return make
+
+
+def test_the_first_success_and_failure_of_each_shown_cell_stay(filmed, tmp_path):
+    own = filmed(
+        *("level0-test-9001-success", "level0-test-9002-success", "level0-test-9003-failure"),
+        *("level2-test-9001-failure", "level0-train-1-success", "camera-test-9001-failure"),
+    )
+    filmed("level0-test-9001-success", run="seed", seed=1)
+    there = filmed("level3-test-9001-success", "level0-test-9001-success", run="there", train_level=3)
+    filmed("level0-test-9001-success", run="study", recipe="")
+    assert kept_videos(leaderboard.build(tmp_path)) == {
+        f"{own}/level0-test-9001-success.mp4",
+        f"{own}/level0-test-9003-failure.mp4",
+        f"{own}/level2-test-9001-failure.mp4",
+        f"{there}/level3-test-9001-success.mp4",
+    }
+
+
+def test_videos_of_a_preset_go_where_a_recipe_of_its_policy_has_the_task(filmed, tmp_path):
+    preset = {
+        "recipe": "",
+        "config": {"preset": "quick", "policy": {}, "train": {}},
+        "command": "python roboverse_learn/train.py policy=act preset=quick",
+    }
+    cube = filmed("level0-test-9001-success", run="preset", **preset)
+    box = filmed("level0-test-9001-success", run="preset", task="CloseBox", **preset)
+    assert {path.rpartition("/")[0] for path in kept_videos(leaderboard.build(tmp_path))} == {cube, box}
+    recipe = filmed("level0-test-9001-success")
+    assert {path.rpartition("/")[0] for path in kept_videos(leaderboard.build(tmp_path))} == {recipe, box}
+
+
+def test_other_videos_are_removed_with_their_posters(filmed, tmp_path):
+    filmed("level0-test-9001-success")
+    study = filmed("level0-test-9001-success", run="study", recipe="")
+    (tmp_path / "mine.mp4").touch()
+    removed = remove_other_videos(tmp_path, leaderboard.build(tmp_path))
+    assert removed == [tmp_path / study / "level0-test-9001-success.mp4"]
+    assert not (tmp_path / study).exists() and (tmp_path / "mine.mp4").exists()
+    assert len(list(tmp_path.rglob("level0-test-9001-success.*"))) == 2
+    assert remove_other_videos(tmp_path, leaderboard.build(tmp_path)) == []
+
+
+def test_the_results_of_this_repository_are_below_45_megabytes():
+    size = sum(path.stat().st_size for path in (ROOT / "results").rglob("*") if path.is_file())
+    assert size < 45e6, "run roboverse leaderboard prune_videos=true"
