@@ -74,6 +74,11 @@ def require(condition: object, mend: str) -> None:
         raise BrokenContractError(mend)
 
 
+def counted(count: int, noun: str) -> str:
+    """Returns a number with its noun: ``1 option``, ``2 options``."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
 def chosen[S](
     contracts: Iterable[Contract[S]], names: Collection[str] = (), without: Collection[str] = ()
 ) -> list[Contract[S]]:
@@ -92,14 +97,22 @@ def chosen[S](
     return [each for name, each in by_name.items() if name in wanted and name not in without]
 
 
-def run[S](contracts: Iterable[Contract[S]], subject: S) -> Iterator[Finding]:
+def run[S](
+    contracts: Iterable[Contract[S]], subject: S, begin: Callable[[str], None] = lambda name: None
+) -> Iterator[Finding]:
     """Yields the finding of each contract.
+
+    Args:
+        contracts: The contracts, each after those that it needs.
+        subject: What they look at.
+        begin: Called with the name of each contract before it is looked at.
 
     Raises:
         MissingExtraError: A package is not installed, such as the simulator's.
     """
     failed: set[str] = set()
     for each in contracts:
+        begin(each.name)
         missing = [need for need in each.needs if need in failed]
         if missing:
             yield Finding(each.name, "skipped", f"needs '{missing[0]}'")

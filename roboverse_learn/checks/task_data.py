@@ -10,7 +10,7 @@ from envs.randomization import channel_rng
 from envs.state import EntityState, State
 from envs.tasks import TASKS
 from envs.tasks.base import Task
-from roboverse_learn.checks.contract import contract, require
+from roboverse_learn.checks.contract import contract, counted, require
 from roboverse_learn.checks.task_subject import TaskSubject
 
 _NUM_STARTS = 4
@@ -39,7 +39,7 @@ def options(subject: TaskSubject) -> str:
         require(False, f"Options of {named} cannot be hashed ({error}). Use tuples for lists.")
     else:
         require(equal, f"Two tasks {named} of the same options differ. Keep the dataclass's own __eq__.")
-    return f"{len(items)} options" if items else "no options"
+    return counted(len(items), "option") if items else "no options"
 
 
 def _undeclared(cls: type) -> list[str]:
@@ -70,7 +70,7 @@ def words(subject: TaskSubject) -> str:
         f"max_episode_steps is {task.max_episode_steps!r}. Give a number of control steps above 1.",
     )
     require(TASKS.entry(subject.spec.task).summary, "Add summary='…' to TASKS.add: a line for listings.")
-    return f"{len(task.instructions)} instructions, {task.max_episode_steps} steps"
+    return f"{counted(len(task.instructions), 'instruction')}, {task.max_episode_steps} steps"
 
 
 @contract("options")
@@ -78,15 +78,7 @@ def initial_states(subject: TaskSubject) -> str:
     """Everything in the scene has a finite start; row i depends on generator i alone."""
     task = subject.task
     together = task.initial_state([channel_rng(0, "task", i) for i in range(_NUM_STARTS)])
-    for kind, given, scene in (
-        ("robots", together.robots, task.scenario.robots),
-        ("objects", together.objects, task.scenario.objects),
-    ):
-        names = {item.name for item in scene}
-        require(
-            set(given) == names,
-            f"initial_state gives the {kind} {sorted(given)}; the scenario has {sorted(names)}. Give each one.",
-        )
+    _check_names(task, together)
     for name, entity in together.entities().items():
         _check_start(name, entity)
     for robot in task.scenario.robots:
@@ -103,7 +95,21 @@ def initial_states(subject: TaskSubject) -> str:
         all(torch.equal(value, again.flatten()[key]) for key, value in together.flatten().items()),
         "initial_state gave two answers for equal generators. Use no other source of randomness.",
     )
-    return f"{len(together.entities())} robots and objects"
+    return f"{counted(len(together.robots), 'robot')}, {counted(len(together.objects), 'object')}"
+
+
+def _check_names(task: Task, state: State) -> None:
+    """Checks that a state has what the scenario has; what never moves may be absent."""
+    scene = task.scenario
+    stays = {item.name for item in scene.objects if item.kind != "free"}
+    for kind, given, names, optional in (
+        ("robots", set(state.robots), {item.name for item in scene.robots}, set()),
+        ("objects", set(state.objects), {item.name for item in scene.objects}, stays),
+    ):
+        require(
+            names - optional <= given <= names,
+            f"initial_state gives the {kind} {sorted(given)}; the scenario has {sorted(names)}. Give each one.",
+        )
 
 
 def _check_start(name: str, entity: EntityState) -> None:

@@ -7,7 +7,7 @@ import torch
 
 from envs.gym_env import RoboVerseEnv
 from envs.state import State
-from roboverse_learn.checks.contract import BrokenContractError, NotApplicableError, contract, require
+from roboverse_learn.checks.contract import BrokenContractError, NotApplicableError, contract, counted, require
 from roboverse_learn.checks.task_subject import TaskSubject
 
 _STEPS = 5
@@ -163,7 +163,7 @@ def own_memory(subject: TaskSubject) -> str:
             np.array_equal(value, copies[key]),
             f"{key} changed after it was returned: observe must return new tensors, not views of a state.",
         )
-    return f"{len(first)} keys"
+    return counted(len(first), "key")
 
 
 @contract("scene")
@@ -214,4 +214,4 @@ def at_rest(subject: TaskSubject) -> str:
             f"'{name}' moved {1000 * moved:.0f} mm while the robot held still for {_HOLD_S:g} s. Let it start "
             "at rest on what carries it: half its height above the table, clear of the robot.",
         )
-    return f"{len(before.objects)} objects"
+    return counted(len(before.objects), "object")

@@ -104,7 +104,7 @@ def expert_in_limits(subject: TaskSubject) -> str:
             not names,
             f"The expert's actions leave the limits of {', '.join(names)}. Keep its waypoints within reach.",
         )
-    return f"{len(low)} entries"
+    return f"{len(low)} numbers, all within their limits"
 
 
 @contract("expert_solves")

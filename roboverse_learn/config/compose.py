@@ -27,6 +27,7 @@ from envs.spec import EnvSpec
 from policies.checkpoint import learned_tasks
 from roboverse_learn.config.keys import at, flat_keys, full_key, in_open_section, split_word
 from roboverse_learn.config.recipes import check_beside, read_recipe
+from roboverse_learn.config.schema import DEFAULT_PRESETS, NAMES_A_POLICY
 from roboverse_learn.config.serialize import default_values, env_keys, from_values, to_values
 
 ALL_CAMERAS = "all"
@@ -71,8 +72,8 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
     saved = _saved_values(typed.get("run", "")) if command == "train" else {}
     recipe, of_recipe = _recipe(command, typed.get("recipe", ""))
     chosen = of_recipe.get("policy_name", saved.get("policy_name", "act"))
-    policy = "act" if command == "evaluate" else str(typed.get("policy", chosen))
-    preset = typed.get("preset", "full")
+    policy = "act" if command in NAMES_A_POLICY else str(typed.get("policy", chosen))
+    preset = typed.get("preset", DEFAULT_PRESETS.get(command, "full"))
     for kind, name, names in (("policy", policy, policies.names()), ("preset", preset, preset_names())):
         if name not in names:
             raise unknown_name(kind, name, names)
@@ -84,7 +85,9 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
     if saved.get("policy_name") == policy:
         values = saved | ({"preset": preset} if "preset" in typed else {})
     if command == "evaluate":
-        values |= {key: defaults[key] for key in env_keys(command)} | {"policy_name": typed.get("policy", "")}
+        values |= {key: defaults[key] for key in env_keys(command)}
+    if command in NAMES_A_POLICY:
+        values["policy_name"] = typed.get("policy", "")
     for word, key, (_, text) in zip(words, keys, pairs, strict=True):
         if key not in _GROUPS:
             _put(values, key, _value(word, text, command, key, at(defaults, key)))
