@@ -29,7 +29,9 @@ def check(config: CheckConfig) -> Checked:
     contracts = chosen(contracts, config.contracts, config.without)
     with _closing(subject), StageProgress(f"checking {what}") as shown:
         order = [each.name for each in contracts]
-        findings = list(run(contracts, subject, lambda name: shown.update(order.index(name), len(order), name)))
+        findings = list(
+            run(contracts, subject, lambda name: shown.update(order.index(name), len(order), name))
+        )
     return Checked(what=what, contracts=contracts, findings=findings)
 
 

@@ -1,8 +1,8 @@
 """The command line: ``roboverse <command> key=value ...``.
 
 It parses arguments, calls a command, prints its result, and turns errors into one message and an exit
-code: 0 done, 1 a bug (with its traceback) or a contract that ``check`` found broken, 2 a mistake that the user
-can fix, 130 interrupted (143 where training was, by SIGTERM).
+code: 0 done, 1 a bug (with its traceback) or a contract that ``check`` found broken, 2 a mistake that the
+user can fix, 130 interrupted (143 where training was, by SIGTERM).
 """
 
 import errno

@@ -1,4 +1,4 @@
-"""``python roboverse_learn/new.py task name=…``: a package with a working task, policy or robot to start from."""
+"""``python roboverse_learn/new.py task name=…``: a package with a working task, policy or robot."""
 
 import sys
 from pathlib import Path
@@ -51,7 +51,7 @@ def render(config: NewConfig) -> dict[str, str]:
         undefined=StrictUndefined,
         keep_trailing_newline=True,
         trim_blocks=True,
-        autoescape=False,  # noqa: S701  these files are no HTML
+        autoescape=False,
     )
     sources = sorted([*(TEMPLATES / "shared").iterdir(), *(TEMPLATES / config.kind).iterdir()])
     values: Mapping[str, Any] = {
@@ -92,7 +92,7 @@ def _refuse_taken(config: NewConfig, folder: Path, entries: list[tuple[str, str,
     """
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
         raise ConfigError(
-            f"'{folder}' exists, and nothing is overwritten. Choose another folder with out=, or another name."
+            f"'{folder}' exists, and nothing is overwritten. Choose another folder by out=, or another name."
         )
     registries = {
         "tasks": ("envs.tasks", "TASKS"),

@@ -183,7 +183,8 @@ def _reference(target: object) -> object:
 def load_plugins() -> None:
     """Imports the modules that :data:`PLUGINS_VARIABLE` names; each registers what it has.
 
-    One that is not installed is looked for in the current folder, and in a project folder of its own name there.
+    One that is not installed is looked for in the current folder, and in a project folder of its own name
+    there.
 
     Raises:
         ConfigError: One of them cannot be imported.
@@ -199,13 +200,13 @@ def load_plugins() -> None:
             module = importlib.import_module(name)
         except ImportError as error:
             raise ConfigError(
-                f"The plugin '{name}' cannot be imported: {error}. Install it, run the command in its folder, or "
-                "put its folder on PYTHONPATH."
+                f"The plugin '{name}' cannot be imported: {error}. Install it, run the command in its "
+                "folder, or put its folder on PYTHONPATH."
             ) from error
         if module.__spec__ is not None and module.__spec__.origin is None:
             raise ConfigError(
-                f"The plugin '{name}' is a folder without __init__.py, which registers nothing. Name the module "
-                "inside it, or run the command where that module is."
+                f"The plugin '{name}' is a folder without __init__.py, which registers nothing. Name the "
+                "module inside it, or run the command where that module is."
             )
 
 

@@ -19,8 +19,8 @@ _PHYSICS = PhysicsCfg(timestep_s=0.002, decimation=25)
 
 _STAND_S, _STEP_S = 2.0, 1.5
 _SAG_RAD, _MISSED_RAD = 0.05, 0.05
-_SHARE = 0.1
-"""Share of a joint's range that the target of a test moves."""
+_SHARE, _GRIPPER_SHARE = 0.1, 0.4
+"""Share of its range that a joint of the arm, and one of the gripper, is told to move."""
 
 _WAY_M, _OFF_M = 0.05, 0.01
 
@@ -53,7 +53,8 @@ class RobotSubject:
         """Puts the robot into its rest posture."""
         robot = self.robot
         qpos = np.array(robot.default_qpos)[None]
-        self.handler.set_states(State({robot.name: EntityState.at_rest(robot.pos, robot.rot, qpos)}, {}))
+        start = EntityState.at_rest(np.array(robot.pos), np.array([robot.rot]), qpos)
+        self.handler.set_states(State({robot.name: start}, {}))
 
     def hold(self, targets: np.ndarray, seconds: float) -> EntityState:
         """Holds targets of the driven joints (D,); returns the state at the end, on the CPU."""
@@ -69,8 +70,13 @@ class RobotSubject:
 
     @property
     def positions(self) -> list[int]:
-        """Indices of joints that are driven by position."""
-        return [i for i in self.robot.driven if self.robot.joints[i].drive == "position"]
+        """Indices of joints whose target is their position, within their range."""
+        joints = self.robot.joints
+        return [
+            index
+            for index in self.robot.driven
+            if joints[index].drive == "position" and joints[index].target_range in (None, joints[index].range)
+        ]
 
     def close(self) -> None:
         """Frees the simulator."""
@@ -82,7 +88,9 @@ class RobotSubject:
 def joints(subject: RobotSubject) -> str:
     """Each joint has a name of its own, limits, a rest between them, and a gain where it is driven."""
     robot = subject.robot
-    require(isinstance(robot, RobotCfg), f"'{subject.name}' is registered as {robot!r}, which is no RobotCfg.")
+    require(
+        isinstance(robot, RobotCfg), f"'{subject.name}' is registered as {robot!r}, which is no RobotCfg."
+    )
     require(robot.joints, "It has no joints. Name those of its file, in the order of every array of joints.")
     twice = [name for name in robot.joint_names if robot.joint_names.count(name) > 1]
     require(not twice, f"The joint '{twice[0] if twice else ''}' is named twice.")
@@ -131,8 +139,9 @@ def rests(subject: RobotSubject) -> str:
     worst = int(off.argmax())
     require(
         float(off[worst]) < _SAG_RAD,
-        f"'{subject.robot.joint_names[held[worst]]}' moved by {float(off[worst]):.2f} rad (m) in {_STAND_S:g} s "
-        "while it was told to rest. Raise its kp or force_limit, or choose a rest in which links do not touch.",
+        f"'{subject.robot.joint_names[held[worst]]}' moved by {float(off[worst]):.2f} rad (m) in "
+        f"{_STAND_S:g} s while it was told to rest. Raise its kp or force_limit, or choose a rest in which "
+        "no links touch.",
     )
     return f"off by at most {float(off[worst]):.3f} rad"
 
@@ -142,12 +151,15 @@ def follows(subject: RobotSubject) -> str:
     """Each joint that is driven by position goes where it is told, and the others stay."""
     robot, driven = subject.robot, list(subject.robot.driven)
     if not robot.fixed_base or not subject.positions:
-        raise NotApplicableError("only joints of a fixed base that are driven by position are told where to go")
+        raise NotApplicableError(
+            "only joints of a fixed base that are driven by position are told where to go"
+        )
     worst = 0.0
     for index in subject.positions:
         joint = robot.joints[index]
         low, high = joint.range
-        way = _SHARE * (high - low) * (1.0 if joint.default < 0.5 * (low + high) else -1.0)
+        share = _GRIPPER_SHARE if joint.name in robot.gripper_joints else _SHARE
+        way = share * (high - low) * (1.0 if joint.default < 0.5 * (low + high) else -1.0)
         target = subject.rest.copy()
         target[driven.index(index)] += way
         subject.start()
@@ -156,8 +168,9 @@ def follows(subject: RobotSubject) -> str:
         worst = max(worst, missed)
         require(
             missed < min(_MISSED_RAD, 0.5 * abs(way)),
-            f"'{joint.name}' was told to move by {way:+.2f} rad (m) and is {missed:.2f} off after {_STEP_S:g} s. "
-            "Check the order of joints, kp and force_limit, and whether something is in its way.",
+            f"'{joint.name}' was told to move by {way:+.2f} rad (m) and is {missed:.2f} off after "
+            f"{_STEP_S:g} s. Check the order of joints, kp and force_limit, and whether something is in "
+            "its way.",
         )
     return f"{counted(len(subject.positions), 'joint')}, off by at most {worst:.3f} rad"
 
@@ -169,26 +182,28 @@ def reaches(subject: RobotSubject) -> str:
     arm = [name for name in robot.joint_names if name not in robot.gripper_joints]
     if not robot.fixed_base or len(arm) < 6 or len(subject.positions) < 6:
         raise NotApplicableError("an arm with a hand has a fixed base and at least six joints")
-    follower = PathFollower(robot, _PHYSICS.control_hz)
-    worst = 0.0
-    for axis in range(3):
+    follower, worst = PathFollower(robot, _PHYSICS.control_hz), 0.0
+    fingers = [joint.default for joint in robot.joints if joint.name in robot.gripper_joints]
+    for direction in np.diag((-1.0, 1.0, 1.0)):  # back, to the left, and up
         subject.start()
-        before = subject.handler.get_states().to("cpu").robots[robot.name].ee_pos
-        assert before is not None, "the contract of the scene has looked at it"
-        goal = before[0].numpy().astype(np.float64) + _WAY_M * np.eye(3)[axis] * (-1.0 if axis == 0 else 1.0)
-        gripper = robot.joints[robot.joint_names.index(robot.gripper_joints[0])].default if robot.gripper_joints else 0.0
-        way = [Waypoint(pos=goal, yaw=0.0, gripper=gripper, duration_s=1.0, hold_s=0.5)]
-        targets = follower.joint_targets(np.array(robot.default_qpos), way)[:, list(robot.driven)]
-        for target in targets:
-            state = subject.hold(target, 1.0 / _PHYSICS.control_hz)
-        assert state.ee_pos is not None
-        worst = max(worst, float(np.linalg.norm(state.ee_pos[0].numpy() - goal)))
+        goal = _hand(subject) + _WAY_M * direction
+        way = [Waypoint(pos=goal, yaw=0.0, gripper=max(fingers, default=0.0), duration_s=1.0, hold_s=0.5)]
+        for target in follower.joint_targets(np.array(robot.default_qpos), way)[:, list(robot.driven)]:
+            subject.hold(target, 1.0 / _PHYSICS.control_hz)
+        worst = max(worst, float(np.linalg.norm(_hand(subject) - goal)))
     require(
         worst < _OFF_M,
         f"The hand is {100 * worst:.1f} cm from where it was sent. Choose a rest posture away from singular "
         "ones and from the edge of its reach, in which the hand points down.",
     )
     return f"off by at most {1000 * worst:.0f} mm"
+
+
+def _hand(subject: RobotSubject) -> np.ndarray:
+    """Returns where the end effector is, (3,), m."""
+    pos = subject.handler.get_states().to("cpu").robots[subject.robot.name].ee_pos
+    assert pos is not None, "the contract of the scene has looked at it"
+    return pos[0].numpy()
 
 
 ROBOT_CONTRACTS: tuple[Contract[RobotSubject], ...] = (joints, scene, rests, follows, reaches)

@@ -61,7 +61,9 @@ def words(subject: TaskSubject) -> str:
         isinstance(task.instructions, tuple) and task.instructions,
         "instructions is empty. Give a tuple of sentences that say what to do.",
     )
-    bad = [text for text in task.instructions if not isinstance(text, str) or not text or text != text.strip()]
+    bad = [
+        text for text in task.instructions if not isinstance(text, str) or not text or text != text.strip()
+    ]
     require(not bad, f"instructions has {bad[:1]}. Each is a sentence without spaces at its ends.")
     twice = len(task.instructions) - len(set(task.instructions))
     require(not twice, "instructions names one sentence twice. Leave one out.")
@@ -87,8 +89,8 @@ def initial_states(subject: TaskSubject) -> str:
     for key, value in alone.flatten().items():
         require(
             torch.equal(value[0], together.flatten()[key][2]),
-            f"{key} of row 2 differs between a batch of {_NUM_STARTS} and one alone. Draw the numbers of a row "
-            "from its own generator only, in the same order.",
+            f"{key} of row 2 differs between a batch of {_NUM_STARTS} and one alone. Draw the numbers of a "
+            "row from its own generator only, in the same order.",
         )
     again = task.initial_state([channel_rng(0, "task", i) for i in range(_NUM_STARTS)])
     require(
@@ -108,7 +110,7 @@ def _check_names(task: Task, state: State) -> None:
     ):
         require(
             names - optional <= given <= names,
-            f"initial_state gives the {kind} {sorted(given)}; the scenario has {sorted(names)}. Give each one.",
+            f"initial_state gives the {kind} {sorted(given)}; the scenario has {sorted(names)}. Give each.",
         )
 
 

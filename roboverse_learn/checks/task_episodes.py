@@ -7,7 +7,13 @@ import torch
 
 from envs.gym_env import RoboVerseEnv
 from envs.state import State
-from roboverse_learn.checks.contract import BrokenContractError, NotApplicableError, contract, counted, require
+from roboverse_learn.checks.contract import (
+    BrokenContractError,
+    NotApplicableError,
+    contract,
+    counted,
+    require,
+)
 from roboverse_learn.checks.task_subject import TaskSubject
 
 _STEPS = 5
@@ -30,7 +36,9 @@ def scene(subject: TaskSubject) -> str:
         ("reward", subject.task.reward(state), None),
     ):
         shape, dtype = tuple(answer.shape), answer.dtype
-        require(shape == (rows,), f"{name} returned the shape {shape} for {rows} states; it must be ({rows},).")
+        require(
+            shape == (rows,), f"{name} returned the shape {shape} for {rows} states; it must be ({rows},)."
+        )
         require(kind in (None, dtype), f"{name} returned {dtype}; it must be {kind}.")
     seen = subject.task.observe(state)
     require(
@@ -70,8 +78,8 @@ def spaces(subject: TaskSubject) -> str:
         raise BrokenContractError(f"Gymnasium's check_env: {' '.join(str(error).split())}") from error
     finally:
         single.close()
-    sizes = (single.observation_space["environment_state"].shape, single.action_space.shape)
-    return "observation {}, action {}".format(*(size[0] for size in sizes if size))
+    size = subject.observed_starts(1).shape[1]
+    return f"observation {size}, action {len(subject.env.controller.names)}"
 
 
 @contract("scene")
@@ -80,10 +88,9 @@ def deterministic(subject: TaskSubject) -> str:
     env = subject.env
 
     def observations() -> list[dict[str, np.ndarray]]:
-        seen, rng = [env.reset(seed=[5 + row for row in range(subject.num_envs)])[0]], np.random.default_rng(0)
-        for _ in range(_STEPS):
-            seen.append(env.step(subject.random_actions(rng))[0])
-        return seen
+        first, _ = env.reset(seed=[5 + row for row in range(subject.num_envs)])
+        rng = np.random.default_rng(0)
+        return [first, *(env.step(subject.random_actions(rng))[0] for _ in range(_STEPS))]
 
     for step, (first, second) in enumerate(zip(observations(), observations(), strict=True)):
         for key in first:
@@ -169,7 +176,7 @@ def own_memory(subject: TaskSubject) -> str:
 @contract("scene")
 def starts_vary(subject: TaskSubject) -> str:
     """Every episode starts otherwise, and the observation shows it."""
-    values = subject_starts(subject)
+    values = subject.observed_starts(_NUM_STARTS)
     moving = values.std(axis=0) > 1e-6
     require(
         moving.any(),
@@ -182,17 +189,6 @@ def starts_vary(subject: TaskSubject) -> str:
         f"{len(values)} starts have only {distinct} observations. Draw continuous numbers, and observe them.",
     )
     return f"{int(moving.sum())} of {len(moving)} entries vary over {len(values)} starts"
-
-
-def subject_starts(subject: TaskSubject) -> np.ndarray:
-    """Returns what is observed beside the joints at 30 starts, (30, D)."""
-    env, rows = subject.env, []
-    for first in range(0, _NUM_STARTS, subject.num_envs):
-        episodes = env.split_indices[first : min(first + subject.num_envs, _NUM_STARTS)]
-        ids = range(len(episodes))
-        env.reset_envs(ids, episodes)
-        rows.append(env.observe(np.array(ids))["observation.environment_state"])
-    return np.concatenate(rows)
 
 
 @contract("scene")
@@ -211,7 +207,7 @@ def at_rest(subject: TaskSubject) -> str:
         moved = float(torch.linalg.vector_norm(after.objects[name].pos - entity.pos, dim=-1).max())
         require(
             moved < _REST_M,
-            f"'{name}' moved {1000 * moved:.0f} mm while the robot held still for {_HOLD_S:g} s. Let it start "
-            "at rest on what carries it: half its height above the table, clear of the robot.",
+            f"'{name}' moved {1000 * moved:.0f} mm while the robot held still for {_HOLD_S:g} s. Let it "
+            "start at rest on what carries it: half its height above the table, clear of the robot.",
         )
     return counted(len(before.objects), "object")

@@ -10,7 +10,7 @@ _FASTEST_RAD_S = 7.0
 """Fastest joint of an expert: 0.35 rad in a control step of 20 Hz."""
 
 _LARGEST_DROP = 0.2
-"""How much of the reward an expert may lose on its way: robosuite's drops while a nut is lowered on its peg."""
+"""Reward that an expert may lose on its way: robosuite's drops while a nut is lowered on its peg."""
 
 _SOLVED_BY_CHANCE = 0.5
 """Share of episodes that random actions may solve: an arm that beats about knocks a lid shut now and then."""
@@ -98,8 +98,8 @@ def expert_in_limits(subject: TaskSubject) -> str:
         "An action's limits are not finite, or its low is not below its high: check the joints' ranges.",
     )
     for episode in subject.rollouts:
-        outside = ((episode.actions < low - 1e-4) | (episode.actions > high + 1e-4)).any(axis=0)
-        names = [name for name, out in zip(controller.names, outside, strict=True) if out]
+        outside = ((episode.actions < low - 1e-4) | (episode.actions > high + 1e-4)).reshape(-1, len(low))
+        names = [controller.names[column] for column in np.flatnonzero(outside.any(axis=0))]
         require(
             not names,
             f"The expert's actions leave the limits of {', '.join(names)}. Keep its waypoints within reach.",
@@ -180,7 +180,9 @@ def touches_nothing(subject: TaskSubject) -> str:
     for name in ("success", "failure", "reward", "observe"):
         answer = getattr(task, name)
         first, second = answer(state), answer(state)
-        require(torch.equal(first, second), f"{name} gave two answers for one state. Make it a pure function.")
+        require(
+            torch.equal(first, second), f"{name} gave two answers for one state. Make it a pure function."
+        )
         changed = [key for key, value in state.flatten().items() if not torch.equal(value, kept[key])]
         require(not changed, f"{name} changed {', '.join(changed)} of the state. Copy before you write.")
     return "pure functions"

@@ -53,6 +53,15 @@ class TaskSubject:
         """Begins the first episodes of the split in :attr:`env`."""
         self.env.reset_envs(range(self.num_envs), self.env.split_indices[: self.num_envs])
 
+    def observed_starts(self, count: int) -> np.ndarray:
+        """Returns what is observed beside the joints at the first starts of the split, (count, D)."""
+        rows = []
+        for first in range(0, count, self.num_envs):
+            ids = np.arange(min(self.num_envs, count - first))
+            self.env.reset_envs(ids, self.env.split_indices[first : first + len(ids)])
+            rows.append(self.env.observe(ids)["observation.environment_state"])
+        return np.concatenate(rows)
+
     def random_actions(self, rng: np.random.Generator) -> np.ndarray:
         """Draws actions within their limits, (num_envs, A) float32."""
         space: Any = self.env.single_action_space

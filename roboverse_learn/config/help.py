@@ -180,10 +180,10 @@ def key_rows(command: str, skip: tuple[str, ...] = (), policy: str = "act") -> l
     rows = []
     for key in flat_keys(values):
         if key == "policy_name":
-            names, what = (
-                (baselines(), about[key]) if command == "evaluate" else (policies.names(), "Policy:")
-            )
-            rows.append((f"policy={values[key]}", f"{what.rstrip('.:')}: {', '.join(names)}."))
+            names = {"evaluate": baselines(), "check": policies.names("dataset")}.get(command)
+            what = about[key] if names else "Policy:"
+            listed = ", ".join(names or policies.names())
+            rows.append((f"policy={values[key]}", f"{what.rstrip('.:')}: {listed}."))
         elif not any(key.startswith(start) for start in skip):
             rows.append((f"{key}={_shown(at(values, key))}", about.get(key, "")))
             rows += _scene_rows() if key == SECTION and not skip else []

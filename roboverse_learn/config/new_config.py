@@ -18,20 +18,16 @@ class NewConfig:
     """``roboverse new task name=PushBlock``: a package with a working task, policy or robot to start from.
 
     Attributes:
-        kind: What is made: task, policy or robot; typed as the first word.
+        kind: What is made: task, policy or robot; typed as the first word alone.
         name: Name by which commands will know it: letters, digits and underscores.
         out: Folder to write, which must not exist; empty for one named after the package.
     """
 
-    kind: str = ""
+    kind: str = "task"
     name: str = ""
     out: str = ""
 
     def __post_init__(self) -> None:
-        if not self.kind:
-            raise ConfigError(
-                f"new needs what to make: {', '.join(NEW_KINDS)}, as in: roboverse new task name=PushBlock"
-            )
         if self.kind not in NEW_KINDS:
             raise unknown_name("kind of skeleton", self.kind, NEW_KINDS)
         example = f"as in: roboverse new {self.kind} name={_EXAMPLES[self.kind]}"
