@@ -34,6 +34,7 @@ ALL_CAMERAS = "all"
 """``cameras=[all]``: every camera of the task."""
 
 _GROUPS = {"policy", "preset"}
+_NO_POLICY = ""
 
 
 def configs_folder() -> Path:
@@ -72,10 +73,12 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
     saved = _saved_values(typed.get("run", "")) if command == "train" else {}
     recipe, of_recipe = _recipe(command, typed.get("recipe", ""))
     chosen = of_recipe.get("policy_name", saved.get("policy_name", "act"))
-    policy = "act" if command in NAMES_A_POLICY else str(typed.get("policy", chosen))
+    policy = "act" if command == "evaluate" else str(typed.get("policy", chosen))
+    if command == "check":  # without a policy the preset's values alone
+        policy = typed.get("policy", _NO_POLICY)
     preset = typed.get("preset", DEFAULT_PRESETS.get(command, "full"))
     for kind, name, names in (("policy", policy, policies.names()), ("preset", preset, preset_names())):
-        if name not in names:
+        if name not in names and (command, name) != ("check", _NO_POLICY):
             raise unknown_name(kind, name, names)
     defaults = default_values(command, policy)
     keys = [full_key(command, key, flat_keys(defaults)) for key, _ in pairs]
@@ -160,7 +163,7 @@ def _composed(command: str, policy: str, preset: str) -> dict[str, Any]:
 
     ConfigStore.instance().store(name="defaults_of_dataclasses", node=defaults)
     with hydra.initialize_config_dir(str(configs_folder()), version_base="1.3"):
-        composed = hydra.compose("run", [f"policy={policy}", f"preset={preset}"])
+        composed = hydra.compose("run", [f"policy={policy or 'none'}", f"preset={preset}"])
     values: Any = OmegaConf.to_container(composed, resolve=True)
     return {key: values[key] for key in defaults}  # the files also have keys of other commands
 

@@ -25,7 +25,7 @@ def with_joint(index, **changes):
         (
             with_joint(0, range=(1.0, -1.0)),
             "joints",
-            r"range of 'joint1' is \(1.0, -1.0\): its low is not below",
+            r"range of 'joint1' is \(1.0, -1.0\): its low is",
         ),
         (
             with_joint(2, kp=0.0),
