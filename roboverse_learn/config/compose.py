@@ -73,9 +73,7 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
     saved = _saved_values(typed.get("run", "")) if command == "train" else {}
     recipe, of_recipe = _recipe(command, typed.get("recipe", ""))
     chosen = of_recipe.get("policy_name", saved.get("policy_name", "act"))
-    policy = "act" if command == "evaluate" else str(typed.get("policy", chosen))
-    if command == "check":  # without a policy the preset's values alone
-        policy = typed.get("policy", _NO_POLICY)
+    policy = _policy(command, typed, chosen)
     preset = typed.get("preset", DEFAULT_PRESETS.get(command, "full"))
     for kind, name, names in (("policy", policy, policies.names()), ("preset", preset, preset_names())):
         if name not in names and (command, name) != ("check", _NO_POLICY):
@@ -100,6 +98,13 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
         values["recipe"] = recipe
     _name_task_and_cameras(command, values, names_task="task" in typed)
     return from_values(command, values)
+
+
+def _policy(command: str, typed: Mapping[str, Any], chosen: Any) -> str:
+    """Returns the policy whose values are composed; for ``check`` without one, the preset's values alone."""
+    if command == "evaluate":
+        return "act"
+    return str(typed.get("policy", _NO_POLICY if command == "check" else chosen))
 
 
 def _name_task_and_cameras(command: str, values: dict[str, Any], *, names_task: bool) -> None:

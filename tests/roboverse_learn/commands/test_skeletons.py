@@ -3,9 +3,13 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+
+from roboverse_learn.config.new_config import NewConfig
+from roboverse_learn.new import new
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -30,8 +34,9 @@ def done(folder: Path, *words: str, path: str = "") -> str:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("newcomer")
-    for words in (("task", "name=PushBlock"), ("policy", "name=my_cnn"), ("robot", "name=my_arm")):
-        done(folder, "new", *words)
+    for kind, name in (("task", "PushBlock"), ("policy", "my_cnn"), ("robot", "my_arm")):
+        config = NewConfig(kind=kind, name=name)
+        new(replace(config, out=str(folder / config.module)))
     return folder
 
 
@@ -46,24 +51,26 @@ def test_the_robot_keeps_every_contract(folder: Path) -> None:
     assert " 0 failed, 0 skipped." in done(folder, "check", "robot=my_arm", "plugins=[my_arm]")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_task_of_the_robot_keeps_every_contract_in_its_own_folder(folder: Path) -> None:
     words = ("check", "task=MyArmReach", "image_size=32", "episodes=10", "plugins=[my_arm]")
     said = done(folder / "my_arm", *words)
     assert "10 of 10 starts" in said and " 0 failed, 0 skipped." in said
 
 
+@pytest.mark.long
+def test_the_policy_keeps_every_contract(folder: Path) -> None:
+    assert " 0 failed, 0 skipped." in done(folder, "check", "policy=my_cnn", "plugins=[my_cnn]")
+
+
 @pytest.mark.slow
-def test_the_policy_keeps_every_contract_and_trains_on_the_task(folder: Path) -> None:
-    both = "plugins=[push_block,my_cnn]"
-    said = done(folder, "check", "policy=my_cnn", "task=PushBlock", "image_size=32", both)
-    assert " 0 failed, 0 skipped." in said
+def test_the_policy_trains_on_the_task(folder: Path) -> None:
     words = (
         "train", "policy=my_cnn", "task=PushBlock", "preset=quick", "num_demos=2", "collect.num_workers=2",
         "image_size=32", "train.steps=4", "train.batch_size=4", "train.num_threads=1", "evaluate.episodes=1",
         "levels=[0]", "videos=0", "device=cpu",
     )  # fmt: skip
-    assert "Trained 4 steps" in done(folder, *words, both)
+    assert "Trained 4 steps" in done(folder, *words, "plugins=[push_block,my_cnn]")
 
 
 @pytest.mark.long
@@ -74,7 +81,7 @@ def test_the_policy_learns_the_task_by_the_quick_preset(folder: Path) -> None:
     assert float(row.split("│")[2].split("%")[0]) >= 40.0, row
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_installed_package_needs_no_plugins_and_takes_them_too(folder: Path, tmp_path: Path) -> None:
     pytest.importorskip("setuptools", minversion="77", reason="builds the package without a package index")
     target = tmp_path / "site"
