@@ -31,6 +31,11 @@ class Checked:
         """Whether no contract failed."""
         return not self.count("failed")
 
+    @property
+    def failures(self) -> dict[str, str]:
+        """What to mend, by the name of each broken contract."""
+        return {finding.name: finding.detail for finding in self.findings if finding.result == "failed"}
+
     def count(self, result: str) -> int:
         """Returns how many contracts have a result."""
         return sum(finding.result == result for finding in self.findings)
