@@ -114,6 +114,12 @@ def _without_plugins(words: list[str]) -> list[str]:
     return [word for word in words if not word.startswith("plugins=")]
 
 
+def _named(words: list[str], *keys: str) -> list[str]:
+    """Takes ``task PushBlock`` for ``kind=task name=PushBlock``: the first words without a key have these."""
+    left = list(keys)
+    return [word if "=" in word or not left else f"{left.pop(0)}={word}" for word in words]
+
+
 def _settings(words: list[str]) -> list[str]:
     """Takes ``robot.urdf --to mjcf`` for ``robot=robot.urdf to=mjcf``, as converters are called elsewhere."""
     settings: list[str] = []
@@ -137,7 +143,9 @@ def _read(command: str, words: list[str]) -> Any:
     if command == "convert":
         words = _settings(words)
     if command == "new":
-        words = [word if "=" in word else f"kind={word}" for word in words]
+        words = _named(words, "kind", "name")
+    if command == "check":
+        words = _named(words, "task")
     if command == "doctor":
         words = ["json=true" if word == "--json" else word for word in words]
     config = compose(command, words)

@@ -203,6 +203,11 @@ def load_plugins() -> None:
                 f"The plugin '{name}' cannot be imported: {error}. Install it, run the command in its "
                 "folder, or put its folder on PYTHONPATH."
             ) from error
+        except (SyntaxError, NameError, AttributeError, TypeError) as error:
+            raise ConfigError(
+                f"The plugin '{name}' cannot be imported: {type(error).__name__}: {error}. Mend it; "
+                f"python -c 'import {name}' shows where."
+            ) from error
         if module.__spec__ is not None and module.__spec__.origin is None:
             raise ConfigError(
                 f"The plugin '{name}' is a folder without __init__.py, which registers nothing. Name the "

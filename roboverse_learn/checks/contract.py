@@ -135,13 +135,13 @@ def _look(each: Contract[Any], subject: Any) -> Finding:
         return Finding(each.name, "failed", str(error))
     except Exception as error:  # whatever the author's code raises is the finding
         said = " ".join(str(error).split())
-        return Finding(each.name, "failed", f"{type(error).__name__}: {said} ({_where(error)})")
+        return Finding(each.name, "failed", f"{type(error).__name__}: {said}{_where(error)}")
 
 
 def _where(error: Exception) -> str:
-    """Returns the innermost line of the author's own code that raised an error, or of any code."""
+    """Returns the innermost line of the author's own code that raised an error, or nothing."""
     frames = traceback.extract_tb(error.__traceback__)
     ours = [str(Path(__file__).parents[1]), *map(sysconfig.get_path, ("stdlib", "purelib", "platlib"))]
     theirs = [frame for frame in frames if not frame.filename.startswith(tuple(ours))]
-    frame = (theirs or frames)[-1]
-    return f"{Path(frame.filename).name}:{frame.lineno}, in {frame.name}"
+    theirs = [frame for frame in theirs if not frame.filename.startswith("<")]
+    return f" ({Path(theirs[-1].filename).name}:{theirs[-1].lineno}, in {theirs[-1].name})" if theirs else ""

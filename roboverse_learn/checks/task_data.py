@@ -32,13 +32,15 @@ def options(subject: TaskSubject) -> str:
     items = [item for item in fields(cls) if item.init]  # pyright: ignore[reportArgumentType]
     bare = [item.name for item in items if item.default is MISSING is item.default_factory]
     require(not bare, f"{named} has no default of {', '.join(bare)}. Give every option one.")
-    kwargs = dict(subject.spec.task_kwargs)
+    lacking = sorted(cls.__abstractmethods__)
+    require(not lacking, f"{named} lacks {', '.join(lacking)}. Define it as envs.tasks.base.Task says.")
+    one, other = (cls(**subject.spec.task_kwargs) for _ in range(2))
     try:
-        equal = cls(**kwargs) == cls(**kwargs) and hash(cls(**kwargs)) == hash(cls(**kwargs))
+        same = one == other and hash(one) == hash(other)
     except TypeError as error:
         require(False, f"Options of {named} cannot be hashed ({error}). Use tuples for lists.")
     else:
-        require(equal, f"Two tasks {named} of the same options differ. Keep the dataclass's own __eq__.")
+        require(same, f"Two tasks {named} of the same options differ. Keep the dataclass's own __eq__.")
     return counted(len(items), "option") if items else "no options"
 
 
@@ -76,6 +78,16 @@ def words(subject: TaskSubject) -> str:
 
 
 @contract("options")
+def scenario(subject: TaskSubject) -> str:
+    """The scene is data, and the same each time: a robot, objects, cameras."""
+    first, second = subject.task.scenario, subject.task.scenario
+    require(first == second, "scenario gave two different scenes. Make it of the task's options alone.")
+    require(first.robots, "The scenario has no robot. Name one in robots=(…,); the first one acts.")
+    parts = ((first.robots, "robot"), (first.objects, "object"), (first.cameras, "camera"))
+    return ", ".join(counted(len(items), noun) for items, noun in parts)
+
+
+@contract("scenario")
 def initial_states(subject: TaskSubject) -> str:
     """Everything in the scene has a finite start; row i depends on generator i alone."""
     task = subject.task
@@ -97,7 +109,7 @@ def initial_states(subject: TaskSubject) -> str:
         all(torch.equal(value, again.flatten()[key]) for key, value in together.flatten().items()),
         "initial_state gave two answers for equal generators. Use no other source of randomness.",
     )
-    return f"{counted(len(together.robots), 'robot')}, {counted(len(together.objects), 'object')}"
+    return f"{_NUM_STARTS} rows, bit for bit"
 
 
 def _check_names(task: Task, state: State) -> None:

@@ -24,7 +24,7 @@ _DERIVED = ("ee_pos", "ee_rot", "touched")
 _HOLD_S, _REST_M = 10.0, 2e-3
 
 
-@contract("options")
+@contract("scenario")
 def scene(subject: TaskSubject) -> str:
     """The simulator makes the scene, and the task judges its states."""
     env = subject.env

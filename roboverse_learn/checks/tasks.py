@@ -7,6 +7,7 @@ from roboverse_learn.checks.task_subject import TaskSubject
 TASK_CONTRACTS: tuple[Contract[TaskSubject], ...] = (
     task_data.options,
     task_data.words,
+    task_data.scenario,
     task_data.initial_states,
     task_episodes.scene,
     task_episodes.images,

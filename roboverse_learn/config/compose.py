@@ -25,7 +25,7 @@ from envs.core.plain_values import plain
 from envs.scenario.changes import merged
 from envs.spec import EnvSpec
 from policies.checkpoint import learned_tasks
-from roboverse_learn.config.keys import at, flat_keys, full_key, in_open_section, split_word
+from roboverse_learn.config.keys import OF_YOUR_OWN, at, flat_keys, full_key, in_open_section, split_word
 from roboverse_learn.config.recipes import check_beside, read_recipe
 from roboverse_learn.config.schema import DEFAULT_PRESETS, NAMES_A_POLICY
 from roboverse_learn.config.serialize import default_values, env_keys, from_values, to_values
@@ -77,7 +77,7 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
     preset = typed.get("preset", DEFAULT_PRESETS.get(command, "full"))
     for kind, name, names in (("policy", policy, policies.names()), ("preset", preset, preset_names())):
         if name not in names and (command, name) != ("check", _NO_POLICY):
-            raise unknown_name(kind, name, names)
+            raise unknown_name(kind, name, names, OF_YOUR_OWN if kind == "policy" else "")
     defaults = default_values(command, policy)
     keys = [full_key(command, key, flat_keys(defaults)) for key, _ in pairs]
     read = {full_key(command, key, flat_keys(defaults)): value for key, value in read.items()}

@@ -66,7 +66,7 @@ EXAMPLES = {
         "roboverse check policy=act task=PickCube   (also robot=franka)",
     ),
     "new": (
-        "roboverse new task name=PushBlock",
+        "roboverse new task name=PushBlock   (or: roboverse new task PushBlock)",
         "roboverse new policy name=my_cnn out=folder",
         "roboverse new robot name=my_arm",
     ),

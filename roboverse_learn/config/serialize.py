@@ -16,7 +16,7 @@ from envs.core.errors import ConfigError, unknown_name, wrong_value
 from envs.core.plain_values import plain
 from envs.simulators.settings import check_settings
 from envs.spec import EnvSpec
-from roboverse_learn.config.keys import flat_keys, unknown_key
+from roboverse_learn.config.keys import OF_YOUR_OWN, flat_keys, unknown_key
 from roboverse_learn.config.scenario_overrides import checked_scenario
 from roboverse_learn.config.schema import COMMANDS, EVALUATE_ENV_KEYS, NAMES_A_POLICY
 
@@ -114,7 +114,7 @@ def _check_names(kind: str, names: Iterable[str]) -> None:
     }[kind]
     for name in names:
         if name not in valid:
-            raise unknown_name(kind, name, valid)
+            raise unknown_name(kind, name, valid, OF_YOUR_OWN if kind == "task" else "")
 
 
 def _check_options(spec: EnvSpec) -> None:

@@ -22,7 +22,7 @@ REPRESENTATIVE = {
 }
 """A free object, two of them, a joint of ours and one of Meta-World; every robot that acts by itself."""
 
-QUICK = {"options", "words", "initial_states"}
+QUICK = {"options", "words", "scenario", "initial_states"}
 """Contracts that need no simulator."""
 
 

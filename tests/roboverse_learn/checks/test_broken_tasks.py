@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 import torch
 
+from envs.scenario import GeomCfg, ObjectCfg, TableCfg
 from envs.spec import EnvSpec
 from envs.state import EntityState
 from envs.tasks import TASKS
+from envs.tasks.base import Task
 from envs.tasks.pick_cube import PickCube
 from roboverse_learn.checks.contract import chosen, run
 from roboverse_learn.checks.task_subject import TaskSubject
@@ -52,6 +54,28 @@ class WithoutDefault(Broken):
 @dataclass(frozen=True, kw_only=True)
 class Unhashable(Broken):
     sizes_m: list = dataclasses.field(default_factory=list)
+
+
+@broken("options", "Unfinished lacks success. Define it as envs.tasks.base.Task says")
+class Unfinished(Broken):  # its success is abstract again
+    success = Task.success
+
+
+@broken("scenario", "scenario gave two different scenes. Make it of the task's options alone")
+class Whimsical(Broken):
+    @property
+    def scenario(self):
+        table = TableCfg(height_m=float(np.random.default_rng().uniform(0.6, 0.8)))
+        return dataclasses.replace(super().scenario, table=table)
+
+
+@broken("scenario", "'bxo'. Did you mean 'box'")
+class Shapeless(Broken):
+    @property
+    def scenario(self):
+        return dataclasses.replace(
+            super().scenario, objects=(ObjectCfg(name="a", geoms=(GeomCfg(shape="bxo"),)),)
+        )
 
 
 @broken("words", "instructions is empty. Give a tuple")

@@ -12,11 +12,14 @@ from roboverse_learn.config.compose import compose
 QUICK = ["contracts=[options,words,initial_states]"]
 
 
-def test_contracts_that_hold_are_a_table_and_exit_code_0(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["check", "task=PickCube", *QUICK]) == 0
+@pytest.mark.parametrize("word", ["task=PickCube", "PickCube"])
+def test_contracts_that_hold_are_a_table_and_exit_code_0(
+    word: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["check", word, *QUICK]) == 0
     said = capsys.readouterr().out
     assert "task PickCube" in said and "3 instructions, 100 steps" in said
-    assert "3 contracts: 3 ok, 0 failed, 0 skipped." in said
+    assert "4 contracts: 4 ok, 0 failed, 0 skipped." in said
 
 
 def test_a_broken_contract_says_what_to_mend_and_is_exit_code_1(

@@ -100,6 +100,7 @@ def test_package_and_class_are_named_after_the_name(name: str, module: str, clas
         (["policy", "name=act"], "'act' is registered already, see roboverse list policies"),
         (["robot", "name=franka"], "'franka' is registered already, see roboverse list robots"),
         (["task", "name=Json"], "its package would be called 'json', as one that is installed here"),
+        (["task", "A", "B"], "'B' is not key=value."),
         (["task", "nam=A"], "Unknown key 'nam' of new. Did you mean 'name'?"),
         (["task", "name=A", "out=/proc/x"], "out=/proc/x: No such file or directory."),
     ],
@@ -136,6 +137,11 @@ def test_every_template_is_used(kind: str) -> None:
     templates = [path for path in (TEMPLATES / kind).iterdir()] + list((TEMPLATES / "shared").iterdir())
     assert len(render(NewConfig(kind=kind, name="x"))) == len(templates)
     assert {path.suffix for path in templates} == {".jinja"}
+
+
+def test_the_second_word_may_be_the_name(folder: Path) -> None:
+    assert cli.main(["new", "policy", "small", "out=made"]) == 0
+    assert (folder / "made" / "small" / "policy.py").is_file()
 
 
 def test_a_task_is_the_default() -> None:

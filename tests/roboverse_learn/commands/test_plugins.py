@@ -83,6 +83,10 @@ def test_a_plugin_of_the_current_folder_or_of_a_project_there_is_found(
             "is no name of a module. Write it as it is imported, .*=.plugin_here.",
         ),
         ("plugins=[my/plugin-here]", "is no name of a module"),
+        (
+            "plugins=[misspelt_plugin]",
+            "NameError: name 'maths' is not defined.* python -c 'import miss",
+        ),
         ("plugins=[empty_plugin]", "'empty_plugin' is a folder without __init__.py, which registers nothing"),
     ],
 )
@@ -91,6 +95,7 @@ def test_a_file_a_path_and_an_empty_folder_are_no_plugins(
 ) -> None:
     (here / "plugin_here.py").write_text("")
     (here / "empty_plugin").mkdir()
+    (here / "misspelt_plugin.py").write_text("import math\nmaths.pi\n")
     monkeypatch.syspath_prepend(here)  # as `python -m` has it
     assert cli.main(["list", word, "policies"]) == 2
     assert re.search(said, capsys.readouterr().err)
