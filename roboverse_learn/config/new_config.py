@@ -29,7 +29,8 @@ class NewConfig:
 
     def __post_init__(self) -> None:
         if self.kind not in NEW_KINDS:
-            raise unknown_name("kind of skeleton", self.kind, NEW_KINDS)
+            hint = "As in: roboverse new task name=PushBlock"
+            raise unknown_name("kind of skeleton", self.kind, NEW_KINDS, hint)
         example = f"as in: roboverse new {self.kind} name={_EXAMPLES[self.kind]}"
         if not self.name:
             raise ConfigError(f"new {self.kind} needs name=<name>, {example}")
