@@ -1,4 +1,4 @@
-"""``collect``, ``train`` and ``evaluate`` as functions, with the settings of the commands as arguments.
+"""``collect``, ``train``, ``evaluate`` and ``check`` as functions; their arguments are the settings.
 
 A setting has the name that it has on the command line. One with dots is a dictionary, or is named by its last
 part where no other ends so: ``train(steps=5)``, ``train(train={"steps": 5})``.
@@ -22,6 +22,7 @@ from roboverse_learn.evaluate import CALLED_WITH, evaluate_all, evaluate_policy
 if TYPE_CHECKING:
     import numpy as np
 
+    from roboverse_learn.checks.report import Checked
     from roboverse_learn.data.collection.collect import CollectionSummary
 
 type AnyPolicy = Policy | Callable[[Observation], "np.ndarray"]
@@ -121,6 +122,24 @@ def evaluate(
     config = compose("evaluate", (), {"policy": "random"} | given)
     with _called_with(given):
         return [evaluate_policy(acting, config)]
+
+
+def check(task: "str | Task | type[Task]" = "PickCube", **settings: Any) -> "Checked":
+    """Looks at the contracts of a task, or of the ``policy=`` or ``robot=`` that is named.
+
+    Args:
+        task: Name of a task, a task, or its class.
+        **settings: Those of ``roboverse check``, such as ``episodes=5``.
+
+    Returns:
+        What was found; ``ok`` says whether no contract is broken, and ``failures`` which ones are.
+
+    Raises:
+        RoboVerseError: as :func:`roboverse_learn.check.check`.
+    """
+    from roboverse_learn.check import check as check_contracts
+
+    return check_contracts(compose("check", (), _of_task(task) | settings))
 
 
 def _of_task(task: "str | Task | type[Task]", *, in_one_process: bool = False) -> dict[str, Any]:

@@ -1,11 +1,12 @@
 """The command line: ``roboverse <command> key=value ...``.
 
 It parses arguments, calls a command, prints its result, and turns errors into one message and an exit
-code: 0 done, 1 a bug (with its traceback), 2 a mistake that the user can fix, 130 interrupted (143 where
-training was, by SIGTERM).
+code: 0 done, 1 a bug (with its traceback) or a contract that ``check`` found broken, 2 a mistake that the
+user can fix, 130 interrupted (143 where training was, by SIGTERM).
 """
 
 import errno
+import importlib
 import logging
 import os
 import sys
@@ -96,8 +97,7 @@ def _dispatch(words: list[str]) -> int:
         return 0
     config = _read(command, rest)
     _start_logging()
-    _run(command, config)
-    return 0
+    return _run(command, config) or 0
 
 
 def _without_plugins(words: list[str]) -> list[str]:
@@ -112,6 +112,12 @@ def _without_plugins(words: list[str]) -> list[str]:
         os.environ[PLUGINS_VARIABLE] = ",".join(dict.fromkeys(filter(None, named)))
         load_plugins()
     return [word for word in words if not word.startswith("plugins=")]
+
+
+def _named(words: list[str], *keys: str) -> list[str]:
+    """Takes ``task PushBlock`` for ``kind=task name=PushBlock``: the first words without a key have these."""
+    left = list(keys)
+    return [word if "=" in word or not left else f"{left.pop(0)}={word}" for word in words]
 
 
 def _settings(words: list[str]) -> list[str]:
@@ -136,6 +142,10 @@ def _read(command: str, words: list[str]) -> Any:
         return plan(words)
     if command == "convert":
         words = _settings(words)
+    if command == "new":
+        words = _named(words, "kind", "name")
+    if command == "check":
+        words = _named(words, "task")
     if command == "doctor":
         words = ["json=true" if word == "--json" else word for word in words]
     config = compose(command, words)
@@ -143,48 +153,33 @@ def _read(command: str, words: list[str]) -> Any:
     return config
 
 
-def _run(command: str, config: Any) -> None:
-    """Calls the command's module; heavy imports begin here."""
-    if command == "train":
-        from roboverse_learn.train import train
+_PROGRAMS = {
+    "train": "roboverse_learn.train:train",
+    "sweep": "roboverse_learn.sweep:sweep",
+    "collect": "roboverse_learn.collect:collect",
+    "evaluate": "roboverse_learn.evaluate:evaluate",
+    "check": "roboverse_learn.check:check",
+    "new": "roboverse_learn.new:new",
+    "convert": "roboverse_learn.convert:convert_robot",
+    "conservation": "roboverse_learn.conservation:conservation",
+    "doctor": "roboverse_learn.doctor:doctor",
+    "replay": "roboverse_learn.replay:replay",
+    "view": "roboverse_learn.view:view",
+    "leaderboard": "roboverse_learn.leaderboard:leaderboard",
+}
+"""Command to the function that takes its configuration and returns what to print."""
 
-        _show(train(config))
-    elif command == "sweep":
-        from roboverse_learn.sweep import sweep
 
-        _show(sweep(config))
-    elif command == "collect":
-        from roboverse_learn.collect import collect
+def _run(command: str, config: Any) -> int:
+    """Calls the command's function, whose heavy imports begin here, and prints what it returns.
 
-        _show(collect(config))
-    elif command == "evaluate":
-        from roboverse_learn.evaluate import evaluate
-
-        _show(evaluate(config))
-    elif command == "convert":
-        from roboverse_learn.convert import convert_robot
-
-        _show(convert_robot(config))
-    elif command == "conservation":
-        from roboverse_learn.conservation import conservation
-
-        _show(conservation(config))
-    elif command == "doctor":
-        from roboverse_learn.doctor import doctor
-
-        _show(doctor(config))
-    elif command == "replay":
-        from roboverse_learn.replay import replay
-
-        _show(replay(config))
-    elif command == "view":
-        from roboverse_learn.view import view
-
-        _show(view(config))
-    else:
-        from roboverse_learn.leaderboard import leaderboard
-
-        _show(leaderboard(config))
+    Returns:
+        The exit code: 1 where what it returns says that not all is ``ok``.
+    """
+    module, _, name = _PROGRAMS[command].partition(":")
+    report = getattr(importlib.import_module(module), name)(config)
+    _show(report)
+    return 0 if getattr(report, "ok", True) else 1
 
 
 def _speed(words: list[str]) -> int:

@@ -10,10 +10,15 @@ import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import policies
 from envs.core.arguments import parse
 from envs.core.errors import RoboVerseError
+from roboverse_learn.checks.contract import Contract
+from roboverse_learn.checks.policies import POLICY_CONTRACTS
+from roboverse_learn.checks.robots import ROBOT_CONTRACTS
+from roboverse_learn.checks.tasks import TASK_CONTRACTS
 from roboverse_learn.config import help as help_texts
 from roboverse_learn.config.scenario_overrides import SECTION
 from roboverse_learn.config.schema import COMMANDS
@@ -53,6 +58,8 @@ Keys of `roboverse train policy=<name>`, with the defaults of `preset=full`. Che
 
 ROLE = re.compile(r":\w+:`~?([^`]+)`")
 """A cross reference of a docstring, as ``:class:`~envs.spec.EnvSpec```."""
+
+CONTRACTS = {"task": TASK_CONTRACTS, "policy": POLICY_CONTRACTS, "robot": ROBOT_CONTRACTS}
 
 FOREIGN = ("policy.", f"{SECTION}.")
 """Keys that have tables of their own below the commands."""
@@ -98,6 +105,8 @@ def _section(name: str) -> str:
     parts = [f"## roboverse {name}", f"{about[0].upper()}{about[1:]}."]
     if name in help_texts.EXAMPLES:
         parts.append("```\n" + "\n".join(help_texts.EXAMPLES[name]) + "\n```")
+    if name == "check":
+        parts += [f"Contracts of a {kind}:\n\n{_contract_table(every)}" for kind, every in CONTRACTS.items()]
     if name in COMMANDS:
         rows = help_texts.key_rows(name)
         parts.append(_key_table(row for row in rows if not row[0].startswith(FOREIGN)))
@@ -111,6 +120,10 @@ def _section(name: str) -> str:
     elif name == "dataset":
         parts.append(_table(("key", "default", "what it is"), _dataset_rows()))
     return "\n\n".join(parts)
+
+
+def _contract_table(contracts: Iterable[Contract[Any]]) -> str:
+    return _table(("contract", "what holds"), ((f"`{each.name}`", each.about) for each in contracts))
 
 
 def _dataset_rows() -> Iterable[tuple[str, str, str]]:

@@ -2,9 +2,12 @@
 
 import importlib
 import importlib.metadata
+import importlib.util
 import os
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from envs.core.errors import ConfigError, MissingExtraError, unknown_name
 
@@ -64,8 +67,13 @@ class Registry[T]:
         info: Mapping[str, str] | None = None,
         distribution: str = "",
     ) -> None:
-        """Registers ``target`` under ``name``; a name can be taken only once."""
+        """Registers ``target`` under ``name``; a name can be taken only once.
+
+        The same target again changes nothing: a module that registers itself may have entry points, too.
+        """
         if name in self._entries:
+            if _reference(self._entries[name].target) == _reference(target):
+                return
             raise ValueError(f"The {self.kind} '{name}' is registered already.")
         tags = frozenset(tags) or self._default_tags
         entry = Entry(name, target, tags, extra, summary, dict(info or {}), distribution)
@@ -158,24 +166,64 @@ class Registry[T]:
             known = self._entries.get(point.name)
             if known is None:
                 self.add(point.name, point.value, summary=f"from {owner}", distribution=owner)
-            elif (known.distribution, known.target) != (owner, point.value):
+            elif _reference(known.target) != point.value:
                 raise ConfigError(
                     f"The package '{owner}' registers the {self.kind} '{point.name}', and so does another "
                     f"one. Give it another name in its entry points, in the group '{self.group}'."
                 )
 
 
+def _reference(target: object) -> object:
+    """Returns a target as ``"module:Attribute"``; what has no such name is itself."""
+    if isinstance(target, str) or not hasattr(target, "__qualname__"):
+        return target
+    return f"{target.__module__}:{target.__qualname__}"  # type: ignore[attr-defined]
+
+
 def load_plugins() -> None:
     """Imports the modules that :data:`PLUGINS_VARIABLE` names; each registers what it has.
+
+    One that is not installed is looked for in the current folder, and in a project folder of its own name
+    there.
 
     Raises:
         ConfigError: One of them cannot be imported.
     """
     for name in filter(None, os.environ.get(PLUGINS_VARIABLE, "").split(",")):
+        if not all(part.isidentifier() for part in name.split(".")):
+            raise ConfigError(
+                f"The plugin '{name}' is no name of a module. Write it as it is imported, without its folder "
+                f"and without .py: plugins=[{Path(name).stem or 'my_module'}]"
+            )
+        _find(name.partition(".")[0])
         try:
-            importlib.import_module(name)
+            module = importlib.import_module(name)
         except ImportError as error:
             raise ConfigError(
-                f"The plugin '{name}' cannot be imported: {error}. Install it, or put its folder on "
-                "PYTHONPATH."
+                f"The plugin '{name}' cannot be imported: {error}. Install it, run the command in its "
+                "folder, or put its folder on PYTHONPATH."
             ) from error
+        except (SyntaxError, NameError, AttributeError, TypeError) as error:
+            raise ConfigError(
+                f"The plugin '{name}' cannot be imported: {type(error).__name__}: {error}. Mend it; "
+                f"python -c 'import {name}' shows where."
+            ) from error
+        if module.__spec__ is not None and module.__spec__.origin is None:
+            raise ConfigError(
+                f"The plugin '{name}' is a folder without __init__.py, which registers nothing. Name the "
+                "module inside it, or run the command where that module is."
+            )
+
+
+def _find(package: str) -> None:
+    """Lets a plugin of the current folder be imported, after everything that is installed."""
+    if package in sys.modules:
+        return
+    found = importlib.util.find_spec(package)
+    if found is not None and found.origin is not None:
+        return
+    for folder in (Path.cwd(), Path.cwd() / package):
+        if (folder / f"{package}.py").is_file() or (folder / package / "__init__.py").is_file():
+            sys.path.append(str(folder))
+            importlib.invalidate_caches()
+            return

@@ -25,14 +25,16 @@ from envs.core.plain_values import plain
 from envs.scenario.changes import merged
 from envs.spec import EnvSpec
 from policies.checkpoint import learned_tasks
-from roboverse_learn.config.keys import at, flat_keys, full_key, in_open_section, split_word
+from roboverse_learn.config.keys import OF_YOUR_OWN, at, flat_keys, full_key, in_open_section, split_word
 from roboverse_learn.config.recipes import check_beside, read_recipe
+from roboverse_learn.config.schema import DEFAULT_PRESETS, NAMES_A_POLICY
 from roboverse_learn.config.serialize import default_values, env_keys, from_values, to_values
 
 ALL_CAMERAS = "all"
 """``cameras=[all]``: every camera of the task."""
 
 _GROUPS = {"policy", "preset"}
+_NO_POLICY = ""
 
 
 def configs_folder() -> Path:
@@ -71,11 +73,11 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
     saved = _saved_values(typed.get("run", "")) if command == "train" else {}
     recipe, of_recipe = _recipe(command, typed.get("recipe", ""))
     chosen = of_recipe.get("policy_name", saved.get("policy_name", "act"))
-    policy = "act" if command == "evaluate" else str(typed.get("policy", chosen))
-    preset = typed.get("preset", "full")
+    policy = _policy(command, typed, chosen)
+    preset = typed.get("preset", DEFAULT_PRESETS.get(command, "full"))
     for kind, name, names in (("policy", policy, policies.names()), ("preset", preset, preset_names())):
-        if name not in names:
-            raise unknown_name(kind, name, names)
+        if name not in names and (command, name) != ("check", _NO_POLICY):
+            raise unknown_name(kind, name, names, OF_YOUR_OWN if kind == "policy" else "")
     defaults = default_values(command, policy)
     keys = [full_key(command, key, flat_keys(defaults)) for key, _ in pairs]
     read = {full_key(command, key, flat_keys(defaults)): value for key, value in read.items()}
@@ -84,7 +86,9 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
     if saved.get("policy_name") == policy:
         values = saved | ({"preset": preset} if "preset" in typed else {})
     if command == "evaluate":
-        values |= {key: defaults[key] for key in env_keys(command)} | {"policy_name": typed.get("policy", "")}
+        values |= {key: defaults[key] for key in env_keys(command)}
+    if command in NAMES_A_POLICY:
+        values["policy_name"] = typed.get("policy", "")
     for word, key, (_, text) in zip(words, keys, pairs, strict=True):
         if key not in _GROUPS:
             _put(values, key, _value(word, text, command, key, at(defaults, key)))
@@ -94,6 +98,13 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
         values["recipe"] = recipe
     _name_task_and_cameras(command, values, names_task="task" in typed)
     return from_values(command, values)
+
+
+def _policy(command: str, typed: Mapping[str, Any], chosen: Any) -> str:
+    """Returns the policy whose values are composed; for ``check`` without one, the preset's values alone."""
+    if command == "evaluate":
+        return "act"
+    return str(typed.get("policy", _NO_POLICY if command == "check" else chosen))
 
 
 def _name_task_and_cameras(command: str, values: dict[str, Any], *, names_task: bool) -> None:
@@ -157,7 +168,7 @@ def _composed(command: str, policy: str, preset: str) -> dict[str, Any]:
 
     ConfigStore.instance().store(name="defaults_of_dataclasses", node=defaults)
     with hydra.initialize_config_dir(str(configs_folder()), version_base="1.3"):
-        composed = hydra.compose("run", [f"policy={policy}", f"preset={preset}"])
+        composed = hydra.compose("run", [f"policy={policy or 'none'}", f"preset={preset}"])
     values: Any = OmegaConf.to_container(composed, resolve=True)
     return {key: values[key] for key in defaults}  # the files also have keys of other commands
 

@@ -26,6 +26,8 @@ SUMMARIES = {
     "view": "show an episode in the browser: 3D scene over time, camera images, randomization draws",
     "conservation": "measure what each simulator keeps of momentum, angular momentum and kinetic energy",
     "leaderboard": "write tables, plots and the page from the result files",
+    "check": "look at the contracts of a task, a policy or a robot, also one of your own",
+    "new": "write a package with a working task, policy or robot to start from",
     "convert": "write a robot as URDF or USD, its meshes beside it",
     "dataset": "merge datasets, or say what one holds",
     "speed": "measure the speed of the parts, each against its reference",
@@ -58,6 +60,16 @@ EXAMPLES = {
     ),
     "conservation": ("roboverse conservation simulators=[mujoco,mujoco_warp]",),
     "leaderboard": ("roboverse leaderboard results_dir=results",),
+    "check": (
+        "roboverse check task=PickCube",
+        "roboverse check task=PushBlock plugins=[push_block] simulator=mujoco_warp",
+        "roboverse check policy=act task=PickCube   (also robot=franka)",
+    ),
+    "new": (
+        "roboverse new task name=PushBlock   (or: roboverse new task PushBlock)",
+        "roboverse new policy name=my_cnn out=folder",
+        "roboverse new robot name=my_arm",
+    ),
     "convert": (
         "roboverse convert robot=franka to=usd out=franka_usd",
         "roboverse convert robot=robot.xml to=urdf",
@@ -95,7 +107,7 @@ def command_help(command: str, policy: str = "act") -> str:
         f"roboverse {command}: {SUMMARIES[command]}.",
         f"Usage: roboverse {command} [key=value ...]\n{examples}",
     ]
-    if command not in ("leaderboard", "convert", "doctor"):
+    if command not in ("leaderboard", "convert", "doctor", "new"):
         parts.append(listing())
     parts.append(f"Keys, with their defaults:\n{_rows(key_rows(command, policy=policy))}")
     return "\n\n".join(parts)
@@ -168,10 +180,10 @@ def key_rows(command: str, skip: tuple[str, ...] = (), policy: str = "act") -> l
     rows = []
     for key in flat_keys(values):
         if key == "policy_name":
-            names, what = (
-                (baselines(), about[key]) if command == "evaluate" else (policies.names(), "Policy:")
-            )
-            rows.append((f"policy={values[key]}", f"{what.rstrip('.:')}: {', '.join(names)}."))
+            names = {"evaluate": baselines(), "check": policies.names("dataset")}.get(command)
+            what = about[key] if names else "Policy:"
+            listed = ", ".join(names or policies.names())
+            rows.append((f"policy={values[key]}", f"{what.rstrip('.:')}: {listed}."))
         elif not any(key.startswith(start) for start in skip):
             rows.append((f"{key}={_shown(at(values, key))}", about.get(key, "")))
             rows += _scene_rows() if key == SECTION and not skip else []

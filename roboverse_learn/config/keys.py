@@ -11,6 +11,8 @@ from roboverse_learn.config.scenario_overrides import SECTION, scenario_keys
 
 _WORD = re.compile(r"(?P<key>[A-Za-z_]\w*(?:\.\w+)*)=(?P<value>.*)", re.DOTALL)
 
+OF_YOUR_OWN = "One of your own is known with plugins=[<package>], or once its package is installed."
+
 OPEN = {
     "task_kwargs": "variant=lift",
     "simulator_settings": "njmax=768",

@@ -15,6 +15,9 @@ from envs.randomization.splits import load_split
 from envs.spec import EnvSpec
 from policies.base import listed
 from roboverse_learn.config.leaderboard_config import LeaderboardConfig
+from roboverse_learn.config.check_config import CheckConfig
+from roboverse_learn.config.convert_config import ConvertConfig
+from roboverse_learn.config.new_config import NewConfig
 from roboverse_learn.config.view_config import ViewConfig
 from roboverse_learn.data.sources import SOURCES
 from roboverse_learn.training.config import TrainConfig
@@ -300,25 +303,6 @@ class EvaluateConfig:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class ConvertConfig:
-    """``roboverse convert``: a robot's MJCF as URDF or USD, or its URDF as MJCF.
-
-    Attributes:
-        robot: Registered robot, file, or asset such as robosuite:models/assets/robots/ur5e/robot.xml.
-        to: Format: urdf, usd (needs usd-core), or mjcf for a robot whose file is URDF.
-        root: Body of the file that is the robot, where the file holds several; empty for all of it.
-        simplify: Merge and simplify the visual meshes of a registered robot.
-        out: Folder to write to; empty for the cache, whose folder is named after the content.
-    """
-
-    robot: str = "franka"
-    to: str = "urdf"
-    root: str = ""
-    simplify: bool = False
-    out: str = ""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
 class ReplayConfig:
     """``roboverse replay``: replays recorded episodes in another simulator, by states and by controls.
 
@@ -384,6 +368,8 @@ COMMANDS: dict[str, type] = {
     "sweep": SweepConfig,
     "evaluate": EvaluateConfig,
     "leaderboard": LeaderboardConfig,
+    "check": CheckConfig,
+    "new": NewConfig,
     "convert": ConvertConfig,
     "replay": ReplayConfig,
     "view": ViewConfig,
@@ -391,3 +377,9 @@ COMMANDS: dict[str, type] = {
     "doctor": DoctorConfig,
 }
 """Every command that takes ``key=value`` words, with its configuration."""
+
+NAMES_A_POLICY = ("evaluate", "check")
+"""Commands whose ``policy=`` is a name, or nothing, without keys ``policy.*``."""
+
+DEFAULT_PRESETS = {"check": "quick"}
+"""Presets of commands whose default is not ``full``."""

@@ -16,9 +16,9 @@ from envs.core.errors import ConfigError, unknown_name, wrong_value
 from envs.core.plain_values import plain
 from envs.simulators.settings import check_settings
 from envs.spec import EnvSpec
-from roboverse_learn.config.keys import flat_keys, unknown_key
+from roboverse_learn.config.keys import OF_YOUR_OWN, flat_keys, unknown_key
 from roboverse_learn.config.scenario_overrides import checked_scenario
-from roboverse_learn.config.schema import COMMANDS, EVALUATE_ENV_KEYS
+from roboverse_learn.config.schema import COMMANDS, EVALUATE_ENV_KEYS, NAMES_A_POLICY
 
 
 def from_values(command: str, values: Mapping[str, Any]) -> Any:
@@ -30,7 +30,7 @@ def from_values(command: str, values: Mapping[str, Any]) -> Any:
     """
     from pydantic import ValidationError
 
-    policy = values.get("policy_name", "act") if command != "evaluate" else ""
+    policy = values.get("policy_name", "act") if command not in NAMES_A_POLICY else ""
     known = flat_keys(default_values(command, policy))
     unknown = sorted(set(flat_keys(values)) - set(known))
     if unknown:
@@ -76,7 +76,7 @@ def default_values(command: str, policy: str = "act") -> dict[str, Any]:
     for item in dataclasses.fields(COMMANDS[command]):
         if item.name == "policy":
             values["policy"] = plain(policies.config_class(policy)())
-        elif item.name == "policy_name" and command != "evaluate":  # there it is no policy to configure
+        elif item.name == "policy_name" and command not in NAMES_A_POLICY:
             values["policy_name"] = policy
         elif item.name != "env":
             made = item.default if item.default_factory is dataclasses.MISSING else item.default_factory()
@@ -114,7 +114,7 @@ def _check_names(kind: str, names: Iterable[str]) -> None:
     }[kind]
     for name in names:
         if name not in valid:
-            raise unknown_name(kind, name, valid)
+            raise unknown_name(kind, name, valid, OF_YOUR_OWN if kind == "task" else "")
 
 
 def _check_options(spec: EnvSpec) -> None:

@@ -60,7 +60,8 @@ def commands(page):
     for line in re.findall(r"(?:^|`)roboverse ([a-z]+(?: [^`\n#]*)?)", text, re.MULTILINE):
         name, *words = shlex.split(line)
         settings = [word for word in words if "=" in word]
-        yield name, [word for word in settings if not re.search(r"=(…|<\w+>$)|my_|short|=arm", word)]
+        of_a_reader = r"=(…|<\w+>$)|plugins=|=PushBlock|my_|short|=arm"
+        yield name, [word for word in settings if not re.search(of_a_reader, word)]
 
 
 @pytest.mark.slow

@@ -134,3 +134,15 @@ def test_the_whole_loop_in_python(tmp_path):
     assert [len(each.result.records) for each in run.evaluations] == [2]
     (again,) = api.evaluate(run.folder, results_dir=folders["results_dir"], **TINY)
     assert again.reused and again.result.records == run.evaluations[0].result.records
+
+
+def test_a_check_says_what_is_broken(monkeypatch):
+    monkeypatch.setattr(TASKS, "_entries", dict(TASKS._entries))
+
+    class Speechless(PickCube):
+        name = "Speechless"
+        instructions = ()
+
+    kept, broken = (api.check(task, contracts=["options", "words"]) for task in ("PickCube", Speechless))
+    assert kept.ok and not kept.failures
+    assert not broken.ok and list(broken.failures) == ["words"]

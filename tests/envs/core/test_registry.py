@@ -90,3 +90,19 @@ def test_missing_package_names_the_extra_to_install():
     registry.add("x", "no_such_module:X", extra="things")
     with pytest.raises(MissingExtraError, match=r"roboverse-learn\[things\]"):
         registry.get("x")
+
+
+class Thing:
+    """Something to register."""
+
+
+def test_the_same_target_may_be_registered_again_and_another_may_not(tmp_path, monkeypatch):
+    """A module that registers itself and has an entry point, too, is installed and named as a plugin."""
+    install(tmp_path, monkeypatch, "theirs", {"Mine": f"{__name__}:Thing"})
+    for first, second in ((Thing, f"{__name__}:Thing"), (f"{__name__}:Thing", Thing), (Thing, Thing)):
+        registry = Registry("thing", GROUP)
+        registry.add("Mine", first, summary="first")
+        registry.add("Mine", second)
+        assert registry.names() == ["Mine"] and registry.entry("Mine").summary == "first"
+        with pytest.raises(ValueError, match="The thing 'Mine' is registered already"):
+            registry.add("Mine", "others:Thing")

@@ -1,6 +1,7 @@
 """``plugins=[...]``: modules of a user, imported before a command looks anything up."""
 
 import os
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -47,3 +48,54 @@ def test_a_plugin_that_cannot_be_imported_is_one_sentence(
 def test_a_plugin_that_is_given_twice_is_named_once(plugin: str) -> None:
     assert cli.main(["list", f"plugins=[{plugin},{plugin}]", f"plugins={plugin}", "policies"]) == 0
     assert os.environ[PLUGINS_VARIABLE] == plugin
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A current folder that is not on the path."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv(PLUGINS_VARIABLE, "")
+    monkeypatch.setattr(sys, "path", [path for path in sys.path if path not in ("", ".")])
+    yield tmp_path
+    for name in ("plugin_here", "empty_plugin"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize("file", ["plugin_here.py", "plugin_here/__init__.py"])
+@pytest.mark.parametrize("project", ["", "plugin_here"])
+def test_a_plugin_of_the_current_folder_or_of_a_project_there_is_found(
+    here: Path, project: str, file: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = here / project / file
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("HERE = True\n")
+    assert cli.main(["list", "plugins=[plugin_here]", "policies"]) == 0, capsys.readouterr().err
+    assert sys.modules["plugin_here"].__file__ == str(path)
+    assert sys.path[-1] == str(here / project)  # behind all that is installed
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("plugins=[plugin_here.py]", "'plugin_here.py' cannot be imported"),
+        (
+            "plugins=[./plugin_here.py]",
+            "is no name of a module. Write it as it is imported, .*=.plugin_here.",
+        ),
+        ("plugins=[my/plugin-here]", "is no name of a module"),
+        (
+            "plugins=[misspelt_plugin]",
+            "NameError: name 'maths' is not defined.* python -c 'import miss",
+        ),
+        ("plugins=[empty_plugin]", "'empty_plugin' is a folder without __init__.py, which registers nothing"),
+    ],
+)
+def test_a_file_a_path_and_an_empty_folder_are_no_plugins(
+    here: Path, word: str, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (here / "plugin_here.py").write_text("")
+    (here / "empty_plugin").mkdir()
+    (here / "misspelt_plugin.py").write_text("import math\nmaths.pi\n")
+    monkeypatch.syspath_prepend(here)  # as `python -m` has it
+    assert cli.main(["list", word, "policies"]) == 2
+    assert re.search(said, capsys.readouterr().err)

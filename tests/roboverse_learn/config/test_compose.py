@@ -20,7 +20,11 @@ from roboverse_learn.config.recipes import recipe_names
 from roboverse_learn.config.schema import COMMANDS
 from roboverse_learn.config.serialize import default_values, from_values, to_values
 
-REQUIRED = {"evaluate": ["checkpoint=runs/x"], "replay": ["dataset=datasets/x"]}
+REQUIRED = {
+    "evaluate": ["checkpoint=runs/x"],
+    "replay": ["dataset=datasets/x"],
+    "new": ["name=PushBlock"],
+}
 QUICK = settings(max_examples=25, deadline=None)
 
 
@@ -36,6 +40,10 @@ CHOSEN = {
     "renderer": "gl",
     "policy_name": "diffusion",
     "only": "camera",
+    "kind": "robot",
+    "name": "my_arm",
+    "contracts": ["scene"],
+    "without": ["at_rest"],
     "level": 2,
     "cameras": ["wrist"],
     "image_size": 96,

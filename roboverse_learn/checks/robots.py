@@ -1,0 +1,209 @@
+"""Contracts of a robot, alone on the ground or at its place."""
+
+from functools import cached_property
+
+import numpy as np
+import torch
+
+from envs.kinematics.inverse import PathFollower
+from envs.kinematics.waypoints import Waypoint
+from envs.robots import ROBOTS
+from envs.scenario import PhysicsCfg, RobotCfg, ScenarioCfg
+from envs.simulators import HANDLERS
+from envs.simulators.base import Handler
+from envs.state import EntityState, State
+from roboverse_learn.checks.contract import Contract, NotApplicableError, contract, counted, require
+
+_PHYSICS = PhysicsCfg(timestep_s=0.002, decimation=25)
+"""Steps of 2 ms, 20 control steps a second: those of the table-top tasks."""
+
+_STAND_S, _STEP_S = 2.0, 1.5
+_SAG_RAD, _MISSED_RAD = 0.05, 0.05
+_SHARE, _GRIPPER_SHARE = 0.1, 0.4
+"""Share of its range that a joint of the arm, and one of the gripper, is told to move."""
+
+_WAY_M, _OFF_M = 0.05, 0.01
+
+
+class RobotSubject:
+    """A robot under test in a simulator. Close it when it is done with.
+
+    Args:
+        name: Registered robot.
+        simulator: Registered simulator.
+    """
+
+    def __init__(self, name: str, simulator: str = "mujoco") -> None:
+        self.name, self.simulator = name, simulator
+
+    @cached_property
+    def robot(self) -> RobotCfg:
+        """What is registered."""
+        return ROBOTS.get(self.name)
+
+    @cached_property
+    def handler(self) -> Handler:
+        """The simulator with the robot alone."""
+        scene = ScenarioCfg(robots=(self.robot,), table=None, physics=_PHYSICS)
+        handler = HANDLERS.get(self.simulator)(scene, 1, num_threads=1)
+        handler.launch()
+        return handler
+
+    def start(self) -> None:
+        """Puts the robot into its rest posture."""
+        robot = self.robot
+        qpos = np.array(robot.default_qpos)[None]
+        start = EntityState.at_rest(np.array(robot.pos), np.array([robot.rot]), qpos)
+        self.handler.set_states(State({robot.name: start}, {}))
+
+    def hold(self, targets: np.ndarray, seconds: float) -> EntityState:
+        """Holds targets of the driven joints (D,); returns the state at the end, on the CPU."""
+        for _ in range(round(seconds * _PHYSICS.control_hz)):
+            self.handler.set_joint_targets({self.robot.name: targets[None]})
+            self.handler.step(_PHYSICS.decimation)
+        return self.handler.get_states().to("cpu").robots[self.robot.name]
+
+    @property
+    def rest(self) -> np.ndarray:
+        """Targets at rest of the driven joints, (D,)."""
+        return np.array([joint.rest_target for joint in self.robot.joints])[list(self.robot.driven)]
+
+    @property
+    def positions(self) -> list[int]:
+        """Indices of joints whose target is their position, within their range."""
+        joints = self.robot.joints
+        return [
+            index
+            for index in self.robot.driven
+            if joints[index].drive == "position" and joints[index].target_range in (None, joints[index].range)
+        ]
+
+    def close(self) -> None:
+        """Frees the simulator."""
+        if "handler" in self.__dict__:
+            self.handler.close()
+
+
+@contract()
+def joints(subject: RobotSubject) -> str:
+    """Each joint has a name of its own, limits, a rest between them, and a gain where it is driven."""
+    robot = subject.robot
+    require(
+        isinstance(robot, RobotCfg), f"'{subject.name}' is registered as {robot!r}, which is no RobotCfg."
+    )
+    require(robot.joints, "It has no joints. Name those of its file, in the order of every array of joints.")
+    twice = [name for name in robot.joint_names if robot.joint_names.count(name) > 1]
+    require(not twice, f"The joint '{twice[0] if twice else ''}' is named twice.")
+    for joint in robot.joints:
+        low, high = joint.range
+        require(low < high, f"range of '{joint.name}' is {joint.range}: its low is not below its high.")
+        require(
+            low <= joint.default <= high,
+            f"default of '{joint.name}' is {joint.default:g}, outside of its range {joint.range}.",
+        )
+        drives = joint.driven and joint.drive == "position"
+        require(
+            not drives or (joint.kp > 0.0 and joint.force_limit > 0.0),
+            f"'{joint.name}' is driven by position and needs kp and force_limit above 0.",
+        )
+    foreign = set(robot.gripper_joints) - set(robot.joint_names)
+    require(not foreign, f"gripper_joints names {sorted(foreign)}, which are none of its joints.")
+    return f"{counted(len(robot.joints), 'joint')}, {len(robot.driven)} driven"
+
+
+@contract("joints")
+def scene(subject: RobotSubject) -> str:
+    """The simulator makes it of its file: bodies, joints and the end effector are there."""
+    subject.start()
+    state = subject.handler.get_states().to("cpu").robots[subject.robot.name]
+    require(state.ee_pos is not None, f"The end effector '{subject.robot.ee_site}' has no position.")
+    x, y, z = state.ee_pos[0].tolist() if state.ee_pos is not None else (0.0, 0.0, 0.0)
+    return f"{subject.simulator}, hand at ({x:.2f}, {y:.2f}, {z:.2f}) m"
+
+
+@contract("scene")
+def rests(subject: RobotSubject) -> str:
+    """It keeps its rest posture for 2 s; a free base comes to rest or falls, and all stays finite."""
+    subject.start()
+    state = subject.hold(subject.rest, _STAND_S)
+    require(
+        bool(torch.isfinite(state.joint_pos).all() and torch.isfinite(state.pos).all()),
+        "The simulation became unstable at rest. Lower kp, or give joints damping and armature.",
+    )
+    if not subject.robot.fixed_base:
+        return f"base at {float(state.pos[0, 2]):.2f} m"
+    held = subject.positions
+    off = (state.joint_pos[0] - torch.tensor(subject.robot.default_qpos))[held].abs()
+    if not held:
+        raise NotApplicableError("no joint is driven by position")
+    worst = int(off.argmax())
+    require(
+        float(off[worst]) < _SAG_RAD,
+        f"'{subject.robot.joint_names[held[worst]]}' moved by {float(off[worst]):.2f} rad (m) in "
+        f"{_STAND_S:g} s while it was told to rest. Raise its kp or force_limit, or choose a rest in which "
+        "no links touch.",
+    )
+    return f"off by at most {float(off[worst]):.3f} rad"
+
+
+@contract("rests")
+def follows(subject: RobotSubject) -> str:
+    """Each joint that is driven by position goes where it is told, and the others stay."""
+    robot, driven = subject.robot, list(subject.robot.driven)
+    if not robot.fixed_base or not subject.positions:
+        raise NotApplicableError(
+            "only joints of a fixed base that are driven by position are told where to go"
+        )
+    worst = 0.0
+    for index in subject.positions:
+        joint = robot.joints[index]
+        low, high = joint.range
+        share = _GRIPPER_SHARE if joint.name in robot.gripper_joints else _SHARE
+        way = share * (high - low) * (1.0 if joint.default < 0.5 * (low + high) else -1.0)
+        target = subject.rest.copy()
+        target[driven.index(index)] += way
+        subject.start()
+        state = subject.hold(target, _STEP_S)
+        missed = abs(float(state.joint_pos[0, index]) - target[driven.index(index)])
+        worst = max(worst, missed)
+        require(
+            missed < min(_MISSED_RAD, 0.5 * abs(way)),
+            f"'{joint.name}' was told to move by {way:+.2f} rad (m) and is {missed:.2f} off after "
+            f"{_STEP_S:g} s. Check the order of joints, kp and force_limit, and whether something is in "
+            "its way.",
+        )
+    return f"{counted(len(subject.positions), 'joint')}, off by at most {worst:.3f} rad"
+
+
+@contract("rests")
+def reaches(subject: RobotSubject) -> str:
+    """Inverse kinematics moves its hand by 5 cm along each axis, as an expert's waypoints need."""
+    robot = subject.robot
+    arm = [name for name in robot.joint_names if name not in robot.gripper_joints]
+    if not robot.fixed_base or len(arm) < 6 or len(subject.positions) < 6:
+        raise NotApplicableError("an arm with a hand has a fixed base and at least six joints")
+    follower, worst = PathFollower(robot, _PHYSICS.control_hz), 0.0
+    fingers = [joint.default for joint in robot.joints if joint.name in robot.gripper_joints]
+    for direction in np.diag((-1.0, 1.0, 1.0)):  # back, to the left, and up
+        subject.start()
+        goal = _hand(subject) + _WAY_M * direction
+        way = [Waypoint(pos=goal, yaw=0.0, gripper=max(fingers, default=0.0), duration_s=1.0, hold_s=0.5)]
+        for target in follower.joint_targets(np.array(robot.default_qpos), way)[:, list(robot.driven)]:
+            subject.hold(target, 1.0 / _PHYSICS.control_hz)
+        worst = max(worst, float(np.linalg.norm(_hand(subject) - goal)))
+    require(
+        worst < _OFF_M,
+        f"The hand is {100 * worst:.1f} cm from where it was sent. Choose a rest posture away from singular "
+        "ones and from the edge of its reach, in which the hand points down.",
+    )
+    return f"off by at most {1000 * worst:.0f} mm"
+
+
+def _hand(subject: RobotSubject) -> np.ndarray:
+    """Returns where the end effector is, (3,), m."""
+    pos = subject.handler.get_states().to("cpu").robots[subject.robot.name].ee_pos
+    assert pos is not None, "the contract of the scene has looked at it"
+    return pos[0].numpy()
+
+
+ROBOT_CONTRACTS: tuple[Contract[RobotSubject], ...] = (joints, scene, rests, follows, reaches)

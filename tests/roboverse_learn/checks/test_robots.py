@@ -1,0 +1,60 @@
+"""Each contract of a robot finds the mistake that it is for, and says what to mend."""
+
+import re
+from dataclasses import replace
+
+import pytest
+
+from envs.robots import ROBOTS
+from envs.robots.franka import FRANKA
+from roboverse_learn.checks.contract import chosen, run
+from roboverse_learn.checks.robots import ROBOT_CONTRACTS, RobotSubject
+
+
+def with_joint(index, **changes):
+    joints = list(FRANKA.joints)
+    joints[index] = replace(joints[index], **changes)
+    return replace(FRANKA, joints=tuple(joints))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("robot", "contract", "message"),
+    [
+        (with_joint(1, default=9.0), "joints", r"default of 'joint2' is 9, outside of its range"),
+        (
+            with_joint(0, range=(1.0, -1.0)),
+            "joints",
+            r"range of 'joint1' is \(1.0, -1.0\): its low is",
+        ),
+        (
+            with_joint(2, kp=0.0),
+            "joints",
+            "'joint3' is driven by position and needs kp and force_limit",
+        ),
+        (with_joint(1, name="joint1"), "joints", "The joint 'joint1' is named twice"),
+        (replace(FRANKA, gripper_joints=("thumb",)), "joints", r"gripper_joints names \['thumb'\]"),
+        (with_joint(3, name="elbow"), "scene", "elbow"),
+        (replace(FRANKA, ee_site="nose"), "scene", "nose"),
+        (
+            with_joint(3, force_limit=0.01),
+            "follows",
+            "'joint4' was told to move by .* Check the order",
+        ),
+        (
+            replace(with_joint(1, kp=1.0, kd=0.1), gravity_compensated=False),
+            "rests",
+            "'joint2' moved by .* while it was told to rest. Raise its kp",
+        ),
+    ],
+)
+def test_a_broken_robot_is_found(monkeypatch, robot, contract, message):
+    monkeypatch.setattr(ROBOTS, "_entries", dict(ROBOTS._entries))
+    ROBOTS.add("mine", robot)
+    subject = RobotSubject("mine")
+    try:
+        finding = list(run(chosen(ROBOT_CONTRACTS, [contract]), subject))[-1]
+    finally:
+        subject.close()
+    assert (finding.name, finding.result) == (contract, "failed")
+    assert re.search(message, finding.detail), finding.detail
