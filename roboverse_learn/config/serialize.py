@@ -95,13 +95,13 @@ def _environment(command: str, values: dict[str, Any]) -> Any:
         _check_names(kind, [given[kind]] if kind in given else [])
     if "simulator" in given:
         check_settings(spec.simulator, spec.simulator_settings)
-    scenario = {}
+    scenario, options = {}, {}
     if "task" in given:
-        _check_options(spec)
+        options = _checked_options(spec)
         scenario = checked_scenario(spec.task, spec.task_kwargs, spec.scenario)
     if partial:  # not shortened: a change back to the task's own value counts after training with another
         return {key: getattr(spec, key) for key in given}
-    return spec.replace(scenario=scenario)
+    return spec.replace(scenario=scenario, task_kwargs=options)
 
 
 def _check_names(kind: str, names: Iterable[str]) -> None:
@@ -117,15 +117,14 @@ def _check_names(kind: str, names: Iterable[str]) -> None:
             raise unknown_name(kind, name, valid)
 
 
-def _check_options(spec: EnvSpec) -> None:
-    """Checks the options of a task."""
-    task = importlib.import_module("envs.tasks").TASKS.get(spec.task) if spec.task_kwargs else None
-    if task is not None:
-        options = [item.name for item in dataclasses.fields(task)]
-        for key in spec.task_kwargs:
-            if key not in options:
-                raise unknown_name(f"option of {spec.task}", key, options)
-        task(**spec.task_kwargs)  # the task checks the values
+def _checked_options(spec: EnvSpec) -> dict[str, Any]:
+    """Checks the options of a task; returns those that differ from its defaults."""
+    if not spec.task_kwargs:
+        return {}
+    task = spec.replace(scenario={}).make_task()  # it checks the values
+    defaults = {item.name: item.default for item in dataclasses.fields(task)}  # pyright: ignore[reportArgumentType]
+    values = {key: getattr(task, key) for key in spec.task_kwargs}
+    return {key: plain(value) for key, value in values.items() if value != defaults[key]}
 
 
 @cache
