@@ -29,10 +29,10 @@ from envs.tasks.tabletop import (
     FRONT_CAMERA,
     GRASP_CLOSED_M,
     TABLETOP_LOOKS,
-    WRIST_CAMERA,
     distance,
     ee_pos,
     nearness,
+    wrist_camera,
 )
 
 CLOSED_RAD, OPEN_RAD = -0.25307273864746, 2.3649210929871
@@ -167,7 +167,10 @@ class CloseBox(Task):
         return ScenarioCfg(
             robots=(self.robot,),
             objects=(_box(),),
-            cameras=(replace(FRONT_CAMERA, look_at=(0.0, -0.05, 0.3), fovy_deg=42.0), WRIST_CAMERA),
+            cameras=(
+                replace(FRONT_CAMERA, look_at=(0.0, -0.05, 0.3), fovy_deg=42.0),
+                wrist_camera(self.robot),
+            ),
             appearance=TABLETOP_LOOKS,
             table=TableCfg(pos=(-0.12, 0.0, 0.0), half_size=(0.8, 0.8)),
             physics=CONTROL_20_HZ,
@@ -175,14 +178,14 @@ class CloseBox(Task):
 
     @override
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
-        count, own = len(rngs), self.robot
+        count, own, arm = len(rngs), self.robot, list(self.robot.arm)
         qpos = np.tile(np.array(own.default_qpos), (count, 1))
         pos, yaw = np.full((count, 3), BOX_HEIGHT_M), np.empty(count)
         low, high = zip(self.spawn_x_m, self.spawn_y_m, strict=True)
         for row, rng in enumerate(rngs):
             pos[row, :2] = rng.uniform(low, high) + np.array(_ROBOT.pos[:2])
             yaw[row] = rng.uniform(*self.spawn_yaw_rad)
-            qpos[row, :7] += rng.normal(0.0, self.qpos_noise_rad, 7)
+            qpos[row, arm] += rng.normal(0.0, self.qpos_noise_rad, len(arm))
         box = EntityState.at_rest(pos, _upright(yaw), np.full((count, 1), OPEN_RAD))
         robot = EntityState.at_rest(np.array(own.pos), np.tile(own.rot, (count, 1)), qpos)
         return State({own.name: robot}, {"box_base": box})

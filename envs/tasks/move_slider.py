@@ -41,10 +41,10 @@ from envs.tasks.tabletop import (
     GRASP_CLOSED_M,
     GRASP_OPEN_M,
     TABLETOP_LOOKS,
-    WRIST_CAMERA,
     distance,
     ee_pos,
     nearness,
+    wrist_camera,
 )
 
 SUCCESS_TRAVEL_M = {"calvin": 0.15, "roboverse": 0.07}
@@ -129,7 +129,7 @@ class MoveSliderLeft(Task):
         plinth = GeomCfg(
             shape="box",
             size=(0.12, 0.12, BASE_POS_M[2] / 2),
-            pos=(*BASE_POS_M[:2], BASE_POS_M[2] / 2),
+            pos=(*self.robot.pos[:2], BASE_POS_M[2] / 2),
             rgba=_GREY,
         )
         geoms, links = box_table() if self.calvin_dir is None else mesh_table(self.calvin_dir)
@@ -143,7 +143,7 @@ class MoveSliderLeft(Task):
         return ScenarioCfg(
             robots=(self.robot,),
             objects=(table, *(self._block(name) for name in BLOCKS)),
-            cameras=(_front_camera(), WRIST_CAMERA),
+            cameras=(_front_camera(), wrist_camera(self.robot)),
             appearance=TABLETOP_LOOKS,
             table=TableCfg(pos=(0.0, -0.1, -DESK_HEIGHT_M), half_size=(0.8, 0.8)),
             physics=CONTROL_20_HZ,
@@ -151,7 +151,7 @@ class MoveSliderLeft(Task):
 
     @override
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
-        count, own = len(rngs), self.robot
+        count, own, arm = len(rngs), self.robot, list(self.robot.arm)
         qpos = np.tile(np.array(own.default_qpos), (count, 1))
         joints = np.zeros((count, 4))
         blocks, yaws = np.empty((count, len(BLOCKS), 3)), np.empty((count, len(BLOCKS)))
@@ -160,7 +160,7 @@ class MoveSliderLeft(Task):
             yaws[row] = rng.uniform(-np.pi, np.pi, len(BLOCKS))
             joints[row, 1] = rng.uniform(0.0, DRAWER_TRAVEL_M)
             joints[row, 3] = rng.uniform(0.0, SWITCH_TRAVEL_M)
-            qpos[row, :7] += rng.normal(0.0, self.qpos_noise_rad, 7)
+            qpos[row, arm] += rng.normal(0.0, self.qpos_noise_rad, len(arm))
         table = np.tile((0.0, 0.0, -DESK_HEIGHT_M), (count, 1))
         objects = {TABLE: EntityState.at_rest(table, from_yaw(np.zeros(count)), joints)}
         for index, name in enumerate(BLOCKS):

@@ -26,12 +26,13 @@ from envs.tasks.tabletop import (
     GRASP_CLOSED_M,
     GRASP_OPEN_M,
     TABLETOP_LOOKS,
-    WRIST_CAMERA,
     distance,
     ee_pos,
     finger_gap,
     hand_yaw,
     nearness,
+    target_gap,
+    wrist_camera,
 )
 
 TABLE_HEIGHT_M = 0.82
@@ -183,7 +184,7 @@ class NutAssembly(Task):
         return ScenarioCfg(
             robots=(self.robot,),
             objects=(*nuts, *pegs, _pedestal(self.robot)),
-            cameras=(_CAMERA, WRIST_CAMERA),
+            cameras=(_CAMERA, wrist_camera(self.robot)),
             appearance=TABLETOP_LOOKS,
             table=TableCfg(half_size=(0.4, 0.4), height_m=TABLE_HEIGHT_M),
             physics=CONTROL_20_HZ,
@@ -191,7 +192,7 @@ class NutAssembly(Task):
 
     @override
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
-        count, own = len(rngs), self.robot
+        count, own, arm = len(rngs), self.robot, list(self.robot.arm)
         qpos = np.tile(np.array(own.default_qpos), (count, 1))
         pos = np.full((count, len(self.nuts), 3), NUT_HALF_HEIGHT_M)
         yaw = np.empty((count, len(self.nuts)))
@@ -199,7 +200,7 @@ class NutAssembly(Task):
             for column, nut in enumerate(self.nuts):
                 pos[row, column, :2] = rng.uniform(*self.spawn_x_m), nut.side * rng.uniform(*self.spawn_y_m)
                 yaw[row, column] = rng.uniform(-np.pi, np.pi)
-            qpos[row, :7] += rng.normal(0.0, self.qpos_noise_rad, 7)
+            qpos[row, arm] += rng.normal(0.0, self.qpos_noise_rad, len(arm))
         robot = EntityState.at_rest(np.array(own.pos), np.tile(own.rot, (count, 1)), qpos)
         upright = from_yaw(np.zeros(count))
         objects = {
@@ -217,7 +218,7 @@ class NutAssembly(Task):
     def reward(self, state: State) -> Tensor:
         """Returns robosuite's shaped reward: nuts on their pegs, and reach, grasp, lift, hover of the rest.
 
-        robosuite detects a grasp by contacts; here :func:`_grasped` does.
+        robosuite detects a grasp by contacts; here the gap between the fingers does.
         """
         done = torch.stack([self._is_done(state, nut) for nut in self.nuts], dim=-1)  # (N, nuts)
         reached, grasped, lifted, hovered = (
@@ -249,7 +250,7 @@ class NutAssembly(Task):
         for nut in self.nuts:
             if not bool(self._is_done(state, nut)[0]):
                 body = state.objects[nut.name]
-                if bool(_grasped(robot, body, nut)[0]) and body.pos[0, 2] > 2 * NUT_HALF_HEIGHT_M:
+                if bool(self._grasped(robot, body, nut)[0]) and body.pos[0, 2] > 2 * NUT_HALF_HEIGHT_M:
                     return self._place(robot, body, state.objects[nut.peg].pos[0].numpy(), rng)
                 start = [] if hand[2] > CARRY_HEIGHT_M - 0.03 else [away]
                 return [*start, *self._pick(robot, body, nut, rng)]
@@ -268,7 +269,15 @@ class NutAssembly(Task):
         reach = nearness(distance(ee_pos(robot), _on_handle(body, nut.handle_m)), 10.0)
         lift = nearness((LIFT_TARGET_M - body.pos[:, 2]).clamp(min=0.0), 15.0)
         hover = nearness(torch.linalg.vector_norm((peg.pos - body.pos)[:, :2], dim=-1), 10.0)
-        return reach, _grasped(robot, body, nut), lift, hover
+        return reach, self._grasped(robot, body, nut), lift, hover
+
+    def _grasped(self, robot: EntityState, body: EntityState, nut: Nut) -> Tensor:
+        """Returns whether the handle keeps closing fingers apart, (N,)."""
+        gap = finger_gap(robot, self.robot)
+        round_it = (gap > GRASP_GAP_M[0]) & (gap < GRASP_GAP_M[1])
+        if robot.joint_target is not None:
+            round_it &= target_gap(robot, self.robot) < gap - 0.001
+        return round_it & (distance(ee_pos(robot), _on_handle(body, nut.grip_m)) < GRASP_REACH_M)
 
     def _pick(
         self, robot: EntityState, body: EntityState, nut: Nut, rng: np.random.Generator
@@ -342,15 +351,6 @@ def _pedestal(robot: RobotCfg) -> ObjectCfg:
 def _on_handle(body: EntityState, along_m: float) -> Tensor:
     """Returns the point of the nut's handle at ``along_m`` from its centre, (N, 3)."""
     return body.pos + rotate(body.rot, body.pos.new_tensor([along_m, 0.0, 0.0]).expand_as(body.pos))
-
-
-def _grasped(robot: EntityState, body: EntityState, nut: Nut) -> Tensor:
-    """Returns whether the handle keeps closing fingers apart, (N,)."""
-    gap = finger_gap(robot)
-    round_it = (gap > GRASP_GAP_M[0]) & (gap < GRASP_GAP_M[1])
-    if robot.joint_target is not None:
-        round_it &= robot.joint_target[:, 7:9].sum(-1) < gap - 0.001
-    return round_it & (distance(ee_pos(robot), _on_handle(body, nut.grip_m)) < GRASP_REACH_M)
 
 
 def _higher(pos: np.ndarray, height_m: float) -> np.ndarray:

@@ -38,11 +38,11 @@ from envs.tasks.tabletop import (
     GRASP_CLOSED_M,
     GRASP_OPEN_M,
     TABLETOP_LOOKS,
-    WRIST_CAMERA,
     distance,
     ee_pos,
     grips_something,
     nearness,
+    wrist_camera,
 )
 
 HOME = (0.0, -0.161037389, 0.0, -2.44459747, 0.0, 2.2267522, math.pi / 4, 0.020833, 0.020833)
@@ -172,7 +172,7 @@ class PickChocolatePudding(Task):
         return ScenarioCfg(
             robots=(self.robot,),
             objects=_objects(self.libero_dir),
-            cameras=(_CAMERA, WRIST_CAMERA),
+            cameras=(_CAMERA, wrist_camera(self.robot)),
             appearance=TABLETOP_LOOKS,
             table=None,
             room=RoomCfg(half_size_m=2.0),  # LIBERO's rear wall is at x = -2
@@ -181,7 +181,7 @@ class PickChocolatePudding(Task):
 
     @override
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
-        count, own = len(rngs), self.robot
+        count, own, arm = len(rngs), self.robot, list(self.robot.arm)
         qpos, places = np.empty((count, len(own.joints))), np.empty((count, len(_NAMES), 2))
         for row, rng in enumerate(rngs):
             if self.starts == "libero":
@@ -191,7 +191,7 @@ class PickChocolatePudding(Task):
             else:
                 places[row] = self._draw_places(rng)
                 qpos[row] = own.default_qpos
-                qpos[row, :7] += rng.normal(0.0, self.qpos_noise_rad, 7)
+                qpos[row, arm] += rng.normal(0.0, self.qpos_noise_rad, len(arm))
         objects = {}
         for index, item in enumerate(_objects(self.libero_dir)):
             pos = np.column_stack([places[:, index], np.full(count, item.pos[2])])
@@ -215,7 +215,7 @@ class PickChocolatePudding(Task):
         half = offset.new_tensor(CONTAIN_HALF_M[:2])
         over = ((offset[:, :2].abs() < half) & (offset[:, 2:] > 0)).all(-1)
         near = nearness(torch.linalg.vector_norm(offset, dim=-1), 3.0)
-        held = (reach < 0.04) & grips_something(robot, 0.02) | over
+        held = (reach < 0.04) & grips_something(robot, 0.02, self.robot) | over
         reached = torch.where(over, torch.ones_like(reach), nearness(reach))
         return 0.25 * (reached + held * (1.0 + near)) + 0.2 * over
 

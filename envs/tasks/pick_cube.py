@@ -18,10 +18,11 @@ from envs.scenario import GeomCfg, ObjectCfg, RobotCfg, ScenarioCfg, TableCfg
 from envs.state import EntityState, State
 from envs.tasks.base import Task
 from envs.tasks.parameters import parameter
+from envs.tasks.robot_columns import columns_of
 from envs.tasks.tabletop import (
-    CAMERAS,
     CONTROL_20_HZ,
     FRANKA_AT_TABLE,
+    FRONT_CAMERA,
     GRASP_CLOSED_M,
     GRASP_OPEN_M,
     STATIC_SPEED_RAD_S,
@@ -31,6 +32,7 @@ from envs.tasks.tabletop import (
     ee_pos,
     grips_something,
     nearness,
+    wrist_camera,
 )
 
 HALF_SIZE_M = (0.008, 0.036)
@@ -103,7 +105,7 @@ class PickCube(Task):
         return ScenarioCfg(
             robots=(self.robot,),
             objects=(cube, goal) if self.variant == "goal" else (cube,),
-            cameras=CAMERAS,
+            cameras=(FRONT_CAMERA, wrist_camera(self.robot)),
             appearance=TABLETOP_LOOKS,
             table=TableCfg(pos=(-0.12, 0.0, 0.0), half_size=(0.8, 0.8)),
             physics=CONTROL_20_HZ,
@@ -111,7 +113,7 @@ class PickCube(Task):
 
     @override
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
-        count, own = len(rngs), self.robot
+        count, own, arm = len(rngs), self.robot, list(self.robot.arm)
         qpos = np.tile(np.array(own.default_qpos), (count, 1))
         cube, cube_yaw, goal = np.empty((count, 3)), np.empty(count), np.empty((count, 3))
         for row, rng in enumerate(rngs):
@@ -119,7 +121,7 @@ class PickCube(Task):
             cube_yaw[row] = rng.uniform(-np.pi, np.pi)
             goal[row, :2] = rng.uniform(-self.spawn_half_size_m, self.spawn_half_size_m, 2)
             goal[row, 2] = rng.uniform(0.0, self.goal_height_m) + self.cube_half_size_m
-            qpos[row, :7] += rng.normal(0.0, self.qpos_noise_rad, 7)
+            qpos[row, arm] += rng.normal(0.0, self.qpos_noise_rad, len(arm))
         cube[:, 2] = self.cube_half_size_m
         objects = {"cube": EntityState.at_rest(cube, from_yaw(cube_yaw))}
         if self.variant == "goal":
@@ -131,7 +133,7 @@ class PickCube(Task):
     def success(self, state: State) -> Tensor:
         if self.variant == "lift":
             return state.objects["cube"].pos[:, 2] >= self.cube_half_size_m + self.lift_height_m
-        still = arm_speed(state.robots[self.robot.name]) <= STATIC_SPEED_RAD_S
+        still = arm_speed(state.robots[self.robot.name], self.robot) <= STATIC_SPEED_RAD_S
         return (self._left(state) <= self.goal_tolerance_m) & still
 
     def reward(self, state: State) -> Tensor:
@@ -139,7 +141,7 @@ class PickCube(Task):
         left = self._left(state)
         robot = state.robots[self.robot.name]
         reach = distance(ee_pos(robot), state.objects["cube"].pos)
-        speed = norm(robot.joint_vel[:, :7])
+        speed = norm(robot.joint_vel[:, columns_of(self.robot).arm])
         reached, near, still = nearness(stack((reach, left, speed)))
         grasped = self._grasped(robot, reach)
         placed = left <= self.goal_tolerance_m
@@ -192,7 +194,9 @@ class PickCube(Task):
 
     def _grasped(self, robot: EntityState, reach_m: Tensor) -> Tensor:
         """Returns whether the fingers hold the cube, whose centre is ``reach_m`` (N,) away, (N,)."""
-        return (reach_m < self.cube_half_size_m) & grips_something(robot, 1.5 * self.cube_half_size_m)
+        return (reach_m < self.cube_half_size_m) & grips_something(
+            robot, 1.5 * self.cube_half_size_m, self.robot
+        )
 
     def _left(self, state: State) -> Tensor:
         """Returns how far the cube still has to go, (N,), m."""

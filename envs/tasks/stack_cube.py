@@ -28,12 +28,13 @@ from envs.tasks.tabletop import (
     GRASP_CLOSED_M,
     GRASP_OPEN_M,
     TABLETOP_LOOKS,
-    WRIST_CAMERA,
     distance,
     ee_pos,
     finger_gap,
     hand_yaw,
     nearness,
+    target_gap,
+    wrist_camera,
 )
 
 HALF_SIZE_M = (0.01, 0.036)
@@ -116,7 +117,7 @@ class StackCube(Task):
                 self._cube("cube_a", (0.85, 0.08, 0.08, 1.0), 0.05),
                 self._cube("cube_b", (0.08, 0.7, 0.12, 1.0), -0.05),
             ),
-            cameras=(_CAMERA, WRIST_CAMERA),
+            cameras=(_CAMERA, wrist_camera(self.robot)),
             appearance=TABLETOP_LOOKS,
             table=TableCfg(pos=(-0.12, 0.0, 0.0), half_size=(0.8, 0.8)),
             physics=CONTROL_20_HZ,
@@ -124,14 +125,14 @@ class StackCube(Task):
 
     @override
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
-        count, own = len(rngs), self.robot
+        count, own, arm = len(rngs), self.robot, list(self.robot.arm)
         qpos = np.tile(np.array(own.default_qpos), (count, 1))
         pos, yaw = np.full((count, 2, 3), self.cube_half_size_m), np.empty((count, 2))
         for row, rng in enumerate(rngs):
             offset = rng.uniform(-self.spawn_offset_m, self.spawn_offset_m, 2)
             pos[row, :, :2] = offset + self._two_places(rng)
             yaw[row] = rng.uniform(-np.pi, np.pi, 2)
-            qpos[row, :7] += rng.normal(0.0, self.qpos_noise_rad, 7)
+            qpos[row, arm] += rng.normal(0.0, self.qpos_noise_rad, len(arm))
         robot = EntityState.at_rest(np.array(own.pos), np.tile(own.rot, (count, 1)), qpos)
         cubes = {
             name: EntityState.at_rest(pos[:, i], from_yaw(yaw[:, i]))
@@ -154,7 +155,7 @@ class StackCube(Task):
         released = self._released(robot, a.pos)
         reach = 2.0 * nearness(distance(ee_pos(robot), a.pos))
         place = 4.0 + nearness(torch.linalg.vector_norm(self._to_place(state), dim=-1))
-        opened = torch.where(released, 1.0, finger_gap(robot) / (2 * GRASP_OPEN_M))
+        opened = torch.where(released, 1.0, finger_gap(robot, self.robot) / (2 * GRASP_OPEN_M))
         linear, angular = (torch.linalg.vector_norm(v, dim=-1) for v in (a.lin_vel, a.ang_vel))
         rest = 6.0 + 0.5 * (opened + nearness(10.0 * linear + angular, 1.0))
         return torch.where(self._on_top(state), rest, torch.where(released, reach, place)) / 8.0
@@ -237,12 +238,12 @@ class StackCube(Task):
         A cube keeps the fingers apart by its side, or at most its diagonal. A recording that has no targets
         is judged by the gap between its fingers alone.
         """
-        gap, half = finger_gap(robot), self.cube_half_size_m
+        gap, half = finger_gap(robot, self.robot), self.cube_half_size_m
         apart = distance(ee_pos(robot), cube) > 2 * half
         apart = apart | (gap < 1.5 * half) | (gap > 2 * math.sqrt(2) * half + 0.002)
         if robot.joint_target is None:
             return apart
-        return apart | (robot.joint_target[:, 7:9].sum(-1) >= gap - 0.001)
+        return apart | (target_gap(robot, self.robot) >= gap - 0.001)
 
 
 def _higher(pos: np.ndarray, height_m: float) -> np.ndarray:
