@@ -81,7 +81,7 @@ class EnvSpec:
         return replace(self, **changes)
 
     def to_json(self) -> dict[str, Any]:
-        """Returns all fields as JSON values, which :meth:`from_json` takes back; no robot is the task's own."""
+        """Returns its fields as JSON values, which :meth:`from_json` takes back; no robot is left out."""
         values = plain(self)
         return values if self.robot else {key: value for key, value in values.items() if key != "robot"}
 

@@ -105,6 +105,14 @@ class Task(ABC):
             f"roboverse train policy=ppo task={self.name}"
         )
 
+    def foreseen(self, state: State, rng: np.random.Generator) -> "list[Waypoint]":
+        """Returns the way of the hand from a start of one row as far as it is known beforehand.
+
+        By it another robot is put where it can reach everything (:mod:`envs.tasks.fit_robot`). By default it
+        is the expert's first plan; a task whose expert plans again on the way adds what comes then.
+        """
+        return self.expert(state, rng) if self.has_expert else []
+
     @property
     def controller(self) -> "Controller":
         """The controller of actions; by default position targets of all joints of the first robot."""

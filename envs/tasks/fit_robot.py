@@ -2,7 +2,7 @@
 
 The hand of every robot starts where the hand of the task's own robot does, and follows the same waypoints.
 The base may move within :data:`BASE_MOVES_M`; the nearest place is taken from which inverse kinematics
-reaches the start and the expert's ways of some episodes. A robot that cannot is refused, with what is missing.
+reaches the start and the expert's ways of some episodes. A robot that cannot is refused, with what it lacks.
 
 Shapes: C places of the base, P postures, E episodes, T control steps, K joints of the arm.
 """
@@ -31,7 +31,7 @@ BASE_MOVES_M: tuple[tuple[float, ...], ...] = (
 )
 """What may be added to the place of the task's own base along x, which points to the workspace, y and z."""
 
-NUM_EPISODES = 5
+NUM_EPISODES = 16
 """Episodes whose ways must be reachable."""
 
 NUM_SEEDS, NUM_POSTURES = 24, 3
@@ -39,7 +39,7 @@ NUM_SEEDS, NUM_POSTURES = 24, 3
 
 REST_ITERATIONS = 50
 
-WAY_HZ, WAY_ITERATIONS = 5.0, 6
+WAY_HZ, WAY_ITERATIONS = 10.0, 4
 """Poses per second at which ways are followed here, and steps of inverse kinematics for each."""
 
 TOGETHER = (1, 5, 12, 36)
@@ -48,7 +48,7 @@ TOGETHER = (1, 5, 12, 36)
 POSITION_TOLERANCE_M, TURN_TOLERANCE_RAD = 0.004, 0.03
 """A pose is reached when it is missed by less: a grasp forgives a few millimetres."""
 
-MOST_SPEED_RAD_S = 6.0
+MOST_SPEED_RAD_S = 5.0
 """Largest speed of a joint; a wrist that flips over needs more."""
 
 
@@ -102,7 +102,7 @@ def _search(task: Task, robot: RobotCfg) -> RobotCfg:
     moves = sorted(itertools.product(*BASE_MOVES_M), key=lambda move: float(np.linalg.norm(move)))
     there = replace(robot, pos=own.pos, rot=own.rot)
     ik = BatchedInverseKinematics(there)
-    nearest: tuple[float, float] = (np.inf, np.inf)
+    nearest = (np.inf, np.inf, np.inf)
     first = 0
     for together in TOGETHER:
         some = torch.tensor(moves[first : first + together], dtype=torch.float64)
@@ -113,14 +113,19 @@ def _search(task: Task, robot: RobotCfg) -> RobotCfg:
                 choice = int(good[place].long().argmax())  # the posture nearest to the robot's own
                 return _placed(there, own, rest[place, choice].numpy(), moves[first + place])
         first += together
-        score = missed + 0.1 * turned
-        least = int(score.argmin())
-        if float(score.flatten()[least]) < nearest[0] + 0.1 * nearest[1]:
-            nearest = float(missed.flatten()[least]), float(turned.flatten()[least])
+        least = int((missed + 0.1 * turned).argmin())
+        found = tuple(float(values.flatten()[least]) for values in (missed, turned, fastest))
+        nearest = min(nearest, found, key=lambda each: each[0] + 0.1 * each[1])
+    off, turn, speed = nearest
+    if off < POSITION_TOLERANCE_M and turn < TURN_TOLERANCE_RAD:
+        lacking = f"a joint would have to turn at {speed:.1f} rad/s"
+    else:
+        lacking = (
+            f"its hand misses a pose of the way by {1000 * off:.0f} mm and {np.degrees(turn):.0f} degrees"
+        )
     raise ConfigError(
-        f"The robot '{robot.name}' cannot do {task.name}: its hand misses a pose of the way by "
-        f"{1000 * nearest[0]:.0f} mm and {np.degrees(nearest[1]):.0f} degrees, wherever its base stands "
-        f"within {_bounds()} of {own.name}'s. Take another one: roboverse list robots"
+        f"The robot '{robot.name}' cannot do {task.name}: {lacking}, wherever its base stands within "
+        f"{_bounds()} of {own.name}'s. Take another one: roboverse list robots"
     )
 
 
@@ -173,7 +178,7 @@ def _path(
     hand = one.robots[task.robot.name]
     assert hand.ee_pos is not None and hand.ee_rot is not None
     pos, rot = hand.ee_pos[0].numpy(), hand.ee_rot[0].numpy()
-    way = task.expert(one, rng) if task.has_expert else []
+    way = task.foreseen(one, rng)
     if not way:
         return pos[None], to_matrix(rot)[None]
     yaw, pitch, roll = to_euler(multiply(rot, conjugate(down)))

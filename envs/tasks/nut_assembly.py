@@ -256,6 +256,22 @@ class NutAssembly(Task):
                 return [*start, *self._pick(robot, body, nut, rng)]
         return [away]
 
+    @override
+    def foreseen(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
+        """Returns the way of every nut to its peg, each as if it moved with the hand that took it."""
+        robot, ways = state.robots[self.robot.name], list[Waypoint]()
+        away = _way(ee_pos(robot)[0].numpy(), hand_yaw(robot), GRASP_OPEN_M, 3.0)
+        for nut in self.nuts:
+            body, peg = state.objects[nut.name], state.objects[nut.peg].pos[0].numpy()
+            way = self._pick(robot, body, nut, rng)
+            last, at_handle = way[-1], _on_handle(body, nut.grip_m)
+            hand = robot.pos.new_tensor(last.pos)[None]
+            turned = torch.from_numpy(from_yaw(np.array([last.yaw + np.pi / 2])))
+            moved = dataclasses.replace(robot, ee_pos=hand, ee_rot=turned)
+            carried = dataclasses.replace(body, pos=hand + body.pos - at_handle)
+            ways += [*way, *self._place(moved, carried, peg, rng), away]
+        return ways
+
     def _is_done(self, state: State, nut: Nut) -> Tensor:
         pos, peg = state.objects[nut.name].pos, state.objects[nut.peg].pos
         if self.variant == "roboverse":

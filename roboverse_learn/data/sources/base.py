@@ -41,7 +41,7 @@ class EpisodeSource(Protocol):
 
 
 def spec_changes(env: EnvSpec) -> dict[str, Any]:
-    """Returns another robot, and the changes of simulator and scene; a dataset without does not mention them."""
+    """Returns another robot, changes of simulator and scene; a dataset without does not name them."""
     changes: dict[str, Any] = {
         "robot": env.robot,
         "simulator_settings": dict(env.simulator_settings),
@@ -141,9 +141,8 @@ class DemonstrationSource:
     def advice(self) -> str:
         """Says what to change where too few episodes succeed."""
         env, usual = self.config.env, EnvSpec()
-        keys = [
-            key for key in ("level", "only", "robot", "simulator") if getattr(env, key) != getattr(usual, key)
-        ]
+        named = ("level", "only", "robot", "simulator")
+        keys = [key for key in named if getattr(env, key) != getattr(usual, key)]
         for section in ("task_kwargs", "simulator_settings", "scenario"):
             keys += flat_keys(getattr(env, section), f"{section}.")
         if keys:
