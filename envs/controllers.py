@@ -109,9 +109,9 @@ class HandDeltaController(Controller):
         self.low, self.high = -np.ones(len(self.names), np.float32), np.ones(len(self.names), np.float32)
         self._robot, self._delta_m, self._delta_rad = robot, delta_m, delta_rad
         self._driven = list(robot.driven)
-        self._fingers = [robot.joint_names.index(name) for name in robot.gripper_joints]
+        self._fingers = list(robot.fingers)
         fingers = [robot.joints[index] for index in self._fingers]
-        limits = [joint.target_range or joint.range for joint in fingers]
+        limits = robot.gripper_range or [joint.target_range or joint.range for joint in fingers]
         self._closed = torch.tensor([low for low, _ in limits])
         self._stroke = torch.tensor([high - low for low, high in limits])
         self._ik: BatchedInverseKinematics | None = None

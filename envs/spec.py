@@ -34,6 +34,7 @@ class EnvSpec:
     Attributes:
         task: Registered task.
         task_kwargs: Options of the task: fields of its dataclass.
+        robot: Registered robot that does the task; empty is the task's own.
         simulator: Registered simulator.
         simulator_settings: Settings of the simulator that replace the scene's, such as ``njmax`` of
             mujoco_warp.
@@ -50,6 +51,7 @@ class EnvSpec:
 
     task: str = "PickCube"
     task_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    robot: str = ""
     simulator: str = "mujoco"
     simulator_settings: Mapping[str, Any] = field(default_factory=dict)
     renderer: str = "warp"
@@ -79,8 +81,9 @@ class EnvSpec:
         return replace(self, **changes)
 
     def to_json(self) -> dict[str, Any]:
-        """Returns all fields as JSON values, which :meth:`from_json` takes back."""
-        return plain(self)
+        """Returns its fields as JSON values, which :meth:`from_json` takes back; no robot is left out."""
+        values = plain(self)
+        return values if self.robot else {key: value for key, value in values.items() if key != "robot"}
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Self:
@@ -106,15 +109,15 @@ class EnvSpec:
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def make_task(self) -> "Task":
-        """Returns the task, with its scene changed.
+        """Returns the task, with its robot and its scene changed.
 
         Raises:
-            UnknownNameError: There is no such task, or no such part of its scene.
-            ConfigError: An option has a value that it may not have.
+            UnknownNameError: There is no such task or robot, or no such part of its scene.
+            ConfigError: An option has a value that it may not have, or the robot cannot do the task.
         """
         from envs.tasks.make import make_task
 
-        return make_task(self.task, self.task_kwargs, self.scenario)
+        return make_task(self.task, self.task_kwargs, self.scenario, self.robot)
 
     def make(
         self,

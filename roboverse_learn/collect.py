@@ -49,7 +49,8 @@ def dataset_folder(config: CollectConfig) -> Path:
     part = SOURCES.get(config.source)(config).name_part()
     # Of a folder, its name alone: its path differs between machines.
     changed = [*sorted(config.env.task_kwargs.items()), *sorted(config.env.simulator_settings.items())]
-    options = [f"{key}={Path(str(value)).name}" for key, value in changed]
+    options = [f"robot={config.env.robot}"] if config.env.robot else []
+    options += [f"{key}={Path(str(value)).name}" for key, value in changed]
     if config.env.scenario:
         options.append(scenario_name(config.env.scenario))
     if config.env.materials:

@@ -167,7 +167,7 @@ def _write_curve(path: Path, tested: TestedCheckpoint) -> None:
     if run is None:
         return
     trained = read_config(run)
-    scene = ("task_kwargs", "simulator", "simulator_settings", "scenario", "renderer")
+    scene = ("task_kwargs", "robot", "simulator", "simulator_settings", "scenario", "renderer")
     if all(getattr(tested.env, key) == getattr(trained.env, key) for key in scene):
         rows = read_metrics(run)
         if tested.training.tasks:

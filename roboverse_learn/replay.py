@@ -50,6 +50,7 @@ def replay_recordings(recordings: "list[Recording]", config: ReplayConfig) -> di
         observation="state",
         protocol_seed=first.get("protocol_seed", 0),
         task_kwargs=first.get("task_kwargs", {}),
+        robot=first.get("robot", ""),
         scenario=first.get("scenario"),
         simulator_settings=settings,
     )

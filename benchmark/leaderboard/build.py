@@ -153,7 +153,9 @@ def _load(results_dir: Path) -> list[Entry]:
 def _section_key(result: Result) -> dict[str, Any]:
     """Returns what two results must share for their numbers to be compared."""
     tuning = {"simulator_settings": result.env.simulator_settings, "scenario": result.env.scenario}
-    tuned = {name: dict(values) for name, values in tuning.items() if values}
+    tuned: dict[str, Any] = {name: dict(values) for name, values in tuning.items() if values}
+    if result.env.robot:
+        tuned["robot"] = result.env.robot
     return {
         "protocol": result.protocol.version,
         "protocol_seed": result.protocol.seed,
@@ -200,6 +202,7 @@ def _section(
             )
     scene = key.get("scenario", {})
     options = [*sorted(key["task_kwargs"].items()), *sorted(key.get("simulator_settings", {}).items())]
+    options += [("robot", key["robot"])] if "robot" in key else []
     kwargs = ", ".join(f"{name}={value}" for name, value in options)
     told = ", ".join(f"{name}={value}" for name, value in [*options, *sorted(flat(scene).items())])
     title = f"{key['task']}" + (f" ({told})" if told else "")

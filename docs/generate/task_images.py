@@ -16,6 +16,7 @@ import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -150,14 +151,27 @@ def class_text(cls: type[Task]) -> str:
 
 def options(cls: type[Task]) -> dict[str, str]:
     """Returns the options of a task, its dataclass's fields, with what its docstring says of each."""
-    text = (inspect.getdoc(cls) or "").partition("Attributes:\n")[2]
-    found = dict(re.findall(r"^ {4}(\w+): (.+(?:\n {8,}.+)*)", text, re.MULTILINE))
+    found: dict[str, str] = {}
+    for base in reversed(cls.__mro__):
+        text = inspect.cleandoc(base.__doc__ or "").partition("Attributes:\n")[2]
+        found |= dict(re.findall(r"^ {4}(\w+): (.+(?:\n {8,}.+)*)", text, re.MULTILINE))
     fields = getattr(cls, "__dataclass_fields__", {})
     return {
-        name: f"{found.get(name, '')} Default: `{field.default}`."
+        name: f"{found.get(name, '')} Default: `{_shown_value(field.default)}`{_limits(field.metadata)}."
         for name, field in fields.items()
         if field.init and "ClassVar" not in str(field.type)
     }
+
+
+def _shown_value(value: Any) -> str:
+    """Returns a value as it is typed, numbers in four digits."""
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_shown_value, value))}]"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _limits(metadata: Mapping[str, Any]) -> str:
+    return f"; {metadata['bounds']}" if "bounds" in metadata else ""
 
 
 def plain(text: str) -> str:

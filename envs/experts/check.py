@@ -84,6 +84,7 @@ def check_expert(
     num_envs: int = 64,
     num_threads: int = 0,
     simulator: str = "mujoco",
+    robot: str = "",
 ) -> ExpertReport:
     """Runs the expert in the first episodes of a split.
 
@@ -94,13 +95,14 @@ def check_expert(
         num_envs: Environments stepped at once; the result does not depend on it.
         num_threads: Threads of the simulator; 0 means one per core.
         simulator: Name of a simulator.
+        robot: Robot that does the task; empty is the task's own.
 
     Raises:
         ConfigError: ``num_episodes`` is below 1.
     """
     if num_episodes < 1:
         raise ConfigError(f"The expert's check needs at least one episode, given {num_episodes}.")
-    env = EnvSpec(task=task, simulator=simulator).make(
+    env = EnvSpec(task=task, simulator=simulator, robot=robot).make(
         min(num_envs, num_episodes), split=split, observation="state", num_threads=num_threads
     )
     try:

@@ -113,7 +113,7 @@ class BatchedPathFollower:
         self._device = torch.device(device)
         self._ik = BatchedInverseKinematics(robot, device)
         self._chain = self._ik.chain
-        self._fingers = [robot.joint_names.index(name) for name in robot.gripper_joints]
+        self._fingers = list(robot.fingers)
         self._down = from_matrix(self._ik.upright.cpu().numpy())
 
     def _tensor(self, values: np.ndarray) -> Tensor:
@@ -138,7 +138,7 @@ class BatchedPathFollower:
         start = self._tensor(qpos)
         targets = start[:, None].repeat(1, longest, 1)
         targets[..., self._chain.columns] = self._follow(start[:, self._chain.columns], pos, rot)
-        targets[..., self._fingers] = padded([path.gripper for path in paths])[..., None]
+        targets[..., self._fingers] = padded([self._robot.finger_positions(path.gripper) for path in paths])
         return BatchedTargets(targets, lengths)
 
     def _paths(self, qpos: np.ndarray, waypoints: Sequence[Sequence[Waypoint]]) -> list[Path]:

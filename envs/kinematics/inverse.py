@@ -28,7 +28,6 @@ class PathFollower:
         self._model = build_model(scenario)
         self._layout = layout_of(self._model, scenario).robots[0]
         self._site = f"{robot.name}/{robot.ee_site}"
-        self._fingers = [robot.joint_names.index(name) for name in robot.gripper_joints]
         self._configuration = mink.Configuration(self._model)
         self._task = mink.FrameTask(
             frame_name=self._site,
@@ -58,7 +57,7 @@ class PathFollower:
             self._task.set_target(mink.SE3.from_rotation_and_translation(rotation, pos))
             self._follow()
             targets[step] = self._configuration.q[self._layout.qpos]
-        targets[:, self._fingers] = path.gripper[:, None]
+        targets[:, self._robot.fingers] = self._robot.finger_positions(path.gripper)
         return targets
 
     def _follow(self) -> None:

@@ -13,7 +13,7 @@ class Waypoint:
     Attributes:
         pos: End effector position in the world, m, (3,).
         yaw: Turn of the gripper about world z from its rest posture, in which it points down, rad.
-        gripper: Position of each finger, m.
+        gripper: Distance of each fingertip from the middle, m; a robot maps it to its gripper's joints.
         duration_s: Time to come here from the last waypoint.
         hold_s: Time to wait here.
         pitch: Turn about y, before the yaw, rad; positive tips the fingers backwards, towards -x.
@@ -41,7 +41,7 @@ class Path:
     Attributes:
         pos: End effector positions, (T, 3).
         turn: Yaw, pitch and roll, (T, 3).
-        gripper: Finger positions, (T,).
+        gripper: Distance of each fingertip from the middle, m, (T,).
     """
 
     pos: np.ndarray

@@ -53,7 +53,9 @@ def simplify_visuals(spec: mujoco.MjSpec, folder: Path, max_faces_per_body: int)
             budget = max(64, max_faces_per_body * sizes[rgba] // sum(sizes.values()))
             vertices, faces = _merged(parts, meshes, budget)
             name = f"{body.name}_visual_{index}"
-            spec.add_mesh(name=name, uservert=vertices.ravel(), userface=faces.ravel())
+            # A mesh without a volume is a shell, and so is what it is merged to.
+            inertia = meshes[geoms[0].meshname].inertia
+            spec.add_mesh(name=name, uservert=vertices.ravel(), userface=faces.ravel(), inertia=inertia)
             for geom in geoms:
                 replaced.add(geom.meshname)
                 spec.delete(geom)

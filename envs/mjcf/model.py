@@ -258,7 +258,7 @@ def camera_quat(camera: CameraCfg) -> np.ndarray:
 
 def _add_robot(spec: mujoco.MjSpec, robot: RobotCfg, simplify: bool) -> None:
     sites = {robot.ee_site, robot.ee_site.removeprefix(GRIPPER_PREFIX)}
-    arm = _load(spec, robot.mjcf, robot.root, sites, simplify)
+    arm = _load(spec, robot.mjcf, robot.root, sites, simplify, hollow=robot.hollow_meshes)
     if robot.gripper_mjcf is not None:
         gripper = _load(spec, robot.gripper_mjcf, robot.gripper_root, sites, simplify)
         mount = arm.body(robot.gripper_mount)
@@ -323,7 +323,13 @@ def _add_site_at_body(spec: mujoco.MjSpec, robot: RobotCfg) -> None:
 
 
 def _load(
-    scene: mujoco.MjSpec, reference: str, root: str | None, sites: set[str], simplify: bool
+    scene: mujoco.MjSpec,
+    reference: str,
+    root: str | None,
+    sites: set[str],
+    simplify: bool,
+    *,
+    hollow: bool = False,
 ) -> mujoco.MjSpec:
     """Reads one body, and what it carries, of a robot's file, with only the named sites."""
     spec = read(scene, reference, sites)
@@ -338,6 +344,8 @@ def _load(
             geom.group = SCENE_GROUP
         if geom.rgba[3] == 0.0:
             geom.group = HIDDEN_GROUP
+    for mesh in spec.meshes if hollow else ():
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
     if simplify:
         folder = resolve(reference).parent / (spec.meshdir or "")
         simplify_visuals(spec, folder, MAX_FACES_PER_BODY)

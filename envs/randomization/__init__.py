@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from envs.randomization.cameras import CAMERA_POSES, CameraPose, place_camera
     from envs.randomization.channels import CHANNELS, Channel, Scene, divided
-    from envs.randomization.levels import LEVEL_CHANNELS, LEVELS, channels_of, parse_level
+    from envs.randomization.levels import LEVEL_CHANNELS, LEVELS, NAMED_LEVELS, channels_of, parse_level
     from envs.randomization.lights import temperature_to_rgb
     from envs.randomization.materials import MaterialLibrary
     from envs.randomization.procedural import texture
@@ -28,6 +28,7 @@ _HOMES = {
     "divided": "channels",
     "LEVEL_CHANNELS": "levels",
     "LEVELS": "levels",
+    "NAMED_LEVELS": "levels",
     "channels_of": "levels",
     "parse_level": "levels",
     "LightingCfg": "lights",
@@ -46,6 +47,7 @@ __all__ = [
     "CHANNELS",
     "LEVELS",
     "LEVEL_CHANNELS",
+    "NAMED_LEVELS",
     "SPLITS",
     "CameraPose",
     "Channel",

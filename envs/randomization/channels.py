@@ -83,7 +83,7 @@ class Channel(ABC):
             scene: What it is drawn for.
 
         Returns:
-            A dataclass, or plain JSON values: datasets and results record it.
+            A dataclass, or plain JSON values: ``env.draws`` gives it, and ``roboverse view`` shows it.
         """
 
     @abstractmethod

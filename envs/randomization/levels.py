@@ -1,6 +1,9 @@
-"""Randomization levels: a level is a set of channels, and each level contains the one below."""
+"""Randomization levels, which are lists of channels: 0 to 3, each with the one below, and named ones."""
+
+from collections.abc import Iterator
 
 from envs.core.errors import ConfigError, unknown_name
+from envs.core.registry import Registry
 from envs.randomization.channels import CHANNELS
 
 LEVEL_CHANNELS = ("task", "environment", "camera", "lighting")
@@ -8,6 +11,12 @@ LEVEL_CHANNELS = ("task", "environment", "camera", "lighting")
 
 LEVELS = (0, 1, 2, 3)
 """Level ``k`` varies the first ``k + 1`` channels."""
+
+NAMED_LEVELS: "Registry[tuple[str, ...]]" = Registry("level", group="roboverse.levels")
+"""Lists of channels with a name, of other packages: taken wherever channels are, as in ``only=weather``.
+
+The protocol's levels keep their numbers; so results of a named level are never ranked with theirs.
+"""
 
 
 def parse_level(level: int | str) -> int:
@@ -19,7 +28,8 @@ def parse_level(level: int | str) -> int:
     text = str(level).strip()
     if isinstance(level, bool) or not text.isdecimal() or int(text) not in LEVELS:
         meanings = "; ".join(f"{k}: {' + '.join(LEVEL_CHANNELS[: k + 1])}" for k in LEVELS)
-        raise ConfigError(f"Unknown level '{level}'. Valid levels: {meanings}.")
+        named = f" '{text}' is a named level: give only={text}." if text in NAMED_LEVELS else ""
+        raise ConfigError(f"Unknown level '{level}'. Valid levels: {meanings}.{named}")
     return int(text)
 
 
@@ -29,20 +39,17 @@ def channels_of(level: int | str = 0, only: str | None = None) -> tuple[str, ...
     Args:
         level: A level, cumulative.
         only: A list of channels in place of a level, such as ``"camera"`` or ``"camera+lighting"``, of
-            everything that is registered (:data:`envs.randomization.channels.CHANNELS`). The task varies
-            with them.
+            everything that is registered (:data:`envs.randomization.channels.CHANNELS`); a name of
+            :data:`NAMED_LEVELS` stands for its channels. The task varies with them.
 
     Raises:
         ConfigError: if it is no level, or if both a level above 0 and ``only`` are given.
-        UnknownNameError: if a part of ``only`` is no channel.
+        UnknownNameError: if a part of ``only``, or of a named level, is no channel.
     """
     k = parse_level(level)
     if only is None:
         return LEVEL_CHANNELS[: k + 1]
-    names = dict.fromkeys(str(only).split("+"))
-    for name in names:
-        if name != "task" and name not in CHANNELS:
-            raise unknown_name("channel", name, ("task", *CHANNELS))
+    names = dict.fromkeys(name for part in str(only).split("+") for name in _channels_in(part))
     if k:
         raise ConfigError(
             f"Given level={k} and only='{only}'. A level is cumulative and 'only' is a list of channels by "
@@ -50,3 +57,16 @@ def channels_of(level: int | str = 0, only: str | None = None) -> tuple[str, ...
         )
     of_levels = [channel for channel in LEVEL_CHANNELS if channel == "task" or channel in names]
     return tuple(dict.fromkeys([*of_levels, *names]))
+
+
+def _channels_in(part: str) -> Iterator[str]:
+    """Yields the channels that one part of a list names: itself, or those of a named level."""
+    if part == "task" or part in CHANNELS:
+        yield part
+        return
+    if part not in NAMED_LEVELS:
+        raise unknown_name("channel", part, ("task", *CHANNELS, *NAMED_LEVELS))
+    for name in NAMED_LEVELS.get(part):
+        if name != "task" and name not in CHANNELS:
+            raise unknown_name(f"channel of the level '{part}'", name, ("task", *CHANNELS))
+        yield name

@@ -4,10 +4,24 @@ from envs.core.registry import Registry
 from envs.scenario import RobotCfg
 
 ROBOTS: Registry[RobotCfg] = Registry("robot", group="roboverse.robots")
-ROBOTS.add("franka", "envs.robots.franka:FRANKA", summary="Franka Emika Panda with its parallel gripper")
+ROBOTS.add(
+    "franka",
+    "envs.robots.franka:FRANKA",
+    tags={"arm"},
+    summary="Franka Emika Panda, 7 joints, with its parallel gripper",
+)
 ROBOTS.add("h1", "envs.robots.h1:H1", extra="humanoid", summary="Unitree H1, a humanoid without hands")
 ROBOTS.add(
     "sawyer", "envs.robots.sawyer:SAWYER", extra="metaworld", summary="Rethink Sawyer with a parallel gripper"
 )
+for _name, _summary in (
+    ("iiwa", "KUKA LBR iiwa 14, 7 joints"),
+    ("ur5e", "Universal Robots UR5e, 6 joints"),
+    ("sawyer_panda", "Rethink Sawyer, 7 joints"),
+    ("kinova3", "Kinova Gen3, 7 joints"),
+    ("jaco", "Kinova Jaco, 7 joints"),
+):
+    _target = f"envs.robots.robosuite_arms:{_name.upper()}"
+    ROBOTS.add(_name, _target, tags={"arm"}, summary=f"{_summary}, with the Franka hand")
 ROBOTS.add("ant", "envs.robots.ant:ANT", summary="a ball on four legs of two joints")
 ROBOTS.add("cartpole", "envs.robots.cartpole:CARTPOLE", summary="a free pole on a cart on a rail")

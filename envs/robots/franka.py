@@ -13,6 +13,7 @@ motors are replaced by joint-position actuators.
 
 from math import pi
 
+from envs.robots.panda_hand import PANDA_FINGERS, PANDA_HAND
 from envs.scenario import JointCfg, RobotCfg
 
 _ARM = (
@@ -26,32 +27,16 @@ _ARM = (
     (2000.0, 200.0, 12.0, (-2.8973, 2.8973), pi / 4),
 )
 
-_FINGER = {
-    "kp": 1000.0,
-    "kd": 60.0,
-    "force_limit": 40.0,
-    "range": (0.0, 0.04),
-    "default": 0.04,
-    "damping": 10.0,
-    "armature": 0.1,
-    "frictionloss": 0.0,
-}
-
 FRANKA = RobotCfg(
     name="franka",
     mjcf="robosuite:models/assets/robots/panda/robot.xml",
     root="base",
-    gripper_mjcf="robosuite:models/assets/grippers/panda_gripper.xml",
-    gripper_root="right_gripper",
-    gripper_mount="right_hand",
     joints=(
         *(
             JointCfg(name=f"joint{i + 1}", kp=kp, kd=kd, force_limit=force, range=limits, default=rest)
             for i, (kp, kd, force, limits, rest) in enumerate(_ARM)
         ),
-        JointCfg(name="gripper/finger_joint1", **_FINGER),
-        JointCfg(name="gripper/finger_joint2", flip=True, **_FINGER),
+        *PANDA_FINGERS,
     ),
-    ee_site="gripper/grip_site",
-    gripper_joints=("gripper/finger_joint1", "gripper/finger_joint2"),
+    **PANDA_HAND,
 )

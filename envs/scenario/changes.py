@@ -132,8 +132,6 @@ def _one(items: Mapping[str, Any], key: Any, given: Any, where: str) -> Any:
 
 def _value(given: Any, hint: Any, where: str) -> Any:
     """Checks a value by the type of its field; lists become tuples, and what they hold dataclasses."""
-    from pydantic import ValidationError  # needed by changed scenes alone
-
     own = _dataclass_in(hint)
     if own is not None and not (given is None and NoneType in get_args(hint)):
         if is_dataclass(hint) or NoneType in get_args(hint) or not isinstance(given, Sequence):
@@ -141,6 +139,22 @@ def _value(given: Any, hint: Any, where: str) -> Any:
             raise ConfigError(f"{where} has keys of its own ({keys}); given {given!r}.")
         for place, item in enumerate(given):
             _check_names(own, item, f"{where}.{place}")
+    return typed_value(given, hint, where)
+
+
+def typed_value(given: Any, hint: Any, where: str) -> Any:
+    """Returns a value as one of a type, such as a tuple for a list.
+
+    Args:
+        given: A plain value, as the command line or JSON has it.
+        hint: The type.
+        where: What messages call the value.
+
+    Raises:
+        ConfigError: It is none of that type.
+    """
+    from pydantic import ValidationError  # needed by changed scenes and by options alone
+
     try:
         return _adapter(hint).validate_python(given)
     except ValidationError as error:

@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
+
+import numpy as np
 
 from envs.core.errors import ConfigError
 from envs.scenario.units import IDENTITY, AssetRef, Quat, Vec3
@@ -106,6 +108,13 @@ class RobotCfg:
         joints: Its joints; this order is the order of every array of joints.
         ee_site: Site, or body, that is called the end effector.
         gripper_joints: Names of the joints, of ``joints``, that open and close the gripper.
+        gripper_range: Closed and open position of each of ``gripper_joints``; empty takes the ends of their
+            ranges, the lower one closed.
+        gripper_opening_m: Distance between the fingertips when open, m; None is the sum of the strokes of
+            fingers that slide.
+        camera_mount: Body that carries the wrist camera; None is ``gripper_mount``.
+        hollow_meshes: Whether the file's meshes are surfaces without a volume, which MuJoCo refuses unless it
+            is told; masses are the file's all the same.
         bodies: What replaces masses and shapes of the file.
         sites: Places that the file lacks.
         pos: Base position in the world, m; of a free base at rest.
@@ -125,6 +134,10 @@ class RobotCfg:
     gripper_root: str | None = None
     gripper_mount: str | None = None
     gripper_joints: tuple[str, ...] = ()
+    gripper_range: tuple[tuple[float, float], ...] = ()
+    gripper_opening_m: float | None = None
+    camera_mount: str | None = None
+    hollow_meshes: bool = False
     bodies: tuple[BodyCfg, ...] = ()
     sites: tuple[SiteCfg, ...] = ()
     pos: Vec3 = (0.0, 0.0, 0.0)
@@ -144,9 +157,42 @@ class RobotCfg:
         return tuple(index for index, joint in enumerate(self.joints) if joint.driven)
 
     @property
+    def arm(self) -> tuple[int, ...]:
+        """Indices, among the joints, of those that have an actuator and are no gripper's."""
+        return tuple(index for index in self.driven if self.joints[index].name not in self.gripper_joints)
+
+    @property
+    def fingers(self) -> tuple[int, ...]:
+        """Indices, among the joints, of the gripper's."""
+        return tuple(self.joint_names.index(name) for name in self.gripper_joints)
+
+    @property
+    def finger_limits(self) -> tuple[tuple[float, float], ...]:
+        """Closed and open position of each of the gripper's joints."""
+        return self.gripper_range or tuple(self.joints[index].range for index in self.fingers)
+
+    @property
+    def opening_m(self) -> float:
+        """Distance between the fingertips when the gripper is open, m."""
+        if self.gripper_opening_m is not None:
+            return self.gripper_opening_m
+        return sum(abs(wide - shut) for shut, wide in self.finger_limits)
+
+    @property
     def default_qpos(self) -> tuple[float, ...]:
         """Rest position of every joint, in order."""
         return tuple(joint.default for joint in self.joints)
+
+    def finger_positions(self, half_gap_m: Any) -> Any:
+        """Returns positions (..., F) of the F gripper's joints for fingertips that far from the middle.
+
+        Args:
+            half_gap_m: Half the distance between the fingertips, m, (...); what is wider than the gripper
+                opens is its opening.
+        """
+        share = np.clip(2.0 * np.asarray(half_gap_m) / self.opening_m, 0.0, 1.0)[..., None]
+        shut, wide = np.array(self.finger_limits).T
+        return shut + share * (wide - shut)
 
     def with_home(self, qpos: Sequence[float]) -> "RobotCfg":
         """Returns this robot with other rest positions, one per joint."""

@@ -10,8 +10,9 @@ from torch import Tensor
 
 from envs.array_ops import concatenate
 from envs.core.errors import ConfigError
-from envs.scenario import ScenarioCfg
+from envs.scenario import RobotCfg, ScenarioCfg
 from envs.state import State
+from envs.tasks.parameters import check_parameters
 
 if TYPE_CHECKING:
     from envs.controllers import Controller
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
 class Task(ABC):
     """Pure functions of batched states, independent of the simulator.
 
-    Subclasses are frozen dataclasses; their fields are the task's options.
+    Subclasses are frozen dataclasses; their fields are the task's options. One that is made by
+    :func:`~envs.tasks.parameters.parameter` is checked when the task is made.
 
     Attributes:
         name: Registered name.
@@ -48,6 +50,9 @@ class Task(ABC):
     has_reward: ClassVar[bool] = True
     takes_arrays: ClassVar[bool] = False
 
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
     @property
     def description(self) -> str:
         """The first of the instructions."""
@@ -57,6 +62,11 @@ class Task(ABC):
     @abstractmethod
     def scenario(self) -> ScenarioCfg:
         """The scene."""
+
+    @property
+    def robot(self) -> RobotCfg:
+        """The robot that acts: the scene's first."""
+        return self.scenario.robots[0]
 
     @abstractmethod
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
@@ -95,12 +105,20 @@ class Task(ABC):
             f"roboverse train policy=ppo task={self.name}"
         )
 
+    def foreseen(self, state: State, rng: np.random.Generator) -> "list[Waypoint]":
+        """Returns the way of the hand from a start of one row as far as it is known beforehand.
+
+        By it another robot is put where it can reach everything (:mod:`envs.tasks.fit_robot`). By default it
+        is the expert's first plan; a task whose expert plans again on the way adds what comes then.
+        """
+        return self.expert(state, rng) if self.has_expert else []
+
     @property
     def controller(self) -> "Controller":
         """The controller of actions; by default position targets of all joints of the first robot."""
         from envs.controllers import JointPositionController
 
-        return JointPositionController(self.scenario.robots[0])
+        return JointPositionController(self.robot)
 
     @property
     def rl_controller(self) -> "Controller":
@@ -111,7 +129,7 @@ class Task(ABC):
         from envs.controllers import HandDeltaController, JointPositionController
 
         own = self.controller
-        robot = self.scenario.robots[0]
+        robot = self.robot
         return HandDeltaController(robot) if isinstance(own, JointPositionController) else own
 
     def rl_observation(self, state: State) -> Tensor:
@@ -119,7 +137,7 @@ class Task(ABC):
 
         By default positions, speeds and targets of the first robot's joints, and :meth:`observe`.
         """
-        robot = state.robots[self.scenario.robots[0].name]
+        robot = state.robots[self.robot.name]
         assert robot.joint_target is not None, "a simulator gives every robot's targets"
         known = self.observe(state)
         if isinstance(known, Tensor):

@@ -17,30 +17,26 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from envs.core.errors import unknown_name
 from envs.kinematics.waypoints import Waypoint
 from envs.robots.franka import FRANKA
 from envs.rotations import from_euler, from_yaw, rotate
-from envs.scenario import GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg, Quat, ScenarioCfg, TableCfg
+from envs.scenario import GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg, Quat, RobotCfg, ScenarioCfg, TableCfg
 from envs.state import EntityState, State
 from envs.tasks.base import Task
+from envs.tasks.parameters import interval, parameter
 from envs.tasks.tabletop import (
     CONTROL_20_HZ,
     FRONT_CAMERA,
     GRASP_CLOSED_M,
     TABLETOP_LOOKS,
-    WRIST_CAMERA,
     distance,
     ee_pos,
     nearness,
+    wrist_camera,
 )
 
 CLOSED_RAD, OPEN_RAD = -0.25307273864746, 2.3649210929871
 """Limits of the joint; the lid is level at the first and tilts down, beyond the vertical, at the second."""
-
-SUCCESS_TRAVEL_RAD = 2.6
-ROBOVERSE_CLOSED_RAD = math.radians(-14.0)
-"""The variant of the paper's code: the joint's position itself is at most -14°."""
 
 BOX_HEIGHT_M = 0.0753
 """Height of the root, at the centre of the box, with the box's floor on the table."""
@@ -52,13 +48,7 @@ LID_TILT_RAD = math.radians(15.0)
 """Angle of the lid against the level when the joint is at zero."""
 
 LID_HALF_SIZE_M = (0.134, 0.005, 0.175)
-SPAWN_LOW_M, SPAWN_HIGH_M = (0.437, 0.044), (0.645, 0.302)
-"""Range of the box from the robot's base in x and y."""
-
-SPAWN_YAW_RAD = (-math.pi / 8, 0.221)
-"""RLBench's range, cut off where that of the demonstrations ends."""
-
-QPOS_NOISE_RAD = 0.02
+TRAVEL_RAD = OPEN_RAD - CLOSED_RAD
 HOME = (0.0, math.radians(10.0), 0.0, math.radians(-50.0), 0.0, math.radians(70.0), math.pi / 4, 0.04, 0.04)
 HOME_TIP_RAD = math.radians(10.0)
 """Forward tilt of the gripper in that posture."""
@@ -138,7 +128,14 @@ class CloseBox(Task):
     """Close the box by its lid, which lies open beyond the vertical.
 
     Attributes:
-        variant: ``rlbench`` requires 2.6 rad of travel, which ends at -13.5°; ``roboverse`` for -14°.
+        variant: ``rlbench`` requires ``success_travel_rad``, ``roboverse`` a joint below
+            ``roboverse_closed_rad``.
+        success_travel_rad: Travel of the lid that solves ``rlbench``, rad; 2.6 ends at -13.5°.
+        roboverse_closed_rad: Position of the lid's joint that solves ``roboverse``, rad: -14°.
+        spawn_x_m: Range of the box in x from the base of the task's own robot, m.
+        spawn_y_m: The same in y.
+        spawn_yaw_rad: Range of the box's turn, rad: RLBench's, cut off where that of the demonstrations ends.
+        qpos_noise_rad: Standard deviation of the arm's joints at the start, rad.
     """
 
     name: ClassVar[str] = "CloseBox"
@@ -150,18 +147,30 @@ class CloseBox(Task):
     max_episode_steps: ClassVar[int] = 200
 
     variant: Literal["rlbench", "roboverse"] = "rlbench"
+    success_travel_rad: float = parameter(2.6, above=0.0, at_most=TRAVEL_RAD)
+    roboverse_closed_rad: float = parameter(math.radians(-14.0), at_least=CLOSED_RAD, at_most=OPEN_RAD)
+    spawn_x_m: tuple[float, float] = interval((0.437, 0.645), at_least=0.3, at_most=0.8)
+    spawn_y_m: tuple[float, float] = interval((0.044, 0.302), at_least=-0.4, at_most=0.4)
+    spawn_yaw_rad: tuple[float, float] = interval(
+        (-math.pi / 8, 0.221), at_least=-math.pi / 2, at_most=math.pi / 2
+    )
+    qpos_noise_rad: float = parameter(0.02, at_least=0.0, at_most=0.2)
 
-    def __post_init__(self) -> None:
-        if self.variant not in ("rlbench", "roboverse"):
-            raise unknown_name("variant of CloseBox", str(self.variant), ("rlbench", "roboverse"))
+    @property
+    @override
+    def robot(self) -> RobotCfg:
+        return _ROBOT
 
     @property
     @override
     def scenario(self) -> ScenarioCfg:
         return ScenarioCfg(
-            robots=(_ROBOT,),
+            robots=(self.robot,),
             objects=(_box(),),
-            cameras=(replace(FRONT_CAMERA, look_at=(0.0, -0.05, 0.3), fovy_deg=42.0), WRIST_CAMERA),
+            cameras=(
+                replace(FRONT_CAMERA, look_at=(0.0, -0.05, 0.3), fovy_deg=42.0),
+                wrist_camera(self.robot),
+            ),
             appearance=TABLETOP_LOOKS,
             table=TableCfg(pos=(-0.12, 0.0, 0.0), half_size=(0.8, 0.8)),
             physics=CONTROL_20_HZ,
@@ -169,37 +178,38 @@ class CloseBox(Task):
 
     @override
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
-        count = len(rngs)
-        qpos = np.tile(np.array(_ROBOT.default_qpos), (count, 1))
+        count, own, arm = len(rngs), self.robot, list(self.robot.arm)
+        qpos = np.tile(np.array(own.default_qpos), (count, 1))
         pos, yaw = np.full((count, 3), BOX_HEIGHT_M), np.empty(count)
+        low, high = zip(self.spawn_x_m, self.spawn_y_m, strict=True)
         for row, rng in enumerate(rngs):
-            pos[row, :2] = rng.uniform(SPAWN_LOW_M, SPAWN_HIGH_M) + np.array(_ROBOT.pos[:2])
-            yaw[row] = rng.uniform(*SPAWN_YAW_RAD)
-            qpos[row, :7] += rng.normal(0.0, QPOS_NOISE_RAD, 7)
+            pos[row, :2] = rng.uniform(low, high) + np.array(_ROBOT.pos[:2])
+            yaw[row] = rng.uniform(*self.spawn_yaw_rad)
+            qpos[row, arm] += rng.normal(0.0, self.qpos_noise_rad, len(arm))
         box = EntityState.at_rest(pos, _upright(yaw), np.full((count, 1), OPEN_RAD))
-        robot = EntityState.at_rest(np.array(_ROBOT.pos), np.tile(_ROBOT.rot, (count, 1)), qpos)
-        return State({_ROBOT.name: robot}, {"box_base": box})
+        robot = EntityState.at_rest(np.array(own.pos), np.tile(own.rot, (count, 1)), qpos)
+        return State({own.name: robot}, {"box_base": box})
 
     @override
     def success(self, state: State) -> Tensor:
         box = state.objects["box_base"]
         lid = box.joint_pos[:, 0]
         if self.variant == "roboverse":
-            solved = lid <= ROBOVERSE_CLOSED_RAD
+            solved = lid <= self.roboverse_closed_rad
         else:
-            solved = OPEN_RAD - lid > SUCCESS_TRAVEL_RAD
+            solved = OPEN_RAD - lid > self.success_travel_rad
         return solved & box.pos.isfinite().all(-1)
 
     def reward(self, state: State) -> Tensor:
         """Returns 0.75 for the share of the way that the lid has moved, and 0.2 for a hand behind it."""
-        robot, box = state.robots[_ROBOT.name], state.objects["box_base"]
-        closed = ((OPEN_RAD - box.joint_pos[:, 0]) / (OPEN_RAD - CLOSED_RAD)).clamp(0.0, 1.0)
+        robot, box = state.robots[self.robot.name], state.objects["box_base"]
+        closed = ((OPEN_RAD - box.joint_pos[:, 0]) / TRAVEL_RAD).clamp(0.0, 1.0)
         reached = nearness(distance(ee_pos(robot), _behind_lid(box)))
         return 0.75 * closed + 0.2 * torch.maximum(reached, closed)
 
     def observe(self, state: State) -> Tensor:
         """Returns box pose, lid angle and speed, end effector, and its way to behind the lid, (N, 15)."""
-        box, hand = state.objects["box_base"], ee_pos(state.robots[_ROBOT.name])
+        box, hand = state.objects["box_base"], ee_pos(state.robots[self.robot.name])
         return torch.cat([box.pos, box.rot, box.joint_pos, box.joint_vel, hand, _behind_lid(box) - hand], -1)
 
     @override
@@ -209,7 +219,7 @@ class CloseBox(Task):
         start = float(box.joint_pos[0, 0]) + LID_TILT_RAD
         yaw = _heading(rot) + math.pi / 2
         # Where along the edge the arm need neither stretch nor fold.
-        away = float(pos[0]) - _ROBOT.pos[0] - EASY_REACH_M
+        away = float(pos[0]) - self.robot.pos[0] - EASY_REACH_M
         along = float(np.clip(away, -0.08, 0.12)) + rng.uniform(-0.02, 0.02)
         grip = PUSH_REACH_M + rng.uniform(-0.005, 0.005)
         pace = rng.uniform(0.95, 1.2)

@@ -1,35 +1,101 @@
 """A task by its name, with its options, and with its scene changed."""
 
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import fields
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin
 
+from envs.core.errors import ConfigError, unknown_name
+from envs.robots import ROBOTS
 from envs.scenario import ScenarioCfg
-from envs.scenario.changes import changed
+from envs.scenario.changes import changed, difference, typed_value
 from envs.tasks import TASKS
 from envs.tasks.base import Task
+from envs.tasks.start_overrides import check_not_overridden
 
 
 def make_task(
-    name: str, options: Mapping[str, Any] | None = None, scenario: Mapping[str, Any] | None = None
+    name: str,
+    options: Mapping[str, Any] | None = None,
+    scenario: Mapping[str, Any] | None = None,
+    robot: str = "",
 ) -> Task:
     """Makes a task.
 
     Args:
         name: Registered name.
-        options: Values of its fields.
+        options: Values of its fields, as the command line or JSON has them: a list may stand for a tuple.
         scenario: What is changed of its scene; see :func:`envs.scenario.changes.changed`. Its controllers
             and its expert know the changed one: at another control rate an expert moves as fast as before.
+        robot: Registered robot that does the task in place of its own; see :mod:`envs.tasks.fit_robot`.
+            Changes of the scene come after it.
 
     Raises:
-        ConfigError: if a value is none that an option, or a part of the scene, may have.
-        UnknownNameError: if no task has that name, or its scene no such part.
+        ConfigError: if a value is none that an option, or a part of the scene, may have, or if the task's
+            initial states replace the part, or if the robot cannot do the task.
+        UnknownNameError: if no task or robot has that name, the task no such option, or its scene no such
+            part.
     """
     cls = TASKS.get(name)
-    task = cls(**(options or {}))
-    return _with_scenario(cls, options or {}, changed(task.scenario, scenario)) if scenario else task
+    typed = _typed(cls, name, options or {})
+    task = cls(**typed)
+    if robot:
+        task = _with_robot(task, typed, robot)
+    if not scenario:
+        return task
+    own = task.scenario
+    other = _with_scenario(type(task), typed, changed(own, scenario))
+    check_not_overridden(task, other, difference(own, other.scenario))
+    return other
+
+
+def _typed(cls: type[Task], name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the values of a task's fields, each of the type of its field."""
+    if not options:
+        return {}
+    types = {item.name: item.type for item in fields(cls)}  # pyright: ignore[reportArgumentType]
+    for key in options:
+        if key not in types:
+            raise unknown_name(f"option of {name}", str(key), types)
+    return {
+        key: typed_value(value, types[key], f"task_kwargs.{key}") if _is_numeric(types[key]) else value
+        for key, value in options.items()
+    }
+
+
+def _is_numeric(hint: Any) -> bool:
+    """Whether a type is a number, several of them, or none; choices and texts are checked by the task."""
+    if hint in (float, int, NoneType, Ellipsis):
+        return True
+    return get_origin(hint) in (tuple, UnionType, Union) and all(map(_is_numeric, get_args(hint)))
+
+
+def _with_robot(task: Task, options: Mapping[str, Any], name: str) -> Task:
+    """Makes a task that another robot does; the task itself where it is its own.
+
+    Raises:
+        ConfigError: if the robot cannot, or if the task's scene names its own.
+    """
+    cls, robot = type(task), ROBOTS.get(name)
+    if robot.name == task.robot.name:
+        return task
+    from envs.tasks.fit_robot import fitted
+
+    placed = fitted(task, robot)
+    other = _subclass(cls, {"robot": property(lambda _: placed)})(**options)
+    if other.scenario.robots[0] is not placed:
+        raise ConfigError(
+            f"{task.name} has a robot of its own, '{task.robot.name}', and takes no other. A task takes any "
+            "robot where its scene, start and rules use self.robot."
+        )
+    return other
 
 
 def _with_scenario(cls: type[Task], options: Mapping[str, Any], scenario: ScenarioCfg) -> Task:
     """Makes a task that has another scene: of a class of its own, for a scene is a property."""
-    body = {"scenario": property(lambda _: scenario), "__doc__": cls.__doc__, "__slots__": ()}
-    return type(cls.__name__, (cls,), body)(**options)
+    parts = {"scenario": property(lambda _: scenario), "robot": property(lambda _: scenario.robots[0])}
+    return _subclass(cls, parts)(**options)
+
+
+def _subclass(cls: type[Task], parts: Mapping[str, Any]) -> type[Task]:
+    return type(cls.__name__, (cls,), {**parts, "__doc__": cls.__doc__, "__slots__": ()})

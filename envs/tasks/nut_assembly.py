@@ -13,25 +13,26 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from envs.core.errors import unknown_name
 from envs.kinematics.waypoints import Waypoint, approach, correction_s, miss
 from envs.robots.franka import FRANKA
 from envs.rotations import from_yaw, rotate, yaw_of
-from envs.scenario import GeomCfg, ObjectCfg, Rgba, ScenarioCfg, TableCfg
+from envs.scenario import GeomCfg, ObjectCfg, Rgba, RobotCfg, ScenarioCfg, TableCfg
 from envs.state import EntityState, State
 from envs.tasks.base import Task
+from envs.tasks.parameters import interval, parameter
 from envs.tasks.tabletop import (
     CONTROL_20_HZ,
     FRONT_CAMERA,
     GRASP_CLOSED_M,
     GRASP_OPEN_M,
     TABLETOP_LOOKS,
-    WRIST_CAMERA,
     distance,
     ee_pos,
     finger_gap,
     hand_yaw,
     nearness,
+    target_gap,
+    wrist_camera,
 )
 
 TABLE_HEIGHT_M = 0.82
@@ -41,17 +42,8 @@ PEG_Z_M = 0.85 - TABLE_HEIGHT_M
 PEG_TOP_M = PEG_Z_M + PEG_HALF_HEIGHT_M
 """``models/assets/arenas/pegs_arena.xml``: the lower part of each peg is inside the table."""
 
-SPAWN_X_M = (-0.115, -0.11)
-SPAWN_Y_M = (0.11, 0.225)
-"""Start region of the square nut; the round one has these y's negated."""
-
-TOLERANCE_XY_M = 0.03
-TOLERANCE_Z_M = 0.05
 MAX_REACH = 0.6
 """Success takes ``1 - tanh(10 d)`` below this, for the distance d from the hand to the nut's centre."""
-
-PAPER_TOLERANCE_M = 0.02
-"""The variant of the paper's code (snapshot of June 2025): horizontal distance of nut and peg."""
 
 REACH_REWARD, GRASP_REWARD, LIFT_REWARD, HOVER_REWARD = 0.1, 0.35, 0.5, 0.7
 LIFT_TARGET_M = 0.795 + 0.2 - TABLE_HEIGHT_M
@@ -61,10 +53,6 @@ GRASP_GAP_M = (0.025, 0.04)
 """Gaps between fingers that a handle, 31.75 mm wide, keeps apart."""
 
 GRASP_REACH_M = 0.03
-QPOS_NOISE_RAD = 0.02
-APPROACH_NOISE_M = 0.01
-DETOUR_M = 0.03
-"""Lateral offset of the expert's detours, in three of ten motions; 0.05 m reaches joint limits."""
 CARRY_HEIGHT_M = PEG_TOP_M + 0.045
 """Height of a nut's centre on its way to the peg."""
 
@@ -142,6 +130,15 @@ class NutAssembly(Task):
         variant: ``robosuite`` is the original. ``roboverse`` has the rule of the paper's code: each nut
             within 2 cm of its peg's axis and at most 5 cm above its middle, held or not. (That code has
             the square nut alone: :class:`NutAssemblySquare`.)
+        spawn_x_m: Start range of the nuts in x, m.
+        spawn_y_m: Start range of the square nut in y, m; the round one has these negated.
+        tolerance_xy_m: Horizontal distance along each axis at which a nut is on its peg, m.
+        tolerance_z_m: Height below which it is, m; for ``roboverse`` above the peg's middle.
+        roboverse_tolerance_m: The variant ``roboverse``: horizontal distance of nut and peg, m.
+        qpos_noise_rad: Standard deviation of the arm's joints at the start, rad.
+        approach_noise_m: Standard deviation of where the expert begins to come down on a nut, m.
+        detour_m: Lateral offset of the expert's detours, in three of ten motions, m; 0.05 reaches joint
+            limits.
     """
 
     name: ClassVar[str] = "NutAssembly"
@@ -154,10 +151,19 @@ class NutAssembly(Task):
     nuts: ClassVar[tuple[Nut, ...]] = (SQUARE_NUT, ROUND_NUT)
 
     variant: Literal["robosuite", "roboverse"] = "robosuite"
+    spawn_x_m: tuple[float, float] = interval((-0.115, -0.11), at_least=-0.2, at_most=0.1)
+    spawn_y_m: tuple[float, float] = interval((0.11, 0.225), at_least=0.08, at_most=0.3)
+    tolerance_xy_m: float = parameter(0.03, above=0.0, at_most=0.1)
+    tolerance_z_m: float = parameter(0.05, above=0.0, at_most=0.1)
+    roboverse_tolerance_m: float = parameter(0.02, above=0.0, at_most=0.1)
+    qpos_noise_rad: float = parameter(0.02, at_least=0.0, at_most=0.2)
+    approach_noise_m: float = parameter(0.01, at_least=0.0, at_most=0.1)
+    detour_m: float = parameter(0.03, at_least=0.0, at_most=0.1)
 
-    def __post_init__(self) -> None:
-        if self.variant not in ("robosuite", "roboverse"):
-            raise unknown_name(f"variant of {self.name}", str(self.variant), ("robosuite", "roboverse"))
+    @property
+    @override
+    def robot(self) -> RobotCfg:
+        return _ROBOT
 
     @property
     @override
@@ -168,7 +174,7 @@ class NutAssembly(Task):
                 mjcf=nut.mjcf,
                 mjcf_root="object",
                 mjcf_radians=True,
-                pos=(SPAWN_X_M[0], nut.side * SPAWN_Y_M[0], NUT_HALF_HEIGHT_M),
+                pos=(self.spawn_x_m[0], nut.side * self.spawn_y_m[0], NUT_HALF_HEIGHT_M),
             )
             for nut in self.nuts
         )
@@ -176,9 +182,9 @@ class NutAssembly(Task):
             ObjectCfg(name=nut.peg, geoms=(nut.peg_geom,), pos=nut.peg_pos, kind="fixed") for nut in self.nuts
         )
         return ScenarioCfg(
-            robots=(_ROBOT,),
-            objects=(*nuts, *pegs, _pedestal()),
-            cameras=(_CAMERA, WRIST_CAMERA),
+            robots=(self.robot,),
+            objects=(*nuts, *pegs, _pedestal(self.robot)),
+            cameras=(_CAMERA, wrist_camera(self.robot)),
             appearance=TABLETOP_LOOKS,
             table=TableCfg(half_size=(0.4, 0.4), height_m=TABLE_HEIGHT_M),
             physics=CONTROL_20_HZ,
@@ -186,24 +192,24 @@ class NutAssembly(Task):
 
     @override
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
-        count = len(rngs)
-        qpos = np.tile(np.array(_ROBOT.default_qpos), (count, 1))
+        count, own, arm = len(rngs), self.robot, list(self.robot.arm)
+        qpos = np.tile(np.array(own.default_qpos), (count, 1))
         pos = np.full((count, len(self.nuts), 3), NUT_HALF_HEIGHT_M)
         yaw = np.empty((count, len(self.nuts)))
         for row, rng in enumerate(rngs):
             for column, nut in enumerate(self.nuts):
-                pos[row, column, :2] = rng.uniform(*SPAWN_X_M), nut.side * rng.uniform(*SPAWN_Y_M)
+                pos[row, column, :2] = rng.uniform(*self.spawn_x_m), nut.side * rng.uniform(*self.spawn_y_m)
                 yaw[row, column] = rng.uniform(-np.pi, np.pi)
-            qpos[row, :7] += rng.normal(0.0, QPOS_NOISE_RAD, 7)
-        robot = EntityState.at_rest(np.array(_ROBOT.pos), np.tile(_ROBOT.rot, (count, 1)), qpos)
+            qpos[row, arm] += rng.normal(0.0, self.qpos_noise_rad, len(arm))
+        robot = EntityState.at_rest(np.array(own.pos), np.tile(own.rot, (count, 1)), qpos)
         upright = from_yaw(np.zeros(count))
         objects = {
             nut.name: EntityState.at_rest(pos[:, column], from_yaw(yaw[:, column]))
             for column, nut in enumerate(self.nuts)
         }
         objects |= {nut.peg: EntityState.at_rest(np.array(nut.peg_pos), upright) for nut in self.nuts}
-        objects["pedestal"] = EntityState.at_rest(np.array(_ROBOT.pos), upright)
-        return State({_ROBOT.name: robot}, objects)
+        objects["pedestal"] = EntityState.at_rest(np.array(own.pos), upright)
+        return State({own.name: robot}, objects)
 
     @override
     def success(self, state: State) -> Tensor:
@@ -212,7 +218,7 @@ class NutAssembly(Task):
     def reward(self, state: State) -> Tensor:
         """Returns robosuite's shaped reward: nuts on their pegs, and reach, grasp, lift, hover of the rest.
 
-        robosuite detects a grasp by contacts; here :func:`_grasped` does.
+        robosuite detects a grasp by contacts; here the gap between the fingers does.
         """
         done = torch.stack([self._is_done(state, nut) for nut in self.nuts], dim=-1)  # (N, nuts)
         reached, grasped, lifted, hovered = (
@@ -229,7 +235,7 @@ class NutAssembly(Task):
 
     def observe(self, state: State) -> Tensor:
         """Returns every nut's pose, its ways from the hand and to its peg, and the hand, (N, 13 nuts + 3)."""
-        hand = ee_pos(state.robots[_ROBOT.name])
+        hand = ee_pos(state.robots[self.robot.name])
         parts = [hand]
         for nut in self.nuts:
             body, peg = state.objects[nut.name], state.objects[nut.peg]
@@ -238,32 +244,96 @@ class NutAssembly(Task):
 
     @override
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
-        robot = state.robots[_ROBOT.name]
+        robot = state.robots[self.robot.name]
         hand = ee_pos(robot)[0].numpy()
         away = _way(_higher(hand, CARRY_HEIGHT_M), hand_yaw(robot), GRASP_OPEN_M, 0.5)
         for nut in self.nuts:
             if not bool(self._is_done(state, nut)[0]):
                 body = state.objects[nut.name]
-                if bool(_grasped(robot, body, nut)[0]) and body.pos[0, 2] > 2 * NUT_HALF_HEIGHT_M:
-                    return _place(robot, body, state.objects[nut.peg].pos[0].numpy(), rng)
+                if bool(self._grasped(robot, body, nut)[0]) and body.pos[0, 2] > 2 * NUT_HALF_HEIGHT_M:
+                    return self._place(robot, body, state.objects[nut.peg].pos[0].numpy(), rng)
                 start = [] if hand[2] > CARRY_HEIGHT_M - 0.03 else [away]
-                return [*start, *_pick(robot, body, nut, rng)]
+                return [*start, *self._pick(robot, body, nut, rng)]
         return [away]
+
+    @override
+    def foreseen(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
+        """Returns the way of every nut to its peg, each as if it moved with the hand that took it."""
+        robot, ways = state.robots[self.robot.name], list[Waypoint]()
+        away = _way(ee_pos(robot)[0].numpy(), hand_yaw(robot), GRASP_OPEN_M, 3.0)
+        for nut in self.nuts:
+            body, peg = state.objects[nut.name], state.objects[nut.peg].pos[0].numpy()
+            way = self._pick(robot, body, nut, rng)
+            last, at_handle = way[-1], _on_handle(body, nut.grip_m)
+            hand = robot.pos.new_tensor(last.pos)[None]
+            turned = torch.from_numpy(from_yaw(np.array([last.yaw + np.pi / 2])))
+            moved = dataclasses.replace(robot, ee_pos=hand, ee_rot=turned)
+            carried = dataclasses.replace(body, pos=hand + body.pos - at_handle)
+            ways += [*way, *self._place(moved, carried, peg, rng), away]
+        return ways
 
     def _is_done(self, state: State, nut: Nut) -> Tensor:
         pos, peg = state.objects[nut.name].pos, state.objects[nut.peg].pos
         if self.variant == "roboverse":
             off = torch.linalg.vector_norm((pos - peg)[:, :2], dim=-1)
-            return (off < PAPER_TOLERANCE_M) & (pos[:, 2] < peg[:, 2] + TOLERANCE_Z_M)
-        on_peg = ((pos - peg)[:, :2].abs() < TOLERANCE_XY_M).all(-1) & (pos[:, 2] < TOLERANCE_Z_M)
-        return on_peg & (nearness(distance(ee_pos(state.robots[_ROBOT.name]), pos), 10.0) < MAX_REACH)
+            return (off < self.roboverse_tolerance_m) & (pos[:, 2] < peg[:, 2] + self.tolerance_z_m)
+        on_peg = ((pos - peg)[:, :2].abs() < self.tolerance_xy_m).all(-1) & (pos[:, 2] < self.tolerance_z_m)
+        return on_peg & (nearness(distance(ee_pos(state.robots[self.robot.name]), pos), 10.0) < MAX_REACH)
 
     def _stages(self, state: State, nut: Nut) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        robot, body, peg = state.robots[_ROBOT.name], state.objects[nut.name], state.objects[nut.peg]
+        robot, body, peg = state.robots[self.robot.name], state.objects[nut.name], state.objects[nut.peg]
         reach = nearness(distance(ee_pos(robot), _on_handle(body, nut.handle_m)), 10.0)
         lift = nearness((LIFT_TARGET_M - body.pos[:, 2]).clamp(min=0.0), 15.0)
         hover = nearness(torch.linalg.vector_norm((peg.pos - body.pos)[:, :2], dim=-1), 10.0)
-        return reach, _grasped(robot, body, nut), lift, hover
+        return reach, self._grasped(robot, body, nut), lift, hover
+
+    def _grasped(self, robot: EntityState, body: EntityState, nut: Nut) -> Tensor:
+        """Returns whether the handle keeps closing fingers apart, (N,)."""
+        gap = finger_gap(robot, self.robot)
+        round_it = (gap > GRASP_GAP_M[0]) & (gap < GRASP_GAP_M[1])
+        if robot.joint_target is not None:
+            round_it &= target_gap(robot, self.robot) < gap - 0.001
+        return round_it & (distance(ee_pos(robot), _on_handle(body, nut.grip_m)) < GRASP_REACH_M)
+
+    def _pick(
+        self, robot: EntityState, body: EntityState, nut: Nut, rng: np.random.Generator
+    ) -> list[Waypoint]:
+        """Returns the way to take a nut by its handle and to lift it."""
+        handle = _on_handle(body, nut.grip_m)[0].numpy()
+        handle[2] = max(handle[2], NUT_HALF_HEIGHT_M)
+        turn = _grasp_turn(float(yaw_of(body.rot[0].numpy())))
+        # The approach first misses: the next motion demonstrates the correction.
+        above = handle + np.array([*rng.normal(0.0, self.approach_noise_m, 2), rng.uniform(0.06, 0.09)])
+        hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
+        return [
+            *approach(_way(above, turn, hold, 0.7 + 0.4 * abs(turn - hand_yaw(robot))), rng, self.detour_m),
+            _way(handle, turn, hold, 0.5, hold_s=0.1),
+            _way(handle, turn, grip, 0.3),
+            _way(np.array([*handle[:2], CARRY_HEIGHT_M]), turn, grip, 0.7),
+        ]
+
+    def _place(
+        self, robot: EntityState, body: EntityState, peg: np.ndarray, rng: np.random.Generator
+    ) -> list[Waypoint]:
+        """Returns the way to bring the nut in the hand over its peg, to lower it and to let go."""
+        hand, now = ee_pos(robot)[0].numpy(), hand_yaw(robot)
+        turn = float(np.clip(now + _wrapped(np.pi - float(yaw_of(body.rot[0].numpy()))), *YAW_RANGE_RAD))
+        spin, offset = turn - now, hand - body.pos[0].numpy()
+        in_hand = rotate(from_yaw(spin), offset)  # from the nut to the hand, when the hand has turned
+        over = np.array([*peg[:2], CARRY_HEIGHT_M]) + in_hand
+        low = np.array([*peg[:2], RELEASE_HEIGHT_M]) + in_hand
+        # ... and so does the way to the peg.
+        aside = rng.normal(0.0, miss(rng, often_m=self.approach_noise_m, seldom_m=self.detour_m), 2)
+        near = over + np.array([*aside, rng.uniform(0.0, 0.02)])
+        travel = float(np.linalg.norm(near - hand))
+        hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
+        return [
+            _way(near, turn, grip, 0.4 + 2.0 * travel + 0.4 * abs(spin)),
+            _way(over, turn, grip, max(0.4, correction_s(aside)), hold_s=0.1),
+            _way(low, turn, grip, 0.8, hold_s=0.1),
+            _way(low, turn, hold, 0.3),
+            _way(_higher(low, CARRY_HEIGHT_M), turn, hold, 0.6),
+        ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -284,28 +354,19 @@ class NutAssemblySquare(NutAssembly):
     nuts: ClassVar[tuple[Nut, ...]] = (SQUARE_NUT,)
 
 
-def _pedestal() -> ObjectCfg:
+def _pedestal(robot: RobotCfg) -> ObjectCfg:
     """Returns the robot's pedestal: the visual shapes of robosuite's ``bases/rethink_mount.xml``."""
     shapes = (
         GeomCfg(shape="cylinder", size=(0.1, 0.3), pos=(-0.02, 0.0, -0.3), rgba=_GREY),
         GeomCfg(shape="box", size=(0.11, 0.2, 0.265), pos=(-0.325, 0.0, -0.37), rgba=_GREY),
         GeomCfg(shape="box", size=(0.385, 0.35, 0.155), pos=(-0.1225, 0.0, -0.748), rgba=_GREY),
     )
-    return ObjectCfg(name="pedestal", geoms=shapes, pos=_ROBOT.pos, kind="marker")
+    return ObjectCfg(name="pedestal", geoms=shapes, pos=robot.pos, kind="marker")
 
 
 def _on_handle(body: EntityState, along_m: float) -> Tensor:
     """Returns the point of the nut's handle at ``along_m`` from its centre, (N, 3)."""
     return body.pos + rotate(body.rot, body.pos.new_tensor([along_m, 0.0, 0.0]).expand_as(body.pos))
-
-
-def _grasped(robot: EntityState, body: EntityState, nut: Nut) -> Tensor:
-    """Returns whether the handle keeps closing fingers apart, (N,)."""
-    gap = finger_gap(robot)
-    round_it = (gap > GRASP_GAP_M[0]) & (gap < GRASP_GAP_M[1])
-    if robot.joint_target is not None:
-        round_it &= robot.joint_target[:, 7:9].sum(-1) < gap - 0.001
-    return round_it & (distance(ee_pos(robot), _on_handle(body, nut.grip_m)) < GRASP_REACH_M)
 
 
 def _higher(pos: np.ndarray, height_m: float) -> np.ndarray:
@@ -332,43 +393,3 @@ def _grasp_turn(handle_yaw: float) -> float:
     low, high = YAW_RANGE_RAD
     turn = _wrapped(handle_yaw - np.pi)
     return turn if low <= turn <= high else float(np.clip(_wrapped(handle_yaw), low, high))
-
-
-def _pick(robot: EntityState, body: EntityState, nut: Nut, rng: np.random.Generator) -> list[Waypoint]:
-    """Returns the way to take a nut by its handle and to lift it."""
-    handle = _on_handle(body, nut.grip_m)[0].numpy()
-    handle[2] = max(handle[2], NUT_HALF_HEIGHT_M)
-    turn = _grasp_turn(float(yaw_of(body.rot[0].numpy())))
-    # The approach first misses: the next motion demonstrates the correction.
-    above = handle + np.array([*rng.normal(0.0, APPROACH_NOISE_M, 2), rng.uniform(0.06, 0.09)])
-    hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
-    return [
-        *approach(_way(above, turn, hold, 0.7 + 0.4 * abs(turn - hand_yaw(robot))), rng, DETOUR_M),
-        _way(handle, turn, hold, 0.5, hold_s=0.1),
-        _way(handle, turn, grip, 0.3),
-        _way(np.array([*handle[:2], CARRY_HEIGHT_M]), turn, grip, 0.7),
-    ]
-
-
-def _place(
-    robot: EntityState, body: EntityState, peg: np.ndarray, rng: np.random.Generator
-) -> list[Waypoint]:
-    """Returns the way to bring the nut in the hand over its peg, to lower it and to let go."""
-    hand, now = ee_pos(robot)[0].numpy(), hand_yaw(robot)
-    turn = float(np.clip(now + _wrapped(np.pi - float(yaw_of(body.rot[0].numpy()))), *YAW_RANGE_RAD))
-    spin, offset = turn - now, hand - body.pos[0].numpy()
-    in_hand = rotate(from_yaw(spin), offset)  # from the nut to the hand, when the hand has turned
-    over = np.array([*peg[:2], CARRY_HEIGHT_M]) + in_hand
-    low = np.array([*peg[:2], RELEASE_HEIGHT_M]) + in_hand
-    # ... and so does the way to the peg.
-    aside = rng.normal(0.0, miss(rng, often_m=APPROACH_NOISE_M, seldom_m=DETOUR_M), 2)
-    near = over + np.array([*aside, rng.uniform(0.0, 0.02)])
-    travel = float(np.linalg.norm(near - hand))
-    hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
-    return [
-        _way(near, turn, grip, 0.4 + 2.0 * travel + 0.4 * abs(spin)),
-        _way(over, turn, grip, max(0.4, correction_s(aside)), hold_s=0.1),
-        _way(low, turn, grip, 0.8, hold_s=0.1),
-        _way(low, turn, hold, 0.3),
-        _way(_higher(low, CARRY_HEIGHT_M), turn, hold, 0.6),
-    ]

@@ -23,25 +23,26 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from envs.core.errors import ConfigError, unknown_name
+from envs.core.errors import ConfigError
 from envs.kinematics.waypoints import Waypoint, grasp_yaw, miss
 from envs.robots.franka import FRANKA
 from envs.rotations import conjugate, rotate, to_matrix
-from envs.scenario import ObjectCfg, RoomCfg, ScenarioCfg
+from envs.scenario import ObjectCfg, RobotCfg, RoomCfg, ScenarioCfg
 from envs.state import EntityState, State
 from envs.tasks.base import Task
 from envs.tasks.libero_objects import GROCERIES, INIT_STATES, libero_root, read_init_states
+from envs.tasks.parameters import parameter
 from envs.tasks.tabletop import (
     CONTROL_20_HZ,
     FRONT_CAMERA,
     GRASP_CLOSED_M,
     GRASP_OPEN_M,
     TABLETOP_LOOKS,
-    WRIST_CAMERA,
     distance,
     ee_pos,
     grips_something,
     nearness,
+    wrist_camera,
 )
 
 HOME = (0.0, -0.161037389, 0.0, -2.44459747, 0.0, 2.2267522, math.pi / 4, 0.020833, 0.020833)
@@ -49,9 +50,6 @@ HOME = (0.0, -0.161037389, 0.0, -2.44459747, 0.0, 2.2267522, math.pi / 4, 0.0208
 
 HOME_TILT_RAD = -0.0568
 """Pitch that makes the fingers point straight down: in LIBERO's home posture they lean by that much."""
-
-QPOS_NOISE_RAD = 0.02
-"""robosuite's default; the 50 initial states have 0.015 to 0.025 by joint."""
 
 REGIONS = {
     "chocolate_pudding": ((-0.12, -0.24), 0.025),
@@ -63,9 +61,6 @@ REGIONS = {
     "alphabet_soup": ((-0.2, -0.08), 0.025),
 }
 """Middle and half size of the BDDL file's regions, m, in the order of the objects."""
-
-MIN_GAP_M = 0.008
-"""Smallest gap between the circles round two objects, so that samples have no overlap."""
 
 CONTAIN_CENTRE_M = (0.0, 0.0, 0.07185)
 CONTAIN_HALF_M = (0.06108, 0.06108, 0.06949)
@@ -134,6 +129,11 @@ class PickChocolatePudding(Task):
             states (arm and places), which needs ``libero_dir``. These 50 have no splits, so the same
             places come in both splits.
         libero_dir: Folder of a copy of LIBERO, whose meshes, textures and collision boxes are used then.
+        region_scale: Size of the regions in which objects start, as a multiple of the BDDL file's.
+        min_gap_m: Smallest gap between the circles round two objects, so that samples have no overlap, m.
+        goal_margin_m: How much larger than its own the goal's box is, on every side, m.
+        qpos_noise_rad: Standard deviation of the arm's joints at the start, rad: robosuite's default; the 50
+            initial states have 0.015 to 0.025 by joint.
     """
 
     name: ClassVar[str] = "PickChocolatePudding"
@@ -148,12 +148,13 @@ class PickChocolatePudding(Task):
     variant: Literal["libero", "roboverse"] = "libero"
     starts: Literal["regions", "libero"] = "regions"
     libero_dir: str | None = None
+    region_scale: float = parameter(1.0, at_least=0.0, at_most=1.5)
+    min_gap_m: float = parameter(0.008, at_least=0.0, at_most=0.015)
+    goal_margin_m: float = parameter(0.0, at_least=-0.04, at_most=0.05)
+    qpos_noise_rad: float = parameter(0.02, at_least=0.0, at_most=0.2)
 
     def __post_init__(self) -> None:
-        if self.variant not in ("libero", "roboverse"):
-            raise unknown_name(f"variant of {self.name}", str(self.variant), ("libero", "roboverse"))
-        if self.starts not in ("regions", "libero"):
-            raise unknown_name(f"starts of {self.name}", str(self.starts), ("regions", "libero"))
+        super().__post_init__()
         if self.starts == "libero" and self.libero_dir is None:
             raise ConfigError(
                 "starts=libero samples LIBERO's own initial states, which are not part of this project. "
@@ -162,11 +163,16 @@ class PickChocolatePudding(Task):
 
     @property
     @override
+    def robot(self) -> RobotCfg:
+        return _ROBOT
+
+    @property
+    @override
     def scenario(self) -> ScenarioCfg:
         return ScenarioCfg(
-            robots=(_ROBOT,),
+            robots=(self.robot,),
             objects=_objects(self.libero_dir),
-            cameras=(_CAMERA, WRIST_CAMERA),
+            cameras=(_CAMERA, wrist_camera(self.robot)),
             appearance=TABLETOP_LOOKS,
             table=None,
             room=RoomCfg(half_size_m=2.0),  # LIBERO's rear wall is at x = -2
@@ -175,40 +181,41 @@ class PickChocolatePudding(Task):
 
     @override
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
-        count = len(rngs)
-        qpos, places = np.empty((count, len(HOME))), np.empty((count, len(_NAMES), 2))
+        count, own, arm = len(rngs), self.robot, list(self.robot.arm)
+        qpos, places = np.empty((count, len(own.joints))), np.empty((count, len(_NAMES), 2))
         for row, rng in enumerate(rngs):
             if self.starts == "libero":
                 joints, xy = _init_states(str(self.libero_dir))
                 index = int(rng.integers(len(joints)))
                 qpos[row], places[row] = joints[index], xy[index]
             else:
-                places[row] = _draw_places(rng)
-                qpos[row] = HOME
-                qpos[row, :7] += rng.normal(0.0, QPOS_NOISE_RAD, 7)
+                places[row] = self._draw_places(rng)
+                qpos[row] = own.default_qpos
+                qpos[row, arm] += rng.normal(0.0, self.qpos_noise_rad, len(arm))
         objects = {}
         for index, item in enumerate(_objects(self.libero_dir)):
             pos = np.column_stack([places[:, index], np.full(count, item.pos[2])])
             objects[item.name] = EntityState.at_rest(pos, np.tile(item.rot, (count, 1)))
-        robot = EntityState.at_rest(np.array(_ROBOT.pos), np.tile(_ROBOT.rot, (count, 1)), qpos)
-        return State({_ROBOT.name: robot}, objects)
+        robot = EntityState.at_rest(np.array(own.pos), np.tile(own.rot, (count, 1)), qpos)
+        return State({own.name: robot}, objects)
 
     @override
     def success(self, state: State) -> Tensor:
         low, high = LIBERO_BOX if self.variant == "libero" else ROBOVERSE_BOX
         offset = self._in_goal(state)
-        inside = (offset > offset.new_tensor(low)) & (offset < offset.new_tensor(high))
+        more = self.goal_margin_m
+        inside = (offset > offset.new_tensor(low) - more) & (offset < offset.new_tensor(high) + more)
         return inside.all(-1)
 
     @override
     def reward(self, state: State) -> Tensor:
-        robot, pudding = state.robots[_ROBOT.name], state.objects[_PUDDING].pos
+        robot, pudding = state.robots[self.robot.name], state.objects[_PUDDING].pos
         offset = self._in_goal(state)
         reach = distance(ee_pos(robot), pudding)
         half = offset.new_tensor(CONTAIN_HALF_M[:2])
         over = ((offset[:, :2].abs() < half) & (offset[:, 2:] > 0)).all(-1)
         near = nearness(torch.linalg.vector_norm(offset, dim=-1), 3.0)
-        held = (reach < 0.04) & grips_something(robot, 0.02) | over
+        held = (reach < 0.04) & grips_something(robot, 0.02, self.robot) | over
         reached = torch.where(over, torch.ones_like(reach), nearness(reach))
         return 0.25 * (reached + held * (1.0 + near)) + 0.2 * over
 
@@ -216,7 +223,7 @@ class PickChocolatePudding(Task):
     def observe(self, state: State) -> Tensor:
         """Returns pudding and basket poses, end effector, the ways between them, the others, (N, 38)."""
         pudding, basket = state.objects[_PUDDING], state.objects[_BASKET]
-        hand = ee_pos(state.robots[_ROBOT.name])
+        hand = ee_pos(state.robots[self.robot.name])
         parts = [pudding.pos, pudding.rot, basket.pos, basket.rot]
         parts += [hand, pudding.pos - hand, basket.pos - pudding.pos]
         parts += [state.objects[name].pos for name in _DISTRACTORS]
@@ -242,7 +249,7 @@ class PickChocolatePudding(Task):
         target = np.array([target[0], target[1], height])
         path = (
             # place, yaw, fingers, time to come here, time to wait
-            (near, grip_yaw, hold, 0.4 + 1.6 * _gap(state, near), 0.0),
+            (near, grip_yaw, hold, 0.4 + 1.6 * self._gap(state, near), 0.0),
             (above, grip_yaw, hold, 0.3 + 1.6 * float(np.linalg.norm(above - near)), 0.0),
             (target, grip_yaw, hold, 0.35, 0.1),
             (target, grip_yaw, grip, 0.25, 0.0),
@@ -289,18 +296,20 @@ class PickChocolatePudding(Task):
             offset = rotate(conjugate(basket.rot), offset)
         return offset - offset.new_tensor(CONTAIN_CENTRE_M)
 
+    def _draw_places(self, rng: np.random.Generator) -> np.ndarray:
+        """Samples the positions of the objects, (7, 2), again until no two are too near."""
+        middles = np.array([middle for middle, _ in REGIONS.values()])
+        halves = self.region_scale * np.array([half for _, half in REGIONS.values()])[:, None]
+        radii = np.array([_RADII[name] for name in _NAMES])
+        least = radii[:, None] + radii + self.min_gap_m
+        np.fill_diagonal(least, 0.0)
+        while True:
+            places = middles + halves * rng.uniform(-1.0, 1.0, middles.shape)
+            if (np.linalg.norm(places[:, None] - places, axis=-1) >= least).all():
+                return places
 
-def _draw_places(rng: np.random.Generator) -> np.ndarray:
-    """Samples the positions of the objects, (7, 2), again until no two are too near."""
-    middles = np.array([middle for middle, _ in REGIONS.values()])
-    halves = np.array([half for _, half in REGIONS.values()])[:, None]
-    radii = np.array([_RADII[name] for name in _NAMES])
-    least = radii[:, None] + radii + MIN_GAP_M
-    np.fill_diagonal(least, 0.0)
-    while True:
-        places = middles + halves * rng.uniform(-1.0, 1.0, middles.shape)
-        if (np.linalg.norm(places[:, None] - places, axis=-1) >= least).all():
-            return places
+    def _gap(self, state: State, target: np.ndarray) -> float:
+        return float(np.linalg.norm(ee_pos(state.robots[self.robot.name])[0].numpy() - target))
 
 
 def _distance_to_hand(points: np.ndarray, yaw: float) -> np.ndarray:
@@ -308,7 +317,3 @@ def _distance_to_hand(points: np.ndarray, yaw: float) -> np.ndarray:
     cosine, sine = math.cos(yaw), math.sin(yaw)
     own = points @ np.array([[cosine, -sine], [sine, cosine]])
     return np.linalg.norm(np.maximum(np.abs(own) - HAND_HALF_M, 0.0), axis=-1)
-
-
-def _gap(state: State, target: np.ndarray) -> float:
-    return float(np.linalg.norm(ee_pos(state.robots[_ROBOT.name])[0].numpy() - target))

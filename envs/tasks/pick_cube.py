@@ -12,16 +12,17 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import at_least, concatenate, norm, stack
-from envs.core.errors import unknown_name
 from envs.kinematics.waypoints import Waypoint, approach, grasp_yaw, miss
 from envs.rotations import from_yaw, yaw_of
-from envs.scenario import GeomCfg, ObjectCfg, ScenarioCfg, TableCfg
+from envs.scenario import GeomCfg, ObjectCfg, RobotCfg, ScenarioCfg, TableCfg
 from envs.state import EntityState, State
 from envs.tasks.base import Task
+from envs.tasks.parameters import parameter
+from envs.tasks.robot_columns import columns_of
 from envs.tasks.tabletop import (
-    CAMERAS,
     CONTROL_20_HZ,
     FRANKA_AT_TABLE,
+    FRONT_CAMERA,
     GRASP_CLOSED_M,
     GRASP_OPEN_M,
     STATIC_SPEED_RAD_S,
@@ -31,18 +32,11 @@ from envs.tasks.tabletop import (
     ee_pos,
     grips_something,
     nearness,
+    wrist_camera,
 )
 
-CUBE_HALF_SIZE_M = 0.02
-SPAWN_HALF_SIZE_M = 0.1
-GOAL_HEIGHT_M = 0.3
-GOAL_TOLERANCE_M = 0.025
-LIFT_HEIGHT_M = 0.1
-"""The variant of the paper's code (snapshot of June 2025): the cube is 0.1 m above its start."""
-
-QPOS_NOISE_RAD = 0.02
-APPROACH_NOISE_M = 0.015
-"""Spread of where the expert begins to come down on the cube."""
+HALF_SIZE_M = (0.008, 0.036)
+"""Half sizes of a cube that the gripper can take: it opens to 80 mm, and its fingertips are 8 mm high."""
 
 _ROBOT = FRANKA_AT_TABLE
 
@@ -52,7 +46,15 @@ class PickCube(Task):
     """Grasp a cube and hold it at the marker, or (``variant="lift"``) lift it by 10 cm.
 
     Attributes:
-        variant: ``goal`` is ManiSkill's task; ``lift`` is that of the paper's code.
+        variant: ``goal`` is ManiSkill's task; ``lift`` is that of the paper's code (snapshot of June 2025).
+        cube_half_size_m: Half the cube's edge, m.
+        cube_mass_kg: Its mass, kg; by default that of 4 cm at ManiSkill's default density, 1000 kg/m³.
+        spawn_half_size_m: Half width of the square round the origin in which cube and marker start, m.
+        goal_height_m: Largest height of the marker above the cube's start, m.
+        goal_tolerance_m: Distance from the marker at which the cube has arrived, and the marker's radius, m.
+        lift_height_m: Height above its start to which ``lift`` demands the cube, m.
+        qpos_noise_rad: Standard deviation of the arm's joints at the start, rad.
+        approach_noise_m: Standard deviation of where the expert begins to come down on the cube, m.
     """
 
     name: ClassVar[str] = "PickCube"
@@ -65,10 +67,19 @@ class PickCube(Task):
     takes_arrays: ClassVar[bool] = True
 
     variant: Literal["goal", "lift"] = "goal"
+    cube_half_size_m: float = parameter(0.02, at_least=HALF_SIZE_M[0], at_most=HALF_SIZE_M[1])
+    cube_mass_kg: float = parameter(0.064, above=0.0, at_most=2.0)
+    spawn_half_size_m: float = parameter(0.1, at_least=0.0, at_most=0.2)
+    goal_height_m: float = parameter(0.3, at_least=0.0, at_most=0.5)
+    goal_tolerance_m: float = parameter(0.025, above=0.0, at_most=0.1)
+    lift_height_m: float = parameter(0.1, above=0.0, at_most=0.4)
+    qpos_noise_rad: float = parameter(0.02, at_least=0.0, at_most=0.2)
+    approach_noise_m: float = parameter(0.015, at_least=0.0, at_most=0.1)
 
-    def __post_init__(self) -> None:
-        if self.variant not in ("goal", "lift"):
-            raise unknown_name("variant of PickCube", str(self.variant), ("goal", "lift"))
+    @property
+    @override
+    def robot(self) -> RobotCfg:
+        return _ROBOT
 
     @property
     @override
@@ -78,23 +89,23 @@ class PickCube(Task):
             geoms=(
                 GeomCfg(
                     shape="box",
-                    size=(CUBE_HALF_SIZE_M,) * 3,
-                    mass_kg=0.064,  # 4 cm cube at ManiSkill's default density, 1000 kg/m³
+                    size=(self.cube_half_size_m,) * 3,
+                    mass_kg=self.cube_mass_kg,
                     rgba=(0.85, 0.08, 0.08, 1.0),
                 ),
             ),
-            pos=(0.0, 0.0, CUBE_HALF_SIZE_M),
+            pos=(0.0, 0.0, self.cube_half_size_m),
         )
         goal = ObjectCfg(
             name="goal",
-            geoms=(GeomCfg(shape="sphere", size=(GOAL_TOLERANCE_M,), rgba=(0.1, 0.8, 0.15, 1.0)),),
+            geoms=(GeomCfg(shape="sphere", size=(self.goal_tolerance_m,), rgba=(0.1, 0.8, 0.15, 1.0)),),
             pos=(0.0, 0.0, 0.2),
             kind="marker",
         )
         return ScenarioCfg(
-            robots=(_ROBOT,),
+            robots=(self.robot,),
             objects=(cube, goal) if self.variant == "goal" else (cube,),
-            cameras=CAMERAS,
+            cameras=(FRONT_CAMERA, wrist_camera(self.robot)),
             appearance=TABLETOP_LOOKS,
             table=TableCfg(pos=(-0.12, 0.0, 0.0), half_size=(0.8, 0.8)),
             physics=CONTROL_20_HZ,
@@ -102,43 +113,43 @@ class PickCube(Task):
 
     @override
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
-        count = len(rngs)
-        qpos = np.tile(np.array(_ROBOT.default_qpos), (count, 1))
+        count, own, arm = len(rngs), self.robot, list(self.robot.arm)
+        qpos = np.tile(np.array(own.default_qpos), (count, 1))
         cube, cube_yaw, goal = np.empty((count, 3)), np.empty(count), np.empty((count, 3))
         for row, rng in enumerate(rngs):
-            cube[row, :2] = rng.uniform(-SPAWN_HALF_SIZE_M, SPAWN_HALF_SIZE_M, 2)
+            cube[row, :2] = rng.uniform(-self.spawn_half_size_m, self.spawn_half_size_m, 2)
             cube_yaw[row] = rng.uniform(-np.pi, np.pi)
-            goal[row, :2] = rng.uniform(-SPAWN_HALF_SIZE_M, SPAWN_HALF_SIZE_M, 2)
-            goal[row, 2] = rng.uniform(0.0, GOAL_HEIGHT_M) + CUBE_HALF_SIZE_M
-            qpos[row, :7] += rng.normal(0.0, QPOS_NOISE_RAD, 7)
-        cube[:, 2] = CUBE_HALF_SIZE_M
+            goal[row, :2] = rng.uniform(-self.spawn_half_size_m, self.spawn_half_size_m, 2)
+            goal[row, 2] = rng.uniform(0.0, self.goal_height_m) + self.cube_half_size_m
+            qpos[row, arm] += rng.normal(0.0, self.qpos_noise_rad, len(arm))
+        cube[:, 2] = self.cube_half_size_m
         objects = {"cube": EntityState.at_rest(cube, from_yaw(cube_yaw))}
         if self.variant == "goal":
             objects["goal"] = EntityState.at_rest(goal, from_yaw(np.zeros(count)))
-        robot = EntityState.at_rest(np.array(_ROBOT.pos), np.tile(_ROBOT.rot, (count, 1)), qpos)
-        return State({_ROBOT.name: robot}, objects)
+        robot = EntityState.at_rest(np.array(own.pos), np.tile(own.rot, (count, 1)), qpos)
+        return State({own.name: robot}, objects)
 
     @override
     def success(self, state: State) -> Tensor:
         if self.variant == "lift":
-            return state.objects["cube"].pos[:, 2] >= CUBE_HALF_SIZE_M + LIFT_HEIGHT_M
-        still = arm_speed(state.robots[_ROBOT.name]) <= STATIC_SPEED_RAD_S
-        return (self._left(state) <= GOAL_TOLERANCE_M) & still
+            return state.objects["cube"].pos[:, 2] >= self.cube_half_size_m + self.lift_height_m
+        still = arm_speed(state.robots[self.robot.name], self.robot) <= STATIC_SPEED_RAD_S
+        return (self._left(state) <= self.goal_tolerance_m) & still
 
     def reward(self, state: State) -> Tensor:
         """Returns ManiSkill's normalized dense reward: reach, grasp, place, be still."""
         left = self._left(state)
-        robot = state.robots[_ROBOT.name]
+        robot = state.robots[self.robot.name]
         reach = distance(ee_pos(robot), state.objects["cube"].pos)
-        speed = norm(robot.joint_vel[:, :7])
+        speed = norm(robot.joint_vel[:, columns_of(self.robot).arm])
         reached, near, still = nearness(stack((reach, left, speed)))
         grasped = self._grasped(robot, reach)
-        placed = left <= GOAL_TOLERANCE_M
+        placed = left <= self.goal_tolerance_m
         return 0.2 * (reached + grasped * (1.0 + near) + placed * still)
 
     def observe(self, state: State) -> Tensor:
         """Returns cube pose, goal, end effector, and the way between them, (N, 19) or (N, 13)."""
-        robot, cube = state.robots[_ROBOT.name], state.objects["cube"]
+        robot, cube = state.robots[self.robot.name], state.objects["cube"]
         hand = ee_pos(robot)
         parts = [cube.pos, cube.rot, hand, cube.pos - hand]
         if self.variant == "goal":
@@ -152,7 +163,7 @@ class PickCube(Task):
 
         Without the last an agent that descends with an open gripper opens it whenever its hand rises.
         """
-        robot = state.robots[_ROBOT.name]
+        robot = state.robots[self.robot.name]
         grasped = self._grasped(robot, distance(ee_pos(robot), state.objects["cube"].pos))
         return concatenate((super().rl_observation(state), 1.0 * grasped[:, None]))
 
@@ -164,13 +175,13 @@ class PickCube(Task):
         if self.variant == "goal":
             target = state.objects["goal"].pos[0].numpy()
         else:
-            target = position + np.array([0.0, 0.0, LIFT_HEIGHT_M + 0.05])
+            target = position + np.array([0.0, 0.0, self.lift_height_m + 0.05])
         # Both ends first miss: the next motion demonstrates the correction.
-        above = position + np.array([*rng.normal(0.0, APPROACH_NOISE_M, 2), rng.uniform(0.06, 0.09)])
+        above = position + np.array([*rng.normal(0.0, self.approach_noise_m, 2), rng.uniform(0.06, 0.09)])
         hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
         come = approach(Waypoint(pos=above, yaw=yaw, gripper=hold, duration_s=0.6), rng)
         near = target + rng.normal(0.0, miss(rng), 3)
-        near[2] = max(near[2], CUBE_HALF_SIZE_M)
+        near[2] = max(near[2], self.cube_half_size_m)
         carry = 0.25 + 1.3 * float(np.linalg.norm(near - position))
         home = 0.25 + 2.0 * max(0.0, float(np.linalg.norm(near - target)) - 0.03)
         return [
@@ -183,11 +194,13 @@ class PickCube(Task):
 
     def _grasped(self, robot: EntityState, reach_m: Tensor) -> Tensor:
         """Returns whether the fingers hold the cube, whose centre is ``reach_m`` (N,) away, (N,)."""
-        return (reach_m < CUBE_HALF_SIZE_M) & grips_something(robot, 1.5 * CUBE_HALF_SIZE_M)
+        return (reach_m < self.cube_half_size_m) & grips_something(
+            robot, 1.5 * self.cube_half_size_m, self.robot
+        )
 
     def _left(self, state: State) -> Tensor:
         """Returns how far the cube still has to go, (N,), m."""
         cube = state.objects["cube"].pos
         if self.variant == "lift":
-            return at_least(0.12 - cube[:, 2], 0.0)
+            return at_least(round(self.cube_half_size_m + self.lift_height_m, 9) - cube[:, 2], 0.0)
         return distance(cube, state.objects["goal"].pos)

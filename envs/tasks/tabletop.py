@@ -6,13 +6,15 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import largest, norm, tanh
+from envs.core.errors import ConfigError
 from envs.robots.franka import FRANKA
 from envs.rotations import yaw_of
-from envs.scenario import Appearance, CameraCfg, LightCfg, PhysicsCfg, SurfaceMaterial
+from envs.scenario import Appearance, CameraCfg, LightCfg, PhysicsCfg, RobotCfg, SurfaceMaterial
 from envs.state import EntityState
+from envs.tasks.robot_columns import columns_of
 
 GRASP_OPEN_M, GRASP_CLOSED_M = 0.04, 0.0
-"""Targets of each Franka finger."""
+"""Distance of each fingertip from the middle, as in a waypoint; a robot maps it to its gripper's joints."""
 
 STATIC_SPEED_RAD_S = 0.2
 """ManiSkill 3's limit of every arm joint of a robot that is still (``agents/robots/panda/panda.py``)."""
@@ -47,6 +49,21 @@ FRANKA_AT_TABLE = dataclasses.replace(FRANKA, pos=(-0.615, 0.0, 0.0))
 """Position of the Panda's base on ManiSkill 3's table (``utils/scene_builder/table/scene_builder.py``)."""
 
 
+def wrist_camera(robot: RobotCfg) -> CameraCfg:
+    """Returns the wrist camera on a robot's hand.
+
+    Raises:
+        ConfigError: The robot names no body that carries it.
+    """
+    mount = robot.camera_mount or robot.gripper_mount
+    if mount is None:
+        raise ConfigError(
+            f"The robot '{robot.name}' has no wrist camera: give its RobotCfg a camera_mount, the body that "
+            "carries one."
+        )
+    return dataclasses.replace(WRIST_CAMERA, mount=f"{robot.name}/{mount}")
+
+
 def ee_pos(robot: EntityState) -> Tensor:
     """Returns the end effector's position, (N, 3)."""
     assert robot.ee_pos is not None, "a simulator gives every robot's end effector"
@@ -54,27 +71,39 @@ def ee_pos(robot: EntityState) -> Tensor:
 
 
 def hand_yaw(robot: EntityState) -> float:
-    """Returns the turn about z of a Franka's downward hand, as in a waypoint, of a state of one row, rad."""
+    """Returns the turn about z of a robot's downward hand, as in a waypoint, of a state of one row, rad."""
     assert robot.ee_rot is not None, "a simulator gives every robot's end effector"
     turn = float(yaw_of(robot.ee_rot[0])) - np.pi / 2  # at turn 0 the hand's x axis points along world y
     return float((turn + np.pi) % (2 * np.pi) - np.pi)
 
 
-def arm_speed(robot: EntityState) -> Tensor:
-    """Returns the largest speed of an arm joint of a Franka, (N,), rad/s."""
-    return largest(abs(robot.joint_vel[:, :7]))
+def arm_speed(robot: EntityState, cfg: RobotCfg = FRANKA) -> Tensor:
+    """Returns the largest speed of an arm joint, (N,), rad/s.
+
+    Args:
+        robot: The robot's state.
+        cfg: The robot.
+    """
+    return largest(abs(robot.joint_vel[:, columns_of(cfg).arm]))
 
 
-def finger_gap(robot: EntityState) -> Tensor:
-    """Returns the distance between a Franka's fingertips, (N,), m."""
-    return robot.joint_pos[:, 7] + robot.joint_pos[:, 8]
+def finger_gap(robot: EntityState, cfg: RobotCfg = FRANKA) -> Tensor:
+    """Returns the distance between a robot's fingertips, (N,), m; see :func:`arm_speed`."""
+    columns = columns_of(cfg)
+    return columns.gap(robot.joint_pos, columns.fingers)
 
 
-def grips_something(robot: EntityState, min_gap_m: float) -> Tensor:
-    """Returns whether closing fingers are kept apart, (N,): targets below a gap of at least ``min_gap_m``."""
+def target_gap(robot: EntityState, cfg: RobotCfg = FRANKA) -> Tensor:
+    """Returns the distance between the fingertips that a robot's targets demand, (N,), m."""
     assert robot.joint_target is not None, "a simulator gives every robot's targets"
-    gap, target = finger_gap(robot), robot.joint_target
-    return (target[:, 7] + target[:, 8] < gap - 0.005) & (gap > min_gap_m)
+    columns = columns_of(cfg)
+    return columns.gap(robot.joint_target, columns.finger_targets)
+
+
+def grips_something(robot: EntityState, min_gap_m: float, cfg: RobotCfg = FRANKA) -> Tensor:
+    """Returns whether closing fingers are kept apart, (N,): targets below a gap of at least ``min_gap_m``."""
+    gap = finger_gap(robot, cfg)
+    return (target_gap(robot, cfg) < gap - 0.005) & (gap > min_gap_m)
 
 
 def distance(a: Tensor, b: Tensor) -> Tensor:

@@ -67,7 +67,7 @@ def given_dataset(config: TrainRunConfig) -> GivenDataset:
     if is_collected_here(info.root):
         before, _ = read_record(info.root)
         now = DemonstrationSource(config).settings()
-        check_settings(info.root, before, now, keys={*now, "simulator_settings", "scenario"})
+        check_settings(info.root, before, now, keys={*now, "robot", "simulator_settings", "scenario"})
         return GivenDataset(info, config, None if config.env.only else config.env.level, config.env.only)
     _check_tasks(info, config)
     variations = {(each.get("level"), each.get("only")) for each in info.episode_metadata}

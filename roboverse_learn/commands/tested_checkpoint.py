@@ -190,7 +190,8 @@ def _changed_env(trained: EnvSpec, changes: Mapping[str, Any]) -> EnvSpec:
         env = env.replace(simulator_settings={})
     env = env.replace(**{key: value for key, value in changes.items() if key != "scenario"})
     check_settings(env.simulator, env.simulator_settings)
-    scenario = checked_scenario(env.task, env.task_kwargs, trained.scenario, changes.get("scenario", {}))
+    changed = (trained.scenario, changes.get("scenario", {}))
+    scenario = checked_scenario(env.task, env.task_kwargs, *changed, robot=env.robot)
     return env.replace(scenario=scenario)
 
 
@@ -265,7 +266,7 @@ def _baseline(config: EvaluateConfig) -> TestedCheckpoint:
 
 def _evaluation_in_name(config: EvaluateConfig, env: EnvSpec) -> list[str]:
     """Returns the protocol and the changed environment of what was not trained here, as parts of a name."""
-    named = ("task_kwargs", "simulator", "simulator_settings", "renderer")
+    named = ("task_kwargs", "robot", "simulator", "simulator_settings", "renderer")
     parts = [protocol_of(config.evaluate).hash[:6]]
     parts += [_in_name(key, config.env[key]) for key in named if key in config.env]
     if env.scenario:

@@ -32,7 +32,7 @@ SUMMARIES = {
     "dataset": "merge datasets, or say what one holds",
     "speed": "measure the speed of the parts, each against its reference",
     "doctor": "print what this machine has and what works on it, for a bug report",
-    "list": "list tasks with all facts, policies, simulators, renderers, robots and presets",
+    "list": "list tasks with all facts, policies, simulators, renderers, robots, channels, levels, presets",
 }
 
 EXAMPLES = {
@@ -143,7 +143,7 @@ def list_command(words: Sequence[str]) -> str:
     return listing(folder, kinds)
 
 
-KINDS = ("tasks", "policies", "simulators", "renderers", "robots", "presets")
+KINDS = ("tasks", "policies", "simulators", "renderers", "robots", "channels", "levels", "presets")
 """Sections of ``roboverse list``, in order."""
 
 
@@ -156,13 +156,25 @@ def _named(kind: str, datasets_dir: str | None) -> str:
         return _rows([(name, policies.summary(name)) for name in policies.names()])
     if kind == "presets":
         return _rows([(name, PRESETS.get(name, "")) for name in preset_names()])
+    if kind == "levels":
+        return _rows(list(_levels()))
     handlers = importlib.import_module("envs.simulators")
     registries = {
         "simulators": handlers.HANDLERS,
         "renderers": handlers.RENDERERS,
         "robots": importlib.import_module("envs.robots").ROBOTS,
+        "channels": importlib.import_module("envs.randomization.channels").CHANNELS,
     }
     return _rows([(name, registries[kind].entry(name).summary) for name in registries[kind]])
+
+
+def _levels() -> Iterator[tuple[str, str]]:
+    """Yields each level with its channels; a named one as it is given."""
+    levels = importlib.import_module("envs.randomization.levels")
+    for level in levels.LEVELS:
+        yield str(level), " + ".join(levels.channels_of(level))
+    for name in levels.NAMED_LEVELS:
+        yield f"only={name}", levels.NAMED_LEVELS.entry(name).summary
 
 
 PRESETS = {

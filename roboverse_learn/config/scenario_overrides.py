@@ -31,7 +31,7 @@ def scenario_keys() -> dict[str, tuple[type, str]]:
 
 
 def checked_scenario(
-    task: str, task_kwargs: Mapping[str, Any], *changes: Mapping[str, Any]
+    task: str, task_kwargs: Mapping[str, Any], *changes: Mapping[str, Any], robot: str = ""
 ) -> dict[str, Any]:
     """Checks what is to be changed of a task's scene, without starting a simulator.
 
@@ -39,6 +39,7 @@ def checked_scenario(
         task: Registered task.
         task_kwargs: Its options.
         changes: What is changed, one after the other.
+        robot: Robot that does the task; empty is its own.
 
     Returns:
         How the scene then differs from the task's own: nothing, where all is set to what it is.
@@ -52,12 +53,12 @@ def checked_scenario(
     from envs.scenario.changes import changed, difference
     from envs.tasks.make import make_task
 
-    own = scene = make_task(task, task_kwargs).scenario
+    own = scene = make_task(task, task_kwargs, robot=robot).scenario
     for each in changes:
         _check_pixels(each.get("cameras"))
         scene = changed(scene, each)
     differs = difference(own, scene)
-    make_task(task, task_kwargs, differs)  # its controllers and its expert know the scene
+    make_task(task, task_kwargs, differs, robot)  # its controllers and its expert know the scene
     return differs
 
 

@@ -95,21 +95,25 @@ def _environment(command: str, values: dict[str, Any]) -> Any:
         _check_names(kind, [given[kind]] if kind in given else [])
     if "simulator" in given:
         check_settings(spec.simulator, spec.simulator_settings)
-    scenario = {}
+    scenario, options, robot = {}, {}, spec.robot
     if "task" in given:
-        _check_options(spec)
-        scenario = checked_scenario(spec.task, spec.task_kwargs, spec.scenario)
+        options = _checked_options(spec)
+        robot = _checked_robot(spec)
+        scenario = checked_scenario(spec.task, spec.task_kwargs, spec.scenario, robot=robot)
+    elif robot:
+        _check_names("robot", [robot])
     if partial:  # not shortened: a change back to the task's own value counts after training with another
         return {key: getattr(spec, key) for key in given}
-    return spec.replace(scenario=scenario)
+    return spec.replace(scenario=scenario, task_kwargs=options, robot=robot)
 
 
 def _check_names(kind: str, names: Iterable[str]) -> None:
-    """Checks names of tasks, simulators or renderers; another simulator can be a renderer."""
+    """Checks names of tasks, robots, simulators or renderers; another simulator can be a renderer."""
     simulators = importlib.import_module("envs.simulators")
     valid = {
         "task": importlib.import_module("envs.tasks").TASKS.names(),
         "simulator": simulators.HANDLERS.names(),
+        "robot": importlib.import_module("envs.robots").ROBOTS.names(),
         "renderer": {*simulators.RENDERERS.names(), *simulators.HANDLERS.names()},
     }[kind]
     for name in names:
@@ -117,15 +121,24 @@ def _check_names(kind: str, names: Iterable[str]) -> None:
             raise unknown_name(kind, name, valid, OF_YOUR_OWN if kind == "task" else "")
 
 
-def _check_options(spec: EnvSpec) -> None:
-    """Checks the options of a task."""
-    task = importlib.import_module("envs.tasks").TASKS.get(spec.task) if spec.task_kwargs else None
-    if task is not None:
-        options = [item.name for item in dataclasses.fields(task)]
-        for key in spec.task_kwargs:
-            if key not in options:
-                raise unknown_name(f"option of {spec.task}", key, options)
-        task(**spec.task_kwargs)  # the task checks the values
+def _checked_options(spec: EnvSpec) -> dict[str, Any]:
+    """Checks the options of a task; returns those that differ from its defaults."""
+    if not spec.task_kwargs:
+        return {}
+    task = spec.replace(scenario={}, robot="").make_task()  # it checks the values
+    defaults = {item.name: item.default for item in dataclasses.fields(task)}  # pyright: ignore[reportArgumentType]
+    values = {key: getattr(task, key) for key in spec.task_kwargs}
+    return {key: plain(value) for key, value in values.items() if value != defaults[key]}
+
+
+def _checked_robot(spec: EnvSpec) -> str:
+    """Checks that a robot can do the task; returns its name, or none for the task's own."""
+    if not spec.robot:
+        return ""
+    _check_names("robot", [spec.robot])
+    own = spec.replace(scenario={}, robot="").make_task().robot.name
+    other = spec.replace(scenario={}).make_task().robot.name
+    return "" if other == own else spec.robot
 
 
 @cache

@@ -25,10 +25,14 @@ def test_docstrings_become_markdown():
     )
 
 
-def test_options_are_the_fields_with_their_words_and_defaults():
-    assert gallery.options(PickCube) == {
-        "variant": "``goal`` is ManiSkill's task; ``lift`` is that of the paper's code. Default: `goal`."
-    }
+def test_options_are_the_fields_with_their_words_defaults_and_limits():
+    options = gallery.options(PickCube)
+    assert options["variant"].startswith("``goal`` is ManiSkill's task") and options["variant"].endswith(
+        "`goal`."
+    )
+    half = "Half the cube's edge, m. Default: `0.02`; at least 0.008 and at most 0.036."
+    assert options["cube_half_size_m"] == half
+    assert gallery.options(TASKS.get("NutAssemblySquare"))["spawn_x_m"].startswith("Start range of the nuts")
     assert gallery.class_text(PickCube).startswith("Grasp a cube and hold it at the marker")
     assert "Attributes" not in gallery.class_text(PickCube)
 

@@ -1,4 +1,4 @@
-"""The example package, installed as a user installs it: every command accepts its task, robot and policy."""
+"""The example package, installed as a user installs it: every command accepts what it registers."""
 
 import json
 import os
@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from pyarrow import parquet
 
 pytestmark = pytest.mark.slow
 
@@ -37,6 +38,28 @@ def test_task_of_an_installed_package_is_listed(installed):
     assert "PushCube" in done.stdout and "from my-roboverse-package" in done.stdout
 
 
+def test_channel_and_level_of_an_installed_package_are_listed(installed):
+    done = run(installed, "list", "channels", "levels")
+    assert done.returncode == 0, done.stderr
+    assert "tint " in done.stdout and "only=tinted" in done.stdout
+    assert "3" in done.stdout and "task + environment + camera + lighting" in done.stdout
+
+
+def test_level_of_an_installed_package_is_collected_with_its_channel(installed, tmp_path):
+    words = ("task=PushCube", "only=tinted", "collect.num_demos=2", "collect.num_workers=2")
+    done = run(installed, "collect", *words, "image_size=32", f"dataset={tmp_path / 'd'}")
+    assert done.returncode == 0, done.stderr
+    (episodes,) = (tmp_path / "d" / "meta" / "episodes").rglob("*.parquet")
+    facts = [json.loads(text) for text in parquet.read_table(episodes)["roboverse/metadata"].to_pylist()]
+    assert all(fact["channels"] == ["task", "environment", "camera", "tint"] for fact in facts)
+
+
+def test_unknown_channel_in_a_level_is_an_error(installed, tmp_path):
+    done = run(installed, "collect", "task=PushCube", "only=tnted", f"dataset={tmp_path / 'd'}")
+    assert done.returncode == 2
+    assert "Unknown channel 'tnted'. Did you mean 'tinted'?" in done.stderr
+
+
 def test_task_of_an_installed_package_is_collected_with_its_robot(installed, tmp_path):
     words = ("task=PushCube", "task_kwargs.line_x_m=0.1", "collect.num_demos=2", "collect.num_workers=1")
     done = run(installed, "collect", *words, "image_size=32", f"dataset={tmp_path / 'd'}")
@@ -50,7 +73,8 @@ def test_policy_of_an_installed_package_trains_resumes_evaluates_and_is_on_the_b
         "train", "policy=chunk_cnn", "task=PushCube", "collect.num_demos=2", "collect.num_workers=1",
         "image_size=32", "policy.hidden_dim=16", "policy.chunk_size=8", "train.batch_size=4",
         "train.save_every=2", "train.log_every=1", "train.schedule=constant",
-        "train.num_threads=1", "evaluate.episodes=1", "levels=[0,1]", "videos=0", "device=cpu",
+        "train.num_threads=1", "evaluate.episodes=1", "levels=[0,1]", "alone=[tint,tinted]", "videos=0",
+        "device=cpu",
         f"datasets_dir={tmp_path / 'd'}", f"results_dir={tmp_path / 'results'}",
     )  # fmt: skip
     halves = [run(installed, *words, f"run={tmp_path / 'halves'}", f"train.steps={n}") for n in (2, 4)]
@@ -61,6 +85,8 @@ def test_policy_of_an_installed_package_trains_resumes_evaluates_and_is_on_the_b
     assert losses[0] == losses[1] and len(losses[0]) == 4
     board = json.loads((tmp_path / "results" / "leaderboard.json").read_text(encoding="utf-8"))
     assert "chunk_cnn" in json.dumps(board)
+    files = (tmp_path / "results").rglob("*.json")
+    assert any('"only": "tinted"' in path.read_text(encoding="utf-8") for path in files)
     out = ("task=PushCube", "levels=[3]", "evaluate.episodes=1", "videos=0", "device=cpu")
     done = run(
         installed, "evaluate", f"checkpoint={tmp_path / 'whole'}", *out, f"results_dir={tmp_path / 'r'}"

@@ -20,16 +20,19 @@ from envs.scenario import CameraCfg, ScenarioCfg
 from envs.state import EntityState, State
 from envs.tasks.base import Task
 from envs.tasks.control.shared import CONTROL_60_HZ, LOOKS, STEP_S
-
-BOUND_M = 3.0
-START_M, START_M_S = 1.0, 0.5
-START_RAD = pi / 4
-"""Half widths of the uniform starts of cart and pole; the pole's speed has that of its angle, per second."""
+from envs.tasks.parameters import parameter
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cartpole(Task):
-    """Push a cart so that the pole on it stays upright, for 5 s."""
+    """Push a cart so that the pole on it stays upright, for 5 s.
+
+    Attributes:
+        bound_m: Distance of the cart from the middle at which an episode fails, m.
+        start_m: Half width of the uniform start of the cart, m.
+        start_m_s: Half width of its speed, m/s.
+        start_rad: Half width of the pole's angle, rad, and of its speed, rad/s.
+    """
 
     name: ClassVar[str] = "control/cartpole"
     instructions: ClassVar[tuple[str, ...]] = ("keep the pole upright",)
@@ -37,6 +40,11 @@ class Cartpole(Task):
     ends_on_success: ClassVar[bool] = False
     has_expert: ClassVar[bool] = False
     success_return: ClassVar[float | None] = 4.5
+
+    bound_m: float = parameter(3.0, above=0.0)
+    start_m: float = parameter(1.0, at_least=0.0, at_most=3.0)
+    start_m_s: float = parameter(0.5, at_least=0.0)
+    start_rad: float = parameter(pi / 4, at_least=0.0, at_most=pi)
 
     @property
     @override
@@ -62,7 +70,7 @@ class Cartpole(Task):
 
     @override
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
-        half = np.array([START_M, START_RAD, START_M_S, START_RAD])
+        half = np.array([self.start_m, self.start_rad, self.start_m_s, self.start_rad])
         sampled = np.stack([rng.uniform(-half, half) for rng in rngs])
         robot = EntityState.at_rest(
             np.array(CARTPOLE.pos), np.tile(CARTPOLE.rot, (len(rngs), 1)), sampled[:, :2]
@@ -78,7 +86,7 @@ class Cartpole(Task):
 
     @override
     def failure(self, state: State) -> Tensor:
-        return state.robots[CARTPOLE.name].joint_pos[:, 0].abs() > BOUND_M
+        return state.robots[CARTPOLE.name].joint_pos[:, 0].abs() > self.bound_m
 
     def reward(self, state: State) -> Tensor:
         """Returns being alive, less angle² and speeds, per step, (N,)."""

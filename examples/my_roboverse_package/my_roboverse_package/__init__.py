@@ -1,1 +1,1 @@
-"""A task, a robot and a policy of one's own for RoboVerse Learn."""
+"""A task, a robot, a policy and a randomization channel of one's own for RoboVerse Learn."""

@@ -162,10 +162,8 @@ def opening(arm: SourceArm, joint_pos: Mapping[str, np.ndarray]) -> np.ndarray:
 
 def set_fingers(robot: RobotCfg, joint_pos: np.ndarray, open_share: np.ndarray) -> None:
     """Writes the gripper's joints of our robot into joint positions (R, J): 0 shut, 1 open, (R,)."""
-    for name in robot.gripper_joints:
-        index = robot.joint_names.index(name)
-        low, high = robot.joints[index].range
-        joint_pos[:, index] = low + open_share * (high - low)
+    for index, (shut, wide) in zip(robot.fingers, robot.finger_limits, strict=True):
+        joint_pos[:, index] = shut + open_share * (wide - shut)
 
 
 class Retargeter:

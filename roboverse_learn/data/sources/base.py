@@ -41,8 +41,12 @@ class EpisodeSource(Protocol):
 
 
 def spec_changes(env: EnvSpec) -> dict[str, Any]:
-    """Returns the changes of the simulator and of the scene; a dataset without any does not mention them."""
-    changes = {"simulator_settings": dict(env.simulator_settings), "scenario": dict(env.scenario)}
+    """Returns another robot, changes of simulator and scene; a dataset without does not name them."""
+    changes: dict[str, Any] = {
+        "robot": env.robot,
+        "simulator_settings": dict(env.simulator_settings),
+        "scenario": dict(env.scenario),
+    }
     return {key: values for key, values in changes.items() if values}
 
 
@@ -137,7 +141,8 @@ class DemonstrationSource:
     def advice(self) -> str:
         """Says what to change where too few episodes succeed."""
         env, usual = self.config.env, EnvSpec()
-        keys = [key for key in ("level", "only", "simulator") if getattr(env, key) != getattr(usual, key)]
+        named = ("level", "only", "robot", "simulator")
+        keys = [key for key in named if getattr(env, key) != getattr(usual, key)]
         for section in ("task_kwargs", "simulator_settings", "scenario"):
             keys += flat_keys(getattr(env, section), f"{section}.")
         if keys:

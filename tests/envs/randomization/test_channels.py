@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from envs.core.errors import UnknownNameError
-from envs.randomization import CHANNELS, Channel, Scene, channels_of, divided
+from envs.core.errors import ConfigError, UnknownNameError
+from envs.randomization import CHANNELS, NAMED_LEVELS, Channel, Scene, channels_of, divided
 from envs.spec import EnvSpec
 
 YAWS_RAD = tuple(0.01 * i for i in range(20))
@@ -30,6 +30,12 @@ def table_yaw(monkeypatch):
     CHANNELS.add("table_yaw", TableYaw)
 
 
+@pytest.fixture
+def named_level(monkeypatch):
+    monkeypatch.setattr(NAMED_LEVELS, "_entries", dict(NAMED_LEVELS._entries))
+    return NAMED_LEVELS.add
+
+
 @pytest.mark.parametrize("split", ["train", "test"])
 def test_a_registered_channel_varies_alone_and_with_others(table_yaw, split):
     own = set(divided(YAWS_RAD, split))
@@ -50,6 +56,37 @@ def test_what_the_splits_may_draw_is_disjoint_and_complete():
 def test_too_few_values_cannot_be_divided():
     with pytest.raises(ValueError, match="at least 10 values to divide, given 3"):
         divided((1, 2, 3), "train")
+
+
+def test_a_named_level_is_its_channels(table_yaw, named_level):
+    named_level("turned", ("table_yaw", "camera", "environment"))
+    assert channels_of(only="turned") == ("task", "environment", "camera", "table_yaw")
+    assert channels_of(only="turned+lighting") == (
+        *("task", "environment", "camera", "lighting"),
+        "table_yaw",
+    )
+    env = EnvSpec(task="PickCube", only="turned", image_size=16).make(1, split="test", num_threads=1)
+    draws = env.randomizer.draws(int(env.split_indices[0]))
+    env.close()
+    assert list(draws) == ["environment", "camera", "table_yaw"]
+    level_2 = EnvSpec(task="PickCube", level=2, image_size=16).make(1, split="test", num_threads=1)
+    same = level_2.randomizer.draws(int(level_2.split_indices[0]))
+    level_2.close()
+    assert same == {name: draws[name] for name in same}, "a channel that is added changes no other's draw"
+
+
+def test_an_unknown_channel_in_a_named_level_is_an_error(named_level):
+    named_level("turned", ("camera", "table_yew"))
+    with pytest.raises(UnknownNameError, match=r"channel of the level 'turned' 'table_yew'.*Valid: camera"):
+        channels_of(only="turned")
+
+
+def test_a_named_level_is_no_number(named_level):
+    named_level("turned", ("camera",))
+    with pytest.raises(ConfigError, match=r"Unknown level 'turned'.*only=turned"):
+        channels_of("turned")
+    with pytest.raises(UnknownNameError, match=r"Did you mean 'turned'"):
+        channels_of(only="turnd")
 
 
 def test_an_unknown_channel_is_an_error_with_the_nearest():

@@ -168,7 +168,8 @@ def test_reach_reward_has_both_errors(recorded):
 def test_every_command_has_a_posture_that_an_action_can_ask_for():
     """Newton's method from some starts finds one within the bounds of an action, for each of 32 commands."""
     rngs = [np.random.default_rng(i) for i in range(32)]
-    goal = task_of("franka_reach").initial_state(rngs).objects["goal"]
+    task = task_of("franka_reach")
+    goal = task.initial_state(rngs).objects["goal"]
     pos, rot = goal.pos.double(), torch.as_tensor(to_matrix(goal.rot.numpy()))
     inverse = BatchedInverseKinematics(reach.ROBOT)
     low = torch.maximum(inverse.chain.low, inverse.rest - reach.ACTION_RAD)
@@ -182,7 +183,7 @@ def test_every_command_has_a_posture_that_an_action_can_ask_for():
             q = q + inverse.change(q, inverse.chain(q), pos, rot)
         now = inverse.chain(q)
         turn = rotation_vector(rot @ now.rot.transpose(1, 2)).norm(dim=-1)
-        reached |= ((now.pos - pos).norm(dim=-1) <= reach.NEAR_M) & (turn <= reach.NEAR_RAD)
+        reached |= ((now.pos - pos).norm(dim=-1) <= task.near_m) & (turn <= task.near_rad)
     assert reached.all()
 
 

@@ -1,0 +1,34 @@
+"""The Franka hand from robosuite's MJCF, as the gripper of any arm whose flange is called ``right_hand``.
+
+Its site ``grip_site`` has the same axes on every arm: fingers open along x, z points forward.
+"""
+
+from typing import Any
+
+from envs.scenario import JointCfg
+
+_FINGER: dict[str, Any] = {
+    "kp": 1000.0,
+    "kd": 60.0,
+    "force_limit": 40.0,
+    "range": (0.0, 0.04),
+    "default": 0.04,
+    "damping": 10.0,
+    "armature": 0.1,
+    "frictionloss": 0.0,
+}
+
+PANDA_FINGERS = (
+    JointCfg(name="gripper/finger_joint1", **_FINGER),
+    JointCfg(name="gripper/finger_joint2", flip=True, **_FINGER),
+)
+"""Both fingers: metres from closed, each drives one."""
+
+PANDA_HAND: dict[str, Any] = {
+    "gripper_mjcf": "robosuite:models/assets/grippers/panda_gripper.xml",
+    "gripper_root": "right_gripper",
+    "gripper_mount": "right_hand",
+    "ee_site": "gripper/grip_site",
+    "gripper_joints": tuple(joint.name for joint in PANDA_FINGERS),
+}
+"""Fields of a :class:`~envs.scenario.RobotCfg` that carries the hand."""

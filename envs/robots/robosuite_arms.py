@@ -1,0 +1,108 @@
+"""Arms of robosuite's wheel with the Franka hand: KUKA iiwa, UR5e, Rethink Sawyer, Kinova Gen3 and Jaco.
+
+Kinematics, masses, meshes and joint ranges are robosuite's (``models/assets/robots/<arm>/robot.xml``); a
+joint without limits there gets two turns. Force limits are the ranges of the file's torque motors. Rest
+postures are ``init_qpos`` of ``models/robots/manipulators/<arm>_robot.py``; a task computes its own from
+where the hand has to be.
+
+Position actuators as :mod:`envs.robots.franka` has them: gains of 4000 N·m/rad for the joints near the base
+and 2000 for those of the wrist, damping of a tenth.
+"""
+
+from collections.abc import Sequence
+from math import pi
+
+from envs.robots.panda_hand import PANDA_FINGERS, PANDA_HAND
+from envs.scenario import JointCfg, RobotCfg
+
+_ENDLESS = (-2 * pi, 2 * pi)
+
+
+def _arm(
+    name: str,
+    file: str,
+    joints: Sequence[str],
+    limits: Sequence[tuple[float, float]],
+    forces_n_m: Sequence[float],
+    rest: Sequence[float],
+    *,
+    hollow_meshes: bool = False,
+) -> RobotCfg:
+    """Returns an arm; its last three joints are those of the wrist."""
+    wrist = len(joints) - 3
+    return RobotCfg(
+        name=name,
+        mjcf=f"robosuite:models/assets/robots/{file}/robot.xml",
+        root="base",
+        joints=(
+            *(
+                JointCfg(
+                    name=joint,
+                    kp=4000.0 if index < wrist else 2000.0,
+                    kd=400.0 if index < wrist else 200.0,
+                    force_limit=force,
+                    range=between,
+                    default=angle,
+                )
+                for index, (joint, between, force, angle) in enumerate(
+                    zip(joints, limits, forces_n_m, rest, strict=True)
+                )
+            ),
+            *PANDA_FINGERS,
+        ),
+        hollow_meshes=hollow_meshes,
+        **PANDA_HAND,
+    )
+
+
+IIWA = _arm(
+    "iiwa",
+    "iiwa",
+    [f"joint_{i}" for i in range(1, 8)],
+    [*[(-2.96706, 2.96706), (-2.0944, 2.0944)] * 3, (-3.05433, 3.05433)],
+    (176.0, 176.0, 110.0, 110.0, 110.0, 40.0, 40.0),
+    (0.0, 0.65, 0.0, -1.89, 0.0, 0.6, 0.0),
+)
+
+UR5E = _arm(
+    "ur5e",
+    "ur5e",
+    [f"{part}_joint" for part in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")],
+    [_ENDLESS, _ENDLESS, (-pi, pi), _ENDLESS, _ENDLESS, _ENDLESS],
+    (150.0, 150.0, 150.0, 28.0, 28.0, 28.0),
+    (-0.47, -1.735, 2.48, -2.275, -1.59, -1.991),
+)
+
+SAWYER_PANDA = _arm(
+    "sawyer_panda",
+    "sawyer",
+    [f"right_j{i}" for i in range(7)],
+    [
+        *((-3.0503, 3.0503), (-3.8095, 2.2736), (-3.0426, 3.0426), (-3.0439, 3.0439)),
+        *((-2.9761, 2.9761), (-2.9761, 2.9761), (-4.7124, 4.7124)),
+    ],
+    (80.0, 80.0, 40.0, 40.0, 9.0, 9.0, 9.0),
+    (0.0, -1.18, 0.0, 2.18, 0.0, 0.57, -1.57),
+    hollow_meshes=True,
+)
+
+KINOVA3 = _arm(
+    "kinova3",
+    "kinova3",
+    [f"Actuator{i}" for i in range(1, 8)],
+    [_ENDLESS, (-2.41, 2.41), _ENDLESS, (-2.66, 2.66), _ENDLESS, (-2.23, 2.23), _ENDLESS],
+    (32.0, 32.0, 32.0, 32.0, 32.0, 13.0, 13.0),
+    (0.0, 0.65, 0.0, 1.89, 0.0, 0.6, -pi / 2),
+)
+
+JACO = _arm(
+    "jaco",
+    "jaco",
+    [f"j2s7s300_joint_{i}" for i in range(1, 8)],
+    [
+        *(_ENDLESS, (0.820305, 5.46288), _ENDLESS, (0.523599, 5.75959)),
+        *(_ENDLESS, (1.13446, 5.14872), _ENDLESS),
+    ],
+    (30.5, 30.5, 30.5, 30.5, 30.5, 6.8, 6.8),
+    (3.192, 3.68, 0.0, 1.17, 0.05, 3.76, 3.142),
+)
