@@ -1,0 +1,120 @@
+"""Waypoints of a hand: picking up, putting down, moving a joint. Positions are those of the grip site."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from envs.kinematics.waypoints import Waypoint
+from envs.tasks.skills.clouds import Heights, Underside
+from envs.tasks.skills.grasps import Grasp
+from envs.tasks.skills.hands import FINGER_MOST_M, hand_underside
+
+CLEARANCE_M = 0.025
+"""Least height over what is passed."""
+
+OVER_M = 0.06
+"""Height over a grasp at which the hand begins to come straight down."""
+
+RELEASE_M = 0.006
+"""Height over the first touch at which an object is let go."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hand:
+    """Where a hand is, and how it moves.
+
+    Attributes:
+        pos: The grip site, m, (3,).
+        tilt: Pitch at which its fingers point straight down, rad.
+        pace: Multiplies every duration.
+    """
+
+    pos: np.ndarray
+    tilt: float = 0.0
+    pace: float = 1.0
+
+    def to(self, pos: np.ndarray, yaw: float, gripper: float, *, hold_s: float = 0.0, **turn: float) -> Waypoint:
+        """Returns a waypoint whose time follows from the way; a hand that points down unless turned."""
+        angles = {"pitch": self.tilt} | turn
+        way = float(np.linalg.norm(pos - self.pos))
+        return Waypoint(
+            pos=pos, yaw=yaw, gripper=gripper, duration_s=self.pace * (0.25 + 2.2 * way), hold_s=hold_s, **angles
+        )
+
+    def chain(self, *stops: tuple[np.ndarray, float, float, float]) -> list[Waypoint]:
+        """Returns waypoints through stops: position, yaw, fingers, time to wait."""
+        hand, way = self, []
+        for pos, yaw, gripper, hold_s in stops:
+            way.append(hand.to(pos, yaw, gripper, hold_s=hold_s))
+            hand = replace(hand, pos=pos)
+        return way
+
+
+def at_height(pos: np.ndarray, z: float) -> np.ndarray:
+    """Returns a position at another height."""
+    return np.array([pos[0], pos[1], z])
+
+
+def reach_over(hand: Hand, target: np.ndarray, yaw: float, opening: float, heights: Heights) -> list[Waypoint]:
+    """Returns the way of an empty hand to a place, over everything between."""
+    under = hand_underside(yaw, FINGER_MOST_M)
+    travel = max(heights.along(hand.pos[:2], target[:2], under) + CLEARANCE_M, float(target[2]))
+    stops = []
+    if hand.pos[2] < travel - 0.01:
+        stops.append((at_height(hand.pos, travel), yaw, opening, 0.0))
+    if np.linalg.norm(target[:2] - hand.pos[:2]) > 0.01:
+        stops.append((at_height(target, max(travel, float(hand.pos[2]) - 0.1)), yaw, opening, 0.0))
+    stops.append((target, yaw, opening, 0.0))
+    return hand.chain(*stops)
+
+
+def pick(hand: Hand, grasp: Grasp, heights: Heights) -> list[Waypoint]:
+    """Returns the way to a grasp and the grasp itself.
+
+    Args:
+        hand: The hand.
+        grasp: The grasp.
+        heights: Everything, the object too.
+    """
+    above = grasp.pos + np.array([0.0, 0.0, OVER_M])
+    way = reach_over(hand, above, grasp.yaw, grasp.opening_m, heights)
+    at = replace(hand, pos=above)
+    down = at.to(grasp.pos, grasp.yaw, grasp.opening_m, hold_s=0.1)
+    still = replace(hand, pos=grasp.pos)
+    return [*way, down, still.to(grasp.pos, grasp.yaw, 0.0, hold_s=0.2)]
+
+
+def put(
+    hand: Hand, grasp: Grasp, carried: Underside, target: np.ndarray, yaw: float, heights: Heights
+) -> list[Waypoint]:
+    """Returns the way of a hand that holds something to a place, and letting go.
+
+    Args:
+        hand: The hand, at the grasp.
+        grasp: The grasp.
+        carried: Underside of what it holds and of the hand.
+        target: Grip site where it lets go, m, (3,).
+        yaw: Turn of the hand there, rad.
+        heights: Everything but what it holds.
+    """
+    travel = heights.along(grasp.pos[:2], target[:2], carried) + CLEARANCE_M
+    travel = max(travel, float(grasp.pos[2]) + 0.05, float(target[2]) + 0.02)
+    stops = (
+        (at_height(grasp.pos, travel), grasp.yaw, 0.0, 0.0),
+        (at_height(target, travel), yaw, 0.0, 0.1),
+        (target, yaw, 0.0, 0.15),
+        (target, yaw, grasp.opening_m, 0.35),
+        (target + np.array([0.0, 0.0, 0.08]), yaw, grasp.opening_m, 0.0),
+    )
+    return replace(hand, pos=grasp.pos).chain(*stops)
+
+
+def follow(hand: Hand, stops: Sequence[Waypoint]) -> list[Waypoint]:
+    """Returns stops with the times that their distances ask for."""
+    way, pos = [], hand.pos
+    for stop in stops:
+        length = float(np.linalg.norm(stop.pos - pos))
+        way.append(replace(stop, duration_s=hand.pace * (stop.duration_s + 2.2 * length)))
+        pos = stop.pos
+    return way
