@@ -6,22 +6,23 @@ asked again and tries another grasp. A task needs no code of its own.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 
 from envs.kinematics.waypoints import Waypoint
+from envs.rotations import to_matrix
 from envs.state import State
 from envs.tasks.libero.arenas import SURFACE_FIXTURES
 from envs.tasks.libero.bddl import Atom
-from envs.tasks.libero.goals import JOINT_RULES, Goal, in_site, over_object, over_site
+from envs.tasks.libero.goals import Goal, in_site, over_object, over_site
 from envs.tasks.libero.scene import Scene
 from envs.tasks.skills.clouds import Heights, Underside, cloud
 from envs.tasks.skills.grasps import Grasp, top_grasps
-from envs.tasks.skills.hands import hand_underside
-from envs.tasks.skills.joints import slide_part, turn_knob
-from envs.tasks.skills.moves import RELEASE_M, Hand, pick, put
+from envs.tasks.skills.hands import FINGER_MOST_M, hand_underside
+from envs.tasks.skills.joints import push_door, slide_part, turn_knob
+from envs.tasks.skills.moves import RELEASE_M, Hand, drag, pick, put
 from envs.tasks.tabletop import ee_pos
 
 HOME_TILT_RAD = -0.0568
@@ -41,6 +42,12 @@ OPEN_ENOUGH_M = -0.1
 
 OPENED_M, SHUT_M = -0.156, 0.012
 """Where drawers are pulled and pushed to; beyond the ends of their ways."""
+
+DOOR_SHUT_RAD = 0.03
+"""Where a door is pushed to, a little beyond shut."""
+
+FLAT_M = 0.04
+"""Height of what is dragged over the table when it cannot be grasped, at most."""
 
 KNOB_ON_RAD, KNOB_OFF_RAD = 0.9, -0.25
 
@@ -87,18 +94,25 @@ def _steps(look: _Look) -> Iterator[Atom]:
     """Yields atoms that do not hold, in the order in which they can be worked on."""
     open_atoms = [atom for atom in look.goal.atoms if not bool(look.goal.holds(atom, look.state)[0])]
     places = [atom for atom in open_atoms if atom.predicate in ("in", "on")]
+    needed = {atom.args[1] for atom in places}
+    # A drawer that nothing goes into is shut first: one that is open above it would be in the way.
+    yield from (atom for atom in open_atoms if atom.predicate == "close" and atom.args[0] not in needed)
     for atom in places:  # what goes into a shut drawer needs it open
         region = look.scene.problem.regions.get(atom.args[1])
         if region is not None and look.scene.categories.get(region.target, "").endswith("cabinet"):
             opens = Atom("open", (atom.args[1],))
             part = look.scene.parts[region.target].site(region.site).part
             joint = look.scene.parts[region.target].parts[part].joint
-            if joint is not None and look.state.objects[region.target].joint_pos[0, joint.column] > OPEN_ENOUGH_M:
+            if (
+                joint is not None
+                and look.state.objects[region.target].joint_pos[0, joint.column] > OPEN_ENOUGH_M
+            ):
                 yield opens
     yield from (atom for atom in open_atoms if atom.predicate == "open")
     moved = {atom.args[0] for atom in places}
     yield from sorted(places, key=lambda atom: _target(look, atom) in moved)
-    yield from (atom for atom in open_atoms if atom.predicate in ("close", "turnon", "turnoff"))
+    yield from (atom for atom in open_atoms if atom.predicate == "close" and atom.args[0] in needed)
+    yield from (atom for atom in open_atoms if atom.predicate in ("turnon", "turnoff"))
 
 
 def _target(look: _Look, atom: Atom) -> str:
@@ -115,8 +129,13 @@ def _joint(look: _Look, atom: Atom) -> list[Waypoint]:
         part = next(index for index, part in enumerate(parts.parts) if part.joint is not None)
         to = KNOB_ON_RAD if atom.predicate == "turnon" else KNOB_OFF_RAD
         return turn_knob(look.hand, parts, entity, part, to, heights)
-    if region is None or JOINT_RULES[look.scene.categories[name]].on < -1.0:
-        return []
+    if region is None:
+        part = next(index for index, part in enumerate(parts.parts) if part.joint is not None)
+        return (
+            push_door(look.hand, parts, entity, part, DOOR_SHUT_RAD, heights)
+            if atom.predicate == "close"
+            else []
+        )
     part = parts.site(region.site).part
     to = OPENED_M if atom.predicate == "open" else SHUT_M
     return slide_part(look.hand, parts, entity, part, to, -1.0, heights)
@@ -126,6 +145,11 @@ def _place(look: _Look, atom: Atom, rng: np.random.Generator) -> list[Waypoint]:
     """Returns a pick and a put; of all pairs of a grasp and a place that fit, one of the best."""
     thing = atom.args[0]
     points = look.clouds[thing]
+    if _is_dragged(look, atom):
+        goal = _candidates(look, atom)[0]
+        alone = Heights([points], look.scene.arena.top_z_m)
+        way = goal - look.state.objects[thing].pos[0, :2].numpy()
+        return drag(look.hand, points, way, look.heights(), alone)
     base = float(points[:, 2].min())
     grasps = top_grasps(points, look.others(thing), base + LOWEST_GRIP_M, rng)
     heights = look.heights(without=thing)
@@ -140,6 +164,14 @@ def _place(look: _Look, atom: Atom, rng: np.random.Generator) -> list[Waypoint]:
     _, grasp, target, yaw, carried = best
     way = pick(look.hand, grasp, look.heights())
     return [*way, *put(look.hand, grasp, carried, target, yaw, heights)]
+
+
+def _is_dragged(look: _Look, atom: Atom) -> bool:
+    """Whether something flat, wider than the hand, goes from place to place on the table."""
+    region = look.scene.problem.regions.get(atom.args[1])
+    size = np.ptp(look.clouds[atom.args[0]], axis=0)
+    on_table = region is not None and region.target in SURFACE_FIXTURES
+    return on_table and size[2] < FLAT_M and min(size[:2]) > 2 * FINGER_MOST_M
 
 
 def _place_for(
@@ -177,8 +209,6 @@ def _candidates(look: _Look, atom: Atom) -> tuple[np.ndarray, np.ndarray]:
         reach = np.array([0.015, 0.015])
     else:
         pos, rot, half = look.goal.site_pose(region, look.state)
-        from envs.rotations import to_matrix
-
         middle = pos[0, :2].numpy()
         reach = (to_matrix(rot[0]) @ half).abs().numpy()[:2] * 0.9
     steps = [np.linspace(-size, size, 2 * max(1, min(6, int(size / 0.01))) + 1) for size in reach]

@@ -96,13 +96,13 @@ def _at_yaw(
     for depth in DEPTHS_M:
         z = solid[:, 2] - np.maximum(centres[:, 2:] - depth, lowest_z)
         held = in_depth & own & (np.abs(z) < PAD_HALF_M)
-        low, high = np.where(held, y, np.inf).min(1), np.where(held, y, -np.inf).max(1)
+        some = held.any(1)
+        low = np.where(some, np.where(held, y, np.inf).min(1), 0.0)
+        high = np.where(some, np.where(held, y, -np.inf).max(1), 0.0)
         shift, width = (low + high) / 2, high - low
-        good = held.any(1) & (width < 2 * FINGER_MOST_M - 2 * MARGIN_M) & (np.abs(shift) < 0.02)
+        good = some & (width < 2 * FINGER_MOST_M - 2 * MARGIN_M) & (np.abs(shift) < 0.02)
         for index in np.flatnonzero(good):
-            grasp = _checked(
-                x[index], y[index] - shift[index], z[index], width[index], held[index], flat, rng
-            )
+            grasp = _checked(x[index], y[index] - shift[index], z[index], width[index], held[index], flat)
             if grasp is None:
                 continue
             opening, score = grasp
@@ -121,10 +121,8 @@ def _checked(
     width: float,
     held: np.ndarray,
     flat: np.ndarray,
-    rng: np.random.Generator,
 ) -> tuple[float, float] | None:
     """Returns how far the fingers open and a score, or None where the hand has no room."""
-    del rng
     palm = (x < PALM_HALF_M[0]) & (np.abs(y) < PALM_HALF_M[1]) & (z > PALM_M)
     if palm.any():
         return None

@@ -10,14 +10,15 @@ from envs.kinematics.waypoints import Waypoint
 from envs.rotations import rotate, to_matrix
 from envs.state import EntityState
 from envs.tasks.skills.clouds import Heights
-from envs.tasks.skills.hands import TIP_BELOW_M
+from envs.tasks.skills.hands import FINGER_HALF_M, TIP_BELOW_M, hand_underside
 from envs.tasks.skills.moves import Hand, follow, reach_over
 
 STANDOFF_M = 0.10
 """Distance from a handle at which the hand begins to come straight to it."""
 
-SIDEWAYS_PITCH = np.radians(86.0)
-"""Pitch of a hand that points level: a little less than a right angle, where yaw and roll would be one."""
+PUSH_PITCH = np.radians(50.0)
+"""Angle between straight down and where closed fingers point that push: the wrist stays over what stands on
+the table, and the palm clear of the handles above."""
 
 PULL_OPENING_M = 0.025
 
@@ -83,14 +84,15 @@ def slide_part(
     place = parts.box_pose(entity, box)[0][0].numpy()
     pulls = (to - float(entity.joint_pos[0, joint.column])) * opens > 0
     way = (to - float(entity.joint_pos[0, joint.column])) * opens * out
-    turn = _across(-out) if pulls else _level(-out)
+    turn = _across(-out) if pulls else _down_and_to(-out)
     if pulls:
         grip, before, fingers = place, PULL_OPENING_M, 0.0
     else:
         grip = place + (half_along(parts, entity, box, out) + TIP_BELOW_M) * out
+        grip[2] += 0.004
         before, fingers = 0.0, 0.0
     far = grip + STANDOFF_M * out
-    top = max(heights.along(hand.pos[:2], far[:2], _wide()) + 0.12, float(far[2]))
+    top = max(heights.along(hand.pos[:2], far[:2], hand_underside(0.0)) + 0.12, float(far[2]))
     high = np.array([far[0], far[1], top])
     end = grip + way
     stops = [
@@ -102,10 +104,48 @@ def slide_part(
         _stop(end, fingers, turn, 0.5, hold_s=0.15),
         _stop(end, before, turn, 0.1, hold_s=0.15),
         _stop(end + STANDOFF_M * out, before, turn),
-        _stop(at := np.array([*(end + STANDOFF_M * out)[:2], top]), 0.04, {"yaw": 0.0, "pitch": hand.tilt}, 0.3),
+        _stop(np.array([*(end + STANDOFF_M * out)[:2], top]), 0.04, {"yaw": 0.0, "pitch": hand.tilt}, 0.3),
     ]
-    del at
     return follow(hand, stops)
+
+
+def push_door(
+    hand: Hand, parts: ObjectParts, entity: EntityState, part: int, to: float, heights: Heights
+) -> list[Waypoint]:
+    """Returns the way that pushes a door along its arc, with closed fingers from outside, at its handle.
+
+    Args:
+        hand: The hand.
+        parts: The object.
+        entity: Its state, of one row.
+        part: The door, whose hinge is vertical.
+        to: Joint position to reach, rad.
+        heights: Everything.
+    """
+    joint = parts.parts[part].joint
+    assert joint is not None, "a door turns"
+    now = float(entity.joint_pos[0, joint.column])
+    boxes = [box for box in parts.boxes if box.part == part]
+    handle = max(boxes, key=lambda box: float(np.linalg.norm((box.pos - joint.anchor)[:2])))
+    stops: list[Waypoint] = []
+    for position in np.linspace(now, to, 10):
+        at = moved_to(entity, joint.column, float(position))
+        later = moved_to(entity, joint.column, float(position) + np.sign(to - now) * 0.01)
+        pos, ahead = (parts.box_pose(state, handle)[0][0].numpy() for state in (at, later))
+        push = (ahead - pos) / np.linalg.norm(ahead - pos)
+        thick = half_along(parts, at, handle, push)
+        place = pos - (thick + FINGER_HALF_M[0]) * push + np.array([0.0, 0.0, 0.01])
+        yaw = float(np.arctan2(push[1], push[0]))
+        yaw = (yaw + np.pi / 2) % np.pi - np.pi / 2
+        if stops:  # the nearest of the two turns that look alike
+            yaw += np.pi * round((stops[-1].yaw - yaw) / np.pi)
+        else:
+            outside = place - 0.05 * push
+            lead = reach_over(hand, outside, yaw, 0.0, heights)
+        stops.append(_stop(place, 0.0, {"yaw": yaw, "pitch": hand.tilt}, 0.1))
+    end = stops[-1]
+    stops.append(replace(end, pos=end.pos + np.array([0.0, 0.0, 0.15]), duration_s=0.3))
+    return [*lead, *follow(replace(hand, pos=outside), stops)]
 
 
 def turn_knob(
@@ -142,7 +182,9 @@ def turn_knob(
     ]
     for share in np.linspace(0.0, 1.0, 6)[1:]:
         at = parts.box_pose(moved_to(entity, joint.column, now + share * (to - now)), box)[0][0].numpy()
-        stops.append(_stop(np.array([at[0], at[1], grip[2]]), 0.0, {"yaw": yaw + share * turn, "pitch": hand.tilt}))
+        stops.append(
+            _stop(np.array([at[0], at[1], grip[2]]), 0.0, {"yaw": yaw + share * turn, "pitch": hand.tilt})
+        )
     end = stops[-1]
     stops.append(replace(end, gripper=0.04, duration_s=0.1, hold_s=0.2))
     stops.append(replace(end, gripper=0.04, pos=end.pos + np.array([0.0, 0.0, 0.1])))
@@ -163,19 +205,13 @@ def _across(direction: np.ndarray) -> dict[str, float]:
     return {"yaw": yaw, "roll": roll, "pitch": 0.0}
 
 
-def _level(direction: np.ndarray) -> dict[str, float]:
-    """Returns the turn of a hand that points in a level direction, and whose fingers close level."""
+def _down_and_to(direction: np.ndarray) -> dict[str, float]:
+    """Returns the turn of a hand that points down and to a level direction, and whose fingers close level."""
     angle = float(np.arctan2(direction[1], direction[0]))
-    choices = [(angle - np.pi, SIDEWAYS_PITCH), (angle, -SIDEWAYS_PITCH)]
+    choices = [(angle - np.pi, PUSH_PITCH), (angle, -PUSH_PITCH)]
     yaw, pitch = min(((_wrapped(yaw), pitch) for yaw, pitch in choices), key=lambda choice: abs(choice[0]))
     return {"yaw": yaw, "pitch": pitch, "roll": 0.0}
 
 
 def _wrapped(angle: float) -> float:
     return float((angle + np.pi) % (2 * np.pi) - np.pi)
-
-
-def _wide():
-    from envs.tasks.skills.hands import hand_underside
-
-    return hand_underside(0.0)
