@@ -28,7 +28,13 @@ def _surface(parts: ObjectParts) -> tuple[tuple[int, np.ndarray], ...]:
     found: dict[int, list[np.ndarray]] = {}
     for box in parts.boxes:
         found.setdefault(box.part, []).append(box.pos + rotate(box.rot, box_points(box.half)))
-    return tuple((part, np.concatenate(points)) for part, points in found.items())
+    return tuple((part, thinned(np.concatenate(points))) for part, points in found.items())
+
+
+def thinned(points: np.ndarray, spacing: float = SPACING_M) -> np.ndarray:
+    """Returns one of the points (P, 3) of each cube of that size: boxes of one thing overlap."""
+    _, first = np.unique(np.round(points / spacing).astype(int), axis=0, return_index=True)
+    return points[np.sort(first)]
 
 
 def box_points(half: np.ndarray, spacing: float = SPACING_M) -> np.ndarray:
@@ -66,10 +72,11 @@ class Underside:
     def of(cls, points: np.ndarray) -> "Underside":
         """Returns the underside of points (P, 3), which are given from the reference point."""
         cells = np.round(points[:, :2] / CELL_M).astype(int)
-        unique, inverse = np.unique(cells, axis=0, return_inverse=True)
-        z = np.full(len(unique), np.inf)
-        np.minimum.at(z, inverse.reshape(-1), points[:, 2])
-        return cls(unique, z)
+        first = cells.min(0)
+        lowest = np.full(cells.max(0) - first + 1, np.inf)
+        np.minimum.at(lowest, tuple((cells - first).T), points[:, 2])
+        found = np.argwhere(np.isfinite(lowest))
+        return cls(found + first, lowest[tuple(found.T)])
 
     def joined(self, other: "Underside") -> "Underside":
         """Returns the underside of both."""
