@@ -89,8 +89,7 @@ def _merged(parts, meshes, budget: int) -> tuple[np.ndarray, np.ndarray]:
     """Returns vertices (V, 3) float32 in the body's frame and faces (F, 3) int32."""
     digest = hashlib.sha256(json.dumps([_VERSION, budget]).encode())
     for path, geom in parts:
-        facts = path.stat()
-        digest.update(_digest(path, facts.st_size, facts.st_mtime_ns))
+        digest.update(content_digest(path))
         digest.update(np.concatenate([geom.pos, geom.quat, meshes[geom.meshname].scale]).tobytes())
     cached = cache_dir("meshes") / f"{digest.hexdigest()[:32]}.npz"
     stored = _stored(cached)
@@ -103,6 +102,12 @@ def _merged(parts, meshes, budget: int) -> tuple[np.ndarray, np.ndarray]:
         os.fsync(file.fileno())
     os.replace(file.name, cached)
     return vertices, faces
+
+
+def content_digest(path: Path) -> bytes:
+    """Returns the hash of a file's content."""
+    facts = path.stat()
+    return _digest(path, facts.st_size, facts.st_mtime_ns)
 
 
 @functools.cache

@@ -7,6 +7,7 @@ module that ``plugins=[...]`` names; see ``docs/plugins.md``.
 from typing import TYPE_CHECKING
 
 from envs.core.registry import Registry
+from envs.tasks.libero import catalogue as libero
 from envs.tasks.metaworld.catalogue import PREFIX, WORDS
 
 if TYPE_CHECKING:
@@ -95,3 +96,12 @@ for _name, _summary in (
     _add(_name, f"metaworld.furniture:{_name}", _summary, _METAWORLD, "tabletop", _EXTRA, extra=_EXTRA)
 for _name, _words in WORDS.items():
     _add(PREFIX + _name, f"metaworld.others:{_name}", _words[0], _METAWORLD, _EXTRA, "adapted", extra=_EXTRA)
+
+_LIBERO_ASSETS = "MIT; objects of HOPE (CC BY-NC-SA), Google's scans (CC BY 4.0) and TurboSquid"
+for _name, _entry in libero.entries().items():
+    _suite = f"LIBERO-{_entry.suite}"
+    _facts = _origin(_suite, "arXiv:2306.03310", _LIBERO_ASSETS, family=_suite) | {
+        "horizon": str(libero.HORIZON)
+    }
+    _target = f"libero.by_name:{_entry.class_name}"
+    _add(_name, _target, _entry.instruction, _facts, libero.EXTRA, "tabletop", extra=libero.EXTRA)

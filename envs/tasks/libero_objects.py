@@ -181,8 +181,8 @@ def libero_root(folder: str) -> Path:
     )
 
 
-def read_init_states(path: Path) -> np.ndarray:
-    """Returns LIBERO's initial states of the task, (count, 110) float64.
+def read_init_states(path: Path, width: int = INIT_WIDTH) -> np.ndarray:
+    """Returns LIBERO's initial states of a task, (count, width) float64.
 
     The file is a zip with one pickled float64 array. Nothing is unpickled: its opcodes are listed, which
     runs none of them, and the array's bytes are the one long string among their arguments.
@@ -194,12 +194,12 @@ def read_init_states(path: Path) -> np.ndarray:
         with zipfile.ZipFile(path) as archive:
             opcodes = pickletools.genops(io.BytesIO(archive.read("archive/data.pkl")))
             texts = [argument for _, argument, _ in opcodes if isinstance(argument, str)]
-        values = np.frombuffer(max(texts, key=len).encode("latin-1"), "<f8").reshape(-1, INIT_WIDTH)
+        values = np.frombuffer(max(texts, key=len).encode("latin-1"), "<f8").reshape(-1, width)
     except FileNotFoundError:
         raise ConfigError(f"LIBERO's initial states are not there: no file {path}.") from None
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise ConfigError(
-            f"{path} is not LIBERO's file of initial states: a zip with one array of {INIT_WIDTH} numbers "
+            f"{path} is not LIBERO's file of initial states: a zip with one array of {width} numbers "
             f"a row ({type(error).__name__}: {error})."
         ) from error
     if not len(values) or not np.isfinite(values).all():

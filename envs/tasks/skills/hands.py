@@ -1,0 +1,45 @@
+"""The Franka hand as boxes, for room to grasp and to let go.
+
+The frame is that of the waypoints: its origin between the fingertips (``grip_site``), x along the depth of the
+hand, y along which the fingers close, z upwards while the hand points down.
+"""
+
+import numpy as np
+
+from envs.tasks.skills.clouds import Underside, box_points
+
+TIP_BELOW_M = 0.012
+"""How far the fingertips reach below the grip site."""
+
+FINGER_HALF_M = (0.011, 0.011)
+"""Half depth and half thickness of a finger."""
+
+PALM_M = 0.043
+"""Height of the palm over the grip site."""
+
+PALM_HALF_M = (0.034, 0.108)
+"""Half depth and half width of the hand above the fingers."""
+
+FINGER_MOST_M = 0.04
+"""Largest way of each finger."""
+
+
+def hand_underside(yaw: float, opening_m: float = FINGER_MOST_M) -> Underside:
+    """Returns the underside of a hand that points down.
+
+    Args:
+        yaw: Turn of the hand about z, rad.
+        opening_m: Distance of each finger from the middle.
+    """
+    palm = _slab(0.0, PALM_HALF_M, PALM_M)
+    middle = opening_m + FINGER_HALF_M[1]
+    fingers = [_slab(side * middle, FINGER_HALF_M, -TIP_BELOW_M) for side in (-1.0, 1.0)]
+    points = np.concatenate([palm, *fingers])
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    turned = points[:, :2] @ np.array([[cosine, sine], [-sine, cosine]])
+    return Underside.of(np.column_stack([turned, points[:, 2]]))
+
+
+def _slab(y: float, half: tuple[float, float], z: float) -> np.ndarray:
+    points = box_points(np.array([*half, 1e-6]), 0.004)
+    return points + np.array([0.0, y, z])
