@@ -111,6 +111,7 @@ READERS: dict[str, Callable[[Path], Facts]] = {
     "results/*/**/*.mp4": of_file,
     "*/leaderboard.json": of_leaderboard,
     "published/leaderboard.*": of_file,
+    "published/studies.*": of_file,
     "replays/*.json": of_replay,
     "conservation/mujoco.json": of_experiments,
     "converted/**/*.*": of_file,

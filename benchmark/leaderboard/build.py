@@ -9,7 +9,8 @@ seed are one row.
 
 import json
 import re
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.resources import files
 from itertools import combinations
@@ -71,6 +72,7 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
     for path, result in loaded:
         groups.setdefault(_section_order(_section_key(result)), []).append((path, result))
     sections = [_rounded(_section(results_dir, groups[key], kind_of)) for key in sorted(groups)]
+    _tell_apart(sections)
     reference = json.loads(files("benchmark").joinpath("reference/paper.json").read_text())
     shown = {row["entry"] for section in sections for row in section["rows"]}
     entries = shown_entries(entry for _, entry in kinds if entry and entry.id in shown)
@@ -219,6 +221,15 @@ def _section(
         "comparisons": comparisons,
         "notes": notes,
     }
+
+
+def _tell_apart(sections: Sequence[dict[str, Any]]) -> None:
+    """Adds the horizon to the ids of sections that differ in it alone, in place."""
+    number = Counter(section["id"] for section in sections)
+    for section in sections:
+        if number[section["id"]] > 1:
+            horizon = f"{section['max_episode_steps']}-steps-{section['control_hz']:g}-hz"
+            section["id"] += "-" + horizon.replace(".", "-")
 
 
 def _asks(row: Mapping[str, Any]) -> tuple[Any, ...]:

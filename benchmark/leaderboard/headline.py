@@ -39,9 +39,7 @@ def headline(
     """
     table = list(dict.fromkeys(row["task"] for row in reference["rows"]))
     found: dict[tuple[Any, ...], dict[str, Any]] = {}
-    for section in sections:
-        if section["title"] != section["task"]:  # options or a changed scene
-            continue
+    for section in _newest(sections):
         for protocol, all_series in standings(section).items():
             for series in all_series:
                 if series["entry"] is None or series["transferred_from"] is not None:
@@ -56,6 +54,24 @@ def headline(
                     own[section["task"]] = _shown(cell["test"], section["id"])
     boards = [_board(key, cells, table) for key, cells in sorted(found.items())]
     return sorted(boards, key=_order)
+
+
+def _newest(sections: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Returns the sections of the tasks' own scenes, one of each task and place.
+
+    Where a task's horizon was changed, that is the section with the newest result: episodes of another length
+    are not ranked with it.
+    """
+    found: dict[tuple[Any, ...], Mapping[str, Any]] = {}
+    for section in sections:
+        if section["title"] == section["task"]:  # neither options nor a changed scene
+            key = (section["task"], *(section[name] for name in _PLACE))
+            found[key] = max(found.get(key, section), section, key=_newest_result)
+    return list(found.values())
+
+
+def _newest_result(section: Mapping[str, Any]) -> str:
+    return max(run["created"] for row in section["rows"] for run in row["runs"])
 
 
 def _suite(task: str, table: Sequence[str]) -> str:

@@ -1,5 +1,6 @@
 """What the templates of the pages need beside the board's values: columns, rows, charts, filters."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -60,6 +61,11 @@ def _by_task(places: Iterable[View], table: Sequence[str]) -> list[View]:
     found: dict[str, list[View]] = {}
     for place in places:
         found.setdefault(place["title"], []).append(place)
+    for of in found.values():
+        number = Counter(place["name"] for place in of)
+        for place in of:
+            if number[place["name"]] > 1:
+                place["name"] += f", {place['section']['max_episode_steps']} steps"
     tasks = [
         {"title": title, "places": sorted(of, key=lambda place: -place["num_native"])}
         for title, of in found.items()

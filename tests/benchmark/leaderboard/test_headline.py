@@ -150,3 +150,17 @@ def test_the_page_ranks_and_names_what_is_missing(two_entries, tmp_path):
     board = leaderboard.build(tmp_path)
     assert "lacks NutAssembly |\n" in render_markdown(board)
     assert 'title="not tested: NutAssembly"' in render_html(board)
+
+
+def test_a_changed_horizon_is_another_section_and_the_newest_is_ranked(publish, tmp_path):
+    publish(max_episode_steps=100)
+    publish(policy="diffusion", created="2026-04-01T00:00:00Z", max_episode_steps=250)
+    board = leaderboard.build(tmp_path)
+    assert [section["id"] for section in board["sections"]] == [
+        "v2-pickcube-mujoco-warp-100-steps-20-hz",
+        "v2-pickcube-mujoco-warp-250-steps-20-hz",
+    ]
+    (table,) = board["headline"]
+    assert [name for name, _ in named(board, table["protocols"]["A"]["0"])] == ["diffusion_v1"]
+    page = render_html(board)
+    assert ">MuJoCo, 100 steps</label>" in page and ">MuJoCo, 250 steps</label>" in page
