@@ -16,7 +16,7 @@ from roboverse_learn.checks.task_subject import TaskSubject
 _NUM_STARTS = 4
 
 _SOFT_RAD = 1e-3
-"""How far a start may be beyond a joint's limit, rad (m): limits give way a little to what presses on them."""
+"""How far beyond a joint's limit a start may be, rad (m): limits give way to what presses on them."""
 
 
 @contract()
