@@ -15,6 +15,9 @@ from roboverse_learn.checks.task_subject import TaskSubject
 
 _NUM_STARTS = 4
 
+_SOFT_RAD = 1e-3
+"""How far beyond a joint's limit a start may be, rad (m): limits give way to what presses on them."""
+
 
 @contract()
 def options(subject: TaskSubject) -> str:
@@ -152,7 +155,7 @@ def _check_joints(robot, entity: EntityState) -> None:
         f"joint_pos of '{robot.name}' has the shape {tuple(entity.joint_pos.shape)}; it must be "
         f"{(_NUM_STARTS, count)}: {', '.join(robot.joint_names)}.",
     )
-    outside = (entity.joint_pos < low - 1e-6) | (entity.joint_pos > high + 1e-6)
+    outside = (entity.joint_pos < low - _SOFT_RAD) | (entity.joint_pos > high + _SOFT_RAD)
     names = [robot.joint_names[column] for column in outside.any(0).nonzero()[:, 0]]
     require(not names, f"'{robot.name}' starts outside the limits of {', '.join(names)}. Clip its start.")
 

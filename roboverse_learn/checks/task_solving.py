@@ -115,7 +115,7 @@ def expert_is_smooth(subject: TaskSubject) -> str:
     if not robot.fixed_base:
         raise NotApplicableError("the robot is no arm")
     arm = [index for index, name in enumerate(robot.joint_names) if name not in robot.gripper_joints]
-    limit, fastest = max(_FASTEST_RAD_S / env.control_hz, 0.35), 0.0
+    limit, fastest = _FASTEST_RAD_S / env.control_hz, 0.0
     for episode in subject.rollouts:
         ways = [episode.observation_state[:, arm]]
         if env.controller.names == robot.joint_names:
@@ -126,7 +126,7 @@ def expert_is_smooth(subject: TaskSubject) -> str:
         f"A joint moves {fastest:.2f} rad in one control step, more than {limit:.2f}. Give the waypoints a "
         "longer duration_s, or keep them away from the edge of the robot's reach.",
     )
-    return f"at most {fastest:.2f} rad a step"
+    return f"at most {fastest * env.control_hz:.1f} rad/s"
 
 
 @contract("expert_solves")

@@ -1,6 +1,7 @@
 """A Meta-World task as one of ours: pure functions of states, with Meta-World's own answers."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import ClassVar, override
 
 import numpy as np
@@ -25,6 +26,7 @@ BELOW_ONE = 0.999
 """Largest reward of a state that is no success; a few of Meta-World's rewards reach 10 a little early."""
 
 
+@dataclass(frozen=True, kw_only=True)
 class MetaWorldTask(Task):
     """Base of the 50 tasks. Success, reward and observation are Meta-World's, row by row.
 
