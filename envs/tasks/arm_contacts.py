@@ -1,4 +1,4 @@
-"""How often an arm would touch what it must not, along postures: itself, the table and objects at their start.
+"""How often an arm would touch what it must not: itself, the table, and objects where they start.
 
 The gripper may touch: that is what it is for.
 """

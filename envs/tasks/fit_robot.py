@@ -21,10 +21,11 @@ from envs.kinematics.batched_inverse import BatchedInverseKinematics
 from envs.kinematics.forward import rotation_vector
 from envs.kinematics.waypoints import Waypoint, interpolate
 from envs.rotations import conjugate, from_euler, from_matrix, multiply, to_euler, to_matrix
-from envs.scenario import RobotCfg, Vec3
+from envs.scenario import RobotCfg
 from envs.state import State
 from envs.tasks.arm_contacts import ArmContacts
 from envs.tasks.base import Task
+from envs.tasks.kept_fits import fit_file, keep_fit, read_fit
 
 BASE_MOVES_M: tuple[tuple[float, ...], ...] = (
     (0.0, 0.06, 0.11, 0.16, -0.06, -0.11),
@@ -32,6 +33,9 @@ BASE_MOVES_M: tuple[tuple[float, ...], ...] = (
     (0.0, -0.1, 0.1),
 )
 """What may be added to the place of the task's own base along x, which points to the workspace, y and z."""
+
+_VERSION = 1
+"""Raised when the search finds other places; those that are kept are then found anew."""
 
 NUM_EPISODES = 32
 """Episodes whose ways must be reachable."""
@@ -124,12 +128,21 @@ def fitted(task: Task, robot: RobotCfg) -> RobotCfg:
         ConfigError: It has no gripper, or cannot reach the start or the expert's ways from anywhere within
             the bounds.
     """
+    check_arm(task, robot)
+    return _fitted(type(task), tuple(sorted(_options(task).items())), robot)
+
+
+def check_arm(task: Task, robot: RobotCfg) -> None:
+    """Refuses a robot that has no gripper, or whose base moves.
+
+    Raises:
+        ConfigError: It does.
+    """
     if not robot.gripper_joints or not robot.fixed_base:
         raise ConfigError(
             f"The robot '{robot.name}' cannot do {task.name}: it is no arm with a gripper. "
             "See those that are with: roboverse list robots"
         )
-    return _fitted(type(task), tuple(sorted(_options(task).items())), robot)
 
 
 def _options(task: Task) -> dict[str, object]:
@@ -150,8 +163,31 @@ def _fitted(cls: type[Task], options: tuple[tuple[str, object], ...], robot: Rob
 
 
 def _search(task: Task, robot: RobotCfg) -> RobotCfg:
-    own = task.robot
+    """Returns the robot in its place, as it was found before or is found now."""
     ways = _ways(task)
+    hand = [ways.pos.numpy(), ways.rot.numpy(), *(part.numpy() for part in ways.rest)]
+    path = fit_file(_VERSION, [robot, task.robot, task.scenario.objects, task.scenario.table], hand)
+    kept = read_fit(path)
+    if kept is None:
+        try:
+            placed = _found(task, robot, ways)
+        except ConfigError as error:
+            keep_fit(path, {"refused": str(error)})
+            raise
+        keep_fit(path, {"pos": placed.pos, "qpos": placed.default_qpos})
+        return placed
+    if "refused" in kept:
+        raise ConfigError(kept["refused"])
+    return replace(robot, pos=tuple(kept["pos"]), rot=task.robot.rot).with_home(kept["qpos"])
+
+
+def _found(task: Task, robot: RobotCfg, ways: _Ways) -> RobotCfg:
+    """Looks for the place and the posture.
+
+    Raises:
+        ConfigError: There is none.
+    """
+    own = task.robot
     moves = sorted(itertools.product(*BASE_MOVES_M), key=lambda move: float(np.linalg.norm(move)))
     there = replace(robot, pos=own.pos, rot=own.rot)
     ik = BatchedInverseKinematics(there)
@@ -160,7 +196,7 @@ def _search(task: Task, robot: RobotCfg) -> RobotCfg:
         some = torch.tensor(moves[first : first + together], dtype=torch.float64)
         tries = _tried(ik, ways, some)
         for place, posture in tries.good()[: MOST_CHECKED - len(checked)]:
-            move = tries.moves[place].tolist()
+            move = tuple(tries.moves[place].tolist())
             placed = _placed(there, own, tries.rest[place, posture].numpy(), move)
             touching = _touching(task, placed, ways.starts, tries.ways[:, place, posture])
             if touching <= FREE_SHARE:
@@ -199,7 +235,7 @@ def _bounds() -> str:
     return " × ".join(f"{100 * min(moves):.0f} to {100 * max(moves):.0f} cm" for moves in BASE_MOVES_M)
 
 
-def _placed(robot: RobotCfg, own: RobotCfg, arm: np.ndarray, move: Vec3 | tuple[float, ...]) -> RobotCfg:
+def _placed(robot: RobotCfg, own: RobotCfg, arm: np.ndarray, move: tuple[float, ...]) -> RobotCfg:
     """Returns the robot with base and rest posture, which are rounded, to be alike on all machines."""
     pos = tuple(round(a + float(b), 6) + 0.0 for a, b in zip(own.pos, move, strict=True))
     qpos = np.array(robot.default_qpos)
@@ -257,6 +293,8 @@ def _tried(ik: BatchedInverseKinematics, ways: _Ways, moves: Tensor) -> _Tries:
     """Tries places of the base, which is moved by ``moves`` (C, 3)."""
     rest, off, turn = _rest_postures(ik, ways.rest, moves)  # (C, P, K)
     count, postures, joints = rest.shape
+    if not ((off < POSITION_TOLERANCE_M) & (turn < TURN_TOLERANCE_RAD)).any():  # no way needs following
+        return _Tries(moves, rest, off, turn, torch.zeros_like(off), rest.new_zeros(0))
     episodes, steps = ways.pos.shape[:2]
     q = rest[:, :, None].expand(count, postures, episodes, joints).reshape(-1, joints).clone()
     own_rest = ik.rest
