@@ -81,7 +81,8 @@ def test_the_tasks_own_robot_changes_nothing():
     assert with_robot.hash != EnvSpec().hash
 
 
-def test_a_robot_that_cannot_reach_is_refused_with_what_it_lacks():
+def test_a_robot_that_cannot_reach_is_refused_with_what_it_lacks(monkeypatch):
+    monkeypatch.setattr(fit_robot, "TOGETHER", (1, 5))
     stiff = [replace(joint, range=(joint.default - 0.3, joint.default + 0.3)) for joint in FRANKA.joints[:7]]
     short = replace(FRANKA, name="short", joints=(*stiff, *FRANKA.joints[7:]))
     message = r"'short' cannot do PickCube: its hand misses a pose of the way by \d+ mm and \d+ degrees"
