@@ -1,8 +1,8 @@
 """Measures how often the expert of each task succeeds on each robot: a table of robots and tasks.
 
 ``python -m envs.experts.robots`` runs the expert in the first episodes of the test split, without rendering,
-and writes ``results/robots.json`` after every cell; run again, it measures what is missing. A robot that cannot
-do a task is recorded with the reason.
+and writes ``results/robots.json`` after every cell; run again, it measures what is missing. A robot that
+cannot do a task is recorded with the reason.
 """
 
 import json
@@ -105,10 +105,12 @@ def as_text(cells: Sequence[dict[str, Any]]) -> str:
     """Returns a table as Markdown: a row per robot, a column per task."""
     tasks = list(dict.fromkeys(cell["task"] for cell in cells))
     found = {(cell["robot"], cell["task"]): _shown(cell) for cell in cells}
-    lines = [f"| robot | {' | '.join(tasks)} |", "|---" * (len(tasks) + 1) + "|"]
-    for robot in dict.fromkeys(cell["robot"] for cell in cells):
-        lines.append(f"| {robot} | {' | '.join(found.get((robot, task), '') for task in tasks)} |")
-    return "\n".join(lines)
+    rows = [
+        [robot, *(found.get((robot, task), "") for task in tasks)]
+        for robot in dict.fromkeys(cell["robot"] for cell in cells)
+    ]
+    lines = [["robot", *tasks], ["---"] * (len(tasks) + 1), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def _shown(cell: dict[str, Any]) -> str:

@@ -2,7 +2,8 @@
 
 The hand of every robot starts where the hand of the task's own robot does, and follows the same waypoints.
 The base may move within :data:`BASE_MOVES_M`; the nearest place is taken from which inverse kinematics
-reaches the start and the expert's ways of some episodes. A robot that cannot is refused, with what it lacks.
+reaches the start and the expert's ways of some episodes, in the posture in which the arm touches least on the
+way. A robot that cannot is refused, with what it lacks.
 
 Shapes: C places of the base, P postures, E episodes, T control steps, K joints of the arm.
 """
@@ -20,9 +21,11 @@ from envs.kinematics.batched_inverse import BatchedInverseKinematics
 from envs.kinematics.forward import rotation_vector
 from envs.kinematics.waypoints import Waypoint, interpolate
 from envs.rotations import conjugate, from_euler, from_matrix, multiply, to_euler, to_matrix
-from envs.scenario import RobotCfg, Vec3
+from envs.scenario import RobotCfg
 from envs.state import State
+from envs.tasks.arm_contacts import ArmContacts
 from envs.tasks.base import Task
+from envs.tasks.kept_fits import fit_file, keep_fit, read_fit
 
 BASE_MOVES_M: tuple[tuple[float, ...], ...] = (
     (0.0, 0.06, 0.11, 0.16, -0.06, -0.11),
@@ -31,10 +34,13 @@ BASE_MOVES_M: tuple[tuple[float, ...], ...] = (
 )
 """What may be added to the place of the task's own base along x, which points to the workspace, y and z."""
 
-NUM_EPISODES = 16
+_VERSION = 1
+"""Raised when the search finds other places; those that are kept are then found anew."""
+
+NUM_EPISODES = 32
 """Episodes whose ways must be reachable."""
 
-NUM_SEEDS, NUM_POSTURES = 24, 3
+NUM_SEEDS, NUM_POSTURES = 32, 4
 """Postures from which the start is looked for, and of those found how many are followed along the ways."""
 
 REST_ITERATIONS = 50
@@ -52,12 +58,63 @@ MOST_SPEED_RAD_S = 5.0
 """Largest speed of a joint; a wrist that flips over needs more."""
 
 
+TOUCH_EPISODES, TOUCH_EVERY = NUM_EPISODES, 3
+"""Contacts of the arm are looked for in as many episodes, in every third pose of their ways."""
+
+FREE_SHARE = 0.002
+"""Share of poses with contacts that passes for none: a lid that is pushed is where it was no more."""
+
+MOST_CHECKED = 8
+"""Most places and postures whose contacts are counted."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Ways:
-    """Paths of the hand in the world: positions (E, T, 3) and orientations (E, T, 3, 3)."""
+    """Starts, the pose of the hand at rest, and paths of the hand in the world.
 
+    Attributes:
+        starts: Initial states, E rows.
+        rest: Position (3,) and orientation (3, 3).
+        pos: Positions, (E, T, 3).
+        rot: Orientations, (E, T, 3, 3).
+    """
+
+    starts: State
+    rest: tuple[Tensor, Tensor]
     pos: Tensor
     rot: Tensor
+
+
+@dataclass(frozen=True, slots=True)
+class _Tries:
+    """Places of the base that were tried.
+
+    Attributes:
+        moves: What was added to the base, m, (C, 3).
+        rest: Postures at rest, (C, P, K).
+        missed: Largest miss of a pose, m, (C, P).
+        turned: Largest miss of an orientation, rad, (C, P).
+        fastest: Largest speed of a joint, rad/s, (C, P).
+        ways: Postures on the ways, every few poses, (T', C, P, E, K).
+    """
+
+    moves: Tensor
+    rest: Tensor
+    missed: Tensor
+    turned: Tensor
+    fastest: Tensor
+    ways: Tensor
+
+    def good(self) -> list[tuple[int, int]]:
+        """Returns places and postures that reach everything: near places first, then natural postures."""
+        reached = (self.missed < POSITION_TOLERANCE_M) & (self.turned < TURN_TOLERANCE_RAD)
+        return [tuple(pair) for pair in (reached & (self.fastest < MOST_SPEED_RAD_S)).nonzero().tolist()]
+
+    def nearest(self) -> tuple[float, float, float]:
+        """Returns the misses, m and rad, and the speed of the try that misses least."""
+        least = int((self.missed + 0.1 * self.turned).argmin())
+        off, turn, speed = (float(v.flatten()[least]) for v in (self.missed, self.turned, self.fastest))
+        return off, turn, speed
 
 
 def fitted(task: Task, robot: RobotCfg) -> RobotCfg:
@@ -71,12 +128,21 @@ def fitted(task: Task, robot: RobotCfg) -> RobotCfg:
         ConfigError: It has no gripper, or cannot reach the start or the expert's ways from anywhere within
             the bounds.
     """
+    check_arm(task, robot)
+    return _fitted(type(task), tuple(sorted(_options(task).items())), robot)
+
+
+def check_arm(task: Task, robot: RobotCfg) -> None:
+    """Refuses a robot that has no gripper, or whose base moves.
+
+    Raises:
+        ConfigError: It does.
+    """
     if not robot.gripper_joints or not robot.fixed_base:
         raise ConfigError(
             f"The robot '{robot.name}' cannot do {task.name}: it is no arm with a gripper. "
             "See those that are with: roboverse list robots"
         )
-    return _fitted(type(task), tuple(sorted(_options(task).items())), robot)
 
 
 def _options(task: Task) -> dict[str, object]:
@@ -97,43 +163,79 @@ def _fitted(cls: type[Task], options: tuple[tuple[str, object], ...], robot: Rob
 
 
 def _search(task: Task, robot: RobotCfg) -> RobotCfg:
+    """Returns the robot in its place, as it was found before or is found now."""
+    ways = _ways(task)
+    hand = [ways.pos.numpy(), ways.rot.numpy(), *(part.numpy() for part in ways.rest)]
+    path = fit_file(_VERSION, [robot, task.robot, task.scenario.objects, task.scenario.table], hand)
+    kept = read_fit(path)
+    if kept is None:
+        try:
+            placed = _found(task, robot, ways)
+        except ConfigError as error:
+            keep_fit(path, {"refused": str(error)})
+            raise
+        keep_fit(path, {"pos": placed.pos, "qpos": placed.default_qpos})
+        return placed
+    if "refused" in kept:
+        raise ConfigError(kept["refused"])
+    return replace(robot, pos=tuple(kept["pos"]), rot=task.robot.rot).with_home(kept["qpos"])
+
+
+def _found(task: Task, robot: RobotCfg, ways: _Ways) -> RobotCfg:
+    """Looks for the place and the posture.
+
+    Raises:
+        ConfigError: There is none.
+    """
     own = task.robot
-    start, ways = _ways(task)
     moves = sorted(itertools.product(*BASE_MOVES_M), key=lambda move: float(np.linalg.norm(move)))
     there = replace(robot, pos=own.pos, rot=own.rot)
     ik = BatchedInverseKinematics(there)
-    nearest = (np.inf, np.inf, np.inf)
-    first = 0
+    nearest, checked, first = (np.inf, np.inf, np.inf), list[tuple[float, RobotCfg]](), 0
     for together in TOGETHER:
         some = torch.tensor(moves[first : first + together], dtype=torch.float64)
-        rest, missed, turned, fastest = _tried(ik, start, ways, some)
-        good = (missed < POSITION_TOLERANCE_M) & (turned < TURN_TOLERANCE_RAD) & (fastest < MOST_SPEED_RAD_S)
-        for place in range(len(some)):
-            if good[place].any():
-                choice = int(good[place].long().argmax())  # the posture nearest to the robot's own
-                return _placed(there, own, rest[place, choice].numpy(), moves[first + place])
+        tries = _tried(ik, ways, some)
+        for place, posture in tries.good()[: MOST_CHECKED - len(checked)]:
+            move = tuple(tries.moves[place].tolist())
+            placed = _placed(there, own, tries.rest[place, posture].numpy(), move)
+            touching = _touching(task, placed, ways.starts, tries.ways[:, place, posture])
+            if touching <= FREE_SHARE:
+                return placed
+            checked.append((touching, placed))
+        if checked and (len(checked) >= MOST_CHECKED or together > TOGETHER[1]):
+            break
+        nearest = min(nearest, tries.nearest(), key=lambda each: each[0] + 0.1 * each[1])
         first += together
-        least = int((missed + 0.1 * turned).argmin())
-        found = tuple(float(values.flatten()[least]) for values in (missed, turned, fastest))
-        nearest = min(nearest, found, key=lambda each: each[0] + 0.1 * each[1])
+    if checked:
+        return min(checked, key=lambda each: each[0])[1]
     off, turn, speed = nearest
     if off < POSITION_TOLERANCE_M and turn < TURN_TOLERANCE_RAD:
         lacking = f"a joint would have to turn at {speed:.1f} rad/s"
     else:
-        lacking = (
-            f"its hand misses a pose of the way by {1000 * off:.0f} mm and {np.degrees(turn):.0f} degrees"
-        )
+        miss = f"{1000 * off:.0f} mm and {np.degrees(turn):.0f} degrees"
+        lacking = f"its hand misses a pose of the way by {miss}"
     raise ConfigError(
         f"The robot '{robot.name}' cannot do {task.name}: {lacking}, wherever its base stands within "
         f"{_bounds()} of {own.name}'s. Take another one: roboverse list robots"
     )
 
 
+def _touching(task: Task, robot: RobotCfg, starts: State, ways: Tensor) -> float:
+    """Returns the share of postures (T', E, K) on the ways in which the arm touches something."""
+    contacts = ArmContacts(task.scenario, robot)
+    rest, total = np.array(robot.default_qpos), 0
+    for episode in range(TOUCH_EPISODES):
+        postures = np.tile(rest, (len(ways), 1))
+        postures[:, list(robot.arm)] = ways[:, episode].numpy()
+        total += contacts.count(starts, episode, list(postures))
+    return total / (TOUCH_EPISODES * len(ways))
+
+
 def _bounds() -> str:
     return " × ".join(f"{100 * min(moves):.0f} to {100 * max(moves):.0f} cm" for moves in BASE_MOVES_M)
 
 
-def _placed(robot: RobotCfg, own: RobotCfg, arm: np.ndarray, move: Vec3 | tuple[float, ...]) -> RobotCfg:
+def _placed(robot: RobotCfg, own: RobotCfg, arm: np.ndarray, move: tuple[float, ...]) -> RobotCfg:
     """Returns the robot with base and rest posture, which are rounded, to be alike on all machines."""
     pos = tuple(round(a + float(b), 6) + 0.0 for a, b in zip(own.pos, move, strict=True))
     qpos = np.array(robot.default_qpos)
@@ -145,7 +247,7 @@ def _placed(robot: RobotCfg, own: RobotCfg, arm: np.ndarray, move: Vec3 | tuple[
     return replace(robot, pos=(pos[0], pos[1], pos[2])).with_home([float(value) for value in qpos])
 
 
-def _ways(task: Task) -> tuple[tuple[Tensor, Tensor], _Ways]:
+def _ways(task: Task) -> _Ways:
     """Returns the pose of the task's own hand at rest, and the ways of its expert."""
     own = task.robot
     ik = BatchedInverseKinematics(own)
@@ -165,9 +267,8 @@ def _ways(task: Task) -> tuple[tuple[Tensor, Tensor], _Ways]:
             np.stack([row[np.minimum(np.arange(longest), len(row) - 1)] for row in rows])
         ).double()
 
-    return (rest.pos[0], rest.rot[0]), _Ways(
-        stacked([pos for pos, _ in paths]), stacked([rot for _, rot in paths])
-    )
+    pos, rot = (stacked([path[part] for path in paths]) for part in (0, 1))
+    return _Ways(state, (rest.pos[0], rest.rot[0]), pos, rot)
 
 
 def _path(
@@ -188,23 +289,18 @@ def _path(
 
 
 @torch.inference_mode()
-def _tried(
-    ik: BatchedInverseKinematics, start: tuple[Tensor, Tensor], ways: _Ways, moves: Tensor
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Tries places of the base.
-
-    Returns:
-        Postures at rest (C, P, K), and of each the largest misses on the ways, m and rad, and the largest
-        speed of a joint, rad/s, (C, P) each.
-    """
-    rest, off, turn = _rest_postures(ik, start, moves)  # (C, P, K)
+def _tried(ik: BatchedInverseKinematics, ways: _Ways, moves: Tensor) -> _Tries:
+    """Tries places of the base, which is moved by ``moves`` (C, 3)."""
+    rest, off, turn = _rest_postures(ik, ways.rest, moves)  # (C, P, K)
     count, postures, joints = rest.shape
+    if not ((off < POSITION_TOLERANCE_M) & (turn < TURN_TOLERANCE_RAD)).any():  # no way needs following
+        return _Tries(moves, rest, off, turn, torch.zeros_like(off), rest.new_zeros(0))
     episodes, steps = ways.pos.shape[:2]
     q = rest[:, :, None].expand(count, postures, episodes, joints).reshape(-1, joints).clone()
     own_rest = ik.rest
     shift = moves[:, None, None].expand(count, postures, episodes, 3).reshape(-1, 3)
     missed, turned, fastest = (torch.zeros(len(q), dtype=q.dtype) for _ in range(3))
-    repeat = count * postures
+    repeat, kept = count * postures, list[Tensor]()
     ik.rest = q.clone()
     try:
         for step in range(steps):
@@ -217,13 +313,16 @@ def _tried(
             missed = torch.maximum(missed, (now.pos - pos).norm(dim=-1))
             turned = torch.maximum(turned, rotation_vector(rot @ now.rot.transpose(1, 2)).norm(dim=-1))
             fastest = torch.maximum(fastest, WAY_HZ * (q - before).abs().amax(-1))
+            if step % TOUCH_EVERY == 0:
+                kept.append(q.reshape(count, postures, episodes, joints))
     finally:
         ik.rest = own_rest
 
     def worst(values: Tensor) -> Tensor:
         return values.reshape(count, postures, episodes).amax(-1)
 
-    return rest, torch.maximum(worst(missed), off), torch.maximum(worst(turned), turn), worst(fastest)
+    off, turn = torch.maximum(worst(missed), off), torch.maximum(worst(turned), turn)
+    return _Tries(moves, rest, off, turn, worst(fastest), torch.stack(kept))
 
 
 def _rest_postures(
@@ -235,7 +334,7 @@ def _rest_postures(
     """
     generator = torch.Generator().manual_seed(0)
     joints, count = len(ik.rest), len(moves)
-    offsets = torch.randn((NUM_SEEDS, joints), generator=generator, dtype=torch.float64) * 0.7
+    offsets = torch.randn((NUM_SEEDS, joints), generator=generator, dtype=torch.float64)
     offsets[0] = 0.0
     q = (ik.rest + offsets).clamp(ik.chain.low, ik.chain.high).repeat(count, 1)
     pos = (start[0] - moves).repeat_interleave(NUM_SEEDS, 0)

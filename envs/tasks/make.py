@@ -79,16 +79,16 @@ def _with_robot(task: Task, options: Mapping[str, Any], name: str) -> Task:
     cls, robot = type(task), ROBOTS.get(name)
     if robot.name == task.robot.name:
         return task
-    from envs.tasks.fit_robot import fitted
+    from envs.tasks.fit_robot import check_arm, fitted
 
-    placed = fitted(task, robot)
-    other = _subclass(cls, {"robot": property(lambda _: placed)})(**options)
-    if other.scenario.robots[0] is not placed:
+    check_arm(task, robot)
+    if _subclass(cls, {"robot": property(lambda _: robot)})(**options).scenario.robots[0] is not robot:
         raise ConfigError(
             f"{task.name} has a robot of its own, '{task.robot.name}', and takes no other. A task takes any "
             "robot where its scene, start and rules use self.robot."
         )
-    return other
+    placed = fitted(task, robot)
+    return _subclass(cls, {"robot": property(lambda _: placed)})(**options)
 
 
 def _with_scenario(cls: type[Task], options: Mapping[str, Any], scenario: ScenarioCfg) -> Task:

@@ -1,0 +1,83 @@
+"""How often an arm would touch what it must not: itself, the table, and objects where they start.
+
+The gripper may touch: that is what it is for.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from envs.mjcf.layout import EntityLayout, layout_of
+from envs.mjcf.model import build_models
+from envs.scenario import RobotCfg, ScenarioCfg
+from envs.state import EntityState, State
+
+TOUCHING_M = -0.002
+"""Distance of two shapes below which they touch: collision shapes of neighbours overlap a little."""
+
+
+class ArmContacts:
+    """Counts contacts of an arm in a scene.
+
+    Args:
+        scenario: The scene.
+        robot: The robot that stands in it in place of its own.
+    """
+
+    def __init__(self, scenario: ScenarioCfg, robot: RobotCfg) -> None:
+        scene = replace(scenario, robots=(robot,), cameras=())
+        _, self._model = build_models(scene, prune=True)
+        self._data = mujoco.MjData(self._model)
+        self._layout = layout_of(self._model, scene)
+        names = [self._model.body(index).name for index in range(self._model.nbody)]
+        prefix = f"{robot.name}/"
+        self._is_arm = np.array(
+            [name.startswith(prefix) and not name.startswith(f"{prefix}gripper/") for name in names]
+        )
+        self._is_robot = np.array([name.startswith(prefix) for name in names])
+
+    def count(self, start: State, row: int, postures: Sequence[np.ndarray]) -> int:
+        """Returns in how many postures the arm touches something.
+
+        Args:
+            start: A start of the task; its objects stay where they are.
+            row: Which of its rows.
+            postures: Positions of all joints of the robot, (J,) each.
+        """
+        self._place(start, row)
+        (robot,) = self._layout.robots
+        touching = 0
+        for qpos in postures:
+            self._data.qpos[robot.qpos] = qpos
+            mujoco.mj_kinematics(self._model, self._data)
+            mujoco.mj_comPos(self._model, self._data)
+            mujoco.mj_collision(self._model, self._data)
+            touching += self._touches()
+        return touching
+
+    def _touches(self) -> bool:
+        contact = self._data.contact
+        if not len(contact.dist):
+            return False
+        one, other = self._model.geom_bodyid[contact.geom].T
+        arm = self._is_arm[one] | self._is_arm[other]
+        base = self._model.body_weldid == 0  # what is bolted down may stand on its pedestal
+        moving = ~(base[one] & base[other])
+        return bool((arm & moving & (contact.dist < TOUCHING_M)).any())
+
+    def _place(self, start: State, row: int) -> None:
+        mujoco.mj_resetData(self._model, self._data)
+        for layout in self._layout.objects:
+            if layout.name in start.objects:
+                self._write(layout, start.objects[layout.name], row)
+
+    def _write(self, layout: EntityLayout, entity: EntityState, row: int) -> None:
+        pos, rot = np.asarray(entity.pos[row]), np.asarray(entity.rot[row])
+        if layout.root == "free":
+            self._data.qpos[layout.root_qpos : layout.root_qpos + 7] = np.concatenate([pos, rot])
+        elif layout.root == "mocap":
+            self._data.mocap_pos[layout.mocap], self._data.mocap_quat[layout.mocap] = pos, rot
+        if len(layout.qpos):
+            self._data.qpos[layout.qpos] = np.asarray(entity.joint_pos[row])
