@@ -136,10 +136,10 @@ class Seater:
         for item in self._layout.objects:
             entity = starts.objects[item.name]
             if item.root == "mocap":
-                self._data.mocap_pos[item.mocap] = entity.pos[row]
-                self._data.mocap_quat[item.mocap] = entity.rot[row]
+                self._data.mocap_pos[item.mocap] = entity.pos[row].numpy()
+                self._data.mocap_quat[item.mocap] = entity.rot[row].numpy()
             if len(item.qpos):
-                self._data.qpos[item.qpos] = entity.joint_pos[row]
+                self._data.qpos[item.qpos] = entity.joint_pos[row].numpy()
 
     def _put_down(self, name: str, height: int) -> None:
         """Raises an object out of what it overlaps, and lowers it to its first touch."""
