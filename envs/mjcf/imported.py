@@ -155,7 +155,7 @@ class _Assets:
             geom.get("type") in ("box", "plane")
             and seen_only
             and material is not None
-            and self._image(material)
+            and self._image(material) is not None
         ):
             half = np.array(geom.get("size", "").split(), float)
             if geom.get("type") == "plane":
@@ -180,7 +180,7 @@ class _Assets:
         paths = {name: self._path(self._found["mesh"][name]) for name in self._meshes}
         sizes = {name: path.stat().st_size for name, path in paths.items()}
         for name, path in paths.items():
-            budget = max(LEAST_FACES, max_faces * sizes[name] // sum(sizes.values()))
+            budget = max(LEAST_FACES, max_faces * sizes[name] // max(1, sum(sizes.values())))
             material = self._found["material"].get(self._meshes[name] or "")
             image = None if material is None else self._image(material)
             flat = image is None or image.get("type") == "cube"

@@ -24,6 +24,7 @@ from envs.tasks.libero.catalogue import Entry
 from envs.tasks.libero.files import problem_file, start_file
 from envs.tasks.libero.scene import Scene
 from envs.tasks.libero.start_files import fixed_starts
+from envs.tasks.skills.clouds import cloud
 
 SETTLE_S = 0.6
 """Time in which all objects come to rest together."""
@@ -34,7 +35,7 @@ RAISE_STEP_M, LOWER_STEP_M, TOUCH_M = 0.002, 0.005, 0.0002
 MOST_RAISED_M, MOST_LOWERED_M = 0.3, 0.4
 
 _AWAY_M = 5.0
-_VERSION = 3
+_VERSION = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +88,7 @@ class Seater:
     """
 
     def __init__(self, scene: Scene) -> None:
+        self._scene = scene
         scenario = replace(scene.scenario, robots=(), cameras=())
         self._model = build_models(scenario)[1]
         self._data = mujoco.MjData(self._model)
@@ -108,7 +110,9 @@ class Seater:
         ]
         for place, item in enumerate(self._movable):  # out of the way until it is their turn
             data.qpos[item.root_qpos : item.root_qpos + 3] = (_AWAY_M + place, 0.0, _AWAY_M)
-        for place in np.argsort([pose[2] for pose in given], kind="stable"):
+        heights = [float(np.ptp(self._scene_points(starts, row, item.name)[:, 2])) for item in self._movable]
+        # Lowest first; of two that hang equally high the flatter one, whose rim a bowl may reach over.
+        for place in sorted(range(len(given)), key=lambda i: (round(float(given[i][2]), 2), heights[i])):
             item = self._movable[place]
             data.qpos[item.root_qpos : item.root_qpos + 7] = given[place]
             self._put_down(item.name, item.root_qpos + 2)
@@ -124,14 +128,18 @@ class Seater:
         seat = Seat(float(moved.max()), float(np.arccos(np.clip(cosine, 0, 1)).max()), float(max(speeds)))
         return poses, seat
 
+    def _scene_points(self, starts: State, row: int, name: str) -> np.ndarray:
+        """Returns points of an object in one of the states, (P, 3)."""
+        return cloud(self._scene.parts[name], starts.objects[name].select(torch.tensor([row])))
+
     def _place_fixtures(self, starts: State, row: int) -> None:
         for item in self._layout.objects:
             entity = starts.objects[item.name]
             if item.root == "mocap":
-                self._data.mocap_pos[item.mocap] = entity.pos[row]
-                self._data.mocap_quat[item.mocap] = entity.rot[row]
+                self._data.mocap_pos[item.mocap] = entity.pos[row].numpy()
+                self._data.mocap_quat[item.mocap] = entity.rot[row].numpy()
             if len(item.qpos):
-                self._data.qpos[item.qpos] = entity.joint_pos[row]
+                self._data.qpos[item.qpos] = entity.joint_pos[row].numpy()
 
     def _put_down(self, name: str, height: int) -> None:
         """Raises an object out of what it overlaps, and lowers it to its first touch."""

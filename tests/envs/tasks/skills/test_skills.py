@@ -1,0 +1,120 @@
+"""Grasps and places from collision geometry, by hand."""
+
+import numpy as np
+import pytest
+
+from envs.tasks.skills.clouds import Heights, Underside, box_points, thinned
+from envs.tasks.skills.grasps import Grasp, top_grasps
+from envs.tasks.skills.hands import PALM_M, TIP_BELOW_M, hand_underside
+from envs.tasks.skills.moves import Hand, drag, escape, pick, put
+
+NOTHING = np.zeros((0, 3))
+
+
+def rng():
+    return np.random.default_rng(0)
+
+
+def box(half, at=(0.0, 0.0, 0.0)):
+    return box_points(np.array(half)) + np.array(at)
+
+
+def bowl(radius=0.06, height=0.05):
+    """A ring of wall on a floor, its bottom at z = 0."""
+    angles = np.linspace(0, 2 * np.pi, 120)
+    wall = [(radius * np.cos(a), radius * np.sin(a), z) for a in angles for z in np.arange(0, height, 0.004)]
+    floor = [(r * np.cos(a), r * np.sin(a), 0.0) for a in angles for r in np.arange(0, radius, 0.005)]
+    return thinned(np.array(wall + floor), 0.004)
+
+
+def test_points_cover_a_box():
+    points = box((0.01, 0.02, 0.03))
+    np.testing.assert_allclose(points.min(0), (-0.01, -0.02, -0.03))
+    np.testing.assert_allclose(points.max(0), (0.01, 0.02, 0.03))
+    on_a_side = np.isclose(np.abs(points), (0.01, 0.02, 0.03)).any(1)
+    assert on_a_side.all()
+
+
+def test_a_grasp_closes_on_the_narrow_sides():
+    """A box 4 cm along x and 12 cm along y: the fingers close along x, so the hand is turned by a quarter."""
+    best = top_grasps(box((0.02, 0.06, 0.03), (0.3, 0.1, 0.03)), NOTHING, 0.012, rng())[0]
+    assert abs(abs(best.yaw) - np.pi / 2) < 0.3
+    assert np.linalg.norm(best.pos[:2] - (0.3, 0.1)) < 0.03
+    assert 0.012 <= best.pos[2] <= 0.06
+
+
+def test_what_is_wider_than_the_hand_has_no_grasp():
+    ring = np.linspace(0, 2 * np.pi, 200)
+    sides = [(0.07 * np.cos(a), 0.07 * np.sin(a), z) for a in ring for z in np.arange(0, 0.1, 0.005)]
+    lid = [(r * np.cos(a), r * np.sin(a), 0.1) for a in ring for r in np.arange(0, 0.07, 0.005)]
+    assert top_grasps(np.array(sides + lid), NOTHING, 0.012, rng()) == []
+
+
+def test_a_bowl_is_grasped_by_its_rim():
+    grasps = top_grasps(bowl(), NOTHING, 0.012, rng())
+    assert grasps
+    for grasp in grasps[:5]:
+        assert np.linalg.norm(grasp.pos[:2]) == pytest.approx(0.06, abs=0.012)
+
+
+def test_a_neighbour_keeps_fingers_out():
+    item = box((0.02, 0.02, 0.03), (0, 0, 0.03))
+    walls = np.concatenate([box((0.002, 0.2, 0.1), (x, 0, 0.1)) for x in (-0.03, 0.03)])
+    grasps = top_grasps(item, walls, 0.012, rng())
+    assert all(abs(grasp.yaw) < 0.6 for grasp in grasps)  # fingers close along y, where there is room
+
+
+def test_something_comes_to_rest_on_the_highest_thing_below_it():
+    heights = Heights([box((0.05, 0.05, 0.1), (0.2, 0.0, 0.1))], ground=0.0)
+    block = Underside.of(box((0.02, 0.02, 0.03)))
+    rests = heights.rest(np.array([(0.2, 0.0), (0.26, 0.0), (0.3, 0.0)]), block)
+    np.testing.assert_allclose(rests, (0.23, 0.23, 0.03), atol=1e-9)
+    assert heights.along(np.array([0.0, 0.0]), np.array([0.5, 0.0]), block) == pytest.approx(0.23)
+
+
+def test_the_underside_of_a_hand_is_its_fingers_and_its_palm():
+    under = hand_underside(0.0)
+    assert under.z.min() == pytest.approx(-TIP_BELOW_M, abs=1e-5)
+    assert under.z.max() == pytest.approx(PALM_M, abs=1e-5)
+    fingers = under.cells[under.z < 0] * 0.005
+    assert np.abs(fingers[:, 0]).max() < 0.02 and np.abs(fingers[:, 1]).min() >= 0.035
+    turned = hand_underside(np.pi / 2)
+    assert np.abs(turned.cells[turned.z < 0][:, 1] * 0.005).max() < 0.02
+
+
+def test_picking_opens_comes_down_and_closes():
+    grasp = Grasp(np.array([0.2, 0.1, 0.02]), 0.3, 0.04, 0.0)
+    way = pick(Hand(np.array([0.0, 0.0, 0.3])), grasp, Heights([], 0.0))
+    assert [point.gripper for point in way[:-1]] == [0.04] * (len(way) - 1) and way[-1].gripper == 0.0
+    np.testing.assert_array_equal(way[-1].pos, grasp.pos)
+    np.testing.assert_array_equal(way[-2].pos, grasp.pos)
+    np.testing.assert_allclose(way[-3].pos[:2], grasp.pos[:2])
+
+
+def test_carrying_goes_over_what_is_between():
+    wall = box((0.01, 0.3, 0.1), (0.1, 0.0, 0.1))
+    item = Underside.of(box((0.02, 0.02, 0.02)))
+    grasp = Grasp(np.array([0.0, 0.0, 0.02]), 0.0, 0.03, 0.0)
+    way = put(Hand(grasp.pos), grasp, item, np.array([0.2, 0.0, 0.03]), 0.0, Heights([wall], 0.0))
+    assert max(point.pos[2] for point in way) > 0.2 + 0.02
+    assert way[-2].gripper == 0.03 and way[-1].pos[2] > way[-2].pos[2]
+
+
+def test_what_is_under_a_shelf_first_comes_out_sideways():
+    shelf = box((0.1, 0.2, 0.005), (-0.07, 0.0, 0.2))
+    item = Underside.of(box((0.02, 0.02, 0.02)))
+    grasp = Grasp(np.array([0.0, 0.0, 0.02]), 0.0, 0.03, 0.0)
+    way = escape(grasp, item, Heights([shelf], 0.0))
+    assert way[0] >= 0.05 and abs(way[1]) < 0.03
+    assert not escape(grasp, item, Heights([], 0.0)).any()
+
+
+def test_dragging_pushes_the_rim_from_inside():
+    plate = bowl(0.07, 0.02)
+    way = drag(
+        Hand(np.array([0, 0, 0.2])), plate, np.array([0.1, 0.0]), Heights([plate], 0.0), Heights([plate], 0.0)
+    )
+    assert all(point.gripper == 0.0 for point in way)
+    end = way[-2].pos
+    assert end[1] == pytest.approx(0.0, abs=1e-6) and 0.14 < end[0] < 0.17
+    assert TIP_BELOW_M < end[2] < 0.02
