@@ -177,6 +177,10 @@ def _run(command: str, config: Any) -> None:
         from roboverse_learn.replay import replay
 
         _show(replay(config))
+    elif command == "teleoperate":
+        from roboverse_learn.teleoperate import teleoperate
+
+        _show(teleoperate(config))
     elif command == "view":
         from roboverse_learn.view import view
 

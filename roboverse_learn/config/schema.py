@@ -14,6 +14,7 @@ from envs.randomization.levels import channels_of
 from envs.randomization.splits import load_split
 from envs.spec import EnvSpec
 from policies.base import listed
+from roboverse_learn.config.teleoperate_config import TeleoperateConfig
 from roboverse_learn.config.view_config import ViewConfig
 from roboverse_learn.data.sources import SOURCES
 from roboverse_learn.training.config import TrainConfig
@@ -121,7 +122,8 @@ class CollectConfig:
         source: Registered source of demonstrations: the task's expert, the policy of ``checkpoint``, trained
             by reinforcement learning, or files of this format in ``path``.
         checkpoint: Folder of that policy, or of its run.
-        path: File of demonstrations, or a folder of them; of files, num_demos is the most that is taken.
+        path: File of demonstrations, or a folder of them, or of recordings of teleoperation; of files,
+            num_demos is the most that is taken.
         replay: How a file's demonstrations become ours: by recorded states, or by controls in our physics.
         dataset: Folder of the dataset; empty for one named after the configuration. train collects only
             where none is named, and takes any LeRobotDataset v3, also of another robot.
@@ -394,6 +396,7 @@ COMMANDS: dict[str, type] = {
     "convert": ConvertConfig,
     "replay": ReplayConfig,
     "view": ViewConfig,
+    "teleoperate": TeleoperateConfig,
     "conservation": ConservationConfig,
     "doctor": DoctorConfig,
 }

@@ -16,12 +16,16 @@ class EpisodeBook:
         folder: Where recordings are written.
         pool: Episodes in the order in which they are tried.
         wanted: Successes wanted in the folder.
+
+    Attributes:
+        revision: Rises with every change of the recordings.
     """
 
     def __init__(self, folder: RecordingFolder, pool: Sequence[int], wanted: int) -> None:
         self._folder, self._pool, self.wanted = folder, pool, wanted
         self._out: set[int] = set()
         self._skipped: set[int] = set()
+        self.revision = 0
 
     @property
     def kept(self) -> int:
@@ -51,10 +55,12 @@ class EpisodeBook:
 
     def add(self, recording: Recording) -> Path:
         """Keeps a recording; returns its file."""
+        self.revision += 1
         return self._folder.add(recording)
 
     def discard(self, path: Path) -> None:
         """Marks a recording as discarded; its episode may be handed out again."""
+        self.revision += 1
         self._skipped.discard(int(self._folder.facts[path]["episode"]))
         self._folder.remark(path, Mark.DISCARDED)
 

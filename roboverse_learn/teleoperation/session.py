@@ -23,7 +23,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from envs.state import State
 from envs.tasks.plan_following import TAIL_STEPS
 from roboverse_learn.teleoperation.episode_book import EpisodeBook
 from roboverse_learn.teleoperation.episode_tape import EpisodeTape, Step
@@ -76,6 +75,10 @@ class Session:
         version: Rises whenever what there is to see has changed.
         seq: Number of the newest motion that was applied.
         operator: Name of the person.
+        connected: Whether the person is there; an episode that runs is paused where not.
+        episode: The present episode of the train split; None where there is nothing left to do.
+        acting: ``person`` or ``policy``.
+        done: Whether the person has pressed *finish* after the last episode.
     """
 
     def __init__(
@@ -88,10 +91,10 @@ class Session:
         self._inbox: deque[Move | Press] = deque()
         self._devices: Counter[str] = Counter()
         self._made: list[Path] = []
-        self._episode: int | None = None
+        self.episode: int | None = None
         self.operator, self.note = "", ""
         self.version = self.seq = 0
-        self.phase, self.connected = Phase.READY, False
+        self.phase, self.connected, self.done = Phase.READY, False, False
         self._load(self._book.take())
 
     # -- what others call, from any thread ------------------------------------------------------------
@@ -131,7 +134,8 @@ class Session:
     def _advance(self) -> None:
         state, hand, person = self.station.state, self._hand_action(), self.acting == "person"
         if person:
-            if not len(self._tape) and not hand[:-1].any() and hand[-1] == self._rest_gripper:
+            grips = abs(hand[-1] - self._rest_gripper) > 0.05
+            if not len(self._tape) and not hand[:-1].any() and not grips:
                 return  # the clock waits for the first motion
             action = self.station.actions_of(hand)
         else:
@@ -188,18 +192,18 @@ class Session:
 
     def _discard(self) -> None:
         """Throws the present episode away; the next one is another."""
-        if self.phase is Phase.OVER or self._episode is None:
+        if self.phase is Phase.OVER or self.episode is None:
             return
         self._record(Mark.DISCARDED)
-        self._book.give_back(self._episode, skip=True)
+        self._book.give_back(self.episode, skip=True)
         self._load(self._book.take())
         self.note = "Discarded."
 
     def _reset(self) -> None:
         """Throws the present attempt away; the same episode starts again."""
-        if self.phase is not Phase.OVER and self._episode is not None:
+        if self.phase is not Phase.OVER and self.episode is not None:
             self._record(Mark.DISCARDED)
-            self._load(self._episode)
+            self._load(self.episode)
             self.note = "The same episode, from its start."
 
     def _undo(self) -> None:
@@ -218,18 +222,18 @@ class Session:
                 self._load(self._book.take())
 
     def _take_over(self) -> None:
-        if self._driver is not None and self._episode is not None:
+        if self._driver is not None and self.episode is not None:
             self.acting = "policy" if self.acting == "person" else "person"
             self._still()
             self._gripper = self.station.gripper()
             if self.acting == "policy":
-                self._driver.begin(self._episode)
+                self._driver.begin(self.episode)
 
     # -- episodes ------------------------------------------------------------------------------------
 
     def _load(self, episode: int | None) -> None:
         """Shows the start of an episode; None where there is nothing left to do."""
-        self._episode = episode
+        self.episode = episode
         self._tape = EpisodeTape()
         self._devices.clear()
         self.version += 1
@@ -251,20 +255,21 @@ class Session:
 
     def _close(self) -> None:
         """Keeps the episode with the mark that the task gives it; the next one is ready."""
-        if not len(self._tape) or self._episode is None:
+        self.done = self.phase is Phase.OVER
+        if not len(self._tape) or self.episode is None:
             return
         mark = Mark.FAILURE if self._tape.solved_at is None else Mark.SUCCESS
         self._record(mark)
-        self._book.give_back(self._episode, skip=True)
+        self._book.give_back(self.episode, skip=True)
         self._load(self._book.take())
         self.note = "Success, kept." if mark is Mark.SUCCESS else "No success: kept apart as a failure."
 
     def _record(self, mark: Mark) -> None:
         """Writes the episode, if it has begun."""
-        if not len(self._tape) or self._episode is None:
+        if not len(self._tape) or self.episode is None:
             return
         facts = {
-            "episode": self._episode,
+            "episode": self.episode,
             "mark": str(mark),
             "operator": self.operator,
             "device": next((name for name, _ in self._devices.most_common(1)), ""),
@@ -284,16 +289,11 @@ class Session:
             "seconds": round(len(self._tape) / self.station.control_hz, 2),
             "limit_s": self._limit / self.station.control_hz,
             "success": self._tape.solved_at is not None,
-            "instruction": self.station.instruction if self._episode is not None else "",
-            "episode": self._episode,
+            "instruction": self.station.instruction if self.episode is not None else "",
+            "episode": self.episode,
             "hand": self.station.hand(),
             "kept": self._book.kept,
             "wanted": self._book.wanted,
             "seq": self.seq,
             "note": self.note,
         }
-
-    @property
-    def present(self) -> State:
-        """The present state, one row."""
-        return self.station.state

@@ -1,5 +1,6 @@
 """One environment of a batch, whose hand is steered."""
 
+import threading
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,7 @@ class Station:
     Args:
         env: Environments of the train split; see :func:`check_steerable`.
         env_id: Which of them.
+        drawing: Held while something is rendered, where several threads render.
 
     Attributes:
         env_id: See above.
@@ -47,8 +49,8 @@ class Station:
 
     state: State
 
-    def __init__(self, env: RoboVerseVectorEnv, env_id: int) -> None:
-        self._env, self.env_id = env, env_id
+    def __init__(self, env: RoboVerseVectorEnv, env_id: int, drawing: threading.Lock | None = None) -> None:
+        self._env, self.env_id, self._drawing = env, env_id, drawing or threading.Lock()
         self.robot: RobotCfg = env.scenario.robots[0]
         self.controller = HandPoseController(self.robot)
         self.control_hz = float(env.control_hz)
@@ -104,7 +106,8 @@ class Station:
 
     def observe(self) -> dict[str, np.ndarray]:
         """Returns what a policy observes now, without the axis of environments; this renders."""
-        return {key: value[0] for key, value in self._env.observe([self.env_id]).items()}
+        with self._drawing:
+            return {key: value[0] for key, value in self._env.observe([self.env_id]).items()}
 
     def _read(self) -> None:
         self.state = self._env.get_states([self.env_id]).to("cpu")

@@ -21,6 +21,11 @@ SOURCES.add(
     summary="a policy that was trained by reinforcement learning",
 )
 SOURCES.add(
+    "teleop",
+    "roboverse_learn.data.sources.teleop:TeleopSource",
+    summary="recordings of a person, made by roboverse teleoperate",
+)
+SOURCES.add(
     "maniskill",
     "roboverse_learn.data.importers.maniskill:ManiSkillSource",
     extra="import",

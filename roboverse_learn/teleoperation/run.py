@@ -1,0 +1,167 @@
+"""A run of teleoperation: environments, sessions and threads, with a page or with a scripted person."""
+
+import asyncio
+import contextlib
+import logging
+import socket
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from envs.core.errors import ConfigError
+from envs.vector_env import RoboVerseVectorEnv
+from roboverse_learn.config.teleoperate_config import TeleoperateConfig
+from roboverse_learn.teleoperation.conductor import Conductor, Figures
+from roboverse_learn.teleoperation.episode_book import EpisodeBook
+from roboverse_learn.teleoperation.recording import RecordingFolder, scene_of
+from roboverse_learn.teleoperation.scripted_person import ExpertHand, ExpertPerson
+from roboverse_learn.teleoperation.session import Phase, Session
+from roboverse_learn.teleoperation.station import Station, check_steerable
+
+_POLL_S = 0.1
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(kw_only=True)
+class Steering:
+    """Everything that a run of teleoperation consists of, but its page.
+
+    Attributes:
+        env: The environments.
+        book: Episodes and recordings.
+        sessions: One per environment.
+        folder: The recordings.
+        drawing: Held while something is rendered.
+    """
+
+    env: RoboVerseVectorEnv
+    book: EpisodeBook
+    sessions: list[Session]
+    folder: RecordingFolder
+    drawing: threading.Lock = field(default_factory=threading.Lock)
+
+
+@contextlib.contextmanager
+def prepared(config: TeleoperateConfig, recordings: Path) -> Iterator[Steering]:
+    """Makes the environments and opens the folder of recordings; both are closed at the end.
+
+    Raises:
+        ConfigError: The task cannot be teleoperated.
+        DatasetError: The folder holds recordings of another scene.
+        LockedError: Another process writes to it.
+    """
+    drawing, people = threading.Lock(), range(config.operators)
+    with contextlib.ExitStack() as stack:
+        env = view_env(config)
+        stack.callback(env.close)
+        check_steerable(env)
+        folder = RecordingFolder(recordings, scene_of(env.env_spec))
+        stack.callback(folder.close)
+        book = EpisodeBook(folder, env.split_indices.tolist(), config.num_demos)
+        stations = [Station(env, index, drawing) for index in people]
+        sessions = [Session(station, book, limit_s=config.limit_s) for station in stations]
+        yield Steering(env=env, book=book, sessions=sessions, folder=folder, drawing=drawing)
+
+
+def view_env(config: TeleoperateConfig) -> RoboVerseVectorEnv:
+    """Returns the environments, with the cameras and the image size of the page."""
+    cameras = config.view_cameras or config.env.cameras
+    spec = config.env.replace(cameras=cameras, image_size=config.view_size)
+    return spec.make(config.operators, observation="pixels")
+
+
+def steer_by_expert(steering: Steering) -> None:
+    """Lets the expert steer until there are enough successes, without waiting for the clock.
+
+    Raises:
+        ConfigError: The task has no expert.
+    """
+    task = steering.env.task
+    if not task.has_expert:
+        raise ConfigError(f"{task.name} has no expert that could steer. Leave out actor=expert.")
+    people = [ExpertPerson(session, _hand(steering, session)) for session in steering.sessions]
+    while any(session.phase is not Phase.OVER for session in steering.sessions):
+        for person, session in zip(people, steering.sessions, strict=True):
+            person.tick()
+            session.tick()
+
+
+def _hand(steering: Steering, session: Session) -> ExpertHand:
+    return ExpertHand(session.station, steering.env.task.planner, steering.env.protocol_seed)
+
+
+def steer_by_page(steering: Steering, config: TeleoperateConfig) -> Figures:
+    """Serves the page until there are enough successes, or the user interrupts; returns how time was kept.
+
+    Raises:
+        ConfigError: The port is taken, or the certificate is none.
+    """
+    return asyncio.run(_serve(steering, config))
+
+
+async def _serve(steering: Steering, config: TeleoperateConfig) -> Figures:
+    from roboverse_learn.teleoperation.server import TeleoperationServer, tls
+
+    context = tls(config.cert, config.key) if config.cert else None
+    server = TeleoperationServer(steering.sessions, page_facts(steering))
+    told = -1
+
+    def on_status(index: int, status: dict[str, Any]) -> None:
+        nonlocal told
+        server.tell_status(index, status)
+        if steering.book.revision != told:
+            told = steering.book.revision
+            server.tell_episodes(steering.book.rows())
+
+    conductor = Conductor(
+        steering.env,
+        steering.sessions,
+        drawing=steering.drawing,
+        on_status=on_status,
+        on_frame=server.show,
+    )
+    port = await server.start(config.host, config.port, context)
+    try:
+        await asyncio.to_thread(conductor.start)
+        scheme = "https" if context else "http"
+        for host in _addresses(config.host):
+            log.info("Open %s://%s:%d/%s/ in a browser. Ctrl+C ends it.", scheme, host, port, server.token)
+        while not conductor.is_over:
+            await asyncio.sleep(_POLL_S)
+    except asyncio.CancelledError:  # Ctrl+C: what is recorded becomes a dataset
+        log.info("Interrupted: %d successes are recorded.", steering.book.kept)
+        task = asyncio.current_task()
+        assert task is not None, "a coroutine runs in a task"
+        task.uncancel()
+    finally:
+        conductor.stop()
+        await server.stop()
+    if conductor.error is not None:
+        raise conductor.error
+    return conductor.figures()
+
+
+def page_facts(steering: Steering) -> dict[str, Any]:
+    """Returns what the page is told at first, as JSON values."""
+    env, station = steering.env, steering.sessions[0].station
+    return {
+        "task": env.task.name,
+        "control_hz": station.control_hz,
+        "cameras": list(env.camera_names),
+        "size": [env.scenario.cameras[0].width, env.scenario.cameras[0].height],
+        "delta_m": station.controller.delta_m,
+        "delta_rad": station.controller.delta_rad,
+    }
+
+
+def _addresses(host: str) -> list[str]:
+    """Returns the addresses under which other machines may find this one."""
+    if host not in ("0.0.0.0", "::"):
+        return [host]
+    with contextlib.suppress(OSError):
+        found = socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)
+        return list(dict.fromkeys(["127.0.0.1", *(str(entry[4][0]) for entry in found)]))
+    return ["127.0.0.1"]
