@@ -24,7 +24,7 @@ class TeleoperateConfig:
         operators: Environments, one for each person who opens the page.
         limit_s: Simulated seconds after which an episode is kept apart as a failure.
         view_size: Height and width of the page's images, pixels.
-        view_cameras: Cameras of the page; empty takes those of the dataset.
+        view_cameras: Cameras that the page offers; empty takes all of the task's, and shows the first.
         host: Address to listen at; 0.0.0.0 lets other machines in, all who have the page's address.
         port: Port to listen at; 0 takes any that is free.
         cert: PEM file of a certificate, for https, which phones demand before they tell their orientation.

@@ -82,7 +82,7 @@ class Conductor:
         env: RoboVerseVectorEnv,
         sessions: Sequence[Session],
         *,
-        drawing: threading.Lock | None = None,
+        drawing: "threading.Lock | None" = None,
         on_status: Callable[[int, dict[str, Any]], None] = lambda index, status: None,
         on_frame: Callable[[int, Frame], None] = lambda index, frame: None,
         people: Sequence[ExpertPerson] = (),
@@ -187,16 +187,18 @@ class Conductor:
                     for index, session in enumerate(self._sessions)
                     if session.connected and session.version != shown[index]
                 ]
-                moments = [(s.version, s.seq, s.status()["step"]) for s in self._sessions]
+                moments = [(session.version, session.seq, session.step) for session in self._sessions]
                 jobs = self._env.handler.snapshot(watched) if watched else []
+                wanted = {index: self._sessions[index].cameras for index in watched}
             if not watched:
                 continue
+            cameras = [name for name in self._env.camera_names if any(name in of for of in wanted.values())]
             with self._drawing:
-                images = self._env.handler.render_jobs(jobs)
+                images = self._env.handler.render_jobs(jobs, cameras)
             for row, index in enumerate(watched):
                 number += 1
                 version, seq, step = moments[index]
-                jpegs = {camera: _jpeg(kinds["rgb"][row]) for camera, kinds in images.items()}
+                jpegs = {camera: _jpeg(images[camera]["rgb"][row]) for camera in wanted[index]}
                 self._on_frame(index, Frame(number=number, seq=seq, step=step, jpegs=jpegs))
                 shown[index] = version
             self._drawn.append(time.perf_counter() - began)

@@ -8,6 +8,7 @@ move     ``seq``: rising number; ``rate``: 6 entries of the hand's action in [-1
          step until the next message; ``shift``: 6 entries, m and rad, applied once; ``gripper``: in [-1, 1];
          ``device``; ``seen``: the number of the newest frame that arrived
 press    ``button``: one of :class:`Button`
+view     ``cameras``: names of those whose images are wanted, the first of which is steered by
 ======== ==================================================================================================
 """
 
@@ -28,6 +29,9 @@ MAX_SHIFT_M, MAX_SHIFT_RAD = 0.1, 0.5
 
 MAX_NAME = 40
 """Characters of a name."""
+
+MAX_CAMERAS = 4
+"""Cameras that a page shows at once."""
 
 DEVICES = ("keyboard", "mouse", "touch", "gamepad", "phone", "script", "expert")
 
@@ -82,7 +86,14 @@ class Press:
     button: Button
 
 
-Message = Join | Move | Press
+@dataclass(frozen=True, kw_only=True, slots=True)
+class View:
+    """Other cameras are wanted."""
+
+    cameras: tuple[str, ...]
+
+
+Message = Join | Move | Press | View
 
 
 def parse(text: str) -> Message:
@@ -97,7 +108,7 @@ def parse(text: str) -> Message:
         raise ProtocolError("A message must be a JSON object.") from error
     if not isinstance(given, dict):
         raise ProtocolError("A message must be a JSON object.")
-    kinds = {"join": _join, "move": _move, "press": _press}
+    kinds = {"join": _join, "move": _move, "press": _press, "view": _view}
     kind = given.pop("type", None)
     if not isinstance(kind, str) or kind not in kinds:
         raise ProtocolError(f"Unknown type of message. Valid: {', '.join(kinds)}.")
@@ -135,6 +146,14 @@ def _press(given: dict[str, Any]) -> Press:
         return Press(button=Button(given.get("button")))
     except ValueError as error:
         raise ProtocolError(f"Unknown button. Valid: {', '.join(Button)}.") from error
+
+
+def _view(given: dict[str, Any]) -> View:
+    _only(given, "cameras")
+    names = given.get("cameras")
+    if not isinstance(names, list) or not 1 <= len(names) <= MAX_CAMERAS:
+        raise ProtocolError(f"cameras must be a list of 1 to {MAX_CAMERAS} names.")
+    return View(cameras=tuple(dict.fromkeys(_name({"camera": name}, "camera") for name in names)))
 
 
 def _only(given: Mapping[str, Any], *fields: str) -> None:

@@ -41,7 +41,7 @@ class Steering:
     book: EpisodeBook
     sessions: list[Session]
     folder: RecordingFolder
-    drawing: threading.Lock = field(default_factory=threading.Lock)
+    drawing: "threading.Lock" = field(default_factory=threading.Lock)
 
 
 @contextlib.contextmanager
@@ -67,8 +67,9 @@ def prepared(config: TeleoperateConfig, recordings: Path) -> Iterator[Steering]:
 
 
 def view_env(config: TeleoperateConfig) -> RoboVerseVectorEnv:
-    """Returns the environments, with the cameras and the image size of the page."""
-    cameras = config.view_cameras or config.env.cameras
+    """Returns the environments, with the cameras and the image size of the page; those of the dataset first."""
+    every = tuple(camera.name for camera in config.env.make_task().scenario.cameras)
+    cameras = config.view_cameras or tuple(dict.fromkeys((*config.env.cameras, *every)))
     spec = config.env.replace(cameras=cameras, image_size=config.view_size)
     return spec.make(config.operators, observation="pixels")
 

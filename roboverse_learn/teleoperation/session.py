@@ -16,7 +16,7 @@ While no new motion arrives the arm is held still (after ``HOLD_S``), then the e
 """
 
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Protocol
@@ -26,7 +26,7 @@ import numpy as np
 from envs.tasks.plan_following import TAIL_STEPS
 from roboverse_learn.teleoperation.episode_book import EpisodeBook
 from roboverse_learn.teleoperation.episode_tape import EpisodeTape, Step
-from roboverse_learn.teleoperation.protocol import STILL, Button, Move, Press
+from roboverse_learn.teleoperation.protocol import STILL, Button, Move, Press, View
 from roboverse_learn.teleoperation.recording import Mark
 from roboverse_learn.teleoperation.station import Station
 
@@ -37,7 +37,7 @@ REWIND_S = 1.0
 """Seconds that *undo* takes back while an episode runs."""
 
 MAX_BACKLOG = np.array([0.15] * 3 + [0.6] * 3)
-"""Largest motion that was asked for and is still to be made, m and rad: a burst does not run on for seconds."""
+"""Largest motion that is asked for and still to be made, m and rad: a burst does not run on for seconds."""
 
 
 class Phase(StrEnum):
@@ -78,6 +78,7 @@ class Session:
         connected: Whether the person is there; an episode that runs is paused where not.
         episode: The present episode of the train split; None where there is nothing left to do.
         acting: ``person`` or ``policy``.
+        cameras: Those whose images are shown.
         done: Whether the person has pressed *finish* after the last episode.
     """
 
@@ -88,20 +89,26 @@ class Session:
         self._hold_ticks, self._pause_ticks, self._rewind, self._limit = (
             max(1, round(seconds * station.control_hz)) for seconds in (HOLD_S, PAUSE_S, REWIND_S, limit_s)
         )
-        self._inbox: deque[Move | Press] = deque()
+        self._inbox: deque[Move | Press | View] = deque()
         self._devices: Counter[str] = Counter()
         self._made: list[Path] = []
         self.episode: int | None = None
         self.operator, self.note = "", ""
+        self.cameras = station.cameras[:1]
         self.version = self.seq = 0
         self.phase, self.connected, self.done = Phase.READY, False, False
         self._load(self._book.take())
 
     # -- what others call, from any thread ------------------------------------------------------------
 
-    def submit(self, message: Move | Press) -> None:
+    def submit(self, message: Move | Press | View) -> None:
         """Takes a message of the person, which the next tick acts on."""
         self._inbox.append(message)
+
+    @property
+    def step(self) -> int:
+        """Control steps of the episode so far."""
+        return len(self._tape)
 
     # -- one control step ----------------------------------------------------------------------------
 
@@ -112,6 +119,8 @@ class Session:
             message = self._inbox.popleft()
             if isinstance(message, Press):
                 self._press(message.button)
+            elif isinstance(message, View):
+                self._look(message.cameras)
             else:
                 self._take(message)
         if self.phase is not Phase.RUNNING:
@@ -120,6 +129,12 @@ class Session:
             self._pause("The connection was lost: the episode waits. Press start to continue.")
             return
         self._advance()
+
+    def _look(self, cameras: Sequence[str]) -> None:
+        """Shows other cameras; names that there are not are passed over."""
+        known = tuple(name for name in cameras if name in self.station.cameras)
+        self.cameras = known or self.cameras
+        self.version += 1
 
     def _take(self, move: Move) -> None:
         """Notes a motion; those that come while nothing runs set the gripper alone."""
@@ -145,9 +160,8 @@ class Session:
         self._tape.append(state, Step(action=action, hand=hand, success=success, person=person))
         self.version += 1
         solved = self._tape.solved_at
-        if failed or len(self._tape) >= self._limit:
-            self._close()
-        elif solved is not None and len(self._tape) - solved >= TAIL_STEPS:
+        stayed = solved is not None and len(self._tape) - solved >= TAIL_STEPS
+        if failed or stayed or len(self._tape) >= self._limit:
             self._close()
 
     def _hand_action(self) -> np.ndarray:
@@ -292,6 +306,9 @@ class Session:
             "instruction": self.station.instruction if self.episode is not None else "",
             "episode": self.episode,
             "hand": self.station.hand(),
+            "cameras": list(self.cameras),
+            "view_yaw": round(self.station.view_yaw(self.cameras[0]), 4),
+            "driver": self._driver is not None,
             "kept": self._book.kept,
             "wanted": self._book.wanted,
             "seq": self.seq,

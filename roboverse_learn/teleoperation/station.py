@@ -8,7 +8,7 @@ import numpy as np
 from envs.core.errors import ConfigError
 from envs.hand_pose_controller import HandPoseController
 from envs.rotations import from_matrix
-from envs.scenario import RobotCfg
+from envs.scenario import CameraCfg, RobotCfg
 from envs.state import State
 from envs.vector_env import RoboVerseVectorEnv
 from roboverse_learn.teleoperation.recording import scene_of
@@ -45,15 +45,18 @@ class Station:
         scene: What decides how episodes go on, as JSON values.
         protocol_seed: Seed of the episodes.
         state: The present state, one row.
+        cameras: Names of the cameras.
     """
 
     state: State
 
-    def __init__(self, env: RoboVerseVectorEnv, env_id: int, drawing: threading.Lock | None = None) -> None:
+    def __init__(self, env: RoboVerseVectorEnv, env_id: int, drawing: "threading.Lock | None" = None) -> None:
         self._env, self.env_id, self._drawing = env, env_id, drawing or threading.Lock()
         self.robot: RobotCfg = env.scenario.robots[0]
         self.controller = HandPoseController(self.robot)
         self.control_hz = float(env.control_hz)
+        self.cameras = env.camera_names
+        self._looking: dict[str, CameraCfg] = {}
         self.scene = scene_of(env.env_spec)
         self.protocol_seed = env.protocol_seed
 
@@ -70,6 +73,8 @@ class Station:
     def start(self, episode: int) -> None:
         """Starts an episode of the train split."""
         self._env.reset_envs([self.env_id], [episode])
+        placed = self._env.randomizer.appearance(episode).cameras
+        self._looking = {camera.name: camera for camera in self._env.scenario.cameras} | dict(placed)
         self._read()
 
     def actions_of(self, hand_action: np.ndarray) -> np.ndarray:
@@ -103,6 +108,17 @@ class Station:
             "rot": np.round(from_matrix(rot[0].numpy()), 5).tolist(),
             "gripper": round(self.gripper(), 3),
         }
+
+    def view_yaw(self, camera: str) -> float:
+        """Returns the direction, about the world's z from +x, in which a camera looks, rad.
+
+        A camera that moves with the robot is taken to look where the robot faces, which is +x.
+        """
+        placed = self._looking.get(camera)
+        if placed is None or placed.mount is not None:
+            return 0.0
+        x, y = np.subtract(placed.look_at, placed.pos)[:2]
+        return float(np.arctan2(y, x))
 
     def observe(self) -> dict[str, np.ndarray]:
         """Returns what a policy observes now, without the axis of environments; this renders."""
