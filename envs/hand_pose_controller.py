@@ -12,7 +12,7 @@ from envs.simulators.base import EnvIds, Handler
 from envs.state import State
 
 _ITERATIONS = 2
-"""Steps of inverse kinematics: the hand then follows 5 cm and 0.2 rad within 0.1 mm, so that deltas add up."""
+"""Steps of inverse kinematics: the hand follows 5 cm and 0.2 rad within 0.5 mm, so that deltas add up."""
 
 
 class HandPoseController(HandDeltaController):
@@ -99,7 +99,7 @@ class HandPoseController(HandDeltaController):
         return (room / way.abs().clamp(min=1e-9)).amin(1, keepdim=True).clamp(max=1.0)
 
     def target_pose(self, joints: Tensor, targets: Tensor) -> tuple[Tensor, Tensor]:
-        """Returns where the targets put the hand: position (n, 3), m, and orientation (n, 3, 3), in the world.
+        """Returns where the targets put the hand in the world: position (n, 3), m, and orientation (n, 3, 3).
 
         Args:
             joints: Positions of all joints, rad and m, (n, J).

@@ -6,6 +6,7 @@ training was, by SIGTERM).
 """
 
 import errno
+import importlib
 import logging
 import os
 import sys
@@ -144,51 +145,10 @@ def _read(command: str, words: list[str]) -> Any:
 
 
 def _run(command: str, config: Any) -> None:
-    """Calls the command's module; heavy imports begin here."""
-    if command == "train":
-        from roboverse_learn.train import train
-
-        _show(train(config))
-    elif command == "sweep":
-        from roboverse_learn.sweep import sweep
-
-        _show(sweep(config))
-    elif command == "collect":
-        from roboverse_learn.collect import collect
-
-        _show(collect(config))
-    elif command == "evaluate":
-        from roboverse_learn.evaluate import evaluate
-
-        _show(evaluate(config))
-    elif command == "convert":
-        from roboverse_learn.convert import convert_robot
-
-        _show(convert_robot(config))
-    elif command == "conservation":
-        from roboverse_learn.conservation import conservation
-
-        _show(conservation(config))
-    elif command == "doctor":
-        from roboverse_learn.doctor import doctor
-
-        _show(doctor(config))
-    elif command == "replay":
-        from roboverse_learn.replay import replay
-
-        _show(replay(config))
-    elif command == "teleoperate":
-        from roboverse_learn.teleoperate import teleoperate
-
-        _show(teleoperate(config))
-    elif command == "view":
-        from roboverse_learn.view import view
-
-        _show(view(config))
-    else:
-        from roboverse_learn.leaderboard import leaderboard
-
-        _show(leaderboard(config))
+    """Calls the command's module, which has its name; heavy imports begin here."""
+    module = importlib.import_module(f"roboverse_learn.{command}")
+    run = module.convert_robot if command == "convert" else getattr(module, command)
+    _show(run(config))
 
 
 def _speed(words: list[str]) -> int:

@@ -1,4 +1,4 @@
-"""``python roboverse_learn/teleoperate.py task=PickCube num_demos=20``: a person at a browser steers the hand."""
+"""``python roboverse_learn/teleoperate.py task=PickCube``: a person at a browser steers the hand."""
 
 import sys
 from pathlib import Path
@@ -67,7 +67,7 @@ _LOOKS: dict[str, Any] = {
 
 
 def render(config: TeleoperateConfig, folder: Path) -> "CollectionSummary":
-    """Renders the successes of a folder as a dataset, with the level, cameras and size of the configuration."""
+    """Renders the successes of a folder as a dataset, with the configuration's level, cameras and size."""
     from roboverse_learn.collect import collect_dataset
 
     return collect_dataset(collect_config(config, folder))

@@ -48,8 +48,8 @@ class Recording:
 
     Attributes:
         states: Flattened states before each step and after the last, each (T + 1, …) float64.
-        actions: Actions of the task's own controller, (T, A) float32: exactly what the environment was given.
-        hand_actions: Actions of the hand, (T, 7) float32: see
+        actions: Actions of the task's controller, (T, A) float32: what the environment was given.
+        hand_actions: Actions of the hand, (T, 7) float32; see
             :class:`envs.hand_pose_controller.HandPoseController`. Zeros where a policy acted.
         successes: Whether the task is solved after each step, (T,) bool.
         interventions: Whether a person acted, and no policy, (T,) bool.

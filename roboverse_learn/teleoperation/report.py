@@ -70,8 +70,8 @@ def teleoperation_report(
     lines = []
     if figures is not None and figures.images:
         lines.append(
-            f"{figures.ticks} control steps, late by {figures.late_ms[0]:g} ms (median), {figures.late_ms[1]:g} "
-            f"ms (95 %); {figures.images_per_s:g} images/s while an episode ran."
+            f"{figures.ticks} control steps, late by {figures.late_ms[0]:g} ms (median) and "
+            f"{figures.late_ms[1]:g} ms (95 %); {figures.images_per_s:g} images/s while an episode ran."
         )
     lines.append(f"recordings  {folder}")
     if dataset is not None:

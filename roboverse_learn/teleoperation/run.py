@@ -67,7 +67,7 @@ def prepared(config: TeleoperateConfig, recordings: Path) -> Iterator[Steering]:
 
 
 def view_env(config: TeleoperateConfig) -> RoboVerseVectorEnv:
-    """Returns the environments, with the cameras and the image size of the page; those of the dataset first."""
+    """Returns the environments, with the cameras and image size of the page; the dataset's come first."""
     every = tuple(camera.name for camera in config.env.make_task().scenario.cameras)
     cameras = config.view_cameras or tuple(dict.fromkeys((*config.env.cameras, *every)))
     spec = config.env.replace(cameras=cameras, image_size=config.view_size)

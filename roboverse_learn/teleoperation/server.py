@@ -38,7 +38,7 @@ from roboverse_learn.teleoperation.protocol import (
 from roboverse_learn.teleoperation.session import Session
 
 FRAMES_ON_THE_WAY = 2
-"""Frames that are sent before the browser has said that it has the first: more would be late, and pile up."""
+"""Frames that are sent before the browser says that it has the first: more would pile up."""
 
 FORGET_S = 1.0
 """Seconds without such a word after which a frame is sent all the same."""
@@ -129,7 +129,7 @@ class TeleoperationServer:
         except OSError as error:
             await self.stop()
             raise ConfigError(
-                f"host={host} port={port}: {error.strerror}. Choose another port, or port=0 for any that is free."
+                f"host={host} port={port}: {error.strerror}. Choose another port, or port=0 for a free one."
             ) from error
         return int(self._runner.addresses[0][1])
 
@@ -285,11 +285,11 @@ async def _send_news(socket: web.WebSocketResponse, seat: _Seat) -> None:
                 status = seat.status
                 await socket.send_str(status)
             waited = time.monotonic() - seat.sent_at > FORGET_S
-            if seat.frame is not None and seat.frame is not frame:
-                if seat.sent - seat.seen < FRAMES_ON_THE_WAY or waited:
-                    frame, seat.sent_at = seat.frame, time.monotonic()
-                    seat.sent += 1
-                    await socket.send_bytes(encode_frame(frame, seat.sent))
+            may_send = waited or seat.sent - seat.seen < FRAMES_ON_THE_WAY
+            if seat.frame is not None and seat.frame is not frame and may_send:
+                frame, seat.sent_at = seat.frame, time.monotonic()
+                seat.sent += 1
+                await socket.send_bytes(encode_frame(frame, seat.sent))
 
 
 def encode_frame(frame: Frame, number: int) -> bytes:

@@ -25,8 +25,8 @@ _FACTS = ("operator", "device", "seconds", "path_m", "idle_share")
 class TeleopSource(DemonstrationSource):
     """``source=teleop``: the successes of a folder of ``roboverse teleoperate``.
 
-    Each is rendered as the episode of the train split that it was steered in. A dataset grows with its folder:
-    recordings that were added are added to it, too.
+    Each is rendered as the episode of the train split that it was steered in. A dataset grows with its
+    folder: recordings that were added are added to it, too.
     """
 
     episodes: ClassVar = "roboverse_learn.data.sources.teleop:TeleopEpisodes"
@@ -78,7 +78,7 @@ class TeleopSource(DemonstrationSource):
         return "Recordings are replayed exactly with replay=states."
 
     def _files(self) -> dict[int, Path]:
-        """Returns the newest success of each episode by its index, in the order in which they were recorded."""
+        """Returns the newest success of each episode by its index, in the order of recording."""
         facts = open_recordings(Path(self.config.path)).items()
         return {int(each["episode"]): path for path, each in facts if each["mark"] == Mark.SUCCESS}
 
