@@ -53,7 +53,7 @@ class Recording:
             :class:`envs.hand_pose_controller.HandPoseController`. Zeros where a policy acted.
         successes: Whether the task is solved after each step, (T,) bool.
         interventions: Whether a person acted, and no policy, (T,) bool.
-        facts: JSON-able: ``scene``, ``episode`` (of the train split), ``instruction``, ``mark``, ``operator``,
+        facts: JSON-able: ``scene``, ``episode`` of the train split, ``instruction``, ``mark``, ``operator``,
             ``device``, and the figures of :class:`~roboverse_learn.teleoperation.quality.Quality`.
     """
 

@@ -25,6 +25,7 @@ from roboverse_learn.teleoperation.conductor import Frame
 from roboverse_learn.teleoperation.limits import (
     MESSAGE_BURST,
     MESSAGES_PER_S,
+    SILENCE_S,
     ConnectionWatch,
     TokenBucket,
 )
@@ -38,7 +39,7 @@ from roboverse_learn.teleoperation.protocol import (
 from roboverse_learn.teleoperation.session import Session
 
 FRAMES_ON_THE_WAY = 2
-"""Frames that are sent before the browser says that it has the first: more would pile up."""
+"""Frames that are sent before the browser has the first: more would pile up."""
 
 FORGET_S = 1.0
 """Seconds without such a word after which a frame is sent all the same."""
@@ -54,8 +55,8 @@ SPARE_SOCKETS = 4
 
 HEADERS = {
     "Cache-Control": "no-store",
-    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: "
-    "data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' "
+    "blob: data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "Cross-Origin-Opener-Policy": "same-origin",
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
@@ -122,7 +123,7 @@ class TeleoperationServer:
         await self._runner.setup()
         server = self._runner.server
         assert server is not None, "the runner is set up"
-        self._connections = ConnectionWatch(lambda: server.connections)
+        self._connections = ConnectionWatch(lambda: server.connections, silence_s=SILENCE_S)
         self._watch = asyncio.create_task(self._connections.watch())
         try:
             await web.TCPSite(self._runner, host, port, ssl_context=context, backlog=32).start()
