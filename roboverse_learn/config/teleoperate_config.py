@@ -16,6 +16,7 @@ class TeleoperateConfig:
     Attributes:
         env: Environment of the dataset: its images are rendered afterwards, at this level and size. Its
             fields are typed without ``env.``: ``task=PickCube``.
+        preset: Named set of values from ``configs/preset``: cameras and size of the dataset's images.
         num_demos: Successes wanted, those of earlier runs included.
         datasets_dir: Folder of datasets.
         recordings: Folder of recordings, one file per episode; empty for one named after the task.
@@ -35,6 +36,7 @@ class TeleoperateConfig:
     """
 
     env: EnvSpec = field(default_factory=EnvSpec)
+    preset: str = "full"
     num_demos: int = 10
     datasets_dir: str = "datasets"
     recordings: str = ""

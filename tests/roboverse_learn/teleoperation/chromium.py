@@ -71,6 +71,7 @@ class Page:
             mobile=mobile,
         )
         await self.call("Page.navigate", url=url)
+        await self.until(f"location.href === '{url}' && document.readyState === 'complete'")
 
     async def value(self, expression: str) -> Any:
         answer = await self.call("Runtime.evaluate", expression=expression, returnByValue=True)
