@@ -5,7 +5,7 @@ import contextlib
 import logging
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -104,9 +104,34 @@ def steer_by_page(steering: Steering, config: TeleoperateConfig) -> Figures:
 
 
 async def _serve(steering: Steering, config: TeleoperateConfig) -> Figures:
+    async with conducted(steering, config.host, config.port, config.cert, config.key) as (conductor, url):
+        for host in _addresses(config.host):
+            log.info("Open %s in a browser. Ctrl+C ends it.", url.replace(config.host, host, 1))
+        try:
+            while not conductor.is_over:
+                await asyncio.sleep(_POLL_S)
+        except asyncio.CancelledError:  # Ctrl+C: what is recorded becomes a dataset
+            log.info("Interrupted: %d successes are recorded.", steering.book.kept)
+            task = asyncio.current_task()
+            assert task is not None, "a coroutine runs in a task"
+            task.uncancel()
+    if conductor.error is not None:
+        raise conductor.error
+    return conductor.figures()
+
+
+@contextlib.asynccontextmanager
+async def conducted(
+    steering: Steering, host: str, port: int, cert: str = "", key: str = ""
+) -> AsyncIterator[tuple[Conductor, str]]:
+    """Runs the sessions behind a server; yields what ticks them, and the page's address.
+
+    Raises:
+        ConfigError: The port is taken, or the certificate is none.
+    """
     from roboverse_learn.teleoperation.server import TeleoperationServer, tls
 
-    context = tls(config.cert, config.key) if config.cert else None
+    context = tls(cert, key) if cert else None
     server = TeleoperationServer(steering.sessions, page_facts(steering))
     told = -1
 
@@ -124,25 +149,13 @@ async def _serve(steering: Steering, config: TeleoperateConfig) -> Figures:
         on_status=on_status,
         on_frame=server.show,
     )
-    port = await server.start(config.host, config.port, context)
+    listening = await server.start(host, port, context)
     try:
         await asyncio.to_thread(conductor.start)
-        scheme = "https" if context else "http"
-        for host in _addresses(config.host):
-            log.info("Open %s://%s:%d/%s/ in a browser. Ctrl+C ends it.", scheme, host, port, server.token)
-        while not conductor.is_over:
-            await asyncio.sleep(_POLL_S)
-    except asyncio.CancelledError:  # Ctrl+C: what is recorded becomes a dataset
-        log.info("Interrupted: %d successes are recorded.", steering.book.kept)
-        task = asyncio.current_task()
-        assert task is not None, "a coroutine runs in a task"
-        task.uncancel()
+        yield conductor, f"{'https' if context else 'http'}://{host}:{listening}/{server.token}/"
     finally:
         conductor.stop()
         await server.stop()
-    if conductor.error is not None:
-        raise conductor.error
-    return conductor.figures()
 
 
 def page_facts(steering: Steering) -> dict[str, Any]:
