@@ -181,6 +181,7 @@ function drawStatus() {
   at("bar").style.width = `${Math.min(100, 100 * status.seconds / status.limit_s)}%`;
   const running = status.phase === "running", begun = status.step > 0;
   at("start").disabled = running || status.phase === "over";
+  at("start").firstChild.textContent = status.phase === "paused" ? "Continue " : "Start ";
   at("pause").disabled = !running;
   at("finish").disabled = !(begun || status.phase === "over");
   at("reset").disabled = !begun;
