@@ -6,6 +6,7 @@ from pathlib import Path
 if __name__ == "__main__":  # as a script: this folder's `data` or `run` must not hide other packages
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
+import dataclasses
 import logging
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,7 @@ def teleoperate(config: TeleoperateConfig) -> Any:
         ConfigError: The task cannot be teleoperated, or the port is taken.
         DatasetError: The folder holds recordings of another scene.
     """
+    config = with_checkpoint(config)
     from roboverse_learn.teleoperation.report import episodes_table, expert_quality, teleoperation_report
     from roboverse_learn.teleoperation.run import prepared, steer_by_expert, steer_by_page
 
@@ -46,6 +48,23 @@ def teleoperate(config: TeleoperateConfig) -> Any:
     return teleoperation_report(table, folder, dataset, figures, collect_words(config, folder))
 
 
+def with_checkpoint(config: TeleoperateConfig) -> TeleoperateConfig:
+    """Returns the configuration with the environment that its checkpoint was trained in, if it names one.
+
+    Level and materials stay those of the configuration.
+
+    Raises:
+        PolicyError: There is no checkpoint, or it learned other tasks.
+    """
+    if not config.checkpoint:
+        return config
+    from roboverse_learn.teleoperation.policy_driver import find_policy
+
+    given = config.env
+    env = find_policy(config).env.replace(level=given.level, only=given.only, materials=given.materials)
+    return dataclasses.replace(config, env=env)
+
+
 def recordings_folder(config: TeleoperateConfig) -> Path:
     """Returns the folder of the recordings of a configuration: its level and images do not matter."""
     if config.recordings:
@@ -53,6 +72,7 @@ def recordings_folder(config: TeleoperateConfig) -> Path:
     env = config.env
     usual = env.task_kwargs or env.scenario or env.simulator_settings or env.simulator != "mujoco"
     name = f"recordings-{env.replace(**_LOOKS).hash[:8]}" if usual else "recordings"
+    name = name.replace("recordings", "corrections", 1) if config.checkpoint else name
     return Path(config.datasets_dir) / env.task / name
 
 

@@ -8,7 +8,7 @@ import threading
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from envs.core.errors import ConfigError
 from envs.vector_env import RoboVerseVectorEnv
@@ -16,9 +16,12 @@ from roboverse_learn.config.teleoperate_config import TeleoperateConfig
 from roboverse_learn.teleoperation.conductor import Conductor, Figures
 from roboverse_learn.teleoperation.episode_book import EpisodeBook
 from roboverse_learn.teleoperation.recording import RecordingFolder, scene_of
-from roboverse_learn.teleoperation.scripted_person import ExpertHand, ExpertPerson
+from roboverse_learn.teleoperation.scripted_person import ExpertCorrector, ExpertHand, ExpertPerson
 from roboverse_learn.teleoperation.session import Phase, Session
 from roboverse_learn.teleoperation.station import Station, check_steerable
+
+if TYPE_CHECKING:
+    from roboverse_learn.teleoperation.policy_driver import PolicyDriver
 
 _POLL_S = 0.1
 
@@ -62,16 +65,31 @@ def prepared(config: TeleoperateConfig, recordings: Path) -> Iterator[Steering]:
         stack.callback(folder.close)
         book = EpisodeBook(folder, env.split_indices.tolist(), config.num_demos)
         stations = [Station(env, index, drawing) for index in people]
-        sessions = [Session(station, book, limit_s=config.limit_s) for station in stations]
+        drivers = [_driver(config, env) for _ in people]
+        sessions = [
+            Session(station, book, limit_s=config.limit_s, driver=driver)
+            for station, driver in zip(stations, drivers, strict=True)
+        ]
         yield Steering(env=env, book=book, sessions=sessions, folder=folder, drawing=drawing)
 
 
 def view_env(config: TeleoperateConfig) -> RoboVerseVectorEnv:
     """Returns the environments, with the cameras and image size of the page; the dataset's come first."""
+    if config.checkpoint:  # what the page shows is what the policy observes
+        return config.env.make(config.operators)
     every = tuple(camera.name for camera in config.env.make_task().scenario.cameras)
     cameras = config.view_cameras or tuple(dict.fromkeys((*config.env.cameras, *every)))
     spec = config.env.replace(cameras=cameras, image_size=config.view_size)
     return spec.make(config.operators, observation="pixels")
+
+
+def _driver(config: TeleoperateConfig, env: RoboVerseVectorEnv) -> "PolicyDriver | None":
+    """Returns the policy of the checkpoint, one for each environment: they share nothing."""
+    if not config.checkpoint:
+        return None
+    from roboverse_learn.teleoperation.policy_driver import load_driver
+
+    return load_driver(config, env)
 
 
 def steer_by_expert(steering: Steering) -> None:
@@ -83,15 +101,18 @@ def steer_by_expert(steering: Steering) -> None:
     task = steering.env.task
     if not task.has_expert:
         raise ConfigError(f"{task.name} has no expert that could steer. Leave out actor=expert.")
-    people = [ExpertPerson(session, _hand(steering, session)) for session in steering.sessions]
+    people = [_expert(steering, session) for session in steering.sessions]
     while any(session.phase is not Phase.OVER for session in steering.sessions):
         for person, session in zip(people, steering.sessions, strict=True):
             person.tick()
             session.tick()
 
 
-def _hand(steering: Steering, session: Session) -> ExpertHand:
-    return ExpertHand(session.station, steering.env.task.planner, steering.env.protocol_seed)
+def _expert(steering: Steering, session: Session) -> ExpertPerson:
+    hand = ExpertHand(session.station, steering.env.task.planner, steering.env.protocol_seed)
+    if session.has_driver:
+        return ExpertCorrector(session, hand, steering.env.max_episode_steps)
+    return ExpertPerson(session, hand)
 
 
 def steer_by_page(steering: Steering, config: TeleoperateConfig) -> Figures:

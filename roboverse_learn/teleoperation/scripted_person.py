@@ -1,6 +1,7 @@
 """A scripted person: the task's expert, who steers the hand by the same messages as a browser."""
 
 from collections import deque
+from typing import override
 
 import numpy as np
 import torch
@@ -47,6 +48,13 @@ class ExpertHand:
         rate, gripper = self.towards(state, self._plan.popleft())
         return Move(seq=self._seq, rate=rate, gripper=gripper, device="expert")
 
+    def path(self, state: State) -> np.ndarray:
+        """Returns where the hand goes if the expert solves the task from a state, m, (T, 3)."""
+        plan = torch.as_tensor(self._planner.plan(state, self._rng), dtype=torch.float64)
+        joints = state.robots[self._station.robot.name].joint_pos
+        pos, _ = self._station.controller.target_pose(joints.expand(len(plan), -1), plan)
+        return pos.numpy()
+
     def towards(self, state: State, targets: np.ndarray) -> tuple[tuple[float, ...], float]:
         """Returns the rate and the gripper of a motion that puts the hand where joint targets (D,) put it."""
         controller, robot = self._station.controller, state.robots[self._station.robot.name]
@@ -83,3 +91,49 @@ class ExpertPerson:
             self._hand.begin(episode)
         move = self._hand.move(session.station.state)
         session.submit(Press(button=Button.FINISH) if move is None else move)
+
+
+STRAYED_M = 0.08
+"""Distance of the hand from the expert's path at which a policy has strayed."""
+
+PATIENCE = 0.6
+"""Share of the task's steps after which a policy that has not solved it has strayed, too."""
+
+
+class ExpertCorrector(ExpertPerson):
+    """Lets a policy act, and takes over where it strays: by deviation from the expert's path, or by time.
+
+    Args:
+        session: A session with a policy.
+        hand: The expert's hand in its environment.
+        max_steps: The task's control steps.
+    """
+
+    def __init__(self, session: Session, hand: ExpertHand, max_steps: int) -> None:
+        super().__init__(session, hand)
+        self._patience = round(PATIENCE * max_steps)
+        self._path = np.zeros((0, 3))
+
+    @override
+    def tick(self) -> None:
+        session = self._session
+        episode = session.episode
+        if session.phase is Phase.OVER or episode is None:
+            return
+        if session.phase is not Phase.RUNNING:
+            session.submit(Press(button=Button.START))
+            self._hand.begin(episode)
+            self._path = self._hand.path(session.station.state)
+            self._hand.begin(episode)
+        elif session.acting == "policy" and self._strayed():
+            session.submit(Press(button=Button.TAKEOVER))
+            self._hand.replan()
+        acts = session.acting == "person" or self._strayed()
+        move = self._hand.move(session.station.state) if acts else Move(device="expert")
+        session.submit(Press(button=Button.FINISH) if move is None else move)
+
+    def _strayed(self) -> bool:
+        pos = np.array(self._session.station.hand()["pos"])
+        return self._session.step >= self._patience or (
+            len(self._path) > 0 and np.linalg.norm(self._path - pos, axis=1).min() > STRAYED_M
+        )

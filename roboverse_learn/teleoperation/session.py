@@ -50,7 +50,13 @@ class Phase(StrEnum):
 
 
 class Driver(Protocol):
-    """Acts while no person does: a policy."""
+    """Acts while no person does: a policy.
+
+    Attributes:
+        facts: JSON-able: what recordings say of it.
+    """
+
+    facts: dict[str, Any]
 
     def begin(self, episode: int) -> None:
         """Prepares for an episode."""
@@ -104,6 +110,11 @@ class Session:
     def submit(self, message: Move | Press | View) -> None:
         """Takes a message of the person, which the next tick acts on."""
         self._inbox.append(message)
+
+    @property
+    def has_driver(self) -> bool:
+        """Whether there is a policy to correct."""
+        return self._driver is not None
 
     @property
     def step(self) -> int:
@@ -288,6 +299,8 @@ class Session:
             "operator": self.operator,
             "device": next((name for name, _ in self._devices.most_common(1)), ""),
         }
+        if self._driver is not None:
+            facts |= self._driver.facts
         path = self._book.add(self._tape.recording(self.station, facts))
         if mark is not Mark.DISCARDED:
             self._made.append(path)

@@ -19,7 +19,7 @@ from roboverse_learn.data.sources.base import DemonstrationSource, Progress
 from roboverse_learn.data.sources.expert import ExpertEpisodes
 from roboverse_learn.teleoperation.recording import Mark, Recording, open_recordings, scene_of
 
-_FACTS = ("operator", "device", "seconds", "path_m", "idle_share")
+_FACTS = ("operator", "device", "seconds", "path_m", "idle_share", "policy", "weights")
 
 
 class TeleopSource(DemonstrationSource):
@@ -114,7 +114,7 @@ class TeleopEpisodes(ExpertEpisodes):
                 replay=self._by,
                 file=file.name,
                 file_sha256=hashlib.sha256(file.read_bytes()).hexdigest(),
-                **{key: recording.facts[key] for key in _FACTS},
+                **{key: recording.facts[key] for key in _FACTS if key in recording.facts},
             )
             episode.successes = outcome.successes
             steps = np.minimum(

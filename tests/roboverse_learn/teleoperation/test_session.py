@@ -211,9 +211,10 @@ def test_status_is_plain_and_cameras_are_chosen_among_those_that_there_are(make_
 
 
 class Policy:
-    """Holds the arm where it is, and counts."""
+    """Moves the hand along x, and counts."""
 
     def __init__(self):
+        self.facts = {"policy": "straight"}
         self.begun, self.acted = [], 0
 
     def begin(self, episode):
@@ -241,4 +242,5 @@ def test_a_policy_acts_until_the_person_takes_over_and_again_when_handed_back(ma
     assert not recording.interventions[:4].any() and not recording.interventions[-2:].any()
     assert (recording.hand_actions[~recording.interventions] == 0.0).all()
     assert policy.acted == (~recording.interventions).sum()
+    assert recording.facts["policy"] == "straight"
     assert policy.begun[:2] == [recording.facts["episode"]] * 2

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from envs.core.errors import ConfigError, DatasetError
+from envs.core.errors import ConfigError, DatasetError, PolicyError
 from roboverse_learn.collect import collect_dataset
 from roboverse_learn.config.compose import compose
 from roboverse_learn.data.dataset.info import DatasetInfo
@@ -12,6 +12,7 @@ from roboverse_learn.data.dataset.reader import ResidentDataset
 from roboverse_learn.data.dataset.schema import ACTION_KEY, INTERVENTION_KEY, SUCCESS_KEY
 from roboverse_learn.teleoperate import recordings_folder, teleoperate
 from roboverse_learn.teleoperation.recording import Mark, Recording, RecordingFolder, recordings_in
+from roboverse_learn.train import train_run
 
 SMALL = ("task=PickCube", "image_size=32")
 
@@ -101,15 +102,25 @@ def test_teleoperation_continues_where_it_was(place):
 
 
 @pytest.mark.slow
-def test_a_policy_learns_from_the_dataset(place, tmp_path):
-    from roboverse_learn.train import train
-
+def test_a_policy_learns_from_the_dataset_and_is_corrected_where_it_strays(place, tmp_path):
     words = [
         *("policy=act", "preset=quick", "train.steps=2", "train.batch_size=2", f"dataset={place / 'level0'}"),
         *("evaluate.episodes=1", "evaluate.levels=[0]", "evaluate.videos=0", "image_size=32", "cameras=[]"),
         *(f"runs_dir={tmp_path / 'runs'}", f"results_dir={tmp_path / 'results'}"),
     ]
-    assert train(compose("train", words)) is not None
+    run = train_run(compose("train", words))
+    words = [f"checkpoint={run.folder}", "actor=expert", "num_demos=1", f"datasets_dir={tmp_path}"]
+    teleoperate(compose("teleoperate", [*words, f"dataset={tmp_path / 'corrections'}"]))
+    (path,) = recordings_in(tmp_path / "PickCube" / "corrections")
+    recording = Recording.read(path)
+    acted = recording.interventions
+    assert recording.mark is Mark.SUCCESS and not acted[0] and acted[-1]
+    assert (recording.facts["policy"], recording.facts["device"]) == ("act", "expert")
+    info = DatasetInfo.open(tmp_path / "corrections")
+    np.testing.assert_array_equal(info.read_columns()[INTERVENTION_KEY], acted)
+    assert info.shapes["observation.images.front"] == (32, 32, 3)  # as the policy sees
+    with pytest.raises(PolicyError, match="does not exist"):
+        teleoperate(compose("teleoperate", ["task=PickCube", f"checkpoint={tmp_path / 'none'}"]))
 
 
 def test_other_scenes_and_no_recordings_are_told(place, tmp_path):
