@@ -10,7 +10,7 @@ The last of these that sets a value wins:
 5. the command line, in Hydra's grammar of values, later words last.
 
 What is evaluated follows the checkpoint: ``evaluate`` takes no field of the environment from 2. The task of
-``collect source=policy`` and of ``teleoperate checkpoint=…`` is that of the checkpoint, where the command line
+``collect source=policy`` and ``teleoperate checkpoint=…`` is that of the checkpoint, where the command line
 names none.
 """
 
@@ -25,7 +25,7 @@ from envs.core.errors import ConfigError, unknown_name
 from envs.core.plain_values import plain
 from envs.scenario.changes import merged
 from envs.spec import EnvSpec
-from policies.checkpoint import learned_tasks, resolve
+from policies.checkpoint import learned_tasks
 from roboverse_learn.config.keys import at, flat_keys, full_key, in_open_section, split_word
 from roboverse_learn.config.recipes import check_beside, read_recipe
 from roboverse_learn.config.serialize import default_values, env_keys, from_values, to_values
@@ -117,7 +117,7 @@ def _task_of(checkpoint: str) -> str:
 
     if learned := learned_tasks(checkpoint):
         return learned[0]
-    run = run_of(resolve(checkpoint))
+    run = run_of(Path(checkpoint, "any")) if checkpoint else None
     return "" if run is None else str(read_config(run).env.task)
 
 
