@@ -105,8 +105,9 @@ class Conductor:
         """Renders once, which compiles the renderer, and starts both threads."""
         with self._drawing:
             self._env.handler.render(None, ("rgb",), [0])
-        for thread in self._threads:
-            thread.start()
+        if not self._stopped.is_set():  # by an interruption meanwhile
+            for thread in self._threads:
+                thread.start()
 
     def stop(self) -> None:
         """Ends both threads."""

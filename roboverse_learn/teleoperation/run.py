@@ -63,7 +63,7 @@ def prepared(config: TeleoperateConfig, recordings: Path) -> Iterator[Steering]:
         check_steerable(env)
         folder = RecordingFolder(recordings, scene_of(env.env_spec))
         stack.callback(folder.close)
-        book = EpisodeBook(folder, env.split_indices.tolist(), config.num_demos)
+        book = EpisodeBook(folder, pool_of(env, corrects=bool(config.checkpoint)), config.num_demos)
         stations = [Station(env, index, drawing) for index in people]
         drivers = [_driver(config, env) for _ in people]
         sessions = [
@@ -71,6 +71,17 @@ def prepared(config: TeleoperateConfig, recordings: Path) -> Iterator[Steering]:
             for station, driver in zip(stations, drivers, strict=True)
         ]
         yield Steering(env=env, book=book, sessions=sessions, folder=folder, drawing=drawing)
+
+
+def pool_of(env: RoboVerseVectorEnv, *, corrects: bool) -> list[int]:
+    """Returns the episodes of the split in the order in which they are steered.
+
+    Experts demonstrate from the first episode on, persons from the last one back, and policies are corrected
+    from the middle on: merging datasets keeps one of several demonstrations of an episode.
+    """
+    episodes = env.split_indices.tolist()
+    middle = len(episodes) // 2
+    return episodes[middle:] + episodes[:middle] if corrects else episodes[::-1]
 
 
 def view_env(config: TeleoperateConfig) -> RoboVerseVectorEnv:

@@ -23,6 +23,9 @@ SUCCESS_KEY = "next.success"
 INTERVENTION_KEY = "intervention"
 """Whether a person acted in a step, and no policy: LeRobot's column of corrections."""
 
+OPTIONAL_KEYS = frozenset({REWARD_KEY, SUCCESS_KEY, INTERVENTION_KEY})
+"""Columns that not every dataset has."""
+
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES_PATH = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"

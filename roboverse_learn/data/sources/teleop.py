@@ -102,6 +102,7 @@ class TeleopEpisodes(ExpertEpisodes):
     def attempts(self, indices: Sequence[int]) -> Iterator[tuple[int, EpisodeData | None]]:
         recordings = [Recording.read(self._files[index]) for index in indices]
         demonstrations = [_demonstration(recording) for recording in recordings]
+        starts = {index: self._start_hash(index) for index in indices}
         outcomes = self._replayer.replay(demonstrations, indices, self._by)
         for recording, outcome in zip(recordings, outcomes, strict=True):
             if not outcome.success:
@@ -112,6 +113,7 @@ class TeleopEpisodes(ExpertEpisodes):
                 outcome,
                 source="teleop",
                 replay=self._by,
+                initial_state_hash=starts[outcome.episode],
                 file=file.name,
                 file_sha256=hashlib.sha256(file.read_bytes()).hexdigest(),
                 **{key: recording.facts[key] for key in _FACTS if key in recording.facts},
@@ -122,6 +124,11 @@ class TeleopEpisodes(ExpertEpisodes):
             )  # controls are held at the end
             episode.interventions = recording.interventions[steps]
             yield outcome.episode, episode
+
+    def _start_hash(self, index: int) -> str:
+        """Returns the hash of an episode as the task samples it: the expert's dataset has the same."""
+        self._env.reset_envs([0], [index])
+        return self._env.initial_state_hash(0)
 
 
 def _demonstration(recording: Recording) -> Demonstration:

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from envs.core.errors import ConfigError, DatasetError, PolicyError
+from envs.randomization.splits import load_split
 from roboverse_learn.collect import collect_dataset
 from roboverse_learn.config.compose import compose
 from roboverse_learn.data.dataset.info import DatasetInfo
+from roboverse_learn.data.dataset.merge import merge
 from roboverse_learn.data.dataset.raw import read_raw
 from roboverse_learn.data.dataset.reader import ResidentDataset
 from roboverse_learn.data.dataset.schema import ACTION_KEY, INTERVENTION_KEY, SUCCESS_KEY
@@ -96,7 +98,8 @@ def test_teleoperation_continues_where_it_was(place):
     words = [*SMALL, "actor=expert", "num_demos=3", f"datasets_dir={place}", "render=false"]
     teleoperate(compose("teleoperate", words))
     made = recordings(place)
-    assert [each.facts["episode"] for each in made] == [0, 1, 2]
+    last = [int(episode) for episode in load_split("train").episodes[:-4:-1]]
+    assert [each.facts["episode"] for each in made] == last
     assert collected(place, "more").num_episodes == 3
     assert collected(place, "level0").num_episodes == 3  # a dataset grows with its folder
 
@@ -119,6 +122,10 @@ def test_a_policy_learns_from_the_dataset_and_is_corrected_where_it_strays(place
     info = DatasetInfo.open(tmp_path / "corrections")
     np.testing.assert_array_equal(info.read_columns()[INTERVENTION_KEY], acted)
     assert info.shapes["observation.images.front"] == (32, 32, 3)  # as the policy sees
+    collect_dataset(compose("collect", [*SMALL, "num_demos=2", f"dataset={tmp_path / 'expert'}"]))
+    merged = merge([tmp_path / "expert", place / "level0", tmp_path / "corrections"], tmp_path / "all")
+    of_person = DatasetInfo.open(place / "level0").num_episodes
+    assert merged.num_episodes == 2 + of_person + 1 and INTERVENTION_KEY not in merged.features
     with pytest.raises(PolicyError, match="does not exist"):
         teleoperate(compose("teleoperate", ["task=PickCube", f"checkpoint={tmp_path / 'none'}"]))
 
