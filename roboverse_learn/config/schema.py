@@ -14,6 +14,7 @@ from envs.randomization.levels import channels_of
 from envs.randomization.splits import load_split
 from envs.spec import EnvSpec
 from policies.base import listed
+from roboverse_learn.config.doctor_config import DoctorConfig
 from roboverse_learn.config.teleoperate_config import TeleoperateConfig
 from roboverse_learn.config.view_config import ViewConfig
 from roboverse_learn.data.sources import SOURCES
@@ -374,17 +375,6 @@ class LeaderboardConfig:
     """
 
     results_dir: str = "results"
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class DoctorConfig:
-    """``roboverse doctor``: the machine, the installation, and what works here.
-
-    Attributes:
-        json: Print JSON instead of text.
-    """
-
-    json: bool = False
 
 
 COMMANDS: dict[str, type] = {
