@@ -76,6 +76,9 @@ def recordings_folder(config: TeleoperateConfig) -> Path:
     return Path(config.datasets_dir) / env.task / name
 
 
+_FEW = 10
+"""Episodes that one process renders; more are rendered by one process per core."""
+
 _LOOKS: dict[str, Any] = {
     "renderer": "warp",
     "cameras": (),
@@ -95,13 +98,14 @@ def render(config: TeleoperateConfig, folder: Path) -> "CollectionSummary":
 
 def collect_config(config: TeleoperateConfig, folder: Path) -> CollectConfig:
     """Returns the configuration of ``roboverse collect`` that renders a folder of recordings."""
+    few = config.num_demos <= _FEW  # rendered before other processes have started
     return CollectConfig(
         env=config.env,
         datasets_dir=config.datasets_dir,
         dataset=config.dataset,
         source="teleop",
         path=str(folder),
-        collect=DemonstrationConfig(num_demos=config.num_demos, num_envs=4, num_workers=1),
+        collect=DemonstrationConfig(num_demos=config.num_demos, num_envs=4, num_workers=int(few)),
     )
 
 

@@ -55,7 +55,7 @@ class Figures:
         late_ms: 50th, 95th and 100th percentile of how late they began.
         images: Frames that were rendered.
         image_ms: 50th and 95th percentile of the time to render and encode one.
-        images_per_s: Frames per second while an episode ran.
+        images_per_s: Frames per second while an episode ran, of all operators together.
     """
 
     ticks: int
@@ -94,7 +94,7 @@ class Conductor:
         self._changed, self._stopped = threading.Event(), threading.Event()
         self._late: deque[float] = deque(maxlen=_KEPT)
         self._drawn: deque[float] = deque(maxlen=_KEPT)
-        self._running_s = 0.0
+        self._running_ticks = self._running_images = 0
         self._threads = [
             threading.Thread(target=self._guarded, args=(body,), name=f"teleoperation {name}", daemon=True)
             for name, body in (("physics", self._tick_on), ("images", self._draw_on))
@@ -133,7 +133,7 @@ class Conductor:
             late_ms=tuple(np.percentile(late, (50, 95, 100)).round(2).tolist()),
             images=len(self._drawn),
             image_ms=tuple(np.percentile(drawn, (50, 95)).round(2).tolist()),
-            images_per_s=round(len(self._drawn) / max(self._running_s, 1e-9), 2),
+            images_per_s=round(self._running_images * self._env.control_hz / max(self._running_ticks, 1), 2),
         )
 
     def _guarded(self, body: Callable[[], None]) -> None:
@@ -171,6 +171,7 @@ class Conductor:
                 if status is not None:
                     self._on_status(index, status)
                     seen[index], told[index] = self._sessions[index].version, now
+            self._running_ticks += any(session.phase is Phase.RUNNING for session in self._sessions)
             self._changed.set()
             due = max(due + period, time.monotonic() - period)  # late steps are not made up for in a burst
 
@@ -203,8 +204,7 @@ class Conductor:
                 self._on_frame(index, Frame(number=number, seq=seq, step=step, jpegs=jpegs))
                 shown[index] = version
             self._drawn.append(time.perf_counter() - began)
-            if any(self._sessions[index].phase is Phase.RUNNING for index in watched):
-                self._running_s += time.perf_counter() - began
+            self._running_images += sum(self._sessions[index].phase is Phase.RUNNING for index in watched)
 
 
 def _jpeg(image: np.ndarray) -> bytes:

@@ -43,11 +43,6 @@ class EpisodeTape:
         """Steps until the first success, or None."""
         return next((index + 1 for index, step in enumerate(self._steps) if step.success), None)
 
-    @property
-    def last_gripper(self) -> float:
-        """Entry of the gripper in the newest step."""
-        return float(self._steps[-1].hand[-1])
-
     def append(self, before: State, step: Step) -> None:
         """Adds a step, and the state (one row) in which it was taken."""
         self._states.append(before)

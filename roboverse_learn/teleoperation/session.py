@@ -155,7 +155,7 @@ class Session:
         if self.phase is Phase.RUNNING:
             self._backlog = np.clip(self._backlog + np.array(move.shift), -MAX_BACKLOG, MAX_BACKLOG)
             self._devices[move.device] += move.moves
-        self.seq = max(self.seq, move.seq)
+        self.seq = move.seq
 
     def _advance(self) -> None:
         state, hand, person = self.station.state, self._hand_action(), self.acting == "person"
@@ -180,7 +180,7 @@ class Session:
         action = np.zeros(7, np.float32)
         action[6] = self._gripper
         if self._tape.solved_at is not None:
-            action[6] = self._tape.last_gripper
+            action[6] = self.station.gripper()
             return action
         limits = np.array([self.station.controller.delta_m] * 3 + [self.station.controller.delta_rad] * 3)
         if self._silent < self._hold_ticks:
