@@ -111,7 +111,7 @@ def test_keys_steer_and_a_gamepad_plays_a_whole_pick_cube(folder, book, pick_cub
             await eventually(lambda: session.phase is Phase.PAUSED)
             await tap(page, "KeyY")
             await eventually(lambda: session.phase is Phase.READY and session.step == 0)
-            assert await page.value("document.getElementById('gripper-text').textContent") == "Close gripper"
+            await page.until("document.getElementById('gripper-text').textContent === 'Close gripper'")
 
             await page.value(GAMEPAD)
             await steer(page, session, Follower(pick_cube))

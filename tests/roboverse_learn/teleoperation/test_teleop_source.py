@@ -104,7 +104,7 @@ def test_teleoperation_continues_where_it_was(place):
     assert collected(place, "level0").num_episodes == 3  # a dataset grows with its folder
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_policy_learns_from_the_dataset_and_is_corrected_where_it_strays(place, tmp_path):
     words = [
         *("policy=act", "preset=quick", "train.steps=2", "train.batch_size=2", f"dataset={place / 'level0'}"),
