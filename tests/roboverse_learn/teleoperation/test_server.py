@@ -5,7 +5,10 @@ import contextlib
 import io
 import json
 import os
+import shutil
 import socket
+import ssl
+import subprocess
 import threading
 
 import aiohttp
@@ -265,6 +268,29 @@ def test_a_taken_port_and_a_missing_certificate_are_told(make_session):
     run(body)
     with pytest.raises(ConfigError, match="Give a certificate and its key, as PEM files"):
         tls("none.pem", "none.key")
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl makes a certificate")
+def test_a_certificate_makes_it_https(make_session, tmp_path):
+    files = [str(tmp_path / name) for name in ("cert.pem", "key.pem")]
+    words = ["req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=robot"]
+    subprocess.run(
+        ["openssl", *words, "-out", files[0], "-keyout", files[1]], check=True, capture_output=True
+    )
+
+    async def body():
+        server = TeleoperationServer([make_session()], {})
+        port = await server.start("127.0.0.1", 0, tls(*files))
+        try:
+            trusted = ssl.create_default_context(cafile=files[0])
+            trusted.check_hostname = False
+            url = f"https://127.0.0.1:{port}/{server.token}/"
+            async with aiohttp.ClientSession() as http, http.get(url, ssl=trusted) as answer:
+                assert answer.status == 200
+        finally:
+            await server.stop()
+
+    run(body)
 
 
 @pytest.mark.slow
