@@ -154,9 +154,13 @@ class HandDeltaController(Controller):
         rot = to_matrix(from_yaw(yaw)) @ ik.upright
         targets[:, ik.chain.columns] = q + ik.change(q, now, pos, rot)
         if self._fingers:
-            opening = (1.0 + _SQUEEZE) * (given[:, 4:5] + 1.0) / 2 - _SQUEEZE
-            targets[:, self._fingers] = self._closed + self._stroke * opening.clamp(min=0.0)
+            targets[:, self._fingers] = self._finger_targets(given[:, 4:5])
         return targets[:, self._driven].to(joints.dtype)
+
+    def _finger_targets(self, gripper: Tensor) -> Tensor:
+        """Returns the targets of the fingers (n, F) for entries of the gripper (n, 1) in [-1, 1]."""
+        opening = (1.0 + _SQUEEZE) * (gripper + 1.0) / 2 - _SQUEEZE
+        return self._closed + self._stroke * opening.clamp(min=0.0)
 
     def _kinematics(self, device: torch.device) -> BatchedInverseKinematics:
         """Returns the robot's kinematics on a device; its first use there compiles the robot's model."""
@@ -171,10 +175,14 @@ class HandDeltaController(Controller):
         assert target is not None, "a simulator gives every robot's targets"
         still = torch.zeros((len(target), len(self.names)), dtype=target.dtype)
         if self._fingers:
-            finger = target[:, self._driven.index(self._fingers[0])].cpu()
-            opening = (finger - self._closed[0].cpu()) / self._stroke[0].cpu()
-            still[:, 4] = 2.0 * (opening + _SQUEEZE) / (1.0 + _SQUEEZE) - 1.0
+            still[:, -1] = self.gripper_entry(target.cpu())
         return still.numpy()
+
+    def gripper_entry(self, targets: Tensor) -> Tensor:
+        """Returns the entries (n,) that give the gripper the targets that it has in ``targets`` (n, D)."""
+        finger = targets[:, self._driven.index(self._fingers[0])]
+        opening = (finger - self._closed[0].to(finger)) / self._stroke[0].to(finger)
+        return 2.0 * (opening + _SQUEEZE) / (1.0 + _SQUEEZE) - 1.0
 
 
 def _yaw(rot: Tensor) -> Tensor:

@@ -153,31 +153,14 @@ def _read(command: str, words: list[str]) -> Any:
     return config
 
 
-_PROGRAMS = {
-    "train": "roboverse_learn.train:train",
-    "sweep": "roboverse_learn.sweep:sweep",
-    "collect": "roboverse_learn.collect:collect",
-    "evaluate": "roboverse_learn.evaluate:evaluate",
-    "check": "roboverse_learn.check:check",
-    "new": "roboverse_learn.new:new",
-    "convert": "roboverse_learn.convert:convert_robot",
-    "conservation": "roboverse_learn.conservation:conservation",
-    "doctor": "roboverse_learn.doctor:doctor",
-    "replay": "roboverse_learn.replay:replay",
-    "view": "roboverse_learn.view:view",
-    "leaderboard": "roboverse_learn.leaderboard:leaderboard",
-}
-"""Command to the function that takes its configuration and returns what to print."""
-
-
 def _run(command: str, config: Any) -> int:
-    """Calls the command's function, whose heavy imports begin here, and prints what it returns.
+    """Calls the command's module, which has its name; heavy imports begin here.
 
     Returns:
         The exit code: 1 where what it returns says that not all is ``ok``.
     """
-    module, _, name = _PROGRAMS[command].partition(":")
-    report = getattr(importlib.import_module(module), name)(config)
+    module = importlib.import_module(f"roboverse_learn.{command}")
+    report = (module.convert_robot if command == "convert" else getattr(module, command))(config)
     _show(report)
     return 0 if getattr(report, "ok", True) else 1
 

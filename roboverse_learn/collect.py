@@ -1,7 +1,8 @@
 """``python roboverse_learn/collect.py task=PickCube``: demonstrations of the expert into a dataset.
 
 With ``source=policy checkpoint=<run>`` they are those of a policy that was trained by reinforcement learning,
-and with ``source=<format> path=<file or folder>`` those of a file, replayed in our environment.
+with ``source=<format> path=<file or folder>`` those of a file, replayed in our environment, and with
+``source=teleop path=<folder>`` those of a person, recorded by ``roboverse teleoperate``.
 """
 
 import sys
@@ -139,7 +140,8 @@ def task_layout(config: CollectConfig) -> tuple[dict[str, Any], int, str]:
     scenario = task.scenario.seen_by(config.env.cameras, config.env.image_size)
     robot = scenario.robots[0]
     cameras = {camera.name: (camera.height, camera.width) for camera in scenario.cameras}
-    features = make_features(robot.joint_names, task.controller.names, cameras)
+    further = dict.fromkeys(SOURCES.get(config.source).columns, True)
+    features = make_features(robot.joint_names, task.controller.names, cameras, **further)
     return features, round(scenario.physics.control_hz), robot.name
 
 

@@ -25,7 +25,7 @@ LAYERS = (
     ("mjcf",),
     ("kinematics", "convert"),
     ("simulators",),
-    ("controllers",),
+    ("controllers", "hand_pose_controller"),
     ("tasks",),
     (
         "episode_hash",

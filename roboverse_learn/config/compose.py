@@ -10,7 +10,8 @@ The last of these that sets a value wins:
 5. the command line, in Hydra's grammar of values, later words last.
 
 What is evaluated follows the checkpoint: ``evaluate`` takes no field of the environment from 2. The task of
-``collect source=policy`` is that of its checkpoint, where the command line names none.
+``collect source=policy`` and ``teleoperate checkpoint=…`` is that of the checkpoint, where the command line
+names none.
 """
 
 import copy
@@ -109,12 +110,26 @@ def _policy(command: str, typed: Mapping[str, Any], chosen: Any) -> str:
 
 def _name_task_and_cameras(command: str, values: dict[str, Any], *, names_task: bool) -> None:
     """Replaces a task that a checkpoint decides, and ``cameras=[all]``, by names."""
-    if command == "collect" and values["source"] == "policy" and not names_task:
-        values["task"] = next(iter(learned_tasks(str(values["checkpoint"]))), values["task"])
+    by_checkpoint = {
+        "collect": values.get("source") == "policy",
+        "teleoperate": bool(values.get("checkpoint")),
+    }
+    if by_checkpoint.get(command) and not names_task:
+        values["task"] = _task_of(str(values["checkpoint"])) or values["task"]
     if values.get("cameras") == [ALL_CAMERAS]:
         options: Any = values["task_kwargs"]
         scene = EnvSpec(task=values["task"], task_kwargs=options).make_task().scenario
         values["cameras"] = [camera.name for camera in scene.cameras]
+
+
+def _task_of(checkpoint: str) -> str:
+    """Returns the task that a checkpoint learned first; nothing where neither it nor a run of it says."""
+    from roboverse_learn.commands.run_folder import read_config, run_of
+
+    if learned := learned_tasks(checkpoint):
+        return learned[0]
+    run = run_of(Path(checkpoint, "any")) if checkpoint else None
+    return "" if run is None else str(read_config(run).env.task)
 
 
 def _recipe(command: str, name: str) -> tuple[str, dict[str, Any]]:

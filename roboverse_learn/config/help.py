@@ -20,6 +20,7 @@ from roboverse_learn.config.serialize import default_values
 SUMMARIES = {
     "train": "collect what is missing, train, evaluate over the levels, write the leaderboard",
     "collect": "collect demonstrations of the expert into a LeRobot dataset",
+    "teleoperate": "steer the hand in a browser; episodes become a LeRobot dataset",
     "sweep": "train once for every combination of several values, over the GPUs of this machine",
     "evaluate": "evaluate a checkpoint, the expert or a rule over levels and splits",
     "replay": "replay recorded states and controls in another simulator, and say how far apart they are",
@@ -42,6 +43,11 @@ EXAMPLES = {
         "roboverse train run=runs/PickCube/act/<run>   (continues a run)",
     ),
     "collect": ("roboverse collect task=PickCube num_demos=200 level=0",),
+    "teleoperate": (
+        "roboverse teleoperate task=PickCube num_demos=20",
+        "roboverse teleoperate task=StackCube host=0.0.0.0 operators=2 cert=cert.pem key=key.pem",
+        "roboverse teleoperate checkpoint=runs/PickCube/act/<run>   (a policy acts until you take over)",
+    ),
     "sweep": (
         "roboverse sweep policy=act,diffusion task=PickCube,StackCube level=0,3 preset=gpu",
         "roboverse sweep policy=act task=PickCube seed=range(3) num_demos=50,200,1000 dry_run=true",

@@ -14,10 +14,12 @@ from envs.randomization.levels import channels_of
 from envs.randomization.splits import load_split
 from envs.spec import EnvSpec
 from policies.base import listed
-from roboverse_learn.config.leaderboard_config import LeaderboardConfig
 from roboverse_learn.config.check_config import CheckConfig
 from roboverse_learn.config.convert_config import ConvertConfig
+from roboverse_learn.config.doctor_config import DoctorConfig
+from roboverse_learn.config.leaderboard_config import LeaderboardConfig
 from roboverse_learn.config.new_config import NewConfig
+from roboverse_learn.config.teleoperate_config import TeleoperateConfig
 from roboverse_learn.config.view_config import ViewConfig
 from roboverse_learn.data.sources import SOURCES
 from roboverse_learn.training.config import TrainConfig
@@ -128,7 +130,8 @@ class CollectConfig:
         source: Registered source of demonstrations: the task's expert, the policy of ``checkpoint``, trained
             by reinforcement learning, or files of this format in ``path``.
         checkpoint: Folder of that policy, or of its run.
-        path: File of demonstrations, or a folder of them; of files, num_demos is the most that is taken.
+        path: File of demonstrations, or a folder of them, or of recordings of teleoperation; of files,
+            num_demos is the most that is taken.
         replay: How a file's demonstrations become ours: by recorded states, or by controls in our physics.
         dataset: Folder of the dataset; empty for one named after the configuration. train collects only
             where none is named, and takes any LeRobotDataset v3, also of another robot.
@@ -351,17 +354,6 @@ class ConservationConfig:
         _positive(timestep_s=self.timestep_s)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class DoctorConfig:
-    """``roboverse doctor``: the machine, the installation, and what works here.
-
-    Attributes:
-        json: Print JSON instead of text.
-    """
-
-    json: bool = False
-
-
 COMMANDS: dict[str, type] = {
     "collect": CollectConfig,
     "train": TrainRunConfig,
@@ -373,6 +365,7 @@ COMMANDS: dict[str, type] = {
     "convert": ConvertConfig,
     "replay": ReplayConfig,
     "view": ViewConfig,
+    "teleoperate": TeleoperateConfig,
     "conservation": ConservationConfig,
     "doctor": DoctorConfig,
 }

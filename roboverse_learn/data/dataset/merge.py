@@ -9,7 +9,7 @@ from envs.core.atomic import atomic_directory, link_file, write_errors
 from envs.core.errors import DatasetError
 from roboverse_learn.data.dataset.info import METADATA_COLUMN, DatasetInfo, episode_key, read_episodes
 from roboverse_learn.data.dataset.meta_tables import row_stats
-from roboverse_learn.data.dataset.schema import BOOKKEEPING, same_layout, video_keys
+from roboverse_learn.data.dataset.schema import BOOKKEEPING, OPTIONAL_KEYS, Feature, same_layout, video_keys
 from roboverse_learn.data.dataset.staging import StagedEpisode
 from roboverse_learn.data.dataset.writer import DatasetWriter
 
@@ -24,7 +24,8 @@ def merge(sources: Sequence[str | Path], root: str | Path) -> DatasetInfo:
     spread over the sources. A killed merge is completed by the same call.
 
     Args:
-        sources: Folders of datasets written by :class:`DatasetWriter`, with the same features.
+        sources: Folders of datasets written by :class:`DatasetWriter`, with the same features. Of the columns
+            that not every dataset has (``OPTIONAL_KEYS``), those that are in all sources are kept.
         root: Where the merged dataset is; it may exist.
 
     Returns:
@@ -47,7 +48,7 @@ def merge(sources: Sequence[str | Path], root: str | Path) -> DatasetInfo:
     )
     rows = [read_episodes(info.root, with_stats=True) for info in infos]
     columns = [info.read_columns() for info in infos]
-    features = {key: f for key, f in infos[0].features.items() if key not in BOOKKEEPING}
+    features = {key: f for key, f in infos[0].features.items() if _is_in_all(key, infos)}
     with DatasetWriter(root, fps=infos[0].fps, features=features, robot_type=infos[0].robot_type) as writer:
         for _, source, index in order:
             info = infos[source]
@@ -55,7 +56,7 @@ def merge(sources: Sequence[str | Path], root: str | Path) -> DatasetInfo:
                 continue
             staged = _stage_links(writer.staging_directory / "merge", info, index)
             part = slice(info.episode_starts[index], info.episode_ends[index])
-            numbers = {k: v[part] for k, v in columns[source].items() if k not in BOOKKEEPING}
+            numbers = {k: v[part] for k, v in columns[source].items() if k in features}
             images = {key: row_stats(rows[source][index])[key] for key in video_keys(info.features)}
             metadata, task = info.episode_metadata[index], info.episodes[index]["tasks"][0]
             writer.commit(
@@ -77,6 +78,15 @@ def _order(info: DatasetInfo, index: int) -> tuple[str, str, str, int]:
     return (*words, int(metadata["episode"]))  # type: ignore[return-value]
 
 
+def _is_in_all(key: str, infos: Sequence[DatasetInfo]) -> bool:
+    """Whether a column, which is none of LeRobot's bookkeeping, is in every dataset."""
+    return key not in BOOKKEEPING and all(key in info.features for info in infos)
+
+
+def _required(info: DatasetInfo) -> dict[str, Feature]:
+    return {key: feature for key, feature in info.features.items() if key not in OPTIONAL_KEYS}
+
+
 def _check_source(info: DatasetInfo, first: DatasetInfo) -> None:
     """Checks that a source can be merged with the first one."""
     if METADATA_COLUMN not in info.episodes[0]:
@@ -89,7 +99,7 @@ def _check_source(info: DatasetInfo, first: DatasetInfo) -> None:
             f"The dataset '{info.root}' holds episodes without a pool index (metadata 'episode'), so their "
             "order is undefined. Merge it with LeRobot's aggregate_datasets."
         )
-    if not same_layout(info.features, first.features) or info.fps != first.fps:
+    if not same_layout(_required(info), _required(first)) or info.fps != first.fps:
         raise DatasetError(
             f"The datasets '{first.root}' and '{info.root}' differ in features or fps. Merge only datasets "
             "of the same robot, cameras and image size."

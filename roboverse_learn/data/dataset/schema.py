@@ -20,6 +20,11 @@ ACTION_KEY = "action"
 IMAGE_PREFIX = "observation.images."
 REWARD_KEY = "next.reward"
 SUCCESS_KEY = "next.success"
+INTERVENTION_KEY = "intervention"
+"""Whether a person acted in a step, and no policy: LeRobot's column of corrections."""
+
+OPTIONAL_KEYS = frozenset({REWARD_KEY, SUCCESS_KEY, INTERVENTION_KEY})
+"""Columns that not every dataset has."""
 
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES_PATH = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -59,6 +64,8 @@ class EpisodeData:
             simulator, renderer, seed, initial state hash, success, versions.
         rewards: Reward of step ``t``, float32 (T,); only where the dataset has ``next.reward``.
         successes: Success after step ``t``, bool (T,); only where the dataset has ``next.success``.
+        interventions: Whether a person acted in step ``t``, bool (T,); only where the dataset has
+            ``intervention``.
     """
 
     states: np.ndarray
@@ -69,6 +76,7 @@ class EpisodeData:
     metadata: dict[str, Any] = field(default_factory=dict)
     rewards: np.ndarray | None = None
     successes: np.ndarray | None = None
+    interventions: np.ndarray | None = None
 
     @property
     def length(self) -> int:
@@ -82,6 +90,8 @@ class EpisodeData:
             columns[REWARD_KEY] = self.rewards
         if self.successes is not None:
             columns[SUCCESS_KEY] = self.successes
+        if self.interventions is not None:
+            columns[INTERVENTION_KEY] = self.interventions
         return columns
 
 
@@ -92,6 +102,7 @@ def make_features(
     *,
     reward: bool = False,
     success: bool = False,
+    intervention: bool = False,
 ) -> dict[str, Feature]:
     """Builds the features of a LeRobotDataset v3, without LeRobot's bookkeeping columns.
 
@@ -101,6 +112,7 @@ def make_features(
         cameras: Image size (H, W) by camera name.
         reward: Whether frames carry ``next.reward``.
         success: Whether frames carry ``next.success``.
+        intervention: Whether frames carry ``intervention``.
 
     Raises:
         DatasetError: An image size is odd or not positive (4:2:0 video stores pairs of pixels).
@@ -124,6 +136,8 @@ def make_features(
         features[REWARD_KEY] = {"dtype": "float32", "shape": [1], "names": None}
     if success:
         features[SUCCESS_KEY] = {"dtype": "bool", "shape": [1], "names": None}
+    if intervention:
+        features[INTERVENTION_KEY] = {"dtype": "bool", "shape": [1], "names": None}
     return features
 
 

@@ -26,6 +26,11 @@ SOURCES.add(
     summary="a dataset's states, rendered again: at another level, several looks of each episode",
 )
 SOURCES.add(
+    "teleop",
+    "roboverse_learn.data.sources.teleop:TeleopSource",
+    summary="recordings of a person, made by roboverse teleoperate",
+)
+SOURCES.add(
     "maniskill",
     "roboverse_learn.data.importers.maniskill:ManiSkillSource",
     extra="import",

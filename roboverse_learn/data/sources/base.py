@@ -75,11 +75,14 @@ class DemonstrationSource:
         episodes: ``"package.module:Class"`` of its :class:`EpisodeSource`, which collecting processes make.
         needs: Keys of the configuration that must be given, to what they are, for a message.
         num_demos_is_most: Whether ``num_demos`` is only the most that is taken.
+        columns: Further columns of its datasets: options of
+            :func:`~roboverse_learn.data.dataset.schema.make_features`.
     """
 
     episodes: ClassVar[str]
     needs: ClassVar[Mapping[str, str]] = {}
     num_demos_is_most: ClassVar[bool] = False
+    columns: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, config: Any) -> None:
         self.config = config

@@ -69,6 +69,8 @@ CHOSEN = {
     "tasks": ["PickCube"],
     "levels": [1],
     "seeds": [4],
+    "actor": "expert",
+    "view_cameras": ["wrist"],
     "policies": ["act"],
     "policy.down_dims": [64, 128, 256],
     "policy.horizon": 16,
@@ -138,10 +140,16 @@ def test_every_key_can_be_set_and_survives_the_saved_configuration(
 ) -> None:
     value = another(key, at(default_values(command, policy), key))
     words = [*REQUIRED.get(command, []), *([f"policy={policy}"] if command == "train" else [])]
-    words += {"source": ["path=recorded.h5"], "path": ["source=robosuite"]}.get(key, [])
+    beside = {
+        "source": "path=recorded.h5",
+        "path": "source=robosuite",
+        "cert": "key=k.pem",
+        "key": "cert=c.pem",
+    }
+    words += [beside[key]] if key in beside else []
     of_a_table = command == "sweep" and key in ("tasks", "levels", "seeds", "policies")
     words += ["recipe=act_v1"] if of_a_table else []
-    words += ["source=policy"] if key == "checkpoint" and command != "evaluate" else []
+    words += ["source=policy"] if key == "checkpoint" and command in ("collect", "train") else []
     config = compose(command, [*words, f"{key}={typed(value)}"])
     assert at(to_values(config), key) == value
     saved = yaml.safe_load(yaml.safe_dump(to_values(config)))

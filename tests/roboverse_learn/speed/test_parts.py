@@ -8,6 +8,8 @@ from roboverse_learn.speed import agents, dataset, mujoco_warp, rl, simulators, 
 from roboverse_learn.speed.bare_env import BareEnv
 from roboverse_learn.speed.harness import Measurement
 from roboverse_learn.speed.startup import startup
+from roboverse_learn.speed.teleoperation import TeleoperationSettings
+from roboverse_learn.speed.teleoperation import parts as parts_of_teleoperation
 from tests.sweeps import sweep
 
 pytestmark = pytest.mark.slow
@@ -21,6 +23,13 @@ def is_measured(found: Measurement, *texts: str) -> bool:
 
 def test_startup_is_measured():
     assert is_measured(startup("list", turns=1), "roboverse list")
+
+
+def test_teleoperation_is_measured_over_its_websocket():
+    measures = parts_of_teleoperation(TeleoperationSettings(view_size=32, seconds=2.0))
+    assert is_measured(measures["delay"](), "command to image at 32²")
+    assert is_measured(measures["interval"](), "between images")
+    assert is_measured(measures["lateness"](), "lateness of a control step")
 
 
 @pytest.mark.parametrize("visuals", [True, False])

@@ -1,0 +1,136 @@
+"""Demonstrations of a person: recorded states, rendered with any camera, renderer and level."""
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, override
+
+import numpy as np
+import torch
+
+from envs.core.errors import DatasetError
+from envs.state import State
+from roboverse_learn.data.collection.schedule import check_settings
+from roboverse_learn.data.dataset.info import DatasetInfo, is_collected_here, read_info
+from roboverse_learn.data.dataset.schema import EpisodeData
+from roboverse_learn.data.importers.demonstration import Demonstration
+from roboverse_learn.data.importers.replayer import Replay, Replayer
+from roboverse_learn.data.sources.base import DemonstrationSource, Progress
+from roboverse_learn.data.sources.expert import ExpertEpisodes
+from roboverse_learn.teleoperation.recording import Mark, Recording, open_recordings, scene_of
+
+_FACTS = ("operator", "device", "seconds", "path_m", "idle_share", "policy", "weights")
+
+
+class TeleopSource(DemonstrationSource):
+    """``source=teleop``: the successes of a folder of ``roboverse teleoperate``.
+
+    Each is rendered as the episode of the train split that it was steered in. A dataset grows with its
+    folder: recordings that were added are added to it, too.
+    """
+
+    episodes: ClassVar = "roboverse_learn.data.sources.teleop:TeleopEpisodes"
+    needs: ClassVar = {"path": "<folder>: the recordings of roboverse teleoperate."}
+    num_demos_is_most: ClassVar = True
+    columns: ClassVar = ("success", "intervention")
+
+    @override
+    def check(self) -> None:
+        path = Path(self.config.path)
+        for facts in open_recordings(path).values():
+            check_settings(path, facts["scene"], scene_of(self.config.env))
+        if not self._files():
+            raise DatasetError(f"path={path}: no recording is marked as a success. Steer some more episodes.")
+
+    @override
+    def prepare(self, dataset: Path, progress: Progress) -> None:
+        """Refuses a dataset with an episode that was discarded since."""
+        if not is_collected_here(dataset) or not read_info(dataset)["total_episodes"]:
+            return
+        kept = self._files()
+        for facts in DatasetInfo.open(dataset).episode_metadata:
+            if kept.get(facts["episode"], Path()).name != facts.get("file"):
+                raise DatasetError(
+                    f"The dataset '{dataset}' holds the recording '{facts.get('file')}', which is no success "
+                    "any more. Choose another folder with dataset=, or delete this one."
+                )
+
+    @override
+    def name_part(self) -> str:
+        by = "" if self.config.replay == "states" else f"-by-{self.config.replay}"
+        return f"teleop-{Path(self.config.path).name}{by}"
+
+    @override
+    def identity(self) -> dict[str, Any]:
+        return {"source": "teleop", "replay": self.config.replay}
+
+    @override
+    def candidates(self) -> list[int]:
+        return list(self._files())
+
+    @override
+    def arguments(self) -> dict[str, Any]:
+        files = {str(episode): str(path) for episode, path in self._files().items()}
+        return super().arguments() | {"replay": self.config.replay, "files": files}
+
+    @override
+    def advice_for_task(self) -> str:
+        return "Recordings are replayed exactly with replay=states."
+
+    def _files(self) -> dict[int, Path]:
+        """Returns the newest success of each episode by its index, in the order of recording."""
+        facts = open_recordings(Path(self.config.path)).items()
+        return {int(each["episode"]): path for path, each in facts if each["mark"] == Mark.SUCCESS}
+
+
+class TeleopEpisodes(ExpertEpisodes):
+    """Replays recordings of a person.
+
+    Args:
+        replay: ``states`` or ``controls``.
+        files: Episode of the train split, in words, to its recording.
+        scene: See :class:`~roboverse_learn.data.sources.expert.ExpertEpisodes`.
+    """
+
+    def __init__(self, *, replay: Replay, files: Mapping[str, str], **scene: Any) -> None:
+        super().__init__(**scene)
+        self._by: Replay = replay
+        self._files = {int(episode): Path(path) for episode, path in files.items()}
+        self._replayer = Replayer(self._env)
+
+    @override
+    def attempts(self, indices: Sequence[int]) -> Iterator[tuple[int, EpisodeData | None]]:
+        recordings = [Recording.read(self._files[index]) for index in indices]
+        demonstrations = [_demonstration(recording) for recording in recordings]
+        starts = {index: self._start_hash(index) for index in indices}
+        outcomes = self._replayer.replay(demonstrations, indices, self._by)
+        for recording, outcome in zip(recordings, outcomes, strict=True):
+            if not outcome.success:
+                yield outcome.episode, None
+                continue
+            file = self._files[outcome.episode]
+            episode = self._episode(
+                outcome,
+                source="teleop",
+                replay=self._by,
+                initial_state_hash=starts[outcome.episode],
+                file=file.name,
+                file_sha256=hashlib.sha256(file.read_bytes()).hexdigest(),
+                **{key: recording.facts[key] for key in _FACTS if key in recording.facts},
+            )
+            episode.successes = outcome.successes
+            steps = np.minimum(
+                np.arange(outcome.length), recording.length - 1
+            )  # controls are held at the end
+            episode.interventions = recording.interventions[steps]
+            yield outcome.episode, episode
+
+    def _start_hash(self, index: int) -> str:
+        """Returns the hash of an episode as the task samples it: the expert's dataset has the same."""
+        self._env.reset_envs([0], [index])
+        return self._env.initial_state_hash(0)
+
+
+def _demonstration(recording: Recording) -> Demonstration:
+    states = State.unflatten({key: torch.from_numpy(value) for key, value in recording.states.items()})
+    return Demonstration(name=str(recording.facts["episode"]), states=states, targets=recording.actions)

@@ -1,0 +1,121 @@
+"""A headless Chromium, driven by its DevTools protocol: opens a page, presses keys, takes screenshots."""
+
+import asyncio
+import base64
+import contextlib
+import itertools
+import shutil
+import tempfile
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+
+PROGRAM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-dev-shm-usage",
+    "--hide-scrollbars",
+    "--mute-audio",
+    "--remote-debugging-port=0",
+)
+
+
+class Page:
+    """One page of the browser."""
+
+    def __init__(self, socket: aiohttp.ClientWebSocketResponse) -> None:
+        self._socket, self._numbers = socket, itertools.count(1)
+        self._answers: dict[int, asyncio.Future[dict[str, Any]]] = {}
+        self.requests: list[str] = []
+        self.problems: list[str] = []
+        self._reader = asyncio.create_task(self._read())
+
+    async def _read(self) -> None:
+        async for message in self._socket:
+            found = message.json()
+            if "id" in found:
+                self._answers.pop(found["id"]).set_result(found)
+            elif found["method"] == "Network.requestWillBeSent":
+                self.requests.append(found["params"]["request"]["url"])
+            elif found["method"] == "Runtime.exceptionThrown":
+                self.problems.append(found["params"]["exceptionDetails"].get("text", "exception"))
+            elif found["method"] == "Log.entryAdded" and found["params"]["entry"]["level"] == "error":
+                self.problems.append(found["params"]["entry"]["text"])
+
+    async def call(self, method: str, **params: Any) -> dict[str, Any]:
+        number = next(self._numbers)
+        self._answers[number] = asyncio.get_running_loop().create_future()
+        await self._socket.send_json({"id": number, "method": method, "params": params})
+        answer = await asyncio.wait_for(self._answers[number], 30)
+        assert "error" not in answer, answer
+        return answer["result"]
+
+    async def open(self, url: str, width: int = 1280, height: int = 800, *, mobile: bool = False) -> None:
+        for domain in ("Page", "Runtime", "Network", "Log"):
+            await self.call(f"{domain}.enable")
+        await self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=mobile,
+        )
+        await self.call("Page.navigate", url=url)
+        await self.until(f"location.href === '{url}' && document.readyState === 'complete'")
+
+    async def value(self, expression: str) -> Any:
+        answer = await self.call("Runtime.evaluate", expression=expression, returnByValue=True)
+        assert "exceptionDetails" not in answer, answer
+        return answer["result"].get("value")
+
+    async def until(self, expression: str, seconds: float = 30.0) -> None:
+        async with asyncio.timeout(seconds):
+            while not await self.value(expression):
+                await asyncio.sleep(0.05)
+
+    async def key(self, code: str, *, down: bool) -> None:
+        await self.call("Input.dispatchKeyEvent", type="keyDown" if down else "keyUp", code=code, key=code)
+
+    async def screenshot(self, path: Path, *, whole: bool = False) -> None:
+        shot = await self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
+        path.write_bytes(base64.b64decode(shot["data"]))
+
+
+@contextlib.asynccontextmanager
+async def browser() -> AsyncIterator[Page]:
+    """Yields an empty page of a browser with a profile of its own."""
+    assert PROGRAM is not None
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+        process = await asyncio.create_subprocess_exec(
+            PROGRAM,
+            *FLAGS,
+            f"--user-data-dir={profile}",
+            "about:blank",
+            stdout=asyncio.subprocess.DEVNULL,
+            stderr=asyncio.subprocess.DEVNULL,
+        )
+        try:
+            port_file = Path(profile) / "DevToolsActivePort"
+            async with asyncio.timeout(60):
+                while not port_file.exists() or not port_file.read_text().strip():
+                    await asyncio.sleep(0.1)
+            port = port_file.read_text().split()[0]
+            async with aiohttp.ClientSession() as session:
+                async with session.get(f"http://127.0.0.1:{port}/json/list") as answer:
+                    pages = [each for each in await answer.json() if each["type"] == "page"]
+                async with session.ws_connect(pages[0]["webSocketDebuggerUrl"], max_msg_size=0) as socket:
+                    yield Page(socket)
+        finally:
+            if process.returncode is None:
+                process.terminate()
+                await process.wait()

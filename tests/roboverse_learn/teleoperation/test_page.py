@@ -1,0 +1,124 @@
+"""The page in a headless Chromium: keys, a gamepad, and a whole PickCube."""
+
+import asyncio
+import contextlib
+import math
+import threading
+
+import pytest
+
+from envs.spec import EnvSpec
+from roboverse_learn.teleoperation.conductor import Conductor
+from roboverse_learn.teleoperation.recording import Mark
+from roboverse_learn.teleoperation.server import TeleoperationServer
+from roboverse_learn.teleoperation.session import Phase, Session
+from roboverse_learn.teleoperation.station import Station
+from tests.roboverse_learn.teleoperation import chromium
+from tests.roboverse_learn.teleoperation.scripted_client import Follower
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(chromium.PROGRAM is None, reason="no Chromium is installed"),
+]
+
+GAMEPAD = """
+window.pad = {connected: true, axes: [0, 0, 0, 0],
+  buttons: [...Array(16)].map(() => ({pressed: false})), mapping: "standard"};
+Object.defineProperty(navigator, "getGamepads", {value: () => [window.pad]});
+document.getElementById("speed").value = 1;
+"""
+
+
+@contextlib.asynccontextmanager
+async def served(book):
+    env = EnvSpec(task="PickCube", image_size=32).make(1, num_threads=1)
+    drawing = threading.Lock()
+    session = Session(Station(env, 0, drawing), book, limit_s=60.0)
+    facts = {"task": "PickCube", "cameras": list(env.camera_names), "delta_m": 0.05, "control_hz": 20.0}
+    server = TeleoperationServer([session], facts)
+    conductor = Conductor(env, [session], drawing=drawing, on_status=server.tell_status, on_frame=server.show)
+    port = await server.start("127.0.0.1", 0)
+    await asyncio.to_thread(conductor.start)
+    try:
+        yield session, f"http://127.0.0.1:{port}/{server.token}/"
+    finally:
+        conductor.stop()
+        await server.stop()
+        env.close()
+    assert conductor.error is None
+
+
+async def tap(page, code):
+    await page.key(code, down=True)
+    await page.key(code, down=False)
+
+
+async def eventually(condition, seconds=20.0):
+    async with asyncio.timeout(seconds):
+        while not condition():
+            await asyncio.sleep(0.02)
+
+
+def axes(rate, view_yaw):
+    """Returns a gamepad's axes for a rate (6,) in the world: its sticks are in the frame of the image."""
+    x, y, z, _, _, yaw = rate
+    away = math.cos(view_yaw) * x + math.sin(view_yaw) * y
+    right = math.sin(view_yaw) * x - math.cos(view_yaw) * y
+
+    def lifted(value):  # above the dead zone
+        return math.copysign(0.12 + 0.88 * abs(value), value) if abs(value) > 1e-3 else 0.0
+
+    return [lifted(right), lifted(-away), lifted(-yaw), lifted(-z)]
+
+
+async def steer(page, session, follower):
+    """Plays the present episode with the fake gamepad."""
+    episode, view_yaw = session.episode, session.station.view_yaw("front")
+    follower.begin(episode)
+    await page.value("window.pad.buttons[9].pressed = true")
+    await page.until("document.body.dataset.phase === 'running'")
+    await page.value("window.pad.buttons[9].pressed = false")
+    closed = False
+    while session.episode == episode:
+        rate, gripper = follower.motion(session.status()["hand"])
+        await page.value(f"window.pad.axes = {axes([value / 2 for value in rate], view_yaw)}")
+        if (gripper < 0) != closed:
+            closed = not closed
+            for pressed in ("true", "false"):
+                await page.value(f"window.pad.buttons[0].pressed = {pressed}")
+                await asyncio.sleep(0.1)
+        await asyncio.sleep(0.03)
+
+
+def test_keys_steer_and_a_gamepad_plays_a_whole_pick_cube(folder, book, pick_cube, tmp_path):
+    async def body():
+        async with served(book) as (session, url), chromium.browser() as page:
+            await page.open(url)
+            await page.until("document.body.dataset.phase === 'ready'")
+            await page.until("document.querySelector('canvas').width === 32")
+            before = session.station.hand()["pos"]
+            await tap(page, "Enter")
+            await page.until("document.body.dataset.phase === 'running'")
+            await page.key("KeyA", down=True)  # left in the image; the camera faces the robot: -y is left
+            await eventually(lambda: session.step > 5)
+            await page.key("KeyA", down=False)
+            after = session.station.hand()["pos"]
+            assert after[1] < before[1] - 0.02
+            assert abs(after[0] - before[0]) < 0.01 and abs(after[2] - before[2]) < 0.01
+            await tap(page, "KeyG")
+            await eventually(lambda: session.station.gripper() < 0)
+            await tap(page, "KeyP")
+            await eventually(lambda: session.phase is Phase.PAUSED)
+            await tap(page, "KeyY")
+            await eventually(lambda: session.phase is Phase.READY and session.step == 0)
+            await page.until("document.getElementById('gripper-text').textContent === 'Close gripper'")
+
+            await page.value(GAMEPAD)
+            await steer(page, session, Follower(pick_cube))
+            await page.until("document.getElementById('progress').textContent.startsWith('1 of 2')")
+            assert not page.problems, page.problems
+            assert all(request.startswith((url, "data:", "blob:")) for request in page.requests)
+
+    asyncio.run(asyncio.wait_for(body(), 150))
+    marks = [(facts["mark"], facts["device"]) for facts in folder.facts.values()]
+    assert marks == [(Mark.DISCARDED, "keyboard"), (Mark.SUCCESS, "gamepad")]

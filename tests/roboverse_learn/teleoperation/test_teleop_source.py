@@ -1,0 +1,170 @@
+"""From recordings to a dataset: rendered afterwards, at any level, as often as wanted."""
+
+import numpy as np
+import pytest
+
+from envs.core.errors import ConfigError, DatasetError, PolicyError
+from envs.randomization.splits import load_split
+from roboverse_learn.collect import collect_dataset
+from roboverse_learn.config.compose import compose
+from roboverse_learn.data.dataset.info import DatasetInfo
+from roboverse_learn.data.dataset.merge import merge
+from roboverse_learn.data.dataset.raw import read_raw
+from roboverse_learn.data.dataset.reader import ResidentDataset
+from roboverse_learn.data.dataset.schema import ACTION_KEY, INTERVENTION_KEY, SUCCESS_KEY
+from roboverse_learn.teleoperate import recordings_folder, teleoperate
+from roboverse_learn.teleoperation.recording import Mark, Recording, RecordingFolder, recordings_in
+from roboverse_learn.train import train_run
+
+SMALL = ("task=PickCube", "image_size=32")
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A folder with two episodes that the expert steered, and their dataset at level 0."""
+    folder = tmp_path_factory.mktemp("teleoperation")
+    words = [*SMALL, "actor=expert", "num_demos=2", f"datasets_dir={folder}", f"dataset={folder / 'level0'}"]
+    report = teleoperate(compose("teleoperate", words))
+    assert report is not None
+    return folder
+
+
+def collected(place, name, *words):
+    path = f"path={place / 'PickCube' / 'recordings'}"
+    given = [*SMALL, "source=teleop", path, f"dataset={place / name}", "num_workers=1", *words]
+    return collect_dataset(compose("collect", given))
+
+
+def recordings(place):
+    return [Recording.read(path) for path in recordings_in(place / "PickCube" / "recordings")]
+
+
+@pytest.mark.slow
+def test_a_dataset_has_the_recorded_actions_states_and_marks(place):
+    info = DatasetInfo.open(place / "level0")
+    columns = info.read_columns()
+    made = recordings(place)
+    assert info.num_episodes == 2
+    np.testing.assert_array_equal(columns[ACTION_KEY], np.concatenate([each.actions for each in made]))
+    np.testing.assert_array_equal(columns[SUCCESS_KEY], np.concatenate([each.successes for each in made]))
+    assert columns[INTERVENTION_KEY].all()
+    for index, recording in enumerate(made):
+        raw, metadata = read_raw(place / "level0", index)
+        for key, values in recording.states.items():
+            np.testing.assert_array_equal(raw[key], values, err_msg=key)
+        assert metadata["source"] == "teleop" and metadata["device"] == "expert"
+        assert metadata["seconds"] == pytest.approx(recording.length / 20)
+        assert metadata["initial_state_hash"] == recording.facts["initial_state_hash"]
+        assert info.episodes[index]["tasks"] == [recording.facts["instruction"]]
+
+
+@pytest.mark.slow
+def test_the_same_recordings_are_rendered_at_another_level(place):
+    summary = collected(place, "level3", "level=3")
+    assert summary.num_episodes == 2
+    plain, varied = (DatasetInfo.open(place / name) for name in ("level0", "level3"))
+    for key in (ACTION_KEY, "observation.state"):
+        np.testing.assert_array_equal(plain.read_columns()[key], varied.read_columns()[key])
+    camera = "observation.images.front"
+    first, second = (ResidentDataset(info.root, keys=[camera]).frames[camera][0] for info in (plain, varied))
+    assert (first.float() - second.float()).abs().mean() > 10
+    assert all(metadata["level"] == 3 for metadata in varied.episode_metadata)
+
+
+@pytest.mark.slow
+def test_recorded_controls_succeed_in_physics(place):
+    summary = collected(place, "controls", "replay=controls")
+    assert summary.num_episodes == 2
+    info = DatasetInfo.open(place / "controls")
+    assert info.read_columns()[INTERVENTION_KEY].all()
+
+
+@pytest.mark.slow
+def test_an_episode_that_is_discarded_afterwards_is_named(place):
+    folder = RecordingFolder(place / "PickCube" / "recordings", recordings(place)[0].facts["scene"])
+    path = next(iter(folder.facts))
+    try:
+        folder.remark(path, Mark.DISCARDED)
+        with pytest.raises(DatasetError, match=f"{path.name}', which is no success any more"):
+            collected(place, "level0")
+        assert collected(place, "rest").num_episodes == 1
+    finally:
+        folder.remark(path, Mark.SUCCESS)
+        folder.close()
+
+
+@pytest.mark.slow
+def test_teleoperation_continues_where_it_was(place):
+    words = [*SMALL, "actor=expert", "num_demos=3", f"datasets_dir={place}", "render=false"]
+    teleoperate(compose("teleoperate", words))
+    made = recordings(place)
+    last = [int(episode) for episode in load_split("train").episodes[:-4:-1]]
+    assert [each.facts["episode"] for each in made] == last
+    assert collected(place, "more").num_episodes == 3
+    assert collected(place, "level0").num_episodes == 3  # a dataset grows with its folder
+
+
+@pytest.mark.long
+def test_a_policy_learns_from_the_dataset_and_is_corrected_where_it_strays(place, tmp_path):
+    words = [
+        *("policy=act", "preset=quick", "train.steps=2", "train.batch_size=2", f"dataset={place / 'level0'}"),
+        *("evaluate.episodes=1", "evaluate.levels=[0]", "evaluate.videos=0", "image_size=32", "cameras=[]"),
+        *(f"runs_dir={tmp_path / 'runs'}", f"results_dir={tmp_path / 'results'}"),
+    ]
+    run = train_run(compose("train", words))
+    words = [f"checkpoint={run.folder}", "actor=expert", "num_demos=1", f"datasets_dir={tmp_path}"]
+    teleoperate(compose("teleoperate", [*words, f"dataset={tmp_path / 'corrections'}"]))
+    (path,) = recordings_in(tmp_path / "PickCube" / "corrections")
+    recording = Recording.read(path)
+    acted = recording.interventions
+    assert recording.mark is Mark.SUCCESS and not acted[0] and acted[-1]
+    assert (recording.facts["policy"], recording.facts["device"]) == ("act", "expert")
+    info = DatasetInfo.open(tmp_path / "corrections")
+    np.testing.assert_array_equal(info.read_columns()[INTERVENTION_KEY], acted)
+    assert info.shapes["observation.images.front"] == (32, 32, 3)  # as the policy sees
+    collect_dataset(compose("collect", [*SMALL, "num_demos=2", f"dataset={tmp_path / 'expert'}"]))
+    merged = merge([tmp_path / "expert", place / "level0", tmp_path / "corrections"], tmp_path / "all")
+    of_person = DatasetInfo.open(place / "level0").num_episodes
+    assert merged.num_episodes == 2 + of_person + 1 and INTERVENTION_KEY not in merged.features
+    with pytest.raises(PolicyError, match="does not exist"):
+        teleoperate(compose("teleoperate", ["task=PickCube", f"checkpoint={tmp_path / 'none'}"]))
+
+
+def test_other_scenes_and_no_recordings_are_told(place, tmp_path):
+    with pytest.raises(DatasetError, match="there is no recording of teleoperation"):
+        words = [*SMALL, "source=teleop", f"path={tmp_path}", f"dataset={tmp_path / 'out'}"]
+        collect_dataset(compose("collect", words))
+    with pytest.raises(DatasetError, match="was begun with task='PickCube'; now given: task='StackCube'"):
+        collected(place, "other", "task=StackCube")
+    with pytest.raises(ConfigError, match="source=teleop needs path="):
+        compose("collect", [*SMALL, "source=teleop"])
+
+
+def test_a_task_without_an_arm_to_steer_is_told(tmp_path):
+    with pytest.raises(ConfigError, match="cannot be teleoperated: its actions are"):
+        teleoperate(compose("teleoperate", ["task=control/cartpole", f"datasets_dir={tmp_path}"]))
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["num_demos=0"], "num_demos must be above 0"),
+        (["operators=9"], "operators must be 1 to 8"),
+        (["port=70000"], "port must be 0 to 65535"),
+        (["view_size=4"], "view_size must be 16 to 2048"),
+        (["cert=a.pem"], "https needs both cert"),
+        (["actor=robot"], "actor"),
+    ],
+)
+def test_wrong_values_are_told(words, message):
+    with pytest.raises(ConfigError, match=message):
+        compose("teleoperate", words)
+
+
+def test_recordings_of_a_changed_scene_have_a_folder_of_their_own():
+    def folder(*words):
+        return recordings_folder(compose("teleoperate", ["task=PickCube", *words]))
+
+    assert folder() == folder("level=3", "image_size=64", "cameras=[wrist]")
+    lifted = folder("task_kwargs.variant=lift")
+    assert lifted != folder() and lifted == folder("task_kwargs.variant=lift", "level=2")
