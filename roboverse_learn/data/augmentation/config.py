@@ -28,7 +28,7 @@ class AugmentConfig:
     choose: Choose = "nearest"
     nearest: int = 3
     num_sources: int = 0
-    bridge_speed_m_s: float = 0.4
+    bridge_speed_m_s: float = 0.8
     noise_m: float = 0.01
     refine_grasp: bool = True
     retries: int = 2

@@ -15,7 +15,7 @@ import torch
 from envs.core.errors import DatasetError
 from envs.tasks.segment import Segment
 from roboverse_learn.data.augmentation.movements import Movement
-from roboverse_learn.data.augmentation.pose import distance_m
+from roboverse_learn.data.augmentation.pose import angle_rad, distance_m
 from roboverse_learn.data.augmentation.recording import SourceDemo, named
 
 LEAD_M = 0.10
@@ -24,29 +24,38 @@ LEAD_M = 0.10
 LIFT_M = 0.05
 """The first part of the way of a carried object, likewise: it is lifted first."""
 
+REACH_M = 0.4
+"""Length of the way to an object that is kept of a source: before that its hand may do anything."""
+
+WAIT_STEPS = 8
+"""Longest wait that is kept, in control steps: a gripper closes meanwhile."""
+
+STILL_M, STILL_RAD = 5e-4, 5e-3
+"""A hand that is commanded to move by less than this in a control step waits."""
+
 CLEAR_M = 0.08
 """Distance of the hand from where it let go, from which on it may go to the next object."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Piece:
-    """Steps ``first`` to ``last`` of a demonstration, the second excluded.
+    """Some steps of a demonstration.
 
     Attributes:
         reference: Object or part that the hand moves relative to.
         carried: Object that the hand carries, or empty.
         subtask: Number of the movement that it belongs to, from 0.
-        first: First step.
-        last: One past the last step.
-        free: First and one past the last step, counted from ``first``, in which the hand may leave the
-            source's path; equal for a moment at which it may wait.
+        steps: The steps, ascending; those in which the hand wanders or waits are left out, (L,).
+        anchor: State in which the reference is where the hand goes to.
+        free: First and one past the last of ``steps`` in which the hand may leave the source's path; equal for
+            a moment at which it may wait.
     """
 
     reference: str
     carried: str
     subtask: int
-    first: int
-    last: int
+    steps: np.ndarray
+    anchor: int
     free: tuple[int, int]
 
     @property
@@ -185,38 +194,62 @@ def _clear(demo: SourceDemo, let_go: int) -> int:
 def _pieces(demo: SourceDemo, span: _Span, refine: bool) -> list[Piece]:
     """Returns the pieces of a span: one, or two where the hand first reaches and then acts."""
 
-    def piece(first: int, last: int, free: tuple[int, int]) -> Piece:
+    def piece(first: int, last: int, anchor: int, contact: int, lift_m: float) -> Piece:
+        steps = _steps(demo, first, last)
+        free = _free(demo, steps, contact, lift_m)
+        if not lift_m:
+            near = _near(demo, steps[: free[1] + 1])
+            steps, free = steps[near:], (0, free[1] - near)
         return Piece(
             reference=span.reference,
             carried=span.carried,
             subtask=span.subtask,
-            first=first,
-            last=last,
+            steps=steps,
+            anchor=anchor,
             free=free,
         )
 
     if span.carried:
-        return [piece(span.first, span.last, _free(demo, span.first, span.contact, lift_m=LIFT_M))]
+        return [piece(span.first, span.last, span.first, span.contact, LIFT_M)]
     changes = [step for step in demo.gripper_changes if span.first < step <= span.contact]
     act = changes[-1] if changes else span.contact
-    free = _free(demo, span.first, act, lift_m=0.0)
     if not refine or not span.first < act < span.last:
-        return [piece(span.first, span.last, free)]
-    return [piece(span.first, act, free), piece(act, span.last, (0, 0))]
+        return [piece(span.first, span.last, act, act, 0.0)]
+    return [piece(span.first, act, act, act, 0.0), piece(act, span.last, act, act, 0.0)]
 
 
-def _free(demo: SourceDemo, first: int, contact: int, *, lift_m: float) -> tuple[int, int]:
-    """Returns the window, counted from ``first``, far from where a piece begins and from its contact.
+def _steps(demo: SourceDemo, first: int, last: int) -> np.ndarray:
+    """Returns the steps from ``first`` to ``last`` without what is beyond :data:`WAIT_STEPS` of waiting."""
+    way = demo.commanded.rows(slice(first, last))
+    later, before = way.rows(slice(1, None)), way.rows(slice(None, -1))
+    still = (distance_m(later, before) < STILL_M) & (angle_rad(later, before) < STILL_RAD)
+    waited, kept = 0, [first]
+    for step, waits in zip(range(first + 1, last), still.tolist(), strict=True):
+        waited = waited + 1 if waits and step not in demo.gripper_changes else 0
+        if waited <= WAIT_STEPS:
+            kept.append(step)
+    return np.array(kept, np.int64)
+
+
+def _near(demo: SourceDemo, steps: np.ndarray) -> int:
+    """Returns the first of some steps from which on the hand's way is at most :data:`REACH_M` long."""
+    pos = demo.commanded.pos[steps]
+    left = np.cumsum(np.linalg.norm(np.diff(pos, axis=0), axis=1)[::-1])[::-1]
+    return int((left > REACH_M).sum())
+
+
+def _free(demo: SourceDemo, steps: np.ndarray, contact: int, lift_m: float) -> tuple[int, int]:
+    """Returns the window of a piece far from where it begins and from its contact.
 
     Without one, it is the moment that is farthest from both.
     """
-    contact = min(max(contact, first + 1), demo.num_steps - 1)
-    way = demo.commanded.rows(slice(first, contact + 1))
-    before, after = distance_m(way, way.rows(0)), distance_m(way, way.rows(-1))
+    way = demo.commanded.rows(steps[: max(1, int(np.searchsorted(steps, contact, side="right")))])
+    there = demo.commanded.rows(min(contact, demo.num_steps - 1))
+    before, after = distance_m(way, way.rows(0)), distance_m(way, there)
     far = np.flatnonzero(after > LEAD_M)
     end = int(far[-1]) + 1 if len(far) else 0
     begin = int(np.argmax(before >= lift_m)) if lift_m else 0
     if begin < end:
-        return begin, end
+        return begin, min(end, len(steps) - 1)
     moment = int(np.argmax(np.minimum(before, after))) if lift_m else 0
     return moment, moment

@@ -6,13 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kinematics.inverse import PathFollower
-from envs.kinematics.waypoints import Waypoint, miss
-from envs.rotations import conjugate, multiply, to_euler
+from envs.kinematics.pose_follower import PoseFollower
+from envs.kinematics.waypoints import miss
 from envs.state import State
 from envs.tasks.base import Task
 from roboverse_learn.data.augmentation.config import AugmentConfig
-from roboverse_learn.data.augmentation.paths import HandPath, bridged, moved
+from roboverse_learn.data.augmentation.paths import bridged, moved
 from roboverse_learn.data.augmentation.pieces import LEAD_M, Piece
 from roboverse_learn.data.augmentation.pose import Pose, angle_rad, distance_m
 from roboverse_learn.data.augmentation.recording import HandReader, SourceDemo, measured_hand
@@ -29,7 +28,7 @@ SELDOM = 3.0
 """How much larger a seldom miss is; see :func:`envs.kinematics.waypoints.miss`."""
 
 HELD_M = 0.03
-"""A carried object that is this much farther from the hand than in the source is not held."""
+"""A carried object that is this much farther from the hand than in any source is not held."""
 
 FINAL_HOLD_S = 0.5
 """Time for which the last target is held: a source ends as soon as it has succeeded."""
@@ -60,6 +59,42 @@ class PiecePlan(NamedTuple):
     source: int
 
 
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """A piece of a source as numbers.
+
+    Attributes:
+        path: Commanded hand poses, (L,).
+        gripper: Targets of the gripper, (L,).
+        reference: Pose of the reference.
+        held: The hand in the carried object's frame, or None.
+        free: See :class:`Piece`.
+        source: Index of the demonstration.
+    """
+
+    path: Pose
+    gripper: np.ndarray
+    reference: Pose
+    held: Pose | None
+    free: tuple[int, int]
+    source: int
+
+    @classmethod
+    def of(cls, demo: SourceDemo, piece: Piece, references: References) -> "_Way":
+        """Reads a piece of a demonstration."""
+        first, held = int(piece.steps[0]), None
+        if piece.carried:
+            held = references.pose(demo.states, piece.carried).rows(first).inverse() @ demo.hand.rows(first)
+        return cls(
+            path=demo.commanded.rows(piece.steps),
+            gripper=demo.gripper[piece.steps],
+            reference=references.pose(demo.states, piece.reference).rows(piece.anchor),
+            held=held,
+            free=piece.free,
+            source=demo.index,
+        )
+
+
 class AugmentPlanner:
     """Plans the pieces of an episode one by one, each from the state in which the last one ended.
 
@@ -69,22 +104,22 @@ class AugmentPlanner:
         task: The task.
         sources: Source demonstrations, all with pieces of the same roles.
         config: Settings.
+
+    Attributes:
+        roles: Reference, carried object and subtask of each piece.
     """
 
     def __init__(self, task: Task, sources: Sequence[Source], config: AugmentConfig) -> None:
         scenario = task.scenario
-        self._sources, self._config = sources, config
-        self._hz = scenario.physics.control_hz
+        self._config, self._hz = config, scenario.physics.control_hz
         self._references, self._reader = References(scenario), HandReader(task)
-        self._robot = scenario.robots[0]
-        self._driven = list(self._robot.driven)
-        self._follower = PathFollower(self._robot, self._hz)
+        self._driven = list(scenario.robots[0].driven)
+        self._follower = PoseFollower(scenario.robots[0])
         self.roles = [piece.role for piece in sources[0].pieces]
-        self._objects = {
-            (index, name): self._references.pose(source.demo.states, name)
-            for index, source in enumerate(sources)
-            for name in {name for piece in source.pieces for name in (piece.reference, piece.carried) if name}
-        }
+        self._ways = [
+            [_Way.of(source.demo, source.pieces[stage], self._references) for source in sources]
+            for stage in range(len(self.roles))
+        ]
 
     def plan(self, state: State, rng: np.random.Generator, stage: int) -> PiecePlan:
         """Returns the plan of a piece.
@@ -94,16 +129,17 @@ class AugmentPlanner:
             rng: Random numbers of the episode.
             stage: Which piece.
         """
-        start = self._reader.hands(self._reader.starts(state)).rows(0)
-        missed = self._miss(rng)
-        best: tuple[float, PiecePlan] | None = None
-        for index in self._order(state, rng, stage, start):
-            source = self._sources[index]
-            path = self._path(index, state, stage, start, missed)
-            targets = self._follow(state, source, stage, path)
-            error = self._error(targets, path.pose)
+        joints = self._reader.starts(state)[0]
+        start, missed = Pose(*self._follower.pose(joints)), self._miss(rng, stage)
+        paths, best = self._moved(state, stage), None
+        for index in self._order(state, rng, stage, start, paths):
+            way, speed = self._ways[stage][index], self._config.bridge_speed_m_s
+            path = bridged(paths[index], start, way.free, speed, self._hz, missed)
+            found = self._follower.follow(joints, *path.pose)
+            error = max(found.errors_m.max() / MISSED_M, found.errors_rad.max() / MISSED_RAD)
             if best is None or error < best[0]:
-                best = error, PiecePlan(targets[:, self._driven].astype(np.float32), source.demo.index)
+                targets = self._reader.with_gripper(found.targets, way.gripper[path.rows])
+                best = error, PiecePlan(self._held_at_end(targets, stage), way.source)
             if error <= 1.0:
                 break
         assert best is not None, "there is a source"
@@ -119,83 +155,52 @@ class AugmentPlanner:
         carried = self.roles[stage][1]
         if not carried:
             return True
+        usual = [np.linalg.norm(way.held.pos) for way in self._ways[stage] if way.held is not None]
         now = distance_m(measured_hand(state), self._references.pose(state, carried))[0]
-        usual = []
-        for index, source in enumerate(self._sources):
-            held = self._held(index, stage)
-            usual.append(float(np.linalg.norm(held.pos)))
-            del source
         return bool(now < max(usual) + HELD_M)
 
-    def _order(self, state: State, rng: np.random.Generator, stage: int, start: Pose) -> list[int]:
-        """Returns the sources in the order in which they are tried."""
-        count = len(self._sources)
+    def _moved(self, state: State, stage: int) -> list[Pose]:
+        """Returns every source's path of a piece, moved with its object."""
+        reference, carried, _ = self.roles[stage]
+        now, held = self._references.pose(state, reference).rows(0), None
+        if carried:
+            held = self._references.pose(state, carried).rows(0).inverse() @ measured_hand(state).rows(0)
+        return [moved(way.path, way.reference, now, way.held, held) for way in self._ways[stage]]
+
+    def _order(
+        self, state: State, rng: np.random.Generator, stage: int, start: Pose, paths: Sequence[Pose]
+    ) -> list[int]:
+        """Returns the sources in the order in which they are tried.
+
+        The nearest is that whose piece must be moved least and begins nearest to the hand.
+        """
+        count = len(paths)
         if self._config.choose == "random":
-            return [int(index) for index in rng.permutation(count)]
-        away = [self._difference(index, state, stage, start) for index in range(count)]
-        order = [int(index) for index in np.argsort(away, kind="stable")]
-        drawn = int(rng.integers(min(self._config.nearest, count)))
-        return [order[drawn], *(index for index in order if index != order[drawn])]
+            return rng.permutation(count).tolist()
+        now = self._references.pose(state, self.roles[stage][0])
+        was = _stacked([way.reference for way in self._ways[stage]])
+        first = _stacked([path.rows(0) for path in paths])
+        away = sum(
+            distance_m(*pair) + TURN_M_PER_RAD * angle_rad(*pair) for pair in ((now, was), (start, first))
+        )
+        order = np.argsort(away, kind="stable").tolist()
+        drawn = order.pop(int(rng.integers(min(self._config.nearest, count))))
+        return [drawn, *order]
 
-    def _difference(self, index: int, state: State, stage: int, start: Pose) -> float:
-        """Returns by how much a source's piece must be moved, and how far its beginning is, m."""
-        piece = self._sources[index].pieces[stage]
-        was = self._objects[index, piece.reference].rows(piece.first)
-        now = self._references.pose(state, piece.reference).rows(0)
-        first = self._moved(index, state, stage).rows(0)
-        pairs = ((was, now), (first, start))
-        return sum(float(distance_m(*pair)) + TURN_M_PER_RAD * float(angle_rad(*pair)) for pair in pairs)
+    def _held_at_end(self, targets: np.ndarray, stage: int) -> np.ndarray:
+        """Returns the targets (T, D) of the driven joints; the last piece's last one is held."""
+        hold = round(FINAL_HOLD_S * self._hz) if stage == len(self.roles) - 1 else 0
+        held = np.concatenate([targets, np.repeat(targets[-1:], hold, axis=0)])
+        return held[:, self._driven].astype(np.float32)
 
-    def _moved(self, index: int, state: State, stage: int) -> Pose:
-        """Returns a source's path of a piece, moved with its object, (T,)."""
-        source, piece = self._sources[index], self._sources[index].pieces[stage]
-        path = source.demo.commanded.rows(slice(piece.first, piece.last))
-        held = None
-        if piece.carried:
-            carried = self._references.pose(state, piece.carried).rows(0)
-            held = self._held(index, stage), carried.inverse() @ measured_hand(state).rows(0)
-        was = self._objects[index, piece.reference].rows(piece.first)
-        return moved(path, was, self._references.pose(state, piece.reference).rows(0), held)
-
-    def _held(self, index: int, stage: int) -> Pose:
-        """Returns the hand in the carried object's frame when a source's piece begins."""
-        source, piece = self._sources[index], self._sources[index].pieces[stage]
-        carried = self._objects[index, piece.carried].rows(piece.first)
-        return carried.inverse() @ source.demo.hand.rows(piece.first)
-
-    def _path(self, index: int, state: State, stage: int, start: Pose, missed: np.ndarray) -> HandPath:
-        piece = self._sources[index].pieces[stage]
-        path = self._moved(index, state, stage)
-        if piece.free == (0, 0) and not piece.carried and stage != self.begins_at(stage):
-            missed = np.zeros(3)  # the hand is at the object already
-        return bridged(path, start, piece.free, self._config.bridge_speed_m_s, self._hz, missed)
-
-    def _follow(self, state: State, source: Source, stage: int, path: HandPath) -> np.ndarray:
-        """Returns joint targets (T, J) along a path, with the gripper of the source."""
-        turns = to_euler(multiply(path.pose.rot, conjugate(self._reader.rest_rot)))
-        fingers = source.demo.gripper[source.pieces[stage].first + path.steps]
-        ways = [
-            Waypoint(
-                pos=pos, yaw=turn[0], pitch=turn[1], roll=turn[2], gripper=grip, duration_s=1.0 / self._hz
-            )
-            for pos, turn, grip in zip(path.pose.pos, turns, fingers, strict=True)
-        ]
-        targets = self._follower.joint_targets(self._reader.starts(state)[0], ways)
-        if stage == len(self.roles) - 1:
-            hold = round(FINAL_HOLD_S * self._hz)
-            targets = np.concatenate([targets, np.repeat(targets[-1:], hold, axis=0)])
-        return targets
-
-    def _error(self, targets: np.ndarray, path: Pose) -> float:
-        """Returns the largest error of the targets' hand; more than 1 is too much."""
-        hands = self._reader.hands(targets[: len(path.pos)])
-        away, turned = distance_m(hands, path).max(), angle_rad(hands, path).max()
-        return float(max(away / MISSED_M, turned / MISSED_RAD))
-
-    def _miss(self, rng: np.random.Generator) -> np.ndarray:
-        """Draws how far the hand first misses, (3,) m; never into what it comes to."""
-        noise = self._config.noise_m
-        if not noise:
+    def _miss(self, rng: np.random.Generator, stage: int) -> np.ndarray:
+        """Draws how far the hand first misses, (3,) m; not where it acts on what it has reached."""
+        noise, carried = self._config.noise_m, self.roles[stage][1]
+        if not noise or not (carried or stage == self.begins_at(stage)):
             return np.zeros(3)
         drawn = rng.normal(0.0, miss(rng, often_m=noise, seldom_m=SELDOM * noise), 3)
         return drawn * min(1.0, 0.5 * LEAD_M / float(np.linalg.norm(drawn)))
+
+
+def _stacked(poses: Sequence[Pose]) -> Pose:
+    return Pose(np.stack([pose.pos for pose in poses]), np.stack([pose.rot for pose in poses]))

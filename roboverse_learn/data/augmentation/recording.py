@@ -82,8 +82,6 @@ class HandReader:
         self._fingers = [self.robot.joint_names.index(name) for name in self.robot.gripper_joints]
         ranges = np.array([self.robot.joints[index].range for index in self._fingers])
         self.gripper_range = (float(ranges[:, 0].mean()), float(ranges[:, 1].mean()))
-        rest = self._chain(torch.tensor([self.robot.default_qpos], dtype=torch.float64)[:, self._chain.columns])
-        self.rest_rot = from_matrix(rest.rot[0].numpy())
 
     def starts(self, state: State) -> np.ndarray:
         """Returns targets (N, J) of driven joints, which a load keeps them from, and positions of others."""
@@ -101,6 +99,12 @@ class HandReader:
     def gripper(self, joints: np.ndarray) -> np.ndarray:
         """Returns the mean of the gripper's joints, (N,)."""
         return joints[:, self._fingers].mean(axis=1)
+
+    def with_gripper(self, joints: np.ndarray, gripper: np.ndarray) -> np.ndarray:
+        """Returns targets (N, J) whose gripper's joints are at ``gripper`` (N,)."""
+        joints = joints.copy()
+        joints[:, self._fingers] = gripper[:, None]
+        return joints
 
     def demo(self, index: int, states: State) -> SourceDemo:
         """Returns a demonstration from its states."""
