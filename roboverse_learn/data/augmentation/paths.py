@@ -52,12 +52,19 @@ def moved(
 
 
 def bridged(
-    path: Pose, start: Pose, free: tuple[int, int], speed_m_s: float, control_hz: float, miss: np.ndarray
+    path: Pose,
+    start: Pose,
+    free: tuple[int, int],
+    *,
+    speed_m_s: float,
+    control_hz: float,
+    miss: np.ndarray,
+    waits: bool,
 ) -> HandPath:
     """Returns a path that begins at ``start`` and is ``path`` from the end of the free window on.
 
     Inside the window the offset between both vanishes with least jerk, in the time that a bounded speed
-    takes. A miss is where the hand arrives at first; it is corrected on the next steps.
+    takes. A miss is where the hand arrives at first; a correction follows.
 
     Args:
         path: Hand poses of the piece, (T,).
@@ -67,6 +74,8 @@ def bridged(
         speed_m_s: Bound of the speed in the window.
         control_hz: Control steps per second.
         miss: How far the bridge misses, m, (3,).
+        waits: Whether the path waits for the correction: a carried object must be over its target before it
+            is put down. If not, the correction is made on the way.
     """
     count = len(path.pos)
     begin, end = (min(step, count - 1) for step in free)
@@ -85,14 +94,18 @@ def bridged(
     lifted = Pose(first.pos + offset, multiply(turn, first.rot))
     steps = _num_steps(window, speed_m_s, control_hz)
     inside, rows = window(steps)
-    last = path.rows(slice(end + 1, None))
-    fading = np.zeros(count - end - 1)
-    back = min(round(correction_s(miss) * control_hz), len(fading)) if miss.any() else 0
-    fading[:back] = 1.0 - minimum_jerk(back) if back else 0.0
+    fading = np.zeros(0)
+    if miss.any():
+        fading = 1.0 - minimum_jerk(round(correction_s(miss) * control_hz))
+    after = np.arange(end + 1, count)
+    if waits:
+        after = np.concatenate([np.full(len(fading), end), after])
+    fading = np.concatenate([fading, np.zeros(len(after))])[: len(after)]
+    last = path.rows(after)
     exact = Pose(last.pos + fading[:, None] * miss, last.rot)
     parts = (lifted, inside, exact)
     pose = Pose(np.concatenate([part.pos for part in parts]), np.concatenate([part.rot for part in parts]))
-    return HandPath(pose, np.concatenate([np.arange(begin), rows, np.arange(end + 1, count)]))
+    return HandPath(pose, np.concatenate([np.arange(begin), rows, after]))
 
 
 def _num_steps(window: Callable[[int], tuple[Pose, np.ndarray]], speed_m_s: float, control_hz: float) -> int:

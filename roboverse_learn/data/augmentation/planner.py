@@ -133,8 +133,16 @@ class AugmentPlanner:
         start, missed = Pose(*self._follower.pose(joints)), self._miss(rng, stage)
         paths, best = self._moved(state, stage), None
         for index in self._order(state, rng, stage, start, paths):
-            way, speed = self._ways[stage][index], self._config.bridge_speed_m_s
-            path = bridged(paths[index], start, way.free, speed, self._hz, missed)
+            way = self._ways[stage][index]
+            path = bridged(
+                paths[index],
+                start,
+                way.free,
+                speed_m_s=self._config.bridge_speed_m_s,
+                control_hz=self._hz,
+                miss=missed,
+                waits=way.held is not None,
+            )
             found = self._follower.follow(joints, *path.pose)
             error = max(found.errors_m.max() / MISSED_M, found.errors_rad.max() / MISSED_RAD)
             if best is None or error < best[0]:
@@ -199,6 +207,7 @@ class AugmentPlanner:
         if not noise or not (carried or stage == self.begins_at(stage)):
             return np.zeros(3)
         drawn = rng.normal(0.0, miss(rng, often_m=noise, seldom_m=SELDOM * noise), 3)
+        drawn[2] = abs(drawn[2])  # never down into what is there
         return drawn * min(1.0, 0.5 * LEAD_M / float(np.linalg.norm(drawn)))
 
 
