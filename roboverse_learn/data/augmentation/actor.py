@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import override
+from typing import NamedTuple, override
 
 import numpy as np
 
@@ -17,6 +17,20 @@ CHANNEL = "augment"
 """Name of the stream of an episode's random numbers."""
 
 
+class MadeOf(NamedTuple):
+    """What a piece of an episode is made from.
+
+    Attributes:
+        reference: Object or part that the hand moved relative to.
+        carried: Object that it carried, or empty.
+        demonstration: Index of the source in its dataset.
+    """
+
+    reference: str
+    carried: str
+    demonstration: int
+
+
 @dataclass(eq=False)
 class Progress:
     """How far an episode is.
@@ -24,13 +38,13 @@ class Progress:
     Attributes:
         rng: Its random numbers.
         stage: Its next piece.
-        made_of: Reference, carried object and source demonstration of each piece that was planned.
+        made_of: What each planned piece is made from.
         retries: How often a subtask was begun again.
     """
 
     rng: np.random.Generator
     stage: int = 0
-    made_of: list[dict[str, str | int]] = field(default_factory=list)
+    made_of: "list[MadeOf]" = field(default_factory=list)
     retries: int = 0
 
 
@@ -70,9 +84,10 @@ class AugmentActor(Actor):
             return episode.last_action[None]
         if left <= 0 or not self._next_stage(progress, state):
             return np.zeros((0, 0), np.float32)
-        plan = self._planner.plan(state, progress.rng, progress.stage)
+        before = progress.made_of[-1].demonstration if progress.made_of else None
+        plan = self._planner.plan(state, progress.rng, progress.stage, before)
         reference, carried, _ = self._planner.roles[progress.stage]
-        progress.made_of.append({"reference": reference, "carried": carried, "demonstration": plan.source})
+        progress.made_of.append(MadeOf(reference, carried, plan.source))
         progress.stage += 1
         return plan.targets[:left]
 

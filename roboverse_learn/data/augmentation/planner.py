@@ -121,18 +121,24 @@ class AugmentPlanner:
             for stage in range(len(self.roles))
         ]
 
-    def plan(self, state: State, rng: np.random.Generator, stage: int) -> PiecePlan:
+    def plan(
+        self, state: State, rng: np.random.Generator, stage: int, last_source: int | None = None
+    ) -> PiecePlan:
         """Returns the plan of a piece.
 
         Args:
             state: The present state, one row.
             rng: Random numbers of the episode.
             stage: Which piece.
+            last_source: Source of the piece before; what reached an object grasps it too.
         """
         joints = self._reader.starts(state)[0]
         start, missed = Pose(*self._follower.pose(joints)), self._miss(rng, stage)
         paths, best = self._moved(state, stage), None
-        for index in self._order(state, rng, stage, start, paths):
+        order = self._order(state, rng, stage, start, paths)
+        if stage and self.roles[stage] == self.roles[stage - 1]:
+            order = [index for index in order if self._ways[stage][index].source == last_source] or order
+        for index in order:
             way = self._ways[stage][index]
             path = bridged(
                 paths[index],
