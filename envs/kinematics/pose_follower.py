@@ -18,7 +18,7 @@ from envs.scenario import RobotCfg, ScenarioCfg
 MAX_ITERATIONS = 4
 """Most Gauss-Newton steps per pose."""
 
-DONE_M = 1e-4
+DONE_M = 3e-4
 """A pose is reached when it is missed by less than this; a radian counts as :data:`ORIENTATION_COST` metres."""
 
 
@@ -52,9 +52,11 @@ class PoseFollower:
         self._rest = np.array(robot.default_qpos)
         self._low, self._high = np.array([joint.range for joint in robot.joints]).T
         self._moving = self._joints_of_site()
-        weights = np.array([1.0] * 3 + [ORIENTATION_COST] * 3)
-        self._squares = weights**2
+        self._squares = np.array([1.0] * 3 + [ORIENTATION_COST] * 3) ** 2
         self._jacobian = np.zeros((6, self._model.nv))
+        moving = self._moving
+        self._columns, self._identity = self._qvel[moving], np.eye(len(moving))
+        self._rest, self._low, self._high = self._rest[moving], self._low[moving], self._high[moving]
 
     def pose(self, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns the end effector's position (3,) and orientation (4,) at joint positions (J,)."""
@@ -104,13 +106,13 @@ class PoseFollower:
         """Returns the change (K,) of the moving joints towards a pose, inside their limits."""
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_jacSite(self._model, self._data, self._jacobian[:3], self._jacobian[3:], self._site)
-        jacobian = self._jacobian[:, self._qvel[self._moving]]
+        jacobian = self._jacobian[:, self._columns]
         weighted = jacobian.T * self._squares
         damping = DAMPING + DAMPING * (error**2 @ self._squares) + POSTURE_COST**2
-        hessian = weighted @ jacobian + damping * np.eye(len(q))
-        gradient = weighted @ error + POSTURE_COST**2 * (self._rest[self._moving] - q)
+        hessian = weighted @ jacobian + damping * self._identity
+        gradient = weighted @ error + POSTURE_COST**2 * (self._rest - q)
         change = np.linalg.solve(hessian, gradient)
-        low, high = self._low[self._moving] - q, self._high[self._moving] - q
+        low, high = self._low - q, self._high - q
         inside = np.clip(change, low, high)
         stuck = inside != change
         if stuck.any() and not stuck.all():  # the others make up for those at their limits

@@ -1,9 +1,4 @@
-"""The hand's path for one piece: the source's, moved with the object, and bridged from where the hand is.
-
-T_new(t) = T_object_now T_object_source⁻¹ T_hand_source(t), after MimicGen (arXiv:2310.17596, section 4). For a
-carried object it is the object's path that is moved: where the hand holds it otherwise than the source did,
-the object still comes to the same place.
-"""
+"""Bridges: how the hand comes from where it is to the moved path of a source."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,23 +27,6 @@ class HandPath:
 
     pose: Pose
     rows: np.ndarray
-
-
-def moved(
-    path: Pose, source: Pose, now: Pose, held_source: Pose | None = None, held_now: Pose | None = None
-) -> Pose:
-    """Returns a source's hand path, moved with its object.
-
-    Args:
-        path: The source's hand, (T,).
-        source: The object in the source.
-        now: The object now.
-        held_source: The hand in the frame of an object that it carries, in the source; None carries nothing.
-        held_now: Likewise, now.
-    """
-    if held_source is not None and held_now is not None:
-        path = path @ (held_source.inverse() @ held_now)
-    return now @ source.inverse() @ path
 
 
 def bridged(

@@ -1,4 +1,9 @@
-"""Plans one piece of a generated demonstration: chooses its source, moves its path, follows it by IK."""
+"""Plans one piece of a generated demonstration: chooses its source, moves its path, follows it by IK.
+
+T_hand(t) = T_object T_object_source⁻¹ T_hand_source(t), after MimicGen (arXiv:2310.17596, section 4). For a
+carried object it is the object's own path that is moved to its target: where the hand holds it otherwise than
+the source did, the object still comes to the same place.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +16,7 @@ from envs.kinematics.waypoints import miss
 from envs.state import State
 from envs.tasks.base import Task
 from roboverse_learn.data.augmentation.config import AugmentConfig
-from roboverse_learn.data.augmentation.paths import bridged, moved
+from roboverse_learn.data.augmentation.paths import bridged
 from roboverse_learn.data.augmentation.pieces import LEAD_M, Piece
 from roboverse_learn.data.augmentation.pose import Pose, angle_rad, distance_m
 from roboverse_learn.data.augmentation.recording import HandReader, SourceDemo, measured_hand
@@ -32,6 +37,10 @@ HELD_M = 0.03
 
 FINAL_HOLD_S = 0.5
 """Time for which the last target is held: a source ends as soon as it has succeeded."""
+
+
+NOTHING = Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+"""The frame of a hand that carries nothing: its path is the hand's own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +73,11 @@ class _Way:
     """A piece of a source as numbers.
 
     Attributes:
-        path: Commanded hand poses, (L,).
+        path: What is repeated in the frame of the reference, (L,): the commanded hand, or the object that it
+            carries.
         gripper: Targets of the gripper, (L,).
         reference: Pose of the reference.
-        held: The hand in the carried object's frame, or None.
+        held_m: Distance of the hand from the carried object; None carries nothing.
         free: See :class:`Piece`.
         source: Index of the demonstration.
     """
@@ -75,21 +85,24 @@ class _Way:
     path: Pose
     gripper: np.ndarray
     reference: Pose
-    held: Pose | None
+    held_m: float | None
     free: tuple[int, int]
     source: int
 
     @classmethod
     def of(cls, demo: SourceDemo, piece: Piece, references: References) -> "_Way":
         """Reads a piece of a demonstration."""
-        first, held = int(piece.steps[0]), None
+        first = int(piece.steps[0])
+        reference = references.pose(demo.states, piece.reference).rows(piece.anchor)
+        path, held_m = demo.commanded.rows(piece.steps), None
         if piece.carried:
             held = references.pose(demo.states, piece.carried).rows(first).inverse() @ demo.hand.rows(first)
+            path, held_m = path @ held.inverse(), float(np.linalg.norm(held.pos))
         return cls(
-            path=demo.commanded.rows(piece.steps),
+            path=reference.inverse() @ path,
             gripper=demo.gripper[piece.steps],
-            reference=references.pose(demo.states, piece.reference).rows(piece.anchor),
-            held=held,
+            reference=reference,
+            held_m=held_m,
             free=piece.free,
             source=demo.index,
         )
@@ -120,6 +133,8 @@ class AugmentPlanner:
             [_Way.of(source.demo, source.pieces[stage], self._references) for source in sources]
             for stage in range(len(self.roles))
         ]
+        self._firsts = [_stacked([way.path.rows(0) for way in ways]) for ways in self._ways]
+        self._were = [_stacked([way.reference for way in ways]) for ways in self._ways]
 
     def plan(
         self, state: State, rng: np.random.Generator, stage: int, last_source: int | None = None
@@ -134,20 +149,20 @@ class AugmentPlanner:
         """
         joints = self._reader.starts(state)[0]
         start, missed = Pose(*self._follower.pose(joints)), self._miss(rng, stage)
-        paths, best = self._moved(state, stage), None
-        order = self._order(state, rng, stage, start, paths)
+        (now, held), best = self._frames(state, stage), None
+        order = self._order(rng, stage, start, now, held)
         if stage and self.roles[stage] == self.roles[stage - 1]:
             order = [index for index in order if self._ways[stage][index].source == last_source] or order
         for index in order:
             way = self._ways[stage][index]
             path = bridged(
-                paths[index],
+                now @ way.path @ held,
                 start,
                 way.free,
                 speed_m_s=self._config.bridge_speed_m_s,
                 control_hz=self._hz,
                 miss=missed,
-                waits=way.held is not None,
+                waits=way.held_m is not None,
             )
             found = self._follower.follow(joints, *path.pose)
             error = max(found.errors_m.max() / MISSED_M, found.errors_rad.max() / MISSED_RAD)
@@ -169,34 +184,28 @@ class AugmentPlanner:
         carried = self.roles[stage][1]
         if not carried:
             return True
-        usual = [np.linalg.norm(way.held.pos) for way in self._ways[stage] if way.held is not None]
+        usual = [way.held_m for way in self._ways[stage] if way.held_m is not None]
         now = distance_m(measured_hand(state), self._references.pose(state, carried))[0]
         return bool(now < max(usual) + HELD_M)
 
-    def _moved(self, state: State, stage: int) -> list[Pose]:
-        """Returns every source's path of a piece, moved with its object."""
+    def _frames(self, state: State, stage: int) -> tuple[Pose, Pose]:
+        """Returns where a piece's reference is, and the hand in the frame of what it carries."""
         reference, carried, _ = self.roles[stage]
-        now, held = self._references.pose(state, reference).rows(0), None
-        if carried:
-            held = self._references.pose(state, carried).rows(0).inverse() @ measured_hand(state).rows(0)
-        return [moved(way.path, way.reference, now, way.held, held) for way in self._ways[stage]]
+        now = self._references.pose(state, reference).rows(0)
+        if not carried:
+            return now, NOTHING
+        return now, self._references.pose(state, carried).rows(0).inverse() @ measured_hand(state).rows(0)
 
-    def _order(
-        self, state: State, rng: np.random.Generator, stage: int, start: Pose, paths: Sequence[Pose]
-    ) -> list[int]:
+    def _order(self, rng: np.random.Generator, stage: int, start: Pose, now: Pose, held: Pose) -> list[int]:
         """Returns the sources in the order in which they are tried.
 
         The nearest is that whose piece must be moved least and begins nearest to the hand.
         """
-        count = len(paths)
+        count = len(self._ways[stage])
         if self._config.choose == "random":
             return rng.permutation(count).tolist()
-        now = self._references.pose(state, self.roles[stage][0])
-        was = _stacked([way.reference for way in self._ways[stage]])
-        first = _stacked([path.rows(0) for path in paths])
-        away = sum(
-            distance_m(*pair) + TURN_M_PER_RAD * angle_rad(*pair) for pair in ((now, was), (start, first))
-        )
+        pairs = ((now, self._were[stage]), (start, now @ self._firsts[stage] @ held))
+        away = sum(distance_m(*pair) + TURN_M_PER_RAD * angle_rad(*pair) for pair in pairs)
         order = np.argsort(away, kind="stable").tolist()
         drawn = order.pop(int(rng.integers(min(self._config.nearest, count))))
         return [drawn, *order]
