@@ -1,7 +1,8 @@
 """``python roboverse_learn/collect.py task=PickCube``: demonstrations of the expert into a dataset.
 
 With ``source=policy checkpoint=<run>`` they are those of a policy that was trained by reinforcement learning,
-and with ``source=<format> path=<file or folder>`` those of a file, replayed in our environment.
+with ``source=<format> path=<file or folder>`` those of a file, replayed in our environment, and with
+``source=augment from=<dataset>`` they are made from a few others.
 """
 
 import sys
@@ -103,7 +104,8 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
             summary = collect_episodes(collection, report)
         except TooFewSuccessesError as error:
             raise TooFewSuccessesError(f"{error} {source.advice()}") from error
-    return dataclasses.replace(summary, imported=source.finish(root))
+    words = source.outcome(summary.num_episodes, summary.num_attempts)
+    return dataclasses.replace(summary, outcome=words, imported=source.finish(root))
 
 
 @contextlib.contextmanager

@@ -1,8 +1,8 @@
 """Joint targets along a dense path of one end effector, by damped least squares with MuJoCo's Jacobian.
 
-The objective is that of :mod:`envs.kinematics.inverse`: position, orientation, posture and damping with the same
-weights. Where the path has a pose for every control step, the way between two is short, so that a step of Gauss
-and Newton replaces a QP: a sixth of its time. Joints that would leave their limits are fixed there.
+The objective is that of :mod:`envs.kinematics.inverse`: position, orientation, posture and damping with the
+same weights. Where the path has a pose for every control step, the way between two is short, so that a step of
+Gauss and Newton replaces a QP, in a quarter of its time. Joints that would leave their limits are fixed there.
 """
 
 from typing import NamedTuple
@@ -19,7 +19,7 @@ MAX_ITERATIONS = 4
 """Most Gauss-Newton steps per pose."""
 
 DONE_M = 3e-4
-"""A pose is reached when it is missed by less than this; a radian counts as :data:`ORIENTATION_COST` metres."""
+"""A pose is reached when it is missed by less; a radian counts as :data:`ORIENTATION_COST` metres."""
 
 
 class Followed(NamedTuple):

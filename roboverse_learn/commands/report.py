@@ -129,10 +129,7 @@ def _rate(cell: "CellSummary") -> str:
 def _collected(dataset: "CollectionSummary") -> Text:
     if dataset.imported is not None:
         return _imported(dataset, dataset.imported)
-    return Text(
-        f"Collected {dataset.num_episodes} demonstrations; the expert succeeded in "
-        f"{100 * dataset.success_rate:.1f} % of {dataset.num_attempts} episodes."
-    )
+    return Text(f"Collected {dataset.num_episodes} demonstrations; {dataset.outcome}.")
 
 
 def _imported(dataset: "CollectionSummary", imported: "ImportSummary") -> Text:

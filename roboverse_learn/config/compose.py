@@ -10,7 +10,7 @@ The last of these that sets a value wins:
 5. the command line, in Hydra's grammar of values, later words last.
 
 What is evaluated follows the checkpoint: ``evaluate`` takes no field of the environment from 2. The task of
-``collect source=policy`` is that of its checkpoint, where the command line names none.
+``collect`` is that of the source's checkpoint or dataset, where there is one and the command line names none.
 """
 
 import copy
@@ -24,10 +24,10 @@ from envs.core.errors import ConfigError, unknown_name
 from envs.core.plain_values import plain
 from envs.scenario.changes import merged
 from envs.spec import EnvSpec
-from policies.checkpoint import learned_tasks
 from roboverse_learn.config.keys import at, flat_keys, full_key, in_open_section, split_word
 from roboverse_learn.config.recipes import check_beside, read_recipe
 from roboverse_learn.config.serialize import default_values, env_keys, from_values, to_values
+from roboverse_learn.data.sources import SOURCES
 
 ALL_CAMERAS = "all"
 """``cameras=[all]``: every camera of the task."""
@@ -98,8 +98,8 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
 
 def _name_task_and_cameras(command: str, values: dict[str, Any], *, names_task: bool) -> None:
     """Replaces a task that a checkpoint decides, and ``cameras=[all]``, by names."""
-    if command == "collect" and values["source"] == "policy" and not names_task:
-        values["task"] = next(iter(learned_tasks(str(values["checkpoint"]))), values["task"])
+    if command == "collect" and not names_task:
+        values["task"] = SOURCES.get(values["source"]).task_of(values) or values["task"]
     if values.get("cameras") == [ALL_CAMERAS]:
         options: Any = values["task_kwargs"]
         scene = EnvSpec(task=values["task"], task_kwargs=options).make_task().scenario

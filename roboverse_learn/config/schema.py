@@ -14,7 +14,9 @@ from envs.randomization.levels import channels_of
 from envs.randomization.splits import load_split
 from envs.spec import EnvSpec
 from policies.base import listed
+from roboverse_learn.config.report_config import DoctorConfig, LeaderboardConfig
 from roboverse_learn.config.view_config import ViewConfig
+from roboverse_learn.data.augmentation.config import AugmentConfig
 from roboverse_learn.data.sources import SOURCES
 from roboverse_learn.training.config import TrainConfig
 
@@ -119,13 +121,16 @@ class CollectConfig:
         preset: Named set of values from ``configs/preset``.
         datasets_dir: Folder of datasets.
         source: Registered source of demonstrations: the task's expert, the policy of ``checkpoint``, trained
-            by reinforcement learning, or files of this format in ``path``.
+            by reinforcement learning, pieces of the demonstrations in ``from``, or files of this format in
+            ``path``.
         checkpoint: Folder of that policy, or of its run.
         path: File of demonstrations, or a folder of them; of files, num_demos is the most that is taken.
         replay: How a file's demonstrations become ours: by recorded states, or by controls in our physics.
+        from_dataset: Folder of a dataset whose demonstrations are augmented.
         dataset: Folder of the dataset; empty for one named after the configuration. train collects only
             where none is named, and takes any LeRobotDataset v3, also of another robot.
         collect: How demonstrations are collected.
+        augment: How demonstrations are augmented.
     """
 
     env: EnvSpec = field(default_factory=EnvSpec)
@@ -135,8 +140,10 @@ class CollectConfig:
     checkpoint: str = ""
     path: str = ""
     replay: Replay = "states"
+    from_dataset: str = ""
     dataset: str = ""
     collect: DemonstrationConfig = field(default_factory=DemonstrationConfig)
+    augment: AugmentConfig = field(default_factory=AugmentConfig)
 
     def __post_init__(self) -> None:
         source = SOURCES.get(self.source)
@@ -361,28 +368,6 @@ class ConservationConfig:
 
     def __post_init__(self) -> None:
         _positive(timestep_s=self.timestep_s)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class LeaderboardConfig:
-    """``roboverse leaderboard``: tables, plots and page from the result files alone.
-
-    Attributes:
-        results_dir: Folder of results and of the leaderboard.
-    """
-
-    results_dir: str = "results"
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class DoctorConfig:
-    """``roboverse doctor``: the machine, the installation, and what works here.
-
-    Attributes:
-        json: Print JSON instead of text.
-    """
-
-    json: bool = False
 
 
 COMMANDS: dict[str, type] = {

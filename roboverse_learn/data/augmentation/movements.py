@@ -100,7 +100,9 @@ def movements(demo: SourceDemo, references: References, control_hz: float, least
             merged[-1][1].append((first, end))
         else:
             merged.append((name, [(first, end)]))
-    return [Movement(name, _target(demo, references, name, runs[-1][1]), tuple(runs)) for name, runs in merged]
+    return [
+        Movement(name, _target(demo, references, name, runs[-1][1]), tuple(runs)) for name, runs in merged
+    ]
 
 
 def _carried(demo: SourceDemo, references: References, name: str, control_hz: float) -> np.ndarray:

@@ -16,7 +16,7 @@ from envs.core.errors import DatasetError
 from envs.tasks.segment import Segment
 from roboverse_learn.data.augmentation.movements import Movement
 from roboverse_learn.data.augmentation.pose import angle_rad, distance_m
-from roboverse_learn.data.augmentation.recording import SourceDemo, named
+from roboverse_learn.data.augmentation.recording import SourceDemo
 
 LEAD_M, LEAD_CARRIED_M = 0.10, 0.13
 """The last part of a way to an object, and of a carried object to its target, which is kept as the source has it:
@@ -131,19 +131,18 @@ def cut_as_stated(demo: SourceDemo, segments: Sequence[Segment], *, refine: bool
     return tuple(piece for span in spans for piece in _pieces(demo, span, refine))
 
 
-def vote(
-    cuts: Sequence[tuple[SourceDemo, Sequence[Piece]]], words: Sequence[str]
-) -> tuple[list[int], list[int]]:
-    """Returns which demonstrations have the most common sequence of pieces, and which have another.
+def vote(indices: Sequence[int], pieces: Sequence[Sequence[Piece]], words: Sequence[str]) -> list[int]:
+    """Returns which demonstrations, by their place in the list, have the most common sequence of pieces.
 
     Args:
-        cuts: Each demonstration with its pieces.
-        words: Each one's sequence, for a message.
+        indices: Their episodes in the dataset, for a message.
+        pieces: Their pieces.
+        words: Their sequences in words.
 
     Raises:
         DatasetError: None moves anything, or two sequences are equally common.
     """
-    roles = [tuple(piece.role for piece in pieces) for _, pieces in cuts]
+    roles = [tuple(piece.role for piece in each) for each in pieces]
     counts = Counter(role for role in roles if role).most_common()
     if not counts:
         raise DatasetError(
@@ -151,23 +150,12 @@ def vote(
             "augment.least_steps, or state the task's segments."
         )
     if len(counts) > 1 and counts[0][1] == counts[1][1]:
-        told = "; ".join(f"{cuts[row][0].index}: {words[row]}" for row in range(len(cuts)))
+        told = "; ".join(f"{index}: {said or 'nothing'}" for index, said in zip(indices, words, strict=True))
         raise DatasetError(
             f"The source demonstrations do different things, and none is the most common ({told}). Give more of "
             "them, or state the task's segments."
         )
-    kept = [row for row, role in enumerate(roles) if role == counts[0][0]]
-    return kept, [row for row in range(len(cuts)) if row not in kept]
-
-
-def dropped_words(cuts: Sequence[tuple[SourceDemo, Sequence[Piece]]], words: Sequence[str], kept: list[int]) -> str:
-    """Says which demonstrations are left out, and why."""
-    others = [row for row in range(len(cuts)) if row not in kept]
-    told = "; ".join(f"demonstration {cuts[row][0].index}: {words[row] or 'nothing'}" for row in others)
-    return (
-        f"{len(kept)} of {len(cuts)} source demonstrations do the same: {words[kept[0]]}. Left out are "
-        f"{named([cuts[row][0].index for row in others])} ({told})."
-    )
+    return [row for row, role in enumerate(roles) if role == counts[0][0]]
 
 
 def _final_grasp(demo: SourceDemo, movement: Movement) -> tuple[int, int]:

@@ -3,7 +3,6 @@
 Shapes: T = control steps; T + 1 states, one before each step and one after the last.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -93,7 +92,9 @@ class HandReader:
 
     def hands(self, joints: np.ndarray) -> Pose:
         """Returns where joint positions, or targets, (N, J) put the hand, (N,)."""
-        poses = self._chain(torch.from_numpy(np.ascontiguousarray(joints[:, self._chain.columns], np.float64)))
+        poses = self._chain(
+            torch.from_numpy(np.ascontiguousarray(joints[:, self._chain.columns], np.float64))
+        )
         return Pose(poses.pos.numpy(), from_matrix(poses.rot.numpy()))
 
     def gripper(self, joints: np.ndarray) -> np.ndarray:
@@ -117,8 +118,3 @@ def measured_hand(state: State) -> Pose:
     robot = next(iter(state.robots.values()))
     assert robot.ee_pos is not None and robot.ee_rot is not None, "a simulator gives every end effector"
     return Pose(robot.ee_pos.cpu().numpy(), robot.ee_rot.cpu().numpy())
-
-
-def named(indices: Sequence[int]) -> str:
-    """Returns demonstrations in words, for a message."""
-    return ", ".join(map(str, indices))

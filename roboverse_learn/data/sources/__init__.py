@@ -21,6 +21,11 @@ SOURCES.add(
     summary="a policy that was trained by reinforcement learning",
 )
 SOURCES.add(
+    "augment",
+    "roboverse_learn.data.sources.augment:AugmentSource",
+    summary="pieces of the demonstrations of a dataset, moved with the objects",
+)
+SOURCES.add(
     "maniskill",
     "roboverse_learn.data.importers.maniskill:ManiSkillSource",
     extra="import",

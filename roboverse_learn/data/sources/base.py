@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from envs.core.errors import ConfigError, DatasetError
 from envs.spec import EnvSpec
-from roboverse_learn.config.keys import flat_keys
+from roboverse_learn.config.keys import flat_keys, typed_key
+from roboverse_learn.data.augmentation.config import AugmentConfig
 
 if TYPE_CHECKING:
     from roboverse_learn.data.dataset.schema import EpisodeData
@@ -19,6 +20,7 @@ Progress = Callable[[str], AbstractContextManager[Callable[[int, int, str], None
 _KEYS = {
     "path": "reads no file. Name its format, as in source=maniskill.",
     "checkpoint": "uses no policy. Add source=policy.",
+    "from_dataset": "makes nothing from a dataset. Add source=augment.",
 }
 """Keys that some sources need: what to say where they are given to another."""
 
@@ -88,11 +90,24 @@ class DemonstrationSource:
             ConfigError: One is missing, or is not for this source.
         """
         for key, advice in _KEYS.items():
-            given = getattr(config, key)
+            given, word = getattr(config, key), typed_key(key)
             if given and key not in cls.needs:
-                raise ConfigError(f"{key}={given} was given, and source={config.source} {advice}")
+                raise ConfigError(f"{word}={given} was given, and source={config.source} {advice}")
             if key in cls.needs and not given:
-                raise ConfigError(f"source={config.source} needs {key}={cls.needs[key]}")
+                raise ConfigError(f"source={config.source} needs {word}={cls.needs[key]}")
+        if config.augment != AugmentConfig() and "from_dataset" not in cls.needs:
+            raise ConfigError(
+                f"Keys of augment were given, and source={config.source} augments nothing. Add source=augment."
+            )
+
+    @classmethod
+    def task_of(cls, values: Mapping[str, Any]) -> str | None:
+        """Returns the task where the command line names none.
+
+        Args:
+            values: The configuration as plain values.
+        """
+        return values["task"]
 
     def check(self) -> None:
         """Checks before a run whether there is something to collect from.
@@ -147,6 +162,10 @@ class DemonstrationSource:
     def advice_for_task(self) -> str:
         """Says what to do where too few episodes succeed in the task's own scene."""
         return "Give a smaller num_demos."
+
+    def outcome(self, num_kept: int, num_attempts: int) -> str:
+        """Says how often the demonstrator succeeded, for the report."""
+        return f"the expert succeeded in {100 * num_kept / max(num_attempts, 1):.1f} % of {num_attempts} episodes"
 
     def finish(self, dataset: Path) -> Any:
         """Adds the source's own data to a complete dataset; returns it for the report, or None."""
