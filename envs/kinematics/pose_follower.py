@@ -1,8 +1,9 @@
 """Joint targets along a dense path of one end effector, by damped least squares with MuJoCo's Jacobian.
 
 The objective is that of :mod:`envs.kinematics.inverse`: position, orientation, posture and damping with the
-same weights. Where the path has a pose for every control step, the way between two is short, so that a step of
-Gauss and Newton replaces a QP, in a quarter of its time. Joints that would leave their limits are fixed there.
+same weights. Where the path has a pose for every control step, the way between two is short, so that a step
+of Gauss and Newton replaces a QP, in a quarter of its time. Joints that would leave their limits are fixed
+there.
 """
 
 from typing import NamedTuple

@@ -1,8 +1,8 @@
 """Measures how many attempts an augmentation keeps, and what a kept one costs, without rendering.
 
-``python -m roboverse_learn.data.augmentation.check from=<dataset> episodes=100 expert=true`` makes attempts in
-the first episodes of the train split that are no source's, and prints one line; another one for the task's
-expert in the same episodes. Settings of the augmentation are given as ``augment.<key>=<value>``.
+``python -m roboverse_learn.data.augmentation.check from=<dataset> episodes=100 expert=true`` makes attempts
+in the first episodes of the train split that are no source's, and prints one line; another one for the task's
+expert in the same episodes. Other keys are those of ``roboverse collect``, such as ``augment.choose=random``.
 """
 
 import logging
@@ -50,8 +50,8 @@ class AugmentReport:
         """Returns one line."""
         return (
             f"{self.kept} of {self.attempts} kept ({100 * self.kept / self.attempts:.1f} %), "
-            f"{self.cpu_s / max(self.kept, 1):.3f} CPU-s per success, {self.mean_steps:.0f} steps on average, "
-            f"{self.retried} after a retry; failed: {', '.join(map(str, self.failures)) or 'none'}"
+            f"{self.cpu_s / max(self.kept, 1):.3f} CPU-s per success, {self.mean_steps:.0f} steps on "
+            f"average, {self.retried} after a retry; failed: {', '.join(map(str, self.failures)) or 'none'}"
         )
 
 

@@ -1,7 +1,7 @@
 """What a demonstration does to the objects, found from its states alone: neither contacts nor the gripper.
 
-An object is *carried* while it moves with the hand; a part of an articulated object is *moved* while its joint
-moves. A carried object belongs at the object nearest to it when it is put down.
+An object is *carried* while it moves with the hand; a part of an articulated object is *moved* while its
+joint moves. A carried object belongs at the object nearest to it when it is put down.
 """
 
 from collections.abc import Sequence

@@ -47,8 +47,8 @@ def bridged(
     Args:
         path: Hand poses of the piece, (T,).
         start: The hand now.
-        free: First and one past the last step in which the path may be left; what is between is only shaped by
-            the source, and takes as long as the speed needs.
+        free: First and one past the last step in which the path may be left; what is between only has the
+            source's shape, and takes as long as the speed needs.
         speed_m_s: Bound of the speed in the window.
         control_hz: Control steps per second.
         miss: How far the bridge misses, m, (3,).

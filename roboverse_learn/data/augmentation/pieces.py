@@ -1,8 +1,8 @@
 """Cuts demonstrations into pieces: each a hand path relative to one object, with one skill.
 
-A movement of a carried object is three pieces: *reach* it and, from where the gripper begins to close, *grasp*
-it, both relative to the object; then *carry* it relative to its target. A moved part is two: reach it, and
-move it. The cut where the skill changes is where a plan may be refined by where the object then is.
+A movement of a carried object is three pieces: *reach* it and, from where the gripper begins to close,
+*grasp* it, both relative to the object; then *carry* it relative to its target. A moved part is two: reach
+it, and move it. The cut where the skill changes is where a plan may be refined by where the object then is.
 """
 
 from collections import Counter
@@ -19,8 +19,8 @@ from roboverse_learn.data.augmentation.pose import angle_rad, distance_m
 from roboverse_learn.data.augmentation.recording import SourceDemo
 
 LEAD_M, LEAD_CARRIED_M = 0.10, 0.13
-"""The last part of a way to an object, and of a carried object to its target, which is kept as the source has it:
-a peg of 10 cm is passed from above."""
+"""The last part of a way to an object, and of a carried object to its target, which is kept as the source has
+it: a peg of 10 cm is passed from above."""
 
 LIFT_M = 0.05
 """The first part of the way of a carried object, likewise: it is lifted first."""
@@ -48,8 +48,8 @@ class Piece:
         subtask: Number of the movement that it belongs to, from 0.
         steps: The steps, ascending; those in which the hand wanders or waits are left out, (L,).
         anchor: State in which the reference is where the hand goes to.
-        free: First and one past the last of ``steps`` in which the hand may leave the source's path; equal for
-            a moment at which it may wait.
+        free: First and one past the last of ``steps`` in which the hand may leave the source's path; equal
+            for a moment at which it may.
     """
 
     reference: str
@@ -152,8 +152,8 @@ def vote(indices: Sequence[int], pieces: Sequence[Sequence[Piece]], words: Seque
     if len(counts) > 1 and counts[0][1] == counts[1][1]:
         told = "; ".join(f"{index}: {said or 'nothing'}" for index, said in zip(indices, words, strict=True))
         raise DatasetError(
-            f"The source demonstrations do different things, and none is the most common ({told}). Give more of "
-            "them, or state the task's segments."
+            f"The source demonstrations do different things, and none is the most common ({told}). Give more "
+            "of them, or state the task's segments."
         )
     return [row for row, role in enumerate(roles) if role == counts[0][0]]
 

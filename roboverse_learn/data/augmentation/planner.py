@@ -23,8 +23,8 @@ from roboverse_learn.data.augmentation.recording import HandReader, SourceDemo, 
 from roboverse_learn.data.augmentation.references import References
 
 TURN_M_PER_RAD = 0.3
-"""Metres that a radian is worth in a comparison of poses. Turning an object turns the whole way to it, which a
-wrist's limits allow least."""
+"""Metres that a radian is worth in a comparison of poses. Turning an object turns the whole way to it, which
+a wrist's limits allow least."""
 
 MISSED_M, MISSED_RAD = 0.01, 0.1
 """A path is refused when inverse kinematics misses a pose of it by more than this."""

@@ -74,8 +74,8 @@ class HandReader:
         driven = tuple(self.robot.joint_names[index] for index in self.robot.driven)
         if tuple(task.controller.names) != driven or not self.robot.gripper_joints:
             raise ConfigError(
-                f"source=augment moves the hand of an arm by joint targets, and the actions of {task.name} are "
-                f"{', '.join(task.controller.names)}. Use source=expert or source=policy."
+                f"source=augment moves the hand of an arm by joint targets, and the actions of {task.name} "
+                f"are {', '.join(task.controller.names)}. Use source=expert or source=policy."
             )
         self._chain = KinematicChain(self.robot)
         self._fingers = [self.robot.joint_names.index(name) for name in self.robot.gripper_joints]

@@ -52,7 +52,7 @@ def task_of(root: str | Path) -> str | None:
 
 
 def digest_of(root: str | Path, count: int) -> str:
-    """Returns the first digits of the SHA-256 of the recorded states of ``count`` demonstrations, or of all."""
+    """Returns the first digits of the SHA-256 of the recorded states of ``count`` episodes; 0 is all."""
     info, digest = DatasetInfo.open(root), hashlib.sha256()
     for index in range(min(count or info.num_episodes, info.num_episodes)):
         path = info.raw_file(index)
@@ -120,14 +120,14 @@ def _check_origin(root: str | Path, task: Task, recordings: list[Recording]) -> 
             )
         if facts["split"] != "train":
             raise ConfigError(
-                f"Demonstration {recording.index} of from={root} is of the {facts['split']} split, which is for "
-                "evaluation alone. Give demonstrations of the train split."
+                f"Demonstration {recording.index} of from={root} is of the {facts['split']} split, which is "
+                "for evaluation alone. Give demonstrations of the train split."
             )
         missing = [name for name in objects if name not in states.objects]
         if missing:
             raise ConfigError(
-                f"The scene of from={root} has no {', '.join(missing)}, which {task.name} has with these options. "
-                "Give the task_kwargs that it was collected with."
+                f"The scene of from={root} has no {', '.join(missing)}, which {task.name} has with these "
+                "options. Give the task_kwargs that it was collected with."
             )
         if robot.name not in states.robots or (
             states.robots[robot.name].joint_pos.shape[1] != len(robot.joint_names)

@@ -83,8 +83,8 @@ class AugmentSource(DemonstrationSource):
     @override
     def advice_for_task(self) -> str:
         return (
-            "Give more or other source demonstrations, augment.noise_m=0, a slower augment.bridge_speed_m_s, or a "
-            "smaller num_demos."
+            "Give more or other source demonstrations, augment.noise_m=0, a slower augment.bridge_speed_m_s, "
+            "or a smaller num_demos."
         )
 
     @override

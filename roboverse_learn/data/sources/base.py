@@ -97,7 +97,7 @@ class DemonstrationSource:
                 raise ConfigError(f"source={config.source} needs {word}={cls.needs[key]}")
         if config.augment != AugmentConfig() and "from_dataset" not in cls.needs:
             raise ConfigError(
-                f"Keys of augment were given, and source={config.source} augments nothing. Add source=augment."
+                f"Keys augment.* were given, and source={config.source} takes none. Add source=augment."
             )
 
     @classmethod
@@ -165,7 +165,8 @@ class DemonstrationSource:
 
     def outcome(self, num_kept: int, num_attempts: int) -> str:
         """Says how often the demonstrator succeeded, for the report."""
-        return f"the expert succeeded in {100 * num_kept / max(num_attempts, 1):.1f} % of {num_attempts} episodes"
+        share = 100 * num_kept / max(num_attempts, 1)
+        return f"the expert succeeded in {share:.1f} % of {num_attempts} episodes"
 
     def finish(self, dataset: Path) -> Any:
         """Adds the source's own data to a complete dataset; returns it for the report, or None."""
