@@ -38,6 +38,7 @@ def bridged(
     control_hz: float,
     miss: np.ndarray,
     waits: bool,
+    long_way: bool = False,
 ) -> HandPath:
     """Returns a path that begins at ``start`` and is ``path`` from the end of the free window on.
 
@@ -54,6 +55,7 @@ def bridged(
         miss: How far the bridge misses, m, (3,).
         waits: Whether the path waits for the correction: a carried object must be over its target before it
             is put down. If not, the correction is made on the way.
+        long_way: Turn the hand the other way round, where a joint's limit is in the way.
     """
     count = len(path.pos)
     begin, end = (min(step, count - 1) for step in free)
@@ -66,7 +68,7 @@ def bridged(
         done = minimum_jerk(steps)
         rows, between = _between(path, begin + (end - begin) * np.arange(1, steps + 1) / steps)
         pos = between.pos + (1.0 - done)[:, None] * offset + done[:, None] * miss
-        return Pose(pos, multiply(partly(turn, 1.0 - done), between.rot)), rows
+        return Pose(pos, multiply(partly(turn, 1.0 - done, long_way=long_way), between.rot)), rows
 
     first = path.rows(slice(None, begin))
     lifted = Pose(first.pos + offset, multiply(turn, first.rot))

@@ -7,7 +7,7 @@ it, and move it. The cut where the skill changes is where a plan may be refined 
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -63,6 +63,11 @@ class Piece:
     def role(self) -> tuple[str, str, int]:
         """What the pieces of all sources at one place have in common."""
         return self.reference, self.carried, self.subtask
+
+    @property
+    def acts(self) -> bool:
+        """Whether it begins at its contact, as a grasp does."""
+        return not self.carried and self.free == (0, 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +134,28 @@ def cut_as_stated(demo: SourceDemo, segments: Sequence[Segment], *, refine: bool
         if begin >= demo.num_steps:
             break
     return tuple(piece for span in spans for piece in _pieces(demo, span, refine))
+
+
+def hastened(pieces: Sequence[Piece], most_steps: float) -> tuple[Piece, ...]:
+    """Returns pieces whose steps outside the windows are about ``most_steps`` together, or the same pieces.
+
+    A person at a keyboard takes minutes for what a task gives seconds. What a hand does at an object, such as
+    closing, keeps its time; ways to and from there are played faster by one factor.
+    """
+    fixed = sum(len(piece.steps) for piece in pieces if piece.acts)
+    slow = sum(len(piece.steps) - (piece.free[1] - piece.free[0]) for piece in pieces if not piece.acts)
+    factor = slow / max(most_steps - fixed, 1.0)
+    if factor <= 1.0:
+        return tuple(pieces)
+    return tuple(piece if piece.acts else _faster(piece, factor) for piece in pieces)
+
+
+def _faster(piece: Piece, factor: float) -> Piece:
+    """Returns a piece with every ``factor``-th of its steps, and the last."""
+    rows = np.unique(np.round(np.append(np.arange(0, len(piece.steps) - 1, factor), len(piece.steps) - 1)))
+    rows = rows.astype(np.int64)
+    free = tuple(np.minimum(np.searchsorted(rows, piece.free), len(rows) - 1).tolist())
+    return replace(piece, steps=piece.steps[rows], free=free)
 
 
 def vote(indices: Sequence[int], pieces: Sequence[Sequence[Piece]], words: Sequence[str]) -> list[int]:

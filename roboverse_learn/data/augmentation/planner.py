@@ -5,6 +5,7 @@ carried object it is the object's own path that is moved to its target: where th
 the source did, the object still comes to the same place.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -28,6 +29,9 @@ a wrist's limits allow least."""
 
 MISSED_M, MISSED_RAD = 0.01, 0.1
 """A path is refused when inverse kinematics misses a pose of it by more than this."""
+
+MAX_TRIED = 10
+"""Most sources that are tried for a piece until the arm can follow one."""
 
 SELDOM = 3.0
 """How much larger a seldom miss is; see :func:`envs.kinematics.waypoints.miss`."""
@@ -153,7 +157,7 @@ class AugmentPlanner:
         order = self._order(rng, stage, start, now, held)
         if stage and self.roles[stage] == self.roles[stage - 1]:
             order = [index for index in order if self._ways[stage][index].source == last_source] or order
-        for index in order:
+        for long_way, index in itertools.product((False, True), order[:MAX_TRIED]):
             way = self._ways[stage][index]
             path = bridged(
                 now @ way.path @ held,
@@ -163,6 +167,7 @@ class AugmentPlanner:
                 control_hz=self._hz,
                 miss=missed,
                 waits=way.held_m is not None,
+                long_way=long_way,
             )
             found = self._follower.follow(joints, *path.pose)
             error = max(found.errors_m.max() / MISSED_M, found.errors_rad.max() / MISSED_RAD)

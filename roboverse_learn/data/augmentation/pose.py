@@ -46,9 +46,16 @@ def angle_rad(one: Pose, other: Pose) -> np.ndarray:
     return 2.0 * np.arctan2(np.linalg.norm(turn[..., 1:], axis=-1), np.abs(turn[..., 0]))
 
 
-def partly(rot: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Returns the rotation ``rot`` (4,) by a share (T,) of its angle, about the same axis, (T, 4)."""
-    rot = rot if rot[0] >= 0 else -rot
+def partly(rot: np.ndarray, share: np.ndarray, *, long_way: bool = False) -> np.ndarray:
+    """Returns the rotation ``rot`` (4,) by a share (T,) of its angle, about the same axis, (T, 4).
+
+    Args:
+        rot: A rotation by an angle in [0, π].
+        share: Shares of the angle.
+        long_way: Turn the other way round, by 2π less the angle.
+    """
+    if (rot[0] < 0) != long_way:
+        rot = -rot
     sine = np.linalg.norm(rot[1:])
     if sine < 1e-12:
         return np.tile([1.0, 0.0, 0.0, 0.0], (len(share), 1))

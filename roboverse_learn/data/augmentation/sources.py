@@ -8,12 +8,15 @@ from envs.core.errors import ConfigError, DatasetError
 from envs.tasks.base import Task
 from roboverse_learn.data.augmentation.config import AugmentConfig
 from roboverse_learn.data.augmentation.movements import movements
-from roboverse_learn.data.augmentation.pieces import Piece, cut, cut_as_stated, vote
+from roboverse_learn.data.augmentation.pieces import Piece, cut, cut_as_stated, hastened, vote
 from roboverse_learn.data.augmentation.planner import Source
 from roboverse_learn.data.augmentation.recording import HandReader, SourceDemo
 from roboverse_learn.data.augmentation.references import References
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.sim2sim.parity.recording import Recording, read_recordings
+
+TIME_SHARE = 0.6
+"""Share of the task's time that what is kept of a source may take; the rest is for bridges and retries."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +84,7 @@ def read_sources(root: str | Path, task: Task, config: AugmentConfig) -> SourceS
         demo = reader.demo(recording.index, recording.states)
         found, said = _cut(demo, task, references, hz, config)
         demos.append(demo)
-        pieces.append(found)
+        pieces.append(hastened(found, TIME_SHARE * task.max_episode_steps))
         words.append(said)
     kept = vote([demo.index for demo in demos], pieces, words)
     left_out = {demo.index: words[row] for row, demo in enumerate(demos) if row not in kept}
