@@ -102,8 +102,8 @@ def _num_steps(window: Callable[[int], tuple[Pose, np.ndarray]], speed_m_s: floa
 
 def _between(path: Pose, places: np.ndarray) -> tuple[np.ndarray, Pose]:
     """Returns the path at fractional rows (T,): the rows at or after them, and the interpolated poses."""
-    low = np.floor(places).astype(np.int64)
-    high = np.minimum(low + 1, len(path.pos) - 1)
+    places = np.minimum(places, len(path.pos) - 1)
+    low, high = np.floor(places).astype(np.int64), np.ceil(places).astype(np.int64)
     share = (places - low)[:, None]
     pos = (1.0 - share) * path.pos[low] + share * path.pos[high]
     near = path.rot[high] * np.where((path.rot[low] * path.rot[high]).sum(-1, keepdims=True) < 0, -1.0, 1.0)

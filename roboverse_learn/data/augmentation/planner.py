@@ -28,7 +28,7 @@ TURN_M_PER_RAD = 0.3
 a wrist's limits allow least."""
 
 MISSED_M, MISSED_RAD = 0.01, 0.1
-"""A path is refused when inverse kinematics misses a pose of it by more than this."""
+"""A path is refused when a pose of it is missed by more than this, or was lower than in any source."""
 
 MAX_TRIED = 10
 """Most sources that are tried for a piece until the arm can follow one."""
@@ -81,6 +81,7 @@ class _Way:
             carries.
         gripper: Targets of the gripper, (L,).
         reference: Pose of the reference.
+        lowest_m: Least height of the commanded hand.
         held_m: Distance of the hand from the carried object; None carries nothing.
         free: See :class:`Piece`.
         source: Index of the demonstration.
@@ -89,6 +90,7 @@ class _Way:
     path: Pose
     gripper: np.ndarray
     reference: Pose
+    lowest_m: float
     held_m: float | None
     free: tuple[int, int]
     source: int
@@ -106,6 +108,7 @@ class _Way:
             path=reference.inverse() @ path,
             gripper=demo.gripper[piece.steps],
             reference=reference,
+            lowest_m=float(demo.commanded.pos[piece.steps, 2].min()),
             held_m=held_m,
             free=piece.free,
             source=demo.index,
@@ -138,6 +141,7 @@ class AugmentPlanner:
             for stage in range(len(self.roles))
         ]
         self._firsts = [_stacked([way.path.rows(0) for way in ways]) for ways in self._ways]
+        self._floors = [min(way.lowest_m for way in ways) for ways in self._ways]
         self._were = [_stacked([way.reference for way in ways]) for ways in self._ways]
 
     def plan(
@@ -169,8 +173,11 @@ class AugmentPlanner:
                 waits=way.held_m is not None,
                 long_way=long_way,
             )
+            lower = self._floors[stage] - path.pose.pos[:, 2]
+            path.pose.pos[:, 2] += np.maximum(lower, 0.0)  # no source went lower: there may be a table
             found = self._follower.follow(joints, *path.pose)
-            error = max(found.errors_m.max() / MISSED_M, found.errors_rad.max() / MISSED_RAD)
+            missed_m = max(float(found.errors_m.max()), float(lower.max()))
+            error = max(missed_m / MISSED_M, float(found.errors_rad.max()) / MISSED_RAD)
             if best is None or error < best[0]:
                 targets = self._reader.with_gripper(found.targets, way.gripper[path.rows])
                 best = error, PiecePlan(self._held_at_end(targets, stage), way.source)
