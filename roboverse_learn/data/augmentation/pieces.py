@@ -26,7 +26,7 @@ LIFT_M = 0.05
 """The first part of the way of a carried object, likewise: it is lifted first."""
 
 REACH_M = 0.4
-"""Length of the way to an object that is kept of a source: before that its hand may do anything."""
+"""Length of the way that is kept of a source before the last :data:`LEAD_M`: earlier its hand may wander."""
 
 WAIT_STEPS = 8
 """Longest wait that is kept, in control steps: a gripper closes meanwhile."""

@@ -20,7 +20,7 @@ def follower():
 def test_path_is_followed_within_a_millimetre(follower):
     pos, rot = follower.pose(REST)
     share = np.linspace(0.0, 1.0, 40)[:, None]
-    path = pos + share * [0.1, 0.15, -0.2]
+    path = pos + share * np.array([0.1, 0.15, -0.2])
     turns = multiply(from_yaw(share[:, 0]), rot)
     found = follower.follow(REST, path, turns)
     assert found.errors_m.max() < 1e-3 and found.errors_rad.max() < 5e-3
@@ -34,7 +34,7 @@ def test_path_is_followed_within_a_millimetre(follower):
 def test_waypoints_are_followed_alike(follower):
     """A QP and a Gauss-Newton step have the same objective: postures differ by less than 2 degrees."""
     pos, rot = follower.pose(REST)
-    goal = Waypoint(pos=pos + [0.05, 0.1, -0.15], yaw=0.4, gripper=0.04, duration_s=2.0)
+    goal = Waypoint(pos=pos + np.array([0.05, 0.1, -0.15]), yaw=0.4, gripper=0.04, duration_s=2.0)
     expected = PathFollower(FRANKA, 20.0).joint_targets(REST, [goal])
     poses = [follower.pose(row) for row in expected]
     found = follower.follow(REST, *(np.array(part) for part in zip(*poses, strict=True)))
@@ -44,7 +44,7 @@ def test_waypoints_are_followed_alike(follower):
 
 def test_limits_hold_where_a_path_leaves_the_reach(follower):
     pos, rot = follower.pose(REST)
-    path = pos + np.linspace(0.0, 1.0, 40)[:, None] * [1.0, 0.0, 0.0]
+    path = pos + np.linspace(0.0, 1.0, 40)[:, None] * np.array([1.0, 0.0, 0.0])
     turns = multiply(from_yaw(np.linspace(0.0, 4.0, 40)), rot)
     found = follower.follow(REST, path, turns)
     low, high = np.array([joint.range for joint in FRANKA.joints]).T

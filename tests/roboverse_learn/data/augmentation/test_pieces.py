@@ -25,7 +25,7 @@ def demo(pos, gripper):
 
 
 def pick_and_place():
-    """Down 20 steps, close, up 20, aside 20, down 20, open, up 20: 1.01 cm each; the low places are at z = 0."""
+    """Down 20 steps, close, up 20, aside 20, down 20, open, up 20: 1.01 cm each; low is z = 0."""
     down, up, wait = [[0, 0, -STEP_M]] * 20, [[0, 0, STEP_M]] * 20, [[0, 0, 0]] * 5
     steps = [*down, *wait, *up, *[[STEP_M, 0, 0]] * 20, *down, *wait, *up]
     pos = np.cumsum(steps, axis=0) + np.array([0, 0, 20 * STEP_M])
