@@ -61,6 +61,7 @@ CHOSEN = {
     "levels": [1],
     "seeds": [4],
     "policies": ["act"],
+    "augment.choose": "random",
     "policy.down_dims": [64, 128, 256],
     "policy.horizon": 16,
     "policy.n_obs_steps": 2,
@@ -130,6 +131,8 @@ def test_every_key_can_be_set_and_survives_the_saved_configuration(
     value = another(key, at(default_values(command, policy), key))
     words = [*REQUIRED.get(command, []), *([f"policy={policy}"] if command == "train" else [])]
     words += {"source": ["path=recorded.h5"], "path": ["source=robosuite"]}.get(key, [])
+    augments = command in ("collect", "train") and key.startswith(("augment.", "from_dataset"))
+    words += ["source=augment", "task=PickCube", "from=datasets/few"] if augments else []
     of_a_table = command == "sweep" and key in ("tasks", "levels", "seeds", "policies")
     words += ["recipe=act_v1"] if of_a_table else []
     words += ["source=policy"] if key == "checkpoint" and command != "evaluate" else []
