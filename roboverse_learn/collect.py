@@ -2,7 +2,9 @@
 
 With ``source=policy checkpoint=<run>`` they are those of a policy that was trained by reinforcement learning,
 with ``source=<format> path=<file or folder>`` those of a file, replayed in our environment, and with
-``source=teleop path=<folder>`` those of a person, recorded by ``roboverse teleoperate``.
+``source=teleop path=<folder>`` those of a person, recorded by ``roboverse teleoperate``. With
+``source=augment from=<dataset>`` they are made from a few others, and with ``source=rerender from=<dataset>``
+the states of others are rendered again.
 """
 
 import sys
@@ -105,7 +107,8 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
             summary = collect_episodes(collection, report)
         except TooFewSuccessesError as error:
             raise TooFewSuccessesError(f"{error} {source.advice()}") from error
-    return dataclasses.replace(summary, imported=source.finish(root))
+    words = source.outcome(summary.num_episodes, summary.num_attempts)
+    return dataclasses.replace(summary, outcome=words, imported=source.finish(root))
 
 
 @contextlib.contextmanager

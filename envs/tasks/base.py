@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from envs.controllers import Controller
     from envs.kinematics.waypoints import Waypoint
     from envs.tasks.planner import Planner
+    from envs.tasks.segment import Segment
 
 
 class Task(ABC):
@@ -39,6 +40,8 @@ class Task(ABC):
         takes_arrays: Whether :meth:`success`, :meth:`failure`, :meth:`reward` and :meth:`observe` also take
             a state of numpy arrays, and then return arrays (see :mod:`envs.array_ops`), which is faster for
             few environments.
+        segments: Subtasks of every demonstration, in order, for trajectory augmentation; none are found from
+            recorded states.
     """
 
     name: ClassVar[str]
@@ -49,6 +52,7 @@ class Task(ABC):
     has_expert: ClassVar[bool] = True
     has_reward: ClassVar[bool] = True
     takes_arrays: ClassVar[bool] = False
+    segments: "ClassVar[tuple[Segment, ...]]" = ()
 
     def __post_init__(self) -> None:
         check_parameters(self)

@@ -130,10 +130,7 @@ def _rate(cell: "CellSummary") -> str:
 def _collected(dataset: "CollectionSummary") -> Text:
     if dataset.imported is not None:
         return _imported(dataset, dataset.imported)
-    return Text(
-        f"Collected {dataset.num_episodes} demonstrations; {100 * dataset.success_rate:.1f} % of "
-        f"{dataset.num_attempts} attempts succeeded."
-    )
+    return Text(f"Collected {dataset.num_episodes} demonstrations; {dataset.outcome}.")
 
 
 def _imported(dataset: "CollectionSummary", imported: "ImportSummary") -> Text:

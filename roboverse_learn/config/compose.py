@@ -10,8 +10,8 @@ The last of these that sets a value wins:
 5. the command line, in Hydra's grammar of values, later words last.
 
 What is evaluated follows the checkpoint: ``evaluate`` takes no field of the environment from 2. The task of
-``collect source=policy`` and ``teleoperate checkpoint=…`` is that of the checkpoint, where the command line
-names none.
+``collect`` is that of the source's checkpoint or dataset, and that of ``teleoperate`` its checkpoint's, where
+there is one and the command line names none.
 """
 
 import copy
@@ -30,6 +30,7 @@ from roboverse_learn.config.keys import OF_YOUR_OWN, at, flat_keys, full_key, in
 from roboverse_learn.config.recipes import check_beside, read_recipe
 from roboverse_learn.config.schema import DEFAULT_PRESETS, NAMES_A_POLICY
 from roboverse_learn.config.serialize import default_values, env_keys, from_values, to_values
+from roboverse_learn.data.sources import SOURCES
 
 ALL_CAMERAS = "all"
 """``cameras=[all]``: every camera of the task."""
@@ -110,11 +111,9 @@ def _policy(command: str, typed: Mapping[str, Any], chosen: Any) -> str:
 
 def _name_task_and_cameras(command: str, values: dict[str, Any], *, names_task: bool) -> None:
     """Replaces a task that a checkpoint decides, and ``cameras=[all]``, by names."""
-    by_checkpoint = {
-        "collect": values.get("source") == "policy",
-        "teleoperate": bool(values.get("checkpoint")),
-    }
-    if by_checkpoint.get(command) and not names_task:
+    if command == "collect" and not names_task:
+        values["task"] = SOURCES.get(values["source"]).task_of(values) or values["task"]
+    if command == "teleoperate" and values["checkpoint"] and not names_task:
         values["task"] = _task_of(str(values["checkpoint"])) or values["task"]
     if values.get("cameras") == [ALL_CAMERAS]:
         options: Any = values["task_kwargs"]

@@ -12,14 +12,14 @@ import policies
 from envs.core.errors import unknown_name
 from envs.spec import EnvSpec
 from roboverse_learn.config.compose import preset_names
-from roboverse_learn.config.keys import at, flat_keys
+from roboverse_learn.config.keys import at, flat_keys, typed_key
 from roboverse_learn.config.scenario_overrides import SECTION, scenario_keys
 from roboverse_learn.config.schema import COMMANDS, baselines
 from roboverse_learn.config.serialize import default_values
 
 SUMMARIES = {
     "train": "collect what is missing, train, evaluate over the levels, write the leaderboard",
-    "collect": "collect demonstrations of the expert into a LeRobot dataset",
+    "collect": "collect demonstrations into a LeRobot dataset: of the expert, a policy, files, or augmented",
     "teleoperate": "steer the hand in a browser; episodes become a LeRobot dataset",
     "sweep": "train once for every combination of several values, over the GPUs of this machine",
     "evaluate": "evaluate a checkpoint, the expert or a rule over levels and splits",
@@ -42,7 +42,10 @@ EXAMPLES = {
         "roboverse train policy=diffusion task=PickCube train.steps=50000 num_demos=500",
         "roboverse train run=runs/PickCube/act/<run>   (continues a run)",
     ),
-    "collect": ("roboverse collect task=PickCube num_demos=200 level=0",),
+    "collect": (
+        "roboverse collect task=PickCube num_demos=200 level=0",
+        "roboverse collect source=augment from=datasets/PickCube/<name> num_demos=1000",
+    ),
     "teleoperate": (
         "roboverse teleoperate task=PickCube num_demos=20",
         "roboverse teleoperate task=StackCube host=0.0.0.0 operators=2 cert=cert.pem key=key.pem",
@@ -211,7 +214,7 @@ def key_rows(command: str, skip: tuple[str, ...] = (), policy: str = "act") -> l
             listed = ", ".join(names or policies.names())
             rows.append((f"policy={values[key]}", f"{what.rstrip('.:')}: {listed}."))
         elif not any(key.startswith(start) for start in skip):
-            rows.append((f"{key}={_shown(at(values, key))}", about.get(key, "")))
+            rows.append((f"{typed_key(key)}={_shown(at(values, key))}", about.get(key, "")))
             rows += _scene_rows() if key == SECTION and not skip else []
     return rows
 

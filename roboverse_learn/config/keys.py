@@ -13,6 +13,10 @@ _WORD = re.compile(r"(?P<key>[A-Za-z_]\w*(?:\.\w+)*)=(?P<value>.*)", re.DOTALL)
 
 OF_YOUR_OWN = "One of your own is known with plugins=[<package>], or once its package is installed."
 
+FROM = "from_dataset"
+_TYPED = {"policy_name": "policy", FROM: "from"}
+"""Fields that are typed by another word; ``from`` is a word of Python, in which the field's name is given."""
+
 OPEN = {
     "task_kwargs": "variant=lift",
     "simulator_settings": "njmax=768",
@@ -73,6 +77,8 @@ def full_key(command: str, key: str, keys: Iterable[str]) -> str:
     names = _typed(keys)
     if key in OPEN and key in names:
         raise ConfigError(f"'{key}' has keys of its own: give each by its name, as in {key}.{OPEN[key]}.")
+    if key in (FROM, _TYPED[FROM]) and _TYPED[FROM] in names:
+        return FROM
     if key in names or (in_open_section(key) and key.partition(".")[0] in names):
         return key
     matches = [full for full in names if full.endswith(f".{key}")]
@@ -101,8 +107,13 @@ def unknown_key(command: str, key: str, keys: Iterable[str]) -> UnknownNameError
 
 
 def _typed(keys: Iterable[str]) -> list[str]:
-    """Returns the keys as they are typed: the policy's name is ``policy``."""
-    return ["policy" if key == "policy_name" else key for key in keys]
+    """Returns the keys as they are typed."""
+    return [typed_key(key) for key in keys]
+
+
+def typed_key(key: str) -> str:
+    """Returns a key as it is typed: the policy's name is ``policy``."""
+    return _TYPED.get(key, key)
 
 
 def _of_other_policies(key: str) -> str:

@@ -21,6 +21,7 @@ from roboverse_learn.config.leaderboard_config import LeaderboardConfig
 from roboverse_learn.config.new_config import NewConfig
 from roboverse_learn.config.teleoperate_config import TeleoperateConfig
 from roboverse_learn.config.view_config import ViewConfig
+from roboverse_learn.data.augmentation.config import AugmentConfig
 from roboverse_learn.data.sources import SOURCES
 from roboverse_learn.training.config import TrainConfig
 
@@ -128,14 +129,17 @@ class CollectConfig:
         preset: Named set of values from ``configs/preset``.
         datasets_dir: Folder of datasets.
         source: Registered source of demonstrations: the task's expert, the policy of ``checkpoint``, trained
-            by reinforcement learning, or files of this format in ``path``.
+            by reinforcement learning, pieces of the demonstrations in ``from``, or files of this format in
+            ``path``.
         checkpoint: Folder of that policy, or of its run.
         path: File of demonstrations, or a folder of them, or of recordings of teleoperation; of files,
             num_demos is the most that is taken.
         replay: How a file's demonstrations become ours: by recorded states, or by controls in our physics.
+        from_dataset: Folder of a dataset whose demonstrations are augmented or rendered again.
         dataset: Folder of the dataset; empty for one named after the configuration. train collects only
             where none is named, and takes any LeRobotDataset v3, also of another robot.
         collect: How demonstrations are collected.
+        augment: How demonstrations are augmented.
     """
 
     env: EnvSpec = field(default_factory=EnvSpec)
@@ -145,8 +149,10 @@ class CollectConfig:
     checkpoint: str = ""
     path: str = ""
     replay: Replay = "states"
+    from_dataset: str = ""
     dataset: str = ""
     collect: DemonstrationConfig = field(default_factory=DemonstrationConfig)
+    augment: AugmentConfig = field(default_factory=AugmentConfig)
 
     def __post_init__(self) -> None:
         source = SOURCES.get(self.source)

@@ -60,6 +60,7 @@ class CollectionSummary:
         success_rate: Successful share of the attempts.
         wall_time_s: Duration of this run.
         dataset_hash: :func:`~roboverse_learn.data.dataset.raw.dataset_hash`.
+        outcome: How often the demonstrator succeeded, in words.
         imported: What became of each demonstration, where they were imported.
     """
 
@@ -70,6 +71,7 @@ class CollectionSummary:
     success_rate: float
     wall_time_s: float
     dataset_hash: str
+    outcome: str = ""
     imported: "ImportSummary | None" = None
 
 

@@ -21,6 +21,11 @@ SOURCES.add(
     summary="a policy that was trained by reinforcement learning",
 )
 SOURCES.add(
+    "augment",
+    "roboverse_learn.data.sources.augment:AugmentSource",
+    summary="pieces of the demonstrations of a dataset, moved with the objects",
+)
+SOURCES.add(
     "rerender",
     "roboverse_learn.data.sources.rerender:RerenderSource",
     summary="a dataset's states, rendered again: at another level, several looks of each episode",

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from envs.core.errors import ConfigError, DatasetError
 from envs.spec import EnvSpec
-from roboverse_learn.config.keys import flat_keys
+from roboverse_learn.config.keys import flat_keys, typed_key
+from roboverse_learn.data.augmentation.config import AugmentConfig
 
 if TYPE_CHECKING:
     from roboverse_learn.data.dataset.schema import EpisodeData
@@ -19,6 +20,7 @@ Progress = Callable[[str], AbstractContextManager[Callable[[int, int, str], None
 _KEYS = {
     "path": "reads no file. Name its format, as in source=maniskill.",
     "checkpoint": "uses no policy. Add source=policy.",
+    "from_dataset": "makes nothing from a dataset. Add source=augment or source=rerender.",
 }
 """Keys that some sources need: what to say where they are given to another."""
 
@@ -75,6 +77,7 @@ class DemonstrationSource:
         episodes: ``"package.module:Class"`` of its :class:`EpisodeSource`, which collecting processes make.
         needs: Keys of the configuration that must be given, to what they are, for a message.
         num_demos_is_most: Whether ``num_demos`` is only the most that is taken.
+        augments: Whether it takes the keys ``augment.*``.
         columns: Further columns of its datasets: options of
             :func:`~roboverse_learn.data.dataset.schema.make_features`.
     """
@@ -82,6 +85,7 @@ class DemonstrationSource:
     episodes: ClassVar[str]
     needs: ClassVar[Mapping[str, str]] = {}
     num_demos_is_most: ClassVar[bool] = False
+    augments: ClassVar[bool] = False
     columns: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, config: Any) -> None:
@@ -95,11 +99,24 @@ class DemonstrationSource:
             ConfigError: One is missing, or is not for this source.
         """
         for key, advice in _KEYS.items():
-            given = getattr(config, key)
+            given, word = getattr(config, key), typed_key(key)
             if given and key not in cls.needs:
-                raise ConfigError(f"{key}={given} was given, and source={config.source} {advice}")
+                raise ConfigError(f"{word}={given} was given, and source={config.source} {advice}")
             if key in cls.needs and not given:
-                raise ConfigError(f"source={config.source} needs {key}={cls.needs[key]}")
+                raise ConfigError(f"source={config.source} needs {word}={cls.needs[key]}")
+        if config.augment != AugmentConfig() and not cls.augments:
+            raise ConfigError(
+                f"Keys augment.* were given, and source={config.source} takes none. Add source=augment."
+            )
+
+    @classmethod
+    def task_of(cls, values: Mapping[str, Any]) -> str | None:
+        """Returns the task where the command line names none.
+
+        Args:
+            values: The configuration as plain values.
+        """
+        return values["task"]
 
     def check(self) -> None:
         """Checks before a run whether there is something to collect from.
@@ -155,6 +172,11 @@ class DemonstrationSource:
     def advice_for_task(self) -> str:
         """Says what to do where too few episodes succeed in the task's own scene."""
         return "Give a smaller num_demos."
+
+    def outcome(self, num_kept: int, num_attempts: int) -> str:
+        """Says how often the demonstrator succeeded, for the report."""
+        share = 100 * num_kept / max(num_attempts, 1)
+        return f"the expert succeeded in {share:.1f} % of {num_attempts} episodes"
 
     def finish(self, dataset: Path) -> Any:
         """Adds the source's own data to a complete dataset; returns it for the report, or None."""

@@ -1,6 +1,6 @@
 """Demonstrations of a policy that was trained by reinforcement learning."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -102,6 +102,13 @@ class PolicySource(DemonstrationSource):
         "checkpoint": "<folder>: that of a run of a policy that was trained by reinforcement learning, as in "
         "checkpoint=runs/PickCube/ppo/<run>."
     }
+
+    @classmethod
+    @override
+    def task_of(cls, values: Mapping[str, Any]) -> str | None:
+        from policies.checkpoint import learned_tasks
+
+        return next(iter(learned_tasks(str(values["checkpoint"]))), None)
 
     @cached_property
     def demonstrator(self) -> Demonstrator:

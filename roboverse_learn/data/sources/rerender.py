@@ -26,44 +26,56 @@ _SAME = ("task", "task_kwargs", "scenario")
 
 
 class RerenderSource(DemonstrationSource):
-    """``source=rerender path=<dataset>``."""
+    """``source=rerender from=<dataset>``."""
 
     episodes: ClassVar = "roboverse_learn.data.sources.rerender:RerenderedEpisodes"
-    needs: ClassVar = {"path": "<folder of a dataset of this task>."}
+    needs: ClassVar = {
+        "from_dataset": "<folder>: a dataset with raw states, as in from=datasets/PickCube/<name>."
+    }
+
+    @classmethod
+    @override
+    def task_of(cls, values: Mapping[str, Any]) -> str | None:
+        folder = values["from_dataset"]
+        return RecordingReader(folder).read(0).metadata["task"] if folder else None
 
     @cached_property
     def _looks(self) -> "Looks":
-        return Looks.of(RecordingReader(self.config.path), super().candidates())
+        return Looks.of(RecordingReader(self.config.from_dataset), super().candidates())
 
     @override
     def check(self) -> None:
         config, env = self.config, self.config.env
-        first = RecordingReader(config.path).read(0).metadata
+        first = RecordingReader(config.from_dataset).read(0).metadata
         for key in _SAME:
             recorded, wanted = _words(key, first.get(key) or {}), _words(key, getattr(env, key))
             if recorded != wanted:
                 raise ConfigError(
-                    f"The dataset '{config.path}' was recorded with {recorded}, and {wanted} was requested. "
+                    f"The dataset '{config.from_dataset}' was recorded with {recorded}, and {wanted} was requested. "
                     "States can be rendered in their own scene alone: give what they were recorded with."
                 )
 
     @override
     def name_part(self) -> str:
-        return f"rerender-{Path(self.config.path).name}"
+        return f"rerender-{Path(self.config.from_dataset).name}"
 
     @override
     def identity(self) -> dict[str, Any]:
         from roboverse_learn.data.dataset.raw import dataset_hash
 
-        return {"source": "rerender", "dataset": dataset_hash(self.config.path)[:16]}
+        return {"source": "rerender", "dataset": dataset_hash(self.config.from_dataset)[:16]}
 
     @override
     def candidates(self) -> list[int]:
         return self._looks.indices
 
     @override
+    def outcome(self, num_kept: int, num_attempts: int) -> str:
+        return f"{num_kept} of {num_attempts} looks show a success"
+
+    @override
     def arguments(self) -> dict[str, Any]:
-        return super().arguments() | self.identity() | {"path": str(self.config.path)}
+        return super().arguments() | self.identity() | {"path": str(self.config.from_dataset)}
 
 
 def _words(key: str, value: Any) -> str:

@@ -72,6 +72,7 @@ CHOSEN = {
     "actor": "expert",
     "view_cameras": ["wrist"],
     "policies": ["act"],
+    "augment.choose": "random",
     "policy.down_dims": [64, 128, 256],
     "policy.horizon": 16,
     "policy.n_obs_steps": 2,
@@ -147,6 +148,8 @@ def test_every_key_can_be_set_and_survives_the_saved_configuration(
         "key": "cert=c.pem",
     }
     words += [beside[key]] if key in beside else []
+    augments = command in ("collect", "train") and key.startswith(("augment.", "from_dataset"))
+    words += ["source=augment", "task=PickCube", "from=datasets/few"] if augments else []
     of_a_table = command == "sweep" and key in ("tasks", "levels", "seeds", "policies")
     words += ["recipe=act_v1"] if of_a_table else []
     words += ["source=policy"] if key == "checkpoint" and command in ("collect", "train") else []

@@ -32,7 +32,7 @@ def at_level_0(tmp_path_factory):
 @pytest.mark.slow
 def test_the_first_look_is_what_the_expert_collects_at_that_level(at_level_0, tmp_path):
     collected(tmp_path / "direct", "num_demos=2", "level=3")
-    collected(tmp_path / "again", "num_demos=4", "level=3", "source=rerender", f"path={at_level_0}")
+    collected(tmp_path / "again", "num_demos=4", "level=3", "source=rerender", f"from={at_level_0}")
     direct, again = DatasetInfo.open(tmp_path / "direct"), DatasetInfo.open(tmp_path / "again")
     frames = direct.num_frames
     assert again.num_frames == 2 * frames
@@ -55,7 +55,7 @@ def test_the_first_look_is_what_the_expert_collects_at_that_level(at_level_0, tm
 
 @pytest.mark.slow
 def test_looks_do_not_depend_on_the_number_of_environments_and_processes(at_level_0, tmp_path):
-    words = ["level=1", "source=rerender", f"path={at_level_0}", "num_demos=5"]
+    words = ["level=1", "source=rerender", f"from={at_level_0}", "num_demos=5"]
     one = collected(tmp_path / "one", *words)
     config = compose("collect", [*SCENE[:2], *words, f"dataset={tmp_path / 'two'}"])
     two = collect_dataset(replace(config, collect=replace(config.collect, num_envs=3, num_workers=2)))
@@ -83,21 +83,21 @@ def test_a_further_look_is_another_episode_and_the_first_is_not():
 
 @pytest.mark.slow
 def test_datasets_that_cannot_be_rendered_again_are_refused(at_level_0, tmp_path):
-    with pytest.raises(ConfigError, match=r"source=rerender needs path=<folder of a dataset of this task>"):
+    with pytest.raises(ConfigError, match=r"source=rerender needs from=<folder>: a dataset with raw states"):
         compose("collect", [*SCENE, "source=rerender"])
-    given = ["source=rerender", f"path={at_level_0}"]
+    given = ["source=rerender", f"from={at_level_0}"]
     with pytest.raises(ConfigError, match=r"recorded with task=PickCube, and task=StackCube was requested"):
         collected(tmp_path / "a", *given, "task=StackCube", "num_demos=2")
     with pytest.raises(ConfigError, match=r"with no task_kwargs, and task_kwargs\.variant=lift was"):
         collected(tmp_path / "b", *given, "task_kwargs.variant=lift", "num_demos=2")
     with pytest.raises(DatasetError, match=r"There is no dataset in"):
-        collected(tmp_path / "d", "source=rerender", f"path={tmp_path}", "num_demos=2")
+        collected(tmp_path / "d", "source=rerender", f"from={tmp_path}", "num_demos=2")
     assert not any((tmp_path / name).exists() for name in "abd")
 
 
 @pytest.mark.slow
 def test_a_dataset_with_several_looks_is_not_rendered_again(at_level_0, tmp_path):
-    collected(tmp_path / "again", "num_demos=3", "source=rerender", f"path={at_level_0}")
+    collected(tmp_path / "again", "num_demos=3", "source=rerender", f"from={at_level_0}")
     merged = merge([at_level_0, tmp_path / "again"], tmp_path / "merged").root
     looks = [facts.get("source_episode") for facts in DatasetInfo.open(merged).episode_metadata]
     assert looks == [None, None, TRAIN[0]]  # the first looks are the episodes that were there
