@@ -21,7 +21,7 @@ from roboverse_learn.data.dataset.schema import EpisodeData
 from roboverse_learn.data.sources.base import DemonstrationSource
 from roboverse_learn.data.sources.expert import ExpertEpisodes
 
-_SAME = ("task", "task_kwargs", "scenario")
+_SAME = ("task", "task_kwargs", "robot", "scenario")
 """Fields of the environment in which the states must have been recorded."""
 
 
@@ -48,11 +48,11 @@ class RerenderSource(DemonstrationSource):
         config, env = self.config, self.config.env
         first = RecordingReader(config.from_dataset).read(0).metadata
         for key in _SAME:
-            recorded, wanted = _words(key, first.get(key) or {}), _words(key, getattr(env, key))
+            recorded, wanted = (_words(key, value or {}) for value in (first.get(key), getattr(env, key)))
             if recorded != wanted:
                 raise ConfigError(
-                    f"The dataset '{config.from_dataset}' was recorded with {recorded}, and {wanted} was requested. "
-                    "States can be rendered in their own scene alone: give what they were recorded with."
+                    f"The dataset '{config.from_dataset}' was recorded with {recorded}, and {wanted} was "
+                    "requested. States can be rendered in their own scene alone: give what they were recorded with."
                 )
 
     @override
