@@ -61,6 +61,12 @@ _add(
 )
 
 for _name, _target, _summary in (
+    ("PushCube", "push_and_pull", "push a cube away from the robot onto a target"),
+    ("PullCube", "push_and_pull", "pull a cube towards the robot onto a target"),
+):
+    _add(_name, f"maniskill.{_target}:{_name}", _summary, _MANISKILL, "tabletop")
+
+for _name, _target, _summary in (
     ("stand", "locomotion:Stand", "stand upright and keep still for 20 s"),
     ("walk", "locomotion:Walk", "walk forwards at 1 m/s"),
     ("run", "locomotion:Run", "run forwards at 5 m/s"),

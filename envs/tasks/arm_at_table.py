@@ -1,0 +1,137 @@
+"""Base of tasks of one Panda at a table whose episodes begin with objects at random places."""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple, override
+
+import numpy as np
+
+from envs.kinematics.waypoints import Waypoint
+from envs.rotations import from_yaw, yaw_of
+from envs.scenario import CameraCfg, ObjectCfg, RobotCfg, ScenarioCfg, TableCfg
+from envs.state import EntityState, State
+from envs.tasks.base import Task
+from envs.tasks.tabletop import (
+    CONTROL_20_HZ,
+    FRANKA_AT_TABLE,
+    FRONT_CAMERA,
+    GRASP_OPEN_M,
+    TABLETOP_LOOKS,
+    WRIST_CAMERA,
+    ee_pos,
+    hand_yaw,
+)
+
+
+class Start(NamedTuple):
+    """Where an object starts.
+
+    Attributes:
+        pos: Position, m, (3,).
+        yaw_rad: Turn about z.
+        joints: Joint positions, rad (m).
+    """
+
+    pos: Sequence[float] | np.ndarray
+    yaw_rad: float = 0.0
+    joints: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmAtTable(Task):
+    """A Panda at a table. A task says which objects there are and where they start.
+
+    Attributes:
+        qpos_noise_rad: Standard deviation of each arm joint's start.
+    """
+
+    takes_arrays: ClassVar[bool] = True
+    robot: ClassVar[RobotCfg] = FRANKA_AT_TABLE
+    camera: ClassVar[CameraCfg] = FRONT_CAMERA
+    table: ClassVar[TableCfg] = TableCfg(pos=(-0.12, 0.0, 0.0), half_size=(0.8, 0.8))
+
+    qpos_noise_rad: float = 0.02
+
+    @property
+    @abstractmethod
+    def objects(self) -> tuple[ObjectCfg, ...]:
+        """The objects of the scene; those that :meth:`starts` leaves out stay at their own pose."""
+
+    @abstractmethod
+    def starts(self, rng: np.random.Generator) -> dict[str, Start]:
+        """Draws where objects start, by name."""
+
+    @property
+    @override
+    def scenario(self) -> ScenarioCfg:
+        return ScenarioCfg(
+            robots=(self.robot,),
+            objects=self.objects,
+            cameras=(self.camera, WRIST_CAMERA),
+            appearance=TABLETOP_LOOKS,
+            table=self.table,
+            physics=CONTROL_20_HZ,
+        )
+
+    @override
+    def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
+        count, robot = len(rngs), self.robot
+        qpos = np.tile(np.array(robot.default_qpos), (count, 1))
+        drawn: list[dict[str, Start]] = []
+        for row, rng in enumerate(rngs):
+            drawn.append(self.starts(rng))
+            qpos[row, :7] += rng.normal(0.0, self.qpos_noise_rad, 7)
+        arm = EntityState.at_rest(np.array(robot.pos), np.tile(robot.rot, (count, 1)), qpos)
+        return State({robot.name: arm}, {item.name: _at_rest(item, drawn) for item in self.objects})
+
+    def arm(self, state: State) -> EntityState:
+        """Returns the robot's state."""
+        return state.robots[self.robot.name]
+
+    def rise(self, state: State, height_m: float) -> list[Waypoint]:
+        """Returns the way straight up with an open hand, of a state of one row; none if it is high enough.
+
+        An expert that plans again after a failed try leaves the place without pushing anything.
+        """
+        hand = ee_pos(self.arm(state))[0].numpy()
+        if hand[2] >= height_m:
+            return []
+        up = np.array([hand[0], hand[1], height_m + 0.01])
+        return [way(up, hand_yaw(self.arm(state)), GRASP_OPEN_M, 0.4 + 2.0 * float(up[2] - hand[2]))]
+
+
+def _at_rest(item: ObjectCfg, drawn: Sequence[dict[str, Start]]) -> EntityState:
+    if item.name not in drawn[0]:
+        return EntityState.at_rest(np.array(item.pos), np.tile(item.rot, (len(drawn), 1)))
+    starts = [row[item.name] for row in drawn]
+    pos = np.array([start.pos for start in starts], np.float64)
+    rot = from_yaw(np.array([start.yaw_rad for start in starts]))
+    return EntityState.at_rest(pos, rot, np.array([start.joints for start in starts], np.float64))
+
+
+def way(
+    pos: np.ndarray, yaw: float, gripper: float, duration_s: float, hold_s: float = 0.0, pitch: float = 0.0
+) -> Waypoint:
+    """Returns a waypoint; see :class:`~envs.kinematics.waypoints.Waypoint`."""
+    return Waypoint(pos=pos, yaw=yaw, gripper=gripper, duration_s=duration_s, hold_s=hold_s, pitch=pitch)
+
+
+def point(entity: EntityState) -> np.ndarray:
+    """Returns the position of an entity in a state of one row, m, (3,)."""
+    return entity.pos[0].numpy().copy()
+
+
+def heading(entity: EntityState) -> float:
+    """Returns the angle of an entity's x axis about z in a state of one row, rad."""
+    return float(yaw_of(entity.rot[0].numpy()))
+
+
+def above(pos: np.ndarray, height_m: float) -> np.ndarray:
+    """Returns the point so far above a point, m, (3,)."""
+    return pos + np.array([0.0, 0.0, height_m])
+
+
+def travel_s(start: np.ndarray, end: np.ndarray, least_s: float = 0.3) -> float:
+    """Returns the time of an expert's motion between two points, (3,), m."""
+    return least_s + 1.5 * float(np.linalg.norm(end - start))
