@@ -63,6 +63,9 @@ _add(
 for _name, _target, _summary in (
     ("PushCube", "push_and_pull", "push a cube away from the robot onto a target"),
     ("PullCube", "push_and_pull", "pull a cube towards the robot onto a target"),
+    ("LiftPegUpright", "pegs", "stand a lying peg on its end"),
+    ("PlaceSphere", "place_sphere", "put a ball into a shallow bin and let go of it"),
+    ("PokeCube", "pegs", "push a cube onto a target with the head of a peg"),
 ):
     _add(_name, f"maniskill.{_target}:{_name}", _summary, _MANISKILL, "tabletop")
 

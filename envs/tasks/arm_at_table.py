@@ -23,6 +23,9 @@ from envs.tasks.tabletop import (
     hand_yaw,
 )
 
+EASY_REACH_M = 0.72
+"""Distance from the base up to which a Panda's hand points straight down with ease."""
+
 
 class Start(NamedTuple):
     """Where an object starts.
@@ -130,6 +133,16 @@ def heading(entity: EntityState) -> float:
 def above(pos: np.ndarray, height_m: float) -> np.ndarray:
     """Returns the point so far above a point, m, (3,)."""
     return pos + np.array([0.0, 0.0, height_m])
+
+
+def tip_to_reach(pos: np.ndarray, robot: RobotCfg) -> float:
+    """Returns the pitch of the hand that brings a far place on the table within a Panda's reach, rad.
+
+    A hand that points straight down reaches 0.8 m from the base; one whose fingers point ahead reaches as far
+    as its 0.21 m from flange to fingertips lean.
+    """
+    far = float(np.linalg.norm(pos[:2] - np.array(robot.pos[:2])))
+    return -float(np.clip(4.0 * (far - EASY_REACH_M), 0.0, 0.6))
 
 
 def travel_s(start: np.ndarray, end: np.ndarray, least_s: float = 0.3) -> float:

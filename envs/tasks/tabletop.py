@@ -7,7 +7,7 @@ from torch import Tensor
 
 from envs.array_ops import largest, norm, tanh
 from envs.robots.franka import FRANKA
-from envs.rotations import yaw_of
+from envs.rotations import rotate, yaw_of
 from envs.scenario import Appearance, CameraCfg, LightCfg, PhysicsCfg, SurfaceMaterial
 from envs.state import EntityState
 
@@ -58,6 +58,18 @@ def hand_yaw(robot: EntityState) -> float:
     assert robot.ee_rot is not None, "a simulator gives every robot's end effector"
     turn = float(yaw_of(robot.ee_rot[0])) - np.pi / 2  # at turn 0 the hand's x axis points along world y
     return float((turn + np.pi) % (2 * np.pi) - np.pi)
+
+
+def hand_pitch(robot: EntityState) -> float:
+    """Returns the pitch of a Franka's hand, as in a waypoint, of a state of one row, rad.
+
+    It is that of a robot whose hand points straight down at rest.
+    """
+    assert robot.ee_rot is not None, "a simulator gives every robot's end effector"
+    turn = hand_yaw(robot)
+    fingers = rotate(robot.ee_rot[0].cpu().numpy(), np.array([0.0, 0.0, 1.0]))
+    ahead = fingers[0] * np.cos(turn) + fingers[1] * np.sin(turn)
+    return -float(np.arcsin(np.clip(ahead, -1.0, 1.0)))
 
 
 def arm_speed(robot: EntityState) -> Tensor:

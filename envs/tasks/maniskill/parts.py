@@ -5,7 +5,7 @@ from torch import Tensor
 from envs.array_ops import norm
 from envs.scenario import GeomCfg, ObjectCfg, Rgba
 from envs.state import EntityState
-from envs.tasks.tabletop import grips_something
+from envs.tasks.tabletop import finger_gap
 
 CUBE_HALF_SIZE_M = 0.02
 DENSITY_KG_M3 = 1000.0
@@ -21,6 +21,9 @@ GOAL_Z_M = 1e-3
 
 STATIC_SPEED_M_S, STATIC_SPEED_RAD_S = 1e-2, 0.5
 """Limits of an object that is still (``utils/structs/actor.py``, ``is_static``)."""
+
+PRESS_M = 1e-3
+"""How far fingers that hold something are kept from their targets, both together."""
 
 _RINGS = 5
 
@@ -76,5 +79,6 @@ def is_held(robot: EntityState, point: Tensor, reach_m: float, width_m: float) -
         reach_m: Largest distance of the end effector from there.
         width_m: Its width between the fingers.
     """
-    assert robot.ee_pos is not None, "a simulator gives every robot's end effector"
-    return (norm(robot.ee_pos - point) < reach_m) & grips_something(robot, 0.75 * width_m)
+    assert robot.ee_pos is not None and robot.joint_target is not None, "a simulator gives both"
+    gap, target = finger_gap(robot), robot.joint_target[:, 7:9].sum(-1)
+    return (norm(robot.ee_pos - point) < reach_m) & (target < gap - PRESS_M) & (gap > 0.75 * width_m)

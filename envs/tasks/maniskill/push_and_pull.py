@@ -3,7 +3,7 @@
 The reward is ManiSkill's: reach the far or near side of the cube, then slide the cube to the target.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, override
 
 import numpy as np
@@ -11,11 +11,11 @@ from torch import Tensor
 
 from envs.array_ops import concatenate, constant
 from envs.kinematics.waypoints import Waypoint, approach, miss
-from envs.scenario import ObjectCfg
+from envs.scenario import CameraCfg, ObjectCfg
 from envs.state import State
-from envs.tasks.arm_at_table import ArmAtTable, Start, above, point, way
+from envs.tasks.arm_at_table import ArmAtTable, Start, point, way
 from envs.tasks.maniskill.parts import BLUE, CUBE_HALF_SIZE_M, GOAL_Z_M, cube, flat_distance, target
-from envs.tasks.tabletop import GRASP_CLOSED_M, distance, ee_pos, nearness
+from envs.tasks.tabletop import FRONT_CAMERA, GRASP_CLOSED_M, distance, ee_pos, nearness
 
 FINGER_HALF_WIDTH_M = 0.011
 """Half of a fingertip, across the direction in which the fingers close."""
@@ -115,6 +115,7 @@ class PushCube(SlideCube):
         "slide the blue cube away from you onto the red and white circle",
     )
     side: ClassVar[float] = 1.0
+    camera: ClassVar[CameraCfg] = replace(FRONT_CAMERA, look_at=(0.08, 0.0, 0.06), fovy_deg=36.0)
     hold_gap_m: ClassVar[float] = 0.005
 
     lift_tolerance_m: float = 0.005
