@@ -66,6 +66,8 @@ for _name, _target, _summary in (
     ("LiftPegUpright", "pegs", "stand a lying peg on its end"),
     ("PlaceSphere", "place_sphere", "put a ball into a shallow bin and let go of it"),
     ("PokeCube", "pegs", "push a cube onto a target with the head of a peg"),
+    ("RollBall", "roll_ball", "roll a ball over a target at the other end of the table"),
+    ("StackPyramid", "stack_pyramid", "put two cubes side by side and a third one on both"),
 ):
     _add(_name, f"maniskill.{_target}:{_name}", _summary, _MANISKILL, "tabletop")
 

@@ -1,4 +1,4 @@
-"""LiftPegUpright and PokeCube, after ManiSkill 3 (``tabletop/lift_peg_upright.py``, ``tabletop/poke_cube.py``).
+"""LiftPegUpright and PokeCube, after ManiSkill 3 (``tabletop/lift_peg_upright.py``, ``poke_cube.py``).
 
 ManiSkill has no dense reward for LiftPegUpright; ours is reach, grasp, turn, set down. It reads the turn as
 the third Euler angle of the peg, which leaves out turns about the world's x axis; here it is the angle
