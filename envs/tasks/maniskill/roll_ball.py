@@ -15,13 +15,13 @@ from envs.kinematics.waypoints import Waypoint, approach, miss
 from envs.rotations import from_yaw
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, RobotCfg, TableCfg
 from envs.state import State
-from envs.tasks.arm_at_table import ArmAtTable, Start, point, way
+from envs.tasks.arm_at_table import ArmAtTable, Start, above, point, travel_s, way
 from envs.tasks.maniskill.parts import BLUE, DENSITY_KG_M3, GOAL_Z_M, flat_distance, target
-from envs.tasks.maniskill.push_and_pull import FINGER_HALF_WIDTH_M
 from envs.tasks.tabletop import (
     FRANKA_AT_TABLE,
     FRONT_CAMERA,
     GRASP_CLOSED_M,
+    GRASP_OPEN_M,
     distance,
     ee_pos,
     nearness,
@@ -34,16 +34,22 @@ ROLLING_M_S = 0.05
 OUT_OF_REACH_M = 0.75
 """Distance of the ball from the base from which the expert gives up."""
 
-NEAR_BASE_M, NEAR_BASE_TIP_RAD = 0.42, 6.0
+NEAR_BASE_M, NEAR_BASE_TIP_RAD = 0.42, 5.0
 """Where the expert begins to tip its fingers back, and by how much for each metre nearer to the base."""
 
-PUSH_M = 0.22
+LAUNCH_S = (0.35, 0.2, 0.25)
+"""Times in which the hand with the ball speeds up, keeps its speed, and slows down."""
+
+LAUNCH_FROM_M = (0.4, 0.44)
+"""Range of the ball's distance from the base where the launch begins."""
+
+RELEASE_S, STEP_S, LAUNCH_RISE_M = 0.35, 0.05, 0.1
 _AHEAD = from_yaw(-np.pi / 2)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RollBall(ArmAtTable):
-    """Push a ball so that it rolls over the target at the other end of the table.
+    """Make a ball roll over the target at the other end of the table.
 
     Attributes:
         radius_m: Radius of the ball.
@@ -56,10 +62,10 @@ class RollBall(ArmAtTable):
     name: ClassVar[str] = "RollBall"
     instructions: ClassVar[tuple[str, ...]] = (
         "roll the ball to the target at the other end of the table",
-        "push the blue ball so that it rolls onto the red and white circle",
-        "hit the ball towards the goal region",
+        "send the blue ball rolling onto the red and white circle",
+        "take the ball and roll it towards the goal region",
     )
-    max_episode_steps: ClassVar[int] = 160
+    max_episode_steps: ClassVar[int] = 200
     robot: ClassVar[RobotCfg] = replace(
         FRANKA_AT_TABLE, pos=(-0.1, 1.0, 0.0), rot=tuple(float(part) for part in _AHEAD)
     )
@@ -117,21 +123,49 @@ class RollBall(ArmAtTable):
         base = np.array(self.robot.pos)
         if np.linalg.norm((ball - base)[:2]) > OUT_OF_REACH_M:
             return []
-        along = (goal - ball) * np.array([1.0, 1.0, 0.0])
+        # The expert carries the ball to where the arm has room to launch it.
+        from_base = (ball - base) * np.array([1.0, 1.0, 0.0])
+        far = float(np.linalg.norm(from_base))
+        start = ball + (float(np.clip(far, *LAUNCH_FROM_M)) / far - 1.0) * from_base
+        along = (goal - start) * np.array([1.0, 1.0, 0.0])
         along /= np.linalg.norm(along)
         turn = float(np.arctan2(along[1], along[0]) + np.pi / 2)
-        touch = self.radius_m + FINGER_HALF_WIDTH_M
-        behind = ball - (touch + rng.uniform(0.012, 0.02)) * along
-        near = NEAR_BASE_M - float(np.linalg.norm((behind - base)[:2]))
-        tip = float(np.clip(NEAR_BASE_TIP_RAD * near, 0.0, 0.8))
-        noise = np.array([*rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=0.03), 2), 0.0])
+        tip = float(np.clip(NEAR_BASE_TIP_RAD * (NEAR_BASE_M - far), 0.0, 0.5))
         # The approach first misses: the next motion demonstrates the correction.
-        over = behind + noise + np.array([0.0, 0.0, rng.uniform(0.1, 0.13)])
-        end = ball + (PUSH_M - touch) * along
-        shut, push_s = GRASP_CLOSED_M, rng.uniform(0.45, 0.55)
+        noise = np.array(
+            [*rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=0.03), 2), rng.uniform(0.1, 0.13)]
+        )
+        hold, grip, speed = GRASP_OPEN_M, GRASP_CLOSED_M, rng.uniform(0.7, 0.8)
         return [
             *self.rise(state, 0.12),
-            *approach(way(over, turn, shut, 1.2, pitch=tip), rng, 0.02),
-            way(behind, turn, shut, 0.7, 0.15, tip),
-            way(end, turn, shut, push_s, 2.5),
+            *approach(way(ball + noise, turn, hold, 1.0, pitch=tip), rng, 0.02),
+            way(ball, turn, hold, 0.6, 0.1, tip),
+            way(ball, turn, grip, 0.3, 0.0, tip),
+            way(above(ball, 0.03), turn, grip, 0.3, 0.0, tip),
+            way(above(start, 0.03), turn, grip, travel_s(ball, start) + tip),
+            way(above(start, 1e-3), turn, grip, 0.3, 0.1),
+            *(launch := _launch(start, along, turn, speed)),
+            way(launch[-1].pos, turn, hold, 0.1, 6.0),
         ]
+
+
+def _launch(ball: np.ndarray, along: np.ndarray, turn: float, speed: float) -> list[Waypoint]:
+    """Returns a motion of a held ball, a waypoint for each control step, in which the fingers let go of it.
+
+    The hand speeds up, keeps its speed while the fingers open, and rises out of the ball's way as it slows
+    down. A finger that pushed the ball would keep it from rolling, for their friction is 1.
+    """
+    times = np.cumsum(np.full(round(sum(LAUNCH_S) / STEP_S), STEP_S))
+    up, even, down = LAUNCH_S
+    share = np.minimum(np.minimum(times / up, 1.0), (up + even + down - times) / down)
+    ways = np.cumsum(share) * STEP_S * speed
+    heights = 1e-3 + LAUNCH_RISE_M * np.clip((times - up - even) / down, 0.0, 1.0)
+    return [
+        way(
+            above(ball + s * along, height),
+            turn,
+            GRASP_OPEN_M if t > RELEASE_S else GRASP_CLOSED_M,
+            STEP_S,
+        )
+        for t, s, height in zip(times, ways, heights, strict=True)
+    ]
