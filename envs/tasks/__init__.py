@@ -67,6 +67,8 @@ for _name, _target, _summary in (
     ("PlaceSphere", "place_sphere", "put a ball into a shallow bin and let go of it"),
     ("PokeCube", "pegs", "push a cube onto a target with the head of a peg"),
     ("RollBall", "roll_ball", "roll a ball over a target at the other end of the table"),
+    ("PullCubeTool", "pull_cube_tool", "pull a far cube near with an L-shaped tool"),
+    ("PegInsertionSide", "peg_insertion", "put a peg into the hole in the side of a box"),
     ("StackPyramid", "stack_pyramid", "put two cubes side by side and a third one on both"),
 ):
     _add(_name, f"maniskill.{_target}:{_name}", _summary, _MANISKILL, "tabletop")
