@@ -3,12 +3,15 @@
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import ClassVar, NamedTuple, override
 
 import numpy as np
+import torch
 
+from envs.kinematics.forward import KinematicChain
 from envs.kinematics.waypoints import Waypoint
-from envs.rotations import from_yaw, yaw_of
+from envs.rotations import conjugate, from_matrix, from_yaw, multiply, to_euler, yaw_of
 from envs.scenario import CameraCfg, ObjectCfg, RobotCfg, ScenarioCfg, TableCfg
 from envs.state import EntityState, State
 from envs.tasks.base import Task
@@ -92,6 +95,19 @@ class ArmAtTable(Task):
         """Returns the robot's state."""
         return state.robots[self.robot.name]
 
+    def commanded(self, state: State) -> Waypoint:
+        """Returns the pose of the hand that the robot's targets stand for, of a state of one row.
+
+        A load keeps the hand from it. A correction of where the hand is, added to it, ends where it should.
+        """
+        robot = self.arm(state)
+        assert robot.joint_target is not None, "a simulator gives every robot's targets"
+        chain, down = _chain(self.robot)
+        poses = chain(robot.joint_target[:1, chain.columns].to(torch.float64))
+        yaw, pitch, roll = to_euler(multiply(from_matrix(poses.rot[0].numpy()), conjugate(down)))
+        pos = poses.pos[0].numpy()
+        return Waypoint(pos=pos, yaw=yaw, pitch=pitch, roll=roll, gripper=0.0, duration_s=0.0)
+
     def rise(self, state: State, height_m: float) -> list[Waypoint]:
         """Returns the way straight up with an open hand, of a state of one row; none if it is high enough.
 
@@ -102,6 +118,14 @@ class ArmAtTable(Task):
             return []
         up = np.array([hand[0], hand[1], height_m + 0.01])
         return [way(up, hand_yaw(self.arm(state)), GRASP_OPEN_M, 0.4 + 2.0 * float(up[2] - hand[2]))]
+
+
+@cache
+def _chain(robot: RobotCfg) -> tuple[KinematicChain, np.ndarray]:
+    """Returns a robot's forward kinematics, and the orientation (4,) of its hand at rest."""
+    chain = KinematicChain(robot)
+    rest = torch.tensor([robot.default_qpos], dtype=torch.float64)
+    return chain, from_matrix(chain(rest[:, chain.columns]).rot[0].numpy())
 
 
 def _at_rest(item: ObjectCfg, drawn: Sequence[dict[str, Start]]) -> EntityState:

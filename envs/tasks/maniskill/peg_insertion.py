@@ -41,8 +41,10 @@ LINED_UP_M = 0.01
 READY_M = 0.02
 """Gap between the peg's head and the box where the expert lines it up."""
 
-EXACT_M = 1.2e-3
-"""Error of the peg's place at which the expert begins to insert it."""
+EXACT_M, EXACT_RAD = 1e-3, 0.012
+"""Errors of the peg's pose at which the expert begins to insert it."""
+
+_NOWHERE = np.zeros(3)
 
 _ORANGE: Rgba = (0.84, 0.17, 0.09, 1.0)
 _WHITE: Rgba = (0.85, 0.92, 0.94, 1.0)
@@ -187,28 +189,41 @@ class PegInsertionSide(ArmAtTable):
     def _insert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
         """Returns the way of a held peg to before the hole, or, from there, into it."""
         item, box, robot = state.objects["peg"], state.objects["box"], self.arm(state)
-        hand, line, shut = ee_pos(robot)[0].numpy(), heading(box), GRASP_CLOSED_M
+        hand, line, now = ee_pos(robot)[0].numpy(), heading(box), self.commanded(state)
         spin = float((line - heading(item) + np.pi) % (2 * np.pi) - np.pi)
-        turn = hand_yaw(robot) + spin
+        droop = float(rotate(item.rot, constant((1.0, 0.0, 0.0), item.pos))[0, 2])
         in_hand = rotate(from_yaw(spin), hand - point(item))
         axis = np.array([np.cos(line), np.sin(line), 0.0])
         y, z = self.hole_offset_m
         hole = point(box) + y * np.array([-axis[1], axis[0], 0.0]) + np.array([0.0, 0.0, z])
-        ready = hole - (2 * self.peg_half_length_m + READY_M) * axis + in_hand
-        inside = hole - (self.peg_half_length_m - 0.005) * axis + in_hand
-        ahead = float((point(item) - hole) @ axis)
-        off = np.linalg.norm((ready - hand) - ((ready - hand) @ axis) * axis)
-        if (off < EXACT_M and abs(spin) < 0.015) or ahead > -2 * self.peg_half_length_m:
-            return [way(inside, turn, shut, 0.4 + 10.0 * float(np.linalg.norm(inside - hand)), 0.2)]
-        if np.linalg.norm(ready - hand) < 0.02:  # nearly there: one more correction
-            return [way(ready + 0.7 * (ready - hand), turn, shut, 0.3, 0.2)]
+
+        def at(along_m: float, duration_s: float, hold_s: float, aside: np.ndarray = _NOWHERE) -> Waypoint:
+            """The peg's middle so far along the hole: the hand is moved from where its targets are."""
+            pos = now.pos + hole + along_m * axis + in_hand + aside - hand
+            return Waypoint(
+                pos=pos,
+                yaw=now.yaw + spin,
+                pitch=now.pitch + droop,
+                roll=now.roll,
+                gripper=GRASP_CLOSED_M,
+                duration_s=duration_s,
+                hold_s=hold_s,
+            )
+
+        ready, inside = -2 * self.peg_half_length_m - READY_M, -self.peg_half_length_m + 0.005
+        left = hole + ready * axis - point(item)
+        ahead = ready - float(left @ axis)
+        off = float(np.linalg.norm(left - (left @ axis) * axis))
+        lined = off < EXACT_M and max(abs(spin), abs(droop)) < EXACT_RAD
+        if lined or ahead > ready + 1.5 * READY_M:
+            return [at(inside, 0.4 + 8.0 * (inside - ahead), 0.2)]
+        if off < 0.02:
+            return [at(ready, 0.3, 0.25)]
         # The way first misses: the next motion demonstrates the correction.
         aside = rng.normal(0.0, miss(rng, often_m=0.008, seldom_m=0.02), 2)
-        near = ready - 0.02 * axis + np.array([aside[0], 0.0, 0.5 * abs(aside[1])])
-        return [
-            way(near, turn, shut, travel_s(hand, near, 0.5) + 0.4 * abs(spin)),
-            way(ready, turn, shut, correction_s(aside) + 0.3, hold_s=0.2),
-        ]
+        miss_m = np.array([aside[0], 0.0, 0.5 * abs(aside[1])])
+        way_s = travel_s(point(item), hole + ready * axis, 0.5) + 0.4 * abs(spin)
+        return [at(ready - 0.02, way_s, 0.0, miss_m), at(ready, correction_s(aside) + 0.3, 0.2)]
 
     @property
     def _height(self) -> float:
