@@ -74,6 +74,16 @@ for _name, _target, _summary in (
     _add(_name, f"maniskill.{_target}:{_name}", _summary, _MANISKILL, "tabletop")
 
 for _name, _target, _summary in (
+    ("Lift", "cubes", "grasp a cube and lift it off the table"),
+    ("Stack", "cubes", "put a small cube on a larger one and let go of it"),
+    ("PickPlaceCan", "pick_place", "put a can into its compartment of the other bin"),
+    ("PickPlaceMilk", "pick_place", "put a milk carton into its compartment of the other bin"),
+    ("PickPlaceBread", "pick_place", "put a loaf of bread into its compartment of the other bin"),
+    ("PickPlaceCereal", "pick_place", "put a cereal box into its compartment of the other bin"),
+):
+    _add(_name, f"robosuite.{_target}:{_name}", _summary, _ROBOSUITE, "tabletop")
+
+for _name, _target, _summary in (
     ("stand", "locomotion:Stand", "stand upright and keep still for 20 s"),
     ("walk", "locomotion:Walk", "walk forwards at 1 m/s"),
     ("run", "locomotion:Run", "run forwards at 5 m/s"),
