@@ -1,4 +1,4 @@
-"""PickPlaceCan, Milk, Bread and Cereal, after robosuite 1.5.1 (``environments/manipulation/pick_place.py``, MIT).
+"""PickPlaceCan, Milk, Bread and Cereal, after robosuite 1.5.1 (``manipulation/pick_place.py``, MIT).
 
 Objects are robosuite's own files; the bins have its sizes and places, and stand on a table: their lower side,
 robosuite's z = 0.78 m, is our z = 0. The other three objects are left out, as are the transparent ones that
@@ -56,7 +56,7 @@ LIFT_TARGET_M = 0.27
 CARRY_M = 0.22
 """Height of an object's lower side on its way, above the walls' 0.12 m."""
 
-GRASP_REACH_M = 0.05
+GRASP_REACH_M = 0.06
 _LIGHT: Rgba = (0.72, 0.55, 0.36, 1.0)
 _DARK: Rgba = (0.36, 0.22, 0.13, 1.0)
 
@@ -69,6 +69,7 @@ class Good:
         name: Name of its file.
         corner: Which compartment of the second bin: 0 or 1 along x, and along y.
         bottom_m: Distance of its lower side from its origin.
+        top_m: Distance of its upper side.
         width_m: Its width between the fingers, along its own y.
         radius_m: Radius of its circle in the plane (``horizontal_radius_site``).
         grip_m: Where it is gripped, above its origin.
@@ -78,6 +79,7 @@ class Good:
     name: str
     corner: tuple[int, int]
     bottom_m: float
+    top_m: float
     width_m: float
     radius_m: float
     grip_m: float
@@ -85,16 +87,44 @@ class Good:
 
 
 CAN = Good(
-    name="can", corner=(1, 1), bottom_m=0.0403, width_m=0.05, radius_m=0.0354, grip_m=0.01, turns_rad=0.0
+    name="can",
+    corner=(1, 1),
+    bottom_m=0.0403,
+    top_m=0.04,
+    width_m=0.05,
+    radius_m=0.0354,
+    grip_m=0.01,
+    turns_rad=0.0,
 )
 MILK = Good(
-    name="milk", corner=(0, 0), bottom_m=0.061, width_m=0.04, radius_m=0.0354, grip_m=0.0, turns_rad=np.pi / 2
+    name="milk",
+    corner=(0, 0),
+    bottom_m=0.061,
+    top_m=0.083,
+    width_m=0.04,
+    radius_m=0.0354,
+    grip_m=0.035,
+    turns_rad=np.pi / 2,
 )
 BREAD = Good(
-    name="bread", corner=(1, 0), bottom_m=0.0233, width_m=0.04, radius_m=0.0424, grip_m=0.012, turns_rad=np.pi
+    name="bread",
+    corner=(1, 0),
+    bottom_m=0.0233,
+    top_m=0.025,
+    width_m=0.04,
+    radius_m=0.0424,
+    grip_m=0.012,
+    turns_rad=np.pi,
 )
 CEREAL = Good(
-    name="cereal", corner=(0, 1), bottom_m=0.075, width_m=0.03, radius_m=0.05, grip_m=0.02, turns_rad=np.pi
+    name="cereal",
+    corner=(0, 1),
+    bottom_m=0.075,
+    top_m=0.075,
+    width_m=0.03,
+    radius_m=0.05,
+    grip_m=0.04,
+    turns_rad=np.pi,
 )
 
 
@@ -185,19 +215,12 @@ class PickPlaceSingle(RobosuiteTask):
         lift = np.array([*start[:2], drop[2]])
         near = drop + np.array([*aside, 0.0])
         lower = above(drop, -0.07)
-        over = max(start[2] + 0.08, 0.2)
+        over = above(point(item), good.top_m + 0.035)
+        turn_s = 0.9 + 0.3 * abs(turn - hand_yaw(self.arm(state)))
         return [
             *self.lift_off(state, 0.22),
-            *approach(
-                down(
-                    np.array([*(start + noise)[:2], over]),
-                    turn,
-                    hold,
-                    0.9 + 0.3 * abs(turn - hand_yaw(self.arm(state))),
-                ),
-                rng,
-                0.02,
-            ),
+            *approach(down(over + noise, turn, hold, turn_s), rng, 0.02),
+            down(over, turn, hold, 0.3),
             down(start, turn, hold, 0.6, hold_s=0.1),
             down(start, turn, grip, 0.3),
             down(lift, turn, grip, 0.6),
@@ -221,7 +244,7 @@ class PickPlaceSingle(RobosuiteTask):
 
 
 def _bin(name: str, pos: tuple[float, float, float], rgba: Rgba, *, divided: bool = False) -> ObjectCfg:
-    """Returns a bin of robosuite's ``models/assets/arenas/bins_arena.xml``, with its dividing walls or without."""
+    """Returns a bin of robosuite's ``models/assets/arenas/bins_arena.xml``, divided or not."""
     across, along = (0.21, 0.01, 0.05), (0.01, 0.25, 0.05)
     walls = [(across, (0.0, y, 0.05)) for y in (-0.25, 0.25)] + [(along, (x, 0.0, 0.05)) for x in (-0.2, 0.2)]
     if divided:

@@ -76,5 +76,5 @@ class RobosuiteTask(ArmAtTable):
 def down(
     pos: np.ndarray, yaw: float, gripper: float, duration_s: float, hold_s: float = 0.0, tip: float = 0.0
 ) -> Waypoint:
-    """Returns a waypoint of a hand that points straight down, or ahead by ``tip`` rad where that is negative."""
+    """Returns a waypoint of a hand that points straight down, or ahead by a negative ``tip``, rad."""
     return way(pos, yaw, gripper, duration_s, hold_s, UPRIGHT_PITCH_RAD + tip)
