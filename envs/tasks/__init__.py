@@ -76,7 +76,7 @@ for _name, _target, _summary in (
 for _name, _target, _summary in (
     ("Lift", "cubes", "grasp a cube and lift it off the table"),
     ("Stack", "cubes", "put a small cube on a larger one and let go of it"),
-    ("Door", "door", "pull a door open by its handle"),
+    ("Door", "door", "turn the handle of a door and pull the door open"),
     ("PickPlaceCan", "pick_place", "put a can into its compartment of the other bin"),
     ("PickPlaceMilk", "pick_place", "put a milk carton into its compartment of the other bin"),
     ("PickPlaceBread", "pick_place", "put a loaf of bread into its compartment of the other bin"),

@@ -1,6 +1,6 @@
-"""Door, after robosuite 1.5.1 (``environments/manipulation/door.py``, ``models/assets/objects/door.xml``, MIT).
+"""Door, after robosuite 1.5.1 (``manipulation/door.py``, ``models/assets/objects/door.xml``, MIT).
 
-Sizes, joints and masses are those of the files of its door; the door is made of the same shapes, without their
+Sizes, joints and masses are those of the files of its door; ours is made of the same shapes, without their
 textures. The reward is robosuite's.
 """
 
@@ -44,6 +44,13 @@ HOOK_M = 0.115
 
 TOUCHING_M = 0.026
 """Distance of a fingertip's middle from the bar's when it touches its back: half of each one's width."""
+
+PRESS_M, PRESS_Y_M, PRESS_OFFSET_M = 0.11, -0.107, 0.03
+"""Where a fingertip presses the bar: along it, across it, and above its middle."""
+
+PRESSED_RAD, PULLED_RAD, UNLOCKED_RAD, LEAN_RAD = 1.3, 0.36, 0.1, -0.6
+"""Turn of the handle that frees the bolt, angle to which the door is drawn then, angle from which the handle
+is hooked instead, and lean of the hand away from the panel."""
 
 _SIDE: Quat = (float(np.sqrt(0.5)), 0.0, 0.0, -float(np.sqrt(0.5)))
 """The panel's frame in the door's: turned by -90° about z."""
@@ -98,10 +105,10 @@ def door(latch: bool) -> ObjectCfg:
 
 @dataclass(frozen=True, kw_only=True)
 class Door(RobosuiteTask):
-    """Open a door by its handle.
+    """Turn the handle of a door and pull the door open.
 
     Attributes:
-        latch: Whether the handle has to be turned first.
+        latch: Whether the handle has to be turned first, as in robosuite by default.
         spawn_x_m: Range of the door along x, from the middle of the table.
         spawn_y_m: Likewise along y.
         yaw_rad: Range of its turn.
@@ -111,8 +118,8 @@ class Door(RobosuiteTask):
     name: ClassVar[str] = "Door"
     instructions: ClassVar[tuple[str, ...]] = (
         "open the door",
-        "pull the door open by its handle",
-        "reach for the door handle and pull",
+        "turn the door handle and pull the door open",
+        "open the door by its handle",
     )
     max_episode_steps: ClassVar[int] = 250
     table: ClassVar[TableCfg] = TableCfg(
@@ -120,7 +127,7 @@ class Door(RobosuiteTask):
     )
     camera: ClassVar[CameraCfg] = dataclasses.replace(FRONT_CAMERA, look_at=(-0.2, -0.15, 0.3), fovy_deg=40.0)
 
-    latch: bool = False
+    latch: bool = True
     spawn_x_m: tuple[float, float] = (0.07, 0.09)
     spawn_y_m: tuple[float, float] = (-0.01, 0.01)
     yaw_rad: tuple[float, float] = (-np.pi / 2 - 0.25, -np.pi / 2)
@@ -161,6 +168,8 @@ class Door(RobosuiteTask):
         item = state.objects["door"]
         now = float(item.joint_pos[0, 0])
         turn = heading(item)
+        if self.latch and now < UNLOCKED_RAD:
+            return self._unlock(state, rng)
         along, shut = HOOK_M + rng.uniform(-0.01, 0.01), GRASP_CLOSED_M
 
         def at(angle: float, back_m: float, up_m: float, duration_s: float, side_m: float = 0.0) -> Waypoint:
@@ -182,8 +191,39 @@ class Door(RobosuiteTask):
             *(at(angle, pull, 0.0, 0.4 * pace) for angle in angles),
         ]
 
+    def _unlock(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
+        """Returns the way to press the handle down by its bar, and to draw the door with it by friction."""
+        item, shut = state.objects["door"], GRASP_CLOSED_M
+        turn, now = heading(item) + np.pi / 2, float(item.joint_pos[0, 0])
+        reach, pace = PRESS_M + rng.uniform(-0.005, 0.005), rng.uniform(0.9, 1.1)
+
+        def at(
+            handle: float, angle: float, duration_s: float, away_m: float = 0.0, hold_s: float = 0.0
+        ) -> Waypoint:
+            """A fingertip on the bar of a handle turned by ``handle``, or ``away_m`` from it."""
+            cos, sin = np.cos(handle), np.sin(handle)
+            off = PRESS_OFFSET_M + away_m
+            local = np.array(LATCH_M) + np.array(
+                [reach * cos + off * sin, PRESS_Y_M, off * cos - reach * sin]
+            )
+            pos = self._in_world(state, local, angle)
+            return dataclasses.replace(down(pos, turn + angle, shut, duration_s, hold_s), roll=LEAN_RAD)
+
+        noise = np.array(
+            [*rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=0.025), 2), rng.uniform(0.0, 0.02)]
+        )
+        over = at(0.0, now, 1.2, 0.1)
+        return [
+            *self.lift_off(state, 0.4),
+            *approach(dataclasses.replace(over, pos=over.pos + noise), rng, 0.01),
+            at(0.0, now, 0.4, 0.04),
+            at(0.0, now, 0.4),
+            *(at(handle, now, 0.3 * pace) for handle in np.linspace(0.0, PRESSED_RAD, 6)[1:].tolist()),
+            *(at(PRESSED_RAD, angle, 0.5 * pace) for angle in np.linspace(now, PULLED_RAD, 8)[1:].tolist()),
+        ]
+
     def _in_world(self, state: State, local: np.ndarray, angle: float) -> np.ndarray:
-        """Returns a point (3,) of the panel's frame when the door is open by an angle, of a state of one row."""
+        """Returns a point (3,) of the panel's frame when the door is open by an angle, in the world, m."""
         item = state.objects["door"]
         from_hinge = local - np.array([DOOR_M, 0.0, 0.0])
         turned = rotate(multiply(np.array(_SIDE), from_yaw(angle)), from_hinge) + np.array([*HINGE_M, 0.0])
