@@ -149,9 +149,14 @@ def class_text(cls: type[Task]) -> str:
 
 
 def options(cls: type[Task]) -> dict[str, str]:
-    """Returns the options of a task, its dataclass's fields, with what its docstring says of each."""
-    text = (inspect.getdoc(cls) or "").partition("Attributes:\n")[2]
-    found = dict(re.findall(r"^ {4}(\w+): (.+(?:\n {8,}.+)*)", text, re.MULTILINE))
+    """Returns the options of a task, its dataclass's fields, with what its docstring says of each.
+
+    A field of a base class is described there.
+    """
+    found: dict[str, str] = {}
+    for base in reversed(cls.__mro__):
+        text = inspect.cleandoc(base.__doc__ or "").partition("Attributes:\n")[2]
+        found |= dict(re.findall(r"^ {4}(\w+): (.+(?:\n {8,}.+)*)", text, re.MULTILINE))
     fields = getattr(cls, "__dataclass_fields__", {})
     return {
         name: f"{found.get(name, '')} Default: `{field.default}`."

@@ -56,6 +56,8 @@ class ArmAtTable(Task):
     robot: ClassVar[RobotCfg] = FRANKA_AT_TABLE
     camera: ClassVar[CameraCfg] = FRONT_CAMERA
     table: ClassVar[TableCfg] = TableCfg(pos=(-0.12, 0.0, 0.0), half_size=(0.8, 0.8))
+    down_pitch_rad: ClassVar[float] = 0.0
+    """Pitch, in a waypoint, of a hand that points straight down."""
 
     qpos_noise_rad: float = 0.02
 
@@ -117,7 +119,8 @@ class ArmAtTable(Task):
         if hand[2] >= height_m:
             return []
         up = np.array([hand[0], hand[1], height_m + 0.01])
-        return [way(up, hand_yaw(self.arm(state)), GRASP_OPEN_M, 0.4 + 2.0 * float(up[2] - hand[2]))]
+        rise_s = 0.4 + 2.0 * float(up[2] - hand[2])
+        return [way(up, hand_yaw(self.arm(state)), GRASP_OPEN_M, rise_s, pitch=self.down_pitch_rad)]
 
 
 @cache

@@ -14,6 +14,12 @@ from envs.state import EntityState
 GRASP_OPEN_M, GRASP_CLOSED_M = 0.04, 0.0
 """Targets of each Franka finger."""
 
+PRESS_M = 1e-3
+"""How far fingers that hold something are kept from their targets, both together."""
+
+DENSITY_KG_M3 = 1000.0
+"""Default of ManiSkill's and of robosuite's shapes."""
+
 STATIC_SPEED_RAD_S = 0.2
 """ManiSkill 3's limit of every arm joint of a robot that is still (``agents/robots/panda/panda.py``)."""
 
@@ -92,6 +98,27 @@ def grips_something(robot: EntityState, min_gap_m: float) -> Tensor:
 def distance(a: Tensor, b: Tensor) -> Tensor:
     """Returns the Euclidean distance of points (N, 3), (N,)."""
     return norm(a - b)
+
+
+def flat_distance(a: Tensor, b: Tensor) -> Tensor:
+    """Returns the level distance of points (N, 3), (N,)."""
+    return norm((a - b)[:, :2])
+
+
+def is_held(robot: EntityState, point: Tensor, reach_m: float, width_m: float) -> Tensor:
+    """Returns whether closing fingers are kept apart by something at a point, (N,).
+
+    ManiSkill and robosuite read contacts instead.
+
+    Args:
+        robot: A Franka.
+        point: Where the thing would be gripped, (N, 3), m.
+        reach_m: Largest distance of the end effector from there.
+        width_m: Width of the thing between the fingers.
+    """
+    assert robot.joint_target is not None, "a simulator gives every robot's targets"
+    gap, target = finger_gap(robot), robot.joint_target[:, 7:9].sum(-1)
+    return (distance(ee_pos(robot), point) < reach_m) & (target < gap - PRESS_M) & (gap > 0.75 * width_m)
 
 
 def nearness(distance_m: Tensor, scale: float = 5.0) -> Tensor:

@@ -5,12 +5,9 @@ from torch import Tensor
 from envs.array_ops import norm
 from envs.scenario import GeomCfg, ObjectCfg, Rgba
 from envs.state import EntityState
-from envs.tasks.tabletop import finger_gap
+from envs.tasks.tabletop import DENSITY_KG_M3
 
 CUBE_HALF_SIZE_M = 0.02
-DENSITY_KG_M3 = 1000.0
-"""ManiSkill's default."""
-
 BLUE: Rgba = (12 / 255, 42 / 255, 160 / 255, 1.0)
 RED: Rgba = (0.85, 0.08, 0.08, 1.0)
 GREEN: Rgba = (0.08, 0.7, 0.12, 1.0)
@@ -21,9 +18,6 @@ GOAL_Z_M = 1e-3
 
 STATIC_SPEED_M_S, STATIC_SPEED_RAD_S = 1e-2, 0.5
 """Limits of an object that is still (``utils/structs/actor.py``, ``is_static``)."""
-
-PRESS_M = 1e-3
-"""How far fingers that hold something are kept from their targets, both together."""
 
 _RINGS = 5
 
@@ -41,7 +35,7 @@ def box(
 
 def cube(name: str, half_m: float, rgba: Rgba) -> ObjectCfg:
     """Returns a cube on the table."""
-    return ObjectCfg(name=name, geoms=(box((half_m,) * 3, rgba),), pos=(0.0, 0.0, half_m))
+    return ObjectCfg(name=name, geoms=(box((half_m, half_m, half_m), rgba),), pos=(0.0, 0.0, half_m))
 
 
 def target(name: str, radius_m: float) -> ObjectCfg:
@@ -58,27 +52,6 @@ def target(name: str, radius_m: float) -> ObjectCfg:
     return ObjectCfg(name=name, geoms=rings, pos=(0.0, 0.0, GOAL_Z_M), kind="marker")
 
 
-def flat_distance(a: Tensor, b: Tensor) -> Tensor:
-    """Returns the horizontal distance of points (N, 3), (N,), m."""
-    return norm((a - b)[:, :2])
-
-
 def is_still(item: EntityState) -> Tensor:
     """Returns whether an object is still, (N,)."""
     return (norm(item.lin_vel) <= STATIC_SPEED_M_S) & (norm(item.ang_vel) <= STATIC_SPEED_RAD_S)
-
-
-def is_held(robot: EntityState, point: Tensor, reach_m: float, width_m: float) -> Tensor:
-    """Returns whether closing fingers are kept apart by something ``width_m`` wide at a point, (N,).
-
-    ManiSkill reads contact forces instead, which a state does not have.
-
-    Args:
-        robot: The robot.
-        point: Where it would be gripped, (N, 3), m.
-        reach_m: Largest distance of the end effector from there.
-        width_m: Its width between the fingers.
-    """
-    assert robot.ee_pos is not None and robot.joint_target is not None, "a simulator gives both"
-    gap, target = finger_gap(robot), robot.joint_target[:, 7:9].sum(-1)
-    return (norm(robot.ee_pos - point) < reach_m) & (target < gap - PRESS_M) & (gap > 0.75 * width_m)

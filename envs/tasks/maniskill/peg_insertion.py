@@ -19,7 +19,6 @@ from envs.rotations import conjugate, from_yaw, rotate
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Rgba
 from envs.state import EntityState, State
 from envs.tasks.arm_at_table import ArmAtTable, Start, heading, point, travel_s, way
-from envs.tasks.maniskill.parts import is_held
 from envs.tasks.maniskill.pegs import on_peg, peg
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
@@ -28,6 +27,7 @@ from envs.tasks.tabletop import (
     distance,
     ee_pos,
     hand_yaw,
+    is_held,
     nearness,
 )
 

@@ -17,25 +17,17 @@ from envs.rotations import rotate, yaw_of
 from envs.scenario import CameraCfg, ObjectCfg, Rgba
 from envs.state import EntityState, State
 from envs.tasks.arm_at_table import ArmAtTable, Start, above, heading, point, tip_to_reach, travel_s, way
-from envs.tasks.maniskill.parts import (
-    BLUE,
-    CUBE_HALF_SIZE_M,
-    GOAL_Z_M,
-    RED,
-    box,
-    cube,
-    flat_distance,
-    is_held,
-    target,
-)
+from envs.tasks.maniskill.parts import BLUE, CUBE_HALF_SIZE_M, GOAL_Z_M, RED, box, cube, target
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
     GRASP_CLOSED_M,
     GRASP_OPEN_M,
     distance,
     ee_pos,
+    flat_distance,
     hand_pitch,
     hand_yaw,
+    is_held,
     nearness,
 )
 

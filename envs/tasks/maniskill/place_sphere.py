@@ -15,20 +15,16 @@ from envs.kinematics.waypoints import Waypoint, approach, correction_s, miss
 from envs.scenario import GeomCfg, ObjectCfg, Rgba
 from envs.state import State
 from envs.tasks.arm_at_table import ArmAtTable, Start, above, point, travel_s, way
-from envs.tasks.maniskill.parts import (
-    BLUE,
-    DENSITY_KG_M3,
-    STATIC_SPEED_M_S,
-    STATIC_SPEED_RAD_S,
-    flat_distance,
-    is_held,
-)
+from envs.tasks.maniskill.parts import BLUE, STATIC_SPEED_M_S, STATIC_SPEED_RAD_S
 from envs.tasks.tabletop import (
+    DENSITY_KG_M3,
     GRASP_CLOSED_M,
     GRASP_OPEN_M,
     distance,
     ee_pos,
     finger_gap,
+    flat_distance,
+    is_held,
     nearness,
 )
 

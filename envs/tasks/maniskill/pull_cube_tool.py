@@ -25,21 +25,15 @@ from envs.tasks.arm_at_table import (
     travel_s,
     way,
 )
-from envs.tasks.maniskill.parts import (
-    BLUE,
-    CUBE_HALF_SIZE_M,
-    RED,
-    box,
-    cube,
-    flat_distance,
-    is_held,
-)
+from envs.tasks.maniskill.parts import BLUE, CUBE_HALF_SIZE_M, RED, box, cube
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
     GRASP_CLOSED_M,
     GRASP_OPEN_M,
     distance,
     ee_pos,
+    flat_distance,
+    is_held,
     nearness,
 )
 

@@ -14,8 +14,8 @@ from envs.kinematics.waypoints import Waypoint, approach, miss
 from envs.scenario import CameraCfg, ObjectCfg
 from envs.state import State
 from envs.tasks.arm_at_table import ArmAtTable, Start, point, way
-from envs.tasks.maniskill.parts import BLUE, CUBE_HALF_SIZE_M, GOAL_Z_M, cube, flat_distance, target
-from envs.tasks.tabletop import FRONT_CAMERA, GRASP_CLOSED_M, distance, ee_pos, nearness
+from envs.tasks.maniskill.parts import BLUE, CUBE_HALF_SIZE_M, GOAL_Z_M, cube, target
+from envs.tasks.tabletop import FRONT_CAMERA, GRASP_CLOSED_M, distance, ee_pos, flat_distance, nearness
 
 FINGER_HALF_WIDTH_M = 0.011
 """Half of a fingertip, across the direction in which the fingers close."""

@@ -16,14 +16,16 @@ from envs.rotations import from_yaw
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, RobotCfg, TableCfg
 from envs.state import State
 from envs.tasks.arm_at_table import ArmAtTable, Start, above, point, travel_s, way
-from envs.tasks.maniskill.parts import BLUE, DENSITY_KG_M3, GOAL_Z_M, flat_distance, target
+from envs.tasks.maniskill.parts import BLUE, GOAL_Z_M, target
 from envs.tasks.tabletop import (
+    DENSITY_KG_M3,
     FRANKA_AT_TABLE,
     FRONT_CAMERA,
     GRASP_CLOSED_M,
     GRASP_OPEN_M,
     distance,
     ee_pos,
+    flat_distance,
     nearness,
 )
 

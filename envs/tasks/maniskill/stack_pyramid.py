@@ -15,23 +15,16 @@ from envs.kinematics.waypoints import Waypoint, approach, correction_s, grasp_ya
 from envs.scenario import CameraCfg, ObjectCfg
 from envs.state import EntityState, State
 from envs.tasks.arm_at_table import ArmAtTable, Start, above, heading, point, travel_s, way
-from envs.tasks.maniskill.parts import (
-    BLUE,
-    CUBE_HALF_SIZE_M,
-    GREEN,
-    RED,
-    cube,
-    flat_distance,
-    is_held,
-    is_still,
-)
+from envs.tasks.maniskill.parts import BLUE, CUBE_HALF_SIZE_M, GREEN, RED, cube, is_still
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
     GRASP_CLOSED_M,
     distance,
     ee_pos,
     finger_gap,
+    flat_distance,
     hand_yaw,
+    is_held,
     nearness,
 )
 

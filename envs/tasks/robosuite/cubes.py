@@ -16,14 +16,16 @@ from envs.kinematics.waypoints import Waypoint, approach, correction_s, grasp_ya
 from envs.scenario import GeomCfg, ObjectCfg, Rgba
 from envs.state import EntityState, State
 from envs.tasks.arm_at_table import Start, above, heading, point, travel_s
-from envs.tasks.maniskill.parts import DENSITY_KG_M3, flat_distance
 from envs.tasks.robosuite.scene import RobosuiteTask, down, pedestal
 from envs.tasks.tabletop import (
+    DENSITY_KG_M3,
     GRASP_CLOSED_M,
     GRASP_OPEN_M,
     distance,
     ee_pos,
+    flat_distance,
     hand_yaw,
+    is_held,
     nearness,
 )
 
@@ -82,7 +84,7 @@ class Lift(RobosuiteTask):
     def reward(self, state: State) -> Tensor:
         """Returns robosuite's: nearness of the hand, and 0.25 for a grasp; over 2.25."""
         cube = state.objects["cube"]
-        held = self.held(state, cube, GRASP_REACH_M, 2 * self.cube_half_size_m)
+        held = is_held(self.arm(state), cube.pos, GRASP_REACH_M, 2 * self.cube_half_size_m)
         return (nearness(distance(ee_pos(self.arm(state)), cube.pos), 10.0) + 0.25 * held) / 2.25
 
     @override
@@ -100,7 +102,7 @@ class Lift(RobosuiteTask):
         hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
         turn_s = 0.7 + 0.3 * abs(turn - hand_yaw(self.arm(state)))
         return [
-            *self.lift_off(state, 0.08),
+            *self.rise(state, 0.08),
             *approach(down(start + noise, turn, hold, turn_s), rng),
             down(start, turn, hold, 0.4, hold_s=0.1),
             down(start, turn, grip, 0.25),
@@ -196,7 +198,7 @@ class Stack(RobosuiteTask):
         lift = np.array([*start[:2], near[2]])
         turn_s = 0.7 + 0.3 * abs(turn - hand_yaw(self.arm(state)))
         return [
-            *self.lift_off(state, 0.1),
+            *self.rise(state, 0.1),
             *approach(down(start + noise, turn, hold, turn_s), rng, DETOUR_M),
             down(start, turn, hold, 0.5, hold_s=0.1),
             down(start, turn, grip, 0.25),
@@ -209,4 +211,4 @@ class Stack(RobosuiteTask):
         ]
 
     def _held(self, state: State, item: EntityState) -> Array:
-        return self.held(state, item, GRASP_REACH_M, 2 * self.cube_a_half_size_m)
+        return is_held(self.arm(state), item.pos, GRASP_REACH_M, 2 * self.cube_a_half_size_m)

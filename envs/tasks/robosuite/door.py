@@ -184,7 +184,7 @@ class Door(RobosuiteTask):
         pace = rng.uniform(0.9, 1.1)
         angles = np.linspace(now, self.open_rad + 0.08, 5)[1:].tolist()
         return [
-            *self.lift_off(state, 0.4),
+            *self.rise(state, 0.4),
             *approach(at(now, free + off, 0.12, 1.2, side), rng, 0.01),
             at(now, free, 0.12, 0.4),
             at(now, free, 0.0, 0.6),
@@ -214,7 +214,7 @@ class Door(RobosuiteTask):
         )
         over = at(0.0, now, 1.2, 0.1)
         return [
-            *self.lift_off(state, 0.4),
+            *self.rise(state, 0.4),
             *approach(dataclasses.replace(over, pos=over.pos + noise), rng, 0.01),
             at(0.0, now, 0.4, 0.04),
             at(0.0, now, 0.4),

@@ -25,6 +25,7 @@ from envs.tasks.tabletop import (
     distance,
     ee_pos,
     hand_yaw,
+    is_held,
     nearness,
 )
 
@@ -36,18 +37,6 @@ FLOOR_M = 0.04
 
 BIN_1, BIN_2 = (0.1, -0.25, 0.02), (0.1, 0.28, 0.02)
 """Middle of each bin's floor."""
-
-BIN_SIZE_M = (0.39, 0.49)
-"""``table_full_size``: length and width of a bin in the success rule."""
-
-MARGIN_M = 0.05
-"""Distance of the objects' starts from the ends of that size."""
-
-DEPTH_M = 0.1
-"""Height range of a success, from the middle of the floor."""
-
-FAR_ENOUGH = 0.6
-"""Success takes ``1 - tanh(10 d)`` below this, for the distance d from the hand to the object."""
 
 REACH_REWARD, GRASP_REWARD, LIFT_REWARD, HOVER_REWARD = 0.1, 0.35, 0.5, 0.7
 LIFT_TARGET_M = 0.27
@@ -133,7 +122,10 @@ class PickPlaceSingle(RobosuiteTask):
     """One object that has to go from the first bin into its compartment of the second.
 
     Attributes:
-        qpos_noise_rad: Standard deviation of each arm joint's start.
+        bin_size_m: Length and width of a bin in the success rule (``table_full_size``).
+        margin_m: Distance of the object's start from the ends of that size, beside its own radius.
+        depth_m: Height range of a success, from the middle of the bin's floor.
+        near_most: Success takes ``1 - tanh(10 d)`` below this, for the distance d from hand to object.
     """
 
     max_episode_steps: ClassVar[int] = 250
@@ -141,6 +133,11 @@ class PickPlaceSingle(RobosuiteTask):
     robot: ClassVar[RobotCfg] = panda(-0.5, -0.1, GROUND_M)
     table: ClassVar[TableCfg] = TableCfg(pos=(0.1, 0.0, 0.0), half_size=(0.35, 0.65), height_m=GROUND_M)
     camera: ClassVar[CameraCfg] = dataclasses.replace(FRONT_CAMERA, look_at=(0.0, 0.0, 0.1), fovy_deg=46.0)
+
+    bin_size_m: tuple[float, float] = (0.39, 0.49)
+    margin_m: float = 0.05
+    depth_m: float = 0.1
+    near_most: float = 0.6
 
     @property
     @override
@@ -161,15 +158,15 @@ class PickPlaceSingle(RobosuiteTask):
 
     @override
     def starts(self, rng: np.random.Generator) -> dict[str, Start]:
-        room = np.array(BIN_SIZE_M) / 2 - MARGIN_M - self.good.radius_m
+        room = np.array(self.bin_size_m) / 2 - self.margin_m - self.good.radius_m
         x, y = BIN_1[:2] + rng.uniform(-room, room)
         return {self.good.name: Start((x, y, FLOOR_M + self.good.bottom_m), rng.uniform(-np.pi, np.pi))}
 
     @override
     def success(self, state: State) -> Tensor:
         pos = state.objects[self.good.name].pos
-        away = nearness(distance(ee_pos(self.arm(state)), pos), 10.0) < FAR_ENOUGH
-        low = (pos[:, 2] > BIN_2[2]) & (pos[:, 2] < BIN_2[2] + DEPTH_M)
+        away = nearness(distance(ee_pos(self.arm(state)), pos), 10.0) < self.near_most
+        low = (pos[:, 2] > BIN_2[2]) & (pos[:, 2] < BIN_2[2] + self.depth_m)
         return self._over_goal(pos) & low & away
 
     @override
@@ -177,7 +174,7 @@ class PickPlaceSingle(RobosuiteTask):
         """Returns robosuite's: the largest of reach, grasp, lift, and hover over the compartment."""
         item, robot = state.objects[self.good.name], self.arm(state)
         reach = REACH_REWARD * nearness(distance(ee_pos(robot), item.pos), 10.0)
-        held = self.held(state, item, GRASP_REACH_M, self.good.width_m)
+        held = is_held(robot, item.pos, GRASP_REACH_M, self.good.width_m)
         high = nearness(at_least(LIFT_TARGET_M - item.pos[:, 2], 0.0), 15.0)
         lift = held * (GRASP_REWARD + (LIFT_REWARD - GRASP_REWARD) * high)
         off = norm(item.pos[:, :2] - constant(self._goal, item.pos))
@@ -203,7 +200,7 @@ class PickPlaceSingle(RobosuiteTask):
             turn = (turn + good.turns_rad / 2) % good.turns_rad - good.turns_rad / 2
         # Where the compartment is nearest to the robot, but for the object's own size.
         edge = 0.02 + good.radius_m
-        low = np.array(BIN_2[:2]) - (np.array(BIN_SIZE_M) / 2) * (1 - np.array(good.corner))
+        low = np.array(BIN_2[:2]) - (np.array(self.bin_size_m) / 2) * (1 - np.array(good.corner))
         near_corner = low + edge + np.array([rng.uniform(0.0, 0.02), rng.uniform(0.0, 0.02)])
         drop = np.array([*near_corner, CARRY_M + good.bottom_m + good.grip_m])
         tip = tip_to_reach(drop, self.robot)
@@ -218,7 +215,7 @@ class PickPlaceSingle(RobosuiteTask):
         over = above(point(item), good.top_m + 0.035)
         turn_s = 0.9 + 0.3 * abs(turn - hand_yaw(self.arm(state)))
         return [
-            *self.lift_off(state, 0.22),
+            *self.rise(state, 0.22),
             *approach(down(over + noise, turn, hold, turn_s), rng, 0.02),
             down(over, turn, hold, 0.3),
             down(start, turn, hold, 0.6, hold_s=0.1),
@@ -234,13 +231,13 @@ class PickPlaceSingle(RobosuiteTask):
     @property
     def _goal(self) -> tuple[float, float]:
         """Middle of the compartment."""
-        x, y = (BIN_2[axis] + BIN_SIZE_M[axis] / 4 * (2 * self.good.corner[axis] - 1) for axis in (0, 1))
+        x, y = (BIN_2[axis] + self.bin_size_m[axis] / 4 * (2 * self.good.corner[axis] - 1) for axis in (0, 1))
         return x, y
 
     def _over_goal(self, pos: Array) -> Array:
         """Returns whether an object is over its compartment, (N,)."""
         off = abs(pos[:, :2] - constant(self._goal, pos))
-        return (off[:, 0] < BIN_SIZE_M[0] / 4) & (off[:, 1] < BIN_SIZE_M[1] / 4)
+        return (off[:, 0] < self.bin_size_m[0] / 4) & (off[:, 1] < self.bin_size_m[1] / 4)
 
 
 def _bin(name: str, pos: tuple[float, float, float], rgba: Rgba, *, divided: bool = False) -> ObjectCfg:

@@ -9,10 +9,8 @@ import numpy as np
 from envs.kinematics.waypoints import Waypoint
 from envs.robots.franka import FRANKA
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Rgba, RobotCfg, TableCfg
-from envs.state import EntityState, State
 from envs.tasks.arm_at_table import ArmAtTable, way
-from envs.tasks.maniskill.parts import is_held
-from envs.tasks.tabletop import FRONT_CAMERA, GRASP_OPEN_M, ee_pos, hand_yaw
+from envs.tasks.tabletop import FRONT_CAMERA, GRASP_OPEN_M
 
 TABLE_HEIGHT_M = 0.8
 """robosuite's ``table_offset``."""
@@ -50,27 +48,12 @@ PANDA_AT_TABLE = panda(-0.56)
 
 @dataclass(frozen=True, kw_only=True)
 class RobosuiteTask(ArmAtTable):
-    """A task of robosuite's table arena.
-
-    Attributes:
-        qpos_noise_rad: Standard deviation of each arm joint's start.
-    """
+    """A task of robosuite's table arena."""
 
     robot: ClassVar[RobotCfg] = PANDA_AT_TABLE
     table: ClassVar[TableCfg] = TableCfg(half_size=(0.4, 0.4), height_m=TABLE_HEIGHT_M)
     camera: ClassVar[CameraCfg] = FRONT_CAMERA
-
-    def lift_off(self, state: State, height_m: float) -> list[Waypoint]:
-        """Returns the way straight up with an open hand, of a state of one row; none if it is high enough."""
-        hand = ee_pos(self.arm(state))[0].numpy()
-        if hand[2] >= height_m:
-            return []
-        up = np.array([hand[0], hand[1], height_m + 0.01])
-        return [down(up, hand_yaw(self.arm(state)), GRASP_OPEN_M, 0.4 + 2.0 * float(up[2] - hand[2]))]
-
-    def held(self, state: State, item: EntityState, reach_m: float, width_m: float):
-        """Returns whether the fingers hold something; robosuite reads contacts, see :func:`is_held`."""
-        return is_held(self.arm(state), item.pos, reach_m, width_m)
+    down_pitch_rad: ClassVar[float] = UPRIGHT_PITCH_RAD
 
 
 def down(
