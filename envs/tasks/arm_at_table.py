@@ -1,14 +1,16 @@
 """Base of tasks of one Panda at a table whose episodes begin with objects at random places."""
 
+import math
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
-from typing import ClassVar, NamedTuple, override
+from typing import Any, ClassVar, NamedTuple, override
 
 import numpy as np
 import torch
 
+from envs.core.errors import ConfigError
 from envs.kinematics.forward import KinematicChain
 from envs.kinematics.waypoints import Waypoint
 from envs.rotations import conjugate, from_matrix, from_yaw, multiply, to_euler, yaw_of
@@ -60,6 +62,10 @@ class ArmAtTable(Task):
     """Pitch, in a waypoint, of a hand that points straight down."""
 
     qpos_noise_rad: float = 0.02
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            _check_option(f"task_kwargs.{item.name}", getattr(self, item.name), item.default)
 
     @property
     @abstractmethod
@@ -121,6 +127,29 @@ class ArmAtTable(Task):
         up = np.array([hand[0], hand[1], height_m + 0.01])
         rise_s = 0.4 + 2.0 * float(up[2] - hand[2])
         return [way(up, hand_yaw(self.arm(state)), GRASP_OPEN_M, rise_s, pitch=self.down_pitch_rad)]
+
+
+def _check_option(key: str, value: Any, default: Any) -> None:
+    """Checks a size, a range or a switch of a task against its default.
+
+    Raises:
+        ConfigError: if it is of another kind, if a single number is negative, or if a range is reversed.
+    """
+    if isinstance(default, bool):
+        if not isinstance(value, bool):
+            raise ConfigError(f"{key} is true or false, given {value!r}.")
+        return
+    count = len(default) if isinstance(default, tuple) else 1
+    numbers = list(value) if isinstance(value, Sequence) and not isinstance(value, str) else [value]
+    valid = len(numbers) == count and all(
+        isinstance(number, int | float) and not isinstance(number, bool) and math.isfinite(number)
+        for number in numbers
+    )
+    if not valid or (count == 1 and numbers[0] < 0):
+        what = f"{count} numbers, such as {list(default)}" if count > 1 else "a number of at least 0"
+        raise ConfigError(f"{key} is {what}, given {value!r}.")
+    if key.endswith(("_x_m", "_y_m", "yaw_rad")) and count == 2 and numbers[0] > numbers[1]:
+        raise ConfigError(f"{key} is a range, from the lower to the higher number, given {value!r}.")
 
 
 @cache

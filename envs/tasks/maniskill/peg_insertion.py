@@ -90,7 +90,9 @@ class PegInsertionSide(ArmAtTable):
     box_yaw_rad: float = np.pi / 8
     depth_tolerance_m: float = 0.015
 
+    @override
     def __post_init__(self) -> None:
+        super().__post_init__()
         most = self.peg_half_length_m - self.peg_radius_m - self.clearance_m
         if not max(map(abs, self.hole_offset_m)) < most:
             raise ConfigError(
