@@ -52,13 +52,11 @@ _add(
     "floor",
     "benchmark",
 )
-_add(
-    "NutAssemblySquare",
-    "nut_assembly:NutAssemblySquare",
-    "put the square nut on its peg",
-    _ROBOSUITE,
-    "tabletop",
-)
+for _name, _summary in (
+    ("NutAssemblySquare", "put the square nut on its peg"),
+    ("NutAssemblyRound", "put the round nut on its peg"),
+):
+    _add(_name, f"nut_assembly:{_name}", _summary, _ROBOSUITE, "tabletop")
 
 for _name, _target, _summary in (
     ("PushCube", "push_and_pull", "push a cube away from the robot onto a target"),
@@ -69,6 +67,7 @@ for _name, _target, _summary in (
     ("RollBall", "roll_ball", "roll a ball over a target at the other end of the table"),
     ("PullCubeTool", "pull_cube_tool", "pull a far cube near with an L-shaped tool"),
     ("PegInsertionSide", "peg_insertion", "put a peg into the hole in the side of a box"),
+    ("PlugCharger", "plug_charger", "put the pins of a charger into a receptacle"),
     ("StackPyramid", "stack_pyramid", "put two cubes side by side and a third one on both"),
 ):
     _add(_name, f"maniskill.{_target}:{_name}", _summary, _MANISKILL, "tabletop")

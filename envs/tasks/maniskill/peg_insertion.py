@@ -14,11 +14,12 @@ from torch import Tensor
 
 from envs.array_ops import Array, concatenate, constant, largest, norm, stack, tanh
 from envs.core.errors import ConfigError
-from envs.kinematics.waypoints import Waypoint, approach, correction_s, miss
-from envs.rotations import conjugate, from_yaw, rotate
+from envs.kinematics.waypoints import Waypoint, approach, miss
+from envs.rotations import conjugate, rotate
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Rgba
 from envs.state import EntityState, State
-from envs.tasks.arm_at_table import ArmAtTable, Start, heading, point, travel_s, way
+from envs.tasks.arm_at_table import ArmAtTable, Start, heading, point, way
+from envs.tasks.maniskill.insertion import Insertion, insertion_way
 from envs.tasks.maniskill.pegs import on_peg, peg
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
@@ -44,7 +45,8 @@ READY_M = 0.02
 EXACT_M, EXACT_RAD = 1e-3, 0.012
 """Errors of the peg's pose at which the expert begins to insert it."""
 
-_NOWHERE = np.zeros(3)
+AHEAD_M = 0.005
+"""How far past the middle of the box the expert brings the peg's head."""
 
 _ORANGE: Rgba = (0.84, 0.17, 0.09, 1.0)
 _WHITE: Rgba = (0.85, 0.92, 0.94, 1.0)
@@ -190,42 +192,18 @@ class PegInsertionSide(ArmAtTable):
 
     def _insert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
         """Returns the way of a held peg to before the hole, or, from there, into it."""
-        item, box, robot = state.objects["peg"], state.objects["box"], self.arm(state)
-        hand, line, now = ee_pos(robot)[0].numpy(), heading(box), self.commanded(state)
-        spin = float((line - heading(item) + np.pi) % (2 * np.pi) - np.pi)
-        droop = float(rotate(item.rot, constant((1.0, 0.0, 0.0), item.pos))[0, 2])
-        in_hand = rotate(from_yaw(spin), hand - point(item))
-        axis = np.array([np.cos(line), np.sin(line), 0.0])
-        y, z = self.hole_offset_m
-        hole = point(box) + y * np.array([-axis[1], axis[0], 0.0]) + np.array([0.0, 0.0, z])
-
-        def at(along_m: float, duration_s: float, hold_s: float, aside: np.ndarray = _NOWHERE) -> Waypoint:
-            """The peg's middle so far along the hole: the hand is moved from where its targets are."""
-            pos = now.pos + hole + along_m * axis + in_hand + aside - hand
-            return Waypoint(
-                pos=pos,
-                yaw=now.yaw + spin,
-                pitch=now.pitch + droop,
-                roll=now.roll,
-                gripper=GRASP_CLOSED_M,
-                duration_s=duration_s,
-                hold_s=hold_s,
-            )
-
-        ready, inside = -2 * self.peg_half_length_m - READY_M, -self.peg_half_length_m + 0.005
-        left = hole + ready * axis - point(item)
-        ahead = ready - float(left @ axis)
-        off = float(np.linalg.norm(left - (left @ axis) * axis))
-        lined = off < EXACT_M and max(abs(spin), abs(droop)) < EXACT_RAD
-        if lined or ahead > ready + 1.5 * READY_M:
-            return [at(inside, 0.4 + 8.0 * (inside - ahead), 0.2)]
-        if off < 0.02:
-            return [at(ready, 0.3, 0.25)]
-        # The way first misses: the next motion demonstrates the correction.
-        aside = rng.normal(0.0, miss(rng, often_m=0.008, seldom_m=0.02), 2)
-        miss_m = np.array([aside[0], 0.0, 0.5 * abs(aside[1])])
-        way_s = travel_s(point(item), hole + ready * axis, 0.5) + 0.4 * abs(spin)
-        return [at(ready - 0.02, way_s, 0.0, miss_m), at(ready, correction_s(aside) + 0.3, 0.2)]
+        box, depth = state.objects["box"], self.peg_half_length_m - AHEAD_M
+        line, (y, z) = heading(box), self.hole_offset_m
+        hole = point(box) + y * np.array([-np.sin(line), np.cos(line), 0.0]) + np.array([0.0, 0.0, z])
+        where = Insertion(
+            item="peg",
+            goal=hole - depth * np.array([np.cos(line), np.sin(line), 0.0]),
+            line=line,
+            back_m=2 * self.peg_half_length_m + READY_M - depth,
+            exact_m=EXACT_M,
+            exact_rad=EXACT_RAD,
+        )
+        return insertion_way(self, state, where, rng)
 
     @property
     def _height(self) -> float:
