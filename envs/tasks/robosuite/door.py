@@ -1,7 +1,7 @@
 """Door, after robosuite 1.5.1 (``manipulation/door.py``, ``models/assets/objects/door.xml``, MIT).
 
 Sizes, joints and masses are those of the files of its door; ours is made of the same shapes, without their
-textures. The reward is robosuite's.
+textures. Its table is square, so that the door stands on it however it is turned. The reward is robosuite's.
 """
 
 import dataclasses
@@ -123,7 +123,7 @@ class Door(RobosuiteTask):
     )
     max_episode_steps: ClassVar[int] = 250
     table: ClassVar[TableCfg] = TableCfg(
-        pos=(-0.2, -0.35, 0.0), half_size=(0.4, 0.15), height_m=TABLE_HEIGHT_M
+        pos=(-0.2, -0.45, 0.0), half_size=(0.36, 0.36), height_m=TABLE_HEIGHT_M
     )
     camera: ClassVar[CameraCfg] = dataclasses.replace(FRONT_CAMERA, look_at=(-0.2, -0.15, 0.3), fovy_deg=40.0)
 

@@ -131,7 +131,7 @@ class PickPlaceSingle(RobosuiteTask):
     max_episode_steps: ClassVar[int] = 250
     good: ClassVar[Good]
     robot: ClassVar[RobotCfg] = panda(-0.5, -0.1, GROUND_M)
-    table: ClassVar[TableCfg] = TableCfg(pos=(0.1, 0.0, 0.0), half_size=(0.35, 0.65), height_m=GROUND_M)
+    table: ClassVar[TableCfg] = TableCfg(pos=(0.1, 0.0, 0.0), half_size=(0.75, 0.75), height_m=GROUND_M)
     camera: ClassVar[CameraCfg] = dataclasses.replace(FRONT_CAMERA, look_at=(0.0, 0.0, 0.1), fovy_deg=46.0)
 
     bin_size_m: tuple[float, float] = (0.39, 0.49)
