@@ -140,7 +140,9 @@ def _check_option(key: str, value: Any, default: Any) -> None:
             raise ConfigError(f"{key} is true or false, given {value!r}.")
         return
     count = len(default) if isinstance(default, tuple) else 1
-    numbers = list(value) if isinstance(value, Sequence) and not isinstance(value, str) else [value]
+    numbers: list[Any] = (
+        list(value) if isinstance(value, Sequence) and not isinstance(value, str) else [value]
+    )
     valid = len(numbers) == count and all(
         isinstance(number, int | float) and not isinstance(number, bool) and math.isfinite(number)
         for number in numbers

@@ -71,7 +71,7 @@ class RollBall(ArmAtTable):
     robot: ClassVar[RobotCfg] = replace(
         FRANKA_AT_TABLE, pos=(-0.1, 1.0, 0.0), rot=tuple(float(part) for part in _AHEAD)
     )
-    camera: ClassVar[CameraCfg] = replace(FRONT_CAMERA, look_at=(-0.1, 0.0, 0.1), fovy_deg=66.0)
+    camera: ClassVar[CameraCfg] = replace(FRONT_CAMERA, look_at=(-0.1, 0.06, 0.1), fovy_deg=70.0)
     table: ClassVar[TableCfg] = TableCfg(pos=(-0.12, 0.0, 0.0), half_size=(0.8, 1.3))
 
     radius_m: float = 0.035
