@@ -72,6 +72,13 @@ def test_a_stacked_cube_is_high_touches_the_other_and_is_let_go():
     assert STACK.success(state).tolist() == [False]
 
 
+@pytest.mark.parametrize(("z", "solved"), [(0.07, True), (0.0719, True), (0.0721, False)])
+def test_where_touches_are_not_known_places_decide(z, solved):
+    state = stacked(z=z)
+    state.objects["cube_a"].touched = None
+    assert STACK.success(state).tolist() == [solved]
+
+
 def test_stacks_reward_by_hand():
     """Below 4 cm 0.25 reach + 0.25 grasp, above 1 + 0.5 (1 - tanh d); over 2."""
     state = stacked(z=0.02)
