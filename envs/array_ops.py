@@ -60,6 +60,29 @@ def filled(values: Array, where: Array, value: float) -> Array:
     return values.masked_fill(where, value)  # 3× faster than torch.where
 
 
+def where(mask: Array, yes: Array, no: Array) -> Array:
+    """Returns ``yes`` where the mask is true, and ``no`` elsewhere; either may be a number."""
+    if isinstance(mask, np.ndarray):
+        return np.where(mask, yes, no)
+    import torch
+
+    return torch.where(mask, yes, no)
+
+
+def constant(values: Sequence[float], like: Array) -> Array:
+    """Returns numbers as an array of the kind, precision and device of ``like``."""
+    if isinstance(like, np.ndarray):
+        return np.asarray(values, like.dtype)
+    return like.new_tensor(tuple(values))
+
+
+def within(values: Array, least: float, most: float) -> Array:
+    """Returns the values, clipped to ``least`` and ``most``."""
+    if isinstance(values, np.ndarray):
+        return np.minimum(np.maximum(values, least), most)
+    return values.clamp(least, most)
+
+
 def to_numpy(values: Array) -> np.ndarray:
     """Returns a numpy array, copied from the device if necessary."""
     return values if isinstance(values, np.ndarray) else values.cpu().numpy()

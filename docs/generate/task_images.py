@@ -150,7 +150,10 @@ def class_text(cls: type[Task]) -> str:
 
 
 def options(cls: type[Task]) -> dict[str, str]:
-    """Returns the options of a task, its dataclass's fields, with what its docstring says of each."""
+    """Returns the options of a task, its dataclass's fields, with what its docstring says of each.
+
+    A field of a base class is described there.
+    """
     found: dict[str, str] = {}
     for base in reversed(cls.__mro__):
         text = inspect.cleandoc(base.__doc__ or "").partition("Attributes:\n")[2]

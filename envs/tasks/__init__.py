@@ -53,13 +53,36 @@ _add(
     "floor",
     "benchmark",
 )
-_add(
-    "NutAssemblySquare",
-    "nut_assembly:NutAssemblySquare",
-    "put the square nut on its peg",
-    _ROBOSUITE,
-    "tabletop",
-)
+for _name, _summary in (
+    ("NutAssemblySquare", "put the square nut on its peg"),
+    ("NutAssemblyRound", "put the round nut on its peg"),
+):
+    _add(_name, f"nut_assembly:{_name}", _summary, _ROBOSUITE, "tabletop")
+
+for _name, _target, _summary in (
+    ("PushCube", "push_and_pull", "push a cube away from the robot onto a target"),
+    ("PullCube", "push_and_pull", "pull a cube towards the robot onto a target"),
+    ("LiftPegUpright", "pegs", "stand a lying peg on its end"),
+    ("PlaceSphere", "place_sphere", "put a ball into a shallow bin and let go of it"),
+    ("PokeCube", "pegs", "push a cube onto a target with the head of a peg"),
+    ("RollBall", "roll_ball", "roll a ball over a target at the other end of the table"),
+    ("PullCubeTool", "pull_cube_tool", "pull a far cube near with an L-shaped tool"),
+    ("PegInsertionSide", "peg_insertion", "put a peg into the hole in the side of a box"),
+    ("PlugCharger", "plug_charger", "put the pins of a charger into a receptacle"),
+    ("StackPyramid", "stack_pyramid", "put two cubes side by side and a third one on both"),
+):
+    _add(_name, f"maniskill.{_target}:{_name}", _summary, _MANISKILL, "tabletop")
+
+for _name, _target, _summary in (
+    ("Lift", "cubes", "grasp a cube and lift it off the table"),
+    ("Stack", "cubes", "put a small cube on a larger one and let go of it"),
+    ("Door", "door", "turn the handle of a door and pull the door open"),
+    ("PickPlaceCan", "pick_place", "put a can into its compartment of the other bin"),
+    ("PickPlaceMilk", "pick_place", "put a milk carton into its compartment of the other bin"),
+    ("PickPlaceBread", "pick_place", "put a loaf of bread into its compartment of the other bin"),
+    ("PickPlaceCereal", "pick_place", "put a cereal box into its compartment of the other bin"),
+):
+    _add(_name, f"robosuite.{_target}:{_name}", _summary, _ROBOSUITE, "tabletop")
 
 for _name, _target, _summary in (
     ("stand", "locomotion:Stand", "stand upright and keep still for 20 s"),

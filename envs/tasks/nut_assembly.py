@@ -14,12 +14,12 @@ import torch
 from torch import Tensor
 
 from envs.kinematics.waypoints import Waypoint, approach, correction_s, miss
-from envs.robots.franka import FRANKA
 from envs.rotations import from_yaw, rotate, yaw_of
-from envs.scenario import GeomCfg, ObjectCfg, Rgba, RobotCfg, ScenarioCfg, TableCfg
+from envs.scenario import GeomCfg, ObjectCfg, RobotCfg, ScenarioCfg, TableCfg
 from envs.state import EntityState, State
 from envs.tasks.base import Task
 from envs.tasks.parameters import interval, parameter
+from envs.tasks.robosuite.scene import UPRIGHT_PITCH_RAD, panda, pedestal
 from envs.tasks.tabletop import (
     CONTROL_20_HZ,
     FRONT_CAMERA,
@@ -62,15 +62,8 @@ RELEASE_HEIGHT_M = 0.035
 YAW_RANGE_RAD = (-1.9, 3.0)
 """Turns of the hand that the wrist's joint limits leave over nuts and pegs alike."""
 
-_HOME = (0.0, np.pi / 16, 0.0, -5 * np.pi / 6, 0.0, np.pi - 0.2, np.pi / 4, GRASP_OPEN_M, GRASP_OPEN_M)
-"""``models/robots/manipulators/panda_robot.py``; fingers open."""
-
-_UPRIGHT_PITCH_RAD = (np.pi - 0.2) - np.pi / 16 - 5 * np.pi / 6
-"""Rotation of the hand from that posture, in which it is tilted by 7°, to straight down."""
-
-_ROBOT = dataclasses.replace(FRANKA, pos=(-0.56, 0.0, 0.912 - TABLE_HEIGHT_M)).with_home(_HOME)
+_ROBOT = panda(-0.56, table_height_m=TABLE_HEIGHT_M)
 _CAMERA = dataclasses.replace(FRONT_CAMERA, fovy_deg=30.0)
-_GREY: Rgba = (0.2, 0.2, 0.2, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -183,7 +176,7 @@ class NutAssembly(Task):
         )
         return ScenarioCfg(
             robots=(self.robot,),
-            objects=(*nuts, *pegs, _pedestal(self.robot)),
+            objects=(*nuts, *pegs, pedestal(self.robot)),
             cameras=(_CAMERA, wrist_camera(self.robot)),
             appearance=TABLETOP_LOOKS,
             table=TableCfg(half_size=(0.4, 0.4), height_m=TABLE_HEIGHT_M),
@@ -354,16 +347,6 @@ class NutAssemblySquare(NutAssembly):
     nuts: ClassVar[tuple[Nut, ...]] = (SQUARE_NUT,)
 
 
-def _pedestal(robot: RobotCfg) -> ObjectCfg:
-    """Returns the robot's pedestal: the visual shapes of robosuite's ``bases/rethink_mount.xml``."""
-    shapes = (
-        GeomCfg(shape="cylinder", size=(0.1, 0.3), pos=(-0.02, 0.0, -0.3), rgba=_GREY),
-        GeomCfg(shape="box", size=(0.11, 0.2, 0.265), pos=(-0.325, 0.0, -0.37), rgba=_GREY),
-        GeomCfg(shape="box", size=(0.385, 0.35, 0.155), pos=(-0.1225, 0.0, -0.748), rgba=_GREY),
-    )
-    return ObjectCfg(name="pedestal", geoms=shapes, pos=robot.pos, kind="marker")
-
-
 def _on_handle(body: EntityState, along_m: float) -> Tensor:
     """Returns the point of the nut's handle at ``along_m`` from its centre, (N, 3)."""
     return body.pos + rotate(body.rot, body.pos.new_tensor([along_m, 0.0, 0.0]).expand_as(body.pos))
@@ -376,7 +359,7 @@ def _higher(pos: np.ndarray, height_m: float) -> np.ndarray:
 def _way(pos: np.ndarray, yaw: float, gripper: float, duration_s: float, hold_s: float = 0.0) -> Waypoint:
     """Returns a waypoint of the hand that points straight down."""
     return Waypoint(
-        pos=pos, yaw=yaw, pitch=_UPRIGHT_PITCH_RAD, gripper=gripper, duration_s=duration_s, hold_s=hold_s
+        pos=pos, yaw=yaw, pitch=UPRIGHT_PITCH_RAD, gripper=gripper, duration_s=duration_s, hold_s=hold_s
     )
 
 

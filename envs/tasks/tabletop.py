@@ -8,13 +8,19 @@ from torch import Tensor
 from envs.array_ops import largest, norm, tanh
 from envs.core.errors import ConfigError
 from envs.robots.franka import FRANKA
-from envs.rotations import yaw_of
+from envs.rotations import rotate, yaw_of
 from envs.scenario import Appearance, CameraCfg, LightCfg, PhysicsCfg, RobotCfg, SurfaceMaterial
 from envs.state import EntityState
 from envs.tasks.robot_columns import columns_of
 
 GRASP_OPEN_M, GRASP_CLOSED_M = 0.04, 0.0
 """Distance of each fingertip from the middle, as in a waypoint; a robot maps it to its gripper's joints."""
+
+PRESS_M = 1e-3
+"""How far fingers that hold something are kept from their targets, both together."""
+
+DENSITY_KG_M3 = 1000.0
+"""Default of ManiSkill's and of robosuite's shapes."""
 
 STATIC_SPEED_RAD_S = 0.2
 """ManiSkill 3's limit of every arm joint of a robot that is still (``agents/robots/panda/panda.py``)."""
@@ -77,6 +83,18 @@ def hand_yaw(robot: EntityState) -> float:
     return float((turn + np.pi) % (2 * np.pi) - np.pi)
 
 
+def hand_pitch(robot: EntityState) -> float:
+    """Returns the pitch of a Franka's hand, as in a waypoint, of a state of one row, rad.
+
+    It is that of a robot whose hand points straight down at rest.
+    """
+    assert robot.ee_rot is not None, "a simulator gives every robot's end effector"
+    turn = hand_yaw(robot)
+    fingers = rotate(robot.ee_rot[0].cpu().numpy(), np.array([0.0, 0.0, 1.0]))
+    ahead = fingers[0] * np.cos(turn) + fingers[1] * np.sin(turn)
+    return -float(np.arcsin(np.clip(ahead, -1.0, 1.0)))
+
+
 def arm_speed(robot: EntityState, cfg: RobotCfg = FRANKA) -> Tensor:
     """Returns the largest speed of an arm joint, (N,), rad/s.
 
@@ -109,6 +127,29 @@ def grips_something(robot: EntityState, min_gap_m: float, cfg: RobotCfg = FRANKA
 def distance(a: Tensor, b: Tensor) -> Tensor:
     """Returns the Euclidean distance of points (N, 3), (N,)."""
     return norm(a - b)
+
+
+def flat_distance(a: Tensor, b: Tensor) -> Tensor:
+    """Returns the level distance of points (N, 3), (N,)."""
+    return norm((a - b)[:, :2])
+
+
+def is_held(
+    robot: EntityState, point: Tensor, reach_m: float, width_m: float, cfg: RobotCfg = FRANKA
+) -> Tensor:
+    """Returns whether closing fingers are kept apart by something at a point, (N,).
+
+    ManiSkill and robosuite read contacts instead.
+
+    Args:
+        robot: The robot's state.
+        point: Where the thing would be gripped, (N, 3), m.
+        reach_m: Largest distance of the end effector from there.
+        width_m: Width of the thing between the fingers.
+        cfg: The robot.
+    """
+    gap, target = finger_gap(robot, cfg), target_gap(robot, cfg)
+    return (distance(ee_pos(robot), point) < reach_m) & (target < gap - PRESS_M) & (gap > 0.75 * width_m)
 
 
 def nearness(distance_m: Tensor, scale: float = 5.0) -> Tensor:

@@ -12,6 +12,8 @@ from envs.tasks import TASKS
 LEARNED_BY_REWARD = (
     "PickCube",
     "StackCube",
+    "PushCube",
+    "Stack",
     "DrawerOpen",
     "DrawerClose",
     "DoorClose",

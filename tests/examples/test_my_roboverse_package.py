@@ -35,7 +35,7 @@ def run(installed, *words):
 def test_task_of_an_installed_package_is_listed(installed):
     done = run(installed, "list", "tasks")
     assert done.returncode == 0, done.stderr
-    assert "PushCube" in done.stdout and "from my-roboverse-package" in done.stdout
+    assert "PushCubeOverLine" in done.stdout and "from my-roboverse-package" in done.stdout
 
 
 def test_channel_and_level_of_an_installed_package_are_listed(installed):
@@ -46,7 +46,7 @@ def test_channel_and_level_of_an_installed_package_are_listed(installed):
 
 
 def test_level_of_an_installed_package_is_collected_with_its_channel(installed, tmp_path):
-    words = ("task=PushCube", "only=tinted", "collect.num_demos=2", "collect.num_workers=2")
+    words = ("task=PushCubeOverLine", "only=tinted", "collect.num_demos=2", "collect.num_workers=2")
     done = run(installed, "collect", *words, "image_size=32", f"dataset={tmp_path / 'd'}")
     assert done.returncode == 0, done.stderr
     (episodes,) = (tmp_path / "d" / "meta" / "episodes").rglob("*.parquet")
@@ -55,13 +55,18 @@ def test_level_of_an_installed_package_is_collected_with_its_channel(installed, 
 
 
 def test_unknown_channel_in_a_level_is_an_error(installed, tmp_path):
-    done = run(installed, "collect", "task=PushCube", "only=tnted", f"dataset={tmp_path / 'd'}")
+    done = run(installed, "collect", "task=PushCubeOverLine", "only=tnted", f"dataset={tmp_path / 'd'}")
     assert done.returncode == 2
     assert "Unknown channel 'tnted'. Did you mean 'tinted'?" in done.stderr
 
 
 def test_task_of_an_installed_package_is_collected_with_its_robot(installed, tmp_path):
-    words = ("task=PushCube", "task_kwargs.line_x_m=0.1", "collect.num_demos=2", "collect.num_workers=1")
+    words = (
+        "task=PushCubeOverLine",
+        "task_kwargs.line_x_m=0.1",
+        "collect.num_demos=2",
+        "collect.num_workers=1",
+    )
     done = run(installed, "collect", *words, "image_size=32", f"dataset={tmp_path / 'd'}")
     assert done.returncode == 0, done.stderr
     info = json.loads((tmp_path / "d" / "meta" / "info.json").read_text(encoding="utf-8"))
@@ -70,7 +75,7 @@ def test_task_of_an_installed_package_is_collected_with_its_robot(installed, tmp
 
 def test_policy_of_an_installed_package_trains_resumes_evaluates_and_is_on_the_board(installed, tmp_path):
     words = (
-        "train", "policy=chunk_cnn", "task=PushCube", "collect.num_demos=2", "collect.num_workers=1",
+        "train", "policy=chunk_cnn", "task=PushCubeOverLine", "collect.num_demos=2", "collect.num_workers=1",
         "image_size=32", "policy.hidden_dim=16", "policy.chunk_size=8", "train.batch_size=4",
         "train.save_every=2", "train.log_every=1", "train.schedule=constant",
         "train.num_threads=1", "evaluate.episodes=1", "levels=[0,1]", "alone=[tint,tinted]", "videos=0",
@@ -87,7 +92,7 @@ def test_policy_of_an_installed_package_trains_resumes_evaluates_and_is_on_the_b
     assert "chunk_cnn" in json.dumps(board)
     files = (tmp_path / "results").rglob("*.json")
     assert any('"only": "tinted"' in path.read_text(encoding="utf-8") for path in files)
-    out = ("task=PushCube", "levels=[3]", "evaluate.episodes=1", "videos=0", "device=cpu")
+    out = ("task=PushCubeOverLine", "levels=[3]", "evaluate.episodes=1", "videos=0", "device=cpu")
     done = run(
         installed, "evaluate", f"checkpoint={tmp_path / 'whole'}", *out, f"results_dir={tmp_path / 'r'}"
     )
@@ -95,7 +100,9 @@ def test_policy_of_an_installed_package_trains_resumes_evaluates_and_is_on_the_b
 
 
 def test_an_option_out_of_range_is_refused_by_the_task(installed, tmp_path):
-    done = run(installed, "collect", "task=PushCube", "task_kwargs.line_x_m=3", f"dataset={tmp_path / 'd'}")
+    done = run(
+        installed, "collect", "task=PushCubeOverLine", "task_kwargs.line_x_m=3", f"dataset={tmp_path / 'd'}"
+    )
     assert done.returncode == 2
     assert "task_kwargs.line_x_m must be 0.07 to 0.2, given 3" in done.stderr
     assert not (tmp_path / "d").exists()

@@ -88,9 +88,9 @@ class Scene(NamedTuple):
     Attributes:
         task: Name of our task.
         objects: Their names of objects to ours.
-        task_kwargs: Options that our task needs.
-        note: What is not the same.
-        also: Further tasks of ours that the same recordings show.
+        task_kwargs: Options that this task needs.
+        note: What of it is not the same.
+        also: Further tasks of ours that the same recordings show, as they are by default.
     """
 
     task: str
@@ -112,10 +112,12 @@ def check_scene(path: Path, name: str, scenes: Mapping[str, Scene], task: Task) 
         raise DatasetError(
             f"'{path}' holds episodes of '{name}', and no registered task is the same. Convertible: {valid}."
         )
-    tasks = " or ".join((scene.task, *scene.also))
-    words = " ".join([f"task={tasks}", *(f"task_kwargs.{k}={v}" for k, v in scene.task_kwargs.items())])
+    if task.name in scene.also:
+        return scene._replace(task_kwargs={}, note="")
+    options = [f"task_kwargs.{k}={v}" for k, v in scene.task_kwargs.items()]
+    words = " or ".join((" ".join((f"task={scene.task}", *options)), *scene.also))
     wrong = [k for k, v in scene.task_kwargs.items() if getattr(task, k, None) != v]
-    if task.name not in (scene.task, *scene.also) or wrong:
+    if task.name != scene.task or wrong:
         raise DatasetError(
             f"'{path}' holds episodes of '{name}', which is not {task.name} with these options. Give {words}."
         )

@@ -36,19 +36,22 @@ from roboverse_learn.data.sources.importer import FileSource
 _NUTS = {"SquareNut0": "square_nut", "RoundNut0": "round_nut"}
 
 SCENES = {
-    "NutAssembly": Scene("NutAssembly", _NUTS, also=("NutAssemblySquare",)),
+    "NutAssembly": Scene("NutAssembly", _NUTS, also=("NutAssemblySquare", "NutAssemblyRound")),
     "NutAssemblySquare": Scene("NutAssemblySquare", _NUTS),
+    "NutAssemblyRound": Scene("NutAssemblyRound", _NUTS),
     "Lift": Scene(
         "PickCube",
         {"cube": "cube"},
         {"variant": "lift"},
         "robosuite's Lift samples a cube of 40 to 44 mm a side; ours has 40 mm",
+        also=("Lift",),
     ),
     "Stack": Scene(
         "StackCube",
         {"cubeA": "cube_a", "cubeB": "cube_b"},
         {},
         "robosuite's lower cube has 50 mm a side; ours has 40 mm",
+        also=("Stack",),
     ),
 }
 

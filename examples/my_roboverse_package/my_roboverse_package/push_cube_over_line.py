@@ -27,14 +27,14 @@ START_M = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
-class PushCube(Task):
+class PushCubeOverLine(Task):
     """Push a cube away from the robot until its centre is behind a line.
 
     Attributes:
         line_x_m: Where the line is, along the x axis of the world.
     """
 
-    name: ClassVar[str] = "PushCube"
+    name: ClassVar[str] = "PushCubeOverLine"
     instructions: ClassVar[tuple[str, ...]] = ("push the blue cube over the line",)
     max_episode_steps: ClassVar[int] = 100
 
