@@ -74,7 +74,8 @@ class Shapeless(Broken):
     @property
     def scenario(self):
         return dataclasses.replace(
-            super().scenario, objects=(ObjectCfg(name="a", geoms=(GeomCfg(shape="bxo"),)),)
+            super().scenario,
+            objects=(ObjectCfg(name="a", geoms=(GeomCfg(shape="bxo", size=(0.1, 0.1, 0.1)),)),),
         )
 
 

@@ -75,7 +75,7 @@ def test_the_policy_trains_on_the_task(folder: Path) -> None:
 
 @pytest.mark.long
 def test_the_policy_learns_the_task_by_the_quick_preset(folder: Path) -> None:
-    words = ("train", "policy=my_cnn", "task=PushBlock", "preset=quick", "levels=[0]", "device=cpu")
+    words = ("train", "policy=my_cnn", "task=PushBlock", "preset=quick", "num_demos=150", "levels=[0]")
     said = done(folder, *words, "train.lr=1e-3", "cameras=[all]", "plugins=[push_block,my_cnn]")
     row = next(line for line in said.splitlines() if "level 0" in line and "%" in line)
     assert float(row.split("│")[2].split("%")[0]) >= 40.0, row
