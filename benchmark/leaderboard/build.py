@@ -41,6 +41,9 @@ SCHEMA_VERSION = 2
 JSON_NAME, MARKDOWN_NAME, HTML_NAME = "leaderboard.json", "leaderboard.md", "leaderboard.html"
 STUDIES_MARKDOWN_NAME, STUDIES_HTML_NAME = "studies.md", "studies.html"
 
+_NO_RESULTS = (JSON_NAME, "robots.json")
+"""Files of the folder that are no results: our own, and the table of robots and tasks."""
+
 _SHOWN_ERRORS = 10
 
 
@@ -134,7 +137,7 @@ def _load(results_dir: Path) -> list[Entry]:
         )
     entries, problems = [], []
     for path in sorted(results_dir.rglob("*.json")):
-        if path.name.startswith(".") or path == results_dir / JSON_NAME:
+        if path.name.startswith(".") or path in [results_dir / name for name in _NO_RESULTS]:
             continue
         try:
             result = read_result(path)

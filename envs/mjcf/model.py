@@ -259,8 +259,11 @@ def camera_quat(camera: CameraCfg) -> np.ndarray:
 def _add_robot(spec: mujoco.MjSpec, robot: RobotCfg, simplify: bool) -> None:
     sites = {robot.ee_site, robot.ee_site.removeprefix(GRIPPER_PREFIX)}
     arm = _load(spec, robot.mjcf, robot.root, sites, simplify, hollow=robot.hollow_meshes)
+    gripper_in_degrees = arm.compiler.degree
     if robot.gripper_mjcf is not None:
-        gripper = _load(spec, robot.gripper_mjcf, robot.gripper_root, sites, simplify)
+        # Without its equality constraints a gripper of closed loops falls apart.
+        gripper = _load(spec, robot.gripper_mjcf, robot.gripper_root, sites, simplify, equalities=True)
+        gripper_in_degrees = gripper.compiler.degree
         mount = arm.body(robot.gripper_mount)
         if mount is None:
             raise ConfigError(f"Robot '{robot.name}': '{robot.mjcf}' has no body '{robot.gripper_mount}'.")
@@ -274,7 +277,7 @@ def _add_robot(spec: mujoco.MjSpec, robot: RobotCfg, simplify: bool) -> None:
         _body_of(arm, robot, site.body).add_site(name=site.name, pos=site.pos)
     if arm.site(robot.ee_site) is None:
         _add_site_at_body(arm, robot)
-    _set_joints(arm, robot)
+    _set_joints(arm, robot, gripper_in_degrees)
     _refuse_undeclared_joints(arm, robot)
     if not robot.fixed_base:
         _free_base(arm, robot.root)
@@ -330,9 +333,10 @@ def _load(
     simplify: bool,
     *,
     hollow: bool = False,
+    equalities: bool = False,
 ) -> mujoco.MjSpec:
     """Reads one body, and what it carries, of a robot's file, with only the named sites."""
-    spec = read(scene, reference, sites)
+    spec = read(scene, reference, sites, equalities=equalities)
     body = spec.body(root)
     if body is None:
         names = [item.name for item in spec.bodies if item.name != "world"]
@@ -352,8 +356,11 @@ def _load(
     return spec
 
 
-def _set_joints(spec: mujoco.MjSpec, robot: RobotCfg) -> None:
-    """Sets each joint's range and damping, and adds the actuators of driven ones, in the robot's order."""
+def _set_joints(spec: mujoco.MjSpec, robot: RobotCfg, gripper_in_degrees: bool) -> None:
+    """Sets each joint's range and damping, and adds the actuators of driven ones, in the robot's order.
+
+    What was attached keeps the unit of angles of its own file.
+    """
     for cfg in robot.joints:
         joint = spec.joint(cfg.name)
         if joint is None:
@@ -361,7 +368,9 @@ def _set_joints(spec: mujoco.MjSpec, robot: RobotCfg) -> None:
             raise ConfigError(f"Robot '{robot.name}' has no joint '{cfg.name}'. Its joints: {valid}.")
         if cfg.flip:
             joint.axis = -np.asarray(joint.axis)
-        in_degrees = spec.compiler.degree and joint.type == mujoco.mjtJoint.mjJNT_HINGE
+        of_gripper = robot.gripper_mjcf is not None and cfg.name.startswith(GRIPPER_PREFIX)
+        degrees = gripper_in_degrees if of_gripper else spec.compiler.degree
+        in_degrees = degrees and joint.type == mujoco.mjtJoint.mjJNT_HINGE
         joint.range = np.degrees(cfg.range) if in_degrees else cfg.range
         for field in ("damping", "armature", "frictionloss"):
             value = getattr(cfg, field)

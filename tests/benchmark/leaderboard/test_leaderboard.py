@@ -91,6 +91,7 @@ def test_only_three_runs_have_an_interquartile_mean(publish, tmp_path):
         {"simulator": "sapien"},
         {"task_kwargs": {"success": "lift"}},
         {"simulator_settings": {"impratio": 5}},
+        {"robot": "ur5e"},
         {"scenario": {"cameras": {"front": {"fovy_deg": 30.0}}}},
         {"max_episode_steps": 100},
     ],
@@ -108,6 +109,13 @@ def test_a_changed_scene_is_in_the_title_and_in_the_name_of_the_section(publish,
     (section,) = leaderboard.build(tmp_path)["sections"]
     assert "(cameras.front.fovy_deg=30.0, physics.decimation=50)" in section["title"]
     assert re.fullmatch(r"v2-pickcube-mujoco-warp-scenario-[0-9a-f]{8}", section["id"])
+
+
+def test_another_robot_is_in_the_title_and_in_the_name_of_the_section(publish, tmp_path):
+    (tmp_path / "robots.json").write_text('{"cells": []}')  # a table that lies beside the results
+    publish(robot="ur5e")
+    (section,) = leaderboard.build(tmp_path)["sections"]
+    assert "(robot=ur5e)" in section["title"] and section["id"] == "v2-pickcube-robot-ur5e-mujoco-warp"
 
 
 def test_a_policy_in_another_simulator_is_a_row_of_that_simulator(publish, tmp_path):

@@ -7,8 +7,11 @@ import yaml
 
 from envs.core.errors import ConfigError, UnknownNameError
 from envs.core.plain_values import plain
+from roboverse_learn.collect import dataset_folder
+from roboverse_learn.commands.run_folder import identity, run_name
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.serialize import from_values, to_values
+from roboverse_learn.data.sources import SOURCES
 
 REQUIRED = {"evaluate": ["checkpoint=runs/x"]}
 
@@ -132,3 +135,37 @@ def test_wrong_scene_key_is_refused_before_launch(word, error, message) -> None:
 def test_one_change_is_the_same_however_it_is_written(words: list[str], others: list[str]) -> None:
     one, other = (json.dumps(to_values(compose("collect", each))) for each in (words, others))
     assert one == other
+
+
+@pytest.mark.parametrize(
+    ("words", "error", "message"),
+    [
+        (["robot=ur5"], UnknownNameError, r"Unknown robot 'ur5'\. Did you mean 'ur5e'"),
+        (["robot=ant"], ConfigError, "'ant' cannot do PickCube: it is no arm with a gripper"),
+        (["task=control/cartpole", "robot=ur5e"], ConfigError, "'cartpole', and takes no other"),
+    ],
+)
+def test_a_robot_that_cannot_do_the_task_is_refused_before_launch(words, error, message) -> None:
+    with pytest.raises(error, match=message):
+        compose("collect", words)
+
+
+def test_the_tasks_own_robot_is_no_other_dataset_and_another_robot_is() -> None:
+    own, usual, other = (compose("collect", words) for words in (["robot=franka"], [], ["robot=ur5e"]))
+    assert own == usual and dataset_folder(own) == dataset_folder(usual)
+    assert dataset_folder(other).name == f"{dataset_folder(usual).name}-robot=ur5e"
+    assert "robot" not in SOURCES.get("expert")(usual).settings()
+    assert SOURCES.get("expert")(other).settings()["robot"] == "ur5e"
+
+
+def test_a_run_without_another_robot_keeps_its_name() -> None:
+    usual, other = compose("train", []), compose("train", ["robot=ur5e"])
+    assert "robot" not in identity(usual) and identity(other)["robot"] == "ur5e"
+    assert run_name(usual) != run_name(other)
+
+
+def test_a_parameter_with_its_default_is_no_change() -> None:
+    words = ["task_kwargs.cube_half_size_m=0.02", "task_kwargs.variant=goal"]
+    assert compose("collect", words) == compose("collect", [])
+    changed = compose("collect", ["task=CloseBox", "task_kwargs.spawn_x_m=[0.45,0.6]"])
+    assert changed.env.task_kwargs == {"spawn_x_m": [0.45, 0.6]}
