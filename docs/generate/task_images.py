@@ -113,12 +113,17 @@ def _shown(task: Task) -> str:
 
 def family_section(name: str, members: Sequence[Entry], records: Mapping[str, ExpertRecord]) -> str:
     """Returns the part of the page of tasks that have one source, robot and horizon: a table."""
-    info, task = members[0].info, TASKS.get(members[0].name)()
+    info = members[0].info
+    if "robot" in info:  # what is said without the assets
+        robot, horizon = info["robot"], info["horizon"]
+    else:
+        task = TASKS.get(members[0].name)()
+        robot, horizon = task.scenario.robots[0].name, str(task.max_episode_steps)
     lines = [
         f"## {name}",
         "",
         f"{len(members)} tasks of {info['source']} ({_paper(info['paper'])}; {info['licence']}). "
-        f"Robot: {task.scenario.robots[0].name}. Horizon: {task.max_episode_steps} steps.",
+        f"Robot: {robot}. Horizon: {horizon} steps.",
         "",
         "| task | what to do | expert |",
         "|---|---|---|",
@@ -130,8 +135,8 @@ def family_section(name: str, members: Sequence[Entry], records: Mapping[str, Ex
 
 
 def is_drawn(entry: Entry) -> bool:
-    """Whether the page shows a task: all but those that an adapter takes over as they are."""
-    return "adapted" not in entry.tags
+    """Whether the page shows a task: all but those of another project's scenes, which are many."""
+    return not {"adapted", "libero"} & entry.tags
 
 
 def described(record: ExpertRecord | None) -> str:

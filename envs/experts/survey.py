@@ -1,8 +1,8 @@
-"""Looks at many tasks, one after the other: each is made, started, held still, rendered, and its expert counted.
+"""Looks at many tasks in turn: each is made, started, held still, rendered, and its expert counted.
 
-``python -m envs.experts.survey words=[libero,spatial]`` writes one row a task into ``results/tasks.json``. Tasks
-that are there already are left out, so that the command continues where it was interrupted; ``again=true``
-measures them anew, ``episodes=0`` leaves the expert out.
+``python -m envs.experts.survey words=[libero,spatial]`` writes one row a task into ``results/tasks.json``.
+Tasks that are there already are left out, so that the command continues where it was interrupted;
+``again=true`` measures them anew, ``episodes=0`` leaves the expert out.
 """
 
 import json
@@ -134,7 +134,7 @@ def survey(name: str, settings: SurveySettings) -> dict[str, Any]:
 
 
 def _stillness(env: RoboVerseVectorEnv) -> dict[str, Any]:
-    """Returns how far anything moves while the robot holds its posture, and whether the goal holds already."""
+    """Returns how far anything moves while the robot holds its posture, and whether it is solved."""
     ids = np.arange(env.num_envs)
     env.reset_envs(ids, env.split_indices[: env.num_envs])
     before = env.get_states()

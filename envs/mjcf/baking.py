@@ -31,12 +31,12 @@ def baked(
         image: The original's texture, (H, W, 3) uint8.
         size: Pixels along a side of the image; two triangles share a square of it.
     """
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     extent = float(np.ptp(dense.vertices, axis=0).max()) or 1.0
     points, normals, colors = _sampled(dense, image)
     lift = LIFT * extent
-    tree = cKDTree(points + lift * normals, balanced_tree=False, compact_nodes=False)
+    tree = KDTree(points + lift * normals, balanced_tree=False, compact_nodes=False)
     count = len(mesh.faces)
     columns = max(1, int(np.ceil(np.sqrt((count + 1) // 2))))
     block = max(4, size // columns)
@@ -67,7 +67,7 @@ def baked(
 
 
 def _smooth_normals(mesh: TexturedMesh, facing: np.ndarray) -> np.ndarray:
-    """Returns a normal for each corner of each triangle, (F, 3, 3): the mean of those round it, within a crease."""
+    """Returns a normal for each corner of each triangle, (F, 3, 3): the mean round it, within a crease."""
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     around: list[list[int]] = [[] for _ in mesh.vertices]

@@ -69,7 +69,9 @@ class TexturedMesh:
             return mesh
         vertices, faces = fast_simplification.simplify(mesh.vertices, mesh.faces, target_count=budget)[:2]
         if len(faces) > 1.5 * budget:  # a mesh of many loose pieces resists
-            vertices, faces = fast_simplification.simplify(vertices, faces, target_count=budget, agg=10)[:2]
+            vertices, faces = fast_simplification.simplify(
+                vertices.astype(np.float64), faces.astype(np.int32), target_count=budget, agg=10
+            )[:2]
         return TexturedMesh(vertices.astype(np.float32), _proper(faces.astype(np.int32)))
 
     def msh(self) -> bytes:

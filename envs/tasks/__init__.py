@@ -123,8 +123,7 @@ for _name, _words in WORDS.items():
 _LIBERO_ASSETS = "MIT; objects of HOPE (CC BY-NC-SA), Google's scans (CC BY 4.0) and TurboSquid"
 for _name, _entry in libero.entries().items():
     _suite = f"LIBERO-{_entry.suite}"
-    _facts = _origin(_suite, "arXiv:2306.03310", _LIBERO_ASSETS, family=_suite) | {
-        "horizon": str(libero.HORIZON)
-    }
+    _facts = _origin(_suite, "arXiv:2306.03310", _LIBERO_ASSETS, family=_suite)
+    _facts |= {"robot": "franka", "horizon": str(libero.HORIZON)}
     _target = f"libero.by_name:{_entry.class_name}"
     _add(_name, _target, _entry.instruction, _facts, libero.EXTRA, "tabletop", extra=libero.EXTRA)

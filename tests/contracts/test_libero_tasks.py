@@ -1,4 +1,4 @@
-"""Contract of LIBERO's tasks, where their packages are installed: a few with every change, all with ``-m long``."""
+"""Contract of LIBERO's tasks, where their packages are installed: a few always, all with ``-m long``."""
 
 import numpy as np
 import pytest

@@ -1,8 +1,8 @@
 """LIBERO's expert: a plan of skills made from the goal of the task file.
 
-Of the goal's atoms that do not hold, one is worked on at a time: drawers are opened first, then things are put
-where they belong, then what has to be shut is shut, and knobs are turned. Where an atom fails, the expert is
-asked again and tries another grasp. A task needs no code of its own.
+Of the goal's atoms that do not hold, one is worked on at a time: drawers are opened first, then things are
+put where they belong, then what has to be shut is shut, and knobs are turned. Where an atom fails, the expert
+is asked again and tries another grasp. A task needs no code of its own.
 """
 
 from collections.abc import Iterator

@@ -1,9 +1,9 @@
 """Puts the objects of LIBERO's initial states down where they stand.
 
 Its states are from before anything has settled: objects hang up to 18 cm over their places, and some are
-inside the table. Dropped from there some tip over or roll away. Instead they are seated, lowest first: each is
-raised until it overlaps nothing, lowered until it touches, and all of them settle together. The result is kept
-in the cache, under a name that follows from every file that it depends on.
+inside the table. Dropped from there some tip over or roll away. Instead they are seated, lowest first: each
+is raised until it overlaps nothing, lowered until it touches, and all of them settle together. The result is
+kept in the cache, under a name that follows from every file that it depends on.
 """
 
 import hashlib
@@ -54,7 +54,7 @@ class Seat:
 
 
 def seated_starts(entry: Entry, scene: Scene) -> State:
-    """Returns the 50 states with every object where it stands, (50 rows), from the cache if they are there."""
+    """Returns the 50 states with every object where it stands, (50 rows), from the cache if it has them."""
     starts = fixed_starts(entry, scene)
     path = cache_dir("starts") / f"{_name(entry, scene)}.npz"
     names = list(scene.problem.objects)

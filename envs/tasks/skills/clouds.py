@@ -109,7 +109,7 @@ class Heights:
 
     def _cells(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         cells = np.round((places - self._low) / CELL_M).astype(int)
-        return cells, ((cells >= 0) & (cells < self._size)).all(-1)
+        return cells, np.all((cells >= 0) & (cells < self._size), axis=-1)
 
     def rest(self, places: np.ndarray, underside: Underside) -> np.ndarray:
         """Returns the heights (P,) of the reference point at which something touches, at places (P, 2)."""

@@ -102,7 +102,9 @@ def _at_yaw(
         shift, width = (low + high) / 2, high - low
         good = some & (width < 2 * FINGER_MOST_M - 2 * MARGIN_M) & (np.abs(shift) < 0.02)
         for index in np.flatnonzero(good):
-            grasp = _checked(x[index], y[index] - shift[index], z[index], width[index], held[index], flat)
+            grasp = _checked(
+                x[index], y[index] - shift[index], z[index], float(width[index]), held[index], flat
+            )
             if grasp is None:
                 continue
             opening, score = grasp

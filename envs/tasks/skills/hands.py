@@ -1,7 +1,7 @@
 """The Franka hand as boxes, for room to grasp and to let go.
 
-The frame is that of the waypoints: its origin between the fingertips (``grip_site``), x along the depth of the
-hand, y along which the fingers close, z upwards while the hand points down.
+The frame is that of the waypoints: its origin between the fingertips (``grip_site``), x along the depth of
+the hand, y along which the fingers close, z upwards while the hand points down.
 """
 
 import numpy as np

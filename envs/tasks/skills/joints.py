@@ -128,6 +128,7 @@ def push_door(
     boxes = [box for box in parts.boxes if box.part == part]
     handle = max(boxes, key=lambda box: float(np.linalg.norm((box.pos - joint.anchor)[:2])))
     stops: list[Waypoint] = []
+    outside, lead = hand.pos, list[Waypoint]()
     for position in np.linspace(now, to, 10):
         at = moved_to(entity, joint.column, float(position))
         later = moved_to(entity, joint.column, float(position) + np.sign(to - now) * 0.01)

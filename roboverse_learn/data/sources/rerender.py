@@ -52,8 +52,8 @@ class RerenderSource(DemonstrationSource):
             if recorded != wanted:
                 raise ConfigError(
                     f"The dataset '{config.from_dataset}' was recorded with {recorded}, and {wanted} was "
-                    "requested. States can be rendered in their own scene alone: give what they were recorded "
-                    "with."
+                    "requested. States can be rendered in their own scene alone: give what they were "
+                    "recorded with."
                 )
 
     @override

@@ -16,7 +16,8 @@ DOOR = """<mujoco><compiler angle="radian" autolimits="true"/><worldbody><body n
       <joint name="hinge" axis="0 .6 .8" pos=".05 0 .02" range="-1 1"/>
       <geom type="capsule" size=".01 .05"/>
       <body name="bolt"><joint name="bolt" type="slide" axis="1 0 0" range="0 .1"/>
-        <geom type="sphere" size=".02"/><site name="tip" pos=".1 .2 .3" quat="0 1 0 0" size=".1 .2 .3" type="box"/>
+        <geom type="sphere" size=".02"/>
+        <site name="tip" pos=".1 .2 .3" quat="0 1 0 0" size=".1 .2 .3" type="box"/>
       </body></body></body></body></worldbody></mujoco>"""
 
 
@@ -69,15 +70,15 @@ def test_it_works_in_another_precision(path):
 
 
 def test_an_unknown_site_is_named_with_those_that_exist(path):
-    with pytest.raises(UnknownNameError, match="Unknown site 'tap'.*tip"):
+    with pytest.raises(UnknownNameError, match=r"Unknown site 'tap'.*tip"):
         parts_of(path).site("tap")
 
 
 def test_a_part_with_two_joints_is_refused(tmp_path):
     file = tmp_path / "two.xml"
     file.write_text(
-        '<mujoco><worldbody><body name="object"><geom size="1"/><body name="arm"><joint/><joint axis="1 0 0"/>'
-        '<geom size="1"/></body></body></worldbody></mujoco>'
+        '<mujoco><worldbody><body name="object"><geom size="1"/><body name="arm"><joint/>'
+        '<joint axis="1 0 0"/><geom size="1"/></body></body></worldbody></mujoco>'
     )
-    with pytest.raises(ConfigError, match="'arm' of .* needs one hinge or one slide"):
+    with pytest.raises(ConfigError, match=r"'arm' of .* needs one hinge or one slide"):
         parts_of(file)

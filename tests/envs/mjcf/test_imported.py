@@ -86,7 +86,8 @@ def test_nothing_is_made_twice_and_a_changed_source_is_made_anew(source):
 def test_textured_boxes_that_are_only_seen_become_meshes(source):
     text = FILE.replace(
         '<site name="top"',
-        '<geom type="box" material="m" size=".3 .2 .1" contype="0" conaffinity="0" group="1"/><site name="top"',
+        '<geom type="box" material="m" size=".3 .2 .1" contype="0" conaffinity="0" group="1"/>'
+        '<site name="top"',
     )
     source.write_text(text)
     model = mujoco.MjModel.from_xml_path(str(imported(source)))
@@ -124,7 +125,7 @@ def test_a_damaged_mesh_is_named(source, content, message):
 
 def test_a_damaged_image_is_named(source):
     (source.parent / "parts" / "image.png").write_bytes(b"no image")
-    with pytest.raises(ConfigError, match="image.png cannot be read"):
+    with pytest.raises(ConfigError, match=r"image\.png cannot be read"):
         imported(source, max_faces=100)
 
 

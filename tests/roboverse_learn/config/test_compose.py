@@ -65,6 +65,7 @@ CHOSEN = {
     "train.betas": [0.5, 0.75],
     "train.lr_muon": 0.01,
     "evaluate.width": 0.1,
+    "robot": "iiwa",
     "recipe": "act_v1",
     "tasks": ["PickCube"],
     "levels": [1],

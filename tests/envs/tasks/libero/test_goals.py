@@ -179,8 +179,8 @@ def test_on_an_object_asks_for_their_contact(goal):
 def test_a_region_moves_with_its_drawer(goal):
     """The cabinet at (0.5, 0, 1) is turned by a quarter: its y axis, and the drawer's way, is world -x.
 
-    The site's half sizes (0.03, 0.06, 0.1) turned about its own y are (0.1, 0.06, 0.03), and (0.06, 0.1, 0.03)
-    along the world's axes; its middle is 0.05 over the cabinet.
+    Half sizes (0.03, 0.06, 0.1) of the site, turned about its own y, are (0.1, 0.06, 0.03); along the world's
+    axes (0.06, 0.1, 0.03). Its middle is 0.05 over the cabinet.
     """
     for q, middle in ((0.0, 0.5), (-0.15, 0.65)):
         for offset, expected in ((0.055, True), (-0.055, True), (0.065, False)):

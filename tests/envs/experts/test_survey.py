@@ -1,0 +1,49 @@
+"""The survey of many tasks."""
+
+import json
+
+import pytest
+
+from envs.core.errors import ConfigError
+from envs.experts import survey
+
+
+@pytest.mark.slow
+def test_a_survey_writes_a_row_a_task_and_goes_on_where_it_ended(tmp_path, monkeypatch):
+    results = tmp_path / "tasks.json"
+    words = ["words=[PickCube]", "episodes=2", "num_envs=2", f"results={results}"]
+    assert survey.main(words) == 0
+    row = json.loads(results.read_text())["PickCube"]
+    assert row["expert"] == 1.0 and row["episodes"] == 2 and not row["solved_at_start"]
+    assert row["moved_m"] < 0.002 and "words=" in row["command"]
+
+    def refuse(name, settings):
+        raise AssertionError(f"{name} is measured twice")
+
+    monkeypatch.setattr(survey, "survey", refuse)
+    assert survey.main(words) == 0
+
+
+def test_a_task_that_fails_is_named_and_the_others_go_on(tmp_path, monkeypatch):
+    results = tmp_path / "tasks.json"
+
+    def broken(name, settings):
+        if name == "PickCube":
+            raise ConfigError("no cube.")
+        return {"expert": 1.0, "episodes": settings.episodes}
+
+    monkeypatch.setattr(survey, "survey", broken)
+    assert survey.main(["words=[Cube]", f"results={results}"]) == 1
+    rows = json.loads(results.read_text())
+    assert rows["PickCube"]["error"] == "no cube." and rows["StackCube"]["expert"] == 1.0
+
+
+def test_words_that_no_task_has_are_refused(tmp_path, caplog):
+    assert survey.main(["words=[submarine]", f"results={tmp_path / 'a.json'}"]) == 2
+    assert "No task has the words submarine in its name." in caplog.text
+
+
+def test_a_damaged_file_of_results_is_named(tmp_path):
+    (tmp_path / "a.json").write_text("[1")
+    with pytest.raises(ConfigError, match=r"a\.json has no rows of tasks"):
+        survey.read_rows(tmp_path / "a.json")
