@@ -95,15 +95,16 @@ def cut(demo: SourceDemo, found: Sequence[Movement], *, refine: bool) -> tuple[P
         refine: Cut where the gripper begins to close.
     """
     spans, begin = [], 0
+    nexts = [movement.first for movement in found[1:]]
     for number, movement in enumerate(found):
         is_last = number == len(found) - 1
         if "/" in movement.moved:
-            end = demo.num_steps if is_last else _clear(demo, movement.last)
+            end = demo.num_steps if is_last else min(_clear(demo, movement.last), nexts[number] - 1)
             spans.append(_Span(movement.moved, "", number, begin, end, movement.first))
         else:
             lift, opened = _final_grasp(demo, movement)
             let_go = next((step for step in demo.gripper_changes if step > lift), movement.last)
-            end = demo.num_steps if is_last else _clear(demo, let_go)
+            end = demo.num_steps if is_last else min(_clear(demo, let_go), nexts[number] - 1)
             spans.append(_Span(movement.moved, "", number, max(begin, opened), lift, lift))
             spans.append(_Span(movement.target, movement.moved, number, lift, end, min(let_go, end)))
         begin = end
@@ -139,7 +140,7 @@ def cut_as_stated(demo: SourceDemo, segments: Sequence[Segment], *, refine: bool
 def hastened(pieces: Sequence[Piece], most_steps: float) -> tuple[Piece, ...]:
     """Returns pieces whose steps outside the windows are about ``most_steps`` together, or the same pieces.
 
-    A person at a keyboard takes minutes for what a task gives seconds. What a hand does at an object, such as
+    A person may take a minute for what a task gives seconds. What a hand does at an object, such as
     closing, keeps its time; ways to and from there are played faster by one factor.
     """
     fixed = sum(len(piece.steps) for piece in pieces if piece.acts)
