@@ -13,7 +13,7 @@ class AugmentConfig:
     """How demonstrations are made from others.
 
     Attributes:
-        choose: Source of each piece: nearest, one of the ``augment.nearest`` most like the present, or random.
+        choose: Source of each piece: nearest, one of the ``augment.nearest`` most like now, or random.
         nearest: Number of nearest sources among which one is drawn.
         num_sources: Source demonstrations, from the first on; 0 takes all of the dataset.
         bridge_speed_m_s: Fastest that the hand comes to the beginning of a piece.

@@ -22,6 +22,10 @@ LEAD_M, LEAD_CARRIED_M = 0.10, 0.13
 """The last part of a way to an object, and of a carried object to its target, which is kept as the source has
 it: a peg of 10 cm is passed from above."""
 
+ASIDE_M, NEAR_M = 0.03, 0.06
+"""A carried object that comes from aside by more than the first keeps only the second of its way: it is not
+put onto anything yet."""
+
 LIFT_M = 0.05
 """The first part of the way of a carried object, likewise: it is lifted first."""
 
@@ -263,7 +267,11 @@ def _free(demo: SourceDemo, steps: np.ndarray, contact: int, lift_m: float) -> t
     way = demo.commanded.rows(steps[: max(1, int(np.searchsorted(steps, contact, side="right")))])
     there = demo.commanded.rows(min(contact, demo.num_steps - 1))
     before, after = distance_m(way, way.rows(0)), distance_m(way, there)
-    far = np.flatnonzero(after > (LEAD_CARRIED_M if lift_m else LEAD_M))
+    if lift_m:
+        aside = np.linalg.norm((way.pos - there.pos)[:, :2], axis=1)
+        far = np.flatnonzero((after > LEAD_CARRIED_M) | ((aside > ASIDE_M) & (after > NEAR_M)))
+    else:
+        far = np.flatnonzero(after > LEAD_M)
     end = int(far[-1]) + 1 if len(far) else 0
     begin = int(np.argmax(before >= lift_m)) if lift_m else 0
     if begin < end:
