@@ -130,7 +130,8 @@ def _rate(cell: "CellSummary") -> str:
 def _collected(dataset: "CollectionSummary") -> Text:
     if dataset.imported is not None:
         return _imported(dataset, dataset.imported)
-    return Text(f"Collected {dataset.num_episodes} demonstrations; {dataset.outcome}.")
+    said = f"; {dataset.outcome}" if dataset.outcome else ""
+    return Text(f"Collected {dataset.num_episodes} demonstrations{said}.")
 
 
 def _imported(dataset: "CollectionSummary", imported: "ImportSummary") -> Text:

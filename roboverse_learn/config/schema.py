@@ -128,10 +128,9 @@ class CollectConfig:
         env: Environment of the demonstrations. Its fields are typed without ``env.``: ``task=PickCube``.
         preset: Named set of values from ``configs/preset``.
         datasets_dir: Folder of datasets.
-        source: Registered source of demonstrations: the task's expert, the policy of ``checkpoint``, trained
-            by reinforcement learning, pieces of the demonstrations in ``from``, or files of this format in
-            ``path``.
-        checkpoint: Folder of that policy, or of its run.
+        source: Registered source: the task's expert, the policy of ``checkpoint``, the demonstrations in
+            ``from``, augmented or rendered again, or files of this format in ``path``.
+        checkpoint: Folder of that policy, trained by reinforcement learning, or of its run.
         path: File of demonstrations, or a folder of them, or of recordings of teleoperation; of files,
             num_demos is the most that is taken.
         replay: How a file's demonstrations become ours: by recorded states, or by controls in our physics.

@@ -13,13 +13,12 @@ class AugmentConfig:
     """How demonstrations are made from others.
 
     Attributes:
-        choose: How the source of each piece is chosen: nearest, one of the ``augment.nearest`` in which the
-            object's pose and the hand's are most like the present ones; or random.
+        choose: Source of each piece: nearest, one of the ``augment.nearest`` most like now, or random.
         nearest: Number of nearest sources among which one is drawn.
         num_sources: Source demonstrations, from the first on; 0 takes all of the dataset.
         bridge_speed_m_s: Fastest that the hand comes to the beginning of a piece.
-        noise_m: Standard deviation of how far the hand first misses the object and its target, as an expert
-            does, so that demonstrations show corrections; three times as much in 3 of 10 motions.
+        noise_m: Standard deviation of how far the hand first misses, and then corrects; 3 times as much in 3
+            of 10 ways.
         refine_grasp: Plan again when the gripper begins to close, from where the object then is.
         retries: How often an episode begins a subtask again that it failed.
         least_steps: Shortest movement of an object that counts, in control steps.

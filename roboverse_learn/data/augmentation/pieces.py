@@ -22,6 +22,10 @@ LEAD_M, LEAD_CARRIED_M = 0.10, 0.13
 """The last part of a way to an object, and of a carried object to its target, which is kept as the source has
 it: a peg of 10 cm is passed from above."""
 
+ASIDE_M, NEAR_M = 0.03, 0.06
+"""A carried object that comes from aside by more than the first keeps only the second of its way: it is not
+put onto anything yet."""
+
 LIFT_M = 0.05
 """The first part of the way of a carried object, likewise: it is lifted first."""
 
@@ -95,15 +99,16 @@ def cut(demo: SourceDemo, found: Sequence[Movement], *, refine: bool) -> tuple[P
         refine: Cut where the gripper begins to close.
     """
     spans, begin = [], 0
+    nexts = [movement.first for movement in found[1:]]
     for number, movement in enumerate(found):
         is_last = number == len(found) - 1
         if "/" in movement.moved:
-            end = demo.num_steps if is_last else _clear(demo, movement.last)
+            end = demo.num_steps if is_last else min(_clear(demo, movement.last), nexts[number] - 1)
             spans.append(_Span(movement.moved, "", number, begin, end, movement.first))
         else:
             lift, opened = _final_grasp(demo, movement)
             let_go = next((step for step in demo.gripper_changes if step > lift), movement.last)
-            end = demo.num_steps if is_last else _clear(demo, let_go)
+            end = demo.num_steps if is_last else min(_clear(demo, let_go), nexts[number] - 1)
             spans.append(_Span(movement.moved, "", number, max(begin, opened), lift, lift))
             spans.append(_Span(movement.target, movement.moved, number, lift, end, min(let_go, end)))
         begin = end
@@ -139,7 +144,7 @@ def cut_as_stated(demo: SourceDemo, segments: Sequence[Segment], *, refine: bool
 def hastened(pieces: Sequence[Piece], most_steps: float) -> tuple[Piece, ...]:
     """Returns pieces whose steps outside the windows are about ``most_steps`` together, or the same pieces.
 
-    A person at a keyboard takes minutes for what a task gives seconds. What a hand does at an object, such as
+    A person may take a minute for what a task gives seconds. What a hand does at an object, such as
     closing, keeps its time; ways to and from there are played faster by one factor.
     """
     fixed = sum(len(piece.steps) for piece in pieces if piece.acts)
@@ -262,7 +267,11 @@ def _free(demo: SourceDemo, steps: np.ndarray, contact: int, lift_m: float) -> t
     way = demo.commanded.rows(steps[: max(1, int(np.searchsorted(steps, contact, side="right")))])
     there = demo.commanded.rows(min(contact, demo.num_steps - 1))
     before, after = distance_m(way, way.rows(0)), distance_m(way, there)
-    far = np.flatnonzero(after > (LEAD_CARRIED_M if lift_m else LEAD_M))
+    if lift_m:
+        aside = np.linalg.norm((way.pos - there.pos)[:, :2], axis=1)
+        far = np.flatnonzero((after > LEAD_CARRIED_M) | ((aside > ASIDE_M) & (after > NEAR_M)))
+    else:
+        far = np.flatnonzero(after > LEAD_M)
     end = int(far[-1]) + 1 if len(far) else 0
     begin = int(np.argmax(before >= lift_m)) if lift_m else 0
     if begin < end:

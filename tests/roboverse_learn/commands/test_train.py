@@ -151,6 +151,7 @@ SUMMARY = CollectionSummary(
     success_rate=0.9,
     wall_time_s=61.0,
     dataset_hash="f" * 64,
+    outcome="the expert succeeded in 90.0 % of 10 episodes",
 )
 
 
