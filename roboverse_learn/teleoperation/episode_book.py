@@ -37,6 +37,11 @@ class EpisodeBook:
         """Whether there are as many successes as wanted."""
         return self.kept >= self.wanted
 
+    @property
+    def num_over(self) -> int:
+        """Episodes that were handed out by this process and are over, whatever became of them."""
+        return len(self._skipped)
+
     def take(self) -> int | None:
         """Hands out the next episode; None if there are enough successes, or no episode is left."""
         if self.is_full:

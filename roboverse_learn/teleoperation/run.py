@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 _POLL_S = 0.1
 
+GIVE_UP_AFTER = 20
+"""Episodes without a success after which the expert no longer steers."""
+
 log = logging.getLogger(__name__)
 
 
@@ -107,9 +110,10 @@ def steer_by_expert(steering: Steering) -> None:
     """Lets the expert steer until there are enough successes, without waiting for the clock.
 
     Raises:
-        ConfigError: The task has no expert.
+        ConfigError: The task has no expert, or none of its first episodes succeeds.
     """
-    task = steering.env.task
+    task, book = steering.env.task, steering.book
+    kept = book.kept
     if not task.has_expert:
         raise ConfigError(f"{task.name} has no expert that could steer. Leave out actor=expert.")
     people = [_expert(steering, session) for session in steering.sessions]
@@ -117,6 +121,11 @@ def steer_by_expert(steering: Steering) -> None:
         for person, session in zip(people, steering.sessions, strict=True):
             person.tick()
             session.tick()
+        if book.num_over >= GIVE_UP_AFTER and book.kept == kept:
+            raise ConfigError(
+                f"The expert of {task.name} solved none of {book.num_over} episodes by steering the hand. "
+                "Leave out what differs from the task's own scene, or raise limit_s."
+            )
 
 
 def _expert(steering: Steering, session: Session) -> ExpertPerson:

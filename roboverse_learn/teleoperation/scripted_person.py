@@ -90,7 +90,11 @@ class ExpertPerson:
             session.submit(Press(button=Button.START))
             self._hand.begin(episode)
         move = self._hand.move(session.station.state)
-        session.submit(Press(button=Button.FINISH) if move is None else move)
+        session.submit(self._given_up() if move is None else move)
+
+    def _given_up(self) -> Press:
+        """Returns what ends an episode in which the expert gives up; one not begun is passed over."""
+        return Press(button=Button.FINISH if self._session.step else Button.DISCARD)
 
 
 STRAYED_M = 0.08
@@ -130,7 +134,7 @@ class ExpertCorrector(ExpertPerson):
             self._hand.replan()
         acts = session.acting == "person" or self._strayed()
         move = self._hand.move(session.station.state) if acts else Move(device="expert")
-        session.submit(Press(button=Button.FINISH) if move is None else move)
+        session.submit(self._given_up() if move is None else move)
 
     def _strayed(self) -> bool:
         pos = np.array(self._session.station.hand()["pos"])

@@ -148,10 +148,14 @@ class Session:
         self.version += 1
 
     def _take(self, move: Move) -> None:
-        """Notes a motion; those that come while nothing runs set the gripper alone."""
+        """Notes a motion; those that come while nothing runs set the gripper alone.
+
+        The gripper follows what changes: a page that repeats its old word, just after a policy has closed the
+        gripper or *undo* has, opens nothing.
+        """
         self._silent, self._move = 0, move
-        if move.gripper is not None:
-            self._gripper = move.gripper
+        if move.gripper is not None and move.gripper != self._said_gripper:
+            self._gripper = self._said_gripper = move.gripper
         if self.phase is Phase.RUNNING:
             self._backlog = np.clip(self._backlog + np.array(move.shift), -MAX_BACKLOG, MAX_BACKLOG)
             self._devices[move.device] += move.moves
@@ -261,6 +265,7 @@ class Session:
         self.episode = episode
         self._tape = EpisodeTape()
         self._devices.clear()
+        self._said_gripper: float | None = None
         self.version += 1
         self.acting = "person" if self._driver is None else "policy"
         if episode is None:

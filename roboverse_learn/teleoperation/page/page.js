@@ -55,7 +55,8 @@ function told(message) {
     document.title = `${message.task} · teleoperation`;
     inputs.describeSpeed();
   } else if (message.type === "status") {
-    const fresh = message.episode !== status.episode || (message.phase === "ready" && status.phase !== "ready");
+    const fresh = message.episode !== status.episode || message.acting !== status.acting || message.step < status.step
+      || (message.phase === "ready" && status.phase !== "ready");
     status = message;
     if (fresh) inputs.rest(message.hand.gripper);
     drawStatus();

@@ -244,3 +244,29 @@ def test_a_policy_acts_until_the_person_takes_over_and_again_when_handed_back(ma
     assert policy.acted == (~recording.interventions).sum()
     assert recording.facts["policy"] == "straight"
     assert policy.begun[:2] == [recording.facts["episode"]] * 2
+
+
+def gripper(session):
+    return session.station.gripper()
+
+
+def test_a_gripper_that_undo_or_a_policy_has_set_is_kept_until_the_person_changes_it(make_session):
+    session = make_session()
+    press(session, Button.START)
+    move(session, 3, rate=RIGHT, gripper=-1.0)
+    move(session, 25, gripper=1.0)
+    assert gripper(session) == pytest.approx(1.0, abs=1e-3)
+    press(session, Button.UNDO)  # to a step at which it was open
+    press(session, Button.UNDO)  # to the start
+    press(session, Button.START)
+    move(session, 3, rate=RIGHT, gripper=-1.0)
+    closed = gripper(session)
+    move(session, 20, rate=(0.0, 0.0, 0.05, 0.0, 0.0, 0.0), gripper=1.0)
+    press(session, Button.UNDO)
+    assert gripper(session) == pytest.approx(closed, abs=1e-3)
+    press(session, Button.START)
+    move(session, 3, rate=RIGHT, gripper=1.0)  # the page has not heard of it yet
+    assert gripper(session) == pytest.approx(closed, abs=1e-3)
+    move(session, 2, rate=RIGHT, gripper=-1.0)
+    move(session, 2, rate=RIGHT, gripper=1.0)
+    assert gripper(session) == pytest.approx(1.0, abs=1e-3)

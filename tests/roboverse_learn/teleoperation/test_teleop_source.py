@@ -145,6 +145,13 @@ def test_a_task_without_an_arm_to_steer_is_told(tmp_path):
         teleoperate(compose("teleoperate", ["task=control/cartpole", f"datasets_dir={tmp_path}"]))
 
 
+def test_an_expert_that_never_succeeds_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr("envs.tasks.pick_cube.PickCube.expert", lambda *_: [])
+    words = [*SMALL, "actor=expert", f"datasets_dir={tmp_path}"]
+    with pytest.raises(ConfigError, match="solved none of 20 episodes by steering the hand"):
+        teleoperate(compose("teleoperate", words))
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
