@@ -13,7 +13,7 @@ from roboverse_learn.data.augmentation.planner import Source
 from roboverse_learn.data.augmentation.recording import HandReader, SourceDemo
 from roboverse_learn.data.augmentation.references import References
 from roboverse_learn.data.dataset.info import DatasetInfo
-from roboverse_learn.sim2sim.parity.recording import Recording, read_recordings
+from roboverse_learn.data.dataset.recording import Recording, read_recordings
 
 TIME_SHARE = 0.6
 """Share of the task's time that what is kept of a source may take; the rest is for bridges and retries."""
