@@ -50,7 +50,7 @@ class SourceSet:
 
 
 def task_of(root: str | Path) -> str | None:
-    """Returns the task that a dataset's demonstrations are of, or None where it does not say, or is absent."""
+    """Returns the task that a dataset's demonstrations are of; None where it does not say or is absent."""
     if not (Path(root) / INFO_PATH).exists():
         return None
     metadata = DatasetInfo.open(root).episode_metadata
