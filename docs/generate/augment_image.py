@@ -48,7 +48,7 @@ def draw(dataset: Path, out: Path) -> None:
     env.close()
     carried = found.sources[0].pieces[-1].carried
     figure = plt.figure(figsize=(11.0, 6.6), layout="constrained")
-    rows = figure.subfigures(2, 1, height_ratios=(1.6, 1.0))
+    rows: Any = figure.subfigures(2, 1, height_ratios=(1.6, 1.0))
     axes = rows[0].subplots(1, 2, sharex=True, sharey=True)
     _paths(axes[0], [source.demo.states for source in found.sources], carried)
     _paths(axes[1], [episode.states for episode in made], carried)
@@ -83,13 +83,14 @@ def _paths(axis: Any, states: Sequence[Any], carried: str) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Writes the image; returns the exit code."""
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
-    words = dict(word.partition("=")[::2] for word in (sys.argv[1:] if argv is None else argv))
+    parts = [word.partition("=") for word in (sys.argv[1:] if argv is None else argv)]
+    words: dict[str, str] = {key: value for key, _, value in parts}
     try:
         if set(words) - {"from", "out"} or not words.get("from"):
             raise ConfigError(
                 "Give from=<dataset>, and out=<file> for another file than docs/howto/augment.png."
             )
-        out = Path(words.get("out", OUT))
+        out = Path(words.get("out") or OUT)
         draw(Path(words["from"]), out)
     except RoboVerseError as error:
         logger.error("%s", error)

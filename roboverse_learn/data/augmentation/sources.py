@@ -14,6 +14,7 @@ from roboverse_learn.data.augmentation.recording import HandReader, SourceDemo
 from roboverse_learn.data.augmentation.references import References
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.recording import Recording, read_recordings
+from roboverse_learn.data.dataset.schema import INFO_PATH
 
 TIME_SHARE = 0.6
 """Share of the task's time that what is kept of a source may take; the rest is for bridges and retries."""
@@ -49,7 +50,9 @@ class SourceSet:
 
 
 def task_of(root: str | Path) -> str | None:
-    """Returns the task that a dataset's demonstrations are of, or None where they do not say."""
+    """Returns the task that a dataset's demonstrations are of; None where it does not say or is absent."""
+    if not (Path(root) / INFO_PATH).exists():
+        return None
     metadata = DatasetInfo.open(root).episode_metadata
     return metadata[0].get("task") if metadata else None
 
