@@ -37,12 +37,13 @@ def check(config: CheckConfig) -> Checked:
 
 def _subject(config: CheckConfig) -> tuple[str, Sequence[Any], Any]:
     """Returns what is checked in words, its contracts, and what they look at."""
-    if config.robot:
+    if not config.env.task:
         from envs.robots import ROBOTS
         from roboverse_learn.checks.robots import ROBOT_CONTRACTS, RobotSubject
 
-        ROBOTS.entry(config.robot)
-        return f"robot {config.robot}", ROBOT_CONTRACTS, RobotSubject(config.robot, config.env.simulator)
+        robot = config.env.robot
+        ROBOTS.entry(robot)
+        return f"robot {robot}", ROBOT_CONTRACTS, RobotSubject(robot, config.env.simulator)
     if config.policy_name:
         from roboverse_learn.checks.policies import POLICY_CONTRACTS, PolicySubject
         from roboverse_learn.config.compose import compose

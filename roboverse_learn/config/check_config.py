@@ -11,10 +11,10 @@ class CheckConfig:
     """``roboverse check``: the contracts of a task, or of a policy or a robot that is named.
 
     Attributes:
-        env: Environment of the task. Its fields are typed without ``env.``: ``task=PickCube``.
+        env: Environment of the task. Its fields are typed without ``env.``: ``task=PickCube``. Without a
+            task, ``robot`` names a robot that is checked by itself.
         policy_name: Policy that is checked in place of the task, on the observations that the task gives.
         preset: Named set of values from ``configs/preset``: size of a policy and of its images.
-        robot: Registered robot that is checked in place of the task.
         contracts: Contracts to look at, by name; empty takes all.
         without: Contracts to leave out.
         episodes: Starts of the test split that the expert is given.
@@ -25,7 +25,6 @@ class CheckConfig:
     env: EnvSpec = field(default_factory=EnvSpec)
     policy_name: str = ""
     preset: str = "quick"
-    robot: str = ""
     contracts: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
     episodes: int = 20
@@ -33,10 +32,10 @@ class CheckConfig:
     num_envs: int = 3
 
     def __post_init__(self) -> None:
-        if self.policy_name and self.robot:
+        if self.policy_name and not self.env.task:
             raise ConfigError(
-                f"policy={self.policy_name} and robot={self.robot} are both given: check looks at one thing. "
-                "Run it once for each."
+                f"policy={self.policy_name} and robot={self.env.robot} are both given: check looks at one "
+                "thing. Run it once for each, or name a task in which the robot is."
             )
         for key in ("episodes", "num_envs"):
             if not 1 <= getattr(self, key) <= 1000:

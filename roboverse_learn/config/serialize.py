@@ -91,6 +91,8 @@ def _environment(command: str, values: dict[str, Any]) -> Any:
         values = {key: value for key, value in values.items() if value}
     spec = _adapter(EnvSpec).validate_python(values)
     given = values if partial else plain(spec)
+    if not spec.task:  # a robot by itself
+        given = {key: value for key, value in given.items() if key != "task"}
     for kind in ("task", "simulator", "renderer"):
         _check_names(kind, [given[kind]] if kind in given else [])
     if "simulator" in given:

@@ -13,7 +13,7 @@ from envs.tasks import TASKS
 from envs.tasks.pick_cube import PickCube
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-DRAWN = [name for name in TASKS if "adapted" not in TASKS.entry(name).tags]
+DRAWN = [name for name in TASKS if gallery.is_drawn(TASKS.entry(name))]
 RECORD = ExpertRecord(
     {"train": SplitRecord(500, 0.998, 60.25), "test": SplitRecord(400, 1.0, 61.0)}, "", None
 )
