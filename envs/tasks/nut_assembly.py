@@ -347,6 +347,24 @@ class NutAssemblySquare(NutAssembly):
     nuts: ClassVar[tuple[Nut, ...]] = (SQUARE_NUT,)
 
 
+@dataclass(frozen=True, kw_only=True)
+class NutAssemblyRound(NutAssembly):
+    """Put the round nut on its peg: robosuite's NutAssemblyRound, without the other nut and peg.
+
+    Attributes:
+        variant: As for :class:`NutAssembly`.
+    """
+
+    name: ClassVar[str] = "NutAssemblyRound"
+    instructions: ClassVar[tuple[str, ...]] = (
+        "put the round nut on the peg",
+        "fit the ring onto the round peg",
+        "pick up the round nut by its handle and place it over the peg",
+    )
+    max_episode_steps: ClassVar[int] = 250
+    nuts: ClassVar[tuple[Nut, ...]] = (ROUND_NUT,)
+
+
 def _on_handle(body: EntityState, along_m: float) -> Tensor:
     """Returns the point of the nut's handle at ``along_m`` from its centre, (N, 3)."""
     return body.pos + rotate(body.rot, body.pos.new_tensor([along_m, 0.0, 0.0]).expand_as(body.pos))
