@@ -1,4 +1,7 @@
-"""Contract of LIBERO's tasks, where their packages are installed: a few always, all with ``-m long``."""
+"""Contract of LIBERO's tasks, where their packages are installed: two always, some of each kind as ``long``.
+
+All 130 are looked at by ``python -m envs.experts.survey``.
+"""
 
 import numpy as np
 import pytest
@@ -18,8 +21,17 @@ REPRESENTATIVE = {
 }
 """In and turned on, in two arenas: an object that is carried, and a joint."""
 
+SAMPLE = REPRESENTATIVE | {
+    "libero/spatial/pick_up_the_black_bowl_between_the_plate_and_the_ramekin_and_place_it_on_the_plate",
+    "libero/10/living_room_scene5_put_the_white_mug_on_the_left_plate_and_put_the_yellow_and_white_mug_on_the_"
+    "right_plate",
+    "libero/10/study_scene1_pick_up_the_book_and_place_it_in_the_back_compartment_of_the_caddy",
+    "libero/90/kitchen_scene4_put_the_wine_bottle_on_the_wine_rack",
+}
+"""One or more of every suite and arena."""
 
-@pytest.fixture(scope="module", params=sweep(TASKS.names("libero"), REPRESENTATIVE))
+
+@pytest.fixture(scope="module", params=sweep(sorted(SAMPLE), REPRESENTATIVE))
 def env(request):
     try:
         env = envs.make_vec(request.param, NUM_ENVS, split="test", observation="state", num_threads=1)
