@@ -60,6 +60,10 @@ class ResultError(RoboVerseError, ValueError):
     """A results file that does not follow the schema."""
 
 
+MOST_LISTED = 60
+"""Valid names that a message lists; of more it names the nearest."""
+
+
 def suggest(given: str, valid: Iterable[str]) -> str:
     """Returns ``" Did you mean 'x'?"`` for the nearest valid name, or an empty string."""
     names = list(valid)
@@ -78,8 +82,18 @@ def unknown_name(kind: str, given: str, valid: Iterable[str], hint: str = "") ->
         hint: One more sentence: what to do.
     """
     names = sorted(valid)
-    message = f"Unknown {kind} '{given}'.{suggest(given, names)} Valid: {', '.join(names) or 'none'}."
+    message = f"Unknown {kind} '{given}'.{suggest(given, names)} {_listed(kind, given, names)}"
     return UnknownNameError(f"{message} {hint}".rstrip())
+
+
+def _listed(kind: str, given: str, names: list[str]) -> str:
+    """Lists valid names; of many, those that are nearest."""
+    if len(names) <= MOST_LISTED:
+        return f"Valid: {', '.join(names) or 'none'}."
+    lowered = {name.lower(): name for name in names}
+    near = [lowered[name] for name in difflib.get_close_matches(given.lower(), lowered, n=5, cutoff=0.0)]
+    every = " roboverse list tasks shows all." if kind == "task" else ""
+    return f"Nearest of {len(names)}: {', '.join(near)}.{every}"
 
 
 def unknown_option(what: str, given: str, valid: Iterable[str]) -> UnknownOptionError:

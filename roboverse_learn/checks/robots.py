@@ -22,6 +22,9 @@ _SAG_RAD, _MISSED_RAD = 0.05, 0.05
 _SHARE, _GRIPPER_SHARE = 0.1, 0.4
 """Share of its range that a joint of the arm, and one of the gripper, is told to move."""
 
+_MOST_RAD = 0.3
+"""Most that a joint of the arm is told to move: one that may turn by a whole turn would reach the ground."""
+
 _WAY_M, _OFF_M = 0.05, 0.01
 
 
@@ -158,13 +161,12 @@ def follows(subject: RobotSubject) -> str:
     for index in subject.positions:
         joint = robot.joints[index]
         low, high = joint.range
-        share = _GRIPPER_SHARE if joint.name in robot.gripper_joints else _SHARE
-        way = share * (high - low) * (1.0 if joint.default < 0.5 * (low + high) else -1.0)
-        target = subject.rest.copy()
-        target[driven.index(index)] += way
-        subject.start()
-        state = subject.hold(target, _STEP_S)
-        missed = abs(float(state.joint_pos[0, index]) - target[driven.index(index)])
+        grips = joint.name in robot.gripper_joints
+        size = _GRIPPER_SHARE * (high - low) if grips else min(_SHARE * (high - low), _MOST_RAD)
+        towards = size if joint.default <= 0.5 * (low + high) else -size
+        # At rest the ground, or the arm itself, may be in the way on one side.
+        sides = [way for way in (towards, -towards) if low <= joint.default + way <= high]
+        missed, way = min((_missed(subject, driven.index(index), index, way), way) for way in sides)
         worst = max(worst, missed)
         require(
             missed < min(_MISSED_RAD, 0.5 * abs(way)),
@@ -173,6 +175,15 @@ def follows(subject: RobotSubject) -> str:
             "its way.",
         )
     return f"{counted(len(subject.positions), 'joint')}, off by at most {worst:.3f} rad"
+
+
+def _missed(subject: RobotSubject, column: int, index: int, way: float) -> float:
+    """Returns how far a joint is from a target that is ``way`` from its rest, rad (m)."""
+    target = subject.rest.copy()
+    target[column] += way
+    subject.start()
+    state = subject.hold(target, _STEP_S)
+    return abs(float(state.joint_pos[0, index]) - target[column])
 
 
 @contract("rests")

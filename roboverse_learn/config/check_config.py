@@ -12,7 +12,7 @@ class CheckConfig:
 
     Attributes:
         env: Environment of the task. Its fields are typed without ``env.``: ``task=PickCube``. Without a
-            task, ``robot`` names a robot that is checked by itself.
+            task and a policy, ``robot`` names a robot that is checked by itself.
         policy_name: Policy that is checked in place of the task, on the observations that the task gives.
         preset: Named set of values from ``configs/preset``: size of a policy and of its images.
         contracts: Contracts to look at, by name; empty takes all.
@@ -32,11 +32,6 @@ class CheckConfig:
     num_envs: int = 3
 
     def __post_init__(self) -> None:
-        if self.policy_name and not self.env.task:
-            raise ConfigError(
-                f"policy={self.policy_name} and robot={self.env.robot} are both given: check looks at one "
-                "thing. Run it once for each, or name a task in which the robot is."
-            )
         for key in ("episodes", "num_envs"):
             if not 1 <= getattr(self, key) <= 1000:
                 raise ConfigError(f"{key} must be 1 to 1000, given {getattr(self, key)}.")

@@ -115,7 +115,7 @@ def _name_task_and_cameras(command: str, values: dict[str, Any], *, names_task: 
         values["task"] = SOURCES.get(values["source"]).task_of(values) or values["task"]
     if command == "teleoperate" and values["checkpoint"] and not names_task:
         values["task"] = _task_of(str(values["checkpoint"])) or values["task"]
-    if command == "check" and values["robot"] and not names_task:
+    if command == "check" and values["robot"] and not values["policy_name"] and not names_task:
         values["task"] = ""  # the robot by itself
     if values.get("cameras") == [ALL_CAMERAS]:
         options: Any = values["task_kwargs"]

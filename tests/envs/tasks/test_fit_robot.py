@@ -67,6 +67,7 @@ def test_objects_start_where_they_do_for_the_tasks_own_robot():
 
 def test_a_search_is_the_same_again_and_kept(monkeypatch):
     task, robot = make_task("PickCube"), ROBOTS.get("ur5e")
+    fit_robot._fitted.cache_clear()
     first = fitted(task, robot)
     fit_robot._fitted.cache_clear()
     monkeypatch.setattr(fit_robot, "_found", None)  # it is read from the cache

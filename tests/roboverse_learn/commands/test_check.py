@@ -42,7 +42,6 @@ def test_a_broken_contract_says_what_to_mend_and_is_exit_code_1(
         (["policy=atc"], "Unknown policy 'atc'. Did you mean 'act'?"),
         pytest.param(["policy=ppo"], "policy=ppo does not learn from demonstrations", marks=pytest.mark.slow),
         (["robot=frank"], "Unknown robot 'frank'. Did you mean 'franka'?"),
-        (["policy=act", "robot=franka"], "policy=act and robot=franka are both given"),
         (["episodes=0"], "episodes must be 1 to 1000, given 0."),
         (["required=2"], "required is a share from 0 to 1, given 2.0."),
         (["task=PickCube", "task_kwargs.variant=lfit"], "Unknown variant of PickCube 'lfit'."),

@@ -50,7 +50,7 @@ def failure(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["train", "task=PickCub"], "Unknown task 'PickCub'. Did you mean 'PickCube'? Valid: CloseBox"),
+        (["train", "task=PickCub"], "Unknown task 'PickCub'. Did you mean 'PickCube'? Nearest of "),
         (["train", "policy=atc"], "Unknown policy 'atc'. Did you mean 'act'? Valid: act, diffusion, "),
         (["train", "preset=qick"], "Unknown preset 'qick'. Did you mean 'quick'? Valid: full, "),
         (["train", "simulator=mujco"], "Unknown simulator 'mujco'. Did you mean 'mujoco'?"),

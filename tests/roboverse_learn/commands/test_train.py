@@ -183,7 +183,7 @@ def test_report_has_the_expert_rate_and_times(evaluation: Evaluation) -> None:
         stages=stages, seconds=3671,
     )  # fmt: skip
     said = printed(train_report(run))
-    assert "Collected 9 demonstrations; 90.0 % of 10 attempts succeeded." in said
+    assert "Collected 9 demonstrations; the expert succeeded in 90.0 % of 10 episodes." in said
     assert "Trained 1,234 steps (stopped by time limit), loss 0.5000." in said
     assert "Done in 1:01:11: collect 0:05, train 1:01." in said
     assert "runs/x/losses.png" in said
