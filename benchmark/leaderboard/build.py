@@ -41,8 +41,8 @@ SCHEMA_VERSION = 2
 JSON_NAME, MARKDOWN_NAME, HTML_NAME = "leaderboard.json", "leaderboard.md", "leaderboard.html"
 STUDIES_MARKDOWN_NAME, STUDIES_HTML_NAME = "studies.md", "studies.html"
 
-_NO_RESULTS = (JSON_NAME, "robots.json")
-"""Files of the folder that are no results: our own, and the table of robots and tasks."""
+TABLES = (JSON_NAME, "robots.json", "tasks.json")
+"""Files of the folder that are no results: our own, and the tables of experts by robot and by task."""
 
 _SHOWN_ERRORS = 10
 
@@ -137,7 +137,7 @@ def _load(results_dir: Path) -> list[Entry]:
         )
     entries, problems = [], []
     for path in sorted(results_dir.rglob("*.json")):
-        if path.name.startswith(".") or path in [results_dir / name for name in _NO_RESULTS]:
+        if path.name.startswith(".") or path in [results_dir / name for name in TABLES]:
             continue
         try:
             result = read_result(path)

@@ -112,7 +112,8 @@ def test_a_changed_scene_is_in_the_title_and_in_the_name_of_the_section(publish,
 
 
 def test_another_robot_is_in_the_title_and_in_the_name_of_the_section(publish, tmp_path):
-    (tmp_path / "robots.json").write_text('{"cells": []}')  # a table that lies beside the results
+    for name in ("robots.json", "tasks.json"):
+        (tmp_path / name).write_text('{"cells": []}')  # tables that lie beside the results
     publish(robot="ur5e")
     (section,) = leaderboard.build(tmp_path)["sections"]
     assert "(robot=ur5e)" in section["title"] and section["id"] == "v2-pickcube-robot-ur5e-mujoco-warp"
@@ -260,3 +261,8 @@ def test_names_of_cells_are_checked(publish, tmp_path, key):
     path.write_text(json.dumps(document))
     with pytest.raises(ResultError, match=f"does not follow schema 2: at cells/0/{key}/0: .*<script>"):
         leaderboard.write(tmp_path)
+
+
+def test_files_beside_the_results_of_the_repository_are_known():
+    results = Path(__file__).parents[3] / "results"
+    assert {path.name for path in results.glob("*.json")} <= set(leaderboard.TABLES)
