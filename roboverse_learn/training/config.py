@@ -66,9 +66,9 @@ class TrainConfig:
         compile: Compile the network with ``torch.compile``; None compiles our own policies
             on a GPU, and those of other packages nowhere. It is used if the
             gradients of the first batches are those of eager code, and left out with a warning otherwise.
-        cuda_graphs: Record the kernels of the loss, forward and backward, and play them back, on one GPU:
+        cuda_graphs: Record the kernels of the loss, forward and backward, and play them back, on a GPU:
             for a network so small that the GPU waits for Python to launch its kernels. It is used under the
-            same condition as what is compiled, and not by several processes.
+            same condition as what is compiled.
         num_threads: Threads of the CPU; 0 takes OMP_NUM_THREADS or one per core, and one beside a GPU.
         save_every: Steps between checkpoints; the last step is always saved.
         log_every: Steps between logged metrics.

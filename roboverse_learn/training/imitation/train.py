@@ -26,6 +26,7 @@ from roboverse_learn.training.device import cpu_threads, resolve_precision
 from roboverse_learn.training.imitation.augment import augment
 from roboverse_learn.training.imitation.ema import Ema
 from roboverse_learn.training.imitation.fast_objective import NUM_BATCHES, fast_objective
+from roboverse_learn.training.imitation.gradient_mean import average_gradients, share_weights
 from roboverse_learn.training.imitation.muon import MuonAdamW
 from roboverse_learn.training.imitation.schedule import learning_rate_factor, progress
 from roboverse_learn.training.interruption import Interruption, signals_noted
@@ -143,10 +144,6 @@ class _Trainer:
         self.accelerator: Any = Accelerator(cpu=policy.device.type == "cpu")
         self.rank, self.world = self.accelerator.process_index, self.accelerator.num_processes
         self.is_main = self.accelerator.is_main_process
-        if config.cuda_graphs and self.world > 1 and self.is_main:
-            logger.warning(
-                "train.cuda_graphs is for one process, and these are %d: they train without.", self.world
-            )
         self.precision = resolve_precision(config.precision, policy.device)
         self.sampler = EpisodeAwareSampler(
             dataset.info,
@@ -158,10 +155,10 @@ class _Trainer:
         )
         self.keys = list(policy.shapes)
         policy.begin_training()
-        # Every process starts from the weights of the first: DDP broadcasts them.
-        self.objective, self.optimizer = self.accelerator.prepare(
-            self._make_objective(), make_optimizer(policy, config)
-        )
+        if self.world > 1:
+            share_weights(policy.model)
+        self.objective, self.optimizer = self._make_objective(), make_optimizer(policy, config)
+        self.parameters = list(policy.model.parameters())
         self.ema = self._make_ema()
         self.step, self.first_step, self.elapsed_before = 0, 0, 0.0
         self.losses: list[dict[str, Tensor]] = []
@@ -173,7 +170,7 @@ class _Trainer:
         on_gpu = self.policy.device.type == "cuda"
         default = on_gpu and self.policy.default_compile
         compile = default if self.config.compile is None else self.config.compile
-        cuda_graphs = on_gpu and self.config.cuda_graphs and self.world == 1
+        cuda_graphs = on_gpu and self.config.cuda_graphs
         if not (compile or cuda_graphs):
             return self.policy.objective()
         start = self.sampler.state_dict()
@@ -221,11 +218,11 @@ class _Trainer:
         for group in optimizer.param_groups:
             group["lr"] = group["peak_lr"] * factor
         loss, terms = self.forward(self._batch())
-        self.accelerator.backward(loss)
+        loss.backward()
+        if self.world > 1:
+            average_gradients(self.parameters, self.world)
         if config.grad_clip:
-            self.grad_norm = self.accelerator.clip_grad_norm_(
-                self.policy.model.parameters(), config.grad_clip
-            )
+            self.grad_norm = nn.utils.clip_grad_norm_(self.parameters, config.grad_clip)
         optimizer.step()
         optimizer.zero_grad()
         # Copies, for a CUDA graph writes the next step's to the same memory.
@@ -296,7 +293,7 @@ class _Trainer:
         average = read_weights(saved)
         weights = average if ema is None else checkpoint.part(state.tensors, "weights")
         load_weights(self.policy.model, weights, saved)
-        checkpoint.load_moments(self._bare_optimizer(), state.tensors, "optimizer")
+        checkpoint.load_moments(self.optimizer, state.tensors, "optimizer")
         if ema is not None:
             for key, value in ema.average.items():
                 value.copy_(average[key])
@@ -310,7 +307,7 @@ class _Trainer:
         self.accelerator.wait_for_everyone()
         if not self.is_main:
             return
-        ema, tensors = self.ema, checkpoint.moments(self._bare_optimizer(), "optimizer")
+        ema, tensors = self.ema, checkpoint.moments(self.optimizer, "optimizer")
         if ema is not None:
             tensors |= checkpoint.named(self.policy.state_dict(), "weights")
         updates = None if ema is None else ema.num_updates
@@ -324,9 +321,6 @@ class _Trainer:
         average = None if ema is None else ema.average
         directory = checkpoint.save_checkpoint(self.run_dir, self.policy, state, weights=average)
         self._report("on_checkpoint", self.step, directory)
-
-    def _bare_optimizer(self) -> torch.optim.Optimizer:
-        return getattr(self.optimizer, "optimizer", self.optimizer)
 
     def _finish(self) -> TrainResult:
         """Leaves the policy as it was saved, and draws the losses."""

@@ -1,15 +1,27 @@
 """Two processes of ``accelerate launch`` compute what one computes."""
 
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from unittest.mock import Mock
 
+import psutil
 import pytest
+import torch
+from safetensors.torch import load_file
+from torch import nn
 
 import policies
+import roboverse_learn
 from envs.core.errors import ConfigError
 from roboverse_learn.training.checkpoint import last_checkpoint
 from roboverse_learn.training.config import TrainConfig
+from roboverse_learn.training.imitation.gradient_mean import average_gradients
 from roboverse_learn.training.imitation.train import train
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
@@ -40,6 +52,15 @@ def test_two_processes_take_the_steps_of_one(tmp_path, processes):
     assert policies.load(tmp_path / "two").name == "act"
 
 
+def test_the_mean_gradient_is_that_of_all_processes(monkeypatch):
+    first, second = nn.Parameter(torch.zeros(2, 2)), nn.Parameter(torch.zeros(3))
+    first.grad, second.grad = torch.full((2, 2), 1.0), torch.tensor([1.0, 2.0, 3.0])
+    others = torch.tensor([3.0, 3.0, 3.0, 3.0, 5.0, 0.0, -3.0])
+    monkeypatch.setattr(torch.distributed, "all_reduce", lambda flat: flat.add_(others))
+    average_gradients([first, nn.Parameter(torch.zeros(4)), second], 2)
+    assert first.grad.tolist() == [[2.0, 2.0], [2.0, 2.0]] and second.grad.tolist() == [3.0, 1.0, 0.0]
+
+
 @pytest.mark.slow
 def test_a_signal_to_one_process_ends_both_with_a_checkpoint(tmp_path, processes):
     processes.ask("launch", folder=str(tmp_path), signal_at=3)
@@ -57,11 +78,50 @@ def test_a_batch_that_cannot_be_divided_is_an_error(monkeypatch, tmp_path):
         run(tmp_path)
 
 
-def test_graphs_are_played_back_by_one_process_only(monkeypatch, tmp_path, caplog):
-    import accelerate
+@pytest.mark.long
+@pytest.mark.parametrize("killed", [0, 1])
+def test_a_run_whose_process_is_killed_goes_on_to_the_same_weights(tmp_path, killed):
+    words = ["policy=act", "task=PickCube", "preset=quick", "num_demos=2", "image_size=32", "dim_model=32"]
+    words += ["device=cpu", "n_heads=2", "steps=200", "batch_size=4", "save_every=20", "log_every=1"]
+    words += ["levels=[0]", "splits=[test]", "episodes=1", "evaluate.videos=0"]
+    with launched(tmp_path, words, "whole") as whole:
+        assert whole.wait() == 0, log_of(tmp_path, "whole")
+    with launched(tmp_path, words, "broken") as broken:
+        while max((row["step"] for row in read_metrics(tmp_path / "broken")), default=0) < 25:
+            assert broken.poll() is None, log_of(tmp_path, "broken")
+            time.sleep(0.02)
+        os.kill(worker(broken.pid, killed), signal.SIGKILL)
+        assert broken.wait() != 0
+    assert 20 <= int(last_checkpoint(tmp_path / "broken").name) < 200
+    with launched(tmp_path, words, "broken") as resumed:
+        assert resumed.wait() == 0, log_of(tmp_path, "broken")
+    ends = [tmp_path / run / "checkpoints" / "last" / "pretrained_model" for run in ("whole", "broken")]
+    one, two = (load_file(end / "model.safetensors") for end in ends)
+    assert one.keys() == two.keys()
+    assert [name for name, value in one.items() if not torch.equal(value, two[name])] == []
 
-    monkeypatch.setattr(accelerate.Accelerator, "num_processes", 2)
-    monkeypatch.setattr(accelerate.Accelerator, "prepare", Mock(side_effect=InterruptedError))
-    with pytest.raises(InterruptedError):
-        run(tmp_path, config=replace(CONFIG, cuda_graphs=True))
-    assert "cuda_graphs is for one process, and these are 2: they train without." in caplog.text
+
+@contextmanager
+def launched(folder: Path, words: list[str], run: str) -> Iterator[subprocess.Popen]:
+    """Trains in two processes on the CPU as ``accelerate launch`` does on GPUs; they end with the block."""
+    script = Path(roboverse_learn.__file__).parent / "train.py"
+    launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc_per_node=2"]
+    command = [*launch, str(script), *words, f"run={folder / run}"]
+    env = os.environ | {"ACCELERATE_USE_CPU": "true", "OMP_NUM_THREADS": "1"}
+    with (folder / f"{run}.log").open("a") as log:
+        process = subprocess.Popen(command, cwd=folder, env=env, stdout=log, stderr=log)
+    try:
+        yield process
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def log_of(folder: Path, run: str) -> str:
+    return (folder / f"{run}.log").read_text()[-3000:]
+
+
+def worker(launcher: int, rank: int) -> int:
+    """Returns the process that trains as a rank."""
+    children = psutil.Process(launcher).children(recursive=True)
+    return next(child.pid for child in children if child.environ().get("RANK") == str(rank))
