@@ -17,7 +17,8 @@ from policies.base import Observation, Policy
 from roboverse_learn.commands.outcomes import Evaluation, TrainedRun
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.words import as_text
-from roboverse_learn.evaluate import CALLED_WITH, evaluate_all, evaluate_policy
+from roboverse_learn.commands.called_with import called_with
+from roboverse_learn.evaluate import evaluate_all, evaluate_policy
 
 if TYPE_CHECKING:
     import numpy as np
@@ -68,7 +69,7 @@ def train(
     from roboverse_learn.train import train_run
 
     given = {"policy": policy} | _of_task(task, in_one_process=True) | settings
-    with _called_with(given):
+    with called_with(_words(given)):
         return train_run(compose("train", (), given))
 
 
@@ -104,7 +105,7 @@ def evaluate(
         from roboverse_learn.config.schema import baselines
 
         given |= {"policy" if policy in baselines() else "checkpoint": str(policy)}
-        with _called_with(given):
+        with called_with(_words(given)):
             return evaluate_all(compose("evaluate", (), given))
     if task is None:
         raise ConfigError("A policy that is no checkpoint needs a task, as in evaluate(policy, 'PickCube').")
@@ -120,7 +121,7 @@ def evaluate(
         acting = FunctionPolicy(policy, actions)
     # The words of a baseline, so that the same keys are valid and have the same defaults.
     config = compose("evaluate", (), {"policy": "random"} | given)
-    with _called_with(given):
+    with called_with(_words(given)):
         return [evaluate_policy(acting, config)]
 
 
@@ -176,13 +177,8 @@ _IN_THIS_PROCESS: set[str] = set()
 """Tasks that were given as classes and are registered nowhere else."""
 
 
-@contextlib.contextmanager
-def _called_with(given: Mapping[str, Any]) -> Iterator[None]:
-    """Records settings as the words that a result's command shows."""
+def _words(given: Mapping[str, Any]) -> list[str]:
+    """Returns settings as the words that a result's command shows."""
     from roboverse_learn.config.compose import flat
 
-    token = CALLED_WITH.set(tuple(f"{key}={as_text(value)}" for key, value in flat(given).items()))
-    try:
-        yield
-    finally:
-        CALLED_WITH.reset(token)
+    return [f"{key}={as_text(value)}" for key, value in flat(given).items()]

@@ -17,6 +17,7 @@ from typing import Any
 
 from envs.core.errors import ConfigError, RoboVerseError, unknown_name
 from envs.core.registry import PLUGINS_VARIABLE, load_plugins
+from roboverse_learn.commands.called_with import called_with
 from roboverse_learn.commands.child_process import end_with_parent
 from roboverse_learn.config import help as help_texts
 from roboverse_learn.config.compose import compose
@@ -42,7 +43,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     end_with_parent()
     try:
-        return _dispatch(words)
+        with called_with(words):
+            return _dispatch(words)
     except RoboVerseError as error:
         return _fail(str(error))
     except KeyboardInterrupt as interrupt:

@@ -10,11 +10,11 @@ import dataclasses
 import itertools
 import logging
 import math
-from contextvars import ContextVar
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from benchmark.protocol import Cell, Protocol
+from roboverse_learn.commands.called_with import command_words
 from roboverse_learn.commands.outcomes import Evaluation
 from roboverse_learn.commands.tested_checkpoint import (
     TestedCheckpoint,
@@ -282,16 +282,6 @@ def _view_of(checkpoint: Path | None) -> dict[str, Any]:
         return {"observation": "state", "actions": "task"}
     actions = policies.policy_class(policy_type(checkpoint)).actions_of
     return {"observation": "pixels" if seen_cameras(checkpoint) else "full", "actions": actions}
-
-
-CALLED_WITH: ContextVar[tuple[str, ...] | None] = ContextVar("CALLED_WITH", default=None)
-"""The ``key=value`` words that a call from Python stands for."""
-
-
-def command_words() -> list[str]:
-    """Returns the ``key=value`` words of this call, or those that this process was started with."""
-    called = CALLED_WITH.get()
-    return [word for word in sys.argv[1:] if "=" in word] if called is None else list(called)
 
 
 def _earlier(

@@ -36,7 +36,7 @@ def replay_recordings(recordings: "list[Recording]", config: ReplayConfig) -> di
     """Replays recordings of one task; returns what :mod:`roboverse_learn.sim2sim.parity.summary` writes."""
     import envs
     from benchmark import provenance
-    from roboverse_learn.evaluate import command_words
+    from roboverse_learn.commands.called_with import command_words
     from roboverse_learn.sim2sim.parity import tracks
     from roboverse_learn.sim2sim.parity.summary import SCHEMA_VERSION, summarize
 

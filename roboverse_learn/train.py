@@ -64,7 +64,7 @@ def train_run(config: TrainRunConfig) -> TrainedRun | None:
     from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
     from roboverse_learn.commands.run_folder import Run
     from roboverse_learn.config.preflight import check_installed, check_materials, check_scenario_files
-    from roboverse_learn.evaluate import command_words
+    from roboverse_learn.commands.called_with import command_words
     from roboverse_learn.training.device import resolve_device
     from roboverse_learn.training.learners import learner_of
     from roboverse_learn.training.metrics import check_wandb

@@ -22,7 +22,7 @@ _STEPS = 100
 _LEARNING_RATE = 1e-3
 _LEARNED = 0.85
 """Share of the first loss that the last one is below, after 100 steps on one batch: Diffusion Policy, which
-predicts noise, comes to 0.78; a regression far lower."""
+predicts noise, reaches 0.78; a regression far lower."""
 
 
 class PolicySubject:
@@ -140,7 +140,7 @@ def repeatable(subject: PolicySubject) -> str:
         "act gave two answers for one observation and one seed. Keep nothing between calls, and draw noise "
         "from torch's global generator.",
     )
-    return "bit for bit"
+    return "bit-identical"
 
 
 @contract("acts")
@@ -157,7 +157,7 @@ def independent(subject: PolicySubject) -> str:
 
 @contract("acts")
 def saved_and_loaded(subject: PolicySubject) -> str:
-    """Saved and loaded, it acts the same, bit for bit; the folder has JSON and safetensors alone."""
+    """Saved and loaded, its actions are bit-identical; the folder has JSON and safetensors alone."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "checkpoint"
         subject.policy.save(path)
@@ -169,7 +169,7 @@ def saved_and_loaded(subject: PolicySubject) -> str:
         "The loaded policy acts differently. Keep what it learns in parameters and buffers, and its sizes in "
         "the configuration.",
     )
-    return "bit for bit"
+    return "bit-identical"
 
 
 @contract("made")

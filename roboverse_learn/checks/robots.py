@@ -20,10 +20,10 @@ _PHYSICS = PhysicsCfg(timestep_s=0.002, decimation=25)
 _STAND_S, _STEP_S = 2.0, 1.5
 _SAG_RAD, _MISSED_RAD = 0.05, 0.05
 _SHARE, _GRIPPER_SHARE = 0.1, 0.4
-"""Share of its range that a joint of the arm, and one of the gripper, is told to move."""
+"""Share of its range that a joint of the arm, and one of the gripper, is commanded to move."""
 
 _MOST_RAD = 0.3
-"""Most that a joint of the arm is told to move: one that may turn by a whole turn would reach the ground."""
+"""Most that a joint of the arm is commanded to move: one that may turn by a whole turn would reach the ground."""
 
 _WAY_M, _OFF_M = 0.05, 0.01
 
@@ -151,7 +151,7 @@ def rests(subject: RobotSubject) -> str:
 
 @contract("rests")
 def follows(subject: RobotSubject) -> str:
-    """Each joint that is driven by position goes where it is told, and the others stay."""
+    """Each joint that is driven by position reaches its command, and the others stay."""
     robot, driven = subject.robot, list(subject.robot.driven)
     if not robot.fixed_base or not subject.positions:
         raise NotApplicableError(

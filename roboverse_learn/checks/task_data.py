@@ -112,7 +112,7 @@ def initial_states(subject: TaskSubject) -> str:
         all(torch.equal(value, again.flatten()[key]) for key, value in together.flatten().items()),
         "initial_state gave two answers for equal generators. Use no other source of randomness.",
     )
-    return f"{_NUM_STARTS} rows, bit for bit"
+    return f"{_NUM_STARTS} rows, bit-identical"
 
 
 def _check_names(task: Task, state: State) -> None:

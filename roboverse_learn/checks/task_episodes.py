@@ -99,7 +99,7 @@ def deterministic(subject: TaskSubject) -> str:
                 f"{key} differs after {step} steps of the same seed and actions. Keep nothing between "
                 "episodes, and draw from the given generators alone.",
             )
-    return f"{_STEPS} steps, bit for bit"
+    return f"{_STEPS} steps, bit-identical"
 
 
 @contract("scene")
@@ -140,7 +140,7 @@ def set_and_get(subject: TaskSubject) -> str:
     env.handler.set_states(state)
     found = _differing(env.get_states(), state, but=_DERIVED)
     require(not found, f"{found} is another one after it was set: the simulator cannot restore this scene.")
-    return "bit for bit"
+    return "bit-identical"
 
 
 def _differing(state: State, expected: State, *, but: tuple[str, ...] = (), exact: bool = True) -> str:

@@ -200,7 +200,7 @@ async def conducted(
 
 
 def page_facts(steering: Steering) -> dict[str, Any]:
-    """Returns what the page is told at first, as JSON values."""
+    """Returns what the page is sent at first, as JSON values."""
     env, station = steering.env, steering.sessions[0].station
     return {
         "task": env.task.name,

@@ -93,7 +93,7 @@ class TeleoperationServer:
 
     Args:
         sessions: One per operator.
-        facts: JSON-able: what the page is told of the task at first.
+        facts: JSON-able: what the page is sent about the task at first.
         token: First part of every path; random by default.
     """
 

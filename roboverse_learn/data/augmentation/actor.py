@@ -39,7 +39,7 @@ class Progress:
         rng: Its random numbers.
         stage: Its next piece.
         made_of: What each planned piece is made from.
-        retries: How often a subtask was begun again.
+        retries: How often a subtask was restarted.
     """
 
     rng: np.random.Generator
@@ -51,7 +51,7 @@ class Progress:
 class AugmentActor(Actor):
     """Follows plans of pieces until a few steps after success, or the task's limit of steps.
 
-    A subtask is begun again where the hand holds nothing when it should carry, and the last one where the
+    A subtask restarts where the hand holds nothing when it should carry, and the last one where the
     task is not solved at its end.
 
     Args:

@@ -16,7 +16,7 @@ class AugmentConfig:
         choose: Source of each piece: nearest, one of the ``augment.nearest`` most like now, or random.
         nearest: Number of nearest sources among which one is drawn.
         num_sources: Source demonstrations, from the first on; 0 takes all of the dataset.
-        bridge_speed_m_s: Fastest that the hand comes to the beginning of a piece.
+        bridge_speed_m_s: Fastest that the hand moves to the beginning of a piece.
         noise_m: Standard deviation of how far the hand first misses, and then corrects; 3 times as much in 3
             of 10 ways.
         refine_grasp: Plan again when the gripper begins to close, from where the object then is.

@@ -2,7 +2,7 @@
 
 T_hand(t) = T_object T_object_source⁻¹ T_hand_source(t), after MimicGen (arXiv:2310.17596, section 4). For a
 carried object it is the object's own path that is moved to its target: where the hand holds it otherwise than
-the source did, the object still comes to the same place.
+the source did, the object still reaches the same place.
 """
 
 import itertools

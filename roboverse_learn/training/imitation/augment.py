@@ -40,7 +40,7 @@ def shift(images: Tensor, offsets: Tensor) -> Tensor:
 
     Args:
         images: (B, [T,] C, H, W).
-        offsets: (B, 2) integers: the row and column of the source that comes to the upper left.
+        offsets: (B, 2) integers: the row and column of the source that becomes the upper left.
 
     Returns:
         The same shape and type.
