@@ -4,8 +4,7 @@ A setting has the name that it has on the command line. One with dots is a dicti
 part where no other ends so: ``train(steps=5)``, ``train(train={"steps": 5})``.
 """
 
-import contextlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -14,10 +13,10 @@ from envs.core.errors import ConfigError
 from envs.tasks import TASKS
 from envs.tasks.base import Task
 from policies.base import Observation, Policy
+from roboverse_learn.commands.called_with import called_with
 from roboverse_learn.commands.outcomes import Evaluation, TrainedRun
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.words import as_text
-from roboverse_learn.commands.called_with import called_with
 from roboverse_learn.evaluate import evaluate_all, evaluate_policy
 
 if TYPE_CHECKING:

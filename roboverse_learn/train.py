@@ -61,10 +61,10 @@ def train_run(config: TrainRunConfig) -> TrainedRun | None:
             task pays no reward, or has no expert, that an agent is to learn from.
         MissingExtraError: A package is not installed.
     """
+    from roboverse_learn.commands.called_with import command_words
     from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
     from roboverse_learn.commands.run_folder import Run
     from roboverse_learn.config.preflight import check_installed, check_materials, check_scenario_files
-    from roboverse_learn.commands.called_with import command_words
     from roboverse_learn.training.device import resolve_device
     from roboverse_learn.training.learners import learner_of
     from roboverse_learn.training.metrics import check_wandb

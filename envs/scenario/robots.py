@@ -113,8 +113,8 @@ class RobotCfg:
         gripper_opening_m: Distance between the fingertips when open, m; None is the sum of the strokes of
             fingers that slide.
         camera_mount: Body that carries the wrist camera; None is ``gripper_mount``.
-        hollow_meshes: Whether the file's meshes are surfaces without a volume, which MuJoCo refuses unless this
-            is set; masses are the file's all the same.
+        hollow_meshes: Whether the file's meshes are surfaces without a volume, which MuJoCo refuses unless
+            this is set; masses are the file's all the same.
         bodies: What replaces masses and shapes of the file.
         sites: Places that the file lacks.
         pos: Base position in the world, m; of a free base at rest.

@@ -23,7 +23,7 @@ _SHARE, _GRIPPER_SHARE = 0.1, 0.4
 """Share of its range that a joint of the arm, and one of the gripper, is commanded to move."""
 
 _MOST_RAD = 0.3
-"""Most that a joint of the arm is commanded to move: one that may turn by a whole turn would reach the ground."""
+"""Most that a joint of the arm is moved: one that may turn by a whole turn would reach the ground."""
 
 _WAY_M, _OFF_M = 0.05, 0.01
 
