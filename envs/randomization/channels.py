@@ -16,6 +16,7 @@ from envs.randomization.seeding import channel_rng
 if TYPE_CHECKING:
     import numpy as np
 
+    from envs.randomization.language import WordingBank
     from envs.randomization.materials import MaterialLibrary
     from envs.randomization.splits import Split
     from envs.scenario import Appearance, CameraCfg, LightingCfg, ScenarioCfg
@@ -28,6 +29,11 @@ for _name, _target, _summary in (
     ("lighting", "LightingChannel", "lamps, and how everything reflects"),
 ):
     CHANNELS.add(_name, f"envs.randomization.built_in_channels:{_target}", summary=_summary)
+CHANNELS.add(
+    "language",
+    "envs.randomization.language.channel:LanguageChannel",
+    summary="the wording of the instruction: frames of sentences and synonyms",
+)
 
 TEST_SHARE = 0.1
 """Share of what a channel may draw that is held out for the test split, as in RoboVerse (2504.18904)."""
@@ -45,6 +51,8 @@ class Scene:
         lighting: Ranges of the lamps.
         cameras: The scenario's cameras.
         scenario: The scenario, or None where only its appearance is known.
+        instruction: The instruction that the task draws for the episode; empty without a task.
+        wordings: Further wordings of it, or None without a task.
     """
 
     split: "Split"
@@ -54,6 +62,8 @@ class Scene:
     lighting: "LightingCfg"
     cameras: "tuple[CameraCfg, ...]"
     scenario: "ScenarioCfg | None" = None
+    instruction: str = ""
+    wordings: "WordingBank | None" = None
 
     def rng(self, stream: str) -> "np.random.Generator":
         """Returns a stream of random numbers of this episode, independent of those of other names."""
@@ -61,9 +71,9 @@ class Scene:
 
 
 class Channel(ABC):
-    """One part of the appearance of an episode: what may be drawn, a draw, and the scene that has it.
+    """One part of an episode: what may be drawn, a draw, and the scene or the instruction that has it.
 
-    All three are pure functions, so that an episode looks the same in every simulator and process.
+    All of them are pure functions, so that an episode is the same in every simulator and process.
     """
 
     @abstractmethod
@@ -89,6 +99,17 @@ class Channel(ABC):
     @abstractmethod
     def apply(self, appearance: "Appearance", draw: Any, scene: Scene) -> "Appearance":
         """Returns the appearance with a draw; what the channel does not change keeps its look."""
+
+    def instruct(self, instruction: str, draw: Any, scene: Scene) -> str:
+        """Returns the instruction with a draw, for a channel that changes it; by default it stays.
+
+        Args:
+            instruction: What the channels before this one made of the task's instruction.
+            draw: What :meth:`sample` returned.
+            scene: What it is drawn for; ``scene.wordings`` has other wordings of the instruction.
+        """
+        del draw, scene
+        return instruction
 
 
 def divided[T](values: Sequence[T], split: str) -> tuple[T, ...]:
