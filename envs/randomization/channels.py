@@ -8,8 +8,9 @@ A channel of another package registers through the entry-point group ``roboverse
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
+from envs.core.errors import ConfigError
 from envs.core.registry import Registry
 from envs.randomization.seeding import channel_rng
 
@@ -35,6 +36,19 @@ CHANNELS.add(
     summary="the wording of the instruction: frames of sentences and synonyms",
 )
 
+
+class Instructed(Protocol):
+    """What channels ask of a task: its instruction."""
+
+    def instruction(self, rng: "np.random.Generator", /) -> str:
+        """Draws an episode's instruction."""
+        ...
+
+    def wordings(self, instruction: str, /) -> "WordingBank":
+        """Returns the wordings of a drawn instruction."""
+        ...
+
+
 TEST_SHARE = 0.1
 """Share of what a channel may draw that is held out for the test split, as in RoboVerse (2504.18904)."""
 
@@ -51,8 +65,7 @@ class Scene:
         lighting: Ranges of the lamps.
         cameras: The scenario's cameras.
         scenario: The scenario, or None where only its appearance is known.
-        instruction: The instruction that the task draws for the episode; empty without a task.
-        wordings: Further wordings of it, or None without a task.
+        task: The task, or None where only its scenario is known.
     """
 
     split: "Split"
@@ -62,12 +75,30 @@ class Scene:
     lighting: "LightingCfg"
     cameras: "tuple[CameraCfg, ...]"
     scenario: "ScenarioCfg | None" = None
-    instruction: str = ""
-    wordings: "WordingBank | None" = None
+    task: "Instructed | None" = None
 
     def rng(self, stream: str) -> "np.random.Generator":
         """Returns a stream of random numbers of this episode, independent of those of other names."""
         return channel_rng(self.seed, stream, self.episode)
+
+    @property
+    def instruction(self) -> str:
+        """The instruction that the task draws for the episode; empty without a task."""
+        return "" if self.task is None else self.task.instruction(self.rng("instruction"))
+
+    @property
+    def wordings(self) -> "WordingBank":
+        """Known and held-out wordings of the instruction.
+
+        Raises:
+            ConfigError: There is no task.
+        """
+        if self.task is None:
+            raise ConfigError(
+                "A channel rewords the task's instruction, and this randomizer has no task. Make the "
+                "environment with EnvSpec.make, or pass task= to Randomizer."
+            )
+        return self.task.wordings(self.instruction)
 
 
 class Channel(ABC):

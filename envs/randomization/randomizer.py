@@ -1,32 +1,14 @@
 """Maps an episode's index to the appearance of its scene, and to its instruction."""
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any
 
 from envs.core.errors import ConfigError
 from envs.core.plain_values import plain
-from envs.randomization.channels import CHANNELS, Channel, Scene
+from envs.randomization.channels import CHANNELS, Channel, Instructed, Scene
 from envs.randomization.materials import MaterialLibrary
-from envs.randomization.seeding import channel_rng
 from envs.randomization.splits import Split, load_split
 from envs.scenario import Appearance, CameraCfg, LightingCfg, ScenarioCfg
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from envs.randomization.language import WordingBank
-
-
-class Instructed(Protocol):
-    """What a randomizer asks of a task."""
-
-    def instruction(self, rng: "np.random.Generator", /) -> str:
-        """Draws an episode's instruction."""
-        ...
-
-    def wordings(self, instruction: str, /) -> "WordingBank":
-        """Returns the wordings of a drawn instruction."""
-        ...
 
 
 class Randomizer:
@@ -90,9 +72,11 @@ class Randomizer:
         Raises:
             ConfigError: if the episode is not of this randomizer's split.
         """
-        instruction = self._drawn_instruction(episode)
-        for _, channel, draw, scene in self._drawn(episode):
-            instruction = channel.instruct(instruction, draw, scene)
+        scene = self._scene(episode)
+        instruction = scene.instruction
+        for name, channel in self._channels.items():
+            if type(channel).instruct is not Channel.instruct:  # the others need not be sampled
+                instruction = channel.instruct(instruction, _draw(name, channel, scene), scene)
         return instruction
 
     def draws(self, episode: int) -> dict[str, Any]:
@@ -104,6 +88,12 @@ class Randomizer:
         return {name: plain(draw) for name, _, draw, _ in self._drawn(episode)}
 
     def _drawn(self, episode: int) -> Iterator[tuple[str, Channel, Any, Scene]]:
+        scene = self._scene(episode)
+        for name, channel in self._channels.items():
+            yield name, channel, _draw(name, channel, scene), scene
+
+    def _scene(self, episode: int) -> Scene:
+        """Returns what the channels draw for."""
         if episode not in self.split:
             valid = self.split.episodes
             raise ConfigError(
@@ -111,8 +101,7 @@ class Randomizer:
                 f"has {len(valid)} episodes, {valid[0]} to {valid[-1]}. Take one of them, or name the other "
                 f"split."
             )
-        instruction = self._drawn_instruction(episode)
-        scene = Scene(
+        return Scene(
             split=self.split,
             seed=self.seed,
             episode=episode,
@@ -120,12 +109,9 @@ class Randomizer:
             lighting=self.lighting,
             cameras=self.cameras,
             scenario=self.scenario,
-            instruction=instruction,
-            wordings=self.task.wordings(instruction) if self.task is not None else None,
+            task=self.task,
         )
-        for name, channel in self._channels.items():
-            yield name, channel, channel.sample(scene.rng(name), channel.split(scene), scene), scene
 
-    def _drawn_instruction(self, episode: int) -> str:
-        """Returns the instruction that the task draws."""
-        return "" if self.task is None else self.task.instruction(channel_rng(self.seed, "instruction", episode))
+
+def _draw(name: str, channel: Channel, scene: Scene) -> Any:
+    return channel.sample(scene.rng(name), channel.split(scene), scene)

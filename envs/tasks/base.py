@@ -43,9 +43,6 @@ class Task(ABC):
             few environments.
         segments: Subtasks of every demonstration, in order, for trajectory augmentation; none are found from
             recorded states.
-        same_scene: Registered names of other tasks that could be done in this one's scene. Their instructions
-            are wrong here, and tell whether a policy reads its own
-            (:func:`~envs.tasks.wrong_instructions.wrong_instructions`).
     """
 
     name: ClassVar[str]
@@ -57,7 +54,6 @@ class Task(ABC):
     has_reward: ClassVar[bool] = True
     takes_arrays: ClassVar[bool] = False
     segments: "ClassVar[tuple[Segment, ...]]" = ()
-    same_scene: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
         check_parameters(self)
@@ -163,6 +159,15 @@ class Task(ABC):
     def instruction(self, rng: np.random.Generator) -> str:
         """Draws one of the instructions."""
         return self.instructions[int(rng.integers(len(self.instructions)))]
+
+    def same_scene_tasks(self) -> tuple[str, ...]:
+        """Returns registered names of other tasks that could be done in this one's scene; none by default.
+
+        Their instructions are wrong here, and show whether a policy reads its own; see
+        :func:`~envs.tasks.wrong_instructions.wrong_instructions`. A task whose success includes this one's
+        is none of them.
+        """
+        return ()
 
     def wordings(self, instruction: str) -> "WordingBank":
         """Returns the wordings of an instruction that :meth:`instruction` drew: known and held-out ones.

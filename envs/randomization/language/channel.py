@@ -5,9 +5,7 @@ from typing import override
 
 import numpy as np
 
-from envs.core.errors import ConfigError
 from envs.randomization.channels import Channel, Scene
-from envs.randomization.language.bank import WordingBank
 from envs.scenario import Appearance
 
 
@@ -31,11 +29,11 @@ class LanguageChannel(Channel):
 
     @override
     def split(self, scene: Scene) -> tuple[str, ...]:
-        return _bank(scene).of(scene.split.name)
+        return scene.wordings.of(scene.split.name)
 
     @override
     def sample(self, rng: np.random.Generator, allowed: tuple[str, ...], scene: Scene) -> LanguageDraw:
-        bank = _bank(scene)
+        bank = scene.wordings
         wording = allowed[int(rng.integers(len(allowed)))]
         return LanguageDraw(wording, bank.kind(wording), bank.digest)
 
@@ -46,12 +44,3 @@ class LanguageChannel(Channel):
     @override
     def instruct(self, instruction: str, draw: LanguageDraw, scene: Scene) -> str:
         return draw.wording
-
-
-def _bank(scene: Scene) -> WordingBank:
-    if scene.wordings is None:
-        raise ConfigError(
-            "The channel 'language' rewords a task's instruction, and this randomizer has no task. Make the "
-            "environment with EnvSpec.make, or pass task= to Randomizer."
-        )
-    return scene.wordings
