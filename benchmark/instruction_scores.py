@@ -2,7 +2,7 @@
 
 Both rates count success in the task itself, also where it was not asked for. With a wrong, an empty or a
 switched instruction a policy that reads does not succeed, so its difference is near its success rate; one
-that ignores the instruction has a difference of 0. With another wording of the right instruction a policy that
+that ignores the instruction has a difference of 0. With another wording of the right one a policy that
 understands it has a difference of 0.
 """
 

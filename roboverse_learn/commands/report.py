@@ -163,7 +163,8 @@ def _evaluation_paths(evaluations: Sequence["Evaluation"], board: Mapping[str, P
 
 def _board_paths(board: Mapping[str, Path]) -> dict[str, Any]:
     plots = [path for name, path in board.items() if name.startswith("plot")]
-    names = {"html": "page", "studies html": "studies", "markdown": "table", "json": "leaderboard"}
+    names = {"html": "page", "studies html": "studies", "instructions html": "instructions"}
+    names |= {"markdown": "table", "json": "leaderboard"}
     return {title: board[name] for name, title in names.items() if name in board} | {"plots": plots}
 
 
