@@ -118,8 +118,8 @@ def words_of_test(test: str) -> str:
 
 def points(score: Mapping[str, Any]) -> str:
     """Returns a difference in points of percent and its interval: ``+12, 5 to 19``."""
-    low, high = (f"{100 * score[end]:.0f}" for end in ("ci_low", "ci_high"))
-    return f"{100 * score['difference']:+.0f}, {low} to {high}".replace("-", "−")
+    difference, low, high = (round(100 * score[name]) for name in ("difference", "ci_low", "ci_high"))
+    return f"{difference:+d}, {low} to {high}".replace("-", "−")
 
 
 def trained_on(row: Mapping[str, Any]) -> str:
