@@ -120,7 +120,7 @@ def test_kinds_and_splits_of_a_bank_of_ones_own():
     bank = WordingBank(("go",), ("do go",), ("leave",))
     assert (bank.of("train"), bank.of("test")) == (("go",), ("do go", "leave"))
     assert [bank.kind(text) for text in ("go", "do go", "leave")] == [*KINDS]
-    with pytest.raises(UnknownNameError, match="kind of wording 'new_word'.*Did you mean 'new_words'"):
+    with pytest.raises(UnknownNameError, match=r"kind of wording 'new_word'.*Did you mean 'new_words'"):
         bank.of_kind("new_word")
     with pytest.raises(UnknownNameError, match="split 'val'"):
         bank.of("val")
