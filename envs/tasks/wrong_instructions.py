@@ -7,17 +7,17 @@ from envs.randomization.language import load_grammar
 from envs.tasks import TASKS
 from envs.tasks.base import Task
 
-_ANYWHERE = "benchmark"
-"""Tag of the tasks whose words are taken where neither the scene nor the origin has another one."""
+_BENCHMARK = "benchmark"
+"""Tag of the tasks that are learned together, and whose words are taken where there are no others."""
 
 
 def wrong_instructions(task: Task) -> tuple[str, ...]:
     """Returns the first instruction of other tasks, in the order of the registry.
 
     They are of the tasks that could be done in this scene (:meth:`~envs.tasks.base.Task.same_scene_tasks`). A
-    task that names none takes those of tasks with its origin, then those of the benchmark, as far as they ask
-    for something else: what shares both a verb and a noun with an own instruction, synonyms included, might
-    be the same.
+    task that names none takes those of tasks that a policy may have learned with it: of the benchmark's if it
+    is one of them, else of tasks with its origin, else of the benchmark's. They ask for something else: what
+    shares both a verb and a noun with an own instruction, synonyms included, is left out.
 
     Raises:
         ConfigError: There is no other task.
@@ -25,7 +25,9 @@ def wrong_instructions(task: Task) -> tuple[str, ...]:
     same_scene = _words_of(task.same_scene_tasks())
     if same_scene:
         return same_scene
-    for names in (_of_origin(task), [name for name in TASKS if _ANYWHERE in TASKS.entry(name).tags]):
+    benchmark = [name for name in TASKS if _BENCHMARK in TASKS.entry(name).tags and name != task.name]
+    is_of_it = task.name in TASKS and _BENCHMARK in TASKS.entry(task.name).tags
+    for names in (benchmark if is_of_it else [], _of_origin(task), benchmark):
         others = tuple(text for text in _words_of(names) if not _might_be_same(task, text))
         if others:
             return others
