@@ -27,7 +27,7 @@ def test_the_page_is_there_only_with_instruction_tests(tested, publish, tmp_path
     text, page = (written[f"instructions {kind}"].read_text() for kind in ("markdown", "html"))
     assert "| **100** | **0** (+100, 31 to 100) |" in text
     assert "| **100** | **100** (+0, −49 to 49) |" in text
-    assert "wrong instruction" in text and "wrong instruction" in page and "empty" not in page
+    assert "wrong instruction" in text and "wrong instruction" in page and "empty instruction" not in page
     assert 'href="instructions.html"' in written["html"].read_text()
     assert "instructions.md" in written["markdown"].read_text()
     publish(protocol=PLAIN)
