@@ -6,7 +6,7 @@ A protocol is frozen and versioned. Two results are of one protocol when their h
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 from envs.core.errors import ConfigError, unknown_name
@@ -16,23 +16,41 @@ from envs.randomization.splits import SPLITS
 if TYPE_CHECKING:
     import numpy as np
 
+INSTRUCTION_TESTS = ("known", "new_frame", "new_words", "wrong", "empty", "switched")
+"""What the instruction of an episode at level 0 may be instead of the task's own words:
+
+- ``known``: a wording of the train split;
+- ``new_frame`` and ``new_words``: a held-out wording of either kind;
+- ``wrong``: that of another task;
+- ``empty``: nothing;
+- ``switched``: right at first, and that of another task from the middle of the episode on.
+
+Success is always that of the task itself. A policy that reads keeps it under the first three and loses it
+under the others.
+"""
+
+NOT_ASKED = ("wrong", "empty", "switched")
+"""Tests in which a policy that reads its instruction does not do the task."""
+
 VERSION = "v2"
 """The version that this code evaluates: changed whenever an episode of it would change."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Cell:
-    """One cell of the table of results: a level, or one channel alone, on one split.
+    """One cell of the table of results: a level, one channel alone, or an instruction test, on one split.
 
     Attributes:
         level: The level, 0 to 3, or None when one channel varies alone.
         only: The channel that varies alone, or several joined by ``+``; None when ``level`` is given.
         split: ``"train"`` or ``"test"``.
+        instruction_test: One of :data:`INSTRUCTION_TESTS`, at level 0; None leaves the instruction.
     """
 
     level: int | None = None
     only: str | None = None
     split: str
+    instruction_test: str | None = None
 
     def __post_init__(self) -> None:
         if (self.level is None) == (self.only is None):
@@ -45,16 +63,29 @@ class Cell:
             raise ConfigError("The task varies in every cell: name another channel that varies with it.")
         if self.split not in SPLITS:
             raise unknown_name("split", self.split, SPLITS)
+        if self.instruction_test is not None:
+            check_instruction_test(self.instruction_test)
+            if self.level != 0:
+                raise ConfigError(f"Instructions are tested at level 0; given level={self.level}.")
 
     @property
     def condition(self) -> str:
-        """Readable name of what varies: ``"level 2"`` or ``"camera alone"``."""
+        """Readable name of what varies: ``"level 2"``, ``"camera alone"``, ``"instruction wrong"``."""
+        if self.instruction_test is not None:
+            return f"instruction {self.instruction_test.replace('_', ' ')}"
         return f"level {self.level}" if self.only is None else f"{self.only} alone"
 
     @property
     def name(self) -> str:
-        """The cell in the name of a file: ``"level2-test"`` or ``"camera-test"``."""
+        """The cell in a file's name: ``"level2-test"``, ``"camera-test"``, ``"instruction_wrong-test"``."""
+        if self.instruction_test is not None:
+            return f"instruction_{self.instruction_test}-{self.split}"
         return f"level{self.level}-{self.split}" if self.only is None else f"{self.only}-{self.split}"
+
+    @property
+    def right(self) -> "Cell":
+        """The cell with the task's own instruction, whose episodes begin as this one's."""
+        return replace(self, instruction_test=None)
 
     def __str__(self) -> str:
         return f"{self.condition}, {self.split} split"
@@ -74,6 +105,7 @@ class Protocol:
         width: A cell ends once the interval of its success rate is this narrow, and ``episodes`` is the
             most; None evaluates all of them. The interval stays valid: see
             :func:`benchmark.statistics.confidence_sequence`.
+        instructions: Some of :data:`INSTRUCTION_TESTS`, each evaluated on the episodes of level 0.
     """
 
     version: str = VERSION
@@ -83,6 +115,7 @@ class Protocol:
     episodes: int = 100
     seed: int = 0
     width: float | None = None
+    instructions: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.version != VERSION:
@@ -90,7 +123,7 @@ class Protocol:
                 f"Unknown protocol version '{self.version}'. This release evaluates '{VERSION}'; "
                 "install the release that wrote the result to run another version."
             )
-        for name in ("levels", "only", "splits"):
+        for name in ("levels", "only", "splits", "instructions"):
             values = getattr(self, name)
             if len(set(values)) != len(values):
                 raise ConfigError(f"The protocol's {name} must differ from each other, given {list(values)}.")
@@ -108,12 +141,19 @@ class Protocol:
                 f"width must be between 0 and 1, given {self.width!r}: 0.1 ends a cell when its interval "
                 "spans 10 points."
             )
+        check_instruction_tests(self.instructions, self.levels, self.width)
 
     def cells(self) -> tuple[Cell, ...]:
         """Returns every cell, in the order in which they are evaluated."""
-        conditions = [(level, None) for level in self.levels] + [(None, only) for only in self.only]
+        conditions: list[tuple[int | None, str | None, str | None]] = [
+            *((level, None, None) for level in self.levels),
+            *((None, only, None) for only in self.only),
+            *((0, None, test) for test in self.instructions),
+        ]
         return tuple(
-            Cell(level=level, only=only, split=split) for level, only in conditions for split in self.splits
+            Cell(level=level, only=only, split=split, instruction_test=test)
+            for level, only, test in conditions
+            for split in self.splits
         )
 
     def episodes_of(self, split_indices: "Sequence[int] | np.ndarray") -> list[int]:
@@ -128,10 +168,12 @@ class Protocol:
         return episodes(split_indices, self.episodes)
 
     def to_json(self) -> dict[str, Any]:
-        """Returns plain JSON values, in the order of the fields; ``width`` only where there is one."""
+        """Returns plain JSON values, in the order of the fields; the last two only where they are given."""
         values = {item.name: getattr(self, item.name) for item in fields(self)}
         if self.width is None:
             del values["width"]
+        if not self.instructions:
+            del values["instructions"]
         return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 
     @classmethod
@@ -179,6 +221,37 @@ def fingerprint(values: Any) -> str:
 def digest(values: Any) -> str:
     """Returns the first 8 digits of the fingerprint: what names files."""
     return fingerprint(values)[:8]
+
+
+def check_instruction_test(name: str) -> None:
+    """Checks that an instruction test exists.
+
+    Raises:
+        UnknownNameError: It does not.
+    """
+    if name not in INSTRUCTION_TESTS:
+        raise unknown_name("instruction test", name, INSTRUCTION_TESTS)
+
+
+def check_instruction_tests(names: Sequence[str], levels: Sequence[int], width: float | None) -> None:
+    """Checks that instructions can be tested beside these levels.
+
+    Raises:
+        UnknownNameError: A test does not exist.
+        ConfigError: Level 0 is absent, or cells end when their interval is narrow.
+    """
+    for name in names:
+        check_instruction_test(name)
+    if names and 0 not in levels:
+        raise ConfigError(
+            f"instructions={list(names)} are compared with the right instruction, which is level 0; add it: "
+            f"levels={[0, *levels]}."
+        )
+    if names and width is not None:
+        raise ConfigError(
+            f"instructions={list(names)} are compared episode by episode, and width={width} ends each cell "
+            "after another number of them. Leave one out."
+        )
 
 
 def _is_count(value: object, least: int) -> bool:

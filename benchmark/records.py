@@ -33,6 +33,10 @@ class EpisodeRecord:
         renderer: Renderer of the images.
         not_shown: Properties that varied and that the renderer cannot show.
         versions: Versions of the packages that decide the outcome.
+        instruction_test: One of :data:`~benchmark.protocol.INSTRUCTION_TESTS`, or None.
+        instruction: What the policy was asked, at first; None in a file that is older than this field.
+        switched_at: The control step before which the instruction was switched, or None.
+        switched_to: What the policy was asked from then on, or None.
     """
 
     task: str
@@ -52,11 +56,16 @@ class EpisodeRecord:
     renderer: str
     not_shown: tuple[str, ...] = ()
     versions: Mapping[str, str] = field(default_factory=dict)
+    instruction_test: str | None = None
+    instruction: str | None = None
+    switched_at: int | None = None
+    switched_to: str | None = None
 
     @property
     def cell(self) -> Cell:
         """The cell that the episode belongs to."""
-        return Cell(level=self.level, only=self.only, split=self.split)
+        test = self.instruction_test
+        return Cell(level=self.level, only=self.only, split=self.split, instruction_test=test)
 
     def to_json(self) -> dict[str, Any]:
         """Returns every field as plain JSON values: one line of a log of records."""
@@ -106,7 +115,9 @@ class CellSummary:
         """Returns plain JSON values."""
         values = {name: getattr(self, name) for name in self.__slots__ if name != "cell"}
         values |= {"channels": list(self.channels), "not_shown": list(self.not_shown)}
-        return {"level": self.cell.level, "only": self.cell.only, "split": self.cell.split} | values
+        own = {"level": self.cell.level, "only": self.cell.only, "split": self.cell.split}
+        test = self.cell.instruction_test
+        return own | ({} if test is None else {"instruction_test": test}) | values
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

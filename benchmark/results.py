@@ -13,6 +13,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, NoReturn
 
+from benchmark.instruction_scores import instruction_scores
 from benchmark.protocol import Protocol, fingerprint
 from benchmark.records import Checkpoint, EpisodeRecord, Git, Machine, Result
 from envs.core.atomic import write_file
@@ -34,6 +35,9 @@ _RECORD_KEYS = (
     "wall_time_s",
 )
 """Fields that differ between the episodes of a cell; the rest is written once per file."""
+
+_INSTRUCTION_KEYS = ("instruction_test", "instruction", "switched_at", "switched_to")
+"""Further fields of a record, written only where there are some."""
 
 _SHARED_ENV_KEYS = ("task", "simulator", "renderer")
 
@@ -144,7 +148,9 @@ def _to_document(result: Result) -> dict[str, Any]:
     records = values.pop("records")
     document = {"schema_version": SCHEMA_VERSION, **values, "protocol_hash": result.protocol.hash}
     document["cells"] = [summary.to_json() for summary in result.cells()]
-    document["records"] = [{key: getattr(record, key) for key in _RECORD_KEYS} for record in records]
+    if result.protocol.instructions:
+        document["instruction_scores"] = [score.to_json() for score in instruction_scores(records)]
+    document["records"] = [_row(record) for record in records]
     try:
         return document | {"digest": _digest(document)}
     except (TypeError, ValueError) as error:
@@ -152,6 +158,13 @@ def _to_document(result: Result) -> dict[str, Any]:
             f"The result of run '{result.run}' holds a value that JSON cannot: {error}. The configuration "
             "must be resolved to numbers, strings, lists and dictionaries."
         ) from error
+
+
+def _row(record: EpisodeRecord) -> dict[str, Any]:
+    """Returns what a file holds of one episode."""
+    words = {key: getattr(record, key) for key in _INSTRUCTION_KEYS}
+    given = {key: value for key, value in words.items() if value is not None}
+    return {key: getattr(record, key) for key in _RECORD_KEYS} | given
 
 
 @cache
@@ -194,6 +207,7 @@ def _from_document(path: Path, document: dict[str, Any]) -> Result:
             )
         result = _build(_upgraded(document), protocol)
         _check_cells(document["cells"], result)
+        _check_scores(document.get("instruction_scores", []), result)
     except RoboVerseError as error:
         raise ResultError(f"Results file '{path}': {error} {_AGAIN}") from error
     if document["digest"] != _digest(document):
@@ -216,10 +230,10 @@ def _build(document: dict[str, Any], protocol: Protocol) -> Result:
     env = EnvSpec.from_json(document["env"])
     shared = {key: getattr(env, key) for key in _SHARED_ENV_KEYS}
     shared |= {"policy": document["policy"], "versions": document["versions"]}
-    by_cell = {(cell["level"], cell["only"], cell["split"]): cell for cell in document["cells"]}
+    by_cell = {_cell_key(cell): cell for cell in document["cells"]}
     records = []
     for row in document["records"]:
-        cell = by_cell.get((row["level"], row["only"], row["split"]))
+        cell = by_cell.get(_cell_key(row))
         if cell is None:
             raise ResultError(f"episode {row['episode']} belongs to no cell of the file.")
         varied = {"channels": tuple(cell["channels"]), "not_shown": tuple(cell["not_shown"])}
@@ -237,6 +251,10 @@ def _build(document: dict[str, Any], protocol: Protocol) -> Result:
     return Result(**values)
 
 
+def _cell_key(values: Mapping[str, Any]) -> tuple[Any, ...]:
+    return values["level"], values["only"], values["split"], values.get("instruction_test")
+
+
 def _check_cells(cells: list[dict[str, Any]], result: Result) -> None:
     """Checks that the file's cells follow from its records."""
     summaries = result.cells()
@@ -244,10 +262,28 @@ def _check_cells(cells: list[dict[str, Any]], result: Result) -> None:
         raise ResultError(f"it has {len(cells)} cells, and its records make {len(summaries)}.")
     for cell, summary in zip(cells, summaries, strict=True):
         for key, value in summary.to_json().items():
-            # Another release of scipy may differ in the last bit of an interval.
-            close = isinstance(value, float) and math.isclose(cell[key], value, abs_tol=1e-9)
-            if not close and cell[key] != value:
+            if not _agrees(cell[key], value):
                 raise ResultError(f"{key} of {summary.cell} is {cell[key]}; its records give {value}.")
+
+
+def _check_scores(scores: list[dict[str, Any]], result: Result) -> None:
+    """Checks that the file's scores of instructions follow from its records."""
+    own = [score.to_json() for score in instruction_scores(result.records)]
+    if len(scores) != len(own):
+        raise ResultError(f"it has {len(scores)} scores of instructions, and its records make {len(own)}.")
+    for score, expected in zip(scores, own, strict=True):
+        for key, value in expected.items():
+            if not _agrees(score[key], value):
+                raise ResultError(
+                    f"{key} of the instruction test '{expected['instruction_test']}' is {score[key]}; its "
+                    f"records give {value}."
+                )
+
+
+def _agrees(written: Any, value: Any) -> bool:
+    """Returns whether a written value is the one of the records; another scipy may differ in the last bit."""
+    close = isinstance(value, float) and math.isclose(written, value, abs_tol=1e-9)
+    return close or bool(written == value)
 
 
 def _check_shared(result: Result) -> None:

@@ -9,6 +9,7 @@ from zlib import crc32
 
 import numpy as np
 
+from benchmark.instruction_tests import Prompter, Scripts
 from benchmark.protocol import Cell
 from benchmark.protocol import Protocol as EvaluationProtocol
 from benchmark.provenance import package_versions
@@ -38,6 +39,10 @@ class EvaluatedEnv(EpisodeEnv, Protocol):
 
     def image(self, env_id: int, /) -> np.ndarray:
         """Returns the first camera's image of one environment, (H, W, 3) uint8, whatever is observed."""
+        ...
+
+    def set_instruction(self, env_id: int, instruction: str, /) -> None:
+        """Gives an environment's episode another instruction; called by instruction tests alone."""
         ...
 
     def close(self) -> None:
@@ -168,6 +173,8 @@ def evaluate(
                 policy_name=policy_name,
                 on_episode=on_episode,
                 width=protocol.width,
+                instruction_test=cell.instruction_test,
+                right=[record for record in records if record.cell == cell.right],
             )
             if on_cell is not None:
                 on_cell(cell, env, of_cell)
@@ -189,6 +196,8 @@ def evaluate_cell(
     only: str | None = None,
     on_episode: OnEpisode | None = None,
     width: float | None = None,
+    instruction_test: str | None = None,
+    right: Sequence[EpisodeRecord] = (),
 ) -> list[EpisodeRecord]:
     """Runs the episodes of one cell.
 
@@ -205,6 +214,9 @@ def evaluate_cell(
         width: Ends the cell at the first episode, in the order of ``episodes``, after which the interval is
             this narrow; see :class:`~benchmark.protocol.Protocol`. Later episodes that ran beside it do not
             count, so the records do not depend on the number of environments.
+        instruction_test: What the instruction is instead of the task's own, or None; see
+            :data:`~benchmark.protocol.INSTRUCTION_TESTS`.
+        right: For a test: the records of the same episodes with the right instruction.
 
     Returns:
         One record per episode, in the order of ``episodes``.
@@ -213,24 +225,17 @@ def evaluate_cell(
         CheckpointError: The policy returned actions of another shape, or not finite.
         SimulatorError: An episode did not end after the task's number of steps.
     """
-    cell = Cell(level=level, only=only, split=split)
-    shared = {
-        "task": env.task.name,
-        "policy": policy_name,
-        "level": level,
-        "only": only,
-        "channels": tuple(env.channels),
-        "split": split,
-        "seed": seed,
-        "simulator": env.simulator,
-        "renderer": env.renderer,
-        "not_shown": tuple(env.not_shown),
-        "versions": package_versions(),
-    }
+    cell = Cell(level=level, only=only, split=split, instruction_test=instruction_test)
+    prompter = None
+    if instruction_test is not None:
+        lengths = {record.episode: record.length for record in right}
+        prompter = Prompter(env, Scripts(instruction_test, env.task, seed, lengths))
+    shared = _shared_facts(env, cell) | {"policy": policy_name, "seed": seed}
     if len(set(episodes)) != len(episodes):
         raise ConfigError(f"An episode is listed twice in {cell}.")
     done: dict[int, EpisodeRecord] = {}
-    for episode in rollout(env, actor_of(policy, env, seed, str(cell)), episodes):
+    actor = actor_of(policy, env, seed, str(cell))
+    for episode in rollout(env, actor, episodes, on_step=prompter or (lambda _: None)):
         done[episode.position] = EpisodeRecord(
             **shared,
             episode=episode.episode,
@@ -239,12 +244,30 @@ def evaluate_cell(
             length=episode.length,
             episode_return=episode.episode_return,
             wall_time_s=episode.wall_time_s,
+            instruction=episode.instruction,
+            **({} if prompter is None else prompter.facts(episode)),
         )
         if on_episode is not None:
             on_episode(done[episode.position])
         if width is not None and (enough := _narrow_after(done, width)) is not None:
             return [done[position] for position in range(enough)]
     return [done[position] for position in sorted(done)]
+
+
+def _shared_facts(env: EvaluatedEnv, cell: Cell) -> dict[str, Any]:
+    """Returns what the records of a cell have in common."""
+    return {
+        "task": env.task.name,
+        "level": cell.level,
+        "only": cell.only,
+        "channels": tuple(env.channels),
+        "split": cell.split,
+        "instruction_test": cell.instruction_test,
+        "simulator": env.simulator,
+        "renderer": env.renderer,
+        "not_shown": tuple(env.not_shown),
+        "versions": package_versions(),
+    }
 
 
 def _narrow_after(done: Mapping[int, EpisodeRecord], width: float) -> int | None:

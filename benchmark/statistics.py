@@ -273,6 +273,47 @@ def mcnemar(only_a: int, only_b: int) -> float:
     return 1.0 if discordant == 0 else float(binomtest(only_a, discordant, 0.5).pvalue)
 
 
+def paired_difference(
+    both: int, only_a: int, only_b: int, neither: int, confidence: float = CONFIDENCE
+) -> tuple[float, float, float]:
+    """Returns the difference of two success rates on the same episodes, and its interval.
+
+    Method 10 of Newcombe (1998, doi:10.1002/(SICI)1097-0258(19981130)17:22<2635::AID-SIM954>3.0.CO;2-C): it
+    adds the squared distances to the ends of both :func:`wilson` intervals, less what the correlation of the
+    outcomes explains. It is in closed form, and holds where every episode has the same outcome: a bootstrap
+    would call 20 of 20 against 0 of 20 certain.
+
+    Args:
+        both: Episodes where both succeed.
+        only_a: Episodes where only the first succeeds.
+        only_b: Episodes where only the second succeeds.
+        neither: Episodes where both fail.
+        confidence: Coverage of the interval.
+
+    Returns:
+        The rate of the first minus that of the second, lower end, upper end.
+
+    Raises:
+        ValueError: There is no episode, or a number is negative.
+    """
+    n = both + only_a + only_b + neither
+    a, b = both + only_a, both + only_b
+    (a_low, a_high), (b_low, b_high) = wilson(a, n, confidence), wilson(b, n, confidence)
+    rate_a, rate_b = a / n, b / n
+    product = float(a) * (n - a) * b * (n - b)
+    excess = float(both * neither - only_a * only_b)
+    excess = max(excess - n / 2, 0.0) if excess > 0 else excess
+    correlation = excess / np.sqrt(product) if product else 0.0
+
+    def reach(first: float, second: float) -> float:
+        return float(np.sqrt(max(first**2 - 2 * correlation * first * second + second**2, 0.0)))
+
+    difference = rate_a - rate_b
+    low = difference - reach(rate_a - a_low, b_high - rate_b)
+    high = difference + reach(rate_b - b_low, a_high - rate_a)
+    return difference, low, high
+
+
 def e_process(a_wins: Sequence[bool] | np.ndarray) -> np.ndarray:
     """Returns the evidence against "both policies are equally good" after each discordant episode.
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmark.instruction_tests import Prompter, Script
 from benchmark.records import EpisodeRecord
 from benchmark.runner import Baseline, EvaluatedEnv, actor_of
 from envs.core.atomic import atomic_path
@@ -17,7 +18,13 @@ logger = logging.getLogger(__name__)
 
 
 def record_episode(
-    policy: Policy | Baseline, env: EvaluatedEnv, episode: int, *, seed: int, every: int = 2
+    policy: Policy | Baseline,
+    env: EvaluatedEnv,
+    episode: int,
+    *,
+    seed: int,
+    every: int = 2,
+    script: Script | None = None,
 ) -> tuple[np.ndarray, bool]:
     """Runs one episode again and films it.
 
@@ -27,13 +34,17 @@ def record_episode(
         episode: Index in the task's pool of episodes.
         seed: The protocol's seed.
         every: A frame every so many control steps; the first and the last are always kept.
+        script: Instructions in place of the episode's own.
 
     Returns:
         Frames (T, H, W, 3) uint8 of the first camera, and whether the episode succeeded.
     """
     frames: list[np.ndarray] = []
+    prompter = None if script is None else Prompter(env, lambda _: script)
 
     def film(running: Episode) -> None:
+        if prompter is not None:
+            prompter(running)
         if running.length % every == 0:
             frames.append(env.image(running.env_id))
 
@@ -111,7 +122,10 @@ def film_cell(
     """
     paths = []
     for record in choose_episodes(records, count):
-        frames, success = record_episode(policy, env, record.episode, seed=record.seed, every=every)
+        script = None if record.instruction_test is None else Script.of(record)
+        frames, success = record_episode(
+            policy, env, record.episode, seed=record.seed, every=every, script=script
+        )
         if success is not record.success:
             logger.warning(
                 "Episode %d of %s succeeded=%s when it was evaluated and %s when recorded: this policy "

@@ -159,6 +159,7 @@ class EnvSpec:
             seed=protocol_seed,
             library=library,
             scenario=task.scenario,
+            task=task,
         )
         env = RoboVerseVectorEnv(
             task,

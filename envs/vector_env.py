@@ -42,7 +42,8 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
     Args:
         task: The task.
         handler: Its simulator, not yet launched.
-        randomizer: Draws the appearance of episodes; its split is the environment's.
+        randomizer: Draws the appearance and the instruction of episodes, with the same task; its split is the
+            environment's.
         observation: ``"pixels"`` (cameras and joint positions), ``"state"`` (joints and objects), or
             ``"full"`` (the task's ``rl_observation`` as environment state).
         actions: ``"task"`` for those of the task's ``controller``, ``"rl"`` for those of its
@@ -155,6 +156,10 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
         """Returns the instruction of the present episode."""
         return self._instructions[env_id]
 
+    def set_instruction(self, env_id: int, instruction: str) -> None:
+        """Gives the present episode of an environment another instruction, from its next observation on."""
+        self._instructions[env_id] = instruction
+
     def draws(self, env_id: int) -> dict[str, Any]:
         """Returns the channels' sampled values for the present episode, as JSON values."""
         return self.randomizer.draws(int(self.episodes[env_id]))
@@ -189,8 +194,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
         self.handler.set_states(states.select(order), env_ids[order])
         for row, (env_id, episode) in enumerate(zip(env_ids.tolist(), episodes.tolist(), strict=True)):
             self.handler.set_appearance(looks[row], env_id)
-            words = channel_rng(self.protocol_seed, "instruction", episode)
-            self._instructions[env_id] = self.task.instruction(words)
+            self._instructions[env_id] = self.randomizer.instruction(episode)
             self._starts[env_id] = (states, row, looks[row])
         self.episodes[env_ids] = episodes
         self._clear(env_ids)

@@ -77,6 +77,7 @@ def evaluate_checkpoint(
         command: The command of ours that runs, as it is recorded.
     """
     from benchmark.finished_cells import FinishedCells
+    from benchmark.instruction_tests import check_instruction_tests
     from benchmark.results import result_path, video_dir, write_result
     from policies.checkpoint import check_learned, policy_type
 
@@ -94,6 +95,8 @@ def evaluate_checkpoint(
     check_scenario_files(tested.env, looks)
     if tested.checkpoint is not None:
         check_learned(tested.checkpoint, tested.env.task)
+    if protocol.instructions:
+        check_instruction_tests(tested.env.make_task(), protocol.instructions)
     policy = _load(tested)
     finished = FinishedCells(path, _deciding(tested, protocol, checkpoint.hash, materials))
     if finished.records:

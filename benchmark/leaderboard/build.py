@@ -20,6 +20,7 @@ from typing import Any
 from benchmark.leaderboard.curves_section import learning_curves
 from benchmark.leaderboard.entries import STUDY, BoardEntry, classify, is_foreign, one_row_each, shown_entries
 from benchmark.leaderboard.headline import headline
+from benchmark.leaderboard.instructions_table import instructions_table, without_instruction_tests
 from benchmark.leaderboard.overview import overview
 from benchmark.leaderboard.recipe_settings import completed, flat
 from benchmark.leaderboard.rows import (
@@ -40,6 +41,7 @@ from envs.core.errors import ResultError
 SCHEMA_VERSION = 2
 JSON_NAME, MARKDOWN_NAME, HTML_NAME = "leaderboard.json", "leaderboard.md", "leaderboard.html"
 STUDIES_MARKDOWN_NAME, STUDIES_HTML_NAME = "studies.md", "studies.html"
+INSTRUCTIONS_MARKDOWN_NAME, INSTRUCTIONS_HTML_NAME = "instructions.md", "instructions.html"
 
 TABLES = (JSON_NAME, "robots.json", "tasks.json")
 """Files of the folder that are no results: our own, and the tables of experts by robot and by task."""
@@ -58,16 +60,19 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         Plain JSON values: ``schema_version``, ``latest`` (when the newest result was made), ``reference``,
         ``entries`` by id, ``headline`` (see :mod:`benchmark.leaderboard.headline`), ``overview`` (see
         :mod:`benchmark.leaderboard.overview`) and ``sections``, each with its ``rows``, learning ``curves``,
-        ``comparisons`` and ``notes``. A row's ``kind`` is ``entry``, ``baseline`` or ``study``.
+        ``comparisons`` and ``notes``. A row's ``kind`` is ``entry``, ``baseline`` or ``study``. Where there
+        are instruction tests, ``instructions`` has a row for each run that did some (see
+        :mod:`benchmark.leaderboard.instructions_table`).
 
     Raises:
         ResultError: The folder is absent, or a file in it is not a valid result in its place; every
             such file is named.
     """
-    loaded = [
+    whole = [
         (path, replace(told, config=completed(told.config, told.policy, train or {})))
         for path, told in _load(results_dir)
     ]
+    loaded = [(path, without_instruction_tests(result)) for path, result in whole]
     results = [result for _, result in loaded]
     kinds = classify(results)
     kind_of = {path: kind for (path, _), kind in zip(loaded, kinds, strict=True)}
@@ -79,6 +84,7 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
     reference = json.loads(files("benchmark").joinpath("reference/paper.json").read_text())
     shown = {row["entry"] for section in sections for row in section["rows"]}
     entries = shown_entries(entry for _, entry in kinds if entry and entry.id in shown)
+    instructed = instructions_table(whole)
     return {
         "schema_version": SCHEMA_VERSION,
         "latest": max((result.created for result in results), default=None),
@@ -87,6 +93,7 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         "headline": _rounded(headline(sections, entries, reference)),
         "overview": _rounded(overview(sections)),
         "sections": sections,
+        **({"instructions": _rounded(instructed)} if instructed else {}),
     }
 
 
@@ -101,8 +108,9 @@ def write(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         train: As :func:`build`.
 
     Returns:
-        What was written: ``json``, ``markdown``, ``html``, ``studies markdown``, ``studies html``, and the
-        plots, see :func:`benchmark.leaderboard.section_plots.section_plots`.
+        What was written: ``json``, ``markdown``, ``html``, ``studies markdown``, ``studies html``, where
+        there are instruction tests ``instructions markdown`` and ``instructions html``, and the plots,
+        see :func:`benchmark.leaderboard.section_plots.section_plots`.
 
     Raises:
         ResultError: As :func:`build`; nothing is written then.
@@ -118,6 +126,15 @@ def write(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         "studies markdown": (STUDIES_MARKDOWN_NAME, html.render_studies_markdown(board)),
         "studies html": (STUDIES_HTML_NAME, html.render_studies_html(board)),
     }
+    instructions = {
+        "instructions markdown": (INSTRUCTIONS_MARKDOWN_NAME, html.render_instructions_markdown),
+        "instructions html": (INSTRUCTIONS_HTML_NAME, html.render_instructions_html),
+    }
+    for kind, (name, render) in instructions.items():
+        if "instructions" in board:
+            contents[kind] = name, render(board)
+        else:
+            (results_dir / name).unlink(missing_ok=True)
     before = possible_plots(results_dir, results_dir / JSON_NAME)
     written: dict[str, Path] = {}
     for kind, (name, text) in contents.items():

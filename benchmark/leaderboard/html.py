@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from benchmark.leaderboard import words
+from benchmark.leaderboard.instructions_table import instructions_view
 from benchmark.leaderboard.views import board_view, studies_view
 
 BOARD, STUDIES = "leaderboard", "studies"
@@ -27,6 +28,16 @@ def render_studies_html(board: Mapping[str, Any]) -> str:
 def render_studies_markdown(board: Mapping[str, Any]) -> str:
     """Returns the tables of the studies as Markdown."""
     return _render("studies.md.j2", studies_view(board))
+
+
+def render_instructions_html(board: Mapping[str, Any]) -> str:
+    """Returns the page of instruction tests."""
+    return _render("instructions.html.j2", instructions_view(board["instructions"], board["latest"]))
+
+
+def render_instructions_markdown(board: Mapping[str, Any]) -> str:
+    """Returns the tables of instruction tests as Markdown."""
+    return _render("instructions.md.j2", instructions_view(board["instructions"], board["latest"]))
 
 
 def _render(template: str, view: Mapping[str, Any]) -> str:

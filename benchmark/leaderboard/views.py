@@ -40,6 +40,7 @@ def board_view(board: Mapping[str, Any]) -> View:
         "min_episodes": MIN_EPISODES,
         "num_studies": sum(row["kind"] == STUDY for section in board["sections"] for row in section["rows"]),
         "shown_level": _shown_level(boards),
+        "num_instructed": len(board.get("instructions", [])),
     }
 
 

@@ -106,6 +106,31 @@ def p_value(value: float) -> str:
     return "< 0.001" if value < 0.001 else f"{value:.3f}"
 
 
+def words_of_test(test: str) -> str:
+    """Returns how an instruction test is called: ``new frame``, ``wrong instruction``."""
+    return {
+        "known": "known wording",
+        "wrong": "wrong instruction",
+        "empty": "empty instruction",
+        "switched": "switched to a wrong one",
+    }.get(test, test.replace("_", " "))
+
+
+def points(score: Mapping[str, Any]) -> str:
+    """Returns a difference in points of percent and its interval: ``+12, 5 to 19``."""
+    difference, low, high = (round(100 * score[name]) for name in ("difference", "ci_low", "ci_high"))
+    return f"{difference:+d}, {low} to {high}".replace("-", "−")
+
+
+def trained_on(row: Mapping[str, Any]) -> str:
+    """Returns what a run was trained on: ``level 0 · 1,000 demos · 10k steps``."""
+    if row["train_level"] is None and not row["train_only"]:
+        return "nothing"
+    where = f"{row['train_only']} alone" if row["train_only"] else f"level {row['train_level']}"
+    sizes = {"demonstrations": row["demonstrations"], "steps": row["training_steps"]}
+    return " · ".join(filter(None, [where, budget({**sizes, "time_s": row["training_time_s"]})]))
+
+
 def markdown(value: Any) -> Any:
     """Escapes what Markdown would pass through or read as more than text: HTML, links, ends of cells."""
     if not isinstance(value, str):
@@ -122,6 +147,9 @@ FILTERS = {
     "origin": origin,
     "p_value": p_value,
     "percent": percent,
+    "points": points,
+    "trained_on": trained_on,
+    "words_of_test": words_of_test,
     "breakable": breakable,
     "words_of_task": words_of_task,
 }

@@ -8,14 +8,16 @@ A channel of another package registers through the entry-point group ``roboverse
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
+from envs.core.errors import ConfigError
 from envs.core.registry import Registry
 from envs.randomization.seeding import channel_rng
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from envs.randomization.language import WordingBank
     from envs.randomization.materials import MaterialLibrary
     from envs.randomization.splits import Split
     from envs.scenario import Appearance, CameraCfg, LightingCfg, ScenarioCfg
@@ -28,6 +30,24 @@ for _name, _target, _summary in (
     ("lighting", "LightingChannel", "lamps, and how everything reflects"),
 ):
     CHANNELS.add(_name, f"envs.randomization.built_in_channels:{_target}", summary=_summary)
+CHANNELS.add(
+    "language",
+    "envs.randomization.language.channel:LanguageChannel",
+    summary="the wording of the instruction: frames of sentences and synonyms",
+)
+
+
+class Instructed(Protocol):
+    """What channels ask of a task: its instruction."""
+
+    def instruction(self, rng: "np.random.Generator", /) -> str:
+        """Draws an episode's instruction."""
+        ...
+
+    def wordings(self, instruction: str, /) -> "WordingBank":
+        """Returns the wordings of a drawn instruction."""
+        ...
+
 
 TEST_SHARE = 0.1
 """Share of what a channel may draw that is held out for the test split, as in RoboVerse (2504.18904)."""
@@ -45,6 +65,7 @@ class Scene:
         lighting: Ranges of the lamps.
         cameras: The scenario's cameras.
         scenario: The scenario, or None where only its appearance is known.
+        task: The task, or None where only its scenario is known.
     """
 
     split: "Split"
@@ -54,16 +75,36 @@ class Scene:
     lighting: "LightingCfg"
     cameras: "tuple[CameraCfg, ...]"
     scenario: "ScenarioCfg | None" = None
+    task: "Instructed | None" = None
 
     def rng(self, stream: str) -> "np.random.Generator":
         """Returns a stream of random numbers of this episode, independent of those of other names."""
         return channel_rng(self.seed, stream, self.episode)
 
+    @property
+    def instruction(self) -> str:
+        """The instruction that the task draws for the episode; empty without a task."""
+        return "" if self.task is None else self.task.instruction(self.rng("instruction"))
+
+    @property
+    def wordings(self) -> "WordingBank":
+        """Known and held-out wordings of the instruction.
+
+        Raises:
+            ConfigError: There is no task.
+        """
+        if self.task is None:
+            raise ConfigError(
+                "A channel rewords the task's instruction, and this randomizer has no task. Make the "
+                "environment with EnvSpec.make, or pass task= to Randomizer."
+            )
+        return self.task.wordings(self.instruction)
+
 
 class Channel(ABC):
-    """One part of the appearance of an episode: what may be drawn, a draw, and the scene that has it.
+    """One part of an episode: what may be drawn, a draw, and the scene or the instruction that has it.
 
-    All three are pure functions, so that an episode looks the same in every simulator and process.
+    All of them are pure functions, so that an episode is the same in every simulator and process.
     """
 
     @abstractmethod
@@ -89,6 +130,17 @@ class Channel(ABC):
     @abstractmethod
     def apply(self, appearance: "Appearance", draw: Any, scene: Scene) -> "Appearance":
         """Returns the appearance with a draw; what the channel does not change keeps its look."""
+
+    def instruct(self, instruction: str, draw: Any, scene: Scene) -> str:
+        """Returns the instruction with a draw, for a channel that changes it; by default it stays.
+
+        Args:
+            instruction: What the channels before this one made of the task's instruction.
+            draw: What :meth:`sample` returned.
+            scene: What it is drawn for; ``scene.wordings`` has other wordings of the instruction.
+        """
+        del draw, scene
+        return instruction
 
 
 def divided[T](values: Sequence[T], split: str) -> tuple[T, ...]:

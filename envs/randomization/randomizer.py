@@ -1,18 +1,18 @@
-"""Maps an episode's index to the appearance of its scene."""
+"""Maps an episode's index to the appearance of its scene, and to its instruction."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 from envs.core.errors import ConfigError
 from envs.core.plain_values import plain
-from envs.randomization.channels import CHANNELS, Channel, Scene
+from envs.randomization.channels import CHANNELS, Channel, Instructed, Scene
 from envs.randomization.materials import MaterialLibrary
 from envs.randomization.splits import Split, load_split
 from envs.scenario import Appearance, CameraCfg, LightingCfg, ScenarioCfg
 
 
 class Randomizer:
-    """Samples the appearance of episodes: a pure function of the seed, the split and the episode's index.
+    """Samples the looks and the words of episodes: a pure function of seed, split and the episode's index.
 
     Args:
         base: Appearance at level 0; what no channel changes keeps it.
@@ -24,6 +24,7 @@ class Randomizer:
         lighting: Ranges of the lighting channel; by default those of ``scenario``.
         scenario: Whose room is furnished, with every camera that it may be seen through; without it the
             environment channel has no furniture.
+        task: Whose instruction is drawn, and reworded by channels that do; without it there is none.
 
     Raises:
         UnknownNameError: if a channel or the split does not exist.
@@ -40,6 +41,7 @@ class Randomizer:
         library: MaterialLibrary | None = None,
         lighting: LightingCfg | None = None,
         scenario: ScenarioCfg | None = None,
+        task: Instructed | None = None,
     ) -> None:
         self.base = base
         self.cameras = tuple(cameras)
@@ -49,7 +51,8 @@ class Randomizer:
         self.seed = seed
         self.lighting = lighting or (scenario.lighting if scenario is not None else LightingCfg())
         self.scenario = scenario
-        # The task's poses and instruction are no matter of appearance: the task draws them.
+        self.task = task
+        # The task's poses are no matter of a channel: the task draws them.
         self._channels = {name: CHANNELS.get(name)() for name in self.channels if name != "task"}
 
     def appearance(self, episode: int) -> Appearance:
@@ -63,6 +66,19 @@ class Randomizer:
             appearance = channel.apply(appearance, draw, scene)
         return appearance
 
+    def instruction(self, episode: int) -> str:
+        """Returns the instruction of an episode: the task's draw, as the channels reword it.
+
+        Raises:
+            ConfigError: if the episode is not of this randomizer's split.
+        """
+        scene = self._scene(episode)
+        instruction = scene.instruction
+        for name, channel in self._channels.items():
+            if type(channel).instruct is not Channel.instruct:  # the others need not be sampled
+                instruction = channel.instruct(instruction, _draw(name, channel, scene), scene)
+        return instruction
+
     def draws(self, episode: int) -> dict[str, Any]:
         """Returns the sampled values of an episode by channel, as plain JSON values.
 
@@ -72,6 +88,12 @@ class Randomizer:
         return {name: plain(draw) for name, _, draw, _ in self._drawn(episode)}
 
     def _drawn(self, episode: int) -> Iterator[tuple[str, Channel, Any, Scene]]:
+        scene = self._scene(episode)
+        for name, channel in self._channels.items():
+            yield name, channel, _draw(name, channel, scene), scene
+
+    def _scene(self, episode: int) -> Scene:
+        """Returns what the channels draw for."""
         if episode not in self.split:
             valid = self.split.episodes
             raise ConfigError(
@@ -79,8 +101,17 @@ class Randomizer:
                 f"has {len(valid)} episodes, {valid[0]} to {valid[-1]}. Take one of them, or name the other "
                 f"split."
             )
-        scene = Scene(
-            self.split, self.seed, episode, self.library, self.lighting, self.cameras, self.scenario
+        return Scene(
+            split=self.split,
+            seed=self.seed,
+            episode=episode,
+            library=self.library,
+            lighting=self.lighting,
+            cameras=self.cameras,
+            scenario=self.scenario,
+            task=self.task,
         )
-        for name, channel in self._channels.items():
-            yield name, channel, channel.sample(scene.rng(name), channel.split(scene), scene), scene
+
+
+def _draw(name: str, channel: Channel, scene: Scene) -> Any:
+    return channel.sample(scene.rng(name), channel.split(scene), scene)

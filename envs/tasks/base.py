@@ -17,6 +17,7 @@ from envs.tasks.parameters import check_parameters
 if TYPE_CHECKING:
     from envs.controllers import Controller
     from envs.kinematics.waypoints import Waypoint
+    from envs.randomization.language import WordingBank
     from envs.tasks.planner import Planner
     from envs.tasks.segment import Segment
 
@@ -158,3 +159,24 @@ class Task(ABC):
     def instruction(self, rng: np.random.Generator) -> str:
         """Draws one of the instructions."""
         return self.instructions[int(rng.integers(len(self.instructions)))]
+
+    def same_scene_tasks(self) -> tuple[str, ...]:
+        """Returns registered names of other tasks that could be done in this one's scene; none by default.
+
+        Their instructions are wrong here, and show whether a policy reads its own; see
+        :func:`~envs.tasks.wrong_instructions.wrong_instructions`. A task whose success includes this one's
+        is none of them.
+        """
+        return ()
+
+    def wordings(self, instruction: str) -> "WordingBank":
+        """Returns the wordings of an instruction that :meth:`instruction` drew: known and held-out ones.
+
+        By default they are made from all of :attr:`instructions` by
+        :func:`~envs.randomization.language.bank_of`. A task whose instructions mean different things makes
+        them from the given one, ``bank_of((instruction,))``; a task may also list its own, as a
+        :class:`~envs.randomization.language.WordingBank`.
+        """
+        from envs.randomization.language import bank_of
+
+        return bank_of(self.instructions if instruction in self.instructions else (instruction,))

@@ -72,6 +72,11 @@ def words(subject: TaskSubject) -> str:
     require(not bad, f"instructions has {bad[:1]}. Each is a sentence without spaces at its ends.")
     twice = len(task.instructions) - len(set(task.instructions))
     require(not twice, "instructions names one sentence twice. Leave one out.")
+    for text in task.instructions:
+        require(
+            text in task.wordings(text).known,
+            f"wordings('{text}') lacks the instruction among its known wordings. Put it there.",
+        )
     require(
         isinstance(task.max_episode_steps, int) and task.max_episode_steps > 1,
         f"max_episode_steps is {task.max_episode_steps!r}. Give a number of control steps above 1.",

@@ -30,7 +30,7 @@ def train_report(run: "TrainedRun") -> Group:
     return Group(
         *([] if dataset is None else [Text(dataset) if isinstance(dataset, str) else _collected(dataset)]),
         Text(f"Trained {trained.steps:,} steps (stopped by {trained.stopped_by.replace('_', ' ')}){loss}."),
-        *map(success_table, run.evaluations),
+        *_tables(run.evaluations),
         *([Text(run.note)] if run.note else []),
         _paths(
             {"run": run.folder, "checkpoint": trained.checkpoint, "curves": trained.plot}
@@ -54,7 +54,7 @@ def collection_report(dataset: "CollectionSummary") -> Group:
 
 def evaluation_report(evaluations: Sequence["Evaluation"], board: Mapping[str, Path]) -> Group:
     """The table of success of every task, and where the results are."""
-    return Group(*map(success_table, evaluations), _paths(_evaluation_paths(evaluations, board)))
+    return Group(*_tables(evaluations), _paths(_evaluation_paths(evaluations, board)))
 
 
 def leaderboard_report(board: Mapping[str, Path], removed_videos: int | None = None) -> Group:
@@ -123,6 +123,28 @@ def success_table(evaluation: "Evaluation") -> Table:
     return table
 
 
+def instruction_table(evaluation: "Evaluation") -> Table:
+    """How much the instruction matters: success with the right one, in each test, and the difference."""
+    from benchmark.instruction_scores import instruction_scores
+
+    result = evaluation.result
+    title = f"{result.env.task}, {result.policy}: success in the task when it is asked for otherwise, or not"
+    table = Table(title=title, title_justify="left")
+    for column in ("instruction", "split", "right instruction", "this one", "difference"):
+        table.add_column(column, justify="left" if column in ("instruction", "split") else "right")
+    for score in instruction_scores(result.records):
+        rates = (f"{100 * rate:.0f} %" for rate in (score.right_rate, score.test_rate))
+        difference = f"{100 * score.difference:+.0f} [{100 * score.ci_low:.0f}, {100 * score.ci_high:.0f}]"
+        table.add_row(score.instruction_test.replace("_", " "), score.split, *rates, difference)
+    return table
+
+
+def _tables(evaluations: Sequence["Evaluation"]) -> list[Table]:
+    """The table of success of every task, and the table of its instruction tests, if there are any."""
+    tested = [each for each in evaluations if each.result.protocol.instructions]
+    return [*map(success_table, evaluations), *map(instruction_table, tested)]
+
+
 def _rate(cell: "CellSummary") -> str:
     return f"{100 * cell.success_rate:.0f} % [{100 * cell.ci_low:.0f}, {100 * cell.ci_high:.0f}]"
 
@@ -163,7 +185,8 @@ def _evaluation_paths(evaluations: Sequence["Evaluation"], board: Mapping[str, P
 
 def _board_paths(board: Mapping[str, Path]) -> dict[str, Any]:
     plots = [path for name, path in board.items() if name.startswith("plot")]
-    names = {"html": "page", "studies html": "studies", "markdown": "table", "json": "leaderboard"}
+    names = {"html": "page", "studies html": "studies", "instructions html": "instructions"}
+    names |= {"markdown": "table", "json": "leaderboard"}
     return {title: board[name] for name, title in names.items() if name in board} | {"plots": plots}
 
 

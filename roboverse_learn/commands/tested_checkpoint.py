@@ -92,6 +92,7 @@ def protocol_of(config: EvaluationConfig) -> Protocol:
         episodes=config.episodes,
         seed=config.protocol_seed,
         width=config.width,
+        instructions=config.instructions,
     )
 
 

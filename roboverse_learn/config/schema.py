@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 import policies
-from benchmark.protocol import LEVELS, SPLITS
+from benchmark.protocol import LEVELS, SPLITS, check_instruction_tests
 from envs.core.errors import ConfigError, unknown_name
 from envs.randomization.levels import channels_of
 from envs.randomization.splits import load_split
@@ -91,6 +91,8 @@ class EvaluationConfig:
         episodes: Episodes of each cell, that is of each level and split.
         width: A cell ends once the 95 % interval of its success rate is this narrow, as in 0.1, and
             ``episodes`` is the most; null evaluates all of them.
+        instructions: Tests of whether the policy reads its instruction, each on the episodes of level 0:
+            known, new_frame, new_words, wrong, empty, switched.
         protocol_seed: Root of the episodes' randomness.
         num_envs: Environments that step at once; on a CPU no result depends on it.
         videos: Videos of successes, and as many of failures, kept of each level.
@@ -103,6 +105,7 @@ class EvaluationConfig:
     splits: tuple[Split, ...] = SPLITS
     episodes: int = 100
     width: float | None = None
+    instructions: tuple[str, ...] = ()
     protocol_seed: int = 0
     num_envs: int = 10
     videos: int = 1
@@ -115,6 +118,7 @@ class EvaluationConfig:
         _positive(episodes=self.episodes, num_envs=self.num_envs)
         if not self.splits or not (self.levels or self.alone):
             raise ConfigError("evaluate needs a split and a level, as in splits=[test] levels=[0,1,2,3].")
+        check_instruction_tests(self.instructions, self.levels, self.width)
         _not_negative(videos=self.videos, protocol_seed=self.protocol_seed)
         for split in self.splits:
             _within_split(split, episodes=self.episodes)

@@ -101,8 +101,12 @@ def record_result(config: ViewConfig) -> EpisodeRecording:
     spec = _with_all_cameras(result.env).replace(level=record.level or 0, only=record.only)
     env = spec.make(1, split=record.split, observation="state", protocol_seed=record.seed)
     env.reset_envs([0], [record.episode])
+    if record.instruction is not None:
+        env.set_instruction(0, record.instruction)
     recording = EpisodeRecording(env, f"{result.run} {video.stem}")
     outcome = f"{record.policy}, {'success' if record.success else 'failure'}; the scene is that of the start"
+    if record.switched_to is not None:
+        outcome += f"; “{record.switched_to}” from step {record.switched_at} on"
     recording.start(_text(env, outcome))
     frames, fps = _video(video)
     for number, frame in enumerate(frames):

@@ -155,6 +155,7 @@ def make_records():
                         **({"simulator": "mujoco", "renderer": "warp"} | shared),
                         not_shown=("metallic",) if level == 3 else (),
                         versions={"mujoco": "4.0.0"},
+                        instruction_test=cell.instruction_test,
                     )
                 )
         return tuple(records)

@@ -32,6 +32,7 @@ def test_hash_follows_every_field():
         {"episodes": 20},
         {"seed": 1},
         {"width": 0.1},
+        {"instructions": ("wrong",)},
     )
     hashes = {Protocol().hash} | {Protocol(**change).hash for change in changes}
     assert len(hashes) == 1 + len(changes)
@@ -87,3 +88,39 @@ def test_a_cell_is_a_level_or_a_channel():
         Cell(level=1, only="camera", split="test")
     with pytest.raises(ConfigError, match="a level or one channel alone"):
         Cell(split="test")
+
+
+def test_instruction_tests_follow_on_the_episodes_of_level_0():
+    protocol = Protocol(
+        levels=(0, 3), only=("camera",), splits=("test",), instructions=("new_words", "wrong")
+    )
+    assert [cell.name for cell in protocol.cells()] == [
+        "level0-test",
+        "level3-test",
+        "camera-test",
+        "instruction_new_words-test",
+        "instruction_wrong-test",
+    ]
+    *_, new_words, wrong = protocol.cells()
+    assert str(new_words) == "instruction new words, test split"
+    assert wrong.right == Cell(level=0, split="test")
+    assert Protocol.from_json(protocol.to_json()) == protocol
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"instructions": ("rong",)}, r"instruction test 'rong'.*Did you mean 'wrong'"),
+        ({"instructions": ("wrong",), "levels": (1,)}, r"which is level 0; add it: levels=\[0, 1\]"),
+        ({"instructions": ("wrong",), "width": 0.1}, r"compared episode by episode, and width=0.1"),
+        ({"instructions": ("wrong", "wrong")}, r"instructions must differ from each other"),
+    ],
+)
+def test_instruction_tests_that_cannot_be_compared_are_errors(arguments, message):
+    with pytest.raises(RoboVerseError, match=message):
+        Protocol(**arguments)
+
+
+def test_a_cell_tests_instructions_at_level_0_alone():
+    with pytest.raises(ConfigError, match=r"Instructions are tested at level 0; given level=2"):
+        Cell(level=2, split="test", instruction_test="wrong")

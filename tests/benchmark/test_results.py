@@ -267,3 +267,48 @@ def test_a_full_disk_leaves_the_old_file(written, monkeypatch):
         write_result(path, replace(result, created="2027-01-01T00:00:00Z"))
     assert path.read_bytes() == before
     assert list(path.parent.iterdir()) == [path]
+
+
+INSTRUCTED = Protocol(episodes=3, levels=(0, 1), instructions=("new_frame", "switched"))
+
+
+def worded(result):
+    """Returns a result whose records say what the policy was asked."""
+    switched = {"switched_at": 7, "switched_to": "dance"}
+    records = (
+        replace(
+            record, instruction="lift the cube", **(switched if record.instruction_test == "switched" else {})
+        )
+        for record in result.records
+    )
+    return replace(result, records=tuple(records))
+
+
+def test_instruction_tests_and_their_scores_round_trip(make_result, tmp_path):
+    result = worded(make_result(protocol=INSTRUCTED))
+    path = result_path(tmp_path, result)
+    write_result(path, result)
+    assert read_result(path) == result
+    document = json.loads(path.read_text())
+    tests = [(score["instruction_test"], score["split"]) for score in document["instruction_scores"]]
+    assert tests == [(test, split) for test in ("new_frame", "switched") for split in ("train", "test")]
+    assert document["records"][0]["instruction"] == "lift the cube"
+    assert "instruction_test" not in document["cells"][0] and "switched_at" not in document["records"][0]
+
+
+def test_a_file_without_instructions_has_none_of_their_keys(written):
+    document = json.loads(written[0].read_text())
+    assert "instruction_scores" not in document and "instructions" not in document["protocol"]
+    assert not any(key.startswith(("instruction", "switched")) for row in document["records"] for key in row)
+
+
+def test_a_score_that_does_not_follow_from_the_records_is_refused(make_result, tmp_path):
+    result = worded(make_result(protocol=INSTRUCTED))
+    path = result_path(tmp_path, result)
+    write_result(path, result)
+    edit(path, lambda document: document["instruction_scores"][1].update(difference=0.9))
+    with pytest.raises(ResultError, match=r"difference of the instruction test 'new_frame' is 0\.9"):
+        read_result(path)
+    edit(path, lambda document: document.pop("instruction_scores"))
+    with pytest.raises(ResultError, match=r"it has 0 scores of instructions, and its records make 4"):
+        read_result(path)

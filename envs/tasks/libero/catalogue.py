@@ -4,6 +4,7 @@
 """
 
 import json
+import re
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -45,6 +46,12 @@ class Entry:
         """Name of the task's class."""
         words = f"{self.suite}_{self.file}".replace("_", " ").split()
         return "Libero" + "".join(word[0].upper() + word[1:].lower() for word in words)
+
+    @property
+    def scene_name(self) -> str:
+        """Name of the scene that several tasks share: ``KITCHEN_SCENE3``, or the suite's, as in ``goal``."""
+        found = re.match(r"[A-Z_]+_SCENE\d+", self.file)
+        return found[0] if found else self.suite
 
 
 @cache

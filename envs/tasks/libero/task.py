@@ -75,6 +75,12 @@ class LiberoTask(Task):
         return fixed.select([index])
 
     @override
+    def same_scene_tasks(self) -> tuple[str, ...]:
+        from envs.tasks.libero.same_scene import same_scene_tasks
+
+        return same_scene_tasks(self.entry)
+
+    @override
     def success(self, state: State) -> Tensor:
         finite = torch.stack([entity.pos.isfinite().all(-1) for entity in state.objects.values()])
         return self.goal.met(state).all(-1) & finite.all(0)

@@ -95,6 +95,14 @@ def test_calls_that_evaluation_makes(env):
     assert frames[0].dtype == np.uint8
 
 
+def test_the_language_channel_gives_held_out_words():
+    env = RoboVerseEnvConfig(image_size=16, only="language").create_envs(2)["roboverse"][0]
+    env.reset(seed=0)
+    held_out = env.task.wordings(env.task.description).test
+    assert {*env.call("task_description")} <= {*held_out}
+    env.close()
+
+
 def test_another_call_is_refused_by_name(env):
     with pytest.raises(AttributeError, match="RoboVerse's vector env has no 'fly' to call"):
         env.call("fly")

@@ -3,7 +3,9 @@
 import pytest
 
 from benchmark.results import read_result
-from envs.core.errors import ConfigError, UnknownNameError
+from envs.core.errors import ConfigError, RoboVerseError, UnknownNameError
+from envs.tasks.pick_cube import PickCube
+from envs.tasks.wrong_instructions import wrong_instructions
 from roboverse_learn import cli
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.schema import baselines
@@ -70,3 +72,28 @@ def test_the_expert_of_a_task_without_one_is_refused(tmp_path):
     with pytest.raises(ConfigError, match="control/cartpole has no scripted expert"):
         evaluate(compose("evaluate", words))
     assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_instruction_tests_are_evaluated_and_reported(tmp_path, capsys):
+    result = result_of("expert", tmp_path, "episodes=1", "instructions=[wrong,switched]", "alone=[language]")
+    said = capsys.readouterr().out
+    assert "success in the task when it is asked for otherwise" in said and "instruction switched" in said
+    own, worded, wrong, switched = result.records
+    assert worded.only == "language" and worded.instruction in PickCube().wordings(own.instruction).test
+    assert wrong.instruction in wrong_instructions(PickCube()) and wrong.success, "an expert reads nothing"
+    assert switched.instruction == own.instruction and switched.switched_at == own.length // 2
+    assert (tmp_path / "instructions.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["instructions=[wrong]", "levels=[1]"], r"which is level 0; add it: levels=\[0, 1\]"),
+        (["instructions=[rong]"], "Did you mean 'wrong'"),
+        (["instructions=[wrong]", "width=0.2"], "Leave one out"),
+    ],
+)
+def test_instruction_tests_that_cannot_be_compared_are_errors(words, message):
+    with pytest.raises(RoboVerseError, match=message):
+        compose("evaluate", ["policy=random", "task=PickCube", *words])

@@ -61,6 +61,7 @@ CHOSEN = {
     "train.time_limit_s": 12.5,
     "evaluate.levels": [3],
     "evaluate.alone": ["lighting"],
+    "evaluate.instructions": ["wrong"],
     "evaluate.splits": ["test"],
     "train.betas": [0.5, 0.75],
     "train.lr_muon": 0.01,
