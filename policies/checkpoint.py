@@ -13,9 +13,15 @@ if TYPE_CHECKING:
 
 CONFIG = "config.json"
 WEIGHTS = "model.safetensors"
+ADAPTERS = "adapter_model.safetensors"
+"""Weights of adapters, in place of those of a whole network."""
+
 HASHES = "sha256.json"
 PREPROCESSOR = "policy_preprocessor.json"
 POSTPROCESSOR = "policy_postprocessor.json"
+
+LEROBOT = "lerobot"
+"""The policy that is any type of LeRobot's registry."""
 
 REGISTERED_AS = {"keypoint_act": "act"}
 """LeRobot's policy types that are a network of a policy with another name."""
@@ -45,6 +51,21 @@ def resolve(directory: str | Path) -> Path:
         if (directory / inner / CONFIG).is_file():
             return directory / inner
     raise PolicyError(f"Checkpoint '{directory}' has no {CONFIG}. {_ADVICE}")
+
+
+def weights_path(directory: Path) -> Path:
+    """Returns the file of a pretrained folder whose content is the policy's own.
+
+    Args:
+        directory: A pretrained folder.
+
+    Returns:
+        The weights, or the adapters where only these were trained; ``model.safetensors`` if there is neither.
+    """
+    for name in (WEIGHTS, ADAPTERS, f"{WEIGHTS}.index.json"):
+        if (directory / name).is_file():
+            return directory / name
+    return directory / WEIGHTS
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -128,12 +149,25 @@ def seen_cameras(directory: Path) -> dict[str, int]:
 
 
 def policy_type(directory: Path) -> str:
-    """Returns the registered name of the policy in a pretrained folder."""
-    name = read_json(directory / CONFIG).get("type")
-    name = REGISTERED_AS.get(name, name) if isinstance(name, str) else name
+    """Returns the registered name of the policy in a pretrained folder.
+
+    A type of LeRobot's that is not registered by itself is of ``lerobot``.
+    """
+    name = policy_label(directory)
+    name = REGISTERED_AS.get(name, name)
+    from policies import POLICIES
+    from policies.zoo.types import type_names
+
+    return name if name in POLICIES or name not in type_names() else LEROBOT
+
+
+def policy_label(directory: Path) -> str:
+    """Returns the name of the policy in a pretrained folder, as results have it: of LeRobot's types, the type."""
+    content = read_json(directory / CONFIG)
+    name = content.get("type", content.get("model_type"))
     if not isinstance(name, str):
         raise PolicyError(f"'{directory / CONFIG}' does not say which policy it is (key 'type'). {_ADVICE}")
-    return name
+    return REGISTERED_AS.get(name, name)
 
 
 def write_hashes(directory: Path) -> None:

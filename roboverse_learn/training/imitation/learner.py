@@ -38,4 +38,6 @@ class ImitationLearner(Learner):
             self.device,
             seed=seed,
         )
-        return train(policy, data, self.config.train, run_dir, seed=seed, reporter=reporter)
+        policy.instructions = data.info.tasks
+        settings = policy.training_config(self.config.train)
+        return train(policy, data, settings, run_dir, seed=seed, reporter=reporter)
