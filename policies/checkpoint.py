@@ -120,14 +120,16 @@ def check_learned(directory: Path, task: str) -> None:
         )
 
 
-def seen_cameras(directory: Path) -> dict[str, int]:
+def seen_cameras(directory: Path, rename_map: Mapping[str, str] | None = None) -> dict[str, int]:
     """Returns the cameras whose images a policy sees, in order, and the pixels a side of each.
 
     Args:
         directory: A pretrained folder.
+        rename_map: Camera of the environment to camera of the policy, beside the map that is saved.
 
     Returns:
-        Nothing for a policy that sees no images.
+        Nothing for a policy that sees no images. Cameras have the names of the environment; one that only
+        fills the place of none is left out.
 
     Raises:
         PolicyError: if the folder does not say what its policy sees.
@@ -139,13 +141,26 @@ def seen_cameras(directory: Path) -> dict[str, int]:
             shapes = {key: feature["shape"] for key, feature in values["input_features"].items()}
         else:  # of a reinforcement learning policy
             shapes = {key: [size] for key, size in values["observation"].items()}
+        sources = _sources(directory, rename_map or {})
         return {
-            key.removeprefix(_IMAGES): int(shape[-1])
+            sources.get(name, name): min(map(int, shape[-2:]))
             for key, shape in shapes.items()
-            if key.startswith(_IMAGES)
+            if (name := key.removeprefix(_IMAGES)) != key and not name.startswith("empty_camera")
         }
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise PolicyError(f"'{path}' does not say which images its policy takes: {error!r}.") from error
+
+
+def _sources(directory: Path, rename_map: Mapping[str, str]) -> dict[str, str]:
+    """Returns the camera of the environment of each renamed camera of a policy."""
+    path, saved = directory / PREPROCESSOR, {}
+    for step in read_json(path).get("steps", []) if path.is_file() else []:
+        if step.get("registry_name") == "rename_observations_processor":
+            saved = dict(step.get("config", {}).get("rename_map") or {})
+    return {
+        target.removeprefix(_IMAGES): source.removeprefix(_IMAGES)
+        for source, target in {**saved, **rename_map}.items()
+    }
 
 
 def policy_type(directory: Path) -> str:

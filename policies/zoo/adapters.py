@@ -159,6 +159,7 @@ def wrap_from(model: Any, directory: Path) -> Any:
     config.inference_mode = False
     for parameter in model.parameters():
         parameter.requires_grad_(False)
+    model.name_or_path = config.base_model_name_or_path  # what peft would else write over it
     wrapped = get_peft_model(model, config)
     load_state(
         wrapped, checkpoint.read_weights(directory / checkpoint.ADAPTERS), directory / checkpoint.ADAPTERS

@@ -6,6 +6,7 @@ needed for every command line, so they are parsed.
 
 import ast
 from functools import cache
+from importlib.metadata import distributions
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,11 @@ from envs.core.errors import PolicyError, suggest, unknown_name
 EXTRA = "vla"
 """Our optional extra with what the types need beside LeRobot."""
 
-_NOT_FOR_DEMONSTRATIONS = ("gaussian_actor",)
-"""Registered types that learn by reinforcement alone."""
+_NOT_FOR_DEMONSTRATIONS = ("gaussian_actor", "tdmpc")
+"""Registered types that need rewards."""
+
+_PLUGIN = "lerobot_policy_"
+"""How a package's name begins that brings a policy to LeRobot (lerobot.utils.import_utils)."""
 
 _SET_HERE = frozenset(
     {
@@ -36,7 +40,7 @@ _SET_HERE = frozenset(
 
 def type_names() -> list[str]:
     """Returns LeRobot's policy types that learn from demonstrations, sorted."""
-    return sorted(_files())
+    return sorted([*_files(), *_plugins()])
 
 
 def check_type(name: str) -> None:
@@ -45,8 +49,8 @@ def check_type(name: str) -> None:
     Raises:
         UnknownNameError: if it has none of that name.
     """
-    if name not in _files() and name not in _plugins():
-        raise unknown_name("LeRobot policy", name, [*type_names(), *_plugins()])
+    if name not in type_names():
+        raise unknown_name("LeRobot policy", name, type_names())
 
 
 def settings_of(name: str) -> dict[str, str]:
@@ -98,13 +102,18 @@ def _files() -> dict[str, Path]:
     return {name: path for name, path in files.items() if name not in _NOT_FOR_DEMONSTRATIONS}
 
 
+@cache
 def _plugins() -> list[str]:
-    """Returns the types of packages beside LeRobot, which import it: looked for only where a name is unknown."""
+    """Returns the types of installed packages beside LeRobot; only if there are some is LeRobot imported."""
+    names = (str(each.metadata["Name"]) for each in distributions())
+    if not any(name.lower().replace("-", "_").startswith(_PLUGIN) for name in names):
+        return []
     from lerobot.configs import PreTrainedConfig
     from lerobot.utils.import_utils import register_third_party_plugins
 
+    before = set(PreTrainedConfig.get_known_choices())
     register_third_party_plugins()
-    return sorted(set(PreTrainedConfig.get_known_choices()) - set(_files()) - set(_NOT_FOR_DEMONSTRATIONS))
+    return sorted(set(PreTrainedConfig.get_known_choices()) - before)
 
 
 def _folder() -> Path:

@@ -1,0 +1,116 @@
+"""A checkpoint of any LeRobot policy in a task of ours: its cameras, its widths, checked before the run begins."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from envs.core.errors import ConfigError
+from envs.spec import EnvSpec
+
+if TYPE_CHECKING:
+    from roboverse_learn.commands.tested_checkpoint import TestedCheckpoint
+
+ANY_SIZE = ("lerobot", "openvla")
+"""Policies that resize what they see."""
+
+_DEFAULT_PX = 256
+"""Image size for a policy that saw images of several sizes, pixels."""
+
+
+def open_checkpoint(path: str) -> Path:
+    """Returns the pretrained folder of a path, or of a name on the hub.
+
+    Raises:
+        PolicyError: if there is neither.
+    """
+    from policies.zoo.source import local_folder
+
+    return local_folder(path)
+
+
+def task_cameras(env: EnvSpec) -> tuple[str, ...]:
+    """Returns the names of every camera of a task."""
+    return tuple(camera.name for camera in env.replace(cameras=(), scenario={}).make_task().scenario.cameras)
+
+
+def seen_env(checkpoint: Path, given: Mapping[str, Any], rename_map: Mapping[str, str]) -> EnvSpec:
+    """Returns the cameras and the image size that a policy is evaluated with.
+
+    Args:
+        checkpoint: A pretrained folder.
+        given: Fields of the environment that are given; ``task`` is one.
+        rename_map: Camera of the task to camera of the policy.
+
+    Raises:
+        ConfigError: if no camera of the task is one of the policy.
+    """
+    from policies.checkpoint import policy_type, seen_cameras
+
+    of_task = {key: given[key] for key in ("task", "task_kwargs", "robot") if key in given}
+    present = task_cameras(EnvSpec(**of_task))
+    if policy_type(checkpoint) == "openvla":
+        from policies.openvla.config import IMAGE_PX
+
+        chosen = tuple(rename_map)[:1] or present[:1]
+        return EnvSpec(cameras=chosen, image_size=given.get("image_size") or IMAGE_PX)
+    cameras = seen_cameras(checkpoint, rename_map)
+    found = tuple(name for name in present if name in cameras)
+    if cameras and not found:
+        raise ConfigError(_no_camera(tuple(cameras), present, given["task"]))
+    sizes = set(cameras.values())
+    size = sizes.pop() if len(sizes) == 1 else _DEFAULT_PX
+    return EnvSpec(cameras=found, image_size=given.get("image_size") or size)
+
+
+def _no_camera(wanted: tuple[str, ...], present: tuple[str, ...], task: str) -> str:
+    pairs = ",".join(f"{name}:{target}" for name, target in zip(present, wanted, strict=False))
+    return (
+        f"The policy sees the cameras {', '.join(wanted)}, and {task} has {', '.join(present)}. Map them, as in "
+        f"'rename_map={{{pairs}}}'."
+    )
+
+
+def check_widths(tested: "TestedCheckpoint") -> None:
+    """Checks that the state and the actions of a policy are those of the task.
+
+    Raises:
+        ConfigError: if not.
+    """
+    from policies.checkpoint import CONFIG, policy_type, read_json
+    from roboverse_learn.collect import task_layout
+    from roboverse_learn.config.schema import CollectConfig
+
+    if tested.checkpoint is None or policy_type(tested.checkpoint) not in ANY_SIZE:
+        return
+    content = read_json(tested.checkpoint / CONFIG)
+    features, _, robot = task_layout(CollectConfig(env=replace(tested.env, scenario={})))
+    task = tested.env.task
+    for section, key, what in (
+        ("output_features", "action", "actions have"),
+        ("input_features", "observation.state", "state has"),
+    ):
+        shape = ((content.get(section) or {}).get(key) or {}).get("shape")
+        names = features[key]["names"]
+        if shape and int(shape[0]) != len(names):
+            raise ConfigError(
+                f"The policy's {what} {shape[0]} numbers, and in {task} it is {len(names)} ({', '.join(names)}) of "
+                f"robot {robot}. Evaluate it in a task and with a robot that it was trained for, or fine-tune it on "
+                f"demonstrations of {task}: roboverse train policy=lerobot policy.path=<checkpoint> task={task}"
+            )
+
+
+def show_cameras(policy: Any, tested: "TestedCheckpoint") -> None:
+    """Maps the cameras of the environment to those of a policy that takes such a map.
+
+    Raises:
+        ConfigError: if a map is given, and the policy takes none.
+        PolicyError: if a camera of the policy is not there.
+    """
+    if hasattr(policy, "see"):
+        policy.see(tested.env.cameras or task_cameras(tested.env)[:1], tested.rename_map)
+    elif tested.rename_map:
+        raise ConfigError(
+            f"rename_map is for policies of LeRobot's registry; policy '{policy.name}' sees the cameras that it was "
+            "trained with. Leave rename_map out."
+        )
