@@ -177,7 +177,7 @@ def policy_type(directory: Path) -> str:
 
 
 def policy_label(directory: Path) -> str:
-    """Returns the name of the policy in a pretrained folder, as results have it: of LeRobot's types, the type."""
+    """Returns the name of the policy in a pretrained folder as results have it: LeRobot's type."""
     content = read_json(directory / CONFIG)
     name = content.get("type", content.get("model_type"))
     if not isinstance(name, str):

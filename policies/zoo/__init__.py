@@ -1,1 +1,1 @@
-"""Every policy of LeRobot's registry, trained and evaluated by our commands: ``policy=lerobot type=<name>``."""
+"""Every policy of LeRobot's registry, by our commands: ``policy=lerobot type=<name>``."""

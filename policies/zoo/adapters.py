@@ -47,7 +47,8 @@ def wrap(model: Any, config: PeftConfig, base: str) -> Any:
         wrapped = model.wrap_with_peft(peft_cli_overrides=overrides)
     except (ValueError, TypeError, KeyError) as error:
         raise PolicyError(
-            f"peft.* does not fit LeRobot's {model.name}: {error} Name the layers with peft.target_modules, as in "
+            f"peft.* does not fit LeRobot's {model.name}: {error} Name the layers with "
+            "peft.target_modules, as in "
             r"peft.target_modules='.*\.(q_proj|v_proj)' or peft.target_modules=all-linear."
         ) from error
     wrapped.peft_config[wrapped.active_adapter].revision = revision or None
@@ -81,7 +82,8 @@ def load_state(model: Any, tensors: Mapping[str, Tensor], path: Path) -> None:
     )  # fmt: skip
     if wrong:
         raise PolicyError(
-            f"'{path}' does not fit {CONFIG} beside it: {len(wrong)} of {len(own)} tensors are absent, unknown or of "
+            f"'{path}' does not fit {CONFIG} beside it: {len(wrong)} of {len(own)} tensors are absent, "
+            "unknown or of "
             f"another shape, the first '{wrong[0]}'. Name another checkpoint, or train again."
         )
     set_peft_model_state_dict(model, dict(tensors))
@@ -136,7 +138,8 @@ def find_base(directory: Path) -> str:
     if is_hub_name(base):
         return f"{base}@{content['revision']}" if content.get("revision") else base
     raise PolicyError(
-        f"The adapters in '{directory}' belong to the model '{base}', which is not there any more. Put it back, or "
+        f"The adapters in '{directory}' belong to the model '{base}', which is not there any more. Put it "
+        "back, or "
         f"write its present folder into {_BASE} of '{directory / CONFIG}'."
     )
 

@@ -1,7 +1,9 @@
 """What a checkpoint carries beside its weights: tokenizers and the configuration of its backbone.
 
-LeRobot saves the *names* of both, which it looks up again at each load. A checkpoint of ours has copies, under
-``assets/``, and ``assets.json`` maps each name to its copy. ``config.json`` keeps the names, so that LeRobot's own
+LeRobot saves the *names* of both, which it looks up again at each load. A checkpoint of ours has copies,
+under
+``assets/``, and ``assets.json`` maps each name to its copy. ``config.json`` keeps the names, so that
+LeRobot's own
 programs read the folder as any other.
 """
 
@@ -76,7 +78,7 @@ def write_assets(
 
 
 def _place(index: dict[str, str], name: str) -> str:
-    """Returns the folder of a name inside a checkpoint; the last part stays, for LeRobot looks for 'clip' in it."""
+    """Returns the folder of a name inside a checkpoint; its last part stays, as LeRobot looks at it."""
     if name not in index:
         base = Path(name).name or "backbone"
         taken = set(index.values())
@@ -103,7 +105,8 @@ def carried(config: Any, assets: Mapping[str, str], *, weights: bool) -> Iterato
     Args:
         config: LeRobot's configuration, changed within and restored after it.
         assets: Folder by name.
-        weights: Whether the backbone's own weights are wanted, as for training from the start; otherwise it is
+        weights: Whether the backbone's own weights are wanted, as for training from the start; otherwise it
+            is
             built from its configuration alone, and a checkpoint's weights follow.
     """
     before: dict[str, Any] = {}

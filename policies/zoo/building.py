@@ -25,7 +25,7 @@ from policies.zoo.assets import carried, read_assets, tokenizer_from
 from policies.zoo.config import LeRobotConfig
 from policies.zoo.source import is_hub_name, local_folder
 from policies.zoo.types import EXTRA, type_names
-from policies.zoo.weights import load_tensors
+from policies.zoo.weights import load_tensors, read_tensors
 
 __all__ = ["OF_ONE_SIZE", "base_name", "build", "make_processors", "type_names"]
 
@@ -72,7 +72,8 @@ def read_base(config: LeRobotConfig, device: str) -> Read:
     content = checkpoint.read_json(folder / checkpoint.CONFIG)
     if config.type and content.get("type") != config.type:
         raise PolicyError(
-            f"'{config.path}' is of type {content.get('type')}, and type={config.type} was given. Leave out type."
+            f"'{config.path}' is of type {content.get('type')}, and type={config.type} was given. Leave "
+            "out type."
         )
     read = read_folder(folder, device, config.settings)
     if read.adapters:
@@ -100,7 +101,7 @@ def read_folder(folder: Path, device: str, settings: Mapping[str, Any] | None = 
         config=config,
         folder=folder,
         weights_path=path,
-        tensors=checkpoint.read_weights(path),
+        tensors=read_tensors(path),
         assets=read_assets(source) | assets,
         adapters=with_adapters,
     )
@@ -209,7 +210,8 @@ def make_processors(
     if folder is None or not (folder / checkpoint.PREPROCESSOR).is_file():
         if stats is None:
             raise PolicyError(
-                f"Checkpoint '{folder}' has no {checkpoint.PREPROCESSOR}: it is of an older LeRobot. Convert it "
+                f"Checkpoint '{folder}' has no {checkpoint.PREPROCESSOR}: it is of an older LeRobot. "
+                "Convert it "
                 "with lerobot's migrate_policy_normalization, or fine-tune it with policy.path."
             )
         with _readable(what), tokenizer_from(config, tokenizer):
@@ -282,7 +284,7 @@ def _is_carried(value: Any, assets: Mapping[str, str]) -> bool:
 
 
 def restore_names(directory: Path, assets: Mapping[str, str]) -> None:
-    """Writes the names of tokenizers, in place of carried folders, into the processors of a saved checkpoint."""
+    """Writes the names of tokenizers, in place of carried folders, into saved processors."""
     path = directory / checkpoint.PREPROCESSOR
     names = {folder: name for name, folder in assets.items()}
     content = checkpoint.read_json(path)

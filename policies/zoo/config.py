@@ -42,11 +42,13 @@ class LeRobotConfig:
     """Any policy of LeRobot's registry; ``policy.<key>`` is every setting of its own configuration.
 
     Attributes:
-        type: LeRobot's name of the policy, as smolvla, pi0, pi05, xvla or multi_task_dit; with ``path`` it may be
+        type: LeRobot's name of the policy, as smolvla, pi0, pi05, xvla or multi_task_dit; with ``path`` it
+            may be
             left empty.
         path: Folder or hub name of a checkpoint to fine-tune; empty trains from the start.
         tokenizer: Folder of the tokenizer, in place of the one that LeRobot names.
-        use_policy_training_preset: Train with the learning rate, moments, weight decay and clipping of LeRobot's
+        use_policy_training_preset: Train with the learning rate, moments, weight decay and clipping of
+            LeRobot's
             configuration (policy.optimizer_*); false takes train.lr and its like.
         settings: LeRobot's own settings, typed as policy.<key>.
         rename_map: Camera of the dataset to camera of the policy, as {front: camera1}.
@@ -70,7 +72,8 @@ class LeRobotConfig:
         full_rename_map(self.rename_map)
         if self.peft.method_type and not self.path:
             raise PolicyError(
-                "peft.* adapts a trained policy: give policy.path=<folder or hub name>, or leave out peft.* to "
+                "peft.* adapts a trained policy: give policy.path=<folder or hub name>, or leave out "
+                "peft.* to "
                 "train a policy from the start."
             )
 

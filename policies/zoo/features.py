@@ -1,4 +1,4 @@
-"""Cameras, states and statistics that a policy of LeRobot takes, matched with those of a dataset or environment."""
+"""Cameras, states and statistics of a LeRobot policy, matched with those of a dataset or task."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -71,7 +71,8 @@ def camera_sentence(wanted: Sequence[str], missing: Sequence[str], cameras: Sequ
     lost = [key.removeprefix(IMAGE_PREFIX) for key in missing]
     pairs = ",".join(f"{name}:{target}" for name, target in zip(cameras, lost, strict=False))
     return (
-        f"The policy sees the cameras {', '.join(plain)}, and the {where} has {', '.join(cameras) or 'none'}: "
+        f"The policy sees the cameras {', '.join(plain)}, and the {where} has "
+        f"{', '.join(cameras) or 'none'}: "
         f"{', '.join(lost)} {'is' if len(lost) == 1 else 'are'} missing. Map them, as in "
         f"'rename_map={{{pairs or 'front:' + lost[0]}}}'."
     )
@@ -120,12 +121,14 @@ def statistics(config: Any, stats: Mapping[str, Mapping[str, Any]]) -> dict[str,
             continue
         if not set(pair) <= stats[key].keys():
             raise PolicyError(
-                f"{config.type} normalizes '{key}' by the quantiles {' and '.join(pair)}, which the dataset does not "
+                f"{config.type} normalizes '{key}' by the quantiles {' and '.join(pair)}, which the "
+                "dataset does not "
                 "have: collect it again, or set policy.normalization_mapping="
                 "{VISUAL:IDENTITY,STATE:MEAN_STD,ACTION:MEAN_STD}."
             )
         low, high = (torch.as_tensor(stats[key][name], dtype=torch.float32).clone() for name in pair)
         constant = high - low < _MIN_RANGE  # a joint that never moves must not be amplified without bound
-        own[key] |= dict(zip(pair, (torch.where(constant, low - 1, low), torch.where(constant, high + 1, high)),
+        own[key] |= dict(zip(pair, (torch.where(constant, low - 1, low), torch.where(constant, high + 1,
+        high)),
                              strict=True))  # fmt: skip
     return own

@@ -36,9 +36,11 @@ class LeRobotZooPolicy(LeRobotPolicy):
     """A policy of any type, with LeRobot's own processors, loss and weights.
 
     Attributes:
-        instructions: The instructions of the dataset that is learned; a frame's ``task_index`` counts into them.
+        instructions: The instructions of the dataset that is learned; a frame's ``task_index`` counts into
+            them.
         assets: Folder of each tokenizer and backbone that a checkpoint carried.
-        rename_map: Key of the environment or dataset to key of the policy, of each camera that has another name.
+        rename_map: Key of the environment or dataset to key of the policy, of each camera that has another
+            name.
         sees_any_size: Whether images of any size are taken, because the policy resizes them.
     """
 
@@ -66,7 +68,8 @@ class LeRobotZooPolicy(LeRobotPolicy):
     ) -> Self:
         if not config.type and not config.path:
             raise PolicyError(
-                "policy=lerobot needs type=<name>, as in type=smolvla, or policy.path=<folder or hub name> to "
+                "policy=lerobot needs type=<name>, as in type=smolvla, or policy.path=<folder or hub name> "
+                "to "
                 f"fine-tune. Types: {', '.join(building.type_names())}."
             )
         inputs, outputs = policy_features(features)
@@ -118,7 +121,8 @@ class LeRobotZooPolicy(LeRobotPolicy):
 
         Args:
             cameras: Names of the environment's cameras.
-            rename_map: Camera of the environment to camera of the policy; names alone, or keys of observations.
+            rename_map: Camera of the environment to camera of the policy; names alone, or keys of
+                observations.
 
         Raises:
             PolicyError: if a camera of the policy is none of the environment.

@@ -1,4 +1,4 @@
-"""Where a checkpoint comes from: a folder, or a name on the Hugging Face hub, which is checked before it is fetched."""
+"""Where a checkpoint comes from: a folder, or a name on the Hugging Face hub, checked before a download."""
 
 import re
 import shutil
@@ -15,7 +15,7 @@ _SPARE = 1.1
 
 
 def is_hub_name(path: str) -> bool:
-    """Whether a path is no folder here and has the form of a hub name, ``owner/name`` or ``owner/name@revision``."""
+    """Whether a path has the form of a hub name, ``owner/name[@revision]``, and is no folder here."""
     if Path(path).exists() or not _HUB_NAME.fullmatch(path):
         return False
     return not Path(path.split("/")[0]).exists()
@@ -25,7 +25,8 @@ def local_folder(path: str) -> Path:
     """Returns the folder of a checkpoint; one on the hub is downloaded once, into the hub's own cache.
 
     Args:
-        path: A folder, or a hub name such as ``lerobot/smolvla_base``, with ``@<revision>`` for a commit or a tag.
+        path: A folder, or a hub name such as ``lerobot/smolvla_base``, with ``@<revision>`` for a commit or
+            a tag.
 
     Raises:
         PolicyError: if there is neither, the hub cannot be asked, or disk or memory do not suffice.
@@ -82,7 +83,8 @@ def check_room(size: int, cache: Path, name: str) -> None:
     ):
         if free < _SPARE * size:
             raise PolicyError(
-                f"'{name}' has {size / 1e9:.1f} GB, which needs {_SPARE * size / 1e9:.1f} GB of free {what}, and "
+                f"'{name}' has {size / 1e9:.1f} GB, which needs {_SPARE * size / 1e9:.1f} GB of free "
+                f"{what}, and "
                 f"this machine has {free / 1e9:.1f} GB. Nothing was downloaded. {advice}"
             )
 

@@ -1,6 +1,7 @@
 """The policy types of the installed LeRobot and their settings, read from its source without importing it.
 
-Importing LeRobot's policies takes half a minute where ``transformers`` is installed. Names, keys and defaults are
+Importing LeRobot's policies takes half a minute where ``transformers`` is installed. Names, keys and
+defaults are
 needed for every command line, so they are parsed.
 """
 

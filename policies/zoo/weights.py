@@ -8,6 +8,22 @@ from typing import Any
 from torch import Tensor
 
 from envs.core.errors import PolicyError
+from policies import checkpoint
+
+
+def read_tensors(path: Path) -> dict[str, Tensor]:
+    """Reads the tensors of a safetensors file, or of all files that an index names.
+
+    Raises:
+        PolicyError: if one is absent or damaged.
+    """
+    if path.suffix != ".json":
+        return checkpoint.read_weights(path)
+    names = sorted(set(checkpoint.read_json(path).get("weight_map", {}).values()))
+    tensors: dict[str, Tensor] = {}
+    for name in names:
+        tensors |= checkpoint.read_weights(path.parent / str(name))
+    return tensors
 
 
 def load_tensors(model: Any, tensors: Mapping[str, Tensor], path: Path) -> None:
@@ -35,8 +51,10 @@ def load_tensors(model: Any, tensors: Mapping[str, Tensor], path: Path) -> None:
     wrong = [key for key in wrong if not key.endswith("num_batches_tracked")]
     if wrong:
         raise PolicyError(
-            f"'{path}' does not hold the weights of this policy: {len(wrong)} of {len(own)} tensors are absent or "
-            f"of another shape, the first '{wrong[0]}'. The policy would act at random. Name another checkpoint."
+            f"'{path}' does not hold the weights of this policy: {len(wrong)} of {len(own)} tensors are "
+            "absent or "
+            f"of another shape, the first '{wrong[0]}'. The policy would act at random. Name another "
+            "checkpoint."
         )
     parameters = dict(model.named_parameters(remove_duplicate=False))
     for key, value in given.items():

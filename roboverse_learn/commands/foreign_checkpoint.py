@@ -1,4 +1,4 @@
-"""A checkpoint of any LeRobot policy in a task of ours: its cameras, its widths, checked before the run begins."""
+"""A checkpoint of any LeRobot policy in a task of ours: its cameras and widths, checked first."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -45,11 +45,12 @@ def seen_env(checkpoint: Path, given: Mapping[str, Any], rename_map: Mapping[str
     Raises:
         ConfigError: if no camera of the task is one of the policy.
     """
-    from policies.checkpoint import policy_type, seen_cameras
+    from policies.checkpoint import CONFIG, policy_type, read_json, seen_cameras
 
     of_task = {key: given[key] for key in ("task", "task_kwargs", "robot") if key in given}
     present = task_cameras(EnvSpec(**of_task))
-    if policy_type(checkpoint) == "openvla":
+    is_published = "input_features" not in read_json(checkpoint / CONFIG)
+    if policy_type(checkpoint) == "openvla" and (is_published or rename_map):
         from policies.openvla.config import IMAGE_PX
 
         chosen = tuple(rename_map)[:1] or present[:1]
@@ -66,7 +67,8 @@ def seen_env(checkpoint: Path, given: Mapping[str, Any], rename_map: Mapping[str
 def _no_camera(wanted: tuple[str, ...], present: tuple[str, ...], task: str) -> str:
     pairs = ",".join(f"{name}:{target}" for name, target in zip(present, wanted, strict=False))
     return (
-        f"The policy sees the cameras {', '.join(wanted)}, and {task} has {', '.join(present)}. Map them, as in "
+        f"The policy sees the cameras {', '.join(wanted)}, and {task} has {', '.join(present)}. Map them, "
+        "as in "
         f"'rename_map={{{pairs}}}'."
     )
 
@@ -94,9 +96,12 @@ def check_widths(tested: "TestedCheckpoint") -> None:
         names = features[key]["names"]
         if shape and int(shape[0]) != len(names):
             raise ConfigError(
-                f"The policy's {what} {shape[0]} numbers, and in {task} it is {len(names)} ({', '.join(names)}) of "
-                f"robot {robot}. Evaluate it in a task and with a robot that it was trained for, or fine-tune it on "
-                f"demonstrations of {task}: roboverse train policy=lerobot policy.path=<checkpoint> task={task}"
+                f"The policy's {what} {shape[0]} numbers, and in {task} it is {len(names)} "
+                f"({', '.join(names)}) of "
+                f"robot {robot}. Evaluate it in a task and with a robot that it was trained for, or "
+                "fine-tune it on "
+                f"demonstrations of {task}: roboverse train policy=lerobot policy.path=<checkpoint> "
+                f"task={task}"
             )
 
 
@@ -111,6 +116,7 @@ def show_cameras(policy: Any, tested: "TestedCheckpoint") -> None:
         policy.see(tested.env.cameras or task_cameras(tested.env)[:1], tested.rename_map)
     elif tested.rename_map:
         raise ConfigError(
-            f"rename_map is for policies of LeRobot's registry; policy '{policy.name}' sees the cameras that it was "
+            f"rename_map is for policies of LeRobot's registry; policy '{policy.name}' sees the cameras "
+            "that it was "
             "trained with. Leave rename_map out."
         )

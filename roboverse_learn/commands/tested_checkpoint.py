@@ -299,7 +299,7 @@ def _learned_together(checkpoint: Path) -> tuple[str, ...]:
 
 
 def _check_whole(checkpoint: Path, expected: str) -> None:
-    """Checks that a checkpoint has weights, and that its policy is registered and the one that is expected."""
+    """Checks that a checkpoint has weights, and that its policy is registered and the expected one."""
     from envs.core.errors import PolicyError, UnknownNameError
     from policies import config_class
     from policies.checkpoint import WEIGHTS, policy_type, weights_path
@@ -313,7 +313,8 @@ def _check_whole(checkpoint: Path, expected: str) -> None:
         raise PolicyError(f"Checkpoint '{checkpoint}' cannot be evaluated: {error}") from error
     if expected not in ("", name):
         raise ConfigError(
-            f"policy={expected} and checkpoint={checkpoint} are both given, and the checkpoint is of policy={name}. "
+            f"policy={expected} and checkpoint={checkpoint} are both given, and the checkpoint is of "
+            f"policy={name}. "
             "Leave policy out; a checkpoint says itself which policy it is of."
         )
 

@@ -255,7 +255,9 @@ def _map(word: str, text: str, key: str) -> dict[str, str]:
         except HydraException:
             value = None
     if not isinstance(value, dict) or not all(isinstance(each, str) for each in value.values()):
-        raise ConfigError(f"'{word}' is no map of names. Write it in quotes, as in '{key}={{front:camera1}}'.")
+        raise ConfigError(
+            f"'{word}' is no map of names. Write it in quotes, as in '{key}={{front:camera1}}'."
+        )
     return {str(name): each for name, each in value.items()}
 
 

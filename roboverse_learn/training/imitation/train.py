@@ -92,7 +92,8 @@ def make_optimizer(policy: ImitationPolicy, config: TrainConfig) -> torch.optim.
     """Returns the optimizer of a policy, with groups for its backbone and for what Muon trains."""
     if own := policy.parameter_groups():
         return _adamw(
-            [{"params": members, "peak_lr": config.lr * share, "muon": False} for members, share in own], config
+            [{"params": members, "peak_lr": config.lr * share, "muon": False} for members, share in own],
+            config,
         )
     named = {name: p for name, p in policy.model.named_parameters() if p.requires_grad}
     linear = {f"{name}.weight" for name, m in policy.model.named_modules() if isinstance(m, nn.Linear)}

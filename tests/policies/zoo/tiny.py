@@ -6,7 +6,15 @@ from typing import Any
 WORDS = ("pick up the red cube", "push the blue block to the left", "open the drawer", "close the box")
 SPECIALS = {
     "smolvla": [
-        *("<pad>", "<s>", "</s>", "<image>", "<fake_token_around_image>", "<global-img>", "<end_of_utterance>")
+        *(
+            "<pad>",
+            "<s>",
+            "</s>",
+            "<image>",
+            "<fake_token_around_image>",
+            "<global-img>",
+            "<end_of_utterance>",
+        )
     ],
     "multi_task_dit": ["<|pad|>", "<|startoftext|>", "<|endoftext|>"],
     "xvla": ["<s>", "<pad>", "</s>", "<unk>", "<image>"],
@@ -59,7 +67,8 @@ def smolvla(folder: Path) -> dict[str, Any]:
         ),
         text_config=dict(
             model_type="llama", hidden_size=64, intermediate_size=128, num_hidden_layers=2,
-            num_attention_heads=4, num_key_value_heads=2, head_dim=16, vocab_size=len(tokenizer), pad_token_id=0,
+            num_attention_heads=4, num_key_value_heads=2, head_dim=16, vocab_size=len(tokenizer),
+            pad_token_id=0,
             max_position_embeddings=512,
         ),
     )  # fmt: skip
@@ -73,7 +82,7 @@ def smolvla(folder: Path) -> dict[str, Any]:
     ).save_pretrained(folder)
     return {
         "vlm_model_name": str(folder), "load_vlm_weights": True, "num_vlm_layers": 2, "chunk_size": 8,
-        "n_action_steps": 4, "num_steps": 2, "resize_imgs_with_padding": [64, 64],
+        "n_action_steps": 8, "num_steps": 2, "resize_imgs_with_padding": [64, 64],
         "freeze_vision_encoder": False, "train_expert_only": False,
     }  # fmt: skip
 
@@ -91,7 +100,10 @@ def multi_task_dit(folder: Path) -> dict[str, Any]:
         special_tokens=[("<|startoftext|>", start), ("<|endoftext|>", end)],
     )
     fast = PreTrainedTokenizerFast(
-        tokenizer_object=tokenizer, pad_token="<|pad|>", bos_token="<|startoftext|>", eos_token="<|endoftext|>"
+        tokenizer_object=tokenizer,
+        pad_token="<|pad|>",
+        bos_token="<|startoftext|>",
+        eos_token="<|endoftext|>",
     )
     shared = dict(hidden_size=32, intermediate_size=64, num_hidden_layers=2, num_attention_heads=2)
     config = CLIPConfig(
@@ -105,10 +117,10 @@ def multi_task_dit(folder: Path) -> dict[str, Any]:
     CLIPModel(config).save_pretrained(folder)
     fast.save_pretrained(folder)
     return {
-        "vision_encoder_name": str(folder), "text_encoder_name": str(folder), "horizon": 8, "n_action_steps": 4,
-        "hidden_dim": 32, "num_layers": 1, "num_heads": 2, "timestep_embed_dim": 32, "num_train_timesteps": 10,
-        "num_inference_steps": 2, "image_resize_shape": [64, 64], "image_crop_shape": [64, 64],
-        "tokenizer_max_length": 32,
+        "vision_encoder_name": str(folder), "text_encoder_name": str(folder), "tokenizer_max_length": 32,
+        "horizon": 8, "n_action_steps": 6, "hidden_dim": 32, "num_layers": 1, "num_heads": 2,
+        "timestep_embed_dim": 32, "num_train_timesteps": 10, "num_inference_steps": 2,
+        "image_resize_shape": [64, 64], "image_crop_shape": [64, 64],
     }  # fmt: skip
 
 
@@ -126,7 +138,8 @@ def xvla(folder: Path) -> dict[str, Any]:
         vision_config=dict(
             model_type="florence_vision", embed_dim=[16, 32, 64, 64], depths=[1] * 4, num_heads=[2, 2, 4, 4],
             num_groups=[2, 2, 4, 4], patch_size=[7, 3, 3, 3], patch_stride=[4, 2, 2, 2],
-            patch_padding=[3, 1, 1, 1], patch_prenorm=[False, True, True, True], window_size=4, projection_dim=64,
+            patch_padding=[3, 1, 1, 1], patch_prenorm=[False, True, True, True], window_size=4,
+            projection_dim=64,
         ),
         text_config=dict(
             model_type="bart", vocab_size=len(tokenizer), d_model=64, encoder_layers=1, decoder_layers=1,
@@ -139,7 +152,7 @@ def xvla(folder: Path) -> dict[str, Any]:
         "florence_config": florence, "tokenizer_name": str(folder), "tokenizer_max_length": 32,
         "action_mode": "auto", "max_action_dim": 20, "hidden_size": 64, "depth": 1, "num_heads": 4,
         "num_domains": 2, "len_soft_prompts": 4, "max_len_seq": 256, "resize_imgs_with_padding": [64, 64],
-        "chunk_size": 8, "n_action_steps": 4, "num_denoising_steps": 2,
+        "chunk_size": 8, "n_action_steps": 8, "num_denoising_steps": 2,
         "normalization_mapping": {"VISUAL": "IDENTITY", "STATE": "MEAN_STD", "ACTION": "MEAN_STD"},
     }  # fmt: skip
 
@@ -152,7 +165,7 @@ def paligemma(folder: Path) -> dict[str, Any]:
         tokenizer_object=bpe(SPECIALS["paligemma"]), pad_token="<pad>", bos_token="<bos>", eos_token="<eos>",
         unk_token="<unk>",
     ).save_pretrained(folder)  # fmt: skip
-    return {"chunk_size": 8, "n_action_steps": 4, "num_inference_steps": 2}
+    return {"chunk_size": 8, "n_action_steps": 8, "num_inference_steps": 2}
 
 
 def shrink_pi(monkeypatch: Any, module: str) -> None:
@@ -179,3 +192,36 @@ def shrink_pi(monkeypatch: Any, module: str) -> None:
     monkeypatch.setattr(pi, "get_gemma_config", lambda _: narrow)
     monkeypatch.setattr(pi, "PaliGemmaForConditionalGenerationWithPiGemma", make)
     monkeypatch.setattr(pi, "PiGemmaForCausalLM", make_expert)
+
+
+def openvla(folder: Path) -> None:
+    """A copy of OpenVLA with two narrow vision transformers and a Llama of two layers, with its tokenizer."""
+    import json
+
+    import torch
+    from safetensors.torch import save_file
+    from transformers import PreTrainedTokenizerFast
+
+    from policies.openvla.network import OpenVla, from_timm
+
+    tokenizer = PreTrainedTokenizerFast(
+        tokenizer_object=bpe(SPECIALS["llama"]), bos_token="<s>", eos_token="</s>", unk_token="<unk>"
+    )
+    tokenizer.add_special_tokens({"pad_token": "<pad>"})
+    words = len(tokenizer)
+    config = {
+        "model_type": "openvla", "timm_model_ids": ["vit_tiny_patch16_224"] * 2, "image_sizes": [32, 32],
+        "n_action_bins": 256, "pad_to_multiple_of": 64, "norm_stats": {},
+        "text_config": {
+            "model_type": "llama", "hidden_size": 64, "intermediate_size": 128, "num_hidden_layers": 2,
+            "num_attention_heads": 4, "num_key_value_heads": 4, "vocab_size": words + 256 + 64,
+            "max_position_embeddings": 512, "bos_token_id": 1, "eos_token_id": 2, "pad_token_id": words - 1,
+        },
+    }  # fmt: skip
+    torch.manual_seed(0)
+    model = OpenVla(config)
+    folder.mkdir(parents=True)
+    (folder / "config.json").write_text(json.dumps(config))
+    tensors = {key: value.contiguous() for key, value in from_timm(model.state_dict()).items()}
+    save_file(tensors, folder / "model.safetensors")
+    tokenizer.save_pretrained(folder)
