@@ -23,6 +23,9 @@ POSTPROCESSOR = "policy_postprocessor.json"
 LEROBOT = "lerobot"
 """The policy that is any type of LeRobot's registry."""
 
+OF_THEIR_OWN = ("act", "diffusion")
+"""LeRobot's types that are a policy of their own here."""
+
 REGISTERED_AS = {"keypoint_act": "act"}
 """LeRobot's policy types that are a network of a policy with another name."""
 
@@ -141,24 +144,25 @@ def seen_cameras(directory: Path, rename_map: Mapping[str, str] | None = None) -
             shapes = {key: feature["shape"] for key, feature in values["input_features"].items()}
         else:  # of a reinforcement learning policy
             shapes = {key: [size] for key, size in values["observation"].items()}
-        sources = _sources(directory, rename_map or {})
-        return {
-            sources.get(name, name): min(map(int, shape[-2:]))
-            for key, shape in shapes.items()
-            if (name := key.removeprefix(_IMAGES)) != key and not name.startswith("empty_camera")
-        }
+        sources, seen = _sources(directory, rename_map or {}), {}
+        for key, shape in shapes.items():
+            name = key.removeprefix(_IMAGES)
+            if name != key and not name.startswith("empty_camera"):
+                seen[sources.get(name, name)] = min(map(int, shape[-2:]))
+        return seen
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise PolicyError(f"'{path}' does not say which images its policy takes: {error!r}.") from error
 
 
 def _sources(directory: Path, rename_map: Mapping[str, str]) -> dict[str, str]:
     """Returns the camera of the environment of each renamed camera of a policy."""
-    path, saved = directory / PREPROCESSOR, {}
+    path = directory / PREPROCESSOR
+    saved: dict[str, str] = {}
     for step in read_json(path).get("steps", []) if path.is_file() else []:
         if step.get("registry_name") == "rename_observations_processor":
             saved = dict(step.get("config", {}).get("rename_map") or {})
     return {
-        target.removeprefix(_IMAGES): source.removeprefix(_IMAGES)
+        str(target).removeprefix(_IMAGES): str(source).removeprefix(_IMAGES)
         for source, target in {**saved, **rename_map}.items()
     }
 
@@ -166,14 +170,14 @@ def _sources(directory: Path, rename_map: Mapping[str, str]) -> dict[str, str]:
 def policy_type(directory: Path) -> str:
     """Returns the registered name of the policy in a pretrained folder.
 
-    A type of LeRobot's that is not registered by itself is of ``lerobot``.
+    A type of LeRobot's that has no policy of its own here is of ``lerobot``.
     """
     name = policy_label(directory)
-    name = REGISTERED_AS.get(name, name)
-    from policies import POLICIES
+    if name in OF_THEIR_OWN:
+        return name
     from policies.zoo.types import type_names
 
-    return name if name in POLICIES or name not in type_names() else LEROBOT
+    return LEROBOT if name in type_names() else name
 
 
 def policy_label(directory: Path) -> str:

@@ -95,7 +95,7 @@ def evaluate_checkpoint(
     check_scenario_files(tested.env, looks)
     if tested.checkpoint is not None:
         check_learned(tested.checkpoint, tested.env.task)
-        check_widths(tested)
+        check_widths(tested.checkpoint, tested.env)
     policy = _load(tested)
     finished = FinishedCells(path, _deciding(tested, protocol, checkpoint.hash, materials))
     if finished.records:
@@ -157,7 +157,7 @@ def _load(tested: TestedCheckpoint) -> Any:
         return Baseline(tested.baseline)
     policy = policies.load(tested.checkpoint, tested.device)
     policy.task = tested.env.task
-    show_cameras(policy, tested)
+    show_cameras(policy, tested.env, tested.rename_map)
     return policy
 
 

@@ -32,7 +32,7 @@ class VisionBackbone(nn.Module):
         import timm
 
         names, sizes = config["timm_model_ids"], config["image_sizes"]
-        models = [
+        models: list[Any] = [
             timm.create_model(name, pretrained=False, num_classes=0, img_size=size)
             for name, size in zip(names, sizes, strict=True)
         ]

@@ -331,7 +331,7 @@ def _read_tokenizer(folder: Path) -> Any:
     return AutoTokenizer.from_pretrained(str(folder))
 
 
-def _with_adapters(model: OpenVla, config: PeftConfig, base: str) -> Any:
+def _with_adapters(model: Any, config: PeftConfig, base: str) -> Any:
     """Adds adapters; all-linear is every linear layer but the last, as peft has it for its own models."""
     from peft import LoraConfig, get_peft_model
 
@@ -342,16 +342,16 @@ def _with_adapters(model: OpenVla, config: PeftConfig, base: str) -> Any:
         linear = [name for name, each in model.named_modules() if isinstance(each, nn.Linear)]
         targets = [name for name in linear if not name.endswith("lm_head")]
     name, _, revision = base.partition("@") if is_hub_name(base) else (base, "", "")
-    model.name_or_path = name  # pyright: ignore[reportAttributeAccessIssue] where peft looks for it
+    model.name_or_path = name  # where peft looks for it
     lora = LoraConfig(
         r=config.r,
         lora_alpha=config.lora_alpha or min(config.r, 16),
         target_modules=targets,
         modules_to_save=config.full_training_modules,
-        init_lora_weights=config.init_type or "gaussian",  # pyright: ignore[reportArgumentType]
+        init_lora_weights=config.init_type or "gaussian",
         revision=revision or None,
     )
     try:
-        return get_peft_model(model, lora)  # pyright: ignore[reportArgumentType]
+        return get_peft_model(model, lora)
     except ValueError as error:
         raise PolicyError(f"peft.* does not fit OpenVLA: {error}") from error

@@ -58,7 +58,7 @@ def write_assets(
     index: dict[str, str] = {}
     for step in preprocessor.steps:
         for attribute in ("input_tokenizer", "action_tokenizer"):
-            tokenizer = getattr(step, attribute, None)
+            tokenizer: Any = getattr(step, attribute, None)
             name = getattr(
                 step, "tokenizer_name" if attribute == "input_tokenizer" else "action_tokenizer_name", None
             )

@@ -215,7 +215,9 @@ def make_processors(
                 "with lerobot's migrate_policy_normalization, or fine-tune it with policy.path."
             )
         with _readable(what), tokenizer_from(config, tokenizer):
-            processors = make_pre_post_processors(config, dataset_stats=dict(stats))
+            processors = make_pre_post_processors(
+                config, dataset_stats={key: dict(each) for key, each in stats.items()}
+            )
         set_rename_map(processors[0], rename_map)
         return processors
     return _read_processors(config, folder, stats, assets, rename_map, device, tokenizer)
@@ -309,7 +311,8 @@ def set_rename_map(preprocessor: PolicyProcessorPipeline, rename_map: Mapping[st
     """Sets how a pipeline renames cameras."""
     for step in preprocessor.steps:
         if isinstance(step, RenameObservationsProcessorStep):
-            step.rename_map = dict(rename_map)
+            renaming: Any = step
+            renaming.rename_map = dict(rename_map)
 
 
 # --- training -----------------------------------------------------------------------------------------

@@ -99,6 +99,12 @@ class LeRobotZooPolicy(LeRobotPolicy):
     # --- acting ---------------------------------------------------------------------------------
 
     @property
+    @override
+    def n_action_steps(self) -> int:
+        config = self.model.config  # VQ-BeT has another name for it
+        return getattr(config, "n_action_steps", None) or config.action_chunk_size
+
+    @property
     def network(self) -> Any:
         """LeRobot's policy, without adapters around it."""
         return adapters.base_network(self.model)
@@ -106,9 +112,11 @@ class LeRobotZooPolicy(LeRobotPolicy):
     @property
     @override
     def features(self) -> Features:
-        sources = {target: source for source, target in self.rename_map.items()}
+        sources: dict[str, str] = {target: source for source, target in self.rename_map.items()}
         config = self.model.config
-        seen = {sources.get(key, key): feature for key, feature in config.input_features.items()}
+        seen: Features = {
+            str(sources.get(key, key)): feature for key, feature in config.input_features.items()
+        }
         return seen | {ACTION: config.output_features[ACTION]}
 
     @property

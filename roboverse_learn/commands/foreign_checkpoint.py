@@ -3,13 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from envs.core.errors import ConfigError
 from envs.spec import EnvSpec
-
-if TYPE_CHECKING:
-    from roboverse_learn.commands.tested_checkpoint import TestedCheckpoint
 
 ANY_SIZE = ("lerobot", "openvla")
 """Policies that resize what they see."""
@@ -73,8 +70,12 @@ def _no_camera(wanted: tuple[str, ...], present: tuple[str, ...], task: str) -> 
     )
 
 
-def check_widths(tested: "TestedCheckpoint") -> None:
+def check_widths(checkpoint: Path, env: EnvSpec) -> None:
     """Checks that the state and the actions of a policy are those of the task.
+
+    Args:
+        checkpoint: A pretrained folder.
+        env: The environment of the evaluation.
 
     Raises:
         ConfigError: if not.
@@ -83,11 +84,11 @@ def check_widths(tested: "TestedCheckpoint") -> None:
     from roboverse_learn.collect import task_layout
     from roboverse_learn.config.schema import CollectConfig
 
-    if tested.checkpoint is None or policy_type(tested.checkpoint) not in ANY_SIZE:
+    if policy_type(checkpoint) not in ANY_SIZE:
         return
-    content = read_json(tested.checkpoint / CONFIG)
-    features, _, robot = task_layout(CollectConfig(env=replace(tested.env, scenario={})))
-    task = tested.env.task
+    content = read_json(checkpoint / CONFIG)
+    features, _, robot = task_layout(CollectConfig(env=replace(env, scenario={})))
+    task = env.task
     for section, key, what in (
         ("output_features", "action", "actions have"),
         ("input_features", "observation.state", "state has"),
@@ -105,16 +106,21 @@ def check_widths(tested: "TestedCheckpoint") -> None:
             )
 
 
-def show_cameras(policy: Any, tested: "TestedCheckpoint") -> None:
+def show_cameras(policy: Any, env: EnvSpec, rename_map: Mapping[str, str]) -> None:
     """Maps the cameras of the environment to those of a policy that takes such a map.
+
+    Args:
+        policy: The policy.
+        env: The environment of the evaluation.
+        rename_map: Camera of the task to camera of the policy.
 
     Raises:
         ConfigError: if a map is given, and the policy takes none.
         PolicyError: if a camera of the policy is not there.
     """
     if hasattr(policy, "see"):
-        policy.see(tested.env.cameras or task_cameras(tested.env)[:1], tested.rename_map)
-    elif tested.rename_map:
+        policy.see(env.cameras or task_cameras(env)[:1], rename_map)
+    elif rename_map:
         raise ConfigError(
             f"rename_map is for policies of LeRobot's registry; policy '{policy.name}' sees the cameras "
             "that it was "

@@ -18,7 +18,16 @@ from tests.policies.zoo import tiny
 
 pytestmark = [
     pytest.mark.long,
-    pytest.mark.filterwarnings("ignore"),  # of transformers and peft
+    *(  # of transformers and peft
+        pytest.mark.filterwarnings(f"ignore::{kind}")
+        for kind in (
+            "UserWarning",
+            "FutureWarning",
+            "DeprecationWarning",
+            "RuntimeWarning",
+            "ResourceWarning",
+        )
+    ),
     pytest.mark.skipif(
         find_spec("transformers") is None or find_spec("peft") is None or find_spec("timm") is None,
         reason="VLAs need the extra vla: uv pip install -e '.[vla]'",
@@ -211,9 +220,9 @@ def test_the_main_command_trains_a_vla_and_then_its_adapters(tmp_path, monkeypat
 
     monkeypatch.chdir(tmp_path)
     settings = tiny.smolvla(tmp_path / "vlm")
-    words = [word for word in TINY if not word.startswith(("policy", "train.", "run="))]
+    words = [word for word in TINY if not word.startswith(("policy", "train.", "run=", "levels"))]
     own = [f"policy.{key}={str(value).replace(' ', '')}" for key, value in settings.items()]
-    shared = ["policy=lerobot", *words, "train.steps=2", "train.batch_size=2", "slow_ok=true"]
+    shared = ["policy=lerobot", *words, "levels=[0]", "train.steps=2", "train.batch_size=2", "slow_ok=true"]
     assert cli.main(["train", "type=smolvla", *shared, *own, "run=full"]) == 0
     assert cli.main(
         ["train", *shared, "policy.path=full", "peft.method_type=LORA", "peft.r=2", "run=adapted"]
@@ -259,13 +268,14 @@ def test_openvla_answers_with_the_likeliest_action_tokens(published):
     np.testing.assert_array_equal(policy.act(observation(policy)), expected)
 
 
+@torch.no_grad()
 def test_openvla_sees_the_image_and_reads_the_instruction(published):
     policy = create_openvla(published)
     network, pixels = policy.network, torch.randn(2, 6, 32, 32)
     tokens = torch.tensor(policy.preprocess(policy._to_tensors(observation(policy, 1)))["prompts"])
     both = network(tokens.expand(2, -1), torch.ones(2, tokens.shape[1], dtype=torch.long), pixels)
     assert not torch.allclose(both[0, -1], both[1, -1], atol=1e-4)
-    np.testing.assert_array_equal(both[0, :1], both[1, :1])  # the first token is before the image
+    assert torch.equal(both[0, :1], both[1, :1])  # the first token is before the image
     other = tokens.clone()
     other[0, 5] += 1
     again = network(other, torch.ones_like(other), pixels[:1])

@@ -128,6 +128,7 @@ def another(key: str, value: Any) -> Any:
 OF_LEROBOT = (
     *("rename_map", "policy.rename_map", "policy.settings", "policy.type", "policy.peft.method_type"),
     *("policy.peft.target_modules", "policy.peft.full_training_modules", "policy.peft.lora_alpha"),
+    "policy.peft.init_type",
 )
 """Keys that need each other, or a map; tests/policies/zoo/test_keys.py sets them."""
 
