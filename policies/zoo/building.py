@@ -4,7 +4,6 @@ import json
 from collections.abc import Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +25,6 @@ from policies.zoo.config import LeRobotConfig
 from policies.zoo.source import is_hub_name, local_folder
 from policies.zoo.types import EXTRA, type_names
 from policies.zoo.weights import load_tensors, read_tensors
-
-__all__ = ["OF_ONE_SIZE", "base_name", "build", "make_processors", "type_names"]
-
-OF_ONE_SIZE = ("act", "diffusion", "vqbet")
-"""Types whose networks are made for one size of images; the others resize what they see."""
 
 _NORMALIZER, _UNNORMALIZER = "normalizer_processor", "unnormalizer_processor"
 _RENAME, _DEVICE = "rename_observations_processor", "device_processor"
@@ -169,18 +163,6 @@ def _readable(what: str) -> Any:
             else ""
         )
         raise PolicyError(f"{what}: {cause}{hint}") from error
-
-
-def check_installed(type_name: str) -> None:
-    """Checks that what a type needs is installed.
-
-    Raises:
-        MissingExtraError: if not.
-    """
-    if type_name not in OF_ONE_SIZE and find_spec("transformers") is None:
-        raise MissingExtraError(
-            f"LeRobot's {type_name} needs the package transformers: pip install 'roboverse-learn[{EXTRA}]'."
-        )
 
 
 def make_processors(

@@ -26,6 +26,8 @@ from policies.zoo import adapters, building, weights
 from policies.zoo.assets import write_assets
 from policies.zoo.config import LeRobotConfig, full_rename_map
 from policies.zoo.features import keep_cameras, matched_inputs, statistics
+from policies.zoo.preflight import NEEDS_NOTHING, check_lerobot
+from policies.zoo.types import type_names
 
 logger = logging.getLogger(__name__)
 
@@ -54,7 +56,7 @@ class LeRobotZooPolicy(LeRobotPolicy):
         super().__init__(model, processors)
         self.assets, self.rename_map = dict(assets), dict(rename_map)
         self.instructions: tuple[str, ...] = ()
-        self.sees_any_size = self.model.config.type not in building.OF_ONE_SIZE
+        self.sees_any_size = self.model.config.type not in NEEDS_NOTHING
         self._preset = False
 
     @classmethod
@@ -70,8 +72,9 @@ class LeRobotZooPolicy(LeRobotPolicy):
             raise PolicyError(
                 "policy=lerobot needs type=<name>, as in type=smolvla, or policy.path=<folder or hub name> "
                 "to "
-                f"fine-tune. Types: {', '.join(building.type_names())}."
+                f"fine-tune. Types: {', '.join(type_names())}."
             )
+        check_lerobot(config, features)
         inputs, outputs = policy_features(features)
         rename = full_rename_map(config.rename_map)
         if config.path:

@@ -11,9 +11,9 @@ import pytest
 import torch
 
 import policies
-from envs.core.errors import ConfigError, PolicyError, UnknownNameError
+from envs.core.errors import ConfigError, MissingExtraError, PolicyError, UnknownNameError
 from policies import checkpoint
-from policies.zoo import source
+from policies.zoo import preflight, source
 from policies.zoo.config import LeRobotConfig, PeftConfig, full_rename_map
 from policies.zoo.types import settings_of, type_names
 from roboverse_learn.config.compose import compose
@@ -231,6 +231,38 @@ class TestSource:
             source.check_room(int(15e9), tmp_path, "a/b")
         with pytest.raises(PolicyError, match=r"which needs 20.9 GB of free disk.*HF_HOME"):
             source.check_room(int(19e9), tmp_path, "a/b")
+
+
+class TestPreflight:
+    """What is known before demonstrations are collected."""
+
+    def check(self, *words: str):
+        from roboverse_learn.training.learners import learner_of
+
+        learner_of(compose("train", ["policy=lerobot", "task=PickCube", *words]), "cpu").check()
+
+    def test_a_missing_package_is_named_with_what_to_install(self, monkeypatch):
+        monkeypatch.setattr(preflight, "find_spec", lambda name: None)
+        with pytest.raises(
+            MissingExtraError, match=r"smolvla needs transformers: pip install 'roboverse-learn\[vla"
+        ):
+            self.check("type=smolvla")
+        self.check("type=vqbet")  # which needs none
+
+    def test_the_cameras_of_the_checkpoint_are_those_of_the_task(self, foreign, monkeypatch):
+        monkeypatch.setattr(preflight, "find_spec", lambda name: name)
+        with pytest.raises(
+            PolicyError, match=r"camera1, camera2, and the dataset has front: camera1, camera2 are"
+        ):
+            self.check(f"policy.path={foreign}", "cameras=[front]")
+        self.check(f"policy.path={foreign}", "cameras=[front]", "rename_map={front:camera2}")
+
+    def test_the_settings_are_those_of_its_type(self, foreign, monkeypatch):
+        monkeypatch.setattr(preflight, "find_spec", lambda name: name)
+        with pytest.raises(PolicyError, match="smolvla has no setting 'florence_config'"):
+            self.check(f"policy.path={foreign}", "policy.florence_config=1")
+        with pytest.raises(PolicyError, match="is of type smolvla, and type=xvla was given"):
+            self.check(f"policy.path={foreign}", "type=xvla")
 
 
 # --- a type that needs no extra -----------------------------------------------------------------------

@@ -200,9 +200,8 @@ def test_an_episode_is_evaluated_by_the_command(trained, tmp_path):
     assert [record.length for record in result.records] == [100] or result.records[0].success
 
 
+@pytest.mark.parametrize("trained", ["smolvla"], indirect=True)
 def test_a_renamed_camera_is_mapped_and_a_wrong_one_is_one_sentence(trained, tmp_path):
-    if trained.name != "smolvla":
-        pytest.skip("The cameras of one type stand for those of all.")
     config = json.loads((trained.checkpoint / "config.json").read_text())
     copy = shutil.copytree(trained.checkpoint, tmp_path / "copy")
     features = config["input_features"]
