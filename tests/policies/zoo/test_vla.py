@@ -233,6 +233,25 @@ def test_the_main_command_trains_a_vla_and_then_its_adapters(tmp_path, monkeypat
     assert list(tmp_path.glob("results/v*/PickCube/smolvla/*.json"))
 
 
+@pytest.mark.parametrize("name", ["full", "lora"])
+def test_a_step_is_compared_to_lerobots_on_the_same_losses(name):
+    from roboverse_learn.speed.vla import measure
+
+    found = measure(name, "cpu", bf16=True)
+    assert found.ours_s > 0 < found.baseline_s and f"SmolVLA ({name})" in found.name
+
+
+def test_the_backbone_of_the_comparison_has_the_published_size(tmp_path):
+    from transformers import AutoConfig, SmolVLMForConditionalGeneration
+
+    from roboverse_learn.speed.vla import REAL, write_backbone
+
+    write_backbone(tmp_path, REAL, list(tiny.WORDS), weights=False)
+    with torch.device("meta"):
+        model = SmolVLMForConditionalGeneration(AutoConfig.from_pretrained(tmp_path))
+    assert sum(each.numel() for each in model.parameters()) == pytest.approx(507e6, rel=0.02)
+
+
 # --- OpenVLA ------------------------------------------------------------------------------------------
 
 

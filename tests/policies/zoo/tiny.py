@@ -5,17 +5,6 @@ from typing import Any
 
 WORDS = ("pick up the red cube", "push the blue block to the left", "open the drawer", "close the box")
 SPECIALS = {
-    "smolvla": [
-        *(
-            "<pad>",
-            "<s>",
-            "</s>",
-            "<image>",
-            "<fake_token_around_image>",
-            "<global-img>",
-            "<end_of_utterance>",
-        )
-    ],
     "multi_task_dit": ["<|pad|>", "<|startoftext|>", "<|endoftext|>"],
     "xvla": ["<s>", "<pad>", "</s>", "<unk>", "<image>"],
     "paligemma": ["<pad>", "<eos>", "<bos>", "<unk>"],
@@ -40,46 +29,9 @@ def bpe(specials: list[str], size: int = 320) -> Any:
 
 def smolvla(folder: Path) -> dict[str, Any]:
     """A SmolVLM of two text layers and its processor; returns the settings of a policy on it."""
-    from transformers import (
-        PreTrainedTokenizerFast,
-        SmolVLMConfig,
-        SmolVLMForConditionalGeneration,
-        SmolVLMImageProcessor,
-        SmolVLMProcessor,
-        SmolVLMVideoProcessor,
-    )
+    from roboverse_learn.speed.vla import TINY, write_backbone
 
-    extra = {
-        "image_token": "<image>",
-        "fake_image_token": "<fake_token_around_image>",
-        "global_image_token": "<global-img>",
-        "end_of_utterance_token": "<end_of_utterance>",
-    }
-    tokenizer = PreTrainedTokenizerFast(
-        tokenizer_object=bpe(SPECIALS["smolvla"]), pad_token="<pad>", bos_token="<s>", eos_token="</s>",
-        extra_special_tokens=extra,
-    )  # fmt: skip
-    config = SmolVLMConfig(
-        scale_factor=2, image_token_id=tokenizer.convert_tokens_to_ids("<image>"), pad_token_id=0,
-        vision_config=dict(
-            hidden_size=32, intermediate_size=64, num_hidden_layers=1, num_attention_heads=2, image_size=64,
-            patch_size=16,
-        ),
-        text_config=dict(
-            model_type="llama", hidden_size=64, intermediate_size=128, num_hidden_layers=2,
-            num_attention_heads=4, num_key_value_heads=2, head_dim=16, vocab_size=len(tokenizer),
-            pad_token_id=0,
-            max_position_embeddings=512,
-        ),
-    )  # fmt: skip
-    SmolVLMForConditionalGeneration(config).save_pretrained(folder)
-    edge = {"longest_edge": 64}
-    SmolVLMProcessor(
-        SmolVLMImageProcessor(size=edge, max_image_size=edge, do_image_splitting=False),
-        tokenizer,
-        SmolVLMVideoProcessor(size=edge, max_image_size=edge, video_sampling={"fps": 1, "max_frames": 1}),
-        image_seq_len=4,
-    ).save_pretrained(folder)
+    write_backbone(folder, TINY, list(WORDS), weights=True)
     return {
         "vlm_model_name": str(folder), "load_vlm_weights": True, "num_vlm_layers": 2, "chunk_size": 8,
         "n_action_steps": 8, "num_steps": 2, "resize_imgs_with_padding": [64, 64],
