@@ -144,6 +144,30 @@ def test_a_checkpoint_names_its_backbone_as_before(trained):
     assert weights == ["model.safetensors"]
 
 
+def test_lerobot_acts_the_same_from_our_checkpoint(trained):
+    """Where the names that LeRobot looks up are still there."""
+    if trained.policy.n_obs_steps > 1:
+        return  # LeRobot fills the history of such a policy by itself, step after step
+    from lerobot.configs import PreTrainedConfig
+    from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+
+    backbone = trained.folder / "backbone"
+    backbone.symlink_to(trained.folder / "gone_backbone")
+    config = PreTrainedConfig.from_pretrained(trained.checkpoint)
+    model = get_policy_class(config.type).from_pretrained(trained.checkpoint, config=config)
+    before, after = make_pre_post_processors(config, pretrained_path=str(trained.checkpoint))
+    seen = observation(trained.policy, 1)
+    batch = {key: torch.from_numpy(seen[key]) for key in (IMAGE, "observation.state")}
+    batch[IMAGE] = batch[IMAGE].movedim(-1, -3).contiguous().float() / 255
+    torch.manual_seed(5)
+    with torch.inference_mode():
+        chunk = after(model.predict_action_chunk(before(batch | {"task": [str(seen["task"][0])]}))[..., :9])
+    torch.manual_seed(5)
+    ours = trained.policy.act(seen)
+    backbone.unlink()
+    np.testing.assert_allclose(ours, chunk[:, : config.n_action_steps].float().numpy(), rtol=1e-4, atol=1e-5)
+
+
 def test_actions_depend_on_the_instruction_and_on_no_neighbour(trained):
     policy = trained.policy
     two = policy.act(observation(policy), generators(2))
