@@ -178,7 +178,8 @@ def foreign(tmp_path):
     features = {"observation.images.camera1": image(256), "observation.images.camera2": image(256),
                 "observation.state": {"type": "STATE", "shape": [6]}}  # fmt: skip
     output = {"action": {"type": "ACTION", "shape": [6]}}
-    folder = write(tmp_path / "smolvla_base", type="smolvla", input_features=features, output_features=output)
+    values = {"input_features": features, "output_features": output, "max_state_dim": 32}
+    folder = write(tmp_path / "smolvla_base", type="smolvla", **values)
     (folder / "model.safetensors").write_bytes(b"weights")
     return folder
 
