@@ -79,7 +79,7 @@ def evaluate_checkpoint(
     from benchmark.finished_cells import FinishedCells
     from benchmark.results import result_path, video_dir, write_result
     from policies.checkpoint import check_learned, policy_label
-    from roboverse_learn.commands.foreign_checkpoint import check_widths
+    from roboverse_learn.commands.foreign_checkpoint import check_fits
 
     protocol = protocol_of(config)
     name = tested.baseline if tested.checkpoint is None else policy_label(tested.checkpoint)
@@ -95,7 +95,7 @@ def evaluate_checkpoint(
     check_scenario_files(tested.env, looks)
     if tested.checkpoint is not None:
         check_learned(tested.checkpoint, tested.env.task)
-        check_widths(tested.checkpoint, tested.env)
+        check_fits(tested.checkpoint, tested.env, tested.rename_map)
     policy = _load(tested)
     finished = FinishedCells(path, _deciding(tested, protocol, checkpoint.hash, materials))
     if finished.records:

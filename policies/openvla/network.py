@@ -24,7 +24,7 @@ class VisionBackbone(nn.Module):
     """Patch features of DINOv2 and of SigLIP, side by side.
 
     Args:
-        config: OpenVLA's configuration: ``timm_model_ids`` and ``image_sizes``.
+        config: OpenVLA's configuration: ``timm_model_ids``, ``image_sizes``, ``timm_override_act_layers``.
     """
 
     def __init__(self, config: Mapping[str, Any]) -> None:
@@ -32,9 +32,10 @@ class VisionBackbone(nn.Module):
         import timm
 
         names, sizes = config["timm_model_ids"], config["image_sizes"]
+        activations = config.get("timm_override_act_layers") or [None] * len(names)
         models: list[Any] = [
-            timm.create_model(name, pretrained=False, num_classes=0, img_size=size)
-            for name, size in zip(names, sizes, strict=True)
+            timm.create_model(name, pretrained=False, num_classes=0, img_size=size, act_layer=activation)
+            for name, size, activation in zip(names, sizes, activations, strict=True)
         ]
         self.featurizer: Any = models[0]
         self.fused_featurizer: Any = models[1] if len(models) > 1 else None

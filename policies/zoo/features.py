@@ -11,10 +11,8 @@ from torch import Tensor
 from envs.core.errors import PolicyError
 from policies.lerobot_policy import Features
 from policies.normalization import policy_stats
+from policies.zoo.cameras import check_state_size, missing_cameras
 from policies.zoo.config import IMAGE_PREFIX
-
-_FEWER_CAMERAS = ("smolvla", "pi0", "pi05", "pi0_fast", "xvla")
-"""Types whose model leaves out, or pads and masks, a camera that is not there."""
 
 _MIN_RANGE = 1e-4
 
@@ -31,9 +29,11 @@ def matched_inputs(config: Any, inputs: Features, rename_map: Mapping[str, str])
         PolicyError: if the cameras do not match, or the state is wider than the policy allows.
     """
     cameras = [key for key, feature in inputs.items() if feature.type is FeatureType.VISUAL]
-    check_state(config, inputs[OBS_STATE].shape[0])
+    own = (config.input_features or {}).get(OBS_STATE)
+    trained = None if own is None else own.shape[0]
+    check_state_size(inputs[OBS_STATE].shape[0], trained, getattr(config, "max_state_dim", None))
     names = [key.removeprefix(IMAGE_PREFIX) for key in cameras]
-    keep_cameras(config, names, rename_map, "dataset")
+    keep_cameras(config, names, rename_map, "the dataset")
     renamed = {rename_map.get(key, key): feature for key, feature in inputs.items()}
     config.input_features = {
         key: renamed.get(key, feature)
@@ -43,7 +43,7 @@ def matched_inputs(config: Any, inputs: Features, rename_map: Mapping[str, str])
 
 
 def keep_cameras(
-    config: Any, cameras: Sequence[str], rename_map: Mapping[str, str], where: str = "task"
+    config: Any, cameras: Sequence[str], rename_map: Mapping[str, str], where: str = "the task"
 ) -> None:
     """Keeps the inputs of a policy that some cameras give.
 
@@ -51,49 +51,18 @@ def keep_cameras(
         config: LeRobot's configuration, changed in place.
         cameras: Names of the cameras.
         rename_map: Key of a camera to key of the policy.
-        where: What has the cameras: ``task`` or ``dataset``.
+        where: What has the cameras: ``the task`` or ``the dataset``.
 
     Raises:
         PolicyError: if a camera of the policy is not given, and the policy needs it.
     """
-    given = {rename_map.get(IMAGE_PREFIX + name, IMAGE_PREFIX + name) for name in cameras}
-    wanted = list(config.image_features)
-    missing = [key for key in wanted if key not in given and "empty_camera" not in key]
-    found = [key for key in wanted if key in given]
-    if wanted and (not found or (missing and config.type not in _FEWER_CAMERAS)):
-        raise PolicyError(camera_sentence(wanted, missing, cameras, where))
-    config.input_features = {key: each for key, each in config.input_features.items() if key not in missing}
-
-
-def camera_sentence(wanted: Sequence[str], missing: Sequence[str], cameras: Sequence[str], where: str) -> str:
-    """Says that cameras of a policy are absent, and what to type."""
-    plain = [key.removeprefix(IMAGE_PREFIX) for key in wanted]
-    lost = [key.removeprefix(IMAGE_PREFIX) for key in missing]
-    pairs = ",".join(f"{name}:{target}" for name, target in zip(cameras, lost, strict=False))
-    return (
-        f"The policy sees the cameras {', '.join(plain)}, and the {where} has "
-        f"{', '.join(cameras) or 'none'}: "
-        f"{', '.join(lost)} {'is' if len(lost) == 1 else 'are'} missing. Map them, as in "
-        f"'rename_map={{{pairs or 'front:' + lost[0]}}}'."
-    )
-
-
-def check_state(config: Any, size: int) -> None:
-    """Checks that a state fits a trained policy.
-
-    Raises:
-        PolicyError: if it is wider than the policy pads to, or of another size where nothing is padded.
-    """
-    feature = (config.input_features or {}).get(OBS_STATE)
-    widest = getattr(config, "max_state_dim", None)
-    if widest is not None and size > widest:
-        raise PolicyError(
-            f"The state has {size} numbers, and the policy takes at most {widest} (policy.max_state_dim)."
-        )
-    if widest is None and feature is not None and feature.shape[0] != size:
-        raise PolicyError(
-            f"The state has {size} numbers, and the policy was trained with {feature.shape[0]}."
-        )
+    plain = [key.removeprefix(IMAGE_PREFIX) for key in config.image_features]
+    targets = [
+        rename_map.get(IMAGE_PREFIX + name, IMAGE_PREFIX + name).removeprefix(IMAGE_PREFIX)
+        for name in cameras
+    ]
+    lost = {IMAGE_PREFIX + name for name in missing_cameras(config.type, plain, targets, cameras, where)}
+    config.input_features = {key: each for key, each in config.input_features.items() if key not in lost}
 
 
 def statistics(config: Any, stats: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Tensor]]:

@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping
 from importlib.util import find_spec
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from envs.core.errors import MissingExtraError, PolicyError
 from policies import checkpoint
+from policies.zoo.cameras import check_state_size, missing_cameras
 from policies.zoo.config import IMAGE_PREFIX, LeRobotConfig, full_rename_map
 from policies.zoo.source import local_folder
 from policies.zoo.types import EXTRA, check_settings, check_type
@@ -66,20 +66,14 @@ def check_lerobot(config: LeRobotConfig, features: Mapping[str, Any]) -> None:
 def _check_features(
     name: str, content: Mapping[str, Any], features: Mapping[str, Any], rename_map: Mapping[str, str]
 ) -> None:
-    from policies.zoo.features import check_state, keep_cameras
-
-    inputs = {
-        key: SimpleNamespace(shape=tuple(each["shape"]), type=each.get("type"))
-        for key, each in (content.get("input_features") or {}).items()
-    }
-    images = {key: each for key, each in inputs.items() if each.type == "VISUAL"}
-    config = SimpleNamespace(
-        type=name, input_features=inputs, image_features=images, max_state_dim=content.get("max_state_dim")
-    )
-    cameras = [key.removeprefix(IMAGE_PREFIX) for key in features if key.startswith(IMAGE_PREFIX)]
-    keep_cameras(config, cameras, rename_map, "dataset")
+    inputs = content.get("input_features") or {}
+    wanted = [key.removeprefix(IMAGE_PREFIX) for key in inputs if key.startswith(IMAGE_PREFIX)]
+    keys = [key for key in features if key.startswith(IMAGE_PREFIX)]
+    given = [rename_map.get(key, key).removeprefix(IMAGE_PREFIX) for key in keys]
+    missing_cameras(name, wanted, given, [key.removeprefix(IMAGE_PREFIX) for key in keys], "the dataset")
     if _STATE in features:
-        check_state(config, int(features[_STATE]["shape"][0]))
+        trained = inputs[_STATE]["shape"][0] if _STATE in inputs else None
+        check_state_size(int(features[_STATE]["shape"][0]), trained, content.get("max_state_dim"))
 
 
 def check_openvla(config: "OpenVlaConfig", features: Mapping[str, Any]) -> None:

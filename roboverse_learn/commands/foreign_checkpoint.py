@@ -40,9 +40,10 @@ def seen_env(checkpoint: Path, given: Mapping[str, Any], rename_map: Mapping[str
         rename_map: Camera of the task to camera of the policy.
 
     Raises:
-        ConfigError: if no camera of the task is one of the policy.
+        PolicyError: if no camera of the task is one of the policy.
     """
-    from policies.checkpoint import CONFIG, policy_type, read_json, seen_cameras
+    from policies.checkpoint import CONFIG, policy_label, policy_type, read_json, seen_cameras
+    from policies.zoo.cameras import missing_cameras
 
     of_task = {key: given[key] for key in ("task", "task_kwargs", "robot") if key in given}
     present = task_cameras(EnvSpec(**of_task))
@@ -55,37 +56,35 @@ def seen_env(checkpoint: Path, given: Mapping[str, Any], rename_map: Mapping[str
     cameras = seen_cameras(checkpoint, rename_map)
     found = tuple(name for name in present if name in cameras)
     if cameras and not found:
-        raise ConfigError(_no_camera(tuple(cameras), present, given["task"]))
+        missing_cameras(policy_label(checkpoint), list(cameras), present, present, given["task"])
     sizes = set(cameras.values())
     size = sizes.pop() if len(sizes) == 1 else _DEFAULT_PX
     return EnvSpec(cameras=found, image_size=given.get("image_size") or size)
 
 
-def _no_camera(wanted: tuple[str, ...], present: tuple[str, ...], task: str) -> str:
-    pairs = ",".join(f"{name}:{target}" for name, target in zip(present, wanted, strict=False))
-    return (
-        f"The policy sees the cameras {', '.join(wanted)}, and {task} has {', '.join(present)}. Map them, "
-        "as in "
-        f"'rename_map={{{pairs}}}'."
-    )
-
-
-def check_widths(checkpoint: Path, env: EnvSpec) -> None:
-    """Checks that the state and the actions of a policy are those of the task.
+def check_fits(checkpoint: Path, env: EnvSpec, rename_map: Mapping[str, str]) -> None:
+    """Checks that cameras, state and actions of a policy are those of the task, before it is loaded.
 
     Args:
         checkpoint: A pretrained folder.
         env: The environment of the evaluation.
+        rename_map: Camera of the task to camera of the policy.
 
     Raises:
-        ConfigError: if not.
+        ConfigError: if the state or the actions are of another width.
+        PolicyError: if a camera that the policy needs is not there.
     """
-    from policies.checkpoint import CONFIG, policy_type, read_json
+    from policies.checkpoint import CONFIG, policy_label, policy_type, read_json, seen_cameras
+    from policies.zoo.cameras import missing_cameras
     from roboverse_learn.collect import task_layout
     from roboverse_learn.config.schema import CollectConfig
 
     if policy_type(checkpoint) not in ANY_SIZE:
         return
+    if policy_type(checkpoint) == "lerobot":
+        wanted = list(seen_cameras(checkpoint, rename_map))
+        cameras = env.cameras or task_cameras(env)[:1]
+        missing_cameras(policy_label(checkpoint), wanted, cameras, cameras, env.task)
     content = read_json(checkpoint / CONFIG)
     features, _, robot = task_layout(CollectConfig(env=replace(env, scenario={})))
     task = env.task

@@ -185,7 +185,7 @@ def foreign(tmp_path):
 
 
 def test_a_checkpoint_of_others_needs_its_cameras(foreign):
-    with pytest.raises(ConfigError, match=r"camera1, camera2, and PickCube has .*'rename_map=\{front:c"):
+    with pytest.raises(PolicyError, match=r"camera1, camera2, and PickCube has .*'rename_map=\{front:c"):
         evaluate(foreign, "task=PickCube")
     tested = evaluate(foreign, "task=PickCube", "rename_map={front:camera1}")
     assert (tested.env.cameras, tested.env.image_size) == (("front",), 256)
@@ -193,11 +193,23 @@ def test_a_checkpoint_of_others_needs_its_cameras(foreign):
 
 
 def test_actions_of_another_width_are_one_sentence(foreign):
-    from roboverse_learn.commands.foreign_checkpoint import check_widths
+    from roboverse_learn.commands.foreign_checkpoint import check_fits
 
     tested = evaluate(foreign, "task=PickCube", "rename_map={front:camera1}")
     with pytest.raises(ConfigError, match=r"have 6 numbers, and in PickCube it is 9 \(.*robot franka"):
-        check_widths(tested.checkpoint, tested.env)
+        check_fits(tested.checkpoint, tested.env, tested.rename_map)
+
+
+def test_a_type_that_needs_every_camera_is_refused_before_it_is_loaded(foreign):
+    from roboverse_learn.commands.foreign_checkpoint import check_fits
+
+    config = json.loads((foreign / "config.json").read_text())
+    tested = evaluate(foreign, "task=PickCube", "rename_map={front:camera1}")
+    (foreign / "config.json").write_text(json.dumps(config | {"type": "multi_task_dit"}))
+    with pytest.raises(
+        PolicyError, match=r"sees the cameras front, camera2, and PickCube has front: camera2 is"
+    ):
+        check_fits(tested.checkpoint, tested.env, tested.rename_map)
 
 
 def test_the_policy_that_is_named_must_be_the_checkpoints(foreign):

@@ -231,7 +231,7 @@ def test_a_renamed_camera_is_mapped_and_a_wrong_one_is_one_sentence(trained, tmp
     features = config["input_features"]
     features["observation.images.camera1"] = features.pop(IMAGE)
     (copy / "config.json").write_text(json.dumps(config))
-    with pytest.raises(ConfigError, match=r"sees the cameras camera1, and PickCube has front.*front:camera1"):
+    with pytest.raises(PolicyError, match=r"sees the cameras camera1, and PickCube has front.*front:camera1"):
         evaluate(f"checkpoint={copy}", f"results_dir={tmp_path}")
     result = evaluate(f"checkpoint={copy}", f"results_dir={tmp_path}", "rename_map={front:camera1}")
     assert len(result.records) == 1 and result.env.cameras == ("front",)
