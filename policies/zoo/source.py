@@ -10,8 +10,8 @@ _HUB_NAME = re.compile(r"[\w.-]+/[\w.-]+(@[\w.-]+)?")
 _WANTED = ("*.json", "*.safetensors", "*.txt", "*.model", "*.jinja")
 """Files of a checkpoint that are read: no code, and no pickle."""
 
-_SPARE = 1.1
-"""Free disk and memory must exceed the size of the files by this factor."""
+_DISK, _MEMORY = 1.1, 2.1
+"""Free disk and memory per size of the files; what is read and the network are in memory at once."""
 
 
 def is_hub_name(path: str) -> bool:
@@ -73,19 +73,15 @@ def check_room(size: int, cache: Path, name: str) -> None:
     import psutil
 
     existing = next(folder for folder in (cache, *cache.absolute().parents) if folder.exists())
-    for what, free, advice in (
-        (
-            "disk",
-            shutil.disk_usage(existing).free,
-            f"Free some, or set HF_HOME to another disk than {existing}.",
-        ),
-        ("memory", psutil.virtual_memory().available, "Take a machine with more."),
+    free_disk, free_memory = shutil.disk_usage(existing).free, psutil.virtual_memory().available
+    for what, factor, free, advice in (
+        ("disk", _DISK, free_disk, f"Free some, or set HF_HOME to another disk than that of {existing}."),
+        ("memory", _MEMORY, free_memory, "Take a machine with more."),
     ):
-        if free < _SPARE * size:
+        if free < factor * size:
             raise PolicyError(
-                f"'{name}' has {size / 1e9:.1f} GB, which needs {_SPARE * size / 1e9:.1f} GB of free "
-                f"{what}, and "
-                f"this machine has {free / 1e9:.1f} GB. Nothing was downloaded. {advice}"
+                f"'{name}' has {size / 1e9:.1f} GB, which needs {factor * size / 1e9:.1f} GB of free {what}, "
+                f"and this machine has {free / 1e9:.1f} GB. Nothing was downloaded. {advice}"
             )
 
 
