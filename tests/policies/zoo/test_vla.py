@@ -195,6 +195,34 @@ def test_adapters_train_alone_and_load_again(trained):
     assert not np.array_equal(expected, trained.policy.act(seen, generators(2)))
 
 
+@pytest.mark.parametrize("trained", ["smolvla"], indirect=True)
+def test_lerobot_loads_our_adapters(trained):
+    from lerobot.configs import PreTrainedConfig
+    from lerobot.policies.factory import make_policy
+
+    policy = create(path=str(trained.checkpoint), peft=PeftConfig(method_type="LORA", r=2))
+    step(policy, lr=1e-2)
+    folder = trained.folder / "for_lerobot"
+    policy.save(folder)
+    backbone = trained.folder / "backbone"
+    backbone.symlink_to(trained.folder / "gone_backbone")
+    config = PreTrainedConfig.from_pretrained(folder)
+    config.pretrained_path = folder
+    loaded = make_policy(config, ds_meta=SimpleNamespace(features=FEATURES, stats=stats()))
+    backbone.unlink()
+    found, expected = loaded.state_dict(), policy.model.state_dict()
+    assert found.keys() == expected.keys()
+    assert all(torch.equal(found[key].float(), expected[key].float()) for key in found)
+
+
+def test_learning_rates_have_lerobots_shares(trained):
+    groups = trained.policy.parameter_groups()
+    expected = {"multi_task_dit": {1.0, 0.1}, "xvla": {1.0, 0.1}}.get(trained.name, {1.0})
+    assert {round(share, 6) for _, share in groups} == expected
+    trained_ones = [each for each in trained.policy.model.parameters() if each.requires_grad]
+    assert sum(len(members) for members, _ in groups) == len(trained_ones)
+
+
 def test_absent_weights_are_an_error(trained, tmp_path):
     from safetensors.torch import load_file, save_file
 
