@@ -35,6 +35,7 @@ def local_folder(path: str) -> Path:
         from policies.checkpoint import resolve
 
         return resolve(path)
+    from httpx import HTTPError
     from huggingface_hub import constants, snapshot_download
     from huggingface_hub.errors import HfHubHTTPError, LocalEntryNotFoundError
 
@@ -50,7 +51,7 @@ def local_folder(path: str) -> Path:
     try:
         check_room(_hub_bytes(name, revision or None), Path(constants.HF_HUB_CACHE), path)
         return Path(snapshot_download(name, revision=revision or None, allow_patterns=list(_WANTED)))
-    except (HfHubHTTPError, OSError, ValueError) as error:
+    except (HfHubHTTPError, HTTPError, OSError, ValueError) as error:
         reason = " ".join(str(error).split())[:200]
         raise PolicyError(
             f"'{path}' is no folder here, and the Hugging Face hub did not give it: {reason}. Name a folder "

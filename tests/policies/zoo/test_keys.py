@@ -236,6 +236,18 @@ class TestSource:
         with pytest.raises(PolicyError, match=r"'nobody/nothing' is no folder here, and the Hugging"):
             source.local_folder("nobody/nothing")
 
+    def test_a_host_that_is_not_found_is_one_sentence_too(self, monkeypatch):
+        import httpx
+
+        def no_host(*_):
+            raise httpx.ConnectError("[Errno -2] Name or service not known")
+
+        monkeypatch.setattr(source, "_hub_bytes", no_host)
+        with pytest.raises(
+            PolicyError, match=r"hub did not give it: \[Errno -2\] Name or service not known. Name"
+        ):
+            source.local_folder("nobody/nothing")
+
     def test_room_is_checked_before_a_download(self, monkeypatch, tmp_path):
         free = {"disk": 17e9, "memory": 32e9}
         monkeypatch.setattr(source.shutil, "disk_usage", lambda _: SimpleNamespace(free=free["disk"]))
