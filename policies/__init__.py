@@ -66,6 +66,20 @@ POLICIES.add(
     summary="Diffusion Policy with a ResNet18 and a 1D U-Net (arXiv:2303.04137)",
 )
 POLICIES.add(
+    "lerobot",
+    PolicyInfo(policy="policies.zoo.announced:LeRobotZooPolicy", config="policies.zoo.config:LeRobotConfig"),
+    tags={"dataset"},
+    summary="Any policy of LeRobot's registry by type=<name>: smolvla, pi0, pi05, xvla, multi_task_dit, ...",
+)
+POLICIES.add(
+    "openvla",
+    PolicyInfo(
+        policy="policies.openvla.policy:OpenVlaPolicy", config="policies.openvla.config:OpenVlaConfig"
+    ),
+    tags={"dataset"},
+    summary="OpenVLA, fine-tuned from its 7 B checkpoint: actions as tokens (arXiv:2406.09246)",
+)
+POLICIES.add(
     "fasttd3",
     PolicyInfo(
         policy="policies.fasttd3.policy:FastTd3Policy",

@@ -13,9 +13,18 @@ if TYPE_CHECKING:
 
 CONFIG = "config.json"
 WEIGHTS = "model.safetensors"
+ADAPTERS = "adapter_model.safetensors"
+"""Weights of adapters, in place of those of a whole network."""
+
 HASHES = "sha256.json"
 PREPROCESSOR = "policy_preprocessor.json"
 POSTPROCESSOR = "policy_postprocessor.json"
+
+LEROBOT = "lerobot"
+"""The policy that is any type of LeRobot's registry."""
+
+OF_THEIR_OWN = ("act", "diffusion")
+"""LeRobot's types that are a policy of their own here."""
 
 REGISTERED_AS = {"keypoint_act": "act"}
 """LeRobot's policy types that are a network of a policy with another name."""
@@ -45,6 +54,21 @@ def resolve(directory: str | Path) -> Path:
         if (directory / inner / CONFIG).is_file():
             return directory / inner
     raise PolicyError(f"Checkpoint '{directory}' has no {CONFIG}. {_ADVICE}")
+
+
+def weights_path(directory: Path) -> Path:
+    """Returns the file of a pretrained folder whose content is the policy's own.
+
+    Args:
+        directory: A pretrained folder.
+
+    Returns:
+        The weights, or the adapters where only these were trained; ``model.safetensors`` if there is neither.
+    """
+    for name in (WEIGHTS, ADAPTERS, f"{WEIGHTS}.index.json"):
+        if (directory / name).is_file():
+            return directory / name
+    return directory / WEIGHTS
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -99,14 +123,16 @@ def check_learned(directory: Path, task: str) -> None:
         )
 
 
-def seen_cameras(directory: Path) -> dict[str, int]:
+def seen_cameras(directory: Path, rename_map: Mapping[str, str] | None = None) -> dict[str, int]:
     """Returns the cameras whose images a policy sees, in order, and the pixels a side of each.
 
     Args:
         directory: A pretrained folder.
+        rename_map: Camera of the environment to camera of the policy, beside the map that is saved.
 
     Returns:
-        Nothing for a policy that sees no images.
+        Nothing for a policy that sees no images. Cameras have the names of the environment; one that only
+        fills the place of none is left out.
 
     Raises:
         PolicyError: if the folder does not say what its policy sees.
@@ -118,22 +144,49 @@ def seen_cameras(directory: Path) -> dict[str, int]:
             shapes = {key: feature["shape"] for key, feature in values["input_features"].items()}
         else:  # of a reinforcement learning policy
             shapes = {key: [size] for key, size in values["observation"].items()}
-        return {
-            key.removeprefix(_IMAGES): int(shape[-1])
-            for key, shape in shapes.items()
-            if key.startswith(_IMAGES)
-        }
+        sources, seen = _sources(directory, rename_map or {}), {}
+        for key, shape in shapes.items():
+            name = key.removeprefix(_IMAGES)
+            if name != key and not name.startswith("empty_camera"):
+                seen[sources.get(name, name)] = min(map(int, shape[-2:]))
+        return seen
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise PolicyError(f"'{path}' does not say which images its policy takes: {error!r}.") from error
 
 
+def _sources(directory: Path, rename_map: Mapping[str, str]) -> dict[str, str]:
+    """Returns the camera of the environment of each renamed camera of a policy."""
+    path = directory / PREPROCESSOR
+    saved: dict[str, str] = {}
+    for step in read_json(path).get("steps", []) if path.is_file() else []:
+        if step.get("registry_name") == "rename_observations_processor":
+            saved = dict(step.get("config", {}).get("rename_map") or {})
+    return {
+        str(target).removeprefix(_IMAGES): str(source).removeprefix(_IMAGES)
+        for source, target in {**saved, **rename_map}.items()
+    }
+
+
 def policy_type(directory: Path) -> str:
-    """Returns the registered name of the policy in a pretrained folder."""
-    name = read_json(directory / CONFIG).get("type")
-    name = REGISTERED_AS.get(name, name) if isinstance(name, str) else name
+    """Returns the registered name of the policy in a pretrained folder.
+
+    A type of LeRobot's that has no policy of its own here is of ``lerobot``.
+    """
+    name = policy_label(directory)
+    if name in OF_THEIR_OWN:
+        return name
+    from policies.zoo.types import type_names
+
+    return LEROBOT if name in type_names() else name
+
+
+def policy_label(directory: Path) -> str:
+    """Returns the name of the policy in a pretrained folder as results have it: LeRobot's type."""
+    content = read_json(directory / CONFIG)
+    name = content.get("type", content.get("model_type"))
     if not isinstance(name, str):
         raise PolicyError(f"'{directory / CONFIG}' does not say which policy it is (key 'type'). {_ADVICE}")
-    return name
+    return REGISTERED_AS.get(name, name)
 
 
 def write_hashes(directory: Path) -> None:

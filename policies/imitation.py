@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from envs.core.errors import PolicyError
 from policies.base import Observation, observed
+from policies.checkpoint import load_weights
 from policies.objective import Loss
 
 ACTION = "action"
@@ -27,6 +28,8 @@ class ImitationPolicy:
         model: The network.
         default_ema: Whether training averages the weights by default.
         default_compile: Whether training compiles the loss by default, on a GPU.
+        frame_keys: Columns of the dataset that training needs beside the inputs and the action.
+        instructions: Instructions of the dataset, set by the learner; ``task_index`` counts into them.
         batch_invariant: Run the samples one by one. True on a CPU, where it costs little.
     """
 
@@ -35,6 +38,8 @@ class ImitationPolicy:
     actions_of: ClassVar[Literal["task", "rl"]] = "task"
     default_ema: ClassVar[bool] = False
     default_compile: ClassVar[bool] = True
+    frame_keys: ClassVar[tuple[str, ...]] = ()
+    instructions: tuple[str, ...] = ()
     task: str = ""
     batch_invariant: bool
 
@@ -149,6 +154,18 @@ class ImitationPolicy:
         """Frames at the end of an episode that are no training samples of their own."""
         return 0
 
+    def training_config(self, config: Any) -> Any:
+        """Returns the settings of the optimizer, with those that come with the policy."""
+        return config
+
+    def parameter_groups(self) -> list[tuple[list[nn.Parameter], float]]:
+        """Returns the trained parameters, each group with its share of the learning rate.
+
+        Returns:
+            Nothing where the learner forms the groups.
+        """
+        return []
+
     def begin_training(self) -> None:
         """Readies the model for gradient steps."""
         self.model.train()
@@ -171,6 +188,18 @@ class ImitationPolicy:
         """Returns the tensors of the model."""
         state = self.model.state_dict()
         return {key: value for key, value in state.items() if not key.endswith("num_batches_tracked")}
+
+    def load_state_dict(self, tensors: Mapping[str, Tensor], path: Path) -> None:
+        """Copies what :meth:`state_dict` returned into the model.
+
+        Args:
+            tensors: The tensors.
+            path: Where they are from, for messages.
+
+        Raises:
+            PolicyError: if they do not fit.
+        """
+        load_weights(self.model, tensors, path)
 
     def save(self, directory: str | Path, weights: Mapping[str, Tensor] | None = None) -> None:
         """Writes a checkpoint folder: all of it, or nothing.

@@ -77,7 +77,7 @@ class ModulePolicy(ImitationPolicy):
 
     @override
     def predict(self, batch: dict[str, Tensor], generators: Sequence[torch.Generator] | None) -> Tensor:
-        with _seeded(generators, self.device):
+        with seeded(generators, self.device):
             actions = self.model.act(batch)
         n, size = len(next(iter(batch.values()))), self.shapes[ACTION][0]
         if not isinstance(actions, Tensor):
@@ -148,7 +148,7 @@ def module_policy(name: str, module_class: type[TrainablePolicy]) -> type[Module
 
 
 @contextmanager
-def _seeded(generators: Sequence[torch.Generator] | None, device: torch.device) -> Iterator[None]:
+def seeded(generators: Sequence[torch.Generator] | None, device: torch.device) -> Iterator[None]:
     """Seeds torch's global generator from those of the environments, and restores it at its end."""
     if generators is None:
         yield

@@ -79,10 +79,11 @@ def evaluate_checkpoint(
     from benchmark.finished_cells import FinishedCells
     from benchmark.instruction_tests import check_instruction_tests
     from benchmark.results import result_path, video_dir, write_result
-    from policies.checkpoint import check_learned, policy_type
+    from policies.checkpoint import check_learned, policy_label
+    from roboverse_learn.commands.foreign_checkpoint import check_fits
 
     protocol = protocol_of(config)
-    name = tested.baseline if tested.checkpoint is None else policy_type(tested.checkpoint)
+    name = tested.baseline if tested.checkpoint is None else policy_label(tested.checkpoint)
     checkpoint = _recorded(tested.checkpoint)
     path = results_dir / protocol.version / tested.env.task / name / f"{tested.run}.json"
     materials = recorded_materials(config.materials)
@@ -95,6 +96,7 @@ def evaluate_checkpoint(
     check_scenario_files(tested.env, looks)
     if tested.checkpoint is not None:
         check_learned(tested.checkpoint, tested.env.task)
+        check_fits(tested.checkpoint, tested.env, tested.rename_map)
     if protocol.instructions:
         check_instruction_tests(tested.env.make_task(), protocol.instructions)
     policy = _load(tested)
@@ -141,22 +143,24 @@ def _recorded(checkpoint: Path | None) -> "Checkpoint":
     """Returns a checkpoint as a result records it."""
     from benchmark.provenance import file_hash
     from benchmark.records import Checkpoint
-    from policies.checkpoint import WEIGHTS
+    from policies.checkpoint import weights_path
 
     if checkpoint is None:
         return Checkpoint()
-    return Checkpoint(step=step_of(checkpoint), hash=file_hash(checkpoint / WEIGHTS))
+    return Checkpoint(step=step_of(checkpoint), hash=file_hash(weights_path(checkpoint)))
 
 
 def _load(tested: TestedCheckpoint) -> Any:
     """Returns the policy, or the baseline, that is evaluated."""
     import policies
     from benchmark.runner import Baseline
+    from roboverse_learn.commands.foreign_checkpoint import show_cameras
 
     if tested.checkpoint is None:
         return Baseline(tested.baseline)
     policy = policies.load(tested.checkpoint, tested.device)
     policy.task = tested.env.task
+    show_cameras(policy, tested.env, tested.rename_map)
     return policy
 
 

@@ -64,6 +64,7 @@ class TestedCheckpoint:
         run: Name of the evaluation, unique for a task and policy.
         env: Environment; its level, channel and materials are those of each cell of the evaluation.
         device: Torch device.
+        rename_map: Camera of the task to camera of the policy, where they have other names.
         training: How it was trained.
         config: Resolved configuration, plain values.
     """
@@ -75,6 +76,7 @@ class TestedCheckpoint:
     run: str
     env: EnvSpec
     device: str
+    rename_map: Mapping[str, str] = field(default_factory=dict)
     training: Training = field(default_factory=Training)
     config: dict[str, Any] = field(default_factory=dict)
 
@@ -102,7 +104,7 @@ def checkpoints_to_test(config: EvaluateConfig) -> list[TestedCheckpoint]:
     Raises:
         RoboVerseError: as :func:`checkpoint_to_test`.
     """
-    if config.policy_name:
+    if not config.checkpoint:
         return [_baseline(config)]
     together = () if "task" in config.env else _learned_together(Path(config.checkpoint))
     if not together:
@@ -118,11 +120,12 @@ def checkpoint_to_test(config: EvaluateConfig) -> TestedCheckpoint:
         PolicyError: There is no checkpoint.
     """
     from policies.checkpoint import resolve
+    from roboverse_learn.commands.foreign_checkpoint import open_checkpoint
     from roboverse_learn.commands.run_folder import read_config, run_of
     from roboverse_learn.config.serialize import to_values
 
-    checkpoint = resolve(config.checkpoint)
-    _check_whole(checkpoint)
+    checkpoint = open_checkpoint(config.checkpoint)
+    _check_whole(checkpoint, config.policy_name)
     folder = run_of(checkpoint)
     if folder is None:
         return _checkpoint_without_run(checkpoint, config)
@@ -139,9 +142,12 @@ def checkpoint_to_test(config: EvaluateConfig) -> TestedCheckpoint:
         parts.append(_materials_in_name(config.evaluate))
     if step_of(checkpoint) != step_of(resolve(folder)):
         parts.append(f"step{step_of(checkpoint)}")
+    if config.rename_map:
+        parts.append(_in_name("rename_map", config.rename_map))
     run = to_values(trained)
     values = {"command": to_values(config), "run": run, "policy": run["policy"]}
-    return replace(tested, env=env, run="-".join([tested.run, *parts]), config=values)
+    name = "-".join([tested.run, *parts])
+    return replace(tested, env=env, run=name, rename_map=config.rename_map, config=values)
 
 
 def checkpoint_of_run(folder: Path, config: TrainRunConfig, checkpoint: Path) -> TestedCheckpoint:
@@ -210,7 +216,8 @@ def _changes_in_name(trained: TrainRunConfig, env: EnvSpec) -> list[str]:
 def _checkpoint_without_run(checkpoint: Path, config: EvaluateConfig) -> TestedCheckpoint:
     """Returns a checkpoint of no run of this project, such as one of ``lerobot-train``."""
     from benchmark.provenance import file_hash
-    from policies.checkpoint import CONFIG, WEIGHTS, read_json, seen_cameras
+    from policies.checkpoint import CONFIG, policy_type, read_json, seen_cameras, weights_path
+    from roboverse_learn.commands.foreign_checkpoint import ANY_SIZE, seen_env
     from roboverse_learn.config.serialize import to_values
     from roboverse_learn.training.device import resolve_device
 
@@ -220,21 +227,26 @@ def _checkpoint_without_run(checkpoint: Path, config: EvaluateConfig) -> TestedC
             "task=<name>."
         )
     values = read_json(checkpoint / CONFIG)
-    cameras = seen_cameras(checkpoint)
-    sizes = set(cameras.values()) or {_VIDEO_PX}
-    if "image_size" not in config.env and len(sizes) != 1:
-        raise ConfigError(
-            f"Checkpoint '{checkpoint}' has images of sizes {sorted(sizes)}: add image_size=<pixels>."
-        )
-    seen = EnvSpec(cameras=tuple(cameras), image_size=config.env.get("image_size") or sizes.pop())
+    if policy_type(checkpoint) in ANY_SIZE:
+        seen = seen_env(checkpoint, config.env, config.rename_map)
+    else:
+        cameras = seen_cameras(checkpoint)
+        sizes = set(cameras.values()) or {_VIDEO_PX}
+        if "image_size" not in config.env and len(sizes) != 1:
+            raise ConfigError(
+                f"Checkpoint '{checkpoint}' has images of sizes {sorted(sizes)}: add image_size=<pixels>."
+            )
+        seen = EnvSpec(cameras=tuple(cameras), image_size=config.env.get("image_size") or sizes.pop())
     env = _changed_env(seen, config.env)
-    weights = file_hash(checkpoint / WEIGHTS)[:8]
-    base = re.sub(r"[^A-Za-z0-9._+=-]+", "-", checkpoint.absolute().parent.name).strip("-.") or "checkpoint"
+    weights = file_hash(weights_path(checkpoint))[:8]
+    base = checkpoint.absolute().parent.name if Path(config.checkpoint).exists() else config.checkpoint
+    base = re.sub(r"[^A-Za-z0-9._+=-]+", "-", base).strip("-.") or "checkpoint"
     return TestedCheckpoint(
         checkpoint=checkpoint,
         run="-".join([base, weights, *_evaluation_in_name(config, env)]),
         env=env,
         device=resolve_device(config.device),
+        rename_map=config.rename_map,
         training=Training(tasks=_learned_together(checkpoint)),
         config={"command": to_values(config), "policy": values},
     )
@@ -274,6 +286,8 @@ def _evaluation_in_name(config: EvaluateConfig, env: EnvSpec) -> list[str]:
         parts.append(_in_name("scenario", env.scenario))
     if config.evaluate.materials:
         parts.append(_materials_in_name(config.evaluate))
+    if config.rename_map:
+        parts.append(_in_name("rename_map", config.rename_map))
     return parts
 
 
@@ -285,19 +299,25 @@ def _learned_together(checkpoint: Path) -> tuple[str, ...]:
     return learned if len(learned) > 1 else ()
 
 
-def _check_whole(checkpoint: Path) -> None:
-    """Checks that a checkpoint has weights, and that its policy is registered."""
+def _check_whole(checkpoint: Path, expected: str) -> None:
+    """Checks that a checkpoint has weights, and that its policy is registered and the expected one."""
     from envs.core.errors import PolicyError, UnknownNameError
     from policies import config_class
-    from policies.checkpoint import WEIGHTS, policy_type
+    from policies.checkpoint import WEIGHTS, policy_type, weights_path
 
-    if not (checkpoint / WEIGHTS).is_file():
+    if not weights_path(checkpoint).is_file():
         raise PolicyError(f"Checkpoint '{checkpoint}' has no {WEIGHTS}. Name another one, or train again.")
     name = policy_type(checkpoint)
     try:
         config_class(name)
     except UnknownNameError as error:
         raise PolicyError(f"Checkpoint '{checkpoint}' cannot be evaluated: {error}") from error
+    if expected not in ("", name):
+        raise ConfigError(
+            f"policy={expected} and checkpoint={checkpoint} are both given, and the checkpoint is of "
+            f"policy={name}. "
+            "Leave policy out; a checkpoint says itself which policy it is of."
+        )
 
 
 def step_of(checkpoint: Path) -> int | None:

@@ -26,7 +26,17 @@ from envs.core.plain_values import plain
 from envs.scenario.changes import merged
 from envs.spec import EnvSpec
 from policies.checkpoint import learned_tasks
-from roboverse_learn.config.keys import OF_YOUR_OWN, at, flat_keys, full_key, in_open_section, split_word
+from roboverse_learn.config.keys import (
+    MAPS,
+    OF_YOUR_OWN,
+    at,
+    flat_keys,
+    full_key,
+    in_open_section,
+    open_section,
+    own_key,
+    split_word,
+)
 from roboverse_learn.config.recipes import check_beside, read_recipe
 from roboverse_learn.config.schema import DEFAULT_PRESETS, NAMES_A_POLICY
 from roboverse_learn.config.serialize import default_values, env_keys, from_values, to_values
@@ -81,8 +91,10 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
         if name not in names and (command, name) != ("check", _NO_POLICY):
             raise unknown_name(kind, name, names, OF_YOUR_OWN if kind == "policy" else "")
     defaults = default_values(command, policy)
-    keys = [full_key(command, key, flat_keys(defaults)) for key, _ in pairs]
-    read = {full_key(command, key, flat_keys(defaults)): value for key, value in read.items()}
+    keys = [full_key(command, own_key(policy, key), flat_keys(defaults)) for key, _ in pairs]
+    read = {
+        full_key(command, own_key(policy, key), flat_keys(defaults)): value for key, value in read.items()
+    }
     check_beside(recipe or str(saved.get("recipe", "")), chosen, policy, [*keys, *read])
     values = merged(copy.deepcopy(_composed(command, policy, preset)), of_recipe)
     if saved.get("policy_name") == policy:
@@ -205,6 +217,8 @@ def _value(word: str, text: str, command: str, key: str, default: Any) -> Any:
 
     if isinstance(default, str):
         return text
+    if key in MAPS:
+        return _map(word, text, key)
     example = "" if default is None else f", such as {key}={str(default).lower()}"
     takes = "Write a list in brackets, such as [1,2]." if isinstance(default, list) else ""
     takes = takes or f"{key} takes one value{example}."
@@ -223,6 +237,30 @@ def _value(word: str, text: str, command: str, key: str, default: Any) -> Any:
     return _in_list(value, default)
 
 
+def _map(word: str, text: str, key: str) -> dict[str, str]:
+    """Reads a map, in Hydra's grammar or as JSON.
+
+    Raises:
+        ConfigError: It is none.
+    """
+    import json
+
+    from hydra.errors import HydraException
+
+    try:
+        value = json.loads(text)
+    except ValueError:
+        try:
+            value = _parsed(text).value()
+        except HydraException:
+            value = None
+    if not isinstance(value, dict) or not all(isinstance(each, str) for each in value.values()):
+        raise ConfigError(
+            f"'{word}' is no map of names. Write it in quotes, as in '{key}={{front:camera1}}'."
+        )
+    return {str(name): each for name, each in value.items()}
+
+
 def _in_list(value: Any, default: Any) -> Any:
     """Returns one value as a list of one where a list is meant."""
     one = (value and isinstance(value, str)) or type(value) in (int, float)
@@ -233,7 +271,7 @@ def flat(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Returns nested values by dotted key, as plain values."""
     values: dict[str, Any] = {}
     for name, value in given.items():
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping) and f"{prefix}{name}" not in MAPS:
             values |= flat(value, f"{prefix}{name}.")
         else:
             values[f"{prefix}{name}"] = plain(value)
@@ -242,12 +280,16 @@ def flat(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 def _put(values: dict[str, Any], key: str, value: Any) -> None:
     """Puts the value of a dotted key into nested values; keys of an open section are merged."""
-    section, *parts = key.split(".")
-    if in_open_section(key):
+    if section := open_section(key):
+        parts = key.removeprefix(f"{section}.").split(".")
         for part in reversed(parts):
             value = {part: value}
+        *outer, section = section.split(".")
+        for part in outer:
+            values = values[part]
         values[section] = merged(values[section], value)
         return
+    section, *parts = key.split(".")
     while parts:
         values, section = values[section], parts.pop(0)
     values[section] = value

@@ -17,19 +17,27 @@ FROM = "from_dataset"
 _TYPED = {"policy_name": "policy", FROM: "from"}
 """Fields that are typed by another word; ``from`` is a word of Python, in which the field's name is given."""
 
+_ALIASES = {("evaluate", "policy.path"): "checkpoint", ("evaluate", "path"): "checkpoint"}
+"""Keys that a command takes under another name too, the one that LeRobot's programs have."""
+
 OPEN = {
     "task_kwargs": "variant=lift",
     "simulator_settings": "njmax=768",
     SECTION: "physics.decimation=50",
+    "policy.settings": "chunk_size=16",
 }
-"""Sections whose keys belong to the task, the simulator and the scene, each with an example."""
+"""Sections whose keys belong to the task, the simulator, the scene or a LeRobot policy, each with an
+example."""
+
+MAPS = ("rename_map", "policy.rename_map")
+"""Keys whose value is a map, given as a whole: ``rename_map={front:camera1}``, or as JSON."""
 
 
 def flat_keys(values: Mapping[str, Any], prefix: str = "") -> list[str]:
     """Returns the dotted key of every leaf; an open section is a leaf."""
     keys: list[str] = []
     for name, value in values.items():
-        nested = isinstance(value, Mapping) and f"{prefix}{name}" not in OPEN
+        nested = isinstance(value, Mapping) and f"{prefix}{name}" not in (*OPEN, *MAPS)
         keys += flat_keys(value, f"{prefix}{name}.") if nested else [f"{prefix}{name}"]
     return keys
 
@@ -44,8 +52,25 @@ def at(values: Mapping[str, Any], key: str) -> Any:
 
 def in_open_section(key: str) -> bool:
     """Whether a dotted key is inside an open section."""
-    section, dot, _ = key.partition(".")
-    return bool(dot) and section in OPEN
+    return bool(open_section(key))
+
+
+def open_section(key: str) -> str:
+    """Returns the open section that a dotted key is inside of; empty for none."""
+    return next((section for section in OPEN if key.startswith(f"{section}.")), "")
+
+
+def own_key(policy: str, key: str) -> str:
+    """Returns the key of a setting that a policy's configuration takes without naming it.
+
+    ``policy.chunk_size`` of a LeRobot policy is ``policy.settings.chunk_size``: the field of ``open_field``.
+    """
+    section, _, rest = key.partition(".")
+    own = policies.config_class(policy) if section == "policy" and policy in policies.names() else None
+    field = getattr(own, "open_field", "")
+    if not rest or not field or rest.partition(".")[0] in own.__dataclass_fields__:  # pyright: ignore
+        return key
+    return f"policy.{field}.{rest}"
 
 
 def split_word(word: str, keys: Iterable[str]) -> tuple[str, str]:
@@ -74,12 +99,12 @@ def full_key(command: str, key: str, keys: Iterable[str]) -> str:
         ConfigError: It could be several, or is a whole section.
         UnknownNameError: It is none.
     """
-    names = _typed(keys)
+    names, key = _typed(keys), _ALIASES.get((command, key), key)
     if key in OPEN and key in names:
         raise ConfigError(f"'{key}' has keys of its own: give each by its name, as in {key}.{OPEN[key]}.")
     if key in (FROM, _TYPED[FROM]) and _TYPED[FROM] in names:
         return FROM
-    if key in names or (in_open_section(key) and key.partition(".")[0] in names):
+    if key in names or (in_open_section(key) and open_section(key) in names):
         return key
     matches = [full for full in names if full.endswith(f".{key}")]
     if len(matches) > 1:

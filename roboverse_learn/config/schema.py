@@ -267,8 +267,11 @@ class EvaluateConfig:
     """``roboverse evaluate``: one checkpoint, or a baseline without one, over levels and splits.
 
     Attributes:
-        checkpoint: Checkpoint folder, or the folder of a run.
+        checkpoint: Checkpoint folder, the folder of a run, or a name on the Hugging Face hub; also typed
+            policy.path, as LeRobot does.
         policy_name: In place of a checkpoint, what needs none: the task's expert, or a rule.
+        rename_map: Camera of the task to camera of the policy, where they have other names, as in
+            {front: camera1}.
         env: Changes of the environment that the checkpoint was trained in: some of :data:`EVALUATE_ENV_KEYS`.
             What is absent stays as it was trained. ``scenario`` is applied after the trained one's.
         preset: Named set of values from ``configs/preset``.
@@ -279,6 +282,7 @@ class EvaluateConfig:
 
     checkpoint: str = ""
     policy_name: str = ""
+    rename_map: dict[str, str] = field(default_factory=dict)
     env: dict[str, Any] = field(default_factory=dict)
     preset: str = "full"
     device: str = "auto"
@@ -286,7 +290,7 @@ class EvaluateConfig:
     evaluate: EvaluationConfig = field(default_factory=EvaluationConfig)
 
     def __post_init__(self) -> None:
-        if self.policy_name:
+        if self.policy_name and not (self.checkpoint and self.policy_name in policies.names()):
             self._check_baseline()
         elif not self.checkpoint:
             raise ConfigError(

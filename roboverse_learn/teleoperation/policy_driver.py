@@ -42,13 +42,13 @@ def load_driver(config: TeleoperateConfig, env: RoboVerseVectorEnv) -> "PolicyDr
     """Returns the policy of the checkpoint of a configuration, with its weights in memory once more."""
     import policies
     from benchmark.provenance import file_hash
-    from policies.checkpoint import WEIGHTS, policy_type, resolve
+    from policies.checkpoint import policy_type, resolve, weights_path
     from roboverse_learn.training.device import resolve_device
 
     folder = resolve(config.checkpoint)
     policy = policies.load(folder, resolve_device(config.device))
     policy.task = env.task.name
-    facts = {"policy": policy_type(folder), "weights": file_hash(folder / WEIGHTS)[:16]}
+    facts = {"policy": policy_type(folder), "weights": file_hash(weights_path(folder))[:16]}
     return PolicyDriver(policy, env, facts)
 
 

@@ -15,13 +15,22 @@ from roboverse_learn.training.imitation.train import make_optimizer, train
 from roboverse_learn.training.metrics import read_metrics
 from tests.gpu.draws import DrawnOnTheCpu
 from tests.gpu.marks import COMPILES
-from tests.policies.examples import FEATURES, IMAGE, NARROW_CONFIGS, SHALLOW, generators, observation, stats
+from tests.policies.examples import (
+    FEATURES,
+    IMAGE,
+    LEARNED,
+    NARROW_CONFIGS,
+    SHALLOW,
+    generators,
+    observation,
+    stats,
+)
 from tests.roboverse_learn.training.frames import SquareFrames
 from tests.roboverse_learn.training.imitation.test_train import CONFIG, KilledAt, losses
 
 pytestmark = COMPILES
 
-NAMES = policies.names("dataset")
+NAMES = LEARNED
 BATCH, BATCHES, SIZE = 64, 6, 128
 DATA = SquareFrames()
 EXACT = {"act": {"use_vae": False}, "diffusion": {}}

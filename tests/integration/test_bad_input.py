@@ -128,7 +128,7 @@ def test_a_dataset_of_another_scene_is_not_continued(
         (halve(CONFIG), CONFIG),
         (change(CONFIG, input_features={"observation.images.front": {"type": "VISUAL"}}), "shape"),
         (remove(CONFIG), CONFIG),
-        (change(CONFIG, type="pi0"), "pi0"),
+        (change(CONFIG, type="dreamer"), "dreamer"),
         (change(CONFIG, dim_model=48), "does not fit"),
         (change(CONFIG, n_action_steps=500), "n_action_steps"),
         (remove(PREPROCESSOR), PREPROCESSOR),

@@ -29,6 +29,9 @@ CONFIGS = {
     ),
 }  # fmt: skip
 
+LEARNED = [name for name in policies.names("dataset") if name in CONFIGS]
+"""Policies that learn from a dataset by this package alone: no weights, tokenizer or extra of others."""
+
 
 NARROW, SHALLOW = "resnet18_narrow", "resnet10_narrow"
 

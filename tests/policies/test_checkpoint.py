@@ -126,8 +126,8 @@ def test_a_config_without_a_type(broken):
 
 
 def test_a_policy_that_is_not_registered(broken):
-    edit(broken / "config.json", type="smolvla")
-    with pytest.raises(UnknownNameError, match=r"Unknown policy 'smolvla'.* Valid: act, diffusion"):
+    edit(broken / "config.json", type="dreamer")
+    with pytest.raises(UnknownNameError, match=r"Unknown policy 'dreamer'.* Valid: act, diffusion"):
         policies.load(broken)
 
 

@@ -8,7 +8,7 @@ import torch
 
 import policies
 from policies.normalization import policy_stats
-from tests.policies.examples import CONFIGS, FEATURES, IMAGE, SIZE, make, observation, stats
+from tests.policies.examples import CONFIGS, FEATURES, IMAGE, LEARNED, SIZE, make, observation, stats
 
 STEPS = 20
 
@@ -172,7 +172,7 @@ class TestNormalization:
         torch.testing.assert_close(batch["action"][0], expected, atol=1e-5, rtol=0)
 
     @pytest.mark.slow
-    @pytest.mark.parametrize("name", policies.names("dataset"))
+    @pytest.mark.parametrize("name", LEARNED)
     def test_actions_come_back(self, name):
         policy = make(name)
         actions = torch.rand(3, 8, 9, generator=torch.Generator().manual_seed(1)) * 2 - 1
@@ -196,7 +196,7 @@ class TestNormalization:
         assert own["std"].ravel().tolist() == pytest.approx([0.01, 0.2, 0.2])
 
     @pytest.mark.slow
-    @pytest.mark.parametrize("name", policies.names("dataset"))
+    @pytest.mark.parametrize("name", LEARNED)
     def test_a_checkpoint_normalizes_as_its_policy_did(self, name, tmp_path):
         own = stats() | {"action": {k: v * 2 for k, v in stats()["action"].items()}}
         policy = policies.create(name, FEATURES, own, CONFIGS[name])

@@ -9,12 +9,12 @@ import torch
 import policies
 from envs.core.errors import PolicyError
 from policies import Policy
-from tests.policies.examples import generators, make, observation
+from tests.policies.examples import LEARNED, generators, make, observation
 
 LIMITS = (np.full(9, -1.0), np.full(9, 2.0))
 
 
-@pytest.fixture(scope="module", params=[*policies.names("dataset"), *policies.names("nothing")])
+@pytest.fixture(scope="module", params=[*LEARNED, *policies.names("nothing")])
 def policy(request):
     if policies.learns_from(request.param) == "nothing":
         return policies.policy_class(request.param)(*LIMITS, n_action_steps=3)
@@ -79,7 +79,7 @@ def test_an_observation_without_state_is_an_error(policy):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", policies.names("dataset"))
+@pytest.mark.parametrize("name", LEARNED)
 def test_load_finds_the_policy_and_accepts_a_run_folder(name, tmp_path):
     policy = make(name)
     policy.save(tmp_path / "run" / "checkpoints" / "last" / "pretrained_model")

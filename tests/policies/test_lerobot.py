@@ -11,7 +11,17 @@ from torchvision.ops.misc import FrozenBatchNorm2d
 
 import policies
 from envs.core.errors import PolicyError
-from tests.policies.examples import CONFIGS, FEATURES, IMAGE, SIZE, generators, make, observation, stats
+from tests.policies.examples import (
+    CONFIGS,
+    FEATURES,
+    IMAGE,
+    LEARNED,
+    SIZE,
+    generators,
+    make,
+    observation,
+    stats,
+)
 
 
 def lerobot_chunk(folder, seen, seed=0):
@@ -143,7 +153,7 @@ def test_images_can_be_normalized_by_fixed_numbers(image_stats, mean, std):
 def test_a_joint_that_never_moved_is_not_amplified():
     own = stats()
     still = {"mean": np.ones(9), "std": np.zeros(9), "min": np.ones(9), "max": np.ones(9)}
-    for name in policies.names("dataset"):
+    for name in LEARNED:
         policy = policies.create(name, FEATURES, own | {"action": still}, CONFIGS[name])
         batch = policy.preprocess(
             {"action": torch.full((1, 2, 9), 1.001), "observation.state": torch.ones(1, 9)}

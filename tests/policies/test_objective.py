@@ -8,7 +8,7 @@ from torch.utils._pytree import tree_leaves
 import policies
 from envs.core.errors import PolicyError
 from policies.objective import Normalizer, normalizer_step
-from tests.policies.examples import make
+from tests.policies.examples import LEARNED, make
 from tests.policies.test_closed_forms import raw_batch_of
 
 pytestmark = pytest.mark.slow
@@ -22,7 +22,7 @@ def loss_of(compute):
         return compute()
 
 
-@pytest.mark.parametrize("name", policies.names("dataset"))
+@pytest.mark.parametrize("name", LEARNED)
 def test_the_normalizer_changes_no_bit_of_lerobots(name):
     if not hasattr(policies.policy_class(name), "objective"):
         pytest.skip(f"{name} learns from no dataset")

@@ -126,4 +126,5 @@ def plain_stats(features: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
         shape = (3, 1, 1) if feature["dtype"] == "video" else tuple(feature["shape"])
         low, high = np.zeros(shape, np.float32), np.ones(shape, np.float32)
         stats[key] = {"mean": low, "std": high, "min": low, "max": high}
+        stats[key] |= {"q01": low, "q10": low, "q90": high, "q99": high}
     return stats

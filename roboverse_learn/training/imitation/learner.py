@@ -13,6 +13,15 @@ class ImitationLearner(Learner):
     """Trains a policy on demonstrations; see :func:`roboverse_learn.training.imitation.train.train`."""
 
     @override
+    def check(self) -> None:
+        from policies.zoo import preflight
+        from roboverse_learn.collect import dataset_layout
+
+        checks = {"lerobot": preflight.check_lerobot, "openvla": preflight.check_openvla}
+        if check := checks.get(self.config.policy_name):
+            check(self.config.policy, dataset_layout(self.config)[0])
+
+    @override
     def estimate_s(self) -> float:
         from roboverse_learn.collect import dataset_layout
 
@@ -38,4 +47,6 @@ class ImitationLearner(Learner):
             self.device,
             seed=seed,
         )
-        return train(policy, data, self.config.train, run_dir, seed=seed, reporter=reporter)
+        policy.instructions = data.info.tasks
+        settings = policy.training_config(self.config.train)
+        return train(policy, data, settings, run_dir, seed=seed, reporter=reporter)

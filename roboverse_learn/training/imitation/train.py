@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from envs.core.errors import RoboVerseError
-from policies.checkpoint import WEIGHTS, load_weights, read_weights
+from policies.checkpoint import read_weights, weights_path
 from policies.imitation import ImitationPolicy
 from policies.objective import Loss
 from roboverse_learn.data.dataset.info import DatasetInfo
@@ -91,6 +91,11 @@ def train(
 
 def make_optimizer(policy: ImitationPolicy, config: TrainConfig) -> torch.optim.AdamW:
     """Returns the optimizer of a policy, with groups for its backbone and for what Muon trains."""
+    if own := policy.parameter_groups():
+        return _adamw(
+            [{"params": members, "peak_lr": config.lr * share, "muon": False} for members, share in own],
+            config,
+        )
     named = {name: p for name, p in policy.model.named_parameters() if p.requires_grad}
     linear = {f"{name}.weight" for name, m in policy.model.named_modules() if isinstance(m, nn.Linear)}
     peak_lr = {"": config.lr, "backbone": config.lr, "muon": config.lr_muon}
@@ -110,6 +115,10 @@ def make_optimizer(policy: ImitationPolicy, config: TrainConfig) -> torch.optim.
         for kind, members in parameters.items()
         if members
     ]
+    return _adamw(groups, config)
+
+
+def _adamw(groups: list[dict[str, Any]], config: TrainConfig) -> MuonAdamW:
     return MuonAdamW(
         groups,
         lr=config.lr,
@@ -153,7 +162,7 @@ class _Trainer:
             rank=self.rank,
             world_size=self.world,
         )
-        self.keys = list(policy.shapes)
+        self.keys = [*policy.shapes, *policy.frame_keys]
         policy.begin_training()
         if self.world > 1:
             share_weights(policy.model)
@@ -289,10 +298,10 @@ class _Trainer:
     def _load(self, directory: Path) -> None:
         ema = self.ema
         state = checkpoint.load_checkpoint(directory, self._settings())
-        saved = directory / checkpoint.PRETRAINED / WEIGHTS
+        saved = weights_path(directory / checkpoint.PRETRAINED)
         average = read_weights(saved)
         weights = average if ema is None else checkpoint.part(state.tensors, "weights")
-        load_weights(self.policy.model, weights, saved)
+        self.policy.load_state_dict(weights, saved)
         checkpoint.load_moments(self.optimizer, state.tensors, "optimizer")
         if ema is not None:
             for key, value in ema.average.items():
@@ -325,7 +334,7 @@ class _Trainer:
     def _finish(self) -> TrainResult:
         """Leaves the policy as it was saved, and draws the losses."""
         if self.ema is not None:
-            self.policy.model.load_state_dict(self.ema.average, strict=False)
+            self.policy.load_state_dict(self.ema.average, self.run_dir)
         self.policy.end_training()
         done = self.step >= self.config.steps
         result = TrainResult(

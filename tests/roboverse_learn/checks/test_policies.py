@@ -13,13 +13,13 @@ from envs.spec import EnvSpec
 from policies.trainable import TrainablePolicy
 from roboverse_learn.checks.contract import chosen, run
 from roboverse_learn.checks.policies import POLICY_CONTRACTS, PolicySubject
-from tests.policies.examples import NARROW_CONFIGS
+from tests.policies.examples import LEARNED, NARROW_CONFIGS
 
 SPEC = EnvSpec(image_size=32)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", policies.names("dataset"))
+@pytest.mark.parametrize("name", LEARNED)
 def test_every_policy_that_learns_from_demonstrations_keeps_its_contracts(name):
     findings = list(run(POLICY_CONTRACTS, PolicySubject(name, SPEC, NARROW_CONFIGS[name])))
     assert [finding for finding in findings if finding.result != "ok"] == []

@@ -269,7 +269,7 @@ def _drop(name: str) -> Callable[[Path], Any]:
     [
         (_drop(WEIGHTS), f"has no {WEIGHTS}"),
         (_drop(CONFIG), f"has no {CONFIG}"),
-        (lambda folder: (folder / CONFIG).write_text('{"type": "pi0"}'), "Unknown policy 'pi0'. Valid: act"),
+        (lambda folder: (folder / CONFIG).write_text('{"type": "x"}'), "Unknown policy 'x'. Valid: act"),
         (lambda folder: (folder / CONFIG).write_text('{"type": "act"}'), "does not say which images"),
         (lambda folder: (folder / CONFIG).write_text("[]"), CONFIG),
     ],

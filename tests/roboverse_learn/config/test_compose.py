@@ -126,12 +126,20 @@ def another(key: str, value: Any) -> Any:
     return "somewhere/with = , [ ${x} in it"
 
 
+OF_LEROBOT = (
+    *("rename_map", "policy.rename_map", "policy.settings", "policy.type", "policy.peft.method_type"),
+    *("policy.peft.target_modules", "policy.peft.full_training_modules", "policy.peft.lora_alpha"),
+    "policy.peft.init_type",
+)
+"""Keys that need each other, or a map; tests/policies/zoo/test_keys.py sets them."""
+
 ALL_KEYS = [
     (command, policy, key)
     for command in COMMANDS
     for policy in (policies.names() if command == "train" else ["act"])
     for key in flat_keys(default_values(command, policy))
     if key not in ("policy_name", "task_kwargs", "simulator_settings", "scenario", "preset", "run")
+    and key not in OF_LEROBOT
     and (policy == "act" or key.startswith("policy."))  # the others are the same for every policy
 ]
 

@@ -7,9 +7,9 @@ import policies
 from policies.lerobot_policy import policy_features
 from roboverse_learn.config.compose import compose, configs_folder, preset_names
 from roboverse_learn.training.imitation.train import make_optimizer
-from tests.policies.examples import generators, observation, stats
+from tests.policies.examples import LEARNED, generators, observation, stats
 
-PAIRS = [(preset, policy) for preset in preset_names() for policy in policies.names("dataset")]
+PAIRS = [(preset, policy) for preset in preset_names() for policy in LEARNED]
 
 
 def features(size):
@@ -42,7 +42,7 @@ def test_the_network_of_every_preset_builds(preset, name):
     assert config.train.save_every <= config.train.steps
 
 
-@pytest.mark.parametrize("name", policies.names("dataset"))
+@pytest.mark.parametrize("name", LEARNED)
 def test_the_quick_policies_act(name):
     config = compose("train", ["preset=quick", f"policy={name}"])
     policy = policies.create(name, features(32), stats(), config.policy)

@@ -21,7 +21,7 @@ from roboverse_learn.training.imitation.estimate import estimate_training_s
 from roboverse_learn.training.imitation.train import TrainingDivergedError, train
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
-from tests.policies.examples import IMAGE, NARROW_CONFIGS, generators
+from tests.policies.examples import IMAGE, LEARNED, NARROW_CONFIGS, generators
 from tests.roboverse_learn.training.frames import SquareFrames
 from tests.roboverse_learn.training.signals import SignalAt
 from tests.sweeps import sweep
@@ -139,7 +139,7 @@ LEARNABLE = {
 }
 
 
-@pytest.mark.parametrize("name", sweep(policies.names("dataset"), {"act"}))
+@pytest.mark.parametrize("name", sweep(LEARNED, {"act"}))
 def test_overfits_one_batch_and_acts_as_it_learned(name, tmp_path):
     data = SquareFrames(num_episodes=1)
     steps, settings = LEARNABLE[name]

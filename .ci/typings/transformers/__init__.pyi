@@ -1,0 +1,5 @@
+"""The extra vla need not be installed: every name of transformers is Any."""
+
+from typing import Any
+
+def __getattr__(name: str) -> Any: ...

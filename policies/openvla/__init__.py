@@ -1,0 +1,1 @@
+"""OpenVLA (arXiv:2406.09246): a vision-language model whose words are actions."""

@@ -1,0 +1,357 @@
+"""OpenVLA behind the interface of every policy.
+
+Shapes: n environments or samples, A numbers of an action, L tokens, S pixels a side.
+"""
+
+import json
+import logging
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Self, override
+
+import numpy as np
+import torch
+from lerobot.configs import FeatureType
+from torch import Tensor, nn
+
+from envs.core.atomic import atomic_directory
+from envs.core.errors import PolicyError
+from policies import checkpoint
+from policies.base import Observation
+from policies.imitation import ACTION, ImitationPolicy
+from policies.lerobot_policy import policy_features
+from policies.objective import Loss, Objective
+from policies.openvla.config import OpenVlaConfig
+from policies.openvla.network import OpenVla, from_timm, pixels_of, to_timm
+from policies.openvla.tokens import ActionScale, ActionTokens, norm_stats, padded, prompt_tokens
+from policies.zoo import adapters
+from policies.zoo.config import IMAGE_PREFIX, PeftConfig, full_rename_map
+from policies.zoo.source import is_hub_name, local_folder
+from policies.zoo.weights import load_tensors, read_tensors, unique_tensors
+
+logger = logging.getLogger(__name__)
+
+_TASK, _TASK_INDEX = "task", "task_index"
+_IGNORED = -100  # what cross entropy leaves out
+_TOKENIZER = ("tokenizer.json", "tokenizer.model")
+
+
+class OpenVlaPolicy(ImitationPolicy):
+    """OpenVLA, arXiv:2406.09246: one action per look at one image, each number a token.
+
+    Attributes:
+        instructions: See :class:`policies.imitation.ImitationPolicy`.
+    """
+
+    name = "openvla"
+    default_compile = False
+    frame_keys = (_TASK_INDEX,)
+
+    def __init__(self, model: Any, tokenizer: Any, image_key: str, unnorm_key: str) -> None:
+        self.model, self.tokenizer, self.unnorm_key = model, tokenizer, unnorm_key
+        self._image_key, self._image_shape = image_key, (3, self.size, self.size)
+        settings = self.network.settings
+        text = self.network.language_model.config
+        vocabulary = text.vocab_size - int(settings.get("pad_to_multiple_of", 64))
+        self.tokens = ActionTokens(vocabulary, int(settings.get("n_action_bins", 256)))
+        self.scale = ActionScale(settings["norm_stats"][unnorm_key]["action"])
+        self.batch_invariant = self.device.type == "cpu"
+
+    @classmethod
+    @override
+    def create(
+        cls,
+        features: Mapping[str, Any],
+        stats: Mapping[str, Mapping[str, Any]],
+        config: OpenVlaConfig,
+        device: str,
+    ) -> Self:
+        if not config.path:
+            raise PolicyError(
+                "policy=openvla fine-tunes a published checkpoint: give policy.path=<folder or hub name>, "
+                "as in "
+                "policy.path=openvla/openvla-7b. It has 15 GB, which are checked against disk and memory "
+                "first."
+            )
+        inputs, _ = policy_features(features)
+        cameras = [key for key, feature in inputs.items() if feature.type is FeatureType.VISUAL]
+        image_key = IMAGE_PREFIX + config.camera if config.camera else next(iter(cameras), "")
+        if image_key not in cameras:
+            names = ", ".join(key.removeprefix(IMAGE_PREFIX) for key in cameras) or "none"
+            raise PolicyError(
+                f"policy.camera={config.camera} is no camera of the dataset, which has {names}."
+            )
+        folder = local_folder(config.path)
+        model = _read_model(folder)
+        model.settings["norm_stats"] = {
+            **model.settings.get("norm_stats", {}), config.unnorm_key: norm_stats(stats)
+        }  # fmt: skip
+        if config.peft.method_type:
+            base = config.path if is_hub_name(config.path) else str(folder.resolve())
+            model = _with_adapters(model, config.peft, base)
+        return cls(model.to(device).eval(), _read_tokenizer(folder), image_key, config.unnorm_key)
+
+    # --- what it takes and gives ----------------------------------------------------------------
+
+    @property
+    def network(self) -> OpenVla:
+        """The network, without adapters around it."""
+        return adapters.base_network(self.model)
+
+    @property
+    def size(self) -> int:
+        """Pixels a side of what the network sees."""
+        return int(self.network.settings["image_sizes"][0])
+
+    @property
+    @override
+    def device(self) -> torch.device:
+        return next(self.model.parameters()).device
+
+    @property
+    @override
+    def n_obs_steps(self) -> int:
+        return 1
+
+    @property
+    @override
+    def n_action_steps(self) -> int:
+        return 1
+
+    @property
+    @override
+    def shapes(self) -> Mapping[str, tuple[int, ...]]:
+        return {self._image_key: self._image_shape, ACTION: (len(self.scale.low),)}
+
+    @property
+    @override
+    def image_keys(self) -> Sequence[str]:
+        return [self._image_key]
+
+    def see(self, cameras: Sequence[str], rename_map: Mapping[str, str]) -> None:
+        """Chooses the camera that it sees: the one that ``rename_map`` names, or its own, or the first."""
+        chosen = next(iter(full_rename_map(dict(rename_map))), self._image_key)
+        keys = [IMAGE_PREFIX + name for name in cameras]
+        if not chosen and keys:
+            chosen = keys[0]
+        if chosen not in keys:
+            raise PolicyError(
+                f"OpenVLA sees the camera {chosen.removeprefix(IMAGE_PREFIX)}, and the task has "
+                f"{', '.join(cameras) or 'none'}. Name the one to see, as in "
+                f"'rename_map={{{cameras[0]}:image}}'."
+            )
+        self._image_key = chosen
+
+    # --- acting ---------------------------------------------------------------------------------
+
+    @override
+    def _to_tensors(self, observation: Observation) -> dict[str, Any]:
+        image = observation.get(self._image_key)
+        if image is not None:  # of any size, for it is resized
+            height, width = np.asarray(image).shape[1:3]
+            self._image_shape = (3, int(height), int(width))
+        batch: dict[str, Any] = super()._to_tensors(observation)
+        batch[_TASK] = [str(each) for each in observation.get(_TASK, [""] * len(batch[self._image_key]))]
+        return batch
+
+    @override
+    def preprocess(self, batch: Mapping[str, Any]) -> dict[str, Any]:
+        images = batch[self._image_key].to(self.device, non_blocking=True)
+        images = images.float() / 255.0 if images.dtype is torch.uint8 else images.float()
+        fused = self.network.vision_backbone.fused_featurizer is not None
+        out = {
+            "pixels": pixels_of(images, self.size, fused=fused),
+            "prompts": prompt_tokens(self.tokenizer, self._words(batch, len(images))),
+        }
+        if ACTION in batch:
+            actions = batch[ACTION].to(self.device)
+            out[ACTION] = actions[:, 0] if actions.ndim == 3 else actions
+        return out
+
+    def _words(self, batch: Mapping[str, Any], count: int) -> list[str]:
+        if _TASK in batch:
+            return list(batch[_TASK])
+        if _TASK_INDEX in batch and self.instructions:
+            return [self.instructions[int(index)] for index in batch[_TASK_INDEX].reshape(-1).tolist()]
+        return [""] * count
+
+    @override
+    def predict(self, batch: dict[str, Any], generators: Sequence[torch.Generator] | None) -> Tensor:
+        del generators  # the likeliest tokens; nothing is drawn
+        prompts, count = batch["prompts"], len(self.scale.low)
+        answers = torch.zeros(len(prompts), count, dtype=torch.long, device=self.device)
+        for length in sorted(set(map(len, prompts))):  # prompts of one length need no padding
+            rows = [row for row, prompt in enumerate(prompts) if len(prompt) == length]
+            tokens = torch.tensor([prompts[row] for row in rows], device=self.device)
+            answers[rows] = self.network.answer(tokens, batch["pixels"][rows], count)
+        return self.tokens.decode(answers).unsqueeze(1)
+
+    @override
+    def postprocess(self, actions: Tensor) -> Tensor:
+        return self.scale.restore(actions)
+
+    # --- learning -------------------------------------------------------------------------------
+
+    @property
+    @override
+    def delta_indices(self) -> dict[str, list[int]]:
+        return {ACTION: [0]}
+
+    @override
+    def parameter_groups(self) -> list[tuple[list[nn.Parameter], float]]:
+        return [([each for each in self.model.parameters() if each.requires_grad], 1.0)]
+
+    @override
+    def loss(self, batch: dict[str, Any]) -> Loss:
+        """Returns the cross entropy of the action's tokens and of the one that ends the answer."""
+        actions = self.tokens.encode(self.scale.scale(batch[ACTION]))
+        end = self.tokenizer.eos_token_id
+        rows = [
+            [*prompt, *action, end] for prompt, action in zip(batch["prompts"], actions.tolist(), strict=True)
+        ]
+        tokens, seen = (each.to(self.device) for each in padded(rows, end))
+        labels = torch.full_like(tokens, _IGNORED)
+        for row, (prompt, whole) in enumerate(zip(batch["prompts"], rows, strict=True)):
+            labels[row, len(prompt) : len(whole)] = tokens[row, len(prompt) : len(whole)]
+        logits = self.model(tokens, seen, batch["pixels"])[:, :-1].float()
+        wanted = labels[:, 1:]
+        loss = nn.functional.cross_entropy(logits.flatten(0, 1), wanted.flatten(), ignore_index=_IGNORED)
+        is_action = (wanted != _IGNORED) & (wanted != end)
+        found = logits.argmax(-1)
+        right = ((found == wanted) & is_action).sum() / is_action.sum()
+        error = (self.tokens.decode(found) - self.tokens.decode(wanted.clamp_min(0))).abs()
+        l1 = (error * is_action).sum() / is_action.sum()
+        return loss, {"action_accuracy": right.detach(), "action_l1": l1.detach()}
+
+    @override
+    def objective(self) -> Objective:
+        return Objective(self.model, _Preprocess(self), self.loss)
+
+    # --- checkpoints ----------------------------------------------------------------------------
+
+    @property
+    def has_adapters(self) -> bool:
+        """Whether adapters are trained and saved, and not the network."""
+        return hasattr(self.model, "peft_config")
+
+    @override
+    def state_dict(self) -> dict[str, Tensor]:
+        return adapters.state(self.model) if self.has_adapters else from_timm(self.model.state_dict())
+
+    @override
+    def load_state_dict(self, tensors: Mapping[str, Tensor], path: Path) -> None:
+        if self.has_adapters:
+            adapters.load_state(self.model, tensors, path)
+        else:
+            load_tensors(self.model, to_timm(tensors), path)
+
+    @override
+    def save(self, directory: str | Path, weights: Mapping[str, Tensor] | None = None) -> None:
+        from safetensors.torch import save_file
+
+        tensors = self.state_dict() if weights is None else weights
+        image = {self._image_key: {"type": "VISUAL", "shape": list(self._image_shape)}}
+        content = {
+            **self.network.settings,
+            "model_type": self.name,
+            "unnorm_key": self.unnorm_key,
+            "input_features": image,
+            "output_features": {ACTION: {"type": "ACTION", "shape": list(self.shapes[ACTION])}},
+        }
+        with atomic_directory(directory) as staging:
+            self.tokenizer.save_pretrained(staging)
+            (staging / checkpoint.CONFIG).write_text(json.dumps(content, indent=2), encoding="utf-8")
+            if self.has_adapters:
+                adapters.save(self.model, staging, tensors, Path(directory))
+            else:
+                save_file(unique_tensors(tensors), staging / checkpoint.WEIGHTS, metadata={"format": "pt"})
+            checkpoint.write_hashes(staging)
+
+    @classmethod
+    @override
+    def load(cls, directory: str | Path, device: str = "cpu") -> Self:
+        folder = checkpoint.resolve(directory)
+        content = checkpoint.read_json(folder / checkpoint.CONFIG)
+        known = content.get("norm_stats") or {}
+        key = content.get("unnorm_key") or (next(iter(known)) if len(known) == 1 else "")
+        if key not in known:
+            raise PolicyError(
+                f"'{folder / checkpoint.CONFIG}' has statistics of {', '.join(known) or 'no dataset'} "
+                "(norm_stats), and "
+                "does not say which of them scale the actions. Add the key 'unnorm_key' with one of these."
+            )
+        if (folder / checkpoint.ADAPTERS).is_file():
+            model = _read_model(local_folder(adapters.find_base(folder)))
+            model.settings = content
+            model = adapters.wrap_from(model, folder)
+        else:
+            model = _read_model(folder)
+        image_key = next(iter(content.get("input_features") or {}), "")
+        return cls(model.to(device).eval(), _read_tokenizer(folder), image_key, key)
+
+
+class _Preprocess(nn.Module):
+    """Images to pixels and instructions to prompts, as a module without parameters."""
+
+    def __init__(self, policy: OpenVlaPolicy) -> None:
+        super().__init__()
+        self._policy = policy
+
+    @override
+    def forward(self, batch: Mapping[str, Any]) -> dict[str, Any]:
+        return self._policy.preprocess(batch)
+
+
+def _read_model(folder: Path) -> OpenVla:
+    """Reads the network of a checkpoint, one file or several, in the type of its weights."""
+    path = checkpoint.weights_path(folder)
+    config = checkpoint.read_json(folder / checkpoint.CONFIG)
+    if config.get("model_type") != OpenVlaPolicy.name:
+        raise PolicyError(
+            f"'{folder}' is of {config.get('model_type') or config.get('type')}, not of OpenVLA."
+        )
+    tensors = to_timm(read_tensors(path))
+    before = torch.get_default_dtype()
+    torch.set_default_dtype(next(iter(tensors.values())).dtype)  # of 7 B parameters only one copy fits
+    try:
+        model = OpenVla(config)
+    finally:
+        torch.set_default_dtype(before)
+    load_tensors(model, tensors, path)
+    return model
+
+
+def _read_tokenizer(folder: Path) -> Any:
+    from transformers import AutoTokenizer
+
+    if not any((folder / name).is_file() for name in _TOKENIZER):
+        raise PolicyError(
+            f"'{folder}' has no tokenizer ({' or '.join(_TOKENIZER)}). Copy it there from openvla-7b."
+        )
+    return AutoTokenizer.from_pretrained(str(folder))
+
+
+def _with_adapters(model: Any, config: PeftConfig, base: str) -> Any:
+    """Adds adapters; all-linear is every linear layer but the last, as peft has it for its own models."""
+    from peft import LoraConfig, get_peft_model
+
+    if config.method_type.upper() != "LORA":
+        raise PolicyError(f"OpenVLA is adapted by peft.method_type=LORA, given {config.method_type}.")
+    targets = config.target_modules or "all-linear"
+    if targets == "all-linear":
+        linear = [name for name, each in model.named_modules() if isinstance(each, nn.Linear)]
+        targets = [name for name in linear if not name.endswith("lm_head")]
+    name, _, revision = base.partition("@") if is_hub_name(base) else (base, "", "")
+    model.name_or_path = name  # where peft looks for it
+    lora = LoraConfig(
+        r=config.r,
+        lora_alpha=config.lora_alpha or min(config.r, 16),
+        target_modules=targets,
+        modules_to_save=config.full_training_modules,
+        init_lora_weights=config.init_type or "gaussian",
+        revision=revision or None,
+    )
+    try:
+        return get_peft_model(model, lora)
+    except ValueError as error:
+        raise PolicyError(f"peft.* does not fit OpenVLA: {error}") from error

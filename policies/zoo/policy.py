@@ -1,0 +1,328 @@
+"""Any policy of LeRobot's registry behind the interface of ours.
+
+Shapes: n environments or samples, T observations in time, C, H, W an image, A action size.
+"""
+
+import logging
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Self, override
+
+import numpy as np
+import torch
+from lerobot.configs import FeatureType
+from lerobot.policies.utils import populate_queues
+from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
+from torch import Tensor, nn
+
+from envs.core.atomic import atomic_directory
+from envs.core.errors import PolicyError
+from policies import checkpoint
+from policies.base import Observation
+from policies.lerobot_policy import Features, LeRobotPolicy, Processors, policy_features
+from policies.module_policy import seeded
+from policies.objective import Loss, Objective
+from policies.zoo import adapters, building, weights
+from policies.zoo.assets import write_assets
+from policies.zoo.config import LeRobotConfig, full_rename_map
+from policies.zoo.features import keep_cameras, matched_inputs, statistics
+from policies.zoo.preflight import NEEDS_NOTHING, check_lerobot
+from policies.zoo.types import type_names
+
+logger = logging.getLogger(__name__)
+
+TASK, TASK_INDEX = "task", "task_index"
+
+
+class LeRobotZooPolicy(LeRobotPolicy):
+    """A policy of any type, with LeRobot's own processors, loss and weights.
+
+    Attributes:
+        instructions: The instructions of the dataset that is learned; a frame's ``task_index`` counts into
+            them.
+        assets: Folder of each tokenizer and backbone that a checkpoint carried.
+        rename_map: Key of the environment or dataset to key of the policy, of each camera that has another
+            name.
+        sees_any_size: Whether images of any size are taken, because the policy resizes them.
+    """
+
+    name = "lerobot"
+    default_compile: ClassVar[bool] = False
+    frame_keys: ClassVar[tuple[str, ...]] = (TASK_INDEX,)
+
+    def __init__(
+        self, model: Any, processors: Processors, assets: Mapping[str, str], rename_map: Mapping[str, str]
+    ) -> None:
+        super().__init__(model, processors)
+        self.assets, self.rename_map = dict(assets), dict(rename_map)
+        self.instructions: tuple[str, ...] = ()
+        self.sees_any_size = self.model.config.type not in NEEDS_NOTHING
+        self._preset = False
+
+    @classmethod
+    @override
+    def create(
+        cls,
+        features: Mapping[str, Any],
+        stats: Mapping[str, Mapping[str, Any]],
+        config: LeRobotConfig,
+        device: str,
+    ) -> Self:
+        if not config.type and not config.path:
+            raise PolicyError(
+                "policy=lerobot needs type=<name>, as in type=smolvla, or policy.path=<folder or hub name> "
+                "to "
+                f"fine-tune. Types: {', '.join(type_names())}."
+            )
+        check_lerobot(config, features)
+        inputs, outputs = policy_features(features)
+        rename = full_rename_map(config.rename_map)
+        if config.path:
+            base = building.read_base(config, device)
+            matched_inputs(base.config, inputs, rename)
+            base.config.output_features = outputs
+            model = building.build(base.config, base.assets, base.tensors, base.weights_path)
+            assets, folder = base.assets, base.folder
+        else:
+            settings = building.lerobot_config(config, device)
+            settings.input_features = {rename.get(key, key): feature for key, feature in inputs.items()}
+            settings.output_features = outputs
+            model, assets, folder = building.build(settings, {}, None, None), {}, None
+        named = {rename.get(key, key): value for key, value in stats.items()}
+        own_stats = statistics(model.config, named)
+        processors = building.make_processors(
+            model.config, folder, own_stats, assets, rename, device, tokenizer=config.tokenizer
+        )
+        if config.peft.method_type:
+            model = adapters.wrap(model, config.peft, building.base_name(config.path))
+        policy = cls(model.to(device).eval(), processors, assets, rename)
+        policy._preset = config.use_policy_training_preset
+        return policy
+
+    # --- acting ---------------------------------------------------------------------------------
+
+    @property
+    @override
+    def n_action_steps(self) -> int:
+        config = self.model.config  # VQ-BeT has another name for it
+        return getattr(config, "n_action_steps", None) or config.action_chunk_size
+
+    @property
+    def network(self) -> Any:
+        """LeRobot's policy, without adapters around it."""
+        return adapters.base_network(self.model)
+
+    @property
+    @override
+    def features(self) -> Features:
+        sources: dict[str, str] = {target: source for source, target in self.rename_map.items()}
+        config = self.model.config
+        seen: Features = {
+            str(sources.get(key, key)): feature for key, feature in config.input_features.items()
+        }
+        return seen | {ACTION: config.output_features[ACTION]}
+
+    @property
+    @override
+    def image_keys(self) -> list[str]:
+        return [key for key, feature in self.features.items() if feature.type is FeatureType.VISUAL]
+
+    def see(self, cameras: Sequence[str], rename_map: Mapping[str, str]) -> None:
+        """Maps the cameras of an environment to those of the policy, before it acts.
+
+        Args:
+            cameras: Names of the environment's cameras.
+            rename_map: Camera of the environment to camera of the policy; names alone, or keys of
+                observations.
+
+        Raises:
+            PolicyError: if a camera of the policy is none of the environment.
+        """
+        self.rename_map |= full_rename_map(dict(rename_map))
+        building.set_rename_map(self.preprocessor, self.rename_map)
+        keep_cameras(self.model.config, cameras, self.rename_map)
+
+    @override
+    def act(
+        self, observation: Observation, generators: Sequence[torch.Generator] | None = None
+    ) -> np.ndarray:
+        n = len(next(iter(observation.values())))
+        if self.batch_invariant and n > 1:  # a longer instruction beside it would pad a sample's own
+            rows = [{key: value[i : i + 1] for key, value in observation.items()} for i in range(n)]
+            each = [None] * n if generators is None else [[generator] for generator in generators]
+            return np.concatenate(
+                [super(LeRobotZooPolicy, self).act(*pair) for pair in zip(rows, each, strict=True)]
+            )
+        return super().act(observation, generators)
+
+    @override
+    def _to_tensors(self, observation: Observation) -> dict[str, Any]:
+        if self.sees_any_size:
+            observation = dict(observation)
+            for key in self.image_keys:
+                if key in observation:
+                    height, width = np.asarray(observation[key]).shape[-3:-1]
+                    self._resize_feature(key, int(height), int(width))
+        batch: dict[str, Any] = super()._to_tensors(observation)
+        words = np.asarray(observation.get(TASK, [""] * len(batch[OBS_STATE])))
+        batch[TASK] = [str(each) for each in (words[:, -1] if words.ndim > 1 else words)]
+        return batch
+
+    def _resize_feature(self, key: str, height: int, width: int) -> None:
+        """Notes the size of a camera's images, which the policy resizes by itself."""
+        feature = self.model.config.input_features[self.rename_map.get(key, key)]
+        feature.shape = (feature.shape[0], height, width)
+
+    @override
+    def preprocess(self, batch: Mapping[str, Any]) -> dict[str, Any]:
+        floats: dict[str, Any] = {}
+        for key, value in batch.items():
+            if key in (TASK, TASK_INDEX):
+                continue
+            value = value.to(self.device, non_blocking=True)
+            is_bytes = value.dtype is torch.uint8 and key in self.image_keys
+            floats[key] = value.float().div_(255.0) if is_bytes else value
+        floats[TASK] = self._words(batch)
+        processed = self.preprocessor(floats)
+        return {key: value for key, value in processed.items() if isinstance(value, Tensor | list)}
+
+    def _words(self, batch: Mapping[str, Any]) -> list[str]:
+        """Returns the instruction of each sample."""
+        if TASK in batch:
+            return list(batch[TASK])
+        if TASK_INDEX in batch and self.instructions:
+            return [self.instructions[int(index)] for index in batch[TASK_INDEX].reshape(-1).tolist()]
+        return [""] * len(batch[next(iter(self.shapes))])
+
+    @override
+    def predict(self, batch: dict[str, Any], generators: Sequence[torch.Generator] | None) -> Tensor:
+        with seeded(generators, self.device):
+            network = self.network
+            network.reset()
+            if OBS_STATE in (getattr(network, "_queues", None) or {}):
+                batch = self._with_history(network, batch)
+            actions = network.predict_action_chunk(batch)
+        return actions[..., : self.shapes[ACTION][0]]
+
+    def _with_history(self, network: Any, batch: dict[str, Any]) -> dict[str, Any]:
+        """Fills the queues of a policy that looks back, oldest observation first; returns the newest."""
+        images = [key for key in network.config.image_features if key in batch]
+        keys = [key for key in network.config.input_features if key in batch]
+        single = self.n_obs_steps == 1
+        frame = batch
+        for t in range(self.n_obs_steps):
+            frame = batch | {key: batch[key] if single else batch[key][:, t] for key in keys}
+            if images:
+                frame[OBS_IMAGES] = torch.stack([frame[key] for key in images], dim=-4)
+            network._queues = populate_queues(network._queues, frame, exclude_keys=[ACTION])
+        return {key: value for key, value in frame.items() if key != ACTION}
+
+    # --- learning -------------------------------------------------------------------------------
+
+    @property
+    @override
+    def delta_indices(self) -> dict[str, list[int]]:
+        config = self.model.config
+        deltas = {ACTION: list(config.action_delta_indices)}
+        if config.observation_delta_indices is not None:
+            window = list(config.observation_delta_indices)
+            deltas |= {key: window for key in self.shapes if key != ACTION}
+        return deltas
+
+    @property
+    @override
+    def drop_last_frames(self) -> int:
+        return getattr(self.model.config, "drop_n_last_frames", 0) or 0
+
+    @override
+    def training_config(self, config: Any) -> Any:
+        return building.with_preset(self.network, config) if self._preset else config
+
+    @override
+    def parameter_groups(self) -> list[tuple[list[nn.Parameter], float]]:
+        return building.parameter_groups(self.model, self.network)
+
+    @override
+    def begin_training(self) -> None:
+        self.model.train()
+
+    @override
+    def end_training(self) -> None:
+        self.model.eval()
+
+    @override
+    def loss(self, batch: dict[str, Any]) -> Loss:
+        loss, terms = self.model(batch)
+        numbers = {name: value for name, value in (terms or {}).items() if isinstance(value, float | Tensor)}
+        tensors = {name: torch.as_tensor(value, device=loss.device) for name, value in numbers.items()}
+        return loss, {
+            name: value.detach().float()
+            for name, value in tensors.items()
+            if name != "loss" and value.ndim == 0
+        }
+
+    @override
+    def objective(self) -> Objective:
+        return Objective(self.model, _Preprocess(self), self.loss)
+
+    # --- checkpoints ----------------------------------------------------------------------------
+
+    @property
+    def has_adapters(self) -> bool:
+        """Whether adapters are trained and saved, and not the network."""
+        return hasattr(self.model, "peft_config")
+
+    @override
+    def state_dict(self) -> dict[str, Tensor]:
+        return adapters.state(self.model) if self.has_adapters else super().state_dict()
+
+    @override
+    def load_state_dict(self, tensors: Mapping[str, Tensor], path: Path) -> None:
+        if self.has_adapters:
+            adapters.load_state(self.model, tensors, path)
+        else:
+            weights.load_tensors(self.model, tensors, path)
+
+    @override
+    def save(self, directory: str | Path, weights: Mapping[str, Tensor] | None = None) -> None:
+        from safetensors.torch import save_file
+
+        from policies.zoo.weights import unique_tensors
+
+        tensors = self.state_dict() if weights is None else weights
+        config = self.model.config
+        with atomic_directory(directory) as staging:
+            config._save_pretrained(staging)
+            if self.has_adapters:
+                adapters.save(self.model, staging, tensors, Path(directory))
+            else:
+                save_file(unique_tensors(tensors), staging / checkpoint.WEIGHTS, metadata={"format": "pt"})
+            self.preprocessor.save_pretrained(staging)
+            self.postprocessor.save_pretrained(staging)
+            write_assets(staging, config.type, config, self.preprocessor, self.assets)
+            building.restore_names(staging, self.assets)
+            checkpoint.write_hashes(staging)
+
+    @classmethod
+    @override
+    def load(cls, directory: str | Path, device: str = "cpu") -> Self:
+        folder = checkpoint.resolve(directory)
+        read = building.read_folder(folder, device)
+        model = building.build(read.config, read.assets, read.tensors, read.weights_path)
+        if read.adapters:
+            model = adapters.wrap_from(model, folder)
+        rename = building.saved_rename_map(folder)
+        processors = building.make_processors(read.config, folder, None, read.assets, rename, device)
+        return cls(model.to(device).eval(), processors, read.assets, rename)
+
+
+class _Preprocess(nn.Module):
+    """The processors of a policy, as a module without parameters."""
+
+    def __init__(self, policy: LeRobotZooPolicy) -> None:
+        super().__init__()
+        self._policy = policy
+
+    @override
+    def forward(self, batch: Mapping[str, Any]) -> dict[str, Any]:
+        return self._policy.preprocess(batch)

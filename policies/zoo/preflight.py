@@ -1,0 +1,89 @@
+"""Checks of a run of ``policy=lerobot`` or ``policy=openvla`` before any demonstration is collected."""
+
+from collections.abc import Mapping
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+from envs.core.errors import MissingExtraError, PolicyError
+from policies import checkpoint
+from policies.zoo.cameras import check_state_size, missing_cameras
+from policies.zoo.config import IMAGE_PREFIX, LeRobotConfig, full_rename_map
+from policies.zoo.source import local_folder
+from policies.zoo.types import EXTRA, check_settings, check_type
+
+if TYPE_CHECKING:
+    from policies.openvla.config import OpenVlaConfig
+
+NEEDS_NOTHING = ("act", "diffusion", "vqbet")
+"""Types that LeRobot itself suffices for."""
+
+_STATE = "observation.state"
+
+
+def check_packages(what: str, *packages: str) -> None:
+    """Checks that packages of the extra are installed, without importing them.
+
+    Raises:
+        MissingExtraError: if one is not.
+    """
+    if missing := [name for name in packages if find_spec(name) is None]:
+        raise MissingExtraError(
+            f"{what} needs {' and '.join(missing)}: pip install 'roboverse-learn[{EXTRA}]', or in a checkout "
+            f"uv pip install -c constraints.txt --override overrides.txt -e '.[{EXTRA}]'."
+        )
+
+
+def check_lerobot(config: LeRobotConfig, features: Mapping[str, Any]) -> None:
+    """Checks the type, the checkpoint to fine-tune and its cameras against the features of a dataset.
+
+    A checkpoint on the hub is fetched now.
+
+    Raises:
+        MissingExtraError: if a package is not installed.
+        PolicyError: if the checkpoint is not there, of another type, or sees other cameras.
+    """
+    name, content = config.type, None
+    if config.path:
+        folder = local_folder(config.path)
+        content = checkpoint.read_json(folder / checkpoint.CONFIG)
+        name = str(content.get("type"))
+        if config.type not in ("", name):
+            raise PolicyError(
+                f"'{config.path}' is of type {name}, and type={config.type} was given. Leave out type."
+            )
+        check_type(name)
+        check_settings(name, config.settings)
+    if not name:
+        return  # which making the policy says
+    if name not in NEEDS_NOTHING:
+        check_packages(f"LeRobot's {name}", "transformers")
+    if config.peft.method_type:
+        check_packages("peft.*", "peft")
+    if content is not None:
+        _check_features(name, content, features, full_rename_map(config.rename_map))
+
+
+def _check_features(
+    name: str, content: Mapping[str, Any], features: Mapping[str, Any], rename_map: Mapping[str, str]
+) -> None:
+    inputs = content.get("input_features") or {}
+    wanted = [key.removeprefix(IMAGE_PREFIX) for key in inputs if key.startswith(IMAGE_PREFIX)]
+    keys = [key for key in features if key.startswith(IMAGE_PREFIX)]
+    given = [rename_map.get(key, key).removeprefix(IMAGE_PREFIX) for key in keys]
+    missing_cameras(name, wanted, given, [key.removeprefix(IMAGE_PREFIX) for key in keys], "the dataset")
+    if _STATE in features:
+        trained = inputs[_STATE]["shape"][0] if _STATE in inputs else None
+        check_state_size(int(features[_STATE]["shape"][0]), trained, content.get("max_state_dim"))
+
+
+def check_openvla(config: "OpenVlaConfig", features: Mapping[str, Any]) -> None:
+    """Checks that OpenVLA's packages and its checkpoint are here; one on the hub is fetched now.
+
+    Raises:
+        MissingExtraError: if a package is not installed.
+        PolicyError: if the checkpoint is not there, or the camera is none of the dataset.
+    """
+    del features
+    check_packages("OpenVLA", "transformers", "timm", *(["peft"] if config.peft.method_type else []))
+    if config.path:
+        local_folder(config.path)

@@ -1,0 +1,127 @@
+"""A checkpoint of any LeRobot policy in a task of ours: its cameras and widths, checked first."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from envs.core.errors import ConfigError
+from envs.spec import EnvSpec
+
+ANY_SIZE = ("lerobot", "openvla")
+"""Policies that resize what they see."""
+
+_DEFAULT_PX = 256
+"""Image size for a policy that saw images of several sizes, pixels."""
+
+
+def open_checkpoint(path: str) -> Path:
+    """Returns the pretrained folder of a path, or of a name on the hub.
+
+    Raises:
+        PolicyError: if there is neither.
+    """
+    from policies.zoo.source import local_folder
+
+    return local_folder(path)
+
+
+def task_cameras(env: EnvSpec) -> tuple[str, ...]:
+    """Returns the names of every camera of a task."""
+    return tuple(camera.name for camera in env.replace(cameras=(), scenario={}).make_task().scenario.cameras)
+
+
+def seen_env(checkpoint: Path, given: Mapping[str, Any], rename_map: Mapping[str, str]) -> EnvSpec:
+    """Returns the cameras and the image size that a policy is evaluated with.
+
+    Args:
+        checkpoint: A pretrained folder.
+        given: Fields of the environment that are given; ``task`` is one.
+        rename_map: Camera of the task to camera of the policy.
+
+    Raises:
+        PolicyError: if no camera of the task is one of the policy.
+    """
+    from policies.checkpoint import CONFIG, policy_label, policy_type, read_json, seen_cameras
+    from policies.zoo.cameras import missing_cameras
+
+    of_task = {key: given[key] for key in ("task", "task_kwargs", "robot") if key in given}
+    present = task_cameras(EnvSpec(**of_task))
+    is_published = "input_features" not in read_json(checkpoint / CONFIG)
+    if policy_type(checkpoint) == "openvla" and (is_published or rename_map):
+        from policies.openvla.config import IMAGE_PX
+
+        chosen = tuple(rename_map)[:1] or present[:1]
+        return EnvSpec(cameras=chosen, image_size=given.get("image_size") or IMAGE_PX)
+    cameras = seen_cameras(checkpoint, rename_map)
+    found = tuple(name for name in present if name in cameras)
+    if cameras and not found:
+        missing_cameras(policy_label(checkpoint), list(cameras), present, present, given["task"])
+    sizes = set(cameras.values())
+    size = sizes.pop() if len(sizes) == 1 else _DEFAULT_PX
+    return EnvSpec(cameras=found, image_size=given.get("image_size") or size)
+
+
+def check_fits(checkpoint: Path, env: EnvSpec, rename_map: Mapping[str, str]) -> None:
+    """Checks that cameras, state and actions of a policy are those of the task, before it is loaded.
+
+    Args:
+        checkpoint: A pretrained folder.
+        env: The environment of the evaluation.
+        rename_map: Camera of the task to camera of the policy.
+
+    Raises:
+        ConfigError: if the state or the actions are of another width.
+        PolicyError: if a camera that the policy needs is not there.
+    """
+    from policies.checkpoint import CONFIG, policy_label, policy_type, read_json, seen_cameras
+    from policies.zoo.cameras import missing_cameras
+    from roboverse_learn.collect import task_layout
+    from roboverse_learn.config.schema import CollectConfig
+
+    if policy_type(checkpoint) not in ANY_SIZE:
+        return
+    if policy_type(checkpoint) == "lerobot":
+        wanted = list(seen_cameras(checkpoint, rename_map))
+        cameras = env.cameras or task_cameras(env)[:1]
+        missing_cameras(policy_label(checkpoint), wanted, cameras, cameras, env.task)
+    content = read_json(checkpoint / CONFIG)
+    features, _, robot = task_layout(CollectConfig(env=replace(env, scenario={})))
+    task = env.task
+    for section, key, what in (
+        ("output_features", "action", "actions have"),
+        ("input_features", "observation.state", "state has"),
+    ):
+        shape = ((content.get(section) or {}).get(key) or {}).get("shape")
+        names = features[key]["names"]
+        if shape and int(shape[0]) != len(names):
+            raise ConfigError(
+                f"The policy's {what} {shape[0]} numbers, and in {task} it is {len(names)} "
+                f"({', '.join(names)}) of "
+                f"robot {robot}. Evaluate it in a task and with a robot that it was trained for, or "
+                "fine-tune it on "
+                f"demonstrations of {task}: roboverse train policy=lerobot policy.path=<checkpoint> "
+                f"task={task}"
+            )
+
+
+def show_cameras(policy: Any, env: EnvSpec, rename_map: Mapping[str, str]) -> None:
+    """Maps the cameras of the environment to those of a policy that takes such a map.
+
+    Args:
+        policy: The policy.
+        env: The environment of the evaluation.
+        rename_map: Camera of the task to camera of the policy.
+
+    Raises:
+        ConfigError: if a map is given, and the policy takes none.
+        PolicyError: if a camera of the policy is not there.
+    """
+    if hasattr(policy, "see"):
+        policy.see(env.cameras or task_cameras(env)[:1], rename_map)
+    elif rename_map:
+        raise ConfigError(
+            f"rename_map is for policies of LeRobot's registry; policy '{policy.name}' sees the cameras "
+            "that it was "
+            "trained with. Leave rename_map out."
+        )

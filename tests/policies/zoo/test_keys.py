@@ -1,0 +1,371 @@
+"""``policy=lerobot`` without transformers: types, keys, cameras, checkpoints, a type without extras."""
+
+import copy
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import psutil
+import pytest
+import torch
+
+import policies
+from envs.core.errors import ConfigError, MissingExtraError, PolicyError, UnknownNameError
+from policies import checkpoint
+from policies.zoo import preflight, source
+from policies.zoo.config import LeRobotConfig, PeftConfig, full_rename_map
+from policies.zoo.types import settings_of, type_names
+from roboverse_learn.config.compose import compose
+from roboverse_learn.config.serialize import from_values, to_values
+from tests.policies.examples import FEATURES, IMAGE, SIZE, generators, observation, stats
+
+LANGUAGE = {"smolvla", "pi0", "pi05", "pi0_fast", "xvla", "multi_task_dit", "groot", "wall_x", "eo1"}
+
+
+def train(*words: str) -> LeRobotConfig:
+    return compose("train", ["policy=lerobot", *words]).policy
+
+
+class TestTypes:
+    def test_are_those_of_lerobots_registry(self):
+        from lerobot.configs import PreTrainedConfig
+        from lerobot.policies import factory  # noqa: F401, which registers them
+
+        known = set(PreTrainedConfig.get_known_choices()) - {"gaussian_actor", "tdmpc", "keypoint_act"}
+        assert set(type_names()) == known
+        assert known > LANGUAGE | {"act", "diffusion", "vqbet"}
+
+    @pytest.mark.parametrize("name", type_names())
+    def test_settings_are_the_fields_of_lerobots_configuration(self, name):
+        from dataclasses import fields
+
+        from lerobot.configs import PreTrainedConfig
+        from lerobot.policies import factory  # noqa: F401
+
+        found = {field.name for field in fields(PreTrainedConfig.get_choice_class(name))}
+        assert set(settings_of(name)) <= found
+        hidden = found - set(settings_of(name))
+        assert hidden <= {
+            *("device", "input_features", "output_features", "use_peft", "pretrained_path", "use_amp"),
+            *("pretrained_revision", "push_to_hub", "repo_id", "private", "tags", "license"),
+        }  # fmt: skip
+
+    def test_an_unknown_one_is_named_with_the_nearest(self):
+        with pytest.raises(UnknownNameError, match=r"LeRobot policy 'smolvl'. Did you mean 'smolvla'\?"):
+            train("type=smolvl")
+
+
+class TestKeys:
+    def test_lerobots_own_keys_are_settings(self):
+        config = train("type=smolvla", "policy.chunk_size=8", "policy.resize_imgs_with_padding=[64,64]")
+        assert config.settings == {"chunk_size": 8, "resize_imgs_with_padding": [64, 64]}
+
+    def test_a_map_of_normalization_is_one_of_them(self):
+        config = train("type=xvla", "policy.normalization_mapping={STATE:MEAN_STD,ACTION:MEAN_STD}")
+        assert config.settings["normalization_mapping"] == {"STATE": "MEAN_STD", "ACTION": "MEAN_STD"}
+
+    def test_an_unknown_one_is_named_with_the_nearest(self):
+        with pytest.raises(ConfigError, match=r"no setting 'chunk_siz'. Did you mean 'chunk_size'"):
+            train("type=smolvla", "policy.chunk_siz=8")
+
+    def test_what_the_dataset_decides_is_refused(self):
+        with pytest.raises(ConfigError, match=r"policy.input_features is not given by hand"):
+            train("type=smolvla", "policy.input_features=[a]")
+
+    def test_the_keys_of_another_policy_stay_as_they_are(self):
+        with pytest.raises(UnknownNameError, match=r"Unknown key 'policy.chunk_siz' of train"):
+            compose("train", ["policy=act", "policy.chunk_siz=8"])
+
+    def test_peft_is_typed_as_lerobot_has_it(self):
+        words = ("policy.path=base", "peft.method_type=LORA", "peft.r=4", "peft.lora_alpha=8",
+                 "peft.target_modules=.*q_proj", "peft.full_training_modules=[state_proj]")  # fmt: skip
+        assert train(*words).peft == PeftConfig(
+            method_type="LORA", r=4, lora_alpha=8, target_modules=".*q_proj",
+            full_training_modules=["state_proj"],
+        )  # fmt: skip
+
+    @pytest.mark.parametrize(
+        ("words", "message"),
+        [
+            (["type=smolvla", "peft.method_type=LORA"], "adapts a trained policy: give policy.path"),
+            (["policy.path=base", "peft.lora_alpha=8"], "has no effect: add peft.method_type=LORA"),
+            (["policy.path=base", "peft.r=0"], "must be 1 or more, given 0"),
+            (["rename_map={front:a,wrist:a}"], "gives two cameras the same name"),
+            (["rename_map=front"], "is no map of names. Write it in quotes, as in"),
+        ],
+    )
+    def test_what_has_no_meaning_is_an_error(self, words, message):
+        with pytest.raises(ConfigError, match=message):
+            train(*words)
+
+    @pytest.mark.parametrize(
+        "text", ["{front:camera1,wrist:camera2}", '{"front": "camera1", "wrist": "camera2"}']
+    )
+    def test_a_map_of_cameras_is_read_in_hydras_grammar_and_as_json(self, text):
+        config = compose("train", ["policy=lerobot", "type=smolvla", f"rename_map={text}"])
+        assert config.policy.rename_map == {"front": "camera1", "wrist": "camera2"}
+        assert from_values("train", to_values(config)) == config
+
+    def test_names_alone_are_cameras(self):
+        assert full_rename_map({"front": "observation.images.camera1"}) == {
+            "observation.images.front": "observation.images.camera1"
+        }
+
+    def test_python_gives_the_same(self):
+        given = {"policy": "lerobot", "policy.type": "smolvla", "policy.chunk_size": 8,
+                 "policy.rename_map": {"front": "camera1"}}  # fmt: skip
+        config = compose("train", [], given).policy
+        assert (config.type, config.settings, config.rename_map) == (
+            "smolvla", {"chunk_size": 8}, {"front": "camera1"}
+        )  # fmt: skip
+
+    @pytest.mark.parametrize("key", ["checkpoint", "policy.path", "path"])
+    def test_evaluate_takes_the_checkpoint_as_lerobot_names_it(self, key):
+        config = compose("evaluate", [f"{key}=lerobot/pi05_libero", "rename_map={front:camera1}"])
+        assert (config.checkpoint, config.rename_map) == ("lerobot/pi05_libero", {"front": "camera1"})
+
+
+# --- checkpoints --------------------------------------------------------------------------------------
+
+
+def write(folder: Path, **values) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "config.json").write_text(json.dumps(values))
+    return folder
+
+
+def image(size: int) -> dict:
+    return {"type": "VISUAL", "shape": [3, size, size]}
+
+
+def test_a_type_that_is_not_registered_is_of_lerobot(tmp_path):
+    write(tmp_path, type="smolvla")
+    assert (checkpoint.policy_type(tmp_path), checkpoint.policy_label(tmp_path)) == ("lerobot", "smolvla")
+    write(tmp_path, type="act")
+    assert checkpoint.policy_type(tmp_path) == "act"
+    write(tmp_path, model_type="openvla")
+    assert checkpoint.policy_type(tmp_path) == checkpoint.policy_label(tmp_path) == "openvla"
+
+
+def test_cameras_have_the_names_of_the_environment(tmp_path):
+    names = {f"observation.images.{name}": image(64) for name in ("camera1", "camera2", "empty_camera_0")}
+    write(tmp_path, type="smolvla", input_features=names)
+    assert checkpoint.seen_cameras(tmp_path) == {"camera1": 64, "camera2": 64}
+    assert checkpoint.seen_cameras(tmp_path, {"front": "camera1"}) == {"front": 64, "camera2": 64}
+    saved = {"observation.images.wrist": "observation.images.camera2"}
+    steps = [{"registry_name": "rename_observations_processor", "config": {"rename_map": saved}}]
+    (tmp_path / "policy_preprocessor.json").write_text(json.dumps({"steps": steps}))
+    assert checkpoint.seen_cameras(tmp_path, {"front": "camera1"}) == {"front": 64, "wrist": 64}
+
+
+def test_the_weights_are_the_network_or_the_adapters_or_an_index(tmp_path):
+    assert checkpoint.weights_path(tmp_path).name == "model.safetensors"
+    for name in ("model.safetensors.index.json", "adapter_model.safetensors", "model.safetensors"):
+        (tmp_path / name).touch()
+        assert checkpoint.weights_path(tmp_path).name == name
+
+
+def evaluate(checkpoint_folder: Path, *words: str):
+    from roboverse_learn.commands.tested_checkpoint import checkpoint_to_test
+
+    return checkpoint_to_test(compose("evaluate", [f"checkpoint={checkpoint_folder}", *words]))
+
+
+@pytest.fixture
+def foreign(tmp_path):
+    """A SmolVLA of another program; its weights are not read before the cameras are."""
+    features = {"observation.images.camera1": image(256), "observation.images.camera2": image(256),
+                "observation.state": {"type": "STATE", "shape": [6]}}  # fmt: skip
+    output = {"action": {"type": "ACTION", "shape": [6]}}
+    values = {"input_features": features, "output_features": output, "max_state_dim": 32}
+    folder = write(tmp_path / "smolvla_base", type="smolvla", **values)
+    (folder / "model.safetensors").write_bytes(b"weights")
+    return folder
+
+
+def test_a_checkpoint_of_others_needs_its_cameras(foreign):
+    with pytest.raises(PolicyError, match=r"camera1, camera2, and PickCube has .*'rename_map=\{front:c"):
+        evaluate(foreign, "task=PickCube")
+    tested = evaluate(foreign, "task=PickCube", "rename_map={front:camera1}")
+    assert (tested.env.cameras, tested.env.image_size) == (("front",), 256)
+    assert tested.run.endswith("-front=camera1")
+
+
+def test_actions_of_another_width_are_one_sentence(foreign):
+    from roboverse_learn.commands.foreign_checkpoint import check_fits
+
+    tested = evaluate(foreign, "task=PickCube", "rename_map={front:camera1}")
+    with pytest.raises(ConfigError, match=r"have 6 numbers, and in PickCube it is 9 \(.*robot franka"):
+        check_fits(tested.checkpoint, tested.env, tested.rename_map)
+
+
+def test_a_type_that_needs_every_camera_is_refused_before_it_is_loaded(foreign):
+    from roboverse_learn.commands.foreign_checkpoint import check_fits
+
+    config = json.loads((foreign / "config.json").read_text())
+    tested = evaluate(foreign, "task=PickCube", "rename_map={front:camera1}")
+    (foreign / "config.json").write_text(json.dumps(config | {"type": "multi_task_dit"}))
+    with pytest.raises(
+        PolicyError, match=r"sees the cameras front, camera2, and PickCube has front: camera2 is"
+    ):
+        check_fits(tested.checkpoint, tested.env, tested.rename_map)
+
+
+def test_the_policy_that_is_named_must_be_the_checkpoints(foreign):
+    assert evaluate(foreign, "policy=lerobot", "task=PickCube", "rename_map={front:camera1}")
+    with pytest.raises(ConfigError, match=r"policy=openvla and checkpoint=.*is of policy=lerobot"):
+        evaluate(foreign, "policy=openvla", "task=PickCube")
+
+
+class TestSource:
+    @pytest.mark.parametrize("name", ["lerobot/smolvla_base", "openvla/openvla-7b@main"])
+    def test_hub_names(self, name, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        assert source.is_hub_name(name)
+        (tmp_path / name.split("/")[0]).mkdir()
+        assert not source.is_hub_name(name)  # a folder here that lacks the second
+
+    def test_a_path_is_none(self):
+        assert not source.is_hub_name("runs/PickCube/act")
+        assert not source.is_hub_name("/runs/PickCube")
+
+    def test_without_a_network_the_sentence_says_so(self, monkeypatch, tmp_path):
+        monkeypatch.setattr("huggingface_hub.constants.HF_HUB_OFFLINE", True)
+        monkeypatch.setenv("HF_HUB_CACHE", str(tmp_path))
+        with pytest.raises(PolicyError, match=r"'nobody/nothing' is no folder here, and the Hugging"):
+            source.local_folder("nobody/nothing")
+
+    def test_a_host_that_is_not_found_is_one_sentence_too(self, monkeypatch):
+        import httpx
+
+        def no_host(*_):
+            raise httpx.ConnectError("[Errno -2] Name or service not known")
+
+        monkeypatch.setattr(source, "_hub_bytes", no_host)
+        with pytest.raises(
+            PolicyError, match=r"hub did not give it: \[Errno -2\] Name or service not known. Name"
+        ):
+            source.local_folder("nobody/nothing")
+
+    def test_room_is_checked_before_a_download(self, monkeypatch, tmp_path):
+        free = {"disk": 17e9, "memory": 32e9}
+        monkeypatch.setattr(source.shutil, "disk_usage", lambda _: SimpleNamespace(free=free["disk"]))
+        monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=free["memory"]))
+        source.check_room(int(15e9), tmp_path / "cache", "a/b")
+        free["memory"] = 31e9  # what is read and the network are there at once
+        with pytest.raises(PolicyError, match=r"has 15.0 GB, which needs 31.5 GB of free memory.* 31.0 GB"):
+            source.check_room(int(15e9), tmp_path, "a/b")
+        free["disk"] = 16e9
+        with pytest.raises(
+            PolicyError, match=r"which needs 16.5 GB of free disk.* Nothing was down.*HF_HOME"
+        ):
+            source.check_room(int(15e9), tmp_path, "a/b")
+
+
+class TestPreflight:
+    """What is known before demonstrations are collected."""
+
+    def check(self, *words: str):
+        from roboverse_learn.training.learners import learner_of
+
+        learner_of(compose("train", ["policy=lerobot", "task=PickCube", *words]), "cpu").check()
+
+    def test_a_missing_package_is_named_with_what_to_install(self, monkeypatch):
+        monkeypatch.setattr(preflight, "find_spec", lambda name: None)
+        with pytest.raises(
+            MissingExtraError, match=r"smolvla needs transformers: pip install 'roboverse-learn\[vla"
+        ):
+            self.check("type=smolvla")
+        self.check("type=vqbet")  # which needs none
+
+    def test_the_cameras_of_the_checkpoint_are_those_of_the_task(self, foreign, monkeypatch):
+        monkeypatch.setattr(preflight, "find_spec", lambda name: name)
+        with pytest.raises(
+            PolicyError, match=r"camera1, camera2, and the dataset has front: camera1, camera2 are"
+        ):
+            self.check(f"policy.path={foreign}", "cameras=[front]")
+        self.check(f"policy.path={foreign}", "cameras=[front]", "rename_map={front:camera2}")
+
+    def test_the_settings_are_those_of_its_type(self, foreign, monkeypatch):
+        monkeypatch.setattr(preflight, "find_spec", lambda name: name)
+        with pytest.raises(PolicyError, match="smolvla has no setting 'florence_config'"):
+            self.check(f"policy.path={foreign}", "policy.florence_config=1")
+        with pytest.raises(PolicyError, match="is of type smolvla, and type=xvla was given"):
+            self.check(f"policy.path={foreign}", "type=xvla")
+
+
+# --- a type that needs no extra -----------------------------------------------------------------------
+
+VQBET = {
+    "n_obs_steps": 2, "n_action_pred_token": 2, "action_chunk_size": 3, "crop_shape": [SIZE, SIZE],
+    "pretrained_backbone_weights": None, "use_group_norm": True, "spatial_softmax_num_keypoints": 4,
+    "vqvae_embedding_dim": 16, "vqvae_enc_hidden_dim": 16, "gpt_block_size": 20, "gpt_input_dim": 16,
+    "gpt_output_dim": 16, "gpt_n_layer": 1, "gpt_n_head": 2, "gpt_hidden_dim": 16,
+    "n_vqvae_training_steps": 1, "vision_backbone": "resnet18",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def vqbet():
+    return policies.create("lerobot", FEATURES, stats(), LeRobotConfig(type="vqbet", settings=VQBET))
+
+
+@pytest.mark.slow
+def test_a_type_without_language_is_made_saved_and_loaded(vqbet, tmp_path):
+    seen = observation(vqbet, 2)
+    actions = vqbet.act(seen, generators(2))
+    assert actions.shape == (2, vqbet.n_action_steps, 9) and np.isfinite(actions).all()
+    vqbet.save(tmp_path / "vqbet")
+    assert checkpoint.policy_type(tmp_path / "vqbet") == "lerobot"
+    loaded = policies.load(tmp_path / "vqbet")
+    np.testing.assert_array_equal(loaded.act(seen, generators(2)), actions)
+    rows = {key: value[1:] for key, value in seen.items()}
+    np.testing.assert_array_equal(vqbet.act(rows, generators(2)[1:]), actions[1:])
+
+
+@pytest.mark.slow
+def test_the_loss_is_that_of_lerobot(vqbet):
+    from tests.policies.test_closed_forms import raw_batch_of
+
+    batch, twin = raw_batch_of(vqbet, 3), copy.deepcopy(vqbet.model)  # it counts its steps
+    torch.manual_seed(0)
+    loss, _ = vqbet.objective()(dict(batch))
+    torch.manual_seed(0)
+    expected, _ = twin.forward(vqbet.preprocess(batch))
+    assert loss.item() == expected.item()
+    assert np.isfinite(loss.item()) and loss.requires_grad
+
+
+def test_a_cameras_new_name_is_saved_and_mapped(tmp_path):
+    config = LeRobotConfig(type="vqbet", settings=VQBET, rename_map={"front": "camera1"})
+    policy = policies.create("lerobot", FEATURES, stats(), config)
+    assert list(policy.model.config.image_features) == ["observation.images.camera1"]
+    assert IMAGE in policy.shapes
+    policy.save(tmp_path / "renamed")
+    assert checkpoint.seen_cameras(tmp_path / "renamed") == {"front": SIZE}
+    loaded = policies.load(tmp_path / "renamed")
+    seen = observation(policy, 1)
+    np.testing.assert_array_equal(loaded.act(seen, generators(1)), policy.act(seen, generators(1)))
+    loaded.see(["top"], {"top": "camera1"})
+    moved = {key.replace("front", "top"): value for key, value in seen.items()}
+    np.testing.assert_array_equal(loaded.act(moved, generators(1)), policy.act(seen, generators(1)))
+    with pytest.raises(PolicyError, match=r"cameras camera1, and the task has wrist: camera1 is missing"):
+        loaded.see(["wrist"], {})
+
+
+def test_a_preset_of_lerobot_decides_the_optimizer_or_says_so(vqbet):
+    from roboverse_learn.training.config import TrainConfig
+
+    vqbet._preset = True
+    changed = vqbet.training_config(TrainConfig(steps=5))
+    assert (changed.lr, changed.betas, changed.steps) == (1e-4, (0.95, 0.999), 5)
+    with pytest.raises(PolicyError, match=r"train.lr would have no effect.*policy.optimizer_lr=1e-5, or add"):
+        vqbet.training_config(TrainConfig(lr=3e-4))
+    vqbet._preset = False
+    assert vqbet.training_config(TrainConfig(lr=3e-4)).lr == 3e-4
+
+
+def test_a_policy_without_a_type_says_which_there_are():
+    with pytest.raises(PolicyError, match=r"needs type=<name>, as in type=smolvla.*Types: act, diffusion"):
+        policies.create("lerobot", FEATURES, stats(), LeRobotConfig())
