@@ -81,7 +81,7 @@ def read_sources(root: str | Path, task: Task, config: AugmentConfig) -> SourceS
         )
     recordings = read_recordings(root, config.num_sources)
     _check_origin(root, task, recordings)
-    reader, references = HandReader(task), References(task.scenario)
+    reader, references = HandReader.of(task), References(task.scenario)
     hz, demos, pieces, words = task.scenario.physics.control_hz, [], [], []
     for recording in recordings:
         demo = reader.demo(recording.index, recording.states)
