@@ -98,7 +98,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         count = own.get("episodes", "20")
         if not count.isdecimal() or not int(count):
             raise ConfigError(f"episodes must be a number above 0, given {count}.")
-        robots = [name for name in own.get("robots", config.env.robot).split(",") if name]
+        robots = [name for name in own.get("robots", "").split(",") if name]
         if not robots:
             raise ConfigError("Name the robots that follow, as in robots=iiwa,ur5e.")
         logger.info("| %s | kept | CPU-s each | largest miss, mm | failed |", config.env.task)
