@@ -1,4 +1,4 @@
-"""Registers ``--env.type=roboverse`` and the policy type ``keypoint_act`` with LeRobot.
+"""Registers the env, robot and teleoperators called ``roboverse`` and the policy type ``keypoint_act``.
 
 LeRobot imports this module by its name.
 """
