@@ -14,7 +14,6 @@ from roboverse_learn.data.augmentation.recording import HandReader, SourceDemo
 from roboverse_learn.data.augmentation.references import References
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.recording import Recording, read_recordings
-from roboverse_learn.data.dataset.schema import INFO_PATH
 
 TIME_SHARE = 0.6
 """Share of the task's time that what is kept of a source may take; the rest is for bridges and retries."""
@@ -47,14 +46,6 @@ class SourceSet:
         return f"{every} source demonstrations do the same: {self.sequence}." + f" Left out: {told}." * bool(
             told
         )
-
-
-def task_of(root: str | Path) -> str | None:
-    """Returns the task that a dataset's demonstrations are of; None where it does not say or is absent."""
-    if not (Path(root) / INFO_PATH).exists():
-        return None
-    metadata = DatasetInfo.open(root).episode_metadata
-    return metadata[0].get("task") if metadata else None
 
 
 def digest_of(root: str | Path, count: int) -> str:

@@ -1,14 +1,25 @@
 """The scene in which episodes were recorded, and whether another environment has the same one."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from envs.core.errors import ConfigError, DatasetError
 from envs.spec import EnvSpec
 from roboverse_learn.config.keys import at, flat_keys
+from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.recording import RecordingReader
+from roboverse_learn.data.dataset.schema import INFO_PATH
 
 _SCENE = ("task", "task_kwargs", "scenario")
+
+
+def task_of(root: str | Path) -> str | None:
+    """Returns the task that a dataset's demonstrations are of; None where it does not say or is absent."""
+    if not (Path(root) / INFO_PATH).exists():
+        return None
+    metadata = DatasetInfo.open(root).episode_metadata
+    return metadata[0].get("task") if metadata else None
 
 
 def check_same_scene(

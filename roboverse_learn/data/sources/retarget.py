@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, ClassVar, override
 
 from envs.core.errors import ConfigError
-from roboverse_learn.data.dataset.recorded_scene import check_same_scene, pool_indices, recorded_spec
+from roboverse_learn.data.dataset.recorded_scene import check_same_scene, pool_indices, recorded_spec, task_of
 from roboverse_learn.data.dataset.recording import RecordingReader
 from roboverse_learn.data.dataset.schema import EpisodeData
 from roboverse_learn.data.sources.base import DemonstrationSource
@@ -30,8 +30,7 @@ class RetargetSource(DemonstrationSource):
     @classmethod
     @override
     def task_of(cls, values: Mapping[str, Any]) -> str | None:
-        folder = values["from_dataset"]
-        return RecordingReader(folder).read(0).metadata["task"] if folder else None
+        return task_of(values["from_dataset"]) if values["from_dataset"] else None
 
     @cached_property
     def _recordings(self) -> RecordingReader:
