@@ -3,7 +3,7 @@
 import json
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,6 +62,12 @@ class RoboVerseRobot(Robot):
 
     Args:
         config: Its options.
+
+    Attributes:
+        images: Camera to its newest image, (H, W, 3) uint8.
+        number: Episodes that were begun before the present one.
+        steps: Control steps of the present episode.
+        solved_at: Steps after which its task was first solved, or None.
     """
 
     config_class = RoboVerseRobotConfig
@@ -82,6 +88,7 @@ class RoboVerseRobot(Robot):
         self._open: ExitStack | None = None
         self._env: Any = None
         self.number, self.steps, self.solved_at = -1, 0, None
+        self.images: dict[str, np.ndarray] = {}
         self._announced, self._began_s = False, 0.0
 
     # -- what LeRobot reads before it connects ---------------------------------------------------------
@@ -123,18 +130,23 @@ class RoboVerseRobot(Robot):
         with ExitStack() as stack:
             env = self.config.spec.make(1, split=self.config.split)
             stack.callback(env.close)
+            stack.callback(self._forget)
             self._env, self._episodes = env, self._chosen(env.split_indices)
             self.begin_episode()
-            env.observe()  # the first image compiles the renderer, which would cost the first ticks
+            self._observe()  # the first image compiles the renderer, which would cost the first ticks
             stack.enter_context(EpisodeAnnouncements(self._announce))
             CONNECTED.append(self)
             stack.callback(CONNECTED.remove, self)
+            for tell in ON_CONNECT:
+                tell(self)
             self._open = stack.pop_all()
+
+    def _forget(self) -> None:
+        self._env = None
 
     def _chosen(self, split: np.ndarray) -> list[int]:
         unknown = sorted(set(self.config.episodes) - set(split.tolist()))
         if unknown:
-            self._env = None
             raise ConfigError(
                 f"--robot.episodes={unknown} are not of the {self.config.split} split. Its first ones are "
                 f"{split[:5].tolist()}."
@@ -146,17 +158,19 @@ class RoboVerseRobot(Robot):
         self._check_connected()
         self._end_episode()
         assert self._open is not None
-        self._env, opened = None, self._open
-        opened.close()
+        self._open.close()
 
     @override
     def get_observation(self) -> dict[str, Any]:
         self._check_connected()
         if self._announced:
             self.begin_episode()
+        return self._observe()
+
+    def _observe(self) -> dict[str, Any]:
         seen = self._env.observe()
-        values: dict[str, Any] = dict(zip(self._states, seen["observation.state"][0].tolist(), strict=True))
-        return values | {name: seen[f"observation.images.{name}"][0] for name in self._shapes}
+        self.images = {name: seen[f"observation.images.{name}"][0] for name in self._shapes}
+        return dict(zip(self._states, seen["observation.state"][0].tolist(), strict=True)) | self.images
 
     @override
     def send_action(self, action: Mapping[str, Any]) -> dict[str, Any]:
@@ -243,6 +257,9 @@ class RoboVerseRobot(Robot):
 
 CONNECTED: list[RoboVerseRobot] = []
 """Robots of this process that are connected: a teleoperator acts on what the newest one shows."""
+
+ON_CONNECT: "list[Callable[[RoboVerseRobot], None]]" = []
+"""Functions that are called with each robot that connects, before the command's loop begins."""
 
 
 def joint_key(name: str) -> str:

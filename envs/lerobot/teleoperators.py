@@ -27,7 +27,7 @@ class SceneTeleoperator(Teleoperator):
         self._connected = False
         self._plan: deque[np.ndarray] = deque()
         self._last: np.ndarray | None = None
-        self._number = -1
+        self._number = self._steps = -1
 
     @property
     @override
@@ -85,6 +85,9 @@ class SceneTeleoperator(Teleoperator):
             self._number, self._last = robot.number, None
             self._plan.clear()
             self.begin(robot)
+        if robot.steps != self._steps:  # another has acted meanwhile, as a policy between two corrections
+            self._plan.clear()
+        self._steps = robot.steps + 1
         if self.is_over(robot):
             self._plan.clear()
         elif not self._plan:

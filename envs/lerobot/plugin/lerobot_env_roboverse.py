@@ -5,3 +5,4 @@ LeRobot imports this module by its name.
 
 import envs.lerobot  # noqa: F401
 import policies.act.configuration_keypoint_act  # noqa: F401
+import roboverse_learn.teleoperation.lerobot  # noqa: F401
