@@ -39,11 +39,14 @@ class RoboVerseRobotConfig(_SpecOptions):
         episodes: Episodes of the split, one after the other; none takes all, in the split's order.
         outcomes: File that gets a line of JSON for each episode: its index, steps, and whether and when the
             task was solved. Empty writes none.
+        reset_s: Simulated seconds from success, or the task's time limit, to the next episode, for commands
+            that announce none, such as a rollout. 0 leaves it to announcements.
     """
 
     split: str = "train"
     episodes: tuple[int, ...] = ()
     outcomes: str = ""
+    reset_s: float = 0.0
 
     def __post_init__(self) -> None:
         """Not LeRobot's check of cameras, which are devices there and names here."""
@@ -163,7 +166,7 @@ class RoboVerseRobot(Robot):
     @override
     def get_observation(self) -> dict[str, Any]:
         self._check_connected()
-        if self._announced:
+        if self._announced or self._is_over():
             self.begin_episode()
         return self._observe()
 
@@ -208,6 +211,13 @@ class RoboVerseRobot(Robot):
     def episode(self) -> int:
         """Index of the present episode in the task's pool."""
         return int(self._env.episodes[0])
+
+    def _is_over(self) -> bool:
+        """Whether the scene begins its next episode by itself."""
+        if not self.config.reset_s:
+            return False
+        late = self._env.max_episode_steps if self.solved_at is None else self.solved_at
+        return self.steps >= late + round(self.config.reset_s * self._hz)
 
     def begin_episode(self) -> None:
         """Starts the next episode; the last one is written down."""

@@ -1,9 +1,15 @@
 """LeRobot's commands, as they are, drive a simulated robot; what they record trains here."""
 
+import contextlib
+import io
 import json
 import os
+import pty
 import subprocess
 import sys
+import threading
+from collections import deque
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -27,8 +33,6 @@ class Shell:
 
     def run(self, command: str, *words: str) -> str:
         """Runs one to its end; returns what it printed."""
-        environment = os.environ | {"HF_HUB_OFFLINE": "1", "PYTHONPATH": str(Path(cli.__file__).parents[1])}
-        environment |= {key: str(self.folder / "home") for key in ("HF_DATASETS_CACHE", "HF_LEROBOT_HOME")}
         done = subprocess.run(
             [
                 Path(sys.executable).with_name(command),
@@ -37,7 +41,7 @@ class Shell:
                 f"--robot.outcomes={command}.jsonl",
             ],
             cwd=self.folder,
-            env=environment,
+            env=self.environment(),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -46,6 +50,40 @@ class Shell:
         )
         assert done.returncode == 0, done.stdout[-4000:]
         return done.stdout
+
+    def run_with_keys(self, command: str, keys: Sequence[tuple[str, float, str]], *words: str) -> str:
+        """Runs a command in a terminal; each key is pressed some seconds after a text was printed."""
+        master, terminal = pty.openpty()
+        process = subprocess.Popen(
+            [Path(sys.executable).with_name(command), *words, "--robot.discover_packages_path=envs.lerobot"],
+            cwd=self.folder,
+            env=self.environment(),
+            stdin=terminal,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        watchdog = threading.Timer(300, process.kill)
+        watchdog.start()
+        printed, waiting = [], deque(keys)
+        assert process.stdout is not None
+        for line in process.stdout:
+            printed.append(line)
+            if waiting and waiting[0][0] in line:
+                _, seconds, key = waiting.popleft()
+                threading.Timer(seconds, os.write, (master, key.encode())).start()
+        watchdog.cancel()
+        assert process.wait() == 0 and not waiting, "".join(printed)[-4000:]
+        os.close(master)
+        os.close(terminal)
+        return "".join(printed)
+
+    def environment(self) -> dict[str, str]:
+        """Returns the environment of a command."""
+        environment = os.environ | {"HF_HUB_OFFLINE": "1", "PYTHONPATH": str(Path(cli.__file__).parents[1])}
+        return environment | {
+            key: str(self.folder / "home") for key in ("HF_DATASETS_CACHE", "HF_LEROBOT_HOME")
+        }
 
     def outcomes(self, command: str) -> list[dict[str, int | bool | None]]:
         """Returns what a command's robot wrote of its episodes."""
@@ -101,14 +139,21 @@ def test_replays_of_its_actions_solve_the_same_episode(shell: Shell) -> None:
     assert (steered["episode"], steered["solved_at"]) == (first["episode"], first["solved_at"])
 
 
-def test_what_was_recorded_trains_here_and_the_policy_acts_in_lerobots_rollout(
-    shell: Shell, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.fixture(scope="module")
+def trained(shell: Shell) -> tuple[Path, str]:
+    """Returns the checkpoint of a run of ours on what was recorded, and what the run printed."""
     words = [*TINY, f"dataset={shell.folder / 'recorded'}", "levels=[0]"]
     words += [f"run={shell.folder / 'run'}", f"results_dir={shell.folder / 'results'}"]
-    assert cli.main(["train", *words]) == 0
-    assert "The policy is not evaluated" not in capsys.readouterr().out
-    checkpoint = shell.folder / "run/checkpoints/last/pretrained_model"
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        assert cli.main(["train", *words]) == 0
+    return shell.folder / "run/checkpoints/last/pretrained_model", printed.getvalue()
+
+
+def test_what_was_recorded_trains_here_and_the_policy_acts_in_a_rollout(
+    shell: Shell, trained: tuple[Path, str]
+) -> None:
+    checkpoint, printed = trained
+    assert "level 0" in printed and "The policy is not evaluated" not in printed
     log = shell.run(
         "lerobot-rollout",
         *(*ROBOT, "--robot.split=test", "--strategy.type=base", f"--policy.path={checkpoint}"),
@@ -117,3 +162,19 @@ def test_what_was_recorded_trains_here_and_the_policy_acts_in_lerobots_rollout(
     assert "Duration limit reached" in log
     (outcome,) = shell.outcomes("lerobot-rollout")
     assert isinstance(outcome["steps"], int) and outcome["steps"] > 10
+
+
+def test_the_expert_corrects_a_policy_in_lerobots_dagger(shell: Shell, trained: tuple[Path, str]) -> None:
+    """Space pauses the policy, tab begins the correction and ends it."""
+    shell.run_with_keys(
+        "lerobot-rollout",
+        [("recording started", 1.0, " "), ("autonomous -> paused", 1.0, "\t"), ("-> correcting", 5.0, "\t")],
+        *(*ROBOT, "--strategy.type=dagger", "--strategy.num_episodes=1", "--strategy.smooth_handover=false"),
+        *(f"--policy.path={trained[0]}", "--teleop.type=roboverse_expert", "--dataset.root=corrected"),
+        *("--dataset.repo_id=local/rollout_fix", "--dataset.fps=20", "--fps=20", "--device=cpu"),
+        *("--dataset.single_task=Pick the cube", "--dataset.push_to_hub=false", "--play_sounds=false"),
+        *("--dataset.streaming_encoding=true", "--dataset.rgb_encoder.vcodec=h264"),
+    )
+    info = DatasetInfo.open(shell.folder / "corrected")
+    assert info.num_episodes == 1 and info.num_frames > 5
+    assert info.read_columns(["intervention"])["intervention"].all()

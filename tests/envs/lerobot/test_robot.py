@@ -103,6 +103,26 @@ def test_an_announced_episode_is_the_next_of_the_split(robot, tmp_path):
     ]
 
 
+@pytest.mark.slow
+def test_a_scene_begins_its_next_episode_by_itself_where_it_is_told_to(tmp_path):
+    robot = made(tmp_path, reset_s=0.5, episodes=(2, 1))
+    robot.connect()
+    teleop = teleoperator(tmp_path, RoboVerseExpertConfig)
+    try:
+        seen = []
+        for _ in range(150):
+            robot.get_observation()
+            robot.send_action(teleop.get_action())
+            seen.append((robot.number, robot.episode, robot.solved_at, robot.steps))
+    finally:
+        robot.disconnect()
+    assert [episode for _, episode in sorted({row[:2] for row in seen})] == [2, 1, 2, 1][: seen[-1][0] + 1]
+    assert seen[-1][0] >= 2
+    for number in range(seen[-1][0]):
+        *_, solved_at, steps = [row for row in seen if row[0] == number][-1]
+        assert solved_at is not None and steps == solved_at + 10  # half a second at 20 Hz
+
+
 def test_an_action_that_lacks_a_joint_is_refused(robot):
     action = {name: torch.tensor(0.0) for name in JOINTS[:-1]}
     with pytest.raises(ConfigError, match=r"gripper_finger_joint2\.pos is missing in joint1\.pos"):
