@@ -42,7 +42,13 @@ class RetargetSource(DemonstrationSource):
 
         config, env = self.config, self.config.env
         recorded = self._recordings.read(0).metadata
-        check_same_scene(config.from_dataset, recorded, env)
+        for metadata in self._recordings.info.episode_metadata:
+            check_same_scene(config.from_dataset, metadata, env)
+            if metadata.get("robot") != recorded.get("robot"):
+                raise ConfigError(
+                    f"The dataset '{config.from_dataset}' has episodes of several robots. Give the datasets "
+                    "that it was merged of, one by one."
+                )
         source, task = recorded_spec(recorded).make_task(), env.make_task()
         if source.robot.name == task.robot.name:
             raise ConfigError(

@@ -2,7 +2,9 @@
 
 import json
 import logging
+from dataclasses import dataclass
 
+import draccus
 import numpy as np
 import pytest
 import torch
@@ -15,6 +17,7 @@ from envs.core.errors import ConfigError
 from envs.experts.actor import expert_episodes
 from envs.lerobot import RoboVerseExpertConfig, RoboVerseReplayConfig, RoboVerseRobotConfig
 from envs.lerobot.robot import joint_key
+from envs.spec import EnvSpec
 
 JOINTS = [f"joint{i}.pos" for i in range(1, 8)] + ["gripper_finger_joint1.pos", "gripper_finger_joint2.pos"]
 
@@ -51,6 +54,21 @@ def test_lerobot_makes_them_by_their_names(tmp_path):
     assert TeleoperatorConfig.get_choice_class("roboverse_expert") is RoboVerseExpertConfig
     assert made(tmp_path).name == "roboverse"
     assert teleoperator(tmp_path, RoboVerseExpertConfig).name == "roboverse_expert"
+
+
+def test_options_are_read_from_a_command_line():
+    @dataclass
+    class Command:
+        robot: RobotConfig
+
+    given = ["--robot.type=roboverse", "--robot.task=StackCube", "--robot.robot=ur5e", "--robot.level=2"]
+    given += ["--robot.cameras=[wrist,front]", "--robot.episodes=[4,17]", "--robot.reset_s=1"]
+    given += ["--robot.simulator_settings={impratio: 5.0}"]
+    config = draccus.parse(Command, args=given).robot
+    assert isinstance(config, RoboVerseRobotConfig)
+    assert (config.episodes, config.reset_s, config.split) == ((4, 17), 1.0, "train")
+    spec = EnvSpec(task="StackCube", robot="ur5e", level=2, cameras=("wrist", "front"))
+    assert config.spec == spec.replace(simulator_settings={"impratio": 5.0})
 
 
 def test_features_are_known_before_it_connects(tmp_path):

@@ -80,7 +80,7 @@ def test_only_episodes_that_solve_the_task_are_kept(demos, tmp_path, monkeypatch
 
 
 @pytest.mark.slow
-def test_scene_and_robot_must_fit_the_dataset(demos):
+def test_scene_and_robot_must_fit_the_dataset(demos, monkeypatch):
     with pytest.raises(ConfigError, match=r"source=retarget needs from=<folder>: a dataset of another robot"):
         compose("collect", [*SCENE, "source=retarget"])
     with pytest.raises(ConfigError, match=r"is of 'franka' already\. Give another robot, as in robot=ur5e"):
@@ -89,6 +89,11 @@ def test_scene_and_robot_must_fit_the_dataset(demos):
         ConfigError, match=r"with no task_kwargs, and task_kwargs\.variant=lift was requested"
     ):
         collect_dataset(config(demos, "robot=ur5e", "task_kwargs.variant=lift"))
+    with monkeypatch.context() as patched:
+        both = [{"task": "PickCube"}, {"task": "PickCube", "robot": "iiwa"}]
+        patched.setattr(DatasetInfo, "episode_metadata", both)
+        with pytest.raises(ConfigError, match=r"has episodes of several robots\. Give the datasets that"):
+            collect_dataset(config(demos, "robot=ur5e"))
     other = compose("collect", ["source=retarget", f"from={demos}", "robot=ur5e", "task=StackCube"])
     with pytest.raises(ConfigError, match=r"recorded with task=PickCube, and task=StackCube was requested"):
         collect_dataset(other)
@@ -107,6 +112,17 @@ def test_check_prints_a_row_for_each_robot(demos, caplog):
         assert check.main(words) == 2
     assert "| ur5e | 2 of 2 (100 %) |" in caplog.text
     assert "Name the robots that follow, as in robots=iiwa,ur5e." in caplog.text
+
+
+@pytest.mark.slow
+def test_a_simulator_that_steps_all_environments_together_keeps_the_same(demos, monkeypatch):
+    """All paths are then followed in one batch, on the device of the simulator where it is a GPU."""
+    made = config(demos, "robot=ur5e")
+    alone = check.check_retargeting(made, 3)
+    monkeypatch.setattr("envs.simulators.mujoco.handler.MujocoHandler.steps_together", True, raising=False)
+    together = check.check_retargeting(made, 3)
+    assert alone.kept == together.kept == 3
+    assert max(alone.missed_m, together.missed_m) < 1e-3
 
 
 @pytest.mark.slow
