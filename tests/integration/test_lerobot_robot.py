@@ -54,7 +54,8 @@ class Shell:
     def run_with_keys(self, command: str, keys: Sequence[tuple[str, float, str]], *words: str) -> str:
         """Runs a command in a terminal; each key is pressed some seconds after a text was printed."""
         master, terminal = pty.openpty()
-        process = subprocess.Popen(
+        printed, waiting = list[str](), deque(keys)
+        with subprocess.Popen(
             [Path(sys.executable).with_name(command), *words, "--robot.discover_packages_path=envs.lerobot"],
             cwd=self.folder,
             env=self.environment(),
@@ -62,20 +63,19 @@ class Shell:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-        )
-        watchdog = threading.Timer(300, process.kill)
-        watchdog.start()
-        printed, waiting = [], deque(keys)
-        assert process.stdout is not None
-        for line in process.stdout:
-            printed.append(line)
-            if waiting and waiting[0][0] in line:
-                _, seconds, key = waiting.popleft()
-                threading.Timer(seconds, os.write, (master, key.encode())).start()
-        watchdog.cancel()
-        assert process.wait() == 0 and not waiting, "".join(printed)[-4000:]
+        ) as process:
+            watchdog = threading.Timer(300, process.kill)
+            watchdog.start()
+            assert process.stdout is not None
+            for line in process.stdout:
+                printed.append(line)
+                if waiting and waiting[0][0] in line:
+                    _, seconds, key = waiting.popleft()
+                    threading.Timer(seconds, os.write, (master, key.encode())).start()
+            watchdog.cancel()
         os.close(master)
         os.close(terminal)
+        assert process.returncode == 0 and not waiting, "".join(printed)[-4000:]
         return "".join(printed)
 
     def environment(self) -> dict[str, str]:
