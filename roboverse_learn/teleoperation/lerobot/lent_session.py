@@ -107,7 +107,7 @@ class LentSession(Session):
         return self.station.asked
 
     def page_facts(self, images: Mapping[str, np.ndarray]) -> dict[str, Any]:
-        """Returns what the page is told at first, as JSON values.
+        """Returns what the page receives first, as JSON values.
 
         Args:
             images: Camera to its image now, (H, W, 3).

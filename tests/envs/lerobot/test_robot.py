@@ -122,7 +122,7 @@ def test_an_announced_episode_is_the_next_of_the_split(robot, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_scene_begins_its_next_episode_by_itself_where_it_is_told_to(tmp_path):
+def test_reset_s_begins_the_next_episode_after_success(tmp_path):
     robot = made(tmp_path, reset_s=0.5, episodes=(2, 1))
     robot.connect()
     teleop = teleoperator(tmp_path, RoboVerseExpertConfig)
