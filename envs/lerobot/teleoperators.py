@@ -11,7 +11,7 @@ from lerobot.teleoperators import Teleoperator, TeleoperatorConfig
 from lerobot.utils.errors import DeviceNotConnectedError
 
 from envs.core.errors import ConfigError
-from envs.lerobot.robot import CONNECTED, RoboVerseRobot, joint_key
+from envs.lerobot.robot import CONNECTED, ON_CONNECT, RoboVerseRobot, joint_key
 from envs.randomization import channel_rng
 from envs.tasks.plan_following import TAIL_STEPS
 
@@ -52,6 +52,9 @@ class SceneTeleoperator(Teleoperator):
     @override
     def connect(self, calibrate: bool = True) -> None:
         self._connected = True
+        ON_CONNECT.append(self.prepare)
+        if CONNECTED:  # a rollout connects its robot first
+            self.prepare(CONNECTED[-1])
 
     @override
     def calibrate(self) -> None:
@@ -68,6 +71,8 @@ class SceneTeleoperator(Teleoperator):
     @override
     def disconnect(self) -> None:
         self._connected = False
+        if self.prepare in ON_CONNECT:
+            ON_CONNECT.remove(self.prepare)
 
     @override
     def get_action(self) -> dict[str, Any]:
@@ -80,6 +85,8 @@ class SceneTeleoperator(Teleoperator):
             raise DeviceNotConnectedError(
                 f"--teleop.type={self.config.type} acts in a simulated scene. Give --robot.type=roboverse."
             )
+        if not self._connected:
+            raise DeviceNotConnectedError(f"{self} is not connected: call connect() first.")
         robot = CONNECTED[-1]
         if robot.number != self._number:
             self._number, self._last = robot.number, None
@@ -102,6 +109,10 @@ class SceneTeleoperator(Teleoperator):
         """Whether the last action is held from now on."""
         del robot
         return False
+
+    def prepare(self, robot: RoboVerseRobot) -> None:
+        """Does what takes long, before the first tick of LeRobot's loop."""
+        del robot
 
     def begin(self, robot: RoboVerseRobot) -> None:
         """Prepares for an episode that has just begun."""
@@ -134,14 +145,17 @@ class RoboVerseExpert(SceneTeleoperator):
     name = "roboverse_expert"
 
     @override
-    def begin(self, robot: RoboVerseRobot) -> None:
+    def prepare(self, robot: RoboVerseRobot) -> None:
         task = robot.env.task
         if not task.has_expert:
             raise ConfigError(
                 f"{task.name} has no scripted expert. Give another --teleop.type, or another --robot.task."
             )
-        self._rng = channel_rng(robot.env.protocol_seed, "expert", robot.episode)
         self._planner = task.planner
+
+    @override
+    def begin(self, robot: RoboVerseRobot) -> None:
+        self._rng = channel_rng(robot.env.protocol_seed, "expert", robot.episode)
 
     @override
     def is_over(self, robot: RoboVerseRobot) -> bool:
@@ -182,28 +196,36 @@ class RoboVerseReplay(SceneTeleoperator):
         self._path, self._first = config.path, config.episode
 
     @override
+    def prepare(self, robot: RoboVerseRobot) -> None:
+        self._recorded = recorded_actions(self._path, list(robot.action_features))
+        self._check(self._first)
+
+    @override
     def begin(self, robot: RoboVerseRobot) -> None:
-        self._actions = recorded_actions(self._path, self._first + robot.number, list(robot.action_features))
+        self._check(self._first + robot.number)
+        self._actions = self._recorded[self._first + robot.number]
 
     @override
     def plan(self, robot: RoboVerseRobot) -> np.ndarray:
         return self._actions[robot.steps :]
 
+    def _check(self, episode: int) -> None:
+        if not 0 <= episode < len(self._recorded):
+            raise ConfigError(
+                f"Episode {episode} of '{self._path}' was requested, which has {len(self._recorded)}: 0 to "
+                f"{len(self._recorded) - 1}."
+            )
 
-def recorded_actions(path: str, episode: int, keys: list[str]) -> np.ndarray:
-    """Returns the actions (T, A) of an episode of a LeRobotDataset, in the order of ``keys``.
+
+def recorded_actions(path: str, keys: list[str]) -> list[np.ndarray]:
+    """Returns the actions (T, A) of each episode of a LeRobotDataset, in the order of ``keys``.
 
     Raises:
-        ConfigError: There is no such episode, or its actions have other names.
+        ConfigError: Its actions have other names.
     """
     from lerobot.datasets import LeRobotDataset
 
     dataset = LeRobotDataset("local/replayed", root=path, episodes=None, video_backend="pyav")
-    if not 0 <= episode < dataset.num_episodes:
-        raise ConfigError(
-            f"Episode {episode} of '{path}' was requested, which has {dataset.num_episodes}: 0 to "
-            f"{dataset.num_episodes - 1}."
-        )
     names = [joint_key(name) for name in dataset.features["action"]["names"]]
     if sorted(names) != sorted(keys):
         raise ConfigError(
@@ -211,6 +233,6 @@ def recorded_actions(path: str, episode: int, keys: list[str]) -> np.ndarray:
             "the --robot.task and --robot.robot that it was recorded with."
         )
     rows = dataset.hf_dataset.with_format("numpy", columns=["episode_index", "action"])
-    chosen = np.asarray(rows["episode_index"][:]) == episode
-    actions = np.stack(rows["action"][:])[chosen]
-    return actions[:, [names.index(key) for key in keys]].astype(np.float32)
+    episodes = np.asarray(rows["episode_index"][:])
+    actions = np.stack(rows["action"][:])[:, [names.index(key) for key in keys]].astype(np.float32)
+    return [actions[episodes == episode] for episode in range(dataset.num_episodes)]

@@ -11,7 +11,7 @@ import numpy as np
 from lerobot.teleoperators import TeleoperatorConfig
 
 from envs.core.errors import ConfigError
-from envs.lerobot.robot import CONNECTED, ON_CONNECT, RoboVerseRobot
+from envs.lerobot.robot import RoboVerseRobot
 from envs.lerobot.teleoperators import SceneTeleoperator, held
 from roboverse_learn.teleoperation.conductor import Frame, encode_jpeg
 from roboverse_learn.teleoperation.lerobot.lent_session import LentSession
@@ -58,17 +58,8 @@ class RoboVerseBrowser(SceneTeleoperator):
         self._frames = 0
 
     @override
-    def connect(self, calibrate: bool = True) -> None:
-        super().connect(calibrate)
-        ON_CONNECT.append(self._serve)
-        if CONNECTED:
-            self._serve(CONNECTED[-1])
-
-    @override
     def disconnect(self) -> None:
         super().disconnect()
-        if self._serve in ON_CONNECT:
-            ON_CONNECT.remove(self._serve)
         if self._page is not None:
             self._page.stop()
             self._page = None
@@ -80,7 +71,8 @@ class RoboVerseBrowser(SceneTeleoperator):
         self._show(robot)
         return (held(robot) if asked is None else asked)[None]
 
-    def _serve(self, robot: RoboVerseRobot) -> None:
+    @override
+    def prepare(self, robot: RoboVerseRobot) -> None:
         """Serves the page of a robot, and waits until somebody has opened it."""
         check_steerable(robot.env)
         options, self._session = self._options, LentSession(robot)

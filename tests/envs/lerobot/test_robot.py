@@ -1,5 +1,6 @@
 """A scene behind LeRobot's ``Robot``, and the teleoperators that act in it."""
 
+import contextlib
 import json
 import logging
 from dataclasses import dataclass
@@ -18,6 +19,8 @@ from envs.experts.actor import expert_episodes
 from envs.lerobot import RoboVerseExpertConfig, RoboVerseReplayConfig, RoboVerseRobotConfig
 from envs.lerobot.robot import joint_key
 from envs.spec import EnvSpec
+from envs.tasks.plan_following import TAIL_STEPS
+from tests.roboverse_learn.data.augmentation.expert_demos import write_demos
 
 JOINTS = [f"joint{i}.pos" for i in range(1, 8)] + ["gripper_finger_joint1.pos", "gripper_finger_joint2.pos"]
 
@@ -27,8 +30,18 @@ def made(folder, **options):
     return make_robot_from_config(config)
 
 
-def teleoperator(folder, config_class, **options):
-    return make_teleoperator_from_config(config_class(calibration_dir=folder, **options))
+@pytest.fixture
+def teleoperator(tmp_path):
+    """Makes teleoperators that are connected, and disconnects them."""
+    with contextlib.ExitStack() as stack:
+
+        def make(config_class, **options):
+            teleop = make_teleoperator_from_config(config_class(calibration_dir=tmp_path, **options))
+            teleop.connect()
+            stack.callback(teleop.disconnect)
+            return teleop
+
+        yield make
 
 
 def steered(robot, teleop, steps):
@@ -49,11 +62,11 @@ def robot(tmp_path):
         robot.disconnect()
 
 
-def test_lerobot_makes_them_by_their_names(tmp_path):
+def test_lerobot_makes_them_by_their_names(tmp_path, teleoperator):
     assert RobotConfig.get_choice_class("roboverse") is RoboVerseRobotConfig
     assert TeleoperatorConfig.get_choice_class("roboverse_expert") is RoboVerseExpertConfig
     assert made(tmp_path).name == "roboverse"
-    assert teleoperator(tmp_path, RoboVerseExpertConfig).name == "roboverse_expert"
+    assert teleoperator(RoboVerseExpertConfig).name == "roboverse_expert"
 
 
 def test_options_are_read_from_a_command_line():
@@ -81,8 +94,8 @@ def test_features_are_known_before_it_connects(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_expert_acts_as_it_does_in_a_collection(robot, tmp_path):
-    teleop = teleoperator(tmp_path, RoboVerseExpertConfig)
+def test_the_expert_acts_as_it_does_in_a_collection(robot, tmp_path, teleoperator):
+    teleop = teleoperator(RoboVerseExpertConfig)
     first = robot.episode
     assert list(robot.action_features) == JOINTS
     seen = robot.get_observation()
@@ -97,8 +110,33 @@ def test_the_expert_acts_as_it_does_in_a_collection(robot, tmp_path):
 
 
 @pytest.mark.slow
-def test_an_announced_episode_is_the_next_of_the_split(robot, tmp_path):
-    teleop = teleoperator(tmp_path, RoboVerseExpertConfig)
+def test_recorded_actions_solve_their_episodes_one_after_the_other(tmp_path, teleoperator, monkeypatch):
+    import datasets
+
+    monkeypatch.setattr(datasets.config, "HF_DATASETS_CACHE", tmp_path / "cache")
+    demos = write_demos(tmp_path / "demos", "PickCube", 2)
+    robot, teleop = made(tmp_path), teleoperator(RoboVerseReplayConfig, path=str(demos))
+    robot.connect()
+    try:
+        for number in range(2):
+            actions = steered(robot, teleop, 60)
+            recorded = teleop._recorded[number]
+            np.testing.assert_array_equal(actions[: len(recorded)], recorded)
+            assert robot.solved_at == len(recorded) - TAIL_STEPS
+            robot.begin_episode()
+        with pytest.raises(ConfigError, match=r"Episode 2 of '.*' was requested, which has 2: 0 to 1\."):
+            teleop.get_action()
+    finally:
+        robot.disconnect()
+    other = made(tmp_path, robot="ur5e")
+    with pytest.raises(ConfigError, match=r"and the robot's are shoulder_pan_joint\.pos, .*--robot\.robot"):
+        other.connect()
+    assert not other.is_connected
+
+
+@pytest.mark.slow
+def test_an_announced_episode_is_the_next_of_the_split(robot, tmp_path, teleoperator):
+    teleop = teleoperator(RoboVerseExpertConfig)
     split = robot.env.split_indices[:3].tolist()
     logging.getLogger().setLevel(logging.INFO)
     log_say("Recording episode 0", play_sounds=False)
@@ -122,10 +160,10 @@ def test_an_announced_episode_is_the_next_of_the_split(robot, tmp_path):
 
 
 @pytest.mark.slow
-def test_reset_s_begins_the_next_episode_after_success(tmp_path):
+def test_reset_s_begins_the_next_episode_after_success(tmp_path, teleoperator):
     robot = made(tmp_path, reset_s=0.5, episodes=(2, 1))
     robot.connect()
-    teleop = teleoperator(tmp_path, RoboVerseExpertConfig)
+    teleop = teleoperator(RoboVerseExpertConfig)
     try:
         seen = []
         for _ in range(150):
@@ -162,8 +200,8 @@ def test_an_episode_of_the_other_split_is_refused(tmp_path):
     assert not robot.is_connected
 
 
-def test_teleoperators_need_a_scene_and_a_dataset(tmp_path):
+def test_teleoperators_need_a_scene_and_a_dataset(tmp_path, teleoperator):
     with pytest.raises(DeviceNotConnectedError, match=r"acts in a simulated scene\. Give --robot\.type=robo"):
-        teleoperator(tmp_path, RoboVerseExpertConfig).get_action()
+        teleoperator(RoboVerseExpertConfig).get_action()
     with pytest.raises(ConfigError, match=r"needs --teleop\.path=<folder of a dataset>"):
         RoboVerseReplayConfig()
