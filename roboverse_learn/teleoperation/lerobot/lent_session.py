@@ -14,8 +14,8 @@ from roboverse_learn.teleoperation.recording import Recording
 from roboverse_learn.teleoperation.session import Session
 from roboverse_learn.teleoperation.station import Station
 
-_NEVER_S = 1e6
-"""Simulated seconds after which a session would end an episode: it is LeRobot that does."""
+_LIMIT_S = 600.0
+"""Simulated seconds after which the arm is held until the person presses start: LeRobot ends episodes."""
 
 _OURS = frozenset({Button.START, Button.PAUSE})
 """Buttons that have a meaning here; what is kept, and when an episode ends, LeRobot decides."""
@@ -56,9 +56,17 @@ class _NoBook(EpisodeBook):
     """Keeps no episodes."""
 
     def __init__(self, robot: RoboVerseRobot) -> None:
-        self._robot, self.wanted = robot, 0
+        self._robot = robot
 
-    kept = property(lambda self: self._robot.number)  # type: ignore[assignment]
+    @property
+    @override
+    def kept(self) -> int:
+        return self._robot.number
+
+    @property
+    def wanted(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The present episode; how many there will be, LeRobot knows."""
+        return self._robot.number + 1
 
     @override
     def take(self) -> int | None:
@@ -83,7 +91,7 @@ class LentSession(Session):
     station: LentStation
 
     def __init__(self, robot: RoboVerseRobot) -> None:
-        super().__init__(LentStation(robot), _NoBook(robot), limit_s=_NEVER_S)
+        super().__init__(LentStation(robot), _NoBook(robot), limit_s=_LIMIT_S)
         self._robot, self._number = robot, robot.number
         self._start()
 
