@@ -51,7 +51,7 @@ def test_another_arm_solves_the_task_and_says_whose_hand_it_followed(demos, tmp_
     assert collect_dataset(two).num_attempts == 3  # complete: nothing is run again
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_retargeted_dataset_is_retargeted_back(demos, tmp_path):
     collect_dataset(config(demos, "robot=iiwa", "num_demos=1", f"dataset={tmp_path / 'iiwa'}"))
     back = collect_dataset(config(tmp_path / "iiwa", "num_demos=1", f"dataset={tmp_path / 'franka'}"))
