@@ -3,8 +3,9 @@
 With ``source=policy checkpoint=<run>`` they are those of a policy that was trained by reinforcement learning,
 with ``source=<format> path=<file or folder>`` those of a file, replayed in our environment, and with
 ``source=teleop path=<folder>`` those of a person, recorded by ``roboverse teleoperate``. With
-``source=augment from=<dataset>`` they are made from a few others, and with ``source=rerender from=<dataset>``
-the states of others are rendered again.
+``source=augment from=<dataset>`` they are made from a few others, with ``source=retarget from=<dataset>``
+another robot follows the hand of the recorded one, and with ``source=rerender from=<dataset>`` the states of
+others are rendered again.
 """
 
 import sys

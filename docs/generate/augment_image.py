@@ -17,7 +17,8 @@ from envs.spec import EnvSpec
 from roboverse_learn.data.augmentation.actor import augmented_episodes
 from roboverse_learn.data.augmentation.config import AugmentConfig
 from roboverse_learn.data.augmentation.planner import AugmentPlanner
-from roboverse_learn.data.augmentation.sources import read_sources, task_of
+from roboverse_learn.data.augmentation.sources import read_sources
+from roboverse_learn.data.dataset.recorded_scene import task_of
 
 logger = logging.getLogger(__name__)
 

@@ -141,6 +141,29 @@ class BatchedPathFollower:
         targets[..., self._fingers] = padded([self._robot.finger_positions(path.gripper) for path in paths])
         return BatchedTargets(targets, lengths)
 
+    def follow_poses(
+        self, qpos: np.ndarray, pos: np.ndarray, rot: np.ndarray
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Returns joint targets that lead each end effector from ``qpos`` through a pose per control step.
+
+        Args:
+            qpos: Where they start, (N, J).
+            pos: Positions in the world, m, (N, T, 3).
+            rot: Orientations, wxyz, (N, T, 4).
+
+        Returns:
+            Targets (N, T, J), in which joints that do not move the end effector stay, and by how much each
+            pose is missed, m and rad, (N, T); float64 on the follower's device.
+        """
+        start, columns = self._tensor(qpos), self._chain.columns
+        goal_pos, goal_rot = self._tensor(pos), self._tensor(to_matrix(rot))
+        targets = start[:, None].repeat(1, pos.shape[1], 1)
+        targets[..., columns] = self._follow(start[:, columns], goal_pos, goal_rot)
+        now = self._chain(targets[..., columns].flatten(0, 1))
+        off = (now.pos - goal_pos.flatten(0, 1)).norm(dim=-1)
+        turn = rotation_vector(goal_rot.flatten(0, 1) @ now.rot.transpose(1, 2)).norm(dim=-1)
+        return targets, off.reshape(pos.shape[:2]), turn.reshape(pos.shape[:2])
+
     def _paths(self, qpos: np.ndarray, waypoints: Sequence[Sequence[Waypoint]]) -> list[Path]:
         starts, rots = self.end_effectors(qpos)
         paths = []

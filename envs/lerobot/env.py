@@ -1,31 +1,17 @@
 """Environment configuration, registered as ``roboverse`` in LeRobot's command line."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, make_dataclass
-from typing import Any, get_origin, get_type_hints
+from dataclasses import dataclass, field
+from typing import Any
 
 import gymnasium
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
 
+from envs.lerobot.spec_options import spec_of, with_spec_fields
 from envs.spec import EnvSpec
 
-
-def _spec_fields() -> list[tuple[str, Any, Any]]:
-    """Returns the fields of :class:`EnvSpec` as ``make_dataclass`` takes them."""
-    hints = get_type_hints(EnvSpec)
-    return [
-        (
-            item.name,
-            dict[str, Any] if get_origin(hints[item.name]) is Mapping else hints[item.name],
-            field(default=item.default, default_factory=item.default_factory),  # one of them is MISSING
-        )
-        for item in fields(EnvSpec)
-    ]
-
-
-_SpecOptions = make_dataclass("_SpecOptions", _spec_fields(), bases=(EnvConfig,))
+_SpecOptions = with_spec_fields(EnvConfig)
 
 
 @EnvConfig.register_subclass("roboverse")
@@ -60,7 +46,7 @@ class RoboVerseEnvConfig(_SpecOptions):
     @property
     def spec(self) -> EnvSpec:
         """The environment."""
-        return EnvSpec.from_json({item.name: getattr(self, item.name) for item in fields(EnvSpec)})
+        return spec_of(self)
 
     @property
     def gym_kwargs(self) -> dict[str, Any]:

@@ -7,6 +7,11 @@ where the hand has to be.
 
 Position actuators as :mod:`envs.robots.franka` has them: gains of 4000 N·m/rad for the joints near the base
 and 2000 for those of the wrist, damping of a tenth.
+
+Kinova's motors are weak and its wrist is light: damping kd turns the whole force F of a motor round once a
+joint is F / kd faster than it should be, and a physics step dt at that force changes its speed by F dt / I.
+Where that is more than 2 F / kd the joint chatters. So its joints get a rotor inertia of I = kd dt / 2 with
+dt = 2 ms: 0.4 and 0.2 kg·m², as of a rotor of 4e-5 or 2e-5 kg·m² behind a gear of 1:100.
 """
 
 from collections.abc import Sequence
@@ -16,6 +21,10 @@ from envs.robots.panda_hand import PANDA_FINGERS, PANDA_HAND
 from envs.scenario import JointCfg, RobotCfg
 
 _ENDLESS = (-2 * pi, 2 * pi)
+
+_BENT = 0.3
+"""Least bend of Kinova's elbow, rad; its file allows both sides. A straight elbow is singular: at a pose just
+out of reach, inverse kinematics throws it from side to side. The bend costs 8 mm of reach."""
 
 
 def _arm(
@@ -27,8 +36,21 @@ def _arm(
     rest: Sequence[float],
     *,
     hollow_meshes: bool = False,
+    rotor_inertia: tuple[float | None, float | None] = (None, None),
 ) -> RobotCfg:
-    """Returns an arm; its last three joints are those of the wrist."""
+    """Returns an arm; its last three joints are those of the wrist.
+
+    Args:
+        name: Its name.
+        file: Folder of its file.
+        joints: Names of its joints.
+        limits: Their ranges, rad.
+        forces_n_m: Their force limits.
+        rest: Their rest positions, rad.
+        hollow_meshes: See :class:`~envs.scenario.RobotCfg`.
+        rotor_inertia: Armature of the joints near the base and of those of the wrist, kg·m²; None keeps the
+            file's.
+    """
     wrist = len(joints) - 3
     return RobotCfg(
         name=name,
@@ -43,6 +65,7 @@ def _arm(
                     force_limit=force,
                     range=between,
                     default=angle,
+                    armature=rotor_inertia[index >= wrist],
                 )
                 for index, (joint, between, force, angle) in enumerate(
                     zip(joints, limits, forces_n_m, rest, strict=True)
@@ -90,9 +113,10 @@ KINOVA3 = _arm(
     "kinova3",
     "kinova3",
     [f"Actuator{i}" for i in range(1, 8)],
-    [_ENDLESS, (-2.41, 2.41), _ENDLESS, (-2.66, 2.66), _ENDLESS, (-2.23, 2.23), _ENDLESS],
+    [_ENDLESS, (-2.41, 2.41), _ENDLESS, (_BENT, 2.66), _ENDLESS, (-2.23, 2.23), _ENDLESS],
     (32.0, 32.0, 32.0, 32.0, 32.0, 13.0, 13.0),
     (0.0, 0.65, 0.0, 1.89, 0.0, 0.6, -pi / 2),
+    rotor_inertia=(0.4, 0.2),
 )
 
 JACO = _arm(

@@ -3,6 +3,7 @@
 It is read and never written.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -118,11 +119,16 @@ def _misfit(info: DatasetInfo, config: TrainRunConfig, task: str) -> str:
         if (here := _words(ours)) != (there := _words(theirs)):
             return _sentence(task, f"its {key} has {here} numbers, and that of the dataset {there}")
         names = theirs.get("names")
-        if isinstance(names, list) and names != ours["names"]:
+        if isinstance(names, list) and _joints(names) != _joints(ours["names"]):
             return _sentence(task, f"its {key} is {ours['names']}, and that of the dataset {names}")
     if _ENVIRONMENT_STATE_KEY in info.features:
         return _sentence(task, f"it has no {_ENVIRONMENT_STATE_KEY}, which the dataset has")
     return ""
+
+
+def _joints(names: Sequence[str]) -> list[str]:
+    """Returns names of joints without what LeRobot's robots write otherwise: ``a_b.pos`` for our ``a/b``."""
+    return [str(name).removesuffix(".pos").replace("/", "_") for name in names]
 
 
 def _words(vector: Feature) -> str:

@@ -133,12 +133,12 @@ class CollectConfig:
         preset: Named set of values from ``configs/preset``.
         datasets_dir: Folder of datasets.
         source: Registered source: the task's expert, the policy of ``checkpoint``, the demonstrations in
-            ``from``, augmented or rendered again, or files of this format in ``path``.
+            ``from`` made into others, or files of this format in ``path``.
         checkpoint: Folder of that policy, trained by reinforcement learning, or of its run.
         path: File of demonstrations, or a folder of them, or of recordings of teleoperation; of files,
             num_demos is the most that is taken.
         replay: How a file's demonstrations become ours: by recorded states, or by controls in our physics.
-        from_dataset: Folder of a dataset whose demonstrations are augmented or rendered again.
+        from_dataset: Folder of a dataset whose demonstrations are augmented, retargeted or rendered again.
         dataset: Folder of the dataset; empty for one named after the configuration. train collects only
             where none is named, and takes any LeRobotDataset v3, also of another robot.
         collect: How demonstrations are collected.

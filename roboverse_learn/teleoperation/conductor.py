@@ -200,14 +200,15 @@ class Conductor:
             for row, index in enumerate(watched):
                 number += 1
                 version, seq, step = moments[index]
-                jpegs = {camera: _jpeg(images[camera]["rgb"][row]) for camera in wanted[index]}
+                jpegs = {camera: encode_jpeg(images[camera]["rgb"][row]) for camera in wanted[index]}
                 self._on_frame(index, Frame(number=number, seq=seq, step=step, jpegs=jpegs))
                 shown[index] = version
             self._drawn.append(time.perf_counter() - began)
             self._running_images += sum(self._sessions[index].phase is Phase.RUNNING for index in watched)
 
 
-def _jpeg(image: np.ndarray) -> bytes:
+def encode_jpeg(image: np.ndarray) -> bytes:
+    """Returns the JPEG of an image (H, W, 3) uint8."""
     from PIL import Image
 
     buffer = io.BytesIO()

@@ -132,7 +132,7 @@ class AugmentPlanner:
     def __init__(self, task: Task, sources: Sequence[Source], config: AugmentConfig) -> None:
         scenario = task.scenario
         self._config, self._hz = config, scenario.physics.control_hz
-        self._references, self._reader = References(scenario), HandReader(task)
+        self._references, self._reader = References(scenario), HandReader.of(task)
         self._driven = list(scenario.robots[0].driven)
         self._follower = PoseFollower(scenario.robots[0])
         self.roles = [piece.role for piece in sources[0].pieces]

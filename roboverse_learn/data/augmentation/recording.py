@@ -60,27 +60,34 @@ class SourceDemo:
 
 
 class HandReader:
-    """Forward kinematics of the hand of a task's robot.
+    """Forward kinematics of the hand of a robot with a gripper.
 
     Args:
-        task: The task.
-
-    Raises:
-        ConfigError: Its robot has no gripper, or its actions are not the joint targets of the robot.
+        robot: The robot, where its base stands.
     """
 
-    def __init__(self, task: Task) -> None:
-        self.robot: RobotCfg = task.scenario.robots[0]
-        driven = tuple(self.robot.joint_names[index] for index in self.robot.driven)
-        if tuple(task.controller.names) != driven or not self.robot.gripper_joints:
-            raise ConfigError(
-                f"source=augment moves the hand of an arm by joint targets, and the actions of {task.name} "
-                f"are {', '.join(task.controller.names)}. Use source=expert or source=policy."
-            )
+    def __init__(self, robot: RobotCfg) -> None:
+        self.robot = robot
         self._chain = KinematicChain(self.robot)
         self._fingers = [self.robot.joint_names.index(name) for name in self.robot.gripper_joints]
         ranges = np.array([self.robot.joints[index].range for index in self._fingers])
         self.gripper_range = (float(ranges[:, 0].mean()), float(ranges[:, 1].mean()))
+
+    @classmethod
+    def of(cls, task: Task) -> "HandReader":
+        """Returns the reader of a task's robot.
+
+        Raises:
+            ConfigError: It has no gripper, or the task's actions are not the joint targets of the robot.
+        """
+        robot: RobotCfg = task.scenario.robots[0]
+        driven = tuple(robot.joint_names[index] for index in robot.driven)
+        if tuple(task.controller.names) != driven or not robot.gripper_joints:
+            raise ConfigError(
+                f"source=augment moves the hand of an arm by joint targets, and the actions of {task.name} "
+                f"are {', '.join(task.controller.names)}. Use source=expert or source=policy."
+            )
+        return cls(robot)
 
     def starts(self, state: State) -> np.ndarray:
         """Returns targets (N, J) of driven joints, which a load keeps them from, and positions of others."""

@@ -14,7 +14,6 @@ from roboverse_learn.data.augmentation.recording import HandReader, SourceDemo
 from roboverse_learn.data.augmentation.references import References
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.recording import Recording, read_recordings
-from roboverse_learn.data.dataset.schema import INFO_PATH
 
 TIME_SHARE = 0.6
 """Share of the task's time that what is kept of a source may take; the rest is for bridges and retries."""
@@ -49,14 +48,6 @@ class SourceSet:
         )
 
 
-def task_of(root: str | Path) -> str | None:
-    """Returns the task that a dataset's demonstrations are of; None where it does not say or is absent."""
-    if not (Path(root) / INFO_PATH).exists():
-        return None
-    metadata = DatasetInfo.open(root).episode_metadata
-    return metadata[0].get("task") if metadata else None
-
-
 def digest_of(root: str | Path, count: int) -> str:
     """Returns the first digits of the SHA-256 of the recorded states of ``count`` episodes; 0 is all."""
     info, digest = DatasetInfo.open(root), hashlib.sha256()
@@ -81,7 +72,7 @@ def read_sources(root: str | Path, task: Task, config: AugmentConfig) -> SourceS
         )
     recordings = read_recordings(root, config.num_sources)
     _check_origin(root, task, recordings)
-    reader, references = HandReader(task), References(task.scenario)
+    reader, references = HandReader.of(task), References(task.scenario)
     hz, demos, pieces, words = task.scenario.physics.control_hz, [], [], []
     for recording in recordings:
         demo = reader.demo(recording.index, recording.states)

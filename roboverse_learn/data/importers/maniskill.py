@@ -63,7 +63,10 @@ class ManiSkillFile(DemonstrationFile):
         self._robot, self._hz = scenario.robots[0], scenario.physics.control_hz
         self._objects = {item.name for item in scenario.objects}
         if self._robot.name != ROBOT:
-            raise DatasetError(f"'{path}' moves a Panda; the task's robot is '{self._robot.name}'.")
+            raise DatasetError(
+                f"'{path}' moves a Panda; the task's robot is '{self._robot.name}'. Import it without "
+                f"robot=, then: roboverse collect source=retarget from=<its dataset> robot={self._robot.name}"
+            )
         kwargs = env.get("env_kwargs") or {}
         recorded_hz = float((kwargs.get("sim_config") or {}).get("control_freq", DEFAULT_CONTROL_HZ))
         if abs(recorded_hz - self._hz) > 1e-6:

@@ -6,20 +6,24 @@ is open.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import NamedTuple
 
 import mink
 import mujoco
 import numpy as np
+import torch
 
 from envs.core.assets import resolve
 from envs.core.errors import DatasetError
+from envs.kinematics.forward import KinematicChain
 from envs.mjcf.layout import layout_of
 from envs.mjcf.model import build_model
-from envs.rotations import multiply
-from envs.scenario import Quat, RobotCfg, ScenarioCfg
+from envs.rotations import from_matrix, multiply
+from envs.scenario import IDENTITY, Quat, RobotCfg, ScenarioCfg
+from envs.tasks import TASKS
+from envs.tasks.base import Task
 
 POSITION_TOLERANCE_M, TURN_TOLERANCE_RAD = 5e-4, 5e-3
 """A pose is reached when it is missed by less than this."""
@@ -158,6 +162,29 @@ def opening(arm: SourceArm, joint_pos: Mapping[str, np.ndarray]) -> np.ndarray:
         raise DatasetError(f"Its gripper lacks the joints {', '.join(missing)}.")
     shares = [(joint_pos[name] - shut) / (wide - shut) for name, (shut, wide) in arm.fingers.items()]
     return np.clip(np.mean(shares, axis=0), 0.0, 1.0)
+
+
+def own_path(robot: RobotCfg, joint_pos: np.ndarray) -> tuple[Poses, np.ndarray]:
+    """Returns the path of a robot of ours in the frame of its base, and how far its gripper is open.
+
+    Args:
+        robot: The robot.
+        joint_pos: Its joints, (R, J).
+    """
+    chain = KinematicChain(replace(robot, pos=(0.0, 0.0, 0.0), rot=IDENTITY))
+    poses = chain(torch.from_numpy(np.ascontiguousarray(joint_pos[:, chain.columns], np.float64)))
+    shut, wide = np.array(robot.finger_limits).T
+    shares = (joint_pos[:, list(robot.fingers)] - shut) / (wide - shut)
+    return Poses(poses.pos.numpy(), from_matrix(poses.rot.numpy())), np.clip(shares.mean(axis=1), 0.0, 1.0)
+
+
+def robot_of_scene(task: Task) -> RobotCfg:
+    """Returns the robot for which the scene of a task was made: its own, where another one does it."""
+    if task.name not in TASKS:
+        return task.robot
+    options = {item.name: getattr(task, item.name) for item in fields(task)}  # pyright: ignore[reportArgumentType]
+    own = TASKS.get(task.name)(**options).robot
+    return task.robot if own.name == task.robot.name else own
 
 
 def set_fingers(robot: RobotCfg, joint_pos: np.ndarray, open_share: np.ndarray) -> None:

@@ -30,7 +30,7 @@ from roboverse_learn.data.importers.demonstration import (
     velocities,
 )
 from roboverse_learn.data.importers.hdf5 import READ_ERRORS, open_hdf5
-from roboverse_learn.data.importers.retarget import Poses, Retargeter, set_fingers
+from roboverse_learn.data.importers.retarget import Poses, Retargeter, robot_of_scene, set_fingers
 from roboverse_learn.data.sources.importer import FileSource
 
 _NUTS = {"SquareNut0": "square_nut", "RoundNut0": "round_nut"}
@@ -87,6 +87,7 @@ class RobosuiteFile(DemonstrationFile):
         self._scene = check_scene(path, environment, SCENES, task)
         scenario = task.scenario
         self._robot, self._hz = scenario.robots[0], scenario.physics.control_hz
+        self._scene_robot = robot_of_scene(task)
         self._objects = {item.name for item in scenario.objects}
         self._retargeter: Retargeter | None = None
 
@@ -109,7 +110,7 @@ class RobosuiteFile(DemonstrationFile):
         self._check_rate(states[:, 0])
         motion = _Motion.of(model, states)
         height = motion.table_m
-        placement = place_base(motion.base.pos[0], motion.base.rot[0], self._robot, height)
+        placement = place_base(motion.base.pos[0], motion.base.rot[0], self._scene_robot, height)
         joint_pos, facts = self._joint_pos(motion, placement)
         targets = servo_targets(self._robot, joint_pos, self._hz)
         set_fingers(self._robot, targets, (actions[: len(targets), -1] <= 0).astype(np.float64))

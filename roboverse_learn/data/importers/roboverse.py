@@ -16,6 +16,7 @@ from typing import Any, ClassVar, override
 import numpy as np
 
 from envs.core.errors import DatasetError
+from envs.robots import ROBOTS
 from envs.scenario import ObjectCfg
 from envs.state import EntityState
 from envs.tasks.base import Task
@@ -38,6 +39,8 @@ from roboverse_learn.data.importers.retarget import (
     Retargeted,
     Retargeter,
     opening,
+    own_path,
+    robot_of_scene,
     set_fingers,
     tool_path,
 )
@@ -86,8 +89,12 @@ class RoboVerseFile(DemonstrationFile):
         self._source = known[0]
         self._episodes = content[self._source]
         self.names = tuple(f"{self._source}_{index}" for index in range(len(self._episodes)))
-        if self._source not in ARMS and self._source != self._robot.name:
-            raise DatasetError(f"'{path}' moves '{self._source}'; the task's robot is '{self._robot.name}'.")
+        if self._source != self._robot.name and not self._robot.gripper_joints:
+            raise DatasetError(
+                f"'{path}' moves '{self._source}', and the task's robot '{self._robot.name}' has no gripper "
+                "to follow it with."
+            )
+        self._scene_robot = robot_of_scene(task)
         self._retargeter: Retargeter | None = None
         self._check_task()
 
@@ -122,11 +129,11 @@ class RoboVerseFile(DemonstrationFile):
             frames = frames[: len(actions) + 1]
         base = frames[0][self._source]
         placement = place_base(
-            array(base["pos"], (3,), "The base"), array(base["rot"], (4,), "The base"), self._robot
+            array(base["pos"], (3,), "The base"), array(base["rot"], (4,), "The base"), self._scene_robot
         )
         joints = [frame[self._source]["dof_pos"] for frame in frames]
         facts: dict[str, Any] = {"robot": self._source, "targets": "recorded"}
-        if self._source in JOINTS:
+        if self._source == self._robot.name:
             qpos, targets = self._own(joints), self._own(actions)
         else:
             moments, led = self._retarget(joints), self._retarget(actions)
@@ -150,27 +157,34 @@ class RoboVerseFile(DemonstrationFile):
         )
 
     def _own(self, rows: Sequence[Mapping[str, float]]) -> np.ndarray:
-        """Returns joint positions (R, J) of a robot that is ours."""
+        """Returns joint positions (R, J) of a robot that is ours, in its order."""
         names = {ours: theirs for theirs, ours in JOINTS[self._source]}
-        order = [names[name] for name in self._robot.joint_names]
+        order = [names[name] for name in ROBOTS.get(self._source).joint_names]
         return array(
             [[row[name] for name in order] for row in rows], (None, len(order)), "The robot's joints"
         )
 
     def _retarget(self, rows: Sequence[Mapping[str, float]]) -> Retargeted:
         """Returns joint positions (R, J) of our robot that follow another one's."""
+        local, open_share = self._path(rows)
+        # Their base stands where that of the task's own robot does, which the scene was made for.
+        own = self._scene_robot
+        ours = Placement(np.asarray(own.rot), np.asarray(own.pos))
+        if self._retargeter is None:
+            self._retargeter = Retargeter(self._robot)
+        done = self._retargeter.follow(Poses(ours.pos(local.pos), ours.rot(local.rot)))
+        set_fingers(self._robot, done.joint_pos, open_share)
+        return done
+
+    def _path(self, rows: Sequence[Mapping[str, float]]) -> tuple[Poses, np.ndarray]:
+        """Returns the hand's path in the frame of their base, and how far the gripper is open, (R,)."""
+        if self._source in JOINTS:
+            return own_path(ROBOTS.get(self._source), self._own(rows))
         arm = ARMS[self._source]
         columns = {
             name: array([row[name] for row in rows], (None,), name) for name in (*arm.joints, *arm.fingers)
         }
-        local = tool_path(arm, columns)
-        # Both bases stand at the same place: the path in the base's frame is turned and shifted with ours.
-        ours = Placement(np.asarray(self._robot.rot), np.asarray(self._robot.pos))
-        if self._retargeter is None:
-            self._retargeter = Retargeter(self._robot)
-        done = self._retargeter.follow(Poses(ours.pos(local.pos), ours.rot(local.rot)))
-        set_fingers(self._robot, done.joint_pos, opening(arm, columns))
-        return done
+        return tool_path(arm, columns), opening(arm, columns)
 
     def _object(self, key: str, frames: Sequence[Frame], placement: Placement, first: int) -> EntityState:
         cfg: ObjectCfg = self._scenario.object(self._ours(key))

@@ -26,6 +26,11 @@ SOURCES.add(
     summary="pieces of the demonstrations of a dataset, moved with the objects",
 )
 SOURCES.add(
+    "retarget",
+    "roboverse_learn.data.sources.retarget:RetargetSource",
+    summary="a dataset of another robot: its hand's path, followed by this one in physics",
+)
+SOURCES.add(
     "rerender",
     "roboverse_learn.data.sources.rerender:RerenderSource",
     summary="a dataset's states, rendered again: at another level, several looks of each episode",

@@ -31,7 +31,7 @@ class AugmentSource(DemonstrationSource):
     @classmethod
     @override
     def task_of(cls, values: Mapping[str, Any]) -> str | None:
-        from roboverse_learn.data.augmentation.sources import task_of
+        from roboverse_learn.data.dataset.recorded_scene import task_of
 
         return task_of(values["from_dataset"]) if values["from_dataset"] else None
 

@@ -20,7 +20,7 @@ Progress = Callable[[str], AbstractContextManager[Callable[[int, int, str], None
 _KEYS = {
     "path": "reads no file. Name its format, as in source=maniskill.",
     "checkpoint": "uses no policy. Add source=policy.",
-    "from_dataset": "makes nothing from a dataset. Add source=augment or source=rerender.",
+    "from_dataset": "makes nothing from a dataset. Add source=augment, retarget or rerender.",
 }
 """Keys that some sources need: what to say where they are given to another."""
 

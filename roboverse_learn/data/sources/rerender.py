@@ -12,10 +12,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, override
 
-from envs.core.errors import ConfigError, DatasetError
 from envs.playback import PlaybackEnv, ReplayActor
 from envs.rollout import in_order, rollout
-from roboverse_learn.config.keys import at, flat_keys
+from roboverse_learn.data.dataset.recorded_scene import check_same_scene, pool_indices
 from roboverse_learn.data.dataset.recording import RecordingReader
 from roboverse_learn.data.dataset.schema import EpisodeData
 from roboverse_learn.data.sources.base import DemonstrationSource
@@ -47,14 +46,7 @@ class RerenderSource(DemonstrationSource):
     def check(self) -> None:
         config, env = self.config, self.config.env
         first = RecordingReader(config.from_dataset).read(0).metadata
-        for key in _SAME:
-            recorded, wanted = (_words(key, value or {}) for value in (first.get(key), getattr(env, key)))
-            if recorded != wanted:
-                raise ConfigError(
-                    f"The dataset '{config.from_dataset}' was recorded with {recorded}, and {wanted} was "
-                    "requested. States can be rendered in their own scene alone: give what they were "
-                    "recorded with."
-                )
+        check_same_scene(config.from_dataset, first, env, _SAME)
 
     @override
     def name_part(self) -> str:
@@ -79,14 +71,6 @@ class RerenderSource(DemonstrationSource):
         return super().arguments() | self.identity() | {"path": str(self.config.from_dataset)}
 
 
-def _words(key: str, value: Any) -> str:
-    """Returns a field of the environment as it is typed."""
-    if isinstance(value, str):
-        return f"{key}={value}"
-    keys = flat_keys(value, f"{key}.")
-    return " ".join(f"{name}={at({key: value}, name)}" for name in sorted(keys)) or f"no {key}"
-
-
 class Looks:
     """Which recorded episode is rendered with the appearance of which pool index.
 
@@ -108,21 +92,7 @@ class Looks:
         Raises:
             DatasetError: An episode is of the test split or of no pool, or two have one index.
         """
-        facts = recordings.info.episode_metadata
-        where = f"The dataset '{recordings.info.root}'"
-        for number, metadata in enumerate(facts):
-            if metadata.get("split") != "train" or "episode" not in metadata:
-                raise DatasetError(
-                    f"{where} has an episode ({number}) that is not of the train split. Give a dataset that "
-                    "roboverse collect made."
-                )
-        own = [int(metadata["episode"]) for metadata in facts]
-        if len(set(own)) < len(own):
-            raise DatasetError(
-                f"{where} has several episodes of one index of the pool: it is merged, or rendered again "
-                "itself. Give the datasets that it was made of, one by one."
-            )
-        return cls(own, pool)
+        return cls(pool_indices(recordings), pool)
 
     def recording_of(self, index: int) -> tuple[int, int]:
         """Returns the recorded episode that takes an index's appearance, and which of its looks this is."""

@@ -13,7 +13,7 @@ from roboverse_learn.data.augmentation.recording import HandReader, SourceDemo
 def expert_demos(task: str, count: int = 2) -> tuple[Task, list[SourceDemo]]:
     """Returns a task, and demonstrations of its expert."""
     env = EnvSpec(task=task).make(count, observation="state", num_threads=1)
-    reader = HandReader(env.task)
+    reader = HandReader.of(env.task)
     episodes = expert_episodes(env, env.split_indices[:count].tolist(), record=("states",))
     demos = [reader.demo(row, episode.states) for row, episode in enumerate(episodes)]
     env.close()

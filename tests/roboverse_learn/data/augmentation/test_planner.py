@@ -39,7 +39,7 @@ def moved_cube(state, way, yaw):
 
 def test_hand_reaches_a_moved_cube_as_the_source_reached_its_own(task, found):
     one = found.sources[:1]
-    planner, reader = AugmentPlanner(task, one, EXACT), HandReader(task)
+    planner, reader = AugmentPlanner(task, one, EXACT), HandReader.of(task)
     references = References(task.scenario)
     demo = one[0].demo
     state = moved_cube(demo.states.select([0]), [0.05, -0.04, 0.0], 0.3)
@@ -56,7 +56,7 @@ def test_hand_reaches_a_moved_cube_as_the_source_reached_its_own(task, found):
 def test_cube_that_is_held_otherwise_comes_to_the_same_place(task, found):
     """The hand holds the cube 1 cm beside: it ends 1 cm beside, too."""
     one = found.sources[:1]
-    planner, reader = AugmentPlanner(task, one, EXACT), HandReader(task)
+    planner, reader = AugmentPlanner(task, one, EXACT), HandReader.of(task)
     first = int(one[0].pieces[2].steps[0])
     state = one[0].demo.states.select([first])
     rng = np.random.default_rng(0)
@@ -142,7 +142,7 @@ def test_attempt_without_success_ends_after_its_retries(found, monkeypatch):
 def test_noise_misses_and_is_corrected(task, found):
     """With noise, the path differs on the way, and ends at the same place."""
     state = found.sources[0].demo.states.select([0])
-    reader, one = HandReader(task), found.sources[:1]
+    reader, one = HandReader.of(task), found.sources[:1]
     noisy = AugmentPlanner(task, one, AugmentConfig(noise_m=0.03))
     exact = AugmentPlanner(task, one, EXACT)
     paths: list[Pose] = [
@@ -158,7 +158,7 @@ def test_noise_misses_and_is_corrected(task, found):
 
 def test_hand_never_goes_lower_than_in_any_source(task, found):
     """A goal at the table: a source that came to its own from below would pass through the table."""
-    planner, reader = AugmentPlanner(task, found.sources, EXACT), HandReader(task)
+    planner, reader = AugmentPlanner(task, found.sources, EXACT), HandReader.of(task)
     source = found.sources[0]
     state = source.demo.states.select([int(source.pieces[2].steps[0])])
     flat = {key: value.clone() for key, value in state.flatten().items()}

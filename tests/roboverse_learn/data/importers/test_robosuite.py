@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 
 from envs.core.errors import DatasetError
+from envs.kinematics.forward import KinematicChain
+from envs.spec import EnvSpec
 from envs.tasks import TASKS
 from roboverse_learn.data.importers.robosuite import RobosuiteFile
 from tests.roboverse_learn.data.importers.recordings import ROBOSUITE_XML, arrays, write_robosuite
@@ -129,3 +131,22 @@ def test_a_truncated_or_empty_file_is_named(file):
         content["other"] = 1
     with pytest.raises(DatasetError, match=r"lift\.hdf5' holds no demonstrations of robosuite"):
         RobosuiteFile(file, TASK)
+
+
+@pytest.mark.slow
+def test_another_robot_of_ours_follows_the_hand_in_the_same_scene(file):
+    """Its base may stand elsewhere than that of the task's own, for which the scene was made."""
+    spec = EnvSpec(task="PickCube", task_kwargs={"variant": "lift"}, robot="kinova3")
+    task = spec.make_task()
+    assert task.robot.pos != TASK.robot.pos
+    own, other = RobosuiteFile(file, TASK), RobosuiteFile(file, task)
+    theirs, ours = own.read("demo_1"), other.read("demo_1")
+    assert ours.facts["targets"] == "retargeted" and ours.facts["max_error_m"] < 2e-3
+    np.testing.assert_allclose(ours.states.objects["cube"].pos, theirs.states.objects["cube"].pos, atol=1e-9)
+    hands = []
+    for demonstration, robot in ((ours, task.robot), (theirs, TASK.robot)):
+        chain = KinematicChain(robot)
+        hands.append(chain(demonstration.states.robots[robot.name].joint_pos[:, chain.columns]).pos)
+    np.testing.assert_allclose(*hands, atol=2e-3)
+    own.close()
+    other.close()

@@ -178,3 +178,28 @@ def test_a_malicious_file_is_refused(tmp_path):
     with pytest.raises(DatasetError, match=r"a\.pkl\.gz' was not read .*it names 'builtins\.exec'"):
         RoboVerseFile(file, TASK)
     assert not (tmp_path / "made").exists()
+
+
+@pytest.mark.slow
+def test_another_robot_of_ours_follows_the_files_arm(tmp_path, content, lifted):
+    """Its base may stand elsewhere; the hand and the objects are where they are for the task's own robot."""
+    import torch
+
+    from envs.kinematics.forward import KinematicChain
+    from envs.spec import EnvSpec
+
+    spec = EnvSpec(task="PickCube", task_kwargs={"variant": "lift"}, robot="kinova3")
+    task, own = spec.make_task(), spec.replace(robot="").make_task()
+    assert task.robot.pos != own.robot.pos
+    file = written(tmp_path / "a.json", content)
+    theirs = RoboVerseFile(file, own).read("franka_0")
+    ours = RoboVerseFile(file, task).read("franka_0")
+    assert ours.facts["targets"] == "retargeted" and ours.facts["max_error_m"] < 1e-3
+    np.testing.assert_allclose(ours.states.objects["cube"].pos, theirs.states.objects["cube"].pos)
+    hands = []
+    for demonstration, robot in ((ours, task.robot), (theirs, own.robot)):
+        chain = KinematicChain(robot)
+        hands.append(chain(torch.from_numpy(demonstration.targets[:, chain.columns].astype(float))).pos)
+        np.testing.assert_allclose(demonstration.states.robots[robot.name].pos[0], robot.pos)
+    np.testing.assert_allclose(*hands, atol=2e-3)
+    np.testing.assert_allclose(ours.targets[:, list(task.robot.fingers)], theirs.targets[:, 7:], atol=1e-6)

@@ -104,7 +104,7 @@ def test_task_without_an_arm_is_refused(demos):
     from roboverse_learn.data.augmentation.recording import HandReader
 
     with pytest.raises(ConfigError, match="moves the hand of an arm by joint targets"):
-        HandReader(ant)
+        HandReader.of(ant)
 
 
 @pytest.mark.slow

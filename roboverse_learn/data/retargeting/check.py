@@ -1,0 +1,116 @@
+"""Measures how many demonstrations a retargeting keeps, and what one costs, without rendering.
+
+``python -m roboverse_learn.data.retargeting.check from=<dataset> robots=iiwa,ur5e episodes=20`` follows the
+first episodes of a dataset with each robot and prints a row of a table for each. Other keys are those of
+``roboverse collect``, such as ``simulator=newton``.
+"""
+
+import logging
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from envs.core.errors import ConfigError, RoboVerseError
+from roboverse_learn.config.compose import compose
+from roboverse_learn.data.dataset.recorded_scene import recorded_spec
+from roboverse_learn.data.dataset.recording import read_recordings
+from roboverse_learn.data.retargeting.actor import retargeted_episodes
+from roboverse_learn.data.retargeting.hand_path import HandPathReader
+from roboverse_learn.data.retargeting.planner import RetargetPlanner
+from roboverse_learn.data.sources.retarget import RetargetSource
+
+logger = logging.getLogger(__name__)
+
+_OWN = ("episodes", "robots")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RetargetReport:
+    """Results of one robot.
+
+    Attributes:
+        robot: Its name.
+        attempts: Number of demonstrations that it followed.
+        kept: How many solved the task.
+        missed_m: Farthest that a pose of a hand path was missed by in any of them.
+        cpu_s: CPU time of this process, of all of them.
+        failures: Pool index of those that failed.
+    """
+
+    robot: str
+    attempts: int
+    kept: int
+    missed_m: float
+    cpu_s: float
+    failures: tuple[int, ...]
+
+    def __str__(self) -> str:
+        """Returns a row of a table: robot, kept, CPU time of each, largest miss, failures."""
+        cells = (
+            f"{self.kept} of {self.attempts} ({100 * self.kept / self.attempts:.0f} %)",
+            f"{self.cpu_s / self.attempts:.3f}",
+            f"{1000 * self.missed_m:.1f}",
+            ", ".join(map(str, self.failures)) or "none",
+        )
+        return f"| {self.robot} | {' | '.join(cells)} |"
+
+
+def check_retargeting(config: Any, count: int) -> RetargetReport:
+    """Measures one robot.
+
+    Args:
+        config: Configuration of ``roboverse collect source=retarget``.
+        count: Number of demonstrations, from the first one on.
+    """
+    RetargetSource(config).check()
+    recordings = read_recordings(config.from_dataset, count)
+    indices = [int(recording.metadata["episode"]) for recording in recordings]
+    reader = HandPathReader(recorded_spec(recordings[0].metadata).make_task().robot)
+    env = config.env.make(min(config.collect.num_envs, len(indices)), observation="state", num_threads=1)
+    try:
+        planner = RetargetPlanner(env.task, at_once=env.handler.steps_together)
+        begun = time.process_time()
+        starts = [recording.states.select([0]) for recording in recordings]
+        paths = [reader.read(recording.states) for recording in recordings]
+        done = list(retargeted_episodes(env, indices, planner, starts, paths, record=()))
+        return RetargetReport(
+            robot=config.env.robot or env.task.robot.name,
+            attempts=len(done),
+            kept=sum(episode.success for episode in done),
+            missed_m=max(episode.memory.missed_m for episode in done),
+            cpu_s=time.process_time() - begun,
+            failures=tuple(episode.episode for episode in done if not episode.success),
+        )
+    finally:
+        env.close()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measures and prints; returns the exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
+    try:
+        own = dict(word.split("=", 1) for word in words if word.partition("=")[0] in _OWN)
+        rest = [word for word in words if word.partition("=")[0] not in _OWN]
+        config = compose("collect", ["source=retarget", *rest])
+        count = own.get("episodes", "20")
+        if not count.isdecimal() or not int(count):
+            raise ConfigError(f"episodes must be a number above 0, given {count}.")
+        robots = [name for name in own.get("robots", "").split(",") if name]
+        if not robots:
+            raise ConfigError("Name the robots that follow, as in robots=iiwa,ur5e.")
+        logger.info("| %s | kept | CPU-s each | largest miss, mm | failed |", config.env.task)
+        logger.info("|---|---|---|---|---|")
+        for robot in robots:
+            one = replace(config, env=config.env.replace(robot=robot))
+            logger.info("%s", check_retargeting(one, int(count)))
+    except RoboVerseError as error:
+        logger.error("%s", error)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

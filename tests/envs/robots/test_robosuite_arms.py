@@ -1,0 +1,46 @@
+"""Arms that hold still at their targets, and that inverse kinematics can follow."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from envs.mjcf.layout import layout_of
+from envs.mjcf.model import build_model
+from envs.robots import ROBOTS
+from envs.scenario import ScenarioCfg
+from envs.tasks.tabletop import CONTROL_20_HZ
+
+ARMS = ("iiwa", "ur5e", "sawyer_panda", "kinova3")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ARMS)
+def test_an_arm_comes_to_rest_after_a_jump_of_its_targets(name):
+    """A wrist whose motors turn their whole force round in every step would chatter for ever."""
+    robot = ROBOTS.get(name)
+    scenario = ScenarioCfg(robots=(robot,), table=None, room=None, physics=CONTROL_20_HZ)
+    model = build_model(scenario)
+    qpos = layout_of(model, scenario).robots[0].qpos
+    for turned in (-0.2, 0.0):
+        data = mujoco.MjData(model)
+        start = np.array(robot.default_qpos)
+        start[robot.arm[-3]] += turned
+        data.qpos[qpos] = start
+        target = start.copy()
+        target[list(robot.arm)] += 0.1
+        data.ctrl[:] = target
+        for _ in range(600):
+            mujoco.mj_step(model, data)
+        error = np.abs(data.qpos[qpos] - target)[list(robot.arm)].max()
+        assert error < 0.003, f"{name}, wrist turned by {turned}: {error:.3f} rad off after 1.2 s"
+
+
+def test_rotor_inertia_of_kinova_keeps_a_saturated_damper_stable():
+    for joint in (ROBOTS.get("kinova3").joints[index] for index in ROBOTS.get("kinova3").arm):
+        assert joint.armature is not None
+        assert joint.armature >= 0.5 * joint.kd * CONTROL_20_HZ.timestep_s
+
+
+def test_kinovas_elbow_stays_on_one_side():
+    low, high = ROBOTS.get("kinova3").joints[3].range
+    assert 0.0 < low < high
