@@ -31,7 +31,9 @@ _ROUNDS = 3
 
 
 def collect(config: CollectConfig) -> Any:
-    """Collects demonstrations; returns a printable report. Killed, the same call continues.
+    """Collects demonstrations of a task, or of each of a suite; returns a printable report.
+
+    Killed, the same call continues.
 
     Raises:
         TooFewSuccessesError: Many episodes were tried, and none or too few succeeded.
@@ -39,6 +41,11 @@ def collect(config: CollectConfig) -> Any:
     """
     from roboverse_learn.commands.report import collection_report
 
+    if config.suite:
+        from roboverse_learn.commands.suite import collect_suite
+        from roboverse_learn.commands.suite_report import suite_collection_report
+
+        return suite_collection_report(collect_suite(config, collect_dataset))
     return collection_report(collect_dataset(config))
 
 

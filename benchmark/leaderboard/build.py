@@ -30,10 +30,12 @@ from benchmark.leaderboard.rows import (
     rank,
     row_key,
 )
+from benchmark.leaderboard.suites_section import read_suites, suite_sections, without_section
 from benchmark.protocol import Cell, canonical_json, digest
 from benchmark.records import EpisodeRecord, Result
 from benchmark.results import read_result, result_path
 from benchmark.statistics import compare
+from benchmark.suites import FOLDER
 from envs.core.atomic import write_file
 from envs.core.errors import ResultError
 
@@ -57,8 +59,9 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
     Returns:
         Plain JSON values: ``schema_version``, ``latest`` (when the newest result was made), ``reference``,
         ``entries`` by id, ``headline`` (see :mod:`benchmark.leaderboard.headline`), ``overview`` (see
-        :mod:`benchmark.leaderboard.overview`) and ``sections``, each with its ``rows``, learning ``curves``,
-        ``comparisons`` and ``notes``. A row's ``kind`` is ``entry``, ``baseline`` or ``study``.
+        :mod:`benchmark.leaderboard.overview`), ``suites`` (see
+        :mod:`benchmark.leaderboard.suites_section`) and ``sections``, each with its ``rows``, learning
+        ``curves``, ``comparisons`` and ``notes``. A row's ``kind`` is ``entry``, ``baseline`` or ``study``.
 
     Raises:
         ResultError: The folder is absent, or a file in it is not a valid result in its place; every
@@ -68,11 +71,15 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         (path, replace(told, config=completed(told.config, told.policy, train or {})))
         for path, told in _load(results_dir)
     ]
+    suites = read_suites(results_dir)
+    in_suites = without_section(suites)
     results = [result for _, result in loaded]
     kinds = classify(results)
     kind_of = {path: kind for (path, _), kind in zip(loaded, kinds, strict=True)}
     groups: dict[tuple[str, ...], list[Entry]] = {}
     for path, result in loaded:
+        if path in in_suites:
+            continue
         groups.setdefault(_section_order(_section_key(result)), []).append((path, result))
     sections = [_rounded(_section(results_dir, groups[key], kind_of)) for key in sorted(groups)]
     _tell_apart(sections)
@@ -86,6 +93,7 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         "entries": entries,
         "headline": _rounded(headline(sections, entries, reference)),
         "overview": _rounded(overview(sections)),
+        "suites": _rounded(suite_sections(suites, dict(loaded))),
         "sections": sections,
     }
 
@@ -136,8 +144,9 @@ def _load(results_dir: Path) -> list[Entry]:
             "checkpoint=<folder>."
         )
     entries, problems = [], []
+    others = [results_dir / name for name in TABLES]
     for path in sorted(results_dir.rglob("*.json")):
-        if path.name.startswith(".") or path in [results_dir / name for name in TABLES]:
+        if path.name.startswith(".") or path in others or results_dir / FOLDER in path.parents:
             continue
         try:
             result = read_result(path)

@@ -49,7 +49,7 @@ class Entry:
 
 @cache
 def entries() -> dict[str, Entry]:
-    """Returns registered name to task, in LIBERO's order of suites."""
+    """Returns registered name to task, in LIBERO's order of suites and of their tasks."""
     raw = json.loads(CATALOGUE.read_text(encoding="utf-8"))
     found = [Entry(suite, file, words) for suite in SUITES for file, words in raw[suite].items()]
     return {entry.name: entry for entry in found}
