@@ -151,7 +151,7 @@ def task_layout(config: CollectConfig) -> tuple[dict[str, Any], int, str]:
     robot = scenario.robots[0]
     cameras = {camera.name: (camera.height, camera.width) for camera in scenario.cameras}
     further = dict.fromkeys(SOURCES.get(config.source).columns, True)
-    features = make_features(robot.joint_names, task.controller.names, cameras, **further)
+    features = make_features(task.state_names, task.controller.names, cameras, **further)
     return features, round(scenario.physics.control_hz), robot.name
 
 

@@ -49,7 +49,7 @@ class RoboVerseEnvConfig(_SpecOptions):
         self.fps = round(scenario.physics.control_hz)
         self.features = {
             ACTION: PolicyFeature(FeatureType.ACTION, (len(task.controller.names),)),
-            "agent_pos": PolicyFeature(FeatureType.STATE, (len(scenario.robots[0].joints),)),
+            "agent_pos": PolicyFeature(FeatureType.STATE, (len(task.state_names),)),
         }
         self.features_map = {ACTION: ACTION, "agent_pos": OBS_STATE}
         for camera in scenario.cameras:
