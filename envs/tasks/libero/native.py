@@ -28,6 +28,9 @@ STATE_NAMES = ("x", "y", "z", "axis_angle_x", "axis_angle_y", "axis_angle_z", "f
 STATE_LIMITS = ((-2.0,) * 3 + (-7.0,) * 3 + (-0.1,) * 2, (2.0,) * 3 + (7.0,) * 3 + (0.1,) * 2)
 """Bounds of the entries; an axis times an angle of up to a full turn, which LeRobot does not shorten."""
 
+AIR = {"integrator": "euler", "density": 1.2, "viscosity": 2e-5}
+"""robosuite's options of MuJoCo (``models/assets/base.xml``): drag slows the arm, whose inertias are large."""
+
 _HAND = "right_hand"
 
 
@@ -35,7 +38,8 @@ def with_native_robot(scenario: ScenarioCfg) -> ScenarioCfg:
     """Returns a scene whose Panda is driven by torques, as robosuite drives it, from the same place and rest."""
     own = scenario.robots[0]
     robot = replace(FRANKA_TORQUE, pos=own.pos, rot=own.rot).with_home(own.default_qpos)
-    return replace(scenario, robots=(robot,))
+    settings = {**scenario.simulators, "mujoco": {**scenario.simulators.get("mujoco", {}), **AIR}}
+    return replace(scenario, robots=(robot,), simulators=settings)
 
 
 def with_native_cameras(scenario: ScenarioCfg) -> ScenarioCfg:
