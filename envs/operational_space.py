@@ -1,8 +1,8 @@
 """robosuite's operational-space controller of the hand's pose: torques from pose deltas at 20 Hz.
 
-After Khatib (1987, doi:10.1109/JRA.1987.1087068), with the gains, scalings and order of operations of robosuite
-1.4's ``OSC_POSE`` (``controllers/osc.py``, ``controllers/config/osc_pose.json``, ``utils/control_utils.py``,
-MIT), in which LIBERO's and robomimic's demonstrations were recorded.
+After Khatib (1987, doi:10.1109/JRA.1987.1087068), with the gains, scalings and order of operations of
+robosuite 1.4's ``OSC_POSE`` (``controllers/osc.py``, ``controllers/config/osc_pose.json``,
+``utils/control_utils.py``, MIT), in which LIBERO's and robomimic's demonstrations were recorded.
 
 Shapes: n environments, K joints of the arm, J joints of the robot.
 """
@@ -152,9 +152,7 @@ class OperationalSpaceController(Controller):
     ) -> None:
         self._run(handler, actions, num_steps, env_ids)
 
-    def _run(
-        self, handler: Handler, actions: np.ndarray | Tensor, num_steps: int, env_ids: EnvIds
-    ) -> None:
+    def _run(self, handler: Handler, actions: np.ndarray | Tensor, num_steps: int, env_ids: EnvIds) -> None:
         """Sets the goal, and runs the control loop for ``num_steps`` physics steps; for 0, its first half."""
         if self._model is None or len(self._goal_rot) != handler.num_envs:
             self._model = ArmModel(self._robot, handler.num_envs)
@@ -206,8 +204,8 @@ def hand_torques(
 ) -> np.ndarray:
     """Returns the torques (n, K), N·m, that drive the hands to their goals; not clipped.
 
-    Forces on position and on orientation are decoupled from each other (``uncouple_pos_ori``), and the posture
-    is kept in the null space of the hand's motion.
+    Forces on position and on orientation are decoupled from each other (``uncouple_pos_ori``), and the
+    posture is kept in the null space of the hand's motion.
 
     Args:
         arm: The present dynamics.

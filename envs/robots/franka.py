@@ -72,6 +72,6 @@ FRANKA_TORQUE = replace(
 )
 """The same arm as robosuite 1.4 drives it, for :class:`~envs.operational_space.OperationalSpaceController`.
 
-Motors, fingers' actuators and their joints are those of robosuite's files; rotor inertias ``5 / (i + 1)`` kg·m²
-and the dry friction of 0.1 N·m are what its ``RobotModel`` adds to joints that name none.
+Motors, fingers' actuators and their joints are those of robosuite's files; rotor inertias ``5 / (i + 1)``
+kg·m² and the dry friction of 0.1 N·m are what its ``RobotModel`` adds to joints that name none.
 """

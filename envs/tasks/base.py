@@ -94,7 +94,7 @@ class Task(ABC):
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """What each entry of a policy's ``observation.state`` is, S of them; by default the robot's joints."""
+        """Names of the S entries of a policy's ``observation.state``; by default the robot's joints."""
         return self.robot.joint_names
 
     @property

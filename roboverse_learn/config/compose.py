@@ -5,8 +5,8 @@ The last of these that sets a value wins:
 1. the defaults of the dataclasses (:mod:`roboverse_learn.config.schema`),
 2. ``configs/policy/<policy>.yaml``, ``configs/preset/<preset>.yaml`` and
    ``configs/policy_preset/<preset>_<policy>.yaml``, composed by Hydra,
-3. for ``train``, ``configs/recipe/<recipe>.yaml``, with the preset ``full``; for ``evaluate``,
-   ``configs/protocol/<protocol>.yaml``,
+3. for ``train``, ``configs/recipe/<recipe>.yaml``, with the preset ``full``; for ``evaluate``, the
+   values of the protocol that ``protocol=`` names,
 4. the saved configuration of the run that ``run=`` names, in place of 1 to 3,
 5. the command line, in Hydra's grammar of values, later words last.
 
@@ -26,6 +26,7 @@ from envs.core.errors import ConfigError, unknown_name
 from envs.core.plain_values import plain
 from envs.scenario.changes import merged
 from envs.spec import EnvSpec
+from envs.tasks.protocols import PROTOCOLS
 from policies.checkpoint import learned_tasks
 from roboverse_learn.config.keys import OF_YOUR_OWN, at, flat_keys, full_key, in_open_section, split_word
 from roboverse_learn.config.recipes import check_beside, read_recipe
@@ -132,24 +133,17 @@ def _name_task_and_cameras(command: str, values: dict[str, Any], typed: Mapping[
         values["cameras"] = [camera.name for camera in scene.cameras]
 
 
-def protocol_names() -> list[str]:
-    """Returns the names of other benchmarks' protocols, sorted."""
-    return sorted(path.stem for path in (configs_folder() / "protocol").glob("*.yaml"))
-
-
 def _protocol(name: str) -> dict[str, Any]:
     """Returns the values of another benchmark's protocol.
 
     Raises:
         UnknownNameError: There is none of that name.
     """
-    import yaml
-
     if not name:
         return {}
-    if name not in protocol_names():
-        raise unknown_name("protocol", name, protocol_names())
-    return yaml.safe_load((configs_folder() / "protocol" / f"{name}.yaml").read_text())
+    own = PROTOCOLS.get(name)
+    episodes = {"levels": [0], "splits": ["test"], "episodes": own.episodes}
+    return plain(own.env) | {"evaluate": episodes}
 
 
 def _task_of(checkpoint: str) -> str:

@@ -161,7 +161,18 @@ def list_command(words: Sequence[str]) -> str:
     return listing(folder, kinds, chosen)
 
 
-KINDS = ("tasks", "suites", "policies", "simulators", "renderers", "robots", "channels", "levels", "presets")
+KINDS = (
+    "tasks",
+    "suites",
+    "protocols",
+    "policies",
+    "simulators",
+    "renderers",
+    "robots",
+    "channels",
+    "levels",
+    "presets",
+)
 """Sections of ``roboverse list``, in order."""
 
 
@@ -185,6 +196,7 @@ def _named(kind: str, datasets_dir: str | None, words: Sequence[str] = ()) -> st
         "simulators": handlers.HANDLERS,
         "renderers": handlers.RENDERERS,
         "robots": importlib.import_module("envs.robots").ROBOTS,
+        "protocols": importlib.import_module("envs.tasks.protocols").PROTOCOLS,
         "channels": importlib.import_module("envs.randomization.channels").CHANNELS,
     }
     return _rows([(name, registries[kind].entry(name).summary) for name in registries[kind]])

@@ -275,7 +275,7 @@ class EvaluateConfig:
         checkpoint: Checkpoint folder, or the folder of a run.
         policy_name: In place of a checkpoint, what needs none: the task's expert, or a rule.
         suite: Registered suite in place of a task: every task of it, and their mean.
-        protocol: Named set of values from ``configs/protocol``: another benchmark's own protocol.
+        protocol: Another benchmark's own protocol, as libero: its starts, interface and number of episodes.
         env: Changes of the environment that the checkpoint was trained in: some of :data:`EVALUATE_ENV_KEYS`.
             What is absent stays as it was trained. ``scenario`` is applied after the trained one's.
         preset: Named set of values from ``configs/preset``.

@@ -18,7 +18,10 @@ CATALOGUE = Path(__file__).with_name("tasks.json")
 SUITES = ("spatial", "object", "goal", "10", "90")
 
 HORIZON = 600
-"""Control steps: the limit of LIBERO's own evaluation."""
+"""Control steps: the limit of LIBERO's own evaluation (``libero/configs/eval/default.yaml``)."""
+
+LEROBOT_HORIZONS = {"spatial": 280, "object": 280, "goal": 300, "10": 520, "90": 400}
+"""Control steps of LeRobot's evaluation (``lerobot/envs/libero.py``), by suite."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,9 +1,9 @@
-"""LIBERO's own interface: robosuite's actions, and observations as LeRobot's environment ``libero`` gives them.
+"""LIBERO's own interface: robosuite's actions, and the observations of LeRobot's environment ``libero``.
 
 With ``action_space=native`` a task takes robosuite's ``OSC_POSE`` actions, 7 numbers at 20 Hz. With
 ``observation_space=native`` it gives the images ``image`` and ``image2`` and a state of 8 numbers
-(``lerobot/envs/libero.py`` and ``lerobot/processor/env_processor.py`` of LeRobot 0.6, Apache-2.0), so a policy
-that was trained on LIBERO's public datasets runs unchanged.
+(``lerobot/envs/libero.py`` and ``lerobot/processor/env_processor.py`` of LeRobot 0.6, Apache-2.0), so a
+policy that was trained on LIBERO's public datasets runs unchanged.
 """
 
 from dataclasses import replace
@@ -29,13 +29,13 @@ STATE_LIMITS = ((-2.0,) * 3 + (-7.0,) * 3 + (-0.1,) * 2, (2.0,) * 3 + (7.0,) * 3
 """Bounds of the entries; an axis times an angle of up to a full turn, which LeRobot does not shorten."""
 
 AIR = {"integrator": "euler", "density": 1.2, "viscosity": 2e-5}
-"""robosuite's options of MuJoCo (``models/assets/base.xml``): drag slows the arm, whose inertias are large."""
+"""robosuite's options of MuJoCo (``models/assets/base.xml``); drag slows its arm of large inertias."""
 
 _HAND = "right_hand"
 
 
 def with_native_robot(scenario: ScenarioCfg) -> ScenarioCfg:
-    """Returns a scene whose Panda is driven by torques, as robosuite drives it, from the same place and rest."""
+    """Returns a scene whose Panda is driven by torques, as robosuite drives it, at the same place."""
     own = scenario.robots[0]
     robot = replace(FRANKA_TORQUE, pos=own.pos, rot=own.rot).with_home(own.default_qpos)
     settings = {**scenario.simulators, "mujoco": {**scenario.simulators.get("mujoco", {}), **AIR}}

@@ -16,7 +16,7 @@ from envs.scenario import ScenarioCfg
 from envs.state import State
 from envs.tasks.base import Task
 from envs.tasks.libero import native
-from envs.tasks.libero.catalogue import HORIZON, Entry
+from envs.tasks.libero.catalogue import HORIZON, LEROBOT_HORIZONS, Entry
 from envs.tasks.libero.goals import Goal
 from envs.tasks.libero.scene import Scene, scene_of
 from envs.tasks.libero.starts import starts_of
@@ -44,9 +44,10 @@ class LiberoTask(Task):
             states in turn, arm included: the k-th episode of either split begins in the k-th.
         action_space: ``joints`` for targets of all joints; ``native`` for robosuite's ``OSC_POSE``, whose arm
             is driven by torques, and which has no expert.
-        observation_space: ``joints`` for positions of all joints and LIBERO's names of cameras; ``native`` for
-            LeRobot's observation of LIBERO; see :mod:`envs.tasks.libero.native`.
-        horizon: Control steps after which an episode is cut off; LIBERO's own evaluation has 600.
+        observation_space: ``joints`` for positions of all joints and LIBERO's names of cameras; ``native``
+            for LeRobot's observation of LIBERO; see :mod:`envs.tasks.libero.native`.
+        horizon: Control steps after which an episode is cut off: 600 are those of LIBERO's own evaluation,
+            and ``lerobot`` takes LeRobot's, 280 to 520 by suite.
     """
 
     max_episode_steps: ClassVar[int] = HORIZON
@@ -56,15 +57,19 @@ class LiberoTask(Task):
     starts: Literal["regions", "libero"] = "regions"
     action_space: Space = "joints"
     observation_space: Space = "joints"
-    horizon: int = HORIZON
+    horizon: int | Literal["lerobot"] = HORIZON
 
     def __post_init__(self) -> None:
         for key, valid in _CHOICES.items():
             if getattr(self, key) not in valid:
                 raise unknown_name(f"{key} of {self.name}", str(getattr(self, key)), valid)
-        if not isinstance(self.horizon, int) or self.horizon < 1:
-            raise ConfigError(f"horizon of {self.name} must be at least 1 control step, given {self.horizon}.")
-        own: dict[str, object] = {"max_episode_steps": self.horizon}
+        steps = LEROBOT_HORIZONS[self.entry.suite] if self.horizon == "lerobot" else self.horizon
+        if not isinstance(steps, int) or steps < 1:
+            raise ConfigError(
+                f"horizon of {self.name} must be a number of control steps, or lerobot, given "
+                f"{self.horizon!r}."
+            )
+        own: dict[str, object] = {"max_episode_steps": steps}
         own |= {"mirrored_images": True} if self.observation_space == "native" else {}
         own |= {"has_expert": False} if self.action_space == "native" else {}
         for key, value in own.items():  # of this task, over those of its class
@@ -123,7 +128,7 @@ class LiberoTask(Task):
     def _with_open_hand(self, state: State) -> State:
         """Opens the hand in the native action space, in place.
 
-        LIBERO's files have it half open, and its evaluations begin with steps that open it while objects fall.
+        LIBERO's files have it half open, and evaluations begin with steps that open it while objects fall.
         """
         if self.action_space == "native":
             state.robots[self.robot.name].joint_pos[:, list(self.robot.fingers)] = GRASP_OPEN_M
