@@ -108,7 +108,7 @@ def _environment(command: str, values: dict[str, Any], *, checks_task: bool = Tr
     elif robot:
         _check_names("robot", [robot])
     if not checks_task:
-        return values if partial else spec
+        return {key: getattr(spec, key) for key in given} if partial else spec
     if partial:  # not shortened: a change back to the task's own value counts after training with another
         return {key: getattr(spec, key) for key in given}
     return spec.replace(scenario=scenario, task_kwargs=options, robot=robot)
