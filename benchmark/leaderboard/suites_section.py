@@ -34,8 +34,12 @@ def read_suites(results_dir: Path) -> list[SuiteResult]:
 
 
 def without_section(suites: Sequence[SuiteResult]) -> set[str]:
-    """Returns the paths of the results that are shown in the row of a suite alone."""
-    return {path for suite in suites if len(suite.tasks) > MOST_SECTIONS for path in suite.results.values()}
+    """Returns the paths of the results that are shown in the row of a suite alone.
+
+    Those of a large suite are, and those of another benchmark's protocol, which no other row is compared with.
+    """
+    alone = [suite for suite in suites if suite.named_protocol or len(suite.tasks) > MOST_SECTIONS]
+    return {path for suite in alone for path in suite.results.values()}
 
 
 def suite_sections(suites: Sequence[SuiteResult], results: Mapping[str, Result]) -> list[dict[str, Any]]:

@@ -70,9 +70,13 @@ lerobot-eval --env.type=roboverse --env.task=libero_10 --env.protocol=libero --p
 |---|---|---|
 | `episodes`, `levels`, `splits` | 50, `[0]`, `[test]` | the k-th episode begins in the k-th of the task's 50 start states |
 | `task_kwargs.starts` | `libero` | these states, objects seated; LIBERO and LeRobot let them fall for some steps instead |
-| `task_kwargs.action_space` | `native` | robosuite's `OSC_POSE` at 20 Hz: x, y, z (1 is 5 cm), a rotation vector (1 is 0.5 rad), gripper (1 closes); the arm is driven by torques. No expert has it |
+| `task_kwargs.action_space` | `native` | robosuite's `OSC_POSE` at 20 Hz: x, y, z (1 is 5 cm), a rotation vector (1 is 0.5 rad), gripper (1 closes); the arm is driven by torques |
 | `task_kwargs.observation_space` | `native` | `observation.images.image` and `image2`, mirrored as LeRobot turns them, and `observation.state` of 8: position of the hand, axis times angle, both fingers |
 | `task_kwargs.horizon` | 600 | of LIBERO's own evaluation; `protocol=libero_lerobot` has LeRobot's: 280, 280, 300, 520, 400 for spatial, object, goal, 10, 90 |
+
+The expert acts by these actions, too, by looking at the hand in every step; it is slower than by joint targets. So
+`roboverse collect task=<task> task_kwargs.action_space=native task_kwargs.observation_space=native cameras=[image,image2]`
+makes datasets with the names of LIBERO's, and `policy=expert` in place of the checkpoint shows what can be reached.
 
 `lerobot-eval` numbers tasks as LIBERO does; with seeds in a row, as it gives them, 50 episodes begin in the 50 states.
 

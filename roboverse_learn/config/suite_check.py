@@ -38,6 +38,6 @@ def refuse_suite_of_training(suite: str) -> None:
         raise ConfigError(
             f"A run of train learns one dataset, and suite={suite} has one for each task. A run for each: "
             f"roboverse sweep suite={suite}. One policy for all: roboverse collect suite={suite}, then "
-            "roboverse dataset merge, then train dataset=<the merged one>; with reinforcement learning: "
-            "policy.tasks=[<task>,...]."
+            "roboverse dataset merge, then train dataset=<the merged one> task=<one of its tasks>, then "
+            f"evaluate suite={suite}; with reinforcement learning: policy.tasks=[<task>,...]."
         )

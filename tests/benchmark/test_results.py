@@ -91,6 +91,12 @@ def test_result_lists_tasks_learned_together(make_result, tmp_path, written):
         write_result(path, replace(result, train_tasks=("PickCube",)))
 
 
+def test_a_task_of_a_suite_in_a_family_has_its_place(publish, tmp_path):
+    path = publish(task="libero/goal/turn_on_the_stove")
+    assert path.parent == tmp_path / "v2" / "libero" / "goal" / "turn_on_the_stove" / "act"
+    assert read_result(path).env.task == "libero/goal/turn_on_the_stove"
+
+
 def test_one_record_per_line(written):
     lines = written[0].read_text().splitlines()
     assert sum('"initial_state_hash"' in line for line in lines) == 12

@@ -6,9 +6,17 @@ import json
 import numpy as np
 import pytest
 
+from benchmark.leaderboard.suites_section import MOST_SECTIONS, without_section
 from benchmark.protocol import Protocol
 from benchmark.statistics import mean_of_rates, two_stage_bootstrap, wilson
-from benchmark.suites import SuiteResult, mean_over_tasks, read_suite, suite_path, write_suite
+from benchmark.suites import (
+    SuiteResult,
+    mean_over_tasks,
+    read_suite,
+    suite_path,
+    summarize_suite,
+    write_suite,
+)
 from envs.core.errors import ResultError
 
 SUITE = SuiteResult(
@@ -79,3 +87,26 @@ def test_a_file_that_is_damaged_is_refused_with_its_name(tmp_path, change, said)
 def test_the_file_names_why_a_task_has_no_result(tmp_path):
     document = json.loads(write_suite(tmp_path, dataclasses.replace(SUITE), {}).read_text())
     assert document["failed"] == {"B": "its mesh is missing"}
+
+
+def test_a_summary_has_the_cells_that_every_task_has(make_result):
+    protocol = Protocol(levels=(0, 3), splits=("test",), episodes=4)
+    only_level_0 = Protocol(levels=(0,), splits=("test",), episodes=4)
+    both = {
+        "PickCube": make_result(protocol=protocol, rates=(1.0, 1.0, 1.0, 0.0)),
+        "StackCube": make_result(protocol=protocol, task="StackCube", rates=(0.0, 0.0, 0.0, 0.0)),
+    }
+    level_0, level_3 = summarize_suite(both)
+    assert (level_0.cell.level, level_0.success_rate, level_0.successes, level_0.episodes) == (0, 0.5, 4, 8)
+    assert (level_3.cell.level, level_3.success_rate, level_3.tasks) == (3, 0.0, 2)
+    lacking = both | {"StackCube": make_result(protocol=only_level_0, task="StackCube")}
+    assert [each.cell.level for each in summarize_suite(lacking)] == [0]
+    assert summarize_suite({}) == ()
+
+
+def test_results_by_another_benchmarks_protocol_are_in_the_suites_row_alone():
+    results = {"A": "v2/A/random/random-1.json"}
+    assert without_section([SUITE]) == set()
+    assert without_section([dataclasses.replace(SUITE, named_protocol="libero")]) == set(results.values())
+    many = dataclasses.replace(SUITE, tasks=("A", *map(str, range(MOST_SECTIONS))))
+    assert without_section([many]) == set(results.values())

@@ -43,7 +43,7 @@ class LiberoTask(Task):
         starts: ``regions`` draws places from the task file's regions; ``libero`` takes LIBERO's 50 initial
             states in turn, arm included: the k-th episode of either split begins in the k-th.
         action_space: ``joints`` for targets of all joints; ``native`` for robosuite's ``OSC_POSE``, whose arm
-            is driven by torques, and which has no expert.
+            is driven by torques; its expert is slower, and sees the hand in every step.
         observation_space: ``joints`` for positions of all joints and LIBERO's names of cameras; ``native``
             for LeRobot's observation of LIBERO; see :mod:`envs.tasks.libero.native`.
         horizon: Control steps after which an episode is cut off: 600 are those of LIBERO's own evaluation,
@@ -71,7 +71,6 @@ class LiberoTask(Task):
             )
         own: dict[str, object] = {"max_episode_steps": steps}
         own |= {"mirrored_images": True} if self.observation_space == "native" else {}
-        own |= {"has_expert": False} if self.action_space == "native" else {}
         for key, value in own.items():  # of this task, over those of its class
             object.__setattr__(self, key, value)
 
@@ -172,12 +171,11 @@ class LiberoTask(Task):
     @property
     @override
     def planner(self) -> Planner:
-        if self.action_space == "native":
-            raise ConfigError(
-                f"The expert of {self.name} moves joints to targets, and action_space=native is driven by "
-                "torques. Leave action_space out for demonstrations."
-            )
-        return super().planner
+        if self.action_space == "joints":
+            return super().planner
+        from envs.tasks.pose_delta_planner import PoseDeltaPlanner
+
+        return PoseDeltaPlanner(self.scenario, self.expert)
 
     @override
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:

@@ -100,6 +100,11 @@ def test_a_suite_where_none_fits_is_refused_with_what_to_do(command, words, erro
         compose(command, words)
 
 
+def test_one_call_from_python_collects_one_dataset():
+    with pytest.raises(ConfigError, match=r"call it for each of envs.tasks.suites.suite_tasks"):
+        api.collect(suite="paper")
+
+
 def test_a_suite_survives_the_saved_configuration():
     config = compose("evaluate", ["policy=random", "suite=paper", "simulator=mujoco"])
     assert config.suite == "paper" and config.env == {"simulator": "mujoco"}

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from envs.core.errors import ConfigError, MissingExtraError, UnknownNameError
+from envs.experts.actor import expert_episodes
 from envs.mjcf.model import build_models
 from envs.robots.franka import FRANKA_TORQUE
 from envs.scenario import ScenarioCfg
@@ -110,9 +111,12 @@ def test_the_kth_episode_begins_in_the_kth_of_liberos_states(env):
 
 
 @pytest.mark.slow
-def test_an_expert_is_refused_with_what_to_leave_out(env):
-    with pytest.raises(ConfigError, match="Leave action_space out for demonstrations"):
-        env.task.planner  # noqa: B018
+def test_its_expert_solves_it_by_liberos_actions(env):
+    (episode,) = expert_episodes(env, env.split_indices[:1].tolist(), record=("states",))
+    assert episode.success and 50 < episode.length < 300
+    actions = np.stack(episode.actions)
+    assert actions.shape[1] == 7 and np.abs(actions).max() <= 1.0
+    assert {-1.0, 1.0} <= set(actions[:, 6]), "the hand was opened and closed"
 
 
 @pytest.mark.parametrize(
