@@ -99,8 +99,8 @@ def evaluate(
         **settings: Those of ``roboverse evaluate``, such as ``levels=[0, 3]`` or ``episodes=20``.
 
     Returns:
-        One evaluation per task, of which ``suite="paper"`` names several. Checkpoints and baselines have a results file; functions have none, since
-        nobody could repeat it.
+        One evaluation per task, of which ``suite="paper"`` names several. Checkpoints and baselines have a
+        results file; functions have none, since nobody could repeat it.
 
     Raises:
         RoboVerseError: as :func:`roboverse_learn.evaluate.evaluate_all`.

@@ -36,7 +36,7 @@ def read_suites(results_dir: Path) -> list[SuiteResult]:
 def without_section(suites: Sequence[SuiteResult]) -> set[str]:
     """Returns the paths of the results that are shown in the row of a suite alone.
 
-    Those of a large suite are, and those of another benchmark's protocol, which no other row is compared with.
+    Those of a large suite are, and those of another benchmark's protocol, which nothing is compared with.
     """
     alone = [suite for suite in suites if suite.named_protocol or len(suite.tasks) > MOST_SECTIONS]
     return {path for suite in alone for path in suite.results.values()}
