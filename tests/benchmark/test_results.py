@@ -179,7 +179,7 @@ def test_a_truncated_file_says_so(written, cut):
             'at records/0/success: "yes" is not of type "boolean"',
         ),
         (lambda d: d["env"].update(task="../../etc"), 'at env/task: "../../etc" does not match'),
-        (lambda d: d["env"].update(task="a/b/c"), 'at env/task: "a/b/c" does not match'),
+        (lambda d: d["env"].update(task="a//b"), 'at env/task: "a//b" does not match'),
         (lambda d: d["checkpoint"].update(choice="best"), 'at checkpoint/choice: "last" was expected'),
         (lambda d: d["protocol"].update(seed=1), "its protocol hashes to"),
         (
