@@ -18,6 +18,7 @@ import dataclasses
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from envs.core.errors import ConfigError
 from roboverse_learn.config.preflight import check_installed, check_materials, check_scenario_files
 from roboverse_learn.config.scenario_overrides import folder_name, scenario_name
 from roboverse_learn.config.schema import CollectConfig, TrainRunConfig
@@ -76,6 +77,7 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
     from roboverse_learn.data.collection.limits import within_machine
     from roboverse_learn.data.collection.schedule import GIVE_UP_AFTER, TooFewSuccessesError
 
+    _check_recordable(config)
     check_installed(config.env)
     check_materials(config.env.materials)
     check_scenario_files(config.env, {"materials": config.env.materials})
@@ -116,6 +118,22 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
             raise TooFewSuccessesError(f"{error} {source.advice()}") from error
     words = source.outcome(summary.num_episodes, summary.num_attempts)
     return dataclasses.replace(summary, outcome=words, imported=source.finish(root))
+
+
+def _check_recordable(config: CollectConfig) -> None:
+    """Checks that a dataset can hold what the task observes: joints, and images as the cameras see them.
+
+    Raises:
+        ConfigError: The task's observation is another benchmark's.
+    """
+    if "observation_space" not in config.env.task_kwargs:
+        return
+    task = config.env.make_task()
+    if task.mirrored_images or task.state_names != task.robot.joint_names:
+        raise ConfigError(
+            f"Collection of {task.name} records positions of joints and images as the cameras see them. Leave "
+            "out task_kwargs.observation_space; task_kwargs.action_space may stay."
+        )
 
 
 @contextlib.contextmanager

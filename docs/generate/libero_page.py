@@ -75,8 +75,8 @@ lerobot-eval --env.type=roboverse --env.task=libero_10 --env.protocol=libero --p
 | `task_kwargs.horizon` | 600 | of LIBERO's own evaluation; `protocol=libero_lerobot` has LeRobot's: 280, 280, 300, 520, 400 for spatial, object, goal, 10, 90 |
 
 The expert acts by these actions, too, by looking at the hand in every step; it is slower than by joint targets. So
-`roboverse collect task=libero/goal/turn_on_the_stove task_kwargs.action_space=native task_kwargs.observation_space=native
-cameras=[image,image2]` makes datasets with the names of LIBERO's, and `policy=expert` in place of the checkpoint shows what can be reached.
+`roboverse collect task=libero/goal/turn_on_the_stove task_kwargs.action_space=native` records LIBERO's actions (beside our
+own state and images: a dataset with the native observation cannot be collected yet), and `policy=expert` in place of the checkpoint shows what can be reached.
 
 `lerobot-eval` numbers tasks as LIBERO does; with seeds in a row, as it gives them, 50 episodes begin in the 50 states.
 

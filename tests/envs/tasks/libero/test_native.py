@@ -17,6 +17,7 @@ from envs.spec import EnvSpec
 from envs.tasks.libero.native import STATE_NAMES, axis_angle, hand_rotation
 from envs.tasks.protocols import PROTOCOLS
 from roboverse_learn import cli
+from roboverse_learn.collect import collect_dataset
 from roboverse_learn.config.compose import compose
 
 TASK = "libero/object/pick_up_the_milk_and_place_it_in_the_basket"
@@ -146,6 +147,12 @@ def test_lerobots_limits_of_steps_are_by_suite(task, steps):
     assert EnvSpec(task=task, task_kwargs={"horizon": "lerobot"}).make_task().max_episode_steps == steps
     assert EnvSpec(task=task, task_kwargs={"horizon": 7}).make_task().max_episode_steps == 7
     assert EnvSpec(task=task).make_task().max_episode_steps == 600
+
+
+def test_collection_refuses_an_observation_that_it_does_not_record(env):
+    config = compose("collect", [f"task={TASK}", "task_kwargs.observation_space=native"])
+    with pytest.raises(ConfigError, match=r"Leave out task_kwargs\.observation_space"):
+        collect_dataset(config)
 
 
 def test_a_protocol_sets_what_is_not_typed_beside_it():
