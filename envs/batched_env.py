@@ -105,7 +105,8 @@ class BatchedEnv(ABC):
         return states, StepResult(reward, terminated, timed_out & ~terminated, success)
 
     def _clear(self, env_ids: Array) -> None:
-        """Resets the counters of environments whose episodes start."""
+        """Resets the counters, and the controller, of environments whose episodes start."""
+        self.controller.begin(np.asarray(env_ids))
         self.elapsed_steps[env_ids] = 0
         self.returns[env_ids] = 0.0
 

@@ -38,6 +38,9 @@ class Controller(ABC):
         self.apply(handler, actions, env_ids)
         handler.step(num_steps, env_ids)
 
+    def begin(self, env_ids: np.ndarray) -> None:  # noqa: B027 (most remember nothing)
+        """Forgets what it remembers of the former episodes of some environments, where new ones start."""
+
     @abstractmethod
     def hold(self, state: State) -> np.ndarray:
         """Returns actions (N, A) that keep the robot where it is in ``state``."""

@@ -71,7 +71,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
         controller = task.controller if actions == "task" else task.rl_controller
         BatchedEnv.__init__(self, task, handler, controller)
         self.observation, self.randomizer = observation, randomizer
-        self._robot = self.scenario.robots[0]
+        self._num_starts, self._places = task.num_fixed_starts, {}
         self._in_arrays = task.takes_arrays and handler.device.type == "cpu"
         # Inference mode makes operations on tensors 1.5× faster; entering it costs more than NumPy needs.
         self._judging = contextlib.nullcontext if self._in_arrays else torch.inference_mode
@@ -87,10 +87,9 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
 
     def _make_spaces(self, autoreset_mode: AutoresetMode) -> None:
         box = gymnasium.spaces.Box
-        low, high = np.array([joint.range for joint in self._robot.joints], np.float32).T
+        low, high = (np.array(limits, np.float32) for limits in self.task.state_limits)
         self.single_action_space = box(self.controller.low, self.controller.high, dtype=np.float32)
-        # Joint limits are soft: a collision can push a joint a little beyond its range.
-        spaces: dict[str, gymnasium.Space] = {"agent_pos": box(low - 1.0, high + 1.0, dtype=np.float32)}
+        spaces: dict[str, gymnasium.Space] = {"agent_pos": box(low, high, dtype=np.float32)}
         if self.observation == "pixels":
             spaces["pixels"] = gymnasium.spaces.Dict(
                 {c.name: box(0, 255, (c.height, c.width, 3), np.uint8) for c in self.scenario.cameras}
@@ -140,9 +139,9 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
         return self.randomizer.split.episodes
 
     @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the robot's joints, the entries of ``observation.state``."""
-        return self._robot.joint_names
+    def state_names(self) -> tuple[str, ...]:
+        """What the entries of ``observation.state`` are: the robot's joints, unless the task has others."""
+        return self.task.state_names
 
     def initial_state_hash(self, env_id: int) -> str:
         """Returns the first 16 hex digits of the SHA-256 of the episode's initial state and appearance."""
@@ -186,7 +185,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
         env_ids, episodes = np.asarray(env_ids), np.asarray(episodes)
         looks = [self.randomizer.appearance(int(episode)) for episode in episodes]
         rngs = [channel_rng(self.protocol_seed, "task", int(episode)) for episode in episodes]
-        sampled = self.task.initial_state(rngs)
+        sampled = self._fixed_starts(episodes) if self._num_starts else self.task.initial_state(rngs)
         if states is None:
             states = sampled
         states = State(sampled.robots | states.robots, sampled.objects | states.objects)
@@ -211,7 +210,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
         """Returns LeRobot's observation of these environments now, and renders their images.
 
         Returns:
-            ``observation.state`` (n, J) float32; ``observation.images.<camera>`` (n, H, W, 3) uint8 or
+            ``observation.state`` (n, S) float32; ``observation.images.<camera>`` (n, H, W, 3) uint8 or
             ``observation.environment_state`` (n, D) float32; and the instructions as ``task``, (n,) strings.
         """
         ids = self._every if env_ids is None else np.asarray(env_ids)
@@ -221,7 +220,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
         out = {"observation.state": self._agent_pos(states)[back]}
         if self.observation == "pixels":
             for camera, images in self.handler.render(None, ("rgb",), ordered).items():
-                out[f"observation.images.{camera}"] = images["rgb"][back]
+                out[f"observation.images.{camera}"] = self._as_observed(images["rgb"])[back]
         else:
             out["observation.environment_state"] = self._environment_state(states)[back]
         out["task"] = np.array([self._instructions[env_id] for env_id in ids])
@@ -246,17 +245,20 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
         """Starts new episodes.
 
         Args:
-            seed: Environment i gets seed + i (or the i-th of a list); equal seeds give equal episodes.
+            seed: Environment i gets seed + i (or the i-th of a list); equal seeds give equal episodes. Where
+                a task has fixed starts, seeds in a row give starts in a row.
             options: ``episodes``: the episode of each environment to reset; ``reset_mask`` (N,) bool:
                 which environments to reset (all of them by default).
         """
-        options = options or {}
+        options = dict(options or {})
         ids = np.flatnonzero(options.get("reset_mask", np.ones(self.num_envs, bool)))
         if seed is not None:
             seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else list(seed)
             for env_id, value in enumerate(seeds):
                 if value is not None:
                     self._rngs[env_id] = np.random.default_rng(value)
+            if self._num_starts and None not in seeds and "episodes" not in options:
+                options["episodes"] = [self.split_indices[seeds[i] % self._num_starts] for i in ids]
         self._restart(ids, options.get("episodes"))
         return self._gym_observation(self._present()), self._info(np.zeros(self.num_envs, bool))
 
@@ -307,7 +309,8 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
         jobs = self.handler.snapshot()
 
         def draw() -> dict[str, np.ndarray]:
-            return {name: kinds["rgb"] for name, kinds in self.handler.render_jobs(jobs).items()}
+            images = self.handler.render_jobs(jobs)
+            return {name: self._as_observed(kinds["rgb"]) for name, kinds in images.items()}
 
         observation["pixels"] = LazyPixels(self.camera_names, draw)
         return observation
@@ -318,7 +321,17 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
             return to_numpy(observe(states)).astype(np.float32)
 
     def _agent_pos(self, states: State) -> np.ndarray:
-        return to_numpy(states.robots[self._robot.name].joint_pos).astype(np.float32)
+        return to_numpy(self.task.proprioception(states)).astype(np.float32)
+
+    def _as_observed(self, images: np.ndarray) -> np.ndarray:
+        """Returns images (n, H, W, 3) as a policy gets them."""
+        return np.ascontiguousarray(images[:, :, ::-1]) if self.task.mirrored_images else images
+
+    def _fixed_starts(self, episodes: np.ndarray) -> State:
+        """Returns the fixed starts of episodes: the k-th of the split begins in the k-th, and then again."""
+        if not self._places:
+            self._places = {int(episode): place for place, episode in enumerate(self.split_indices)}
+        return self.task.fixed_starts([self._places[int(e)] % self._num_starts for e in episodes])
 
     def _info(self, success: np.ndarray) -> dict[str, Any]:
         present = np.ones(self.num_envs, bool)

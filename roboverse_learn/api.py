@@ -39,10 +39,16 @@ def collect(task: "str | Task | type[Task]" = "PickCube", **settings: Any) -> "C
         What was collected; ``root`` is the dataset's folder.
 
     Raises:
+        ConfigError: A suite is given, which has a dataset for each task.
         RoboVerseError: as :func:`roboverse_learn.collect.collect`.
     """
     from roboverse_learn.collect import collect_dataset
 
+    if settings.get("suite"):
+        raise ConfigError(
+            f"collect() returns one dataset, and suite={settings['suite']!r} has one for each task: call it "
+            "for each of envs.tasks.suites.suite_tasks(name), or run roboverse collect suite=<name>."
+        )
     return collect_dataset(compose("collect", (), _of_task(task, in_one_process=True) | settings))
 
 
@@ -93,8 +99,8 @@ def evaluate(
         **settings: Those of ``roboverse evaluate``, such as ``levels=[0, 3]`` or ``episodes=20``.
 
     Returns:
-        One evaluation per task. Checkpoints and baselines have a results file; functions have none, since
-        nobody could repeat it.
+        One evaluation per task, of which ``suite="paper"`` names several. Checkpoints and baselines have a
+        results file; functions have none, since nobody could repeat it.
 
     Raises:
         RoboVerseError: as :func:`roboverse_learn.evaluate.evaluate_all`.

@@ -19,6 +19,7 @@ import dataclasses
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from envs.core.errors import ConfigError
 from roboverse_learn.config.preflight import check_installed, check_materials, check_scenario_files
 from roboverse_learn.config.scenario_overrides import folder_name, scenario_name
 from roboverse_learn.config.schema import CollectConfig, TrainRunConfig
@@ -32,7 +33,9 @@ _ROUNDS = 3
 
 
 def collect(config: CollectConfig) -> Any:
-    """Collects demonstrations; returns a printable report. Killed, the same call continues.
+    """Collects demonstrations of a task, or of each of a suite; returns a printable report.
+
+    Killed, the same call continues.
 
     Raises:
         TooFewSuccessesError: Many episodes were tried, and none or too few succeeded.
@@ -40,6 +43,11 @@ def collect(config: CollectConfig) -> Any:
     """
     from roboverse_learn.commands.report import collection_report
 
+    if config.suite:
+        from roboverse_learn.commands.suite import collect_suite
+        from roboverse_learn.commands.suite_report import suite_collection_report
+
+        return suite_collection_report(collect_suite(config, collect_dataset))
     return collection_report(collect_dataset(config))
 
 
@@ -70,6 +78,7 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
     from roboverse_learn.data.collection.limits import within_machine
     from roboverse_learn.data.collection.schedule import GIVE_UP_AFTER, TooFewSuccessesError
 
+    _check_recordable(config)
     check_installed(config.env)
     check_materials(config.env.materials)
     check_scenario_files(config.env, {"materials": config.env.materials})
@@ -112,6 +121,22 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
     return dataclasses.replace(summary, outcome=words, imported=source.finish(root))
 
 
+def _check_recordable(config: CollectConfig) -> None:
+    """Checks that a dataset can hold what the task observes: joints, and images as the cameras see them.
+
+    Raises:
+        ConfigError: The task's observation is another benchmark's.
+    """
+    if "observation_space" not in config.env.task_kwargs:
+        return
+    task = config.env.make_task()
+    if task.mirrored_images or task.state_names != task.robot.joint_names:
+        raise ConfigError(
+            f"Collection of {task.name} records positions of joints and images as the cameras see them. "
+            "Leave out task_kwargs.observation_space; task_kwargs.action_space may stay."
+        )
+
+
 @contextlib.contextmanager
 def _bar(what: str) -> Iterator[Callable[[int, int, str], None]]:
     """Shows the progress; yields a function of the number done, the number in all, and a text."""
@@ -145,7 +170,7 @@ def task_layout(config: CollectConfig) -> tuple[dict[str, Any], int, str]:
     robot = scenario.robots[0]
     cameras = {camera.name: (camera.height, camera.width) for camera in scenario.cameras}
     further = dict.fromkeys(SOURCES.get(config.source).columns, True)
-    features = make_features(robot.joint_names, task.controller.names, cameras, **further)
+    features = make_features(task.state_names, task.controller.names, cameras, **further)
     return features, round(scenario.physics.control_hz), robot.name
 
 

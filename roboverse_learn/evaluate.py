@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from benchmark.records import Checkpoint, EpisodeRecord, Result
     from policies.base import Policy
     from policies.function import FunctionPolicy
+    from roboverse_learn.commands.suite import SuiteEvaluation
 
 log = logging.getLogger(__name__)
 
@@ -43,24 +44,42 @@ def evaluate(config: EvaluateConfig) -> Any:
     from roboverse_learn.commands.report import evaluation_report
     from roboverse_learn.leaderboard import write_leaderboard
 
+    if config.suite:
+        from roboverse_learn.commands.suite_report import suite_evaluation_report
+
+        return suite_evaluation_report(_of_suite(config), write_leaderboard(Path(config.results_dir)))
     return evaluation_report(evaluate_all(config), write_leaderboard(Path(config.results_dir)))
 
 
 def evaluate_all(config: EvaluateConfig) -> list[Evaluation]:
     """Evaluates a checkpoint or a baseline and writes its results, one file per task.
 
-    What learned several tasks is evaluated in each of them, or in the one that is named.
+    What learned several tasks is evaluated in each of them, or in the one that is named, or in each of the
+    suite that is named.
 
     Raises:
         ConfigError: The task or the image size is needed and was not given.
         PolicyError: The checkpoint is broken, or learned other tasks.
     """
     check_materials(config.evaluate.materials)
+    if config.suite:
+        return list(_of_suite(config).evaluations.values())
     results = Path(config.results_dir)
     return [
         evaluate_checkpoint(each, config.evaluate, results, "evaluate")
         for each in checkpoints_to_test(config)
     ]
+
+
+def _of_suite(config: EvaluateConfig) -> "SuiteEvaluation":
+    """Evaluates every task of a suite, and writes its results."""
+    from roboverse_learn.commands.suite import evaluate_suite
+
+    check_materials(config.evaluate.materials)
+    results = Path(config.results_dir)
+    return evaluate_suite(
+        config, lambda tested: evaluate_checkpoint(tested, config.evaluate, results, "evaluate")
+    )
 
 
 def evaluate_checkpoint(

@@ -15,13 +15,14 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import policies
 from envs.core.atomic import write_file
 from envs.core.errors import RoboVerseError, unknown_name
 from envs.core.machine import num_cores
+from envs.tasks.suites import suite_tasks
 from roboverse_learn.collect import dataset_folder
 from roboverse_learn.commands import child_process
 from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
@@ -33,6 +34,7 @@ from roboverse_learn.config.preflight import check_folders
 from roboverse_learn.config.recipes import find_recipes, read_recipe, runs_in_order
 from roboverse_learn.config.schema import CollectConfig, SweepConfig, TrainRunConfig
 from roboverse_learn.config.serialize import to_values
+from roboverse_learn.config.suite_check import check_suite
 from roboverse_learn.config.words import as_text
 
 log = logging.getLogger(__name__)
@@ -87,10 +89,13 @@ def plan(words: Sequence[str]) -> Sweep:
     own = flat_keys(to_values(SweepConfig()))
     is_own = [word.partition("=")[0] in own for word in words]
     config = compose("sweep", [word for word, mine in zip(words, is_own, strict=True) if mine])
+    check_suite(config.suite, task=",".join(word[5:] for word in words if word.startswith("task=")))
+    tasks = suite_tasks(config.suite) if config.suite else ()
     if config.recipe:
         rest = tuple(word for word, mine in zip(words, is_own, strict=True) if not mine)
-        return Sweep(config, _runs_of_recipes(config, rest))
+        return Sweep(config, _runs_of_recipes(replace(config, suite="", tasks=tasks or config.tasks), rest))
     choices = [values_of_key(word) for word, mine in zip(words, is_own, strict=True) if not mine]
+    choices += [[f"task={task}" for task in tasks]] if tasks else []
     combinations = dict.fromkeys(itertools.product(*choices))
     runs = []
     for each in combinations:

@@ -31,10 +31,12 @@ from benchmark.leaderboard.rows import (
     rank,
     row_key,
 )
+from benchmark.leaderboard.suites_section import read_suites, suite_sections, without_section
 from benchmark.protocol import Cell, canonical_json, digest
 from benchmark.records import EpisodeRecord, Result
 from benchmark.results import read_result, result_path
 from benchmark.statistics import compare
+from benchmark.suites import FOLDER
 from envs.core.atomic import write_file
 from envs.core.errors import ResultError
 
@@ -59,9 +61,10 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
     Returns:
         Plain JSON values: ``schema_version``, ``latest`` (when the newest result was made), ``reference``,
         ``entries`` by id, ``headline`` (see :mod:`benchmark.leaderboard.headline`), ``overview`` (see
-        :mod:`benchmark.leaderboard.overview`) and ``sections``, each with its ``rows``, learning ``curves``,
-        ``comparisons`` and ``notes``. A row's ``kind`` is ``entry``, ``baseline`` or ``study``. Where there
-        are instruction tests, ``instructions`` has a row for each run that did some (see
+        :mod:`benchmark.leaderboard.overview`), ``suites`` (see
+        :mod:`benchmark.leaderboard.suites_section`) and ``sections``, each with its ``rows``, learning
+        ``curves``, ``comparisons`` and ``notes``. A row's ``kind`` is ``entry``, ``baseline`` or ``study``.
+        Where there are instruction tests, ``instructions`` has a row for each run that did some (see
         :mod:`benchmark.leaderboard.instructions_table`).
 
     Raises:
@@ -73,11 +76,15 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         for path, told in _load(results_dir)
     ]
     loaded = [(path, without_instruction_tests(result)) for path, result in whole]
+    suites = read_suites(results_dir)
+    in_suites = without_section(suites)
     results = [result for _, result in loaded]
     kinds = classify(results)
     kind_of = {path: kind for (path, _), kind in zip(loaded, kinds, strict=True)}
     groups: dict[tuple[str, ...], list[Entry]] = {}
     for path, result in loaded:
+        if path in in_suites:
+            continue
         groups.setdefault(_section_order(_section_key(result)), []).append((path, result))
     sections = [_rounded(_section(results_dir, groups[key], kind_of)) for key in sorted(groups)]
     _tell_apart(sections)
@@ -92,6 +99,7 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         "entries": entries,
         "headline": _rounded(headline(sections, entries, reference)),
         "overview": _rounded(overview(sections)),
+        "suites": _rounded(suite_sections(suites, dict(loaded))),
         "sections": sections,
         **({"instructions": _rounded(instructed)} if instructed else {}),
     }
@@ -153,8 +161,9 @@ def _load(results_dir: Path) -> list[Entry]:
             "checkpoint=<folder>."
         )
     entries, problems = [], []
+    others = [results_dir / name for name in TABLES]
     for path in sorted(results_dir.rglob("*.json")):
-        if path.name.startswith(".") or path in [results_dir / name for name in TABLES]:
+        if path.name.startswith(".") or path in others or results_dir / FOLDER in path.parents:
             continue
         try:
             result = read_result(path)

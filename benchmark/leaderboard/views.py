@@ -31,6 +31,7 @@ def board_view(board: Mapping[str, Any]) -> View:
     )
     return {
         "boards": boards,
+        "suites": board["suites"],
         "tasks": tasks,
         "task_names": names,
         "policy_names": sorted(policies),

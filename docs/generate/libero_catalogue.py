@@ -1,24 +1,37 @@
 """Writes ``envs/tasks/libero/tasks.json``, the names and instructions of LIBERO's tasks.
 
-``python -m docs.generate.libero_catalogue`` reads the task files of the extra ``libero``.
+``python -m docs.generate.libero_catalogue`` reads the task files of the extra ``libero``. Tasks of a suite
+are in LIBERO's own order, that of its ``libero_suite_task_map.py``: a task's place is its ``task_id``.
 """
 
+import ast
 import json
 import sys
 
 from envs.core.atomic import write_file
 from envs.tasks.libero.bddl import read_problem
 from envs.tasks.libero.catalogue import CATALOGUE, SUITES
-from envs.tasks.libero.files import problem_files
+from envs.tasks.libero.files import order_file, problem_files
 
 
 def catalogue_text() -> str:
     """Returns the file's content: suite to file name to instruction."""
-    suites = {
-        suite: {path.stem: _instruction(read_problem(path).language) for path in problem_files(suite)}
-        for suite in SUITES
-    }
+    order = _order()
+    suites = {}
+    for suite in SUITES:
+        words = {path.stem: _instruction(read_problem(path).language) for path in problem_files(suite)}
+        suites[suite] = {file: words[file] for file in order[f"libero_{suite}"]}
     return json.dumps(suites, indent=1) + "\n"
+
+
+def _order() -> dict[str, list[str]]:
+    """Returns suite to the names of its files, from LIBERO's source, which is read and not run."""
+    (value,) = (
+        node.value
+        for node in ast.parse(order_file().read_text(encoding="utf-8")).body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "libero_task_map"
+    )
+    return ast.literal_eval(value)
 
 
 def _instruction(language: str) -> str:

@@ -41,12 +41,12 @@ TurboSquid. Read them before you share images or models.
 | | |
 |---|---|
 | scene | LIBERO's arenas, fixtures, objects, collision boxes, masses and friction. Meshes are simplified once, with an image of their own, and kept in the cache |
-| robot | Franka Panda at LIBERO's place and start posture; actions are joint targets at 20 Hz, as in all our tasks |
-| cameras | `agentview` and `robot0_eye_in_hand`, at LIBERO's poses |
+| robot | Franka Panda at LIBERO's place and start posture; actions are joint targets at 20 Hz, as in all our tasks, or LIBERO's own with `task_kwargs.action_space=native` |
+| cameras | `agentview` and `robot0_eye_in_hand`, at LIBERO's poses; with `task_kwargs.observation_space=native`, `image` and `image2` |
 | success | LIBERO's predicates, to the letter: all atoms of the task file's goal hold at one step, held or not |
-| starts | `task_kwargs.starts=regions` (default): places drawn from the task file's regions, with our 90/10 split. `task_kwargs.starts=libero`: one of LIBERO's 50 start states |
+| starts | `task_kwargs.starts=regions` (default): places drawn from the task file's regions, with our 90/10 split. `task_kwargs.starts=libero`: LIBERO's 50 start states in turn |
 | levels | 0 draws places; 2 the camera and 3 the lights too. Floor, walls and table keep LIBERO's images at every level |
-| horizon | 600 steps |
+| horizon | 600 steps, or `task_kwargs.horizon=<steps>` |
 
 LIBERO's start states are from before anything has settled. Here every object is seated: lowest first, raised until it
 overlaps nothing, lowered until it touches, and settled. That takes some seconds for a task, once; the result is kept
@@ -54,6 +54,38 @@ in the cache.
 
 Whether an object is *on* another asks for their contact, which the simulators `mujoco` and `mujoco_warp` report; others
 refuse the task with a sentence that says so.
+
+## LIBERO's own protocol
+
+A policy that was trained on LIBERO's public datasets (LeRobot's format, such as `HuggingFaceVLA/libero`) runs unchanged:
+
+```bash
+roboverse evaluate checkpoint=outputs/<run>/pretrained_model suite=libero_10 protocol=libero
+lerobot-eval --env.type=roboverse --env.task=libero_10 --env.protocol=libero --policy.path=outputs/<run>/pretrained_model --eval.n_episodes=50
+```
+
+`protocol=libero` sets these; each can be changed beside it:
+
+| key | value | what it is |
+|---|---|---|
+| `episodes`, `levels`, `splits` | 50, `[0]`, `[test]` | the k-th episode begins in the k-th of the task's 50 start states |
+| `task_kwargs.starts` | `libero` | these states, objects seated; LIBERO and LeRobot let them fall for some steps instead |
+| `task_kwargs.action_space` | `native` | robosuite's `OSC_POSE` at 20 Hz: x, y, z (1 is 5 cm), a rotation vector (1 is 0.5 rad), gripper (1 closes); the arm is driven by torques |
+| `task_kwargs.observation_space` | `native` | `observation.images.image` and `image2`, mirrored as LeRobot turns them, and `observation.state` of 8: position of the hand, axis times angle, both fingers |
+| `task_kwargs.horizon` | 600 | of LIBERO's own evaluation; `protocol=libero_lerobot` has LeRobot's: 280, 280, 300, 520, 400 for spatial, object, goal, 10, 90 |
+
+The expert acts by these actions, too, by looking at the hand in every step; it is slower than by joint targets. So
+`roboverse collect task=libero/goal/turn_on_the_stove task_kwargs.action_space=native` records LIBERO's actions (beside our
+own state and images: a dataset with the native observation cannot be collected yet), and `policy=expert` in place of the checkpoint shows what can be reached.
+
+`lerobot-eval` numbers tasks as LIBERO does; with seeds in a row, as it gives them, 50 episodes begin in the 50 states.
+
+Compared with the original, hf-libero 0.1.4 with robosuite 1.4.0 and MuJoCo 3.2.7 in an environment of its own, from the same
+states with the same 50 random actions on eleven tasks of all suites: on five where the arm touches nothing its joints stay
+within 1.3e-7 rad of the original's; on six with contacts objects end within 1 cm on four, and what was knocked over rolls
+elsewhere on two. Whether the goal holds is equal at every step of all. `tests/envs/robosuite_motion.json` has one of these
+motions, and `docs/generate/robosuite_motion.py` records it. Images are not the original's: another renderer, simplified
+meshes, other lights. A policy that depends on such details may do worse here than there.
 
 ## The expert
 

@@ -1,15 +1,20 @@
 """Environment configuration, registered as ``roboverse`` in LeRobot's command line."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from functools import partial
 from typing import Any
 
-import gymnasium
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
 
-from envs.lerobot.spec_options import spec_of, with_spec_fields
+from envs.lerobot.lazy_env import LazyVectorEnv
+from envs.lerobot.spec_options import with_spec_fields
+from envs.scenario.changes import merged
 from envs.spec import EnvSpec
+from envs.tasks.protocols import PROTOCOLS
+from envs.tasks.suites import SUITES, suite_tasks
+from envs.vector_env import RoboVerseVectorEnv
 
 _SpecOptions = with_spec_fields(EnvConfig)
 
@@ -20,10 +25,13 @@ class RoboVerseEnvConfig(_SpecOptions):
     """Options of ``--env.type=roboverse``: the fields of :class:`~envs.spec.EnvSpec`, and these.
 
     Attributes:
+        task: A task, or a suite, of which every task is evaluated.
+        protocol: Another benchmark's own protocol, such as ``libero``; what is given beside it wins.
         split: ``"train"`` or ``"test"``: which episodes.
         fps: Control steps per second; follows from the task.
     """
 
+    protocol: str = ""
     split: str = "test"
     fps: int = 20
     features: dict[str, PolicyFeature] = field(default_factory=dict)
@@ -35,7 +43,7 @@ class RoboVerseEnvConfig(_SpecOptions):
         self.fps = round(scenario.physics.control_hz)
         self.features = {
             ACTION: PolicyFeature(FeatureType.ACTION, (len(task.controller.names),)),
-            "agent_pos": PolicyFeature(FeatureType.STATE, (len(scenario.robots[0].joints),)),
+            "agent_pos": PolicyFeature(FeatureType.STATE, (len(task.state_names),)),
         }
         self.features_map = {ACTION: ACTION, "agent_pos": OBS_STATE}
         for camera in scenario.cameras:
@@ -44,9 +52,18 @@ class RoboVerseEnvConfig(_SpecOptions):
             self.features_map[key] = f"{OBS_IMAGES}.{camera.name}"
 
     @property
+    def tasks(self) -> tuple[str, ...]:
+        """The tasks that are evaluated, one unless ``task`` is a suite."""
+        return suite_tasks(self.task) if self.task in SUITES else (self.task,)
+
+    @property
     def spec(self) -> EnvSpec:
-        """The environment."""
-        return spec_of(self)
+        """The environment of the first task."""
+        values = {item.name: getattr(self, item.name) for item in fields(EnvSpec)}
+        if self.protocol:
+            given = {key: value for key, value in values.items() if value}
+            values |= merged(PROTOCOLS.get(self.protocol).env, given)
+        return EnvSpec.from_json(values | {"task": self.tasks[0]})
 
     @property
     def gym_kwargs(self) -> dict[str, Any]:
@@ -55,9 +72,17 @@ class RoboVerseEnvConfig(_SpecOptions):
         del options["task"]
         return options
 
-    def create_envs(
-        self, n_envs: int, use_async_envs: bool = False
-    ) -> dict[str, dict[int, gymnasium.vector.VectorEnv]]:
-        """Makes one batched environment; its threads are native, so ``use_async_envs`` has no effect."""
-        env = self.spec.make(n_envs, split=self.split, autoreset_mode="SameStep")
-        return {self.type: {0: env}}
+    def create_envs(self, n_envs: int, use_async_envs: bool = False) -> dict[str, dict[int, Any]]:
+        """Makes a batched environment for each task; ``use_async_envs`` has no effect: threads are native.
+
+        Those of a suite are made when they are used, in its order; numbers of LIBERO's tasks are LIBERO's.
+        """
+
+        def make(task: str) -> RoboVerseVectorEnv:
+            spec = self.spec.replace(task=task)
+            return spec.make(n_envs, split=self.split, autoreset_mode="SameStep")
+
+        if self.task not in SUITES:
+            return {self.type: {0: make(self.task)}}
+        each = {number: LazyVectorEnv(partial(make, task), n_envs) for number, task in enumerate(self.tasks)}
+        return {self.task: each}

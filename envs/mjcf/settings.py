@@ -37,6 +37,8 @@ class MujocoSettings(SimulatorSettings):
         jacobian: ``auto``, ``dense`` or ``sparse``.
         iterations: Largest number of the solver's iterations.
         tolerance: Improvement of the cost at which it stops.
+        density: Density of the air, kg/m³, whose drag acts on every body's inertia box; 0 is none.
+        viscosity: Viscosity of the air, Pa·s.
     """
 
     simulator = SIMULATOR
@@ -47,6 +49,8 @@ class MujocoSettings(SimulatorSettings):
     jacobian: str = "auto"
     iterations: int = 100
     tolerance: float = 1e-8
+    density: float = 0.0
+    viscosity: float = 0.0
 
     def __post_init__(self) -> None:
         for name, valid in (("integrator", INTEGRATORS), ("cone", CONES), ("jacobian", JACOBIANS)):
@@ -61,3 +65,5 @@ class MujocoSettings(SimulatorSettings):
         option.impratio = self.impratio
         option.iterations = self.iterations
         option.tolerance = self.tolerance
+        option.density = self.density
+        option.viscosity = self.viscosity

@@ -11,6 +11,7 @@ motors are replaced by joint-position actuators.
   kept, for they leave robosuite's heavier links well damped.
 """
 
+from dataclasses import replace
 from math import pi
 
 from envs.robots.panda_hand import PANDA_FINGERS, PANDA_HAND
@@ -40,3 +41,37 @@ FRANKA = RobotCfg(
     ),
     **PANDA_HAND,
 )
+
+_TORQUE_LIMITS = (80.0, 80.0, 80.0, 80.0, 80.0, 12.0, 12.0)
+"""``ctrlrange`` of the motors, N·m, in robosuite's file."""
+
+_TORQUE_ARM = tuple(
+    replace(
+        joint,
+        kp=0.0,
+        kd=0.0,
+        drive="torque",
+        force_limit=limit,
+        target_range=(-limit, limit),
+        armature=5.0 / (index + 1),
+        frictionloss=0.1,
+    )
+    for index, (joint, limit) in enumerate(zip(FRANKA.joints, _TORQUE_LIMITS, strict=False))
+)
+
+FRANKA_TORQUE = replace(
+    FRANKA,
+    joints=(
+        *_TORQUE_ARM,
+        *(
+            replace(finger, kd=0.0, force_limit=20.0, damping=100.0, armature=1.0, frictionloss=1.0)
+            for finger in PANDA_FINGERS
+        ),
+    ),
+    gravity_compensated=False,
+)
+"""The same arm as robosuite 1.4 drives it, for :class:`~envs.operational_space.OperationalSpaceController`.
+
+Motors, fingers' actuators and their joints are those of robosuite's files; rotor inertias ``5 / (i + 1)``
+kg·m² and the dry friction of 0.1 N·m are what its ``RobotModel`` adds to joints that name none.
+"""

@@ -41,6 +41,8 @@ class Task(ABC):
         takes_arrays: Whether :meth:`success`, :meth:`failure`, :meth:`reward` and :meth:`observe` also take
             a state of numpy arrays, and then return arrays (see :mod:`envs.array_ops`), which is faster for
             few environments.
+        mirrored_images: Whether a policy gets every image with left and right exchanged, as a benchmark's
+            own environment gives it; videos are as the camera sees.
         segments: Subtasks of every demonstration, in order, for trajectory augmentation; none are found from
             recorded states.
     """
@@ -53,6 +55,7 @@ class Task(ABC):
     has_expert: ClassVar[bool] = True
     has_reward: ClassVar[bool] = True
     takes_arrays: ClassVar[bool] = False
+    mirrored_images: ClassVar[bool] = False
     segments: "ClassVar[tuple[Segment, ...]]" = ()
 
     def __post_init__(self) -> None:
@@ -80,6 +83,31 @@ class Task(ABC):
     @abstractmethod
     def success(self, state: State) -> Tensor:
         """Returns whether the task is solved, (N,) bool. A state that is not finite is no success."""
+
+    @property
+    def num_fixed_starts(self) -> int:
+        """Number of fixed starts, which the episodes of a split take in turn; 0 where each draws its own."""
+        return 0
+
+    def fixed_starts(self, indices: Sequence[int]) -> State:
+        """Returns fixed starts, a row each; see :attr:`num_fixed_starts`."""
+        raise NotImplementedError(f"{self.name} has no fixed starts.")
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the S entries of a policy's ``observation.state``; by default the robot's joints."""
+        return self.robot.joint_names
+
+    @property
+    def state_limits(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Least and largest value of each entry of :meth:`proprioception`."""
+        # Joint limits are soft: a collision can push a joint a little beyond its range.
+        ranges = [joint.range for joint in self.robot.joints]
+        return tuple(low - 1.0 for low, _ in ranges), tuple(high + 1.0 for _, high in ranges)
+
+    def proprioception(self, state: State) -> Tensor:
+        """Returns a policy's ``observation.state``, (N, S); by default the joints' positions, rad and m."""
+        return state.robots[self.robot.name].joint_pos
 
     def failure(self, state: State) -> Tensor:
         """Returns whether the task has failed, which ends an episode, (N,) bool; never by default."""

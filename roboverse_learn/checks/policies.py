@@ -52,9 +52,7 @@ class PolicySubject:
         task = self.spec.make_task()
         cameras = self.spec.cameras or tuple(camera.name for camera in task.scenario.cameras[:1])
         size = (self.spec.image_size, self.spec.image_size)
-        return make_features(
-            task.scenario.robots[0].joint_names, task.controller.names, dict.fromkeys(cameras, size)
-        )
+        return make_features(task.state_names, task.controller.names, dict.fromkeys(cameras, size))
 
     @cached_property
     def policy(self) -> ImitationPolicy:

@@ -12,6 +12,7 @@ from roboverse_learn.progress import clock
 
 if TYPE_CHECKING:
     from benchmark.records import CellSummary
+    from benchmark.suites import SuiteCell
     from roboverse_learn.commands.outcomes import Evaluation, TrainedRun
     from roboverse_learn.data.collection.collect import CollectionSummary
     from roboverse_learn.data.importers.verdicts import ImportSummary
@@ -32,12 +33,12 @@ def train_report(run: "TrainedRun") -> Group:
         Text(f"Trained {trained.steps:,} steps (stopped by {trained.stopped_by.replace('_', ' ')}){loss}."),
         *_tables(run.evaluations),
         *([Text(run.note)] if run.note else []),
-        _paths(
+        path_table(
             {"run": run.folder, "checkpoint": trained.checkpoint, "curves": trained.plot}
             | _evaluation_paths(run.evaluations, run.board)
         ),
         Text(f"Done in {clock(run.seconds)}: {times}."),
-        _paths({"See the policy": run.gif, "Open in a browser": run.board.get("html")}),
+        path_table({"See the policy": run.gif, "Open in a browser": run.board.get("html")}),
     )
 
 
@@ -48,19 +49,19 @@ def collection_report(dataset: "CollectionSummary") -> Group:
         Text(
             f"{dataset.num_frames:,} frames, {clock(dataset.wall_time_s)}, hash {dataset.dataset_hash[:16]}."
         ),
-        _paths({"dataset": dataset.root}),
+        path_table({"dataset": dataset.root}),
     )
 
 
 def evaluation_report(evaluations: Sequence["Evaluation"], board: Mapping[str, Path]) -> Group:
     """The table of success of every task, and where the results are."""
-    return Group(*_tables(evaluations), _paths(_evaluation_paths(evaluations, board)))
+    return Group(*_tables(evaluations), path_table(_evaluation_paths(evaluations, board)))
 
 
 def leaderboard_report(board: Mapping[str, Path], removed_videos: int | None = None) -> Group:
     """Paths of the leaderboard, and how many videos were removed, if any were to be."""
     removed = [] if removed_videos is None else [Text(f"Removed {removed_videos} videos.")]
-    return Group(*removed, _paths(_board_paths(board)))
+    return Group(*removed, path_table(board_paths(board)))
 
 
 def replay_report(summary: Mapping[str, Any], path: Path, page: Mapping[str, Path]) -> Group:
@@ -81,7 +82,9 @@ def replay_report(summary: Mapping[str, Any], path: Path, page: Mapping[str, Pat
             f"{checks['agree']} of {checks['asked']} moments; median drift at the end: {drift}"
         )
     plots = [each for name, each in page.items() if name.startswith("plot")]
-    return Group(Text("\n".join(lines)), _paths({"summary": path, "table": page["table"], "plots": plots}))
+    return Group(
+        Text("\n".join(lines)), path_table({"summary": path, "table": page["table"], "plots": plots})
+    )
 
 
 def conservation_report(page: str, written: Mapping[str, Path]) -> Group:
@@ -91,7 +94,7 @@ def conservation_report(page: str, written: Mapping[str, Path]) -> Group:
     for line in lines[1:]:
         table.add_row(*line)
     plots = [path for name, path in written.items() if name.startswith("plot")]
-    return Group(table, _paths({"table": written["table"], "plots": plots}))
+    return Group(table, path_table({"table": written["table"], "plots": plots}))
 
 
 def success_table(evaluation: "Evaluation") -> Table:
@@ -116,7 +119,7 @@ def success_table(evaluation: "Evaluation") -> Table:
         by_condition.setdefault(cell.cell.condition, []).append(cell)
     for condition, cells in by_condition.items():
         by_split = {cell.cell.split: cell for cell in cells}
-        rates = [_rate(by_split[split]) for split in splits]
+        rates = [rate_text(by_split[split]) for split in splits]
         table.add_row(
             condition, *rates, ", ".join(cells[0].channels), ", ".join(cells[0].not_shown) or "nothing"
         )
@@ -145,7 +148,8 @@ def _tables(evaluations: Sequence["Evaluation"]) -> list[Table]:
     return [*map(success_table, evaluations), *map(instruction_table, tested)]
 
 
-def _rate(cell: "CellSummary") -> str:
+def rate_text(cell: "CellSummary | SuiteCell") -> str:
+    """Success rate and its interval: ``93 % [86, 97]``."""
     return f"{100 * cell.success_rate:.0f} % [{100 * cell.ci_low:.0f}, {100 * cell.ci_high:.0f}]"
 
 
@@ -180,17 +184,18 @@ def _imported(dataset: "CollectionSummary", imported: "ImportSummary") -> Text:
 
 def _evaluation_paths(evaluations: Sequence["Evaluation"], board: Mapping[str, Path]) -> dict[str, Any]:
     videos = [video for each in evaluations for video in each.videos]
-    return {"result": [each.path for each in evaluations], "videos": videos} | _board_paths(board)
+    return {"result": [each.path for each in evaluations], "videos": videos} | board_paths(board)
 
 
-def _board_paths(board: Mapping[str, Path]) -> dict[str, Any]:
+def board_paths(board: Mapping[str, Path]) -> dict[str, Any]:
+    """Files of the leaderboard, by what they are called in a report."""
     plots = [path for name, path in board.items() if name.startswith("plot")]
     names = {"html": "page", "studies html": "studies", "instructions html": "instructions"}
     names |= {"markdown": "table", "json": "leaderboard"}
     return {title: board[name] for name, title in names.items() if name in board} | {"plots": plots}
 
 
-def _paths(paths: Mapping[str, Any]) -> Table:
+def path_table(paths: Mapping[str, Any]) -> Table:
     """A table of names and paths, without borders, so that a path can be copied."""
     table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
     table.add_column()

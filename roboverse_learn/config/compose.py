@@ -5,7 +5,8 @@ The last of these that sets a value wins:
 1. the defaults of the dataclasses (:mod:`roboverse_learn.config.schema`),
 2. ``configs/policy/<policy>.yaml``, ``configs/preset/<preset>.yaml`` and
    ``configs/policy_preset/<preset>_<policy>.yaml``, composed by Hydra,
-3. for ``train``, ``configs/recipe/<recipe>.yaml``, with the preset ``full``,
+3. for ``train``, ``configs/recipe/<recipe>.yaml``, with the preset ``full``; for ``evaluate``, the
+   values of the protocol that ``protocol=`` names,
 4. the saved configuration of the run that ``run=`` names, in place of 1 to 3,
 5. the command line, in Hydra's grammar of values, later words last.
 
@@ -25,6 +26,7 @@ from envs.core.errors import ConfigError, unknown_name
 from envs.core.plain_values import plain
 from envs.scenario.changes import merged
 from envs.spec import EnvSpec
+from envs.tasks.protocols import PROTOCOLS
 from policies.checkpoint import learned_tasks
 from roboverse_learn.config.keys import (
     MAPS,
@@ -40,6 +42,7 @@ from roboverse_learn.config.keys import (
 from roboverse_learn.config.recipes import check_beside, read_recipe
 from roboverse_learn.config.schema import DEFAULT_PRESETS, NAMES_A_POLICY
 from roboverse_learn.config.serialize import default_values, env_keys, from_values, to_values
+from roboverse_learn.config.suite_check import check_suite
 from roboverse_learn.data.sources import SOURCES
 
 ALL_CAMERAS = "all"
@@ -101,6 +104,7 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
         values = saved | ({"preset": preset} if "preset" in typed else {})
     if command == "evaluate":
         values |= {key: defaults[key] for key in env_keys(command)}
+        values = merged(values, _protocol(typed.get("protocol", "")))
     if command in NAMES_A_POLICY:
         values["policy_name"] = typed.get("policy", "")
     for word, key, (_, text) in zip(words, keys, pairs, strict=True):
@@ -110,7 +114,7 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
         _put(values, key, _in_list(read[key], at(defaults, key)))
     if recipe:
         values["recipe"] = recipe
-    _name_task_and_cameras(command, values, names_task="task" in typed)
+    _name_task_and_cameras(command, values, typed)
     return from_values(command, values)
 
 
@@ -121,8 +125,14 @@ def _policy(command: str, typed: Mapping[str, Any], chosen: Any) -> str:
     return str(typed.get("policy", _NO_POLICY if command == "check" else chosen))
 
 
-def _name_task_and_cameras(command: str, values: dict[str, Any], *, names_task: bool) -> None:
-    """Replaces a task that a checkpoint decides, and ``cameras=[all]``, by names."""
+def _name_task_and_cameras(command: str, values: dict[str, Any], typed: Mapping[str, Any]) -> None:
+    """Replaces a task that a checkpoint decides, and ``cameras=[all]``, by names.
+
+    Raises:
+        ConfigError: A task and a suite are both given.
+    """
+    check_suite(typed.get("suite", ""), task=typed.get("task", ""))
+    names_task = "task" in typed or bool(typed.get("suite"))
     if command == "collect" and not names_task:
         values["task"] = SOURCES.get(values["source"]).task_of(values) or values["task"]
     if command == "teleoperate" and values["checkpoint"] and not names_task:
@@ -133,6 +143,19 @@ def _name_task_and_cameras(command: str, values: dict[str, Any], *, names_task: 
         options: Any = values["task_kwargs"]
         scene = EnvSpec(task=values["task"], task_kwargs=options).make_task().scenario
         values["cameras"] = [camera.name for camera in scene.cameras]
+
+
+def _protocol(name: str) -> dict[str, Any]:
+    """Returns the values of another benchmark's protocol.
+
+    Raises:
+        UnknownNameError: There is none of that name.
+    """
+    if not name:
+        return {}
+    own = PROTOCOLS.get(name)
+    episodes = {"levels": [0], "splits": ["test"], "episodes": own.episodes}
+    return plain(own.env) | {"evaluate": episodes}
 
 
 def _task_of(checkpoint: str) -> str:

@@ -33,7 +33,7 @@ SUMMARIES = {
     "dataset": "merge datasets, or say what one holds",
     "speed": "measure the speed of the parts, each against its reference",
     "doctor": "print what this machine has and what works on it, for a bug report",
-    "list": "list tasks with all facts, policies, simulators, renderers, robots, channels, levels, presets",
+    "list": "list tasks with all facts, suites, policies, simulators, renderers, robots, levels and more",
 }
 
 EXAMPLES = {
@@ -44,6 +44,7 @@ EXAMPLES = {
     ),
     "collect": (
         "roboverse collect task=PickCube num_demos=200 level=0",
+        "roboverse collect suite=maniskill num_demos=200   (a dataset for each task)",
         "roboverse collect source=augment from=datasets/PickCube/<name> num_demos=1000",
     ),
     "teleoperate": (
@@ -54,12 +55,14 @@ EXAMPLES = {
     "sweep": (
         "roboverse sweep policy=act,diffusion task=PickCube,StackCube level=0,3 preset=gpu",
         "roboverse sweep policy=act task=PickCube seed=range(3) num_demos=50,200,1000 dry_run=true",
+        "roboverse sweep policy=act suite=paper level=0,3   (every task of a suite)",
         "Any key of train may be given, with one value or with several.",
     ),
     "evaluate": (
         "roboverse evaluate checkpoint=runs/PickCube/act/<run> levels=[0,1,2,3] episodes=100",
         "roboverse evaluate checkpoint=… levels=[] alone=[camera,lighting] splits=[test]",
         "roboverse evaluate policy=random task=PickCube   (a baseline; also zero, hold, expert)",
+        "roboverse evaluate checkpoint=… suite=paper   (every task of a suite, and their mean)",
     ),
     "replay": ("roboverse replay dataset=datasets/PickCube/<name> simulator=mujoco_warp episodes=50",),
     "view": (
@@ -158,7 +161,18 @@ def list_command(words: Sequence[str]) -> str:
     return listing(folder, kinds, chosen)
 
 
-KINDS = ("tasks", "policies", "simulators", "renderers", "robots", "channels", "levels", "presets")
+KINDS = (
+    "tasks",
+    "suites",
+    "protocols",
+    "policies",
+    "simulators",
+    "renderers",
+    "robots",
+    "channels",
+    "levels",
+    "presets",
+)
 """Sections of ``roboverse list``, in order."""
 
 
@@ -169,6 +183,8 @@ def _named(kind: str, datasets_dir: str | None, words: Sequence[str] = ()) -> st
         if words:
             return tasks.tasks_with(words, Path(datasets_dir or "datasets"))
         return tasks.tasks_in_short() if datasets_dir is None else tasks.tasks_in_detail(Path(datasets_dir))
+    if kind == "suites":
+        return _rows(list(_suites()))
     if kind == "policies":
         return _rows([(name, policies.summary(name)) for name in policies.names()])
     if kind == "presets":
@@ -180,9 +196,18 @@ def _named(kind: str, datasets_dir: str | None, words: Sequence[str] = ()) -> st
         "simulators": handlers.HANDLERS,
         "renderers": handlers.RENDERERS,
         "robots": importlib.import_module("envs.robots").ROBOTS,
+        "protocols": importlib.import_module("envs.tasks.protocols").PROTOCOLS,
         "channels": importlib.import_module("envs.randomization.channels").CHANNELS,
     }
     return _rows([(name, registries[kind].entry(name).summary) for name in registries[kind]])
+
+
+def _suites() -> Iterator[tuple[str, str]]:
+    """Yields each suite with the number of its tasks."""
+    suites = importlib.import_module("envs.tasks.suites")
+    for name in suites.SUITES:
+        tasks, summary = suites.suite_tasks(name), suites.SUITES.entry(name).summary
+        yield name, f"{len(tasks):>3} tasks  {summary}"
 
 
 def _levels() -> Iterator[tuple[str, str]]:

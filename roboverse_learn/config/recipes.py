@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from envs.core.errors import ConfigError, unknown_name
+from envs.tasks.suites import PAPER
 
-TASKS = ("PickCube", "StackCube", "CloseBox", "MoveSliderLeft", "PickChocolatePudding", "NutAssembly")
+TASKS = PAPER
 """Tasks of the leaderboard's table."""
 
 LEVELS = (0, 3, 1, 2)
@@ -22,7 +23,19 @@ _ONE_SEED_LEVELS = (1, 2)
 """Training levels of seed 0 alone."""
 
 _BESIDE = {
-    *("policy_name", "task", "level", "seed", "recipe", "device", "run", "resume", "slow_ok", "dataset"),
+    *(
+        "policy_name",
+        "task",
+        "suite",
+        "level",
+        "seed",
+        "recipe",
+        "device",
+        "run",
+        "resume",
+        "slow_ok",
+        "dataset",
+    ),
     *("datasets_dir", "runs_dir", "results_dir", "collect.num_workers", "collect.num_envs"),
     *("evaluate.num_envs", "evaluate.videos", "train.num_threads", "train.save_every", "train.log_every"),
     "train.wandb",

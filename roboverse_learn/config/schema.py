@@ -15,10 +15,12 @@ from envs.randomization.splits import load_split
 from envs.spec import EnvSpec
 from policies.base import listed
 from roboverse_learn.config.check_config import CheckConfig
+from roboverse_learn.config.conservation_config import ConservationConfig
 from roboverse_learn.config.convert_config import ConvertConfig
 from roboverse_learn.config.doctor_config import DoctorConfig
 from roboverse_learn.config.leaderboard_config import LeaderboardConfig
 from roboverse_learn.config.new_config import NewConfig
+from roboverse_learn.config.suite_check import check_suite, refuse_suite_of_training
 from roboverse_learn.config.teleoperate_config import TeleoperateConfig
 from roboverse_learn.config.view_config import ViewConfig
 from roboverse_learn.data.augmentation.config import AugmentConfig
@@ -130,6 +132,7 @@ class CollectConfig:
 
     Attributes:
         env: Environment of the demonstrations. Its fields are typed without ``env.``: ``task=PickCube``.
+        suite: Registered suite, in place of a task: a dataset for each of its tasks. train takes none.
         preset: Named set of values from ``configs/preset``.
         datasets_dir: Folder of datasets.
         source: Registered source: the task's expert, the policy of ``checkpoint``, the demonstrations in
@@ -146,6 +149,7 @@ class CollectConfig:
     """
 
     env: EnvSpec = field(default_factory=EnvSpec)
+    suite: str = ""
     preset: str = "full"
     datasets_dir: str = "datasets"
     source: str = "expert"
@@ -160,6 +164,7 @@ class CollectConfig:
     def __post_init__(self) -> None:
         source = SOURCES.get(self.source)
         source.check_keys(self)
+        check_suite(self.suite, dataset=self.dataset)
         if not source.num_demos_is_most:
             _within_split("train", num_demos=self.collect.num_demos)
 
@@ -199,6 +204,7 @@ class TrainRunConfig(CollectConfig):
     def __post_init__(self) -> None:
         # Not super(): a dataclass with slots is another class than the one that super() would look at.
         CollectConfig.__post_init__(self)
+        refuse_suite_of_training(self.suite)
         twice = next((task for task in self.tasks if self.tasks.count(task) > 1), None)
         if twice is not None:
             raise ConfigError(
@@ -225,6 +231,7 @@ class SweepConfig:
     Attributes:
         recipe: Makes the leaderboard's table by a recipe: its name, several with commas, or a version such as
             v1 for all recipes of that version.
+        suite: Registered suite in place of tasks: every run once for each of its tasks.
         tasks: With a recipe: tasks in place of the table's, as in tasks=[PickCube].
         levels: With a recipe: training levels in place of all.
         seeds: With a recipe: seeds in place of 0 to 2, which levels 1 and 2 are trained with too.
@@ -234,6 +241,7 @@ class SweepConfig:
     """
 
     recipe: str = ""
+    suite: str = ""
     tasks: tuple[str, ...] = ()
     levels: tuple[int, ...] = ()
     seeds: tuple[int, ...] = ()
@@ -244,6 +252,7 @@ class SweepConfig:
     def __post_init__(self) -> None:
         _positive(jobs_per_gpu=self.jobs_per_gpu)
         _levels(*self.levels)
+        check_suite(self.suite, tasks=listed(self.tasks) if self.tasks else "")
         only = [key for key in ("tasks", "levels", "seeds", "policies") if getattr(self, key)]
         if only and not self.recipe:
             raise ConfigError(
@@ -272,6 +281,8 @@ class EvaluateConfig:
         policy_name: In place of a checkpoint, what needs none: the task's expert, or a rule.
         rename_map: Camera of the task to camera of the policy, where they have other names, as in
             {front: camera1}.
+        suite: Registered suite in place of a task: every task of it, and their mean.
+        protocol: Another benchmark's own protocol, as libero: its starts, interface and number of episodes.
         env: Changes of the environment that the checkpoint was trained in: some of :data:`EVALUATE_ENV_KEYS`.
             What is absent stays as it was trained. ``scenario`` is applied after the trained one's.
         preset: Named set of values from ``configs/preset``.
@@ -283,6 +294,8 @@ class EvaluateConfig:
     checkpoint: str = ""
     policy_name: str = ""
     rename_map: dict[str, str] = field(default_factory=dict)
+    suite: str = ""
+    protocol: str = ""
     env: dict[str, Any] = field(default_factory=dict)
     preset: str = "full"
     device: str = "auto"
@@ -290,6 +303,7 @@ class EvaluateConfig:
     evaluate: EvaluationConfig = field(default_factory=EvaluationConfig)
 
     def __post_init__(self) -> None:
+        check_suite(self.suite, task=self.env.get("task", ""))
         if self.policy_name and not (self.checkpoint and self.policy_name in policies.names()):
             self._check_baseline()
         elif not self.checkpoint:
@@ -314,7 +328,7 @@ class EvaluateConfig:
                 f"{given} and checkpoint={self.checkpoint} are both given: which of them is evaluated? Leave "
                 "one out; a checkpoint says itself which policy it is of."
             )
-        if "task" not in self.env:
+        if "task" not in self.env and not self.suite:
             raise ConfigError(f"{given} needs task=<name>, as in: roboverse evaluate {given} task=PickCube")
 
 
@@ -347,24 +361,6 @@ class ReplayConfig:
             raise ConfigError("replay needs a way, as in by=[states,controls].")
         _positive(num_envs=self.num_envs)
         _not_negative(episodes=self.episodes)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ConservationConfig:
-    """``roboverse conservation``: tests conservation of momentum and energy on each simulator.
-
-    Attributes:
-        simulators: Registered simulators, as in simulators=[mujoco]; empty takes all that are installed.
-        timestep_s: Time step of physics.
-        out: Folder of the results, plots and the page.
-    """
-
-    simulators: tuple[str, ...] = ()
-    timestep_s: float = 0.005
-    out: str = "conservation"
-
-    def __post_init__(self) -> None:
-        _positive(timestep_s=self.timestep_s)
 
 
 COMMANDS: dict[str, type] = {

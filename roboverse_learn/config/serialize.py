@@ -39,7 +39,7 @@ def from_values(command: str, values: Mapping[str, Any]) -> Any:
     env = {key: own.pop(key) for key in env_keys(command) if key in own}
     try:
         if env_keys(command):
-            own["env"] = _environment(command, env)
+            own["env"] = _environment(command, env, checks_task=not own.get("suite"))
         if "policy" in own:
             own["policy"] = _adapter(policies.config_class(policy)).validate_python(own["policy"])
         config = _adapter(COMMANDS[command]).validate_python(own)
@@ -84,14 +84,17 @@ def default_values(command: str, policy: str = "act") -> dict[str, Any]:
     return values
 
 
-def _environment(command: str, values: dict[str, Any]) -> Any:
-    """Returns the checked environment of plain values; for ``evaluate``, a mapping of the given fields."""
+def _environment(command: str, values: dict[str, Any], *, checks_task: bool = True) -> Any:
+    """Returns the checked environment of plain values; for ``evaluate``, a mapping of the given fields.
+
+    Options and changes of the scene are checked by the task; with a suite, later and for each of its tasks.
+    """
     partial = command == "evaluate"
     if partial:
         values = {key: value for key, value in values.items() if value}
     spec = _adapter(EnvSpec).validate_python(values)
     given = values if partial else plain(spec)
-    if not spec.task:  # a robot by itself
+    if not spec.task or not checks_task:  # a robot by itself, or any task of a suite
         given = {key: value for key, value in given.items() if key != "task"}
     for kind in ("task", "simulator", "renderer"):
         _check_names(kind, [given[kind]] if kind in given else [])
@@ -104,6 +107,8 @@ def _environment(command: str, values: dict[str, Any]) -> Any:
         scenario = checked_scenario(spec.task, spec.task_kwargs, spec.scenario, robot=robot)
     elif robot:
         _check_names("robot", [robot])
+    if not checks_task:
+        return {key: getattr(spec, key) for key in given} if partial else spec
     if partial:  # not shortened: a change back to the task's own value counts after training with another
         return {key: getattr(spec, key) for key in given}
     return spec.replace(scenario=scenario, task_kwargs=options, robot=robot)

@@ -19,7 +19,10 @@ CATALOGUE = Path(__file__).with_name("tasks.json")
 SUITES = ("spatial", "object", "goal", "10", "90")
 
 HORIZON = 600
-"""Control steps: the limit of LIBERO's own evaluation."""
+"""Control steps: the limit of LIBERO's own evaluation (``libero/configs/eval/default.yaml``)."""
+
+LEROBOT_HORIZONS = {"spatial": 280, "object": 280, "goal": 300, "10": 520, "90": 400}
+"""Control steps of LeRobot's evaluation (``lerobot/envs/libero.py``), by suite."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +59,7 @@ class Entry:
 
 @cache
 def entries() -> dict[str, Entry]:
-    """Returns registered name to task, in LIBERO's order of suites."""
+    """Returns registered name to task, in LIBERO's order of suites and of their tasks."""
     raw = json.loads(CATALOGUE.read_text(encoding="utf-8"))
     found = [Entry(suite, file, words) for suite in SUITES for file, words in raw[suite].items()]
     return {entry.name: entry for entry in found}

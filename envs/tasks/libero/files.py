@@ -21,6 +21,11 @@ def problem_files(suite: str) -> list[Path]:
     return sorted(folder.glob("*.bddl"))
 
 
+def order_file() -> Path:
+    """Returns the source file that has the tasks of each suite in order."""
+    return _found(f"{_TASKS}:libero/benchmark/libero_suite_task_map.py")
+
+
 def start_file(suite: str, file: str) -> Path:
     """Returns the file of a task's 50 initial states."""
     return _found(f"{_TASKS}:libero/init_files/libero_{suite}/{file}.pruned_init")

@@ -9,16 +9,27 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from envs.controllers import Controller
 from envs.core.errors import ConfigError, unknown_name
 from envs.kinematics.waypoints import Waypoint
 from envs.scenario import ScenarioCfg
 from envs.state import State
 from envs.tasks.base import Task
-from envs.tasks.libero.catalogue import HORIZON, Entry
+from envs.tasks.libero import native
+from envs.tasks.libero.catalogue import HORIZON, LEROBOT_HORIZONS, Entry
 from envs.tasks.libero.goals import Goal
 from envs.tasks.libero.scene import Scene, scene_of
 from envs.tasks.libero.starts import starts_of
-from envs.tasks.tabletop import ee_pos
+from envs.tasks.planner import Planner
+from envs.tasks.tabletop import GRASP_OPEN_M, ee_pos
+
+Space = Literal["joints", "native"]
+
+_CHOICES = {
+    "starts": ("regions", "libero"),
+    "action_space": ("joints", "native"),
+    "observation_space": ("joints", "native"),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,8 +40,14 @@ class LiberoTask(Task):
     see :mod:`envs.tasks.libero.seating`.
 
     Attributes:
-        starts: ``regions`` draws places from the task file's regions; ``libero`` draws one of LIBERO's 50
-            initial states, arm included, which have no splits.
+        starts: ``regions`` draws places from the task file's regions; ``libero`` takes LIBERO's 50 initial
+            states in turn, arm included: the k-th episode of either split begins in the k-th.
+        action_space: ``joints`` for targets of all joints; ``native`` for robosuite's ``OSC_POSE``, whose arm
+            is driven by torques; its expert is slower, and sees the hand in every step.
+        observation_space: ``joints`` for positions of all joints and LIBERO's names of cameras; ``native``
+            for LeRobot's observation of LIBERO; see :mod:`envs.tasks.libero.native`.
+        horizon: Control steps after which an episode is cut off: 600 are those of LIBERO's own evaluation,
+            and ``lerobot`` takes LeRobot's, 280 to 520 by suite.
     """
 
     max_episode_steps: ClassVar[int] = HORIZON
@@ -38,10 +55,24 @@ class LiberoTask(Task):
     entry: ClassVar[Entry]
 
     starts: Literal["regions", "libero"] = "regions"
+    action_space: Space = "joints"
+    observation_space: Space = "joints"
+    horizon: int | Literal["lerobot"] = HORIZON
 
     def __post_init__(self) -> None:
-        if self.starts not in ("regions", "libero"):
-            raise unknown_name(f"starts of {self.name}", str(self.starts), ("regions", "libero"))
+        for key, valid in _CHOICES.items():
+            if getattr(self, key) not in valid:
+                raise unknown_name(f"{key} of {self.name}", str(getattr(self, key)), valid)
+        steps = LEROBOT_HORIZONS[self.entry.suite] if self.horizon == "lerobot" else self.horizon
+        if not isinstance(steps, int) or steps < 1:
+            raise ConfigError(
+                f"horizon of {self.name} must be a number of control steps, or lerobot, given "
+                f"{self.horizon!r}."
+            )
+        own: dict[str, object] = {"max_episode_steps": steps}
+        own |= {"mirrored_images": True} if self.observation_space == "native" else {}
+        for key, value in own.items():  # of this task, over those of its class
+            object.__setattr__(self, key, value)
 
     @property
     def scene(self) -> Scene:
@@ -56,12 +87,31 @@ class LiberoTask(Task):
     @property
     @override
     def scenario(self) -> ScenarioCfg:
-        return self.scene.scenario
+        return _scenario_of(self.entry, self.action_space, self.observation_space)
+
+    @property
+    @override
+    def controller(self) -> Controller:
+        if self.action_space == "joints":
+            return super().controller
+        from envs.operational_space import OperationalSpaceController
+
+        return OperationalSpaceController(self.robot)
 
     @override
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
         starts = starts_of(self.entry)
-        return starts.drawn(rngs) if self.starts == "regions" else starts.of_libero(rngs)
+        state = starts.drawn(rngs) if self.starts == "regions" else starts.of_libero(rngs)
+        return self._with_open_hand(state)
+
+    @property
+    @override
+    def num_fixed_starts(self) -> int:
+        return 0 if self.starts == "regions" else starts_of(self.entry).fixed.num_envs
+
+    @override
+    def fixed_starts(self, indices: Sequence[int]) -> State:
+        return self._with_open_hand(starts_of(self.entry).fixed.select(list(indices)))
 
     def fixed_start(self, index: int) -> State:
         """Returns one of LIBERO's 50 initial states, seated, as a state of one row.
@@ -73,6 +123,15 @@ class LiberoTask(Task):
         if not 0 <= index < fixed.num_envs:
             raise ConfigError(f"{self.name} has {fixed.num_envs} fixed starts; given index {index}.")
         return fixed.select([index])
+
+    def _with_open_hand(self, state: State) -> State:
+        """Opens the hand in the native action space, in place.
+
+        LIBERO's files have it half open, and evaluations begin with steps that open it while objects fall.
+        """
+        if self.action_space == "native":
+            state.robots[self.robot.name].joint_pos[:, list(self.robot.fingers)] = GRASP_OPEN_M
+        return state
 
     @override
     def same_scene_tasks(self) -> tuple[str, ...]:
@@ -99,6 +158,31 @@ class LiberoTask(Task):
             parts += [entity.pos, entity.rot, entity.joint_pos]
         return torch.cat(parts, dim=-1)
 
+    @property
+    @override
+    def state_names(self) -> tuple[str, ...]:
+        return super().state_names if self.observation_space == "joints" else native.STATE_NAMES
+
+    @property
+    @override
+    def state_limits(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        return super().state_limits if self.observation_space == "joints" else native.STATE_LIMITS
+
+    @override
+    def proprioception(self, state: State) -> Tensor:
+        if self.observation_space == "joints":
+            return super().proprioception(state)
+        return native.native_state(self.robot, state.robots[self.robot.name])
+
+    @property
+    @override
+    def planner(self) -> Planner:
+        if self.action_space == "joints":
+            return super().planner
+        from envs.tasks.pose_delta_planner import PoseDeltaPlanner
+
+        return PoseDeltaPlanner(self.scenario, self.expert)
+
     @override
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
         from envs.tasks.libero.expert import plan
@@ -109,3 +193,12 @@ class LiberoTask(Task):
 @lru_cache(maxsize=8)
 def _goal_of(entry: Entry) -> Goal:
     return Goal(scene_of(entry))
+
+
+@lru_cache(maxsize=8)
+def _scenario_of(entry: Entry, action_space: Space, observation_space: Space) -> ScenarioCfg:
+    """Returns a task's scene with the robot of its actions and the cameras of its observation."""
+    scenario = scene_of(entry).scenario
+    if action_space == "native":
+        scenario = native.with_native_robot(scenario)
+    return native.with_native_cameras(scenario) if observation_space == "native" else scenario

@@ -69,6 +69,8 @@ CHOSEN = {
     "robot": "iiwa",
     "recipe": "act_v1",
     "tasks": ["PickCube"],
+    "suite": "paper",
+    "protocol": "libero",
     "levels": [1],
     "seeds": [4],
     "actor": "expert",
@@ -138,7 +140,8 @@ ALL_KEYS = [
     for command in COMMANDS
     for policy in (policies.names() if command == "train" else ["act"])
     for key in flat_keys(default_values(command, policy))
-    if key not in ("policy_name", "task_kwargs", "simulator_settings", "scenario", "preset", "run")
+    if (command, key) != ("train", "suite")  # which says what to do instead
+    and key not in ("policy_name", "task_kwargs", "simulator_settings", "scenario", "preset", "run")
     and key not in OF_LEROBOT
     and (policy == "act" or key.startswith("policy."))  # the others are the same for every policy
 ]

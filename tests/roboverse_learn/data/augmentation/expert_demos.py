@@ -23,7 +23,7 @@ def expert_demos(task: str, count: int = 2) -> tuple[Task, list[SourceDemo]]:
 def write_demos(root: Path, task: str, count: int, **metadata: Any) -> Path:
     """Writes demonstrations of the expert in the first episodes of the train split."""
     env = EnvSpec(task=task).make(count, observation="state", num_threads=1)
-    features = make_features(env.joint_names, env.controller.names, {})
+    features = make_features(env.state_names, env.controller.names, {})
     with DatasetWriter(root, fps=20, features=features, robot_type="franka") as writer:
         for episode in expert_episodes(env, env.split_indices[:count].tolist(), record=("states",)):
             facts = {"task": task, "episode": episode.episode, "split": "train", "simulator": "mujoco"}

@@ -1,0 +1,40 @@
+"""Other benchmarks' own protocols: how their tasks are made, and which episodes their tables count.
+
+Other packages register protocols through the entry-point group ``roboverse.protocols``.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from envs.core.registry import Registry
+
+
+@dataclass(frozen=True, slots=True)
+class NamedProtocol:
+    """What another benchmark's evaluation does.
+
+    Attributes:
+        env: Fields of :class:`~envs.spec.EnvSpec`, as plain values.
+        episodes: Episodes of each task, at level 0 of the test split.
+    """
+
+    env: Mapping[str, Any]
+    episodes: int
+
+
+PROTOCOLS: "Registry[NamedProtocol]" = Registry("protocol", group="roboverse.protocols")
+
+_LIBERO = {"starts": "libero", "action_space": "native", "observation_space": "native"}
+_CAMERAS = ["image", "image2"]
+
+PROTOCOLS.add(
+    "libero",
+    NamedProtocol({"task_kwargs": _LIBERO, "cameras": _CAMERAS}, episodes=50),
+    summary="LIBERO's 50 starts, 600 steps, robosuite's actions, LeRobot's observations",
+)
+PROTOCOLS.add(
+    "libero_lerobot",
+    NamedProtocol({"task_kwargs": {**_LIBERO, "horizon": "lerobot"}, "cameras": _CAMERAS}, episodes=50),
+    summary="the same with LeRobot's limits of steps, 280 to 520 by suite",
+)

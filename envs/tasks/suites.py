@@ -1,0 +1,75 @@
+"""Suites: tasks by one name, for every command that takes ``suite=`` in place of ``task=``.
+
+Other packages register suites through the entry-point group ``roboverse.suites``: the value is a sequence of
+names of tasks, or a function without arguments that returns one; see ``docs/concepts/suites.md``.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+from envs.core.errors import ConfigError
+from envs.core.registry import Registry
+from envs.tasks import TASKS
+from envs.tasks.libero import catalogue as libero
+from envs.tasks.metaworld.catalogue import PREFIX as METAWORLD
+
+type Names = Sequence[str] | Callable[[], Sequence[str]]
+
+SUITES: "Registry[Names]" = Registry("suite", group="roboverse.suites")
+
+PAPER = ("PickCube", "StackCube", "CloseBox", "MoveSliderLeft", "PickChocolatePudding", "NutAssembly")
+"""The six tasks of RoboVerse's table of generalization (arXiv:2504.18904), as the leaderboard has them."""
+
+
+def suite_tasks(name: str) -> tuple[str, ...]:
+    """Returns the names of a suite's tasks, in the suite's order; nothing of them is imported.
+
+    Raises:
+        UnknownNameError: There is no such suite.
+        ConfigError: It is empty, names a task twice, or is no list of names.
+    """
+    target = SUITES.get(name)
+    names = target() if callable(target) else target
+    if isinstance(names, str) or not all(isinstance(each, str) for each in names):
+        raise ConfigError(f"The suite '{name}' must be a list of names of tasks, given {names!r}.")
+    if not names:
+        raise ConfigError(f"The suite '{name}' has no tasks.")
+    twice = next((each for each in names if list(names).count(each) > 1), None)
+    if twice is not None:
+        raise ConfigError(f"The suite '{name}' names the task '{twice}' twice. Name each once.")
+    return tuple(names)
+
+
+def _from_source(source: str) -> tuple[str, ...]:
+    """Returns the tasks of this package whose source has that name, sorted."""
+    entries = map(TASKS.entry, TASKS)
+    return tuple(each.name for each in entries if each.info.get("source") == source and not each.distribution)
+
+
+def _starting_with(prefix: str) -> tuple[str, ...]:
+    return tuple(name for name in TASKS if name.startswith(prefix))
+
+
+def _of_libero(suite: str) -> tuple[str, ...]:
+    """Returns the tasks of one of LIBERO's suites in LIBERO's own order; empty is all of them."""
+    return tuple(entry.name for entry in libero.entries().values() if suite in ("", entry.suite))
+
+
+def _of_metaworld() -> tuple[str, ...]:
+    return tuple(sorted({*_from_source("Meta-World 3"), *_starting_with(METAWORLD)}))
+
+
+SUITES.add("paper", PAPER, summary="the six tasks of RoboVerse's table")
+for _suite, _words in {
+    "spatial": "one bowl, its place changes",
+    "object": "one of ten groceries into a basket",
+    "goal": "one scene, ten goals",
+    "10": "ten long tasks",
+    "90": "ninety short tasks",
+}.items():
+    SUITES.add(f"libero_{_suite}", partial(_of_libero, _suite), summary=f"LIBERO: {_words}")
+SUITES.add("libero", partial(_of_libero, ""), summary="LIBERO's five suites together")
+SUITES.add("maniskill", partial(_from_source, "ManiSkill 3"), summary="table-top tasks of ManiSkill 3")
+SUITES.add("robosuite", partial(_from_source, "robosuite 1.5"), summary="single-arm tasks of robosuite")
+SUITES.add("metaworld", _of_metaworld, summary="Meta-World's tasks")
+SUITES.add("humanoid", partial(_starting_with, "humanoid/"), summary="HumanoidBench's locomotion; no expert")

@@ -1,0 +1,173 @@
+"""Commands over a suite: one task after the other; one that cannot run is named, and the others go on."""
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from envs.core.errors import ConfigError, RoboVerseError, WriteError
+from envs.core.plain_values import plain
+from envs.tasks.suites import suite_tasks
+from roboverse_learn.commands.outcomes import Evaluation
+from roboverse_learn.commands.tested_checkpoint import (
+    TestedCheckpoint,
+    checkpoints_to_test,
+    protocol_of,
+    step_of,
+)
+from roboverse_learn.config.schema import CollectConfig, EvaluateConfig
+from roboverse_learn.config.serialize import from_values, to_values
+
+if TYPE_CHECKING:
+    from benchmark.suites import SuiteCell
+    from roboverse_learn.data.collection.collect import CollectionSummary
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SuiteCollection:
+    """Demonstrations of every task of a suite.
+
+    Attributes:
+        suite: The suite.
+        collected: Task to what was collected.
+        failed: Task to the reason why it has none.
+    """
+
+    suite: str
+    collected: "Mapping[str, CollectionSummary]"
+    failed: Mapping[str, str]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SuiteEvaluation:
+    """Evaluation of every task of a suite.
+
+    Attributes:
+        suite: The suite.
+        path: File of the suite's result.
+        evaluations: Task to its evaluation.
+        cells: Means over the tasks.
+        failed: Task to the reason why it has no result.
+    """
+
+    suite: str
+    path: Path
+    evaluations: Mapping[str, Evaluation]
+    cells: "tuple[SuiteCell, ...]"
+    failed: Mapping[str, str]
+
+
+def collect_suite(
+    config: CollectConfig, collect_dataset: "Callable[[CollectConfig], CollectionSummary]"
+) -> SuiteCollection:
+    """Completes a dataset for each task of a suite.
+
+    Args:
+        config: The configuration with the suite.
+        collect_dataset: Completes the dataset of one task's configuration.
+
+    Raises:
+        ConfigError: No task could be collected.
+    """
+    values = to_values(config) | {"suite": ""}
+
+    def collect(task: str) -> "CollectionSummary":
+        return collect_dataset(from_values("collect", values | {"task": task}))
+
+    collected, failed = _each_task(config.suite, collect)
+    return SuiteCollection(suite=config.suite, collected=collected, failed=failed)
+
+
+def evaluate_suite(
+    config: EvaluateConfig, evaluate_checkpoint: Callable[[TestedCheckpoint], Evaluation]
+) -> SuiteEvaluation:
+    """Evaluates a checkpoint or a baseline in every task of a suite, and writes the suite's result.
+
+    What was evaluated before is not run again.
+
+    Args:
+        config: The configuration with the suite.
+        evaluate_checkpoint: Evaluates it in one task and writes its result.
+
+    Raises:
+        ConfigError: No task could be evaluated.
+    """
+    from benchmark import provenance
+    from benchmark.suites import SuiteResult, summarize_suite, write_suite
+
+    results_dir = Path(config.results_dir)
+
+    def evaluate(task: str) -> Evaluation:
+        values = to_values(config) | {"suite": "", "task": task}  # its options are checked by the task
+        (tested,) = checkpoints_to_test(from_values("evaluate", values))
+        return evaluate_checkpoint(tested)
+
+    evaluations, failed = _each_task(config.suite, evaluate)
+    results = {task: each.result for task, each in evaluations.items()}
+    paths = {task: each.path for task, each in evaluations.items() if each.path is not None}
+    suite = SuiteResult(
+        suite=config.suite,
+        run=_run_name(config),
+        policy=next(iter(results.values())).policy,
+        created=provenance.now(),
+        protocol=protocol_of(config.evaluate),
+        named_protocol=config.protocol,
+        tasks=suite_tasks(config.suite),
+        results={task: path.relative_to(results_dir).as_posix() for task, path in paths.items()},
+        failed=failed,
+    )
+    path = write_suite(results_dir, suite, results)
+    return SuiteEvaluation(
+        suite=config.suite,
+        path=path,
+        evaluations=evaluations,
+        cells=summarize_suite(results),
+        failed=failed,
+    )
+
+
+def _each_task[T](suite: str, do: Callable[[str], T]) -> tuple[dict[str, T], dict[str, str]]:
+    """Does something for every task of a suite; returns what came of it, and why some tasks failed.
+
+    Raises:
+        WriteError: Nothing can be written, whatever the task.
+        ConfigError: All tasks failed.
+    """
+    tasks = suite_tasks(suite)
+    done: dict[str, T] = {}
+    failed: dict[str, str] = {}
+    for number, task in enumerate(tasks, start=1):
+        log.info("Task %d of %d: %s", number, len(tasks), task)
+        try:
+            done[task] = do(task)
+        except WriteError:
+            raise
+        except RoboVerseError as error:
+            failed[task] = str(error)
+            log.warning("%s is left out: %s", task, error)
+    if not done:
+        reasons = list(dict.fromkeys(failed.values()))
+        more = f" (and {len(reasons) - 1} other reasons)" if len(reasons) > 1 else ""
+        raise ConfigError(f"No task of the suite '{suite}' could run: {reasons[0]}{more}")
+    return done, failed
+
+
+def _run_name(config: EvaluateConfig) -> str:
+    """Returns the name of a suite's evaluation: the run or baseline, and a hash of what is evaluated."""
+    from benchmark.protocol import digest
+    from benchmark.provenance import file_hash
+    from policies.checkpoint import WEIGHTS, resolve
+    from roboverse_learn.commands.run_folder import run_of
+
+    decides: dict[str, Any] = {"protocol": protocol_of(config.evaluate).to_json(), "env": plain(config.env)}
+    decides |= {"materials": config.evaluate.materials, "named": config.protocol}
+    base = config.policy_name
+    if not base:
+        checkpoint = resolve(config.checkpoint)
+        folder = run_of(checkpoint) or checkpoint.absolute().parent
+        base = folder.name
+        decides |= {"weights": file_hash(checkpoint / WEIGHTS), "step": step_of(checkpoint)}
+    return f"{base}-{digest(decides)}"

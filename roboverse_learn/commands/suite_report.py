@@ -1,0 +1,58 @@
+"""What a command over a suite prints: a line for each task, the mean, and what was left out and why."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from roboverse_learn.commands.report import board_paths, path_table, rate_text
+from roboverse_learn.commands.suite import SuiteCollection, SuiteEvaluation
+
+
+class SuiteReport(Group):
+    """A printable report.
+
+    Attributes:
+        ok: Whether no task was left out; else the command's exit code is 1.
+    """
+
+    ok: bool = True
+
+
+def suite_collection_report(suite: SuiteCollection) -> SuiteReport:
+    """Demonstrations of each task, and their folders."""
+    table = Table(title=f"{suite.suite}: demonstrations", title_justify="left")
+    for title in ("task", "demonstrations", "frames", "expert or source succeeds", "dataset"):
+        table.add_column(title, overflow="fold")
+    for task, each in suite.collected.items():
+        share = f"{100 * each.success_rate:.0f} %"
+        table.add_row(task, str(each.num_episodes), f"{each.num_frames:,}", share, str(each.root))
+    return _with_failures(suite.failed, table)
+
+
+def suite_evaluation_report(suite: SuiteEvaluation, board: Mapping[str, Path]) -> SuiteReport:
+    """Success of each task on every cell, their mean with its interval, and where the results are."""
+    first = next(iter(suite.evaluations.values())).result
+    cells = [each.cell for each in suite.cells]
+    episodes = first.protocol.episodes
+    title = f"{suite.suite}, {first.policy}: success in {episodes} episodes of each task"
+    table = Table(title=title, title_justify="left")
+    table.add_column("task", overflow="fold")
+    for cell in cells:
+        table.add_column(str(cell), justify="right")
+    for task, each in suite.evaluations.items():
+        by_cell = {summary.cell: summary for summary in each.result.cells()}
+        table.add_row(task, *(rate_text(by_cell[cell]) for cell in cells))
+    table.add_section()
+    table.add_row(f"mean of {len(suite.evaluations)} tasks", *(rate_text(each) for each in suite.cells))
+    written = {"suite": suite.path} | board_paths(board)
+    return _with_failures(suite.failed, table, path_table(written))
+
+
+def _with_failures(failed: Mapping[str, str], *parts: Table) -> SuiteReport:
+    lines = [f"Left out {len(failed)}:", *(f"  {task}: {why}" for task, why in failed.items())]
+    report = SuiteReport(*parts, *([Text("\n".join(lines))] if failed else []))
+    report.ok = not failed
+    return report

@@ -1,0 +1,24 @@
+"""Configuration of ``roboverse conservation``."""
+
+from dataclasses import dataclass
+
+from envs.core.errors import ConfigError
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ConservationConfig:
+    """``roboverse conservation``: tests conservation of momentum and energy on each simulator.
+
+    Attributes:
+        simulators: Registered simulators, as in simulators=[mujoco]; empty takes all that are installed.
+        timestep_s: Time step of physics.
+        out: Folder of the results, plots and the page.
+    """
+
+    simulators: tuple[str, ...] = ()
+    timestep_s: float = 0.005
+    out: str = "conservation"
+
+    def __post_init__(self) -> None:
+        if self.timestep_s <= 0:
+            raise ConfigError(f"timestep_s must be above 0, given {self.timestep_s}.")
