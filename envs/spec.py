@@ -145,11 +145,22 @@ class EnvSpec:
             UnknownNameError: A name does not exist.
             ConfigError: A value is out of range.
         """
-        from envs.randomization import MaterialLibrary, Randomizer
+        from envs.randomization import CHANNELS, MaterialLibrary, Randomizer, load_split
+        from envs.simulators.disturbed import DisturbedHandler
+        from envs.tasks.make import in_scene
+        from envs.tasks.workspace import TaskWorkspace
         from envs.vector_env import RoboVerseVectorEnv
 
         task = self.make_task()
         library = MaterialLibrary.chosen(self.materials)
+        varying = [CHANNELS.get(name)() for name in self.channels if name != "task"]
+        workspace = None
+        if any(channel.changes_starts for channel in varying):
+            workspace = TaskWorkspace(task)
+            scenario = task.scenario
+            for channel in varying:
+                scenario = channel.scenario(scenario, load_split(split, library))
+            task = in_scene(task, scenario)
         scene = self._scene(task, num_envs).seen_by(self.cameras, self.image_size)
         randomizer = Randomizer(
             scene.appearance,
@@ -159,10 +170,14 @@ class EnvSpec:
             seed=protocol_seed,
             library=library,
             scenario=task.scenario,
+            workspace=workspace,
         )
+        handler = self._handler(scene, num_envs, num_threads, library)
+        if any(channel.changes_images for channel in varying):
+            handler = DisturbedHandler(handler)
         env = RoboVerseVectorEnv(
             task,
-            self._handler(scene, num_envs, num_threads, library),
+            handler,
             randomizer,
             observation=observation,
             actions=actions,

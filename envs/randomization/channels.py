@@ -8,7 +8,7 @@ A channel of another package registers through the entry-point group ``roboverse
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from envs.core.registry import Registry
 from envs.randomization.seeding import channel_rng
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
     from envs.randomization.materials import MaterialLibrary
     from envs.randomization.splits import Split
-    from envs.scenario import Appearance, CameraCfg, LightingCfg, ScenarioCfg
+    from envs.scenario import Appearance, CameraCfg, LightingCfg, RobotCfg, ScenarioCfg
+    from envs.state import State
 
 CHANNELS: "Registry[type[Channel]]" = Registry("channel", group="roboverse.channels")
 
@@ -29,8 +30,43 @@ for _name, _target, _summary in (
 ):
     CHANNELS.add(_name, f"envs.randomization.built_in_channels:{_target}", summary=_summary)
 
+for _name, _target, _summary in (
+    ("robot", "robot_start:RobotChannel", "posture of the arm at the start"),
+    ("sensor", "sensor:SensorChannel", "noise, blur, JPEG and exposure of the cameras"),
+    ("layout", "layout:LayoutChannel", "objects that have no part in the task"),
+):
+    CHANNELS.add(_name, f"envs.randomization.{_target}", summary=_summary)
+
 TEST_SHARE = 0.1
 """Share of what a channel may draw that is held out for the test split, as in RoboVerse (2504.18904)."""
+
+
+class Workspace(Protocol):
+    """What a channel may ask of a task: :class:`envs.tasks.workspace.TaskWorkspace` answers.
+
+    Attributes:
+        robot: The robot that acts.
+        support_z_m: Height of what objects stand on.
+    """
+
+    robot: "RobotCfg"
+    support_z_m: float
+
+    def touches(self, state: "State", qpos: "np.ndarray") -> bool:
+        """Whether the robot in the posture ``qpos`` (J,) touches itself, the table or an object."""
+        ...
+
+    def hand(self, qpos: "np.ndarray") -> "np.ndarray":
+        """Returns where the hand is in the posture ``qpos`` (J,), m, (3,)."""
+        ...
+
+    def way(self, state: "State", rng: "np.random.Generator") -> "np.ndarray":
+        """Returns points of the hand on the expert's way from a start of one row, m, (P, 3)."""
+        ...
+
+    def boxes(self, state: "State") -> "np.ndarray":
+        """Returns least and largest corners of boxes round all geoms of the objects, m, (B, 2, 3)."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +81,7 @@ class Scene:
         lighting: Ranges of the lamps.
         cameras: The scenario's cameras.
         scenario: The scenario, or None where only its appearance is known.
+        workspace: The task's; None where no episode starts.
     """
 
     split: "Split"
@@ -54,6 +91,7 @@ class Scene:
     lighting: "LightingCfg"
     cameras: "tuple[CameraCfg, ...]"
     scenario: "ScenarioCfg | None" = None
+    workspace: Workspace | None = None
 
     def rng(self, stream: str) -> "np.random.Generator":
         """Returns a stream of random numbers of this episode, independent of those of other names."""
@@ -61,10 +99,18 @@ class Scene:
 
 
 class Channel(ABC):
-    """One part of the appearance of an episode: what may be drawn, a draw, and the scene that has it.
+    """One part of an episode that varies: what may be drawn, a draw, and the episode that has it.
 
-    All three are pure functions, so that an episode looks the same in every simulator and process.
+    A draw changes the look of the scene (:meth:`apply`), its start (:meth:`start`), or both. All are pure
+    functions, so that an episode is the same in every simulator and process.
+
+    Attributes:
+        changes_images: Whether it changes images after they are rendered: it sets an appearance's ``sensor``.
+        changes_starts: Whether it has a :meth:`start` or a :meth:`scenario`.
     """
+
+    changes_images: ClassVar[bool] = False
+    changes_starts: ClassVar[bool] = False
 
     @abstractmethod
     def split(self, scene: Scene) -> Any:
@@ -86,9 +132,30 @@ class Channel(ABC):
             A dataclass, or plain JSON values: ``env.draws`` gives it, and ``roboverse view`` shows it.
         """
 
-    @abstractmethod
     def apply(self, appearance: "Appearance", draw: Any, scene: Scene) -> "Appearance":
         """Returns the appearance with a draw; what the channel does not change keeps its look."""
+        del draw, scene
+        return appearance
+
+    def start(self, state: "State", draw: Any, scene: Scene) -> "State":
+        """Returns the start of an episode with a draw.
+
+        Args:
+            state: The start so far, one row, float64 on the CPU.
+            draw: What :meth:`sample` returned.
+            scene: What it was drawn for, with its workspace.
+        """
+        del draw, scene
+        return state
+
+    def scenario(self, scenario: "ScenarioCfg", split: "Split") -> "ScenarioCfg":
+        """Returns the scene of all episodes of a split, such as one with further objects.
+
+        Raises:
+            ConfigError: The channel cannot vary in this scene.
+        """
+        del split
+        return scenario
 
 
 def divided[T](values: Sequence[T], split: str) -> tuple[T, ...]:

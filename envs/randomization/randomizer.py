@@ -1,14 +1,17 @@
 """Maps an episode's index to the appearance of its scene."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from envs.core.errors import ConfigError
 from envs.core.plain_values import plain
-from envs.randomization.channels import CHANNELS, Channel, Scene
+from envs.randomization.channels import CHANNELS, Channel, Scene, Workspace
 from envs.randomization.materials import MaterialLibrary
 from envs.randomization.splits import Split, load_split
 from envs.scenario import Appearance, CameraCfg, LightingCfg, ScenarioCfg
+
+if TYPE_CHECKING:
+    from envs.state import State
 
 
 class Randomizer:
@@ -24,6 +27,7 @@ class Randomizer:
         lighting: Ranges of the lighting channel; by default those of ``scenario``.
         scenario: Whose room is furnished, with every camera that it may be seen through; without it the
             environment channel has no furniture.
+        workspace: What channels that change starts ask of the task.
 
     Raises:
         UnknownNameError: if a channel or the split does not exist.
@@ -40,6 +44,7 @@ class Randomizer:
         library: MaterialLibrary | None = None,
         lighting: LightingCfg | None = None,
         scenario: ScenarioCfg | None = None,
+        workspace: Workspace | None = None,
     ) -> None:
         self.base = base
         self.cameras = tuple(cameras)
@@ -48,7 +53,7 @@ class Randomizer:
         self.split = split if isinstance(split, Split) else load_split(split, library)
         self.seed = seed
         self.lighting = lighting or (scenario.lighting if scenario is not None else LightingCfg())
-        self.scenario = scenario
+        self.scenario, self.workspace = scenario, workspace
         # The task's poses and instruction are no matter of appearance: the task draws them.
         self._channels = {name: CHANNELS.get(name)() for name in self.channels if name != "task"}
 
@@ -62,6 +67,22 @@ class Randomizer:
         for _, channel, draw, scene in self._drawn(episode):
             appearance = channel.apply(appearance, draw, scene)
         return appearance
+
+    @property
+    def changes_starts(self) -> bool:
+        """Whether a channel changes the start of episodes, and not their look alone."""
+        return any(channel.changes_starts for channel in self._channels.values())
+
+    def start(self, episode: int, state: "State") -> "State":
+        """Returns the start of an episode, one row, as the channels change the task's.
+
+        Raises:
+            ConfigError: if the episode is not of this randomizer's split.
+        """
+        for _, channel, draw, scene in self._drawn(episode):
+            if channel.changes_starts:
+                state = channel.start(state, draw, scene)
+        return state
 
     def draws(self, episode: int) -> dict[str, Any]:
         """Returns the sampled values of an episode by channel, as plain JSON values.
@@ -80,7 +101,14 @@ class Randomizer:
                 f"split."
             )
         scene = Scene(
-            self.split, self.seed, episode, self.library, self.lighting, self.cameras, self.scenario
+            self.split,
+            self.seed,
+            episode,
+            self.library,
+            self.lighting,
+            self.cameras,
+            self.scenario,
+            self.workspace,
         )
         for name, channel in self._channels.items():
             yield name, channel, channel.sample(scene.rng(name), channel.split(scene), scene), scene

@@ -24,9 +24,10 @@ class ArmContacts:
     Args:
         scenario: The scene.
         robot: The robot that stands in it in place of its own.
+        gripper: Whether contacts of the gripper count too.
     """
 
-    def __init__(self, scenario: ScenarioCfg, robot: RobotCfg) -> None:
+    def __init__(self, scenario: ScenarioCfg, robot: RobotCfg, *, gripper: bool = False) -> None:
         scene = replace(scenario, robots=(robot,), cameras=())
         _, self._model = build_models(scene, prune=True)
         self._data = mujoco.MjData(self._model)
@@ -34,9 +35,12 @@ class ArmContacts:
         names = [self._model.body(index).name for index in range(self._model.nbody)]
         prefix = f"{robot.name}/"
         self._is_arm = np.array(
-            [name.startswith(prefix) and not name.startswith(f"{prefix}gripper/") for name in names]
+            [name.startswith(prefix) and (gripper or not name.startswith(f"{prefix}gripper/")) for name in names]
         )
         self._is_robot = np.array([name.startswith(prefix) for name in names])
+        objects = {item.name for item in scene.objects}
+        of_object = np.array([name.partition("/")[0] in objects for name in names])
+        self._object_geoms = np.flatnonzero(of_object[self._model.geom_bodyid])
 
     def count(self, start: State, row: int, postures: Sequence[np.ndarray]) -> int:
         """Returns in how many postures the arm touches something.
@@ -56,6 +60,24 @@ class ArmContacts:
             mujoco.mj_collision(self._model, self._data)
             touching += self._touches()
         return touching
+
+    def boxes(self, start: State, row: int) -> np.ndarray:
+        """Returns boxes along the world's axes round what collides of the objects at a start, m.
+
+        Args:
+            start: As in :meth:`count`.
+            row: Which of its rows.
+
+        Returns:
+            Least and largest corners, (B, 2, 3).
+        """
+        self._place(start, row)
+        mujoco.mj_kinematics(self._model, self._data)
+        geoms, model = self._object_geoms, self._model
+        turns = self._data.geom_xmat[geoms].reshape(-1, 3, 3)
+        middle = self._data.geom_xpos[geoms] + np.einsum("bij,bj->bi", turns, model.geom_aabb[geoms, :3])
+        half = np.einsum("bij,bj->bi", np.abs(turns), model.geom_aabb[geoms, 3:])
+        return np.stack([middle - half, middle + half], axis=1)
 
     def _touches(self) -> bool:
         contact = self._data.contact
