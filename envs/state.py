@@ -194,6 +194,7 @@ def _entity_from_dict(name: str, values: Mapping[str, Tensor]) -> EntityState:
         defaults["joint_vel"] = torch.zeros_like(values["joint_pos"])
     return EntityState(**{**defaults, **values})
 
+
 def concatenated(states: Sequence[State]) -> State:
     """Returns the rows of several states as one."""
     flats = [state.flatten() for state in states]

@@ -64,6 +64,10 @@ class Workspace(Protocol):
         """Returns points of the hand on the expert's way from a start of one row, m, (P, 3)."""
         ...
 
+    def heights(self, state: "State", points: "np.ndarray") -> "np.ndarray":
+        """Returns how high what never moves is at points (K, 2), m, (K,); NaN where nothing can stand."""
+        ...
+
     def boxes(self, state: "State") -> "np.ndarray":
         """Returns least and largest corners of boxes round all geoms of the objects, m, (B, 2, 3)."""
         ...

@@ -1,8 +1,9 @@
 """Objects that have no part in a task: a catalogue made from primitives.
 
-A distractor is named, never stored: ``"bottle-2"`` is the same shape and colours on every machine. Its origin is in
-the middle of its footprint, on what it stands on. None is red or green, and none is a cube, a peg or a nut, so
-the instruction of a task still names one thing. All are lower than 12 cm: an arm that starts higher clears them.
+A distractor is named, never stored: ``"bottle-2"`` is the same shape and colours on every machine. Its origin
+is in the middle of its footprint, on what it stands on. None is red or green, and none is a cube, a peg or a
+nut, so the instruction of a task still names one thing. All are lower than 12 cm: an arm that starts higher
+clears them.
 """
 
 import math

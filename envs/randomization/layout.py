@@ -1,8 +1,8 @@
 """The channel ``layout``: objects that have no part in the task stand on the table.
 
-Two or three of them stand where neither the task's objects nor the hand on the expert's way come near, and as near
-the task as that allows. They collide, and nothing moves them, so the task's own physics is as without them. Every
-tenth object of the catalogue is held out for the test split.
+Two or three of them stand where neither the task's objects nor the hand on the expert's way come near, and as
+near the task as that allows. They collide, and nothing moves them, so the task's own physics is as without
+them. Every tenth object of the catalogue is held out for the test split.
 """
 
 from collections.abc import Sequence
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 NUM_SHOWN = (2, 3)
 """Least and largest number of distractors in an episode."""
 
-CANDIDATES = 60
+CANDIDATES = 200
 """Places that are drawn for each; it stands at the first that is free, and is left out where none is."""
 
-FROM_OBJECTS_M = 0.05
+FROM_OBJECTS_M = 0.03
 """Least distance from every box round a geom of the task's objects."""
 
 FROM_HAND_M = 0.13
@@ -35,29 +35,40 @@ FROM_HAND_M = 0.13
 FROM_EACH_OTHER_M = 0.02
 
 BELOW_HAND_M = 0.10
-"""The hand passes above a distractor without coming near it if it, with what it carries, is so much higher."""
+"""A hand that is so much higher than a distractor passes above it, with what it carries."""
 
-AROUND_M = 0.25
+AROUND_M = 0.2
 """How far from the task's objects and ways distractors may stand."""
 
-EDGE_M = 0.05
-"""Least distance from the table's edge."""
+EDGE_M = 0.03
+"""Least distance from an edge of what it stands on."""
+
+FLAT_M = 0.002
+"""Heights that differ by less are one plane."""
+
+_RIM = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+"""Points below a distractor where its support is looked for, in radii."""
 
 PARKED_M = 1.0
 """How far below the ground distractors are that an episode does not show."""
 
 
 @dataclass(frozen=True, slots=True)
-class Candidates:
-    """One distractor and its candidate places.
+class ShownDistractor:
+    """One distractor of an episode.
 
     Attributes:
         name: Its name in the catalogue.
-        places: Shares (x, y) of the region, and turn about z, rad, of each candidate.
+        seed: Seeds its candidate places.
     """
 
     name: str
-    places: tuple[tuple[float, float, float], ...]
+    seed: int
+
+    def places(self) -> np.ndarray:
+        """Returns candidates: shares (x, y) of the region, and turn about z, rad, (CANDIDATES, 3)."""
+        shares = np.random.default_rng(np.random.SeedSequence(self.seed)).uniform(0.0, 1.0, (CANDIDATES, 3))
+        return np.round(shares * (1.0, 1.0, 2.0 * np.pi), 6)
 
 
 class LayoutChannel(Channel):
@@ -72,17 +83,16 @@ class LayoutChannel(Channel):
     @override
     def sample(
         self, rng: np.random.Generator, allowed: tuple[str, ...], scene: Scene
-    ) -> tuple[Candidates, ...]:
+    ) -> tuple[ShownDistractor, ...]:
         count = int(rng.integers(NUM_SHOWN[0], NUM_SHOWN[1] + 1))
         chosen = rng.permutation(len(allowed))[:count]
-        places = np.round(rng.uniform(0.0, 1.0, (count, CANDIDATES, 3)) * (1.0, 1.0, 2 * np.pi), 6)
+        seeds = rng.integers(2**32, size=count)
         return tuple(
-            Candidates(allowed[index], tuple((float(x), float(y), float(yaw)) for x, y, yaw in own))
-            for index, own in zip(chosen, places, strict=True)
+            ShownDistractor(allowed[index], int(seed)) for index, seed in zip(chosen, seeds, strict=True)
         )
 
     @override
-    def start(self, state: "State", draw: tuple[Candidates, ...], scene: Scene) -> "State":
+    def start(self, state: "State", draw: tuple[ShownDistractor, ...], scene: Scene) -> "State":
         from envs.state import EntityState
 
         workspace, scenario = scene.workspace, scene.scenario
@@ -109,44 +119,56 @@ def _is_distractor(name: str) -> bool:
 
 
 def _placed(
-    state: "State", draw: Sequence[Candidates], scene: Scene, workspace: Workspace
+    state: "State", draw: Sequence[ShownDistractor], scene: Scene, workspace: Workspace
 ) -> dict[str, tuple[float, float, float, float]]:
     """Returns position, m, and turn about z, rad, of each distractor that has a free place."""
-    z = workspace.support_z_m
-    boxes = workspace.boxes(state)
-    boxes = boxes[boxes[:, 1, 2] > z + 0.002]  # what lies in the plane is stood on
     way = workspace.way(state, scene.rng("layout/way"))
+    z = _support(workspace, state, way)
+    if z is None:
+        return {}
+    boxes = workspace.boxes(state)
+    boxes = boxes[boxes[:, 1, 2] > z + FLAT_M]  # what lies in the plane is stood on
     low = np.minimum(boxes[:, 0, :2].min(0), way[:, :2].min(0)) - AROUND_M
     high = np.maximum(boxes[:, 1, :2].max(0), way[:, :2].max(0)) + AROUND_M
-    table = scene.scenario.table if scene.scenario is not None else None
-    if table is not None:
-        middle, half = np.array(table.pos[:2]), np.array(table.half_size) - EDGE_M
-        low, high = np.maximum(low, middle - half), np.minimum(high, middle + half)
     near = way[way[:, 2] < z + HEIGHT_M + BELOW_HAND_M, :2]
-    base = np.array(workspace.robot.pos[:2])[None]
+    room = _Room(boxes, np.concatenate([near, np.array(workspace.robot.pos[:2])[None]]), [])
     standing: dict[str, tuple[float, float, float, float]] = {}
-    taken: list[tuple[np.ndarray, float]] = []
     for item in draw:
         own = distractor(item.name)
-        for share_x, share_y, yaw in item.places:
+        rim = (own.radius_m + EDGE_M) * _RIM
+        for share_x, share_y, yaw in item.places():
             at = np.round(low + np.array([share_x, share_y]) * (high - low), 6)
-            if _is_free(at, own, boxes, np.concatenate([near, base]), taken):
-                standing[item.name] = (float(at[0]), float(at[1]), z, yaw)
-                taken.append((at, own.radius_m))
+            if room.is_free(at, own) and (np.abs(workspace.heights(state, at + rim) - z) < FLAT_M).all():
+                standing[item.name] = (float(at[0]), float(at[1]), z, float(yaw))
+                room.taken.append((at, own.radius_m))
                 break
     return standing
 
 
-def _is_free(
-    at: np.ndarray,
-    own: Distractor,
-    boxes: np.ndarray,
-    way: np.ndarray,
-    taken: Sequence[tuple[np.ndarray, float]],
-) -> bool:
-    outside = np.maximum(np.maximum(boxes[:, 0, :2] - at, at - boxes[:, 1, :2]), 0.0)
-    return bool(
-        (np.linalg.norm(outside, axis=-1) > own.radius_m + FROM_OBJECTS_M).all()
-        and (np.linalg.norm(way - at, axis=-1) > own.radius_m + FROM_HAND_M).all()
-        and all(np.linalg.norm(at - other) > own.radius_m + r + FROM_EACH_OTHER_M for other, r in taken)
-    )
+def _support(workspace: Workspace, state: "State", way: np.ndarray) -> float | None:
+    """Returns the height of what is below the hand on most of its way, m; None where that is nothing."""
+    around = (way[::4, None, :2] + 0.1 * _RIM).reshape(-1, 2)
+    heights = workspace.heights(state, around)
+    found, counts = np.unique(np.round(heights[~np.isnan(heights)], 4), return_counts=True)
+    return float(found[counts.argmax()]) if len(found) else None
+
+
+@dataclass(frozen=True, slots=True)
+class _Room:
+    """What distractors stay away from: boxes (B, 2, 3), points of a way (P, 2), other distractors."""
+
+    boxes: np.ndarray
+    way: np.ndarray
+    taken: list[tuple[np.ndarray, float]]
+
+    def is_free(self, at: np.ndarray, own: Distractor) -> bool:
+        low, high = self.boxes[:, 0, :2], self.boxes[:, 1, :2]
+        outside = np.maximum(np.maximum(low - at, at - high), 0.0)
+        return bool(
+            (np.linalg.norm(outside, axis=-1) > own.radius_m + FROM_OBJECTS_M).all()
+            and (np.linalg.norm(self.way - at, axis=-1) > own.radius_m + FROM_HAND_M).all()
+            and all(
+                np.linalg.norm(at - other) > own.radius_m + radius + FROM_EACH_OTHER_M
+                for other, radius in self.taken
+            )
+        )

@@ -1,12 +1,13 @@
 """The channel ``sensor``: noise, blur, JPEG compression and exposure of the cameras, drawn per episode.
 
-What is drawn is a cell, one kind of noise, of blur, of compression and of exposure, and strengths within it. Every
-tenth cell is held out for the test split: each of its disturbances occurs in training, never in that combination.
+What is drawn is a cell, one kind of noise, of blur, of compression and of exposure, and strengths within it.
+Every tenth cell is held out for the test split: each of its disturbances occurs in training, never in that
+combination.
 
 Ranges are those of the first two severities, of five, of ImageNet-C (Hendrycks & Dietterich 2019,
-arXiv:1903.12261, ``make_imagenet_c.py``), from half of the first on: noise of 0.08 and 0.12, shots of 60 and 25
-photons at white, blurs of 1 and 2 pixels of 224, JPEG of quality 25 and 18. The motion's length and exposure are
-of that size to the eye.
+arXiv:1903.12261, ``make_imagenet_c.py``), from half of the first on: noise of 0.08 and 0.12, shots of 60 and
+25 photons at white, blurs of 1 and 2 pixels of 224, JPEG of quality 25 and 18. The motion's length and
+exposure are of that size to the eye.
 """
 
 import itertools
@@ -77,7 +78,7 @@ class SensorChannel(Channel):
 
 
 def _strengths(cell: str, rng: np.random.Generator) -> SensorCfg:
-    """Draws the strengths of a cell; all are drawn in every cell, so that none depends on the others' kinds."""
+    """Draws the strengths of a cell; all are drawn in every cell: none depends on the others' kinds."""
     noise, blur, compression, exposure = cell.split(" + ")
 
     def uniform(bounds: tuple[float, float]) -> float:

@@ -120,8 +120,8 @@ class SurfaceMaterial:
 class SensorCfg:
     """What cameras do to their images after these are rendered; the defaults change nothing.
 
-    Lengths are shares of an image's height, so that images of all sizes are blurred alike; noise is a share of
-    the range of a pixel, 255. See :mod:`envs.randomization.disturbances` for the order and the formulas.
+    Lengths are shares of an image's height, so that images of all sizes are blurred alike; noise is a share
+    of the range of a pixel, 255. See :mod:`envs.randomization.disturbances` for the order and the formulas.
 
     Attributes:
         exposure_ev: Exposure, in stops: each doubles the light.

@@ -1,7 +1,8 @@
 """A simulator whose images are disturbed after they are rendered, as the appearances of its environments say.
 
-Everything that renders asks a handler, so an image is disturbed once, wherever it goes: to an observation that is
-rendered late, a dataset, an evaluation, a video. Without a channel that disturbs images there is no such handler.
+Everything that renders asks a handler, so an image is disturbed once, wherever it goes: to an observation
+that is rendered late, a dataset, an evaluation, a video. Without a channel that disturbs images there is no
+such handler.
 """
 
 from collections.abc import Mapping, Sequence
@@ -51,8 +52,8 @@ class Exposures(Sequence["Exposures"]):
 class DisturbedHandler(Handler):
     """A handler around another one.
 
-    An episode's frames are counted in physics steps from when the environment got its appearance, which begins
-    an episode; a state that is set later, as in a replay of recorded states, is a control step later.
+    An episode's frames are counted in physics steps from when the environment got its appearance, which
+    begins an episode; a state that is set later, as in a replay of recorded states, is a control step later.
 
     Args:
         handler: The simulator, not yet launched.

@@ -4,6 +4,7 @@ It follows from the scene and from a state alone, so that a start is the same in
 """
 
 from functools import cached_property, lru_cache
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -65,10 +66,14 @@ class TaskWorkspace:
         own.joint_target = arm.joint_pos[:, list(self.robot.driven)]
         corners = [pos, *(np.asarray(each.pos) for each in self._task.foreseen(one, rng))]
         points = [pos[None]]
-        for start, end in zip(corners[:-1], corners[1:], strict=True):
+        for start, end in pairwise(corners):
             count = max(1, int(np.ceil(np.linalg.norm(end - start) / STEP_M)))
             points.append(start + np.linspace(0.0, 1.0, count + 1)[1:, None] * (end - start))
         return np.concatenate(points)
+
+    def heights(self, state: State, points: np.ndarray) -> np.ndarray:
+        """Returns how high what never moves is at points (K, 2), m, (K,); NaN where one cannot stand."""
+        return self._contacts.heights(state, 0, points)
 
     def boxes(self, state: State) -> np.ndarray:
         """Returns least and largest corners of boxes round all geoms of the objects, m, (B, 2, 3)."""
