@@ -6,7 +6,7 @@ that setting a state and getting it back changes no bit. Treat the tensors as re
 changes, such as the base of a robot that is bolted down, is shared between states.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -127,6 +127,13 @@ class State:
         return State(
             {name: entity.select(index) for name, entity in self.robots.items()},
             {name: entity.select(index) for name, entity in self.objects.items()},
+        )
+
+    def within(self, names: Collection[str]) -> "State":
+        """Returns the state of only those robots and objects that are named."""
+        return State(
+            {name: entity for name, entity in self.robots.items() if name in names},
+            {name: entity for name, entity in self.objects.items() if name in names},
         )
 
     def to_dict(self) -> dict[str, dict[str, dict[str, Tensor]]]:
