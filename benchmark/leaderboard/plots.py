@@ -78,12 +78,20 @@ def plot_levels(
     save_figure(figure, path, drawn_of)
 
 
-def plot_axes(bars: Sequence[Mapping[str, Any]], path: Path, title: str = "", *, drawn_of: str = "") -> None:
+def plot_axes(
+    bars: Sequence[Mapping[str, Any]],
+    path: Path,
+    groups: Sequence[str],
+    title: str = "",
+    *,
+    drawn_of: str = "",
+) -> None:
     """Draws success by what varies alone, on the test split with its 95 % interval.
 
     Args:
         bars: Policies, eight at most; see :func:`benchmark.leaderboard.axis_chart.axis_bars`.
         path: The ``.png`` (or ``.svg``) file.
+        groups: Axes, in order.
         title: Title.
         drawn_of: As :func:`save_figure`.
 
@@ -91,11 +99,8 @@ def plot_axes(bars: Sequence[Mapping[str, Any]], path: Path, title: str = "", *,
         WriteError: The file cannot be written.
         ValueError: There are more policies than colours.
     """
-    from benchmark.leaderboard.axis_chart import groups_of
-
     check_number(bars)
     figure, axes = new_figure((8.0, 3.4))
-    groups = groups_of(bars)
     width = 0.78 / len(bars)
     for index, row in enumerate(bars):
         shown = [(place, row["cells"][axis]) for place, axis in enumerate(groups) if axis in row["cells"]]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmark.leaderboard.axis_chart import axis_bars
+from benchmark.leaderboard.axis_chart import axis_bars, groups_of
 from benchmark.leaderboard.entries import STUDY
 from benchmark.leaderboard.level_chart import chosen_lines, line, series_lines
 from benchmark.leaderboard.plot_cache import draw_if_changed
@@ -63,7 +63,7 @@ def section_plots(section: Mapping[str, Any], entries: Mapping[str, Any]) -> Ite
             yield SectionPlot(f"plot {name}{suffix}", name + suffix, plot_levels, shown, (head,), {})
     if bars := axis_bars(section, lambda row: series_label(row, entries)):
         head = f"{title}, by what varies alone"
-        yield SectionPlot(f"plot {name}-axes", f"{name}-axes", plot_axes, bars, (head,), {})
+        yield SectionPlot(f"plot {name}-axes", f"{name}-axes", plot_axes, bars, (groups_of(bars), head), {})
     for suffix in ("", "-studies"):
         if curves := shown_curves(section, studies=bool(suffix)):
             more = (title, published(section["task"]))

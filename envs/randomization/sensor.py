@@ -70,14 +70,14 @@ class SensorChannel(Channel):
     @override
     def sample(self, rng: np.random.Generator, allowed: tuple[str, ...], scene: Scene) -> SensorDraw:
         cell = allowed[int(rng.integers(len(allowed)))]
-        return SensorDraw(cell, _strengths(cell, rng))
+        return SensorDraw(cell, strengths_of(cell, rng))
 
     @override
     def apply(self, appearance: Appearance, draw: SensorDraw, scene: Scene) -> Appearance:
         return replace(appearance, sensor=draw.sensor)
 
 
-def _strengths(cell: str, rng: np.random.Generator) -> SensorCfg:
+def strengths_of(cell: str, rng: np.random.Generator) -> SensorCfg:
     """Draws the strengths of a cell; all are drawn in every cell: none depends on the others' kinds."""
     noise, blur, compression, exposure = cell.split(" + ")
 
