@@ -24,15 +24,18 @@ _GROUP_SHARE = 0.78
 type Bars = dict[str, Any]
 
 
-def axis_bars(section: Mapping[str, Any], label_of: Callable[[Mapping[str, Any]], str]) -> list[Bars]:
+def axis_bars(
+    section: Mapping[str, Any], label_of: Callable[[Mapping[str, Any]], str], *, studies: bool = False
+) -> list[Bars]:
     """Returns what each policy of a section reached on its axes; none where nothing varied alone.
 
     Args:
         section: One of :func:`benchmark.leaderboard.build.build`.
         label_of: Names a row of it.
+        studies: Whether its studies are meant; if not, its entries and baselines.
 
     Returns:
-        One for each method that is no study and was tested with something that varied alone, the eight with
+        One for each method that was tested with something that varied alone, the eight with
         most axes and test episodes: its ``label``, ``policy``, and ``cells``, of axis to cell of the test
         split. Rows of one entry that were trained alike are one method: its levels and its axes may come from
         two evaluations.
@@ -40,11 +43,11 @@ def axis_bars(section: Mapping[str, Any], label_of: Callable[[Mapping[str, Any]]
     found: dict[tuple[Any, ...], Bars] = {}
     for index, row in enumerate(section["rows"]):
         tested = {axis: cell for cell in row["cells"] if cell["split"] == "test" and (axis := _axis(cell))}
-        if row["kind"] == STUDY or not tested:
+        if (row["kind"] == STUDY) != studies or not tested:
             continue
         method = (row["entry"] or index, row["transferred_from"], row["train_level"], row["train_only"])
         trained = _trained(row)
-        label = label_of(row) + (f", trained {trained}" if trained else "")
+        label = label_of(row) + (f", trained {trained}" if trained and not studies else "")
         own = found.setdefault(method, {"label": label, "policy": row["policy"], "cells": {}})
         own["cells"] = tested | own["cells"]
     bars = [each for each in found.values() if set(each["cells"]) - {NOTHING}]

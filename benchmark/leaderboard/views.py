@@ -194,6 +194,7 @@ def _studies_place(section: Mapping[str, Any], board: Mapping[str, Any]) -> View
         "grids": [[_find(row["cells"], column) for column in columns] for row in rows],
         "iqm": any(row["iqm_test"] for row in rows),
         "chart": level_chart([line(row["label"], row["cells"]) for row in studies]),
+        "axes": axis_chart(axis_bars(section, lambda row: row["label"], studies=True)),
         "papers": [row for row in board["reference"]["rows"] if row["task"] == section["task"]],
     }
 

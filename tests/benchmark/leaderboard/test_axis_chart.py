@@ -50,8 +50,11 @@ def test_levels_and_axes_of_one_entry_may_come_from_two_evaluations():
     ]
 
 
-def test_a_study_has_no_bars():
-    assert bars(row(cell("camera"), kind="study")) == []
+def test_studies_have_bars_of_their_own():
+    rows = {"rows": [row(cell("camera"), kind="study", label="study"), row(cell("camera"))]}
+    for studies, labels in ((True, ["study"]), (False, ["act"])):
+        found = axis_bars(rows, lambda each: each["label"], studies=studies)
+        assert [each["label"] for each in found] == labels
 
 
 def test_groups_are_ordered_and_others_come_last():
