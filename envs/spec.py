@@ -146,7 +146,6 @@ class EnvSpec:
             ConfigError: A value is out of range.
         """
         from envs.randomization import CHANNELS, MaterialLibrary, Randomizer, load_split
-        from envs.simulators.disturbed import DisturbedHandler
         from envs.tasks.make import in_scene
         from envs.tasks.workspace import TaskWorkspace
         from envs.vector_env import RoboVerseVectorEnv
@@ -172,12 +171,10 @@ class EnvSpec:
             scenario=task.scenario,
             workspace=workspace,
         )
-        handler = self._handler(scene, num_envs, num_threads, library)
-        if any(channel.changes_images for channel in varying):
-            handler = DisturbedHandler(handler)
+        disturbed = any(channel.changes_images for channel in varying)
         env = RoboVerseVectorEnv(
             task,
-            handler,
+            self._handler(scene, num_envs, num_threads, library, disturbed=disturbed),
             randomizer,
             observation=observation,
             actions=actions,
@@ -240,11 +237,18 @@ class EnvSpec:
         return task.scenario.tuned(self.simulator, self.simulator_settings)
 
     def _handler(
-        self, scene: "ScenarioCfg", num_envs: int, num_threads: int, library: "MaterialLibrary"
+        self,
+        scene: "ScenarioCfg",
+        num_envs: int,
+        num_threads: int,
+        library: "MaterialLibrary",
+        *,
+        disturbed: bool = False,
     ) -> "Handler":
+        from envs.simulators.disturbed import DisturbedHandler
         from envs.simulators.hybrid import make_handler
 
-        return make_handler(
+        handler = make_handler(
             self.simulator,
             scene,
             num_envs,
@@ -252,6 +256,7 @@ class EnvSpec:
             num_threads=num_threads,
             textures=library.texture,
         )
+        return DisturbedHandler(handler) if disturbed or scene.appearance.sensor.disturbs else handler
 
 
 def split_options(options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:

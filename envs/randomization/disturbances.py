@@ -49,37 +49,35 @@ type Shifts = Mapping[tuple[int, int], float]
 
 
 def disturb_arrays(
-    images: np.ndarray, sensors: Sequence[SensorCfg | None], frames: Sequence[int], camera: str
+    images: np.ndarray, sensors: Sequence[SensorCfg], frames: Sequence[int], camera: str
 ) -> np.ndarray:
     """Returns disturbed images of NumPy; see :func:`disturb`."""
-    if not any(sensors):
+    if not any(sensor.disturbs for sensor in sensors):
         return images
     return disturb(torch.from_numpy(np.ascontiguousarray(images)), sensors, frames, camera).numpy()
 
 
 @torch.no_grad()
-def disturb(
-    images: Tensor, sensors: Sequence[SensorCfg | None], frames: Sequence[int], camera: str
-) -> Tensor:
+def disturb(images: Tensor, sensors: Sequence[SensorCfg], frames: Sequence[int], camera: str) -> Tensor:
     """Returns what cameras make of rendered images.
 
     Args:
         images: (n, H, W, 3) uint8, on any device.
-        sensors: What is done to each; None leaves it as it is.
+        sensors: What is done to each.
         frames: Number of each image in its episode, which chooses its noise.
         camera: Name of the camera, which does too.
 
     Returns:
         (n, H, W, 3) uint8 on the same device; ``images`` stay as they are.
     """
-    rows = [row for row, sensor in enumerate(sensors) if sensor is not None]
+    rows = [row for row, sensor in enumerate(sensors) if sensor.disturbs]
     if not rows or not images.numel():
         return images
     out = images.clone()
     size = 1 if images.device.type == "cpu" else AT_ONCE
     for first in range(0, len(rows), size):
         part = rows[first : first + size]
-        chosen = [sensor for row in part if (sensor := sensors[row]) is not None]
+        chosen = [sensors[row] for row in part]
         index = torch.tensor(part, device=images.device)
         starts = [noise_start(s.noise_seed, frames[row], camera) for s, row in zip(chosen, part, strict=True)]
         out[index] = _disturbed(images[index], chosen, starts)

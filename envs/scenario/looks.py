@@ -1,7 +1,7 @@
 """Visual properties of a scene, without effect on physics: cameras, lights and materials."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from envs.core.errors import ConfigError
@@ -158,6 +158,11 @@ class SensorCfg:
         if self.noise_seed < 0:
             raise ConfigError(f"SensorCfg.noise_seed must be at least 0, given {self.noise_seed}.")
 
+    @property
+    def disturbs(self) -> bool:
+        """Whether it changes an image at all."""
+        return replace(self, noise_seed=0) != SensorCfg()
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Appearance:
@@ -172,7 +177,7 @@ class Appearance:
             what the scenario says.
         furniture: Place of the room to its furniture's geoms, in the world's frame; visual only.
             See :mod:`envs.scenario.places` for the places, and how many geoms each can have.
-        sensor: What cameras do to their images, or None for images as they are rendered.
+        sensor: What cameras do to their images.
     """
 
     materials: Mapping[str, SurfaceMaterial] = field(default_factory=dict)
@@ -181,7 +186,7 @@ class Appearance:
     table_yaw_rad: float = 0.0
     object_reflection: Vec3 | None = None
     furniture: Mapping[str, tuple[GeomCfg, ...]] = field(default_factory=dict)
-    sensor: SensorCfg | None = None
+    sensor: SensorCfg = SensorCfg()
 
     def __post_init__(self) -> None:
         if not all(0 <= value <= 1 for value in self.object_reflection or ()):

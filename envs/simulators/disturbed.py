@@ -1,8 +1,8 @@
 """A simulator whose images are disturbed after they are rendered, as the appearances of its environments say.
 
 Everything that renders asks a handler, so an image is disturbed once, wherever it goes: to an observation
-that is rendered late, a dataset, an evaluation, a video. Without a channel that disturbs images there is no
-such handler.
+that is rendered late, a dataset, an evaluation, a video. Where neither a channel nor the scene disturbs
+images there is no such handler.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ class Exposures(Sequence["Exposures"]):
     """
 
     jobs: Sequence[Any]
-    sensors: tuple[SensorCfg | None, ...]
+    sensors: tuple[SensorCfg, ...]
     frames: tuple[int, ...]
 
     @override
@@ -72,7 +72,7 @@ class DisturbedHandler(Handler):
         )
         self.handler = handler
         self.dtype, self.steps_together = handler.dtype, handler.steps_together
-        self._sensors: list[SensorCfg | None] = [handler.scenario.appearance.sensor] * handler.num_envs
+        self._sensors: list[SensorCfg] = [handler.scenario.appearance.sensor] * handler.num_envs
         self._steps = np.zeros(handler.num_envs, np.int64)
 
     def __getattr__(self, name: str) -> Any:

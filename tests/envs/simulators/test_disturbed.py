@@ -9,6 +9,7 @@ from envs.experts.actor import ExpertActor
 from envs.playback import PlaybackEnv, ReplayActor
 from envs.randomization.disturbances import disturb_arrays
 from envs.rollout import rollout
+from envs.scenario import SensorCfg
 from envs.simulators.disturbed import DisturbedHandler
 from envs.spec import EnvSpec
 
@@ -157,3 +158,22 @@ def test_an_episode_with_another_sensor_has_another_hash(envs):
     for env in envs:
         env.reset(options={"episodes": episodes})
     assert disturbed.initial_state_hash(0) != plain.initial_state_hash(0)
+
+
+def test_a_scene_may_have_a_sensor_of_its_own_in_numpy_and_torch():
+    """``scenario.appearance.sensor`` disturbs the images of every episode; no channel varies."""
+    spec = EnvSpec(task="PickCube", image_size=32, scenario={"appearance": {"sensor": {"blur_sigma": 0.03}}})
+    blurred, plain = make(1, spec), make(1, EnvSpec(task="PickCube", image_size=32))
+    for env in (blurred, plain):
+        env.reset_envs([0], env.split_indices[:1])
+    images = [env.observe()["observation.images.front"] for env in (blurred, plain)]
+    expected = disturb_arrays(images[1], [SensorCfg(blur_sigma=0.03)], [0], "front")
+    assert np.array_equal(images[0], expected) and not np.array_equal(*images)
+    torch_env = spec.make_torch(1, observation="pixels", num_frames=1, num_threads=1)
+    state = plain.get_states()
+    torch_env.handler.set_states(state)
+    frame = torch_env.handler.render_tensors()["front"]["rgb"]
+    assert isinstance(torch_env.handler, DisturbedHandler) and np.array_equal(frame.numpy(), expected)
+    assert torch_env.reset().shape == (1, 3, 32, 32)
+    for env in (blurred, plain, torch_env):
+        env.close()
