@@ -6,8 +6,8 @@ combination.
 
 Ranges are those of the first two severities, of five, of ImageNet-C (Hendrycks & Dietterich 2019,
 arXiv:1903.12261, ``make_imagenet_c.py``), from half of the first on: noise of 0.08 and 0.12, shots of 60 and
-25 photons at white, blurs of 1 and 2 pixels of 224, JPEG of quality 25 and 18. The motion's length and
-exposure are of that size to the eye.
+25 photons at white, blurs of 1 and 2 pixels of 224, JPEG of quality 25 and 18. The ranges of the motion's
+length, of exposure and of gamma are chosen here.
 """
 
 import itertools
@@ -38,7 +38,7 @@ SHOT_NOISE = (0.1, 0.2)
 
 BLUR_SIGMA = (0.5 / 224, 2.0 / 224)
 MOTION_LENGTH = (4.0 / 224, 14.0 / 224)
-FINE_QUALITY, COARSE_QUALITY = (25, 50), (12, 25)
+FINE_QUALITY, COARSE_QUALITY = (25, 50), (18, 25)
 """Qualities of JPEG, the upper end excluded."""
 
 EXPOSURE_EV = (0.4, 1.2)

@@ -5,8 +5,10 @@ import json
 import numpy as np
 import pytest
 
+from envs.core.errors import MissingExtraError
 from envs.experts.actor import expert_episodes
 from envs.randomization import CHANNELS, LEVEL_CHANNELS, channels_of
+from envs.simulators import HANDLERS
 from envs.spec import EnvSpec
 from tests.sweeps import sweep
 
@@ -15,8 +17,8 @@ NAMES = sorted(CHANNELS.names())
 NUM_EPISODES, NUM_SOLVED = 20, 18
 
 
-def make(only, num_envs, split="train", **options):
-    spec = EnvSpec(task="PickCube", only=only, image_size=32)
+def make(only, num_envs, split="train", simulator="mujoco", **options):
+    spec = EnvSpec(task="PickCube", only=only, image_size=32, simulator=simulator)
     return spec.make(num_envs, split=split, num_threads=1, **options)
 
 
@@ -81,6 +83,26 @@ def test_the_expert_succeeds(only):
     episodes = expert_episodes(env, env.split_indices[:NUM_EPISODES], record=())
     assert sum(episode.success for episode in episodes) >= NUM_SOLVED
     env.close()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("simulator", [name for name in HANDLERS.names() if name != "mujoco"])
+@pytest.mark.parametrize("only", ["robot", "layout"])
+def test_a_start_is_the_same_in_every_simulator(only, simulator):
+    try:
+        pair = [make(only, 2, simulator=name, observation="state") for name in ("mujoco", simulator)]
+    except MissingExtraError as error:
+        pytest.skip(str(error))
+    for env in pair:
+        env.reset_envs([0, 1], env.split_indices[:2])
+    ours, theirs = pair
+    assert [ours.initial_state_hash(i) for i in (0, 1)] == [theirs.initial_state_hash(i) for i in (0, 1)]
+    found = theirs.get_states().to("cpu").flatten()
+    for key, values in ours.get_states().flatten().items():
+        if key.endswith(("/pos", "/joint_pos")):
+            np.testing.assert_allclose(found[key], values, atol=1e-5, err_msg=key)
+    for env in pair:
+        env.close()
 
 
 def test_levels_vary_what_they_always_did():
