@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, ClassVar, override
 
 import numpy as np
 
+from envs.core.errors import ConfigError
 from envs.randomization.channels import Channel, Scene, Workspace, divided
 from envs.randomization.distractors import CATALOGUE, HEIGHT_M, Distractor, distractor, object_name
 from envs.rotations import from_yaw
@@ -108,6 +109,11 @@ class LayoutChannel(Channel):
 
     @override
     def scenario(self, scenario: "ScenarioCfg", split: "Split") -> "ScenarioCfg":
+        if not scenario.objects or not scenario.robots or not scenario.robots[0].fixed_base:
+            raise ConfigError(
+                "The channel 'layout' stands objects beside those of a task that an arm does, and this task has "
+                "none, or no arm that is bolted down. Vary another channel, such as only=sensor."
+            )
         names = divided(CATALOGUE, split.name)
         return replace(
             scenario, objects=(*scenario.objects, *(distractor(name).as_object() for name in names))

@@ -149,6 +149,12 @@ def test_a_robot_that_moves_freely_keeps_its_start():
         make("robot", task="humanoid/stand")
 
 
+@pytest.mark.parametrize("task", ["humanoid/stand", "control/cartpole"])
+def test_a_task_without_an_arm_and_objects_has_no_distractors(task):
+    with pytest.raises(ConfigError, match=r"beside those of a task that an arm does.*only=sensor"):
+        make("layout", task=task)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("split", ["train", "test"])
 def test_distractors_change_nothing_of_the_task(split):
