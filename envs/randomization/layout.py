@@ -111,8 +111,8 @@ class LayoutChannel(Channel):
     def scenario(self, scenario: "ScenarioCfg", split: "Split") -> "ScenarioCfg":
         if not scenario.objects or not scenario.robots or not scenario.robots[0].fixed_base:
             raise ConfigError(
-                "The channel 'layout' stands objects beside those of a task that an arm does, and this task has "
-                "none, or no arm that is bolted down. Vary another channel, such as only=sensor."
+                "The channel 'layout' stands objects beside those of a task that an arm does, and this task "
+                "has none, or no arm that is bolted down. Vary another channel, such as only=sensor."
             )
         names = divided(CATALOGUE, split.name)
         return replace(
