@@ -314,6 +314,32 @@ def paired_difference(
     return difference, low, high
 
 
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Returns p-values that are corrected for their number (Holm 1979, Scand. J. Statist. 6, 65-70).
+
+    Of m true hypotheses, whichever they are, one or more has a corrected p of at most alpha with a
+    probability of at most alpha, however the tests depend on each other. The smallest p counts m times, the
+    next m - 1 times, and none less than one before it.
+
+    Args:
+        p_values: One p-value of each test, in [0, 1].
+
+    Returns:
+        The corrected ones, in the order given.
+
+    Raises:
+        ValueError: A number is no probability.
+    """
+    given = np.asarray(p_values, dtype=float)
+    if not ((given >= 0.0) & (given <= 1.0)).all():
+        raise ValueError(f"A p-value is within 0 to 1, given {list(p_values)}.")
+    order = np.argsort(given, kind="stable")
+    counted = given[order] * np.arange(len(given), 0, -1)
+    corrected = np.empty_like(given)
+    corrected[order] = np.minimum(np.maximum.accumulate(counted), 1.0)
+    return corrected.tolist()
+
+
 def e_process(a_wins: Sequence[bool] | np.ndarray) -> np.ndarray:
     """Returns the evidence against "both policies are equally good" after each discordant episode.
 

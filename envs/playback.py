@@ -5,11 +5,10 @@ from collections.abc import Callable, Sequence
 from typing import Any, override
 
 import numpy as np
-import torch
 
 from envs.batched_env import StepResult
 from envs.rollout import Actor, Episode
-from envs.state import State
+from envs.state import State, concatenated
 from envs.vector_env import RoboVerseVectorEnv
 
 HOLD_STEPS = 10
@@ -88,9 +87,3 @@ def set_and_judge(
     handler.set_states(states.to(handler.device, handler.dtype), env_ids)
     found = env.get_states(env_ids)
     return found, env.task.success(found).cpu().numpy()
-
-
-def concatenated(states: Sequence[State]) -> State:
-    """Returns the rows of several states as one."""
-    flats = [state.flatten() for state in states]
-    return State.unflatten({key: torch.cat([flat[key] for flat in flats]) for key in flats[0]})

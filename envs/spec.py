@@ -145,11 +145,21 @@ class EnvSpec:
             UnknownNameError: A name does not exist.
             ConfigError: A value is out of range.
         """
-        from envs.randomization import MaterialLibrary, Randomizer
+        from envs.randomization import CHANNELS, MaterialLibrary, Randomizer, load_split
+        from envs.tasks.make import in_scene
+        from envs.tasks.workspace import TaskWorkspace
         from envs.vector_env import RoboVerseVectorEnv
 
         task = self.make_task()
         library = MaterialLibrary.chosen(self.materials)
+        varying = [CHANNELS.get(name)() for name in self.channels if name != "task"]
+        workspace = None
+        if any(channel.changes_starts for channel in varying):
+            workspace = TaskWorkspace(task)
+            scenario = task.scenario
+            for channel in varying:
+                scenario = channel.scenario(scenario, load_split(split, library))
+            task = in_scene(task, scenario)
         scene = self._scene(task, num_envs).seen_by(self.cameras, self.image_size)
         randomizer = Randomizer(
             scene.appearance,
@@ -160,10 +170,12 @@ class EnvSpec:
             library=library,
             scenario=task.scenario,
             task=task,
+            workspace=workspace,
         )
+        disturbed = any(channel.changes_images for channel in varying)
         env = RoboVerseVectorEnv(
             task,
-            self._handler(scene, num_envs, num_threads, library),
+            self._handler(scene, num_envs, num_threads, library, disturbed=disturbed),
             randomizer,
             observation=observation,
             actions=actions,
@@ -226,11 +238,18 @@ class EnvSpec:
         return task.scenario.tuned(self.simulator, self.simulator_settings)
 
     def _handler(
-        self, scene: "ScenarioCfg", num_envs: int, num_threads: int, library: "MaterialLibrary"
+        self,
+        scene: "ScenarioCfg",
+        num_envs: int,
+        num_threads: int,
+        library: "MaterialLibrary",
+        *,
+        disturbed: bool = False,
     ) -> "Handler":
+        from envs.simulators.disturbed import DisturbedHandler
         from envs.simulators.hybrid import make_handler
 
-        return make_handler(
+        handler = make_handler(
             self.simulator,
             scene,
             num_envs,
@@ -238,6 +257,7 @@ class EnvSpec:
             num_threads=num_threads,
             textures=library.texture,
         )
+        return DisturbedHandler(handler) if disturbed or scene.appearance.sensor.disturbs else handler
 
 
 def split_options(options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:

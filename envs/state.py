@@ -6,7 +6,7 @@ that setting a state and getting it back changes no bit. Treat the tensors as re
 changes, such as the base of a robot that is bolted down, is shared between states.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -129,6 +129,13 @@ class State:
             {name: entity.select(index) for name, entity in self.objects.items()},
         )
 
+    def within(self, names: Collection[str]) -> "State":
+        """Returns the state of only those robots and objects that are named."""
+        return State(
+            {name: entity for name, entity in self.robots.items() if name in names},
+            {name: entity for name, entity in self.objects.items() if name in names},
+        )
+
     def to_dict(self) -> dict[str, dict[str, dict[str, Tensor]]]:
         """Returns the nested form ``{"robots": {name: {"pos": …}}, "objects": {…}}``."""
         return {
@@ -193,3 +200,9 @@ def _entity_from_dict(name: str, values: Mapping[str, Tensor]) -> EntityState:
     if "joint_pos" in values:
         defaults["joint_vel"] = torch.zeros_like(values["joint_pos"])
     return EntityState(**{**defaults, **values})
+
+
+def concatenated(states: Sequence[State]) -> State:
+    """Returns the rows of several states as one."""
+    flats = [state.flatten() for state in states]
+    return State.unflatten({key: torch.cat([flat[key] for flat in flats]) for key in flats[0]})

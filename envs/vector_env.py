@@ -18,7 +18,7 @@ from envs.lazy_images import LazyPixels, row_of
 from envs.randomization import Randomizer, channel_rng
 from envs.scenario import Appearance
 from envs.simulators.base import EnvIds, Handler
-from envs.state import State
+from envs.state import State, concatenated
 from envs.step_checks import check_step
 from envs.tasks.base import Task
 from envs.tasks.outcomes import Outcome, outcome
@@ -186,9 +186,12 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
         looks = [self.randomizer.appearance(int(episode)) for episode in episodes]
         rngs = [channel_rng(self.protocol_seed, "task", int(episode)) for episode in episodes]
         sampled = self._fixed_starts(episodes) if self._num_starts else self.task.initial_state(rngs)
+        given = states
         if states is None:
             states = sampled
         states = State(sampled.robots | states.robots, sampled.objects | states.objects)
+        if self.randomizer.changes_starts:
+            states = self._varied(states, episodes, given)
         order = np.argsort(env_ids)
         self.handler.set_states(states.select(order), env_ids[order])
         for row, (env_id, episode) in enumerate(zip(env_ids.tolist(), episodes.tolist(), strict=True)):
@@ -198,6 +201,16 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
         self.episodes[env_ids] = episodes
         self._clear(env_ids)
         self._over[env_ids] = False
+
+    def _varied(self, states: State, episodes: np.ndarray, given: State | None) -> State:
+        """Returns the starts of episodes as the channels change them; what was given stays."""
+        rows = [
+            self.randomizer.start(int(episode), states.select([row])) for row, episode in enumerate(episodes)
+        ]
+        varied = concatenated(rows)
+        if given is None:
+            return varied
+        return State(varied.robots | given.robots, varied.objects | given.objects)
 
     def step_envs(self, env_ids: Sequence[int] | np.ndarray, actions: np.ndarray) -> StepResult:
         """Steps these environments by one control step; ``actions`` (n, A) are the controller's."""

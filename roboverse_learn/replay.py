@@ -52,6 +52,7 @@ def replay_recordings(recordings: "list[Recording]", config: ReplayConfig) -> di
         task_kwargs=first.get("task_kwargs", {}),
         robot=first.get("robot", ""),
         scenario=first.get("scenario"),
+        only=first.get("only"),  # a channel may have added objects, which are in the states
         simulator_settings=settings,
     )
     if len(env.controller.names) != recordings[0].actions.shape[1]:

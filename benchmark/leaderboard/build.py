@@ -35,7 +35,7 @@ from benchmark.leaderboard.suites_section import read_suites, suite_sections, wi
 from benchmark.protocol import Cell, canonical_json, digest
 from benchmark.records import EpisodeRecord, Result
 from benchmark.results import read_result, result_path
-from benchmark.statistics import compare
+from benchmark.statistics import compare, holm
 from benchmark.suites import FOLDER
 from envs.core.atomic import write_file
 from envs.core.errors import ResultError
@@ -219,13 +219,14 @@ def _section(
     name_rows(rows, [row_key(group[0][1])["settings"] for group in groups])
     order = sorted(range(len(rows)), key=lambda index: rank(rows[index]))
     compared = [_Compared.of(group[0]) for group in groups]
-    comparisons, notes = [], []
+    families: dict[bool, list[dict[str, Any]]] = {False: [], True: []}
+    notes = []
     for first, second in combinations(order, 2):
         if _asks(rows[first]) != _asks(rows[second]):
             continue
         found, unlike = _compare(compared[first], compared[second])
         labels = {"a": rows[first]["label"], "b": rows[second]["label"]}
-        comparisons += [labels | item for item in found]
+        families[rows[first]["kind"] == STUDY] += [labels | item for item in found]
         if unlike:
             notes.append(
                 f"{unlike} test episodes of {labels['a']} and {labels['b']} begin differently, although they "
@@ -247,9 +248,15 @@ def _section(
         "ends_when_solved": _ends_when_solved(entries),
         "rows": [rows[index] for index in order],
         "curves": learning_curves(results_dir, [groups[index] for index in order]),
-        "comparisons": comparisons,
+        "comparisons": [test for family in families.values() for test in corrected(family)],
         "notes": notes,
     }
+
+
+def corrected(comparisons: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Returns paired comparisons with ``p_holm``, the p-value corrected for all that one table shows."""
+    p_values = holm([test["p_value"] for test in comparisons])
+    return [{**test, "p_holm": p} for test, p in zip(comparisons, p_values, strict=True)]
 
 
 def _tell_apart(sections: Sequence[dict[str, Any]]) -> None:

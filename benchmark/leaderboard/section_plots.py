@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmark.leaderboard.axis_chart import axis_bars
+from benchmark.leaderboard.axis_plot import plot_axes
 from benchmark.leaderboard.entries import STUDY
 from benchmark.leaderboard.level_chart import chosen_lines, line, series_lines
 from benchmark.leaderboard.plot_cache import draw_if_changed
@@ -14,7 +16,7 @@ from benchmark.leaderboard.standings import standings
 from benchmark.leaderboard.views import series_label, shown_curves
 from benchmark.learning_curves import published
 
-_SUFFIXES = ("", "-b", "-studies", "-learning", "-studies-learning")
+_SUFFIXES = ("", "-b", "-studies", "-axes", "-studies-axes", "-learning", "-studies-learning")
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +36,9 @@ def draw_sections(results_dir: Path, board: Mapping[str, Any]) -> dict[str, Path
 
     Returns:
         Paths by kind: ``plot <section>`` and ``plot <section>-b`` of the entries by the protocols A and B,
-        ``plot <section>-studies``, and ``learning <section>`` and ``learning <section>-studies``.
+        ``plot <section>-studies``, ``plot <section>-axes`` of what varied alone (and
+        ``-studies-axes``), and ``learning <section>``
+        and ``learning <section>-studies``.
     """
     plots = {}
     for section in board["sections"]:
@@ -59,6 +63,13 @@ def section_plots(section: Mapping[str, Any], entries: Mapping[str, Any]) -> Ite
     for suffix, head, all_lines in of_levels:
         if shown := chosen_lines(all_lines):
             yield SectionPlot(f"plot {name}{suffix}", name + suffix, plot_levels, shown, (head,), {})
+    labels = {"": lambda row: series_label(row, entries), "-studies": lambda row: row["label"]}
+    for suffix, label_of in labels.items():
+        if bars := axis_bars(section, label_of, studies=bool(suffix)):
+            head = f"{title}, by what varies alone" + (", studies" if suffix else "")
+            yield SectionPlot(
+                f"plot {name}{suffix}-axes", f"{name}{suffix}-axes", plot_axes, bars, (head,), {}
+            )
     for suffix in ("", "-studies"):
         if curves := shown_curves(section, studies=bool(suffix)):
             more = (title, published(section["task"]))

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from benchmark.leaderboard.axis_chart import axis_bars, axis_chart
 from benchmark.leaderboard.curve_chart import curve_charts
 from benchmark.leaderboard.entries import STUDY
 from benchmark.leaderboard.headline import MIN_EPISODES
@@ -171,7 +172,8 @@ def _board_place(
         )
     shown = [index for index, row in enumerate(rows) if row["kind"] != STUDY]
     papers = [row for row in reference["rows"] if row["task"] == section["task"]]
-    return _place(section, shown) | {"protocols": protocols, "papers": papers}
+    bars = axis_bars(section, lambda row: series_label(row, entries))
+    return _place(section, shown) | {"protocols": protocols, "papers": papers, "axes": axis_chart(bars)}
 
 
 def _seeds(series: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> list[int]:
@@ -194,6 +196,7 @@ def _studies_place(section: Mapping[str, Any], board: Mapping[str, Any]) -> View
         "grids": [[_find(row["cells"], column) for column in columns] for row in rows],
         "iqm": any(row["iqm_test"] for row in rows),
         "chart": level_chart([line(row["label"], row["cells"]) for row in studies]),
+        "axes": axis_chart(axis_bars(section, lambda row: row["label"], studies=True)),
         "papers": [row for row in board["reference"]["rows"] if row["task"] == section["task"]],
     }
 

@@ -1,6 +1,7 @@
 """Sample images of the randomization levels.
 
 ``python -m docs.generate.level_images out=docs/levels.png`` renders every level with the environment;
+``axes=docs/axes.png draws=6 image_size=160`` renders every channel that varies alone;
 ``materials=materials.png`` writes a contact sheet of the library, without any simulator.
 """
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from envs.core.arguments import parse
 from envs.core.errors import ConfigError, RoboVerseError
+from envs.randomization.channels import CHANNELS
 from envs.randomization.levels import LEVEL_CHANNELS, LEVELS
 from envs.randomization.materials import MaterialLibrary
 from envs.scenario import SURFACES
@@ -29,11 +31,36 @@ _GAP = 4
 _CAPTION = 18
 
 
-def draw_levels(task: str, *, split: str, num_draws: int, image_size: int, renderer: str) -> "Image.Image":
-    """Draws the first episodes of a split at every level, one level in a row.
+AXES = ("robot", "sensor", "layout", "environment", "camera", "lighting")
+"""Channels that vary one at a time."""
+
+
+def draw_levels(task: str, **options) -> "Image.Image":
+    """Draws the first episodes of a split at every level, one level in a row; options as :func:`_drawn`."""
+    captions = {level: f"Level {level}: {' + '.join(LEVEL_CHANNELS[: level + 1])}" for level in LEVELS}
+    return _drawn(task, {caption: {"level": level} for level, caption in captions.items()}, **options)
+
+
+def draw_axes(task: str, **options) -> "Image.Image":
+    """Draws the first episodes of a split on every axis, one axis in a row; options as :func:`_drawn`."""
+    captions = {axis: f"{axis}: {CHANNELS.entry(axis).summary}" for axis in AXES}
+    return _drawn(task, {caption: {"only": axis} for axis, caption in captions.items()}, **options)
+
+
+def _drawn(
+    task: str,
+    variations: dict[str, dict],
+    *,
+    split: str,
+    num_draws: int,
+    image_size: int,
+    renderer: str,
+) -> "Image.Image":
+    """Draws one row of images for each variation.
 
     Args:
         task: Name of the task.
+        variations: Caption to what varies, as options of the environment.
         split: ``"train"`` or ``"test"``.
         num_draws: Images in a row; the same episodes in every row.
         image_size: Pixels along an image's side.
@@ -41,13 +68,12 @@ def draw_levels(task: str, *, split: str, num_draws: int, image_size: int, rende
     """
     import envs
 
+    shared = {"split": split, "renderer": renderer, "image_size": image_size}
     rows = {}
-    for level in LEVELS:
-        env = envs.make_vec(task, 1, level=level, split=split, renderer=renderer, image_size=image_size)
+    for caption, varied in variations.items():
+        env = envs.make_vec(task, 1, **shared, **varied)
         try:
-            rows[f"Level {level}: {' + '.join(LEVEL_CHANNELS[: level + 1])}"] = [
-                _first_image(env, int(episode)) for episode in env.split_indices[:num_draws]
-            ]
+            rows[caption] = [_first_image(env, int(episode)) for episode in env.split_indices[:num_draws]]
         finally:
             env.close()
     return contact_sheet(rows)
@@ -128,6 +154,7 @@ class GallerySettings:
 
     Attributes:
         out: Image of all levels.
+        axes: Image of all axes.
         materials: Contact sheet of the library.
         folder: Folder of materials instead of the built-in ones.
         task: Name of a task.
@@ -138,6 +165,7 @@ class GallerySettings:
     """
 
     out: Path | None = None
+    axes: Path | None = None
     materials: Path | None = None
     folder: Path | None = None
     task: str = "PickCube"
@@ -152,20 +180,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     try:
         args = parse("python -m docs.generate.level_images", GallerySettings, argv)
-        if args.out is None and args.materials is None:
-            raise ConfigError("There is nothing to render: give out=<file>, materials=<file>, or both.")
+        if args.out is None and args.materials is None and args.axes is None:
+            raise ConfigError(
+                "There is nothing to render: give out=<file>, axes=<file>, materials=<file>, or several."
+            )
         if args.materials is not None:
             library = MaterialLibrary.from_folder(args.folder) if args.folder else MaterialLibrary.built_in()
             save(draw_materials(library), args.materials)
-        if args.out is not None:
-            image = draw_levels(
-                args.task,
-                split=args.split,
-                num_draws=args.draws,
-                image_size=args.image_size,
-                renderer=args.renderer,
-            )
-            save(image, args.out)
+        for path, draw in ((args.out, draw_levels), (args.axes, draw_axes)):
+            if path is not None:
+                image = draw(
+                    args.task,
+                    split=args.split,
+                    num_draws=args.draws,
+                    image_size=args.image_size,
+                    renderer=args.renderer,
+                )
+                save(image, path)
     except RoboVerseError as error:
         logger.error("%s", error)
         return 2

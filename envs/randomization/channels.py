@@ -8,7 +8,7 @@ A channel of another package registers through the entry-point group ``roboverse
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from envs.core.errors import ConfigError
 from envs.core.registry import Registry
@@ -20,21 +20,28 @@ if TYPE_CHECKING:
     from envs.randomization.language import WordingBank
     from envs.randomization.materials import MaterialLibrary
     from envs.randomization.splits import Split
-    from envs.scenario import Appearance, CameraCfg, LightingCfg, ScenarioCfg
+    from envs.scenario import Appearance, CameraCfg, LightingCfg, RobotCfg, ScenarioCfg
+    from envs.state import State
 
 CHANNELS: "Registry[type[Channel]]" = Registry("channel", group="roboverse.channels")
 
 for _name, _target, _summary in (
-    ("environment", "EnvironmentChannel", "materials of all surfaces, the table's yaw, furniture"),
-    ("camera", "CameraChannel", "poses of the cameras that are fixed in the world"),
-    ("lighting", "LightingChannel", "lamps, and how everything reflects"),
+    (
+        "environment",
+        "built_in_channels:EnvironmentChannel",
+        "materials of all surfaces, table's yaw, furniture",
+    ),
+    ("camera", "built_in_channels:CameraChannel", "poses of the cameras that are fixed in the world"),
+    ("lighting", "built_in_channels:LightingChannel", "lamps, and how everything reflects"),
+    ("robot", "robot_start:RobotChannel", "posture of the arm at the start"),
+    ("sensor", "sensor:SensorChannel", "noise, blur, JPEG and exposure of the cameras"),
+    ("layout", "layout:LayoutChannel", "objects that have no part in the task"),
+    ("language", "language.channel:LanguageChannel", "wording of the instruction: sentence frames, synonyms"),
 ):
-    CHANNELS.add(_name, f"envs.randomization.built_in_channels:{_target}", summary=_summary)
-CHANNELS.add(
-    "language",
-    "envs.randomization.language.channel:LanguageChannel",
-    summary="the wording of the instruction: frames of sentences and synonyms",
-)
+    CHANNELS.add(_name, f"envs.randomization.{_target}", summary=_summary)
+
+TEST_SHARE = 0.1
+"""Share of what a channel may draw that is held out for the test split, as in RoboVerse (2504.18904)."""
 
 
 class Instructed(Protocol):
@@ -49,8 +56,36 @@ class Instructed(Protocol):
         ...
 
 
-TEST_SHARE = 0.1
-"""Share of what a channel may draw that is held out for the test split, as in RoboVerse (2504.18904)."""
+class Workspace(Protocol):
+    """What a channel may ask of a task: :class:`envs.tasks.workspace.TaskWorkspace` answers.
+
+    Attributes:
+        robot: The robot that acts.
+        support_z_m: Height of what objects stand on.
+    """
+
+    robot: "RobotCfg"
+    support_z_m: float
+
+    def touches(self, state: "State", qpos: "np.ndarray") -> bool:
+        """Whether the robot in the posture ``qpos`` (J,) touches itself, the table or an object."""
+        ...
+
+    def hand(self, qpos: "np.ndarray") -> "np.ndarray":
+        """Returns where the hand is in the posture ``qpos`` (J,), m, (3,)."""
+        ...
+
+    def way(self, state: "State", rng: "np.random.Generator") -> "np.ndarray":
+        """Returns points of the hand on the expert's way from a start of one row, m, (P, 3)."""
+        ...
+
+    def heights(self, state: "State", points: "np.ndarray") -> "np.ndarray":
+        """Returns how high what never moves is at points (K, 2), m, (K,); NaN where nothing can stand."""
+        ...
+
+    def boxes(self, state: "State") -> "np.ndarray":
+        """Returns least and largest corners of boxes round all geoms of the objects, m, (B, 2, 3)."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +101,7 @@ class Scene:
         cameras: The scenario's cameras.
         scenario: The scenario, or None where only its appearance is known.
         task: The task, or None where only its scenario is known.
+        workspace: The task's; None where no episode starts.
     """
 
     split: "Split"
@@ -76,6 +112,7 @@ class Scene:
     cameras: "tuple[CameraCfg, ...]"
     scenario: "ScenarioCfg | None" = None
     task: "Instructed | None" = None
+    workspace: Workspace | None = None
 
     def rng(self, stream: str) -> "np.random.Generator":
         """Returns a stream of random numbers of this episode, independent of those of other names."""
@@ -102,10 +139,18 @@ class Scene:
 
 
 class Channel(ABC):
-    """One part of an episode: what may be drawn, a draw, and the scene or the instruction that has it.
+    """One part of an episode that varies: what may be drawn, a draw, and the episode that has it.
 
-    All of them are pure functions, so that an episode is the same in every simulator and process.
+    A draw changes the look of the scene (:meth:`apply`), its start (:meth:`start`), or its words
+    (:meth:`instruct`). All are pure functions, so that an episode is the same in every simulator and process.
+
+    Attributes:
+        changes_images: Whether it changes images after they are rendered: it sets an appearance's ``sensor``.
+        changes_starts: Whether it has a :meth:`start` or a :meth:`scenario`.
     """
+
+    changes_images: ClassVar[bool] = False
+    changes_starts: ClassVar[bool] = False
 
     @abstractmethod
     def split(self, scene: Scene) -> Any:
@@ -127,9 +172,30 @@ class Channel(ABC):
             A dataclass, or plain JSON values: ``env.draws`` gives it, and ``roboverse view`` shows it.
         """
 
-    @abstractmethod
     def apply(self, appearance: "Appearance", draw: Any, scene: Scene) -> "Appearance":
         """Returns the appearance with a draw; what the channel does not change keeps its look."""
+        del draw, scene
+        return appearance
+
+    def start(self, state: "State", draw: Any, scene: Scene) -> "State":
+        """Returns the start of an episode with a draw.
+
+        Args:
+            state: The start so far, one row, float64 on the CPU.
+            draw: What :meth:`sample` returned.
+            scene: What it was drawn for, with its workspace.
+        """
+        del draw, scene
+        return state
+
+    def scenario(self, scenario: "ScenarioCfg", split: "Split") -> "ScenarioCfg":
+        """Returns the scene of all episodes of a split, such as one with further objects.
+
+        Raises:
+            ConfigError: The channel cannot vary in this scene.
+        """
+        del split
+        return scenario
 
     def instruct(self, instruction: str, draw: Any, scene: Scene) -> str:
         """Returns the instruction with a draw, for a channel that changes it; by default it stays.

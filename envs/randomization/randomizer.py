@@ -1,14 +1,17 @@
 """Maps an episode's index to the appearance of its scene, and to its instruction."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from envs.core.errors import ConfigError
 from envs.core.plain_values import plain
-from envs.randomization.channels import CHANNELS, Channel, Instructed, Scene
+from envs.randomization.channels import CHANNELS, Channel, Instructed, Scene, Workspace
 from envs.randomization.materials import MaterialLibrary
 from envs.randomization.splits import Split, load_split
 from envs.scenario import Appearance, CameraCfg, LightingCfg, ScenarioCfg
+
+if TYPE_CHECKING:
+    from envs.state import State
 
 
 class Randomizer:
@@ -25,6 +28,7 @@ class Randomizer:
         scenario: Whose room is furnished, with every camera that it may be seen through; without it the
             environment channel has no furniture.
         task: Whose instruction is drawn, and reworded by channels that do; without it there is none.
+        workspace: What channels that change starts ask of the task.
 
     Raises:
         UnknownNameError: if a channel or the split does not exist.
@@ -42,6 +46,7 @@ class Randomizer:
         lighting: LightingCfg | None = None,
         scenario: ScenarioCfg | None = None,
         task: Instructed | None = None,
+        workspace: Workspace | None = None,
     ) -> None:
         self.base = base
         self.cameras = tuple(cameras)
@@ -50,9 +55,8 @@ class Randomizer:
         self.split = split if isinstance(split, Split) else load_split(split, library)
         self.seed = seed
         self.lighting = lighting or (scenario.lighting if scenario is not None else LightingCfg())
-        self.scenario = scenario
-        self.task = task
-        # The task's poses are no matter of a channel: the task draws them.
+        self.scenario, self.task, self.workspace = scenario, task, workspace
+        # The task's poses are no matter of a channel's: the task draws them.
         self._channels = {name: CHANNELS.get(name)() for name in self.channels if name != "task"}
 
     def appearance(self, episode: int) -> Appearance:
@@ -66,6 +70,11 @@ class Randomizer:
             appearance = channel.apply(appearance, draw, scene)
         return appearance
 
+    @property
+    def changes_starts(self) -> bool:
+        """Whether a channel changes the start of episodes, and not their look alone."""
+        return any(channel.changes_starts for channel in self._channels.values())
+
     def instruction(self, episode: int) -> str:
         """Returns the instruction of an episode: the task's draw, as the channels reword it.
 
@@ -78,6 +87,17 @@ class Randomizer:
             if type(channel).instruct is not Channel.instruct:  # the others need not be sampled
                 instruction = channel.instruct(instruction, _draw(name, channel, scene), scene)
         return instruction
+
+    def start(self, episode: int, state: "State") -> "State":
+        """Returns the start of an episode, one row, as the channels change the task's.
+
+        Raises:
+            ConfigError: if the episode is not of this randomizer's split.
+        """
+        for _, channel, draw, scene in self._drawn(episode):
+            if channel.changes_starts:
+                state = channel.start(state, draw, scene)
+        return state
 
     def draws(self, episode: int) -> dict[str, Any]:
         """Returns the sampled values of an episode by channel, as plain JSON values.
@@ -110,6 +130,7 @@ class Randomizer:
             cameras=self.cameras,
             scenario=self.scenario,
             task=self.task,
+            workspace=self.workspace,
         )
 
 

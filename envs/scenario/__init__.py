@@ -10,7 +10,7 @@ from typing import Any
 
 from envs.core.errors import ConfigError, unknown_name
 from envs.scenario.lighting import LightingCfg
-from envs.scenario.looks import SURFACES, Appearance, CameraCfg, LightCfg, SurfaceMaterial
+from envs.scenario.looks import SURFACES, Appearance, CameraCfg, LightCfg, SensorCfg, SurfaceMaterial
 from envs.scenario.objects import GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg
 from envs.scenario.robots import BodyCfg, JointCfg, RobotCfg, SiteCfg
 from envs.scenario.units import IDENTITY, Quat, Rgba, Vec3
@@ -35,6 +35,7 @@ __all__ = [
     "RobotCfg",
     "RoomCfg",
     "ScenarioCfg",
+    "SensorCfg",
     "SiteCfg",
     "SurfaceMaterial",
     "TableCfg",

@@ -1,7 +1,7 @@
 """Visual properties of a scene, without effect on physics: cameras, lights and materials."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from envs.core.errors import ConfigError
@@ -117,6 +117,54 @@ class SurfaceMaterial:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class SensorCfg:
+    """What cameras do to their images after these are rendered; the defaults change nothing.
+
+    Lengths are shares of an image's height, so that images of all sizes are blurred alike; noise is a share
+    of the range of a pixel, 255. See :mod:`envs.randomization.disturbances` for the order and the formulas.
+
+    Attributes:
+        exposure_ev: Exposure, in stops: each doubles the light.
+        gamma: Exponent of the values after exposure: above 1 is darker.
+        blur_sigma: Standard deviation of a Gaussian blur.
+        motion_length: Length of a straight blur, by motion.
+        motion_angle_rad: Its direction, from the image's +x towards its bottom.
+        gaussian_noise: Standard deviation of noise that is the same in dark and bright parts.
+        shot_noise: Standard deviation, at white, of noise that grows with the root of the brightness.
+        jpeg_quality: JPEG's quality, 1 to 100, or 0 for no compression.
+        noise_seed: Seeds the noise; with the frame and the camera it decides it.
+    """
+
+    exposure_ev: float = 0.0
+    gamma: float = 1.0
+    blur_sigma: float = 0.0
+    motion_length: float = 0.0
+    motion_angle_rad: float = 0.0
+    gaussian_noise: float = 0.0
+    shot_noise: float = 0.0
+    jpeg_quality: int = 0
+    noise_seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not self.gamma > 0:
+            raise ConfigError(f"SensorCfg.gamma must be above 0, given {self.gamma}.")
+        for name in ("blur_sigma", "motion_length", "gaussian_noise", "shot_noise"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ConfigError(f"SensorCfg.{name} is a share, 0 to 1, given {getattr(self, name)}.")
+        if not 0 <= self.jpeg_quality <= 100:
+            raise ConfigError(
+                f"SensorCfg.jpeg_quality is 1 to 100, or 0 for no compression; given {self.jpeg_quality}."
+            )
+        if self.noise_seed < 0:
+            raise ConfigError(f"SensorCfg.noise_seed must be at least 0, given {self.noise_seed}.")
+
+    @property
+    def disturbs(self) -> bool:
+        """Whether it changes an image at all."""
+        return replace(self, noise_seed=0) != SensorCfg()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Appearance:
     """Visual properties of a scene, without effect on physics: one sample of a level.
 
@@ -129,6 +177,7 @@ class Appearance:
             what the scenario says.
         furniture: Place of the room to its furniture's geoms, in the world's frame; visual only.
             See :mod:`envs.scenario.places` for the places, and how many geoms each can have.
+        sensor: What cameras do to their images.
     """
 
     materials: Mapping[str, SurfaceMaterial] = field(default_factory=dict)
@@ -137,6 +186,7 @@ class Appearance:
     table_yaw_rad: float = 0.0
     object_reflection: Vec3 | None = None
     furniture: Mapping[str, tuple[GeomCfg, ...]] = field(default_factory=dict)
+    sensor: SensorCfg = SensorCfg()
 
     def __post_init__(self) -> None:
         if not all(0 <= value <= 1 for value in self.object_reflection or ()):

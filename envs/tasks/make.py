@@ -49,6 +49,12 @@ def make_task(
     return other
 
 
+def in_scene(task: Task, scenario: ScenarioCfg) -> Task:
+    """Returns a task that takes place in another scene, which holds at least all of its own."""
+    values = {item.name: getattr(task, item.name) for item in fields(task) if item.init}  # pyright: ignore[reportArgumentType]
+    return _with_scenario(type(task), values, scenario)
+
+
 def _typed(cls: type[Task], name: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Returns the values of a task's fields, each of the type of its field."""
     if not options:

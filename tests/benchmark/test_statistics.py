@@ -1,3 +1,4 @@
+import itertools
 import math
 
 import numpy as np
@@ -115,11 +116,64 @@ def test_runs_that_always_succeed_are_not_certain():
     assert low == pytest.approx(statistics.wilson(20, 20)[0])
 
 
+def test_two_stages_are_resampled_one_by_one():
+    """A reference that resamples runs, and then every single episode of each, as the definition says."""
+    rng = np.random.default_rng(0)
+    runs = [(rng.random(100) < rate).astype(float) for rate in (0.6, 0.75, 0.9, 0.7, 0.8)]
+    drawn = np.random.default_rng(1)
+    means = [
+        np.mean([drawn.choice(runs[i], 100).mean() for i in drawn.integers(len(runs), size=len(runs))])
+        for _ in range(3000)
+    ]
+    low, high = statistics.two_stage_bootstrap(runs, seed=2)
+    assert (low, high) == pytest.approx(tuple(np.quantile(means, [0.025, 0.975])), abs=0.012)
+
+
+def test_runs_without_noise_have_scipys_bootstrap_over_runs():
+    """Where every episode of a run ends alike only the runs vary: the first stage alone."""
+    from scipy.stats import bootstrap
+
+    outcomes = np.array([1.0] * 7 + [0.0] * 5)
+    theirs = bootstrap((outcomes,), np.mean, method="percentile", rng=np.random.default_rng(0))
+    ours = statistics.two_stage_bootstrap([np.full(20, each) for each in outcomes], seed=0)
+    assert ours == pytest.approx(tuple(theirs.confidence_interval), abs=0.09), "both count in twelfths"
+
+
 def test_mcnemar_by_hand():
     """5 discordant episodes, all won by one: 2 · 2⁻⁵."""
     assert statistics.mcnemar(5, 0) == pytest.approx(2 / 32)
     assert statistics.mcnemar(0, 0) == 1.0
     assert statistics.mcnemar(3, 3) == 1.0
+
+
+def test_holm_by_hand():
+    """0.005 · 4, 0.01 · 3, 0.03 · 2, and 0.04, which is not less than the one before it."""
+    assert statistics.holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert statistics.holm([0.5, 0.6]) == [1.0, 1.0]
+    assert statistics.holm([0.2]) == [0.2] and statistics.holm([]) == []
+
+
+def test_holm_is_the_closure_of_bonferronis_test():
+    """A reference: the largest of m · min(p) over all sets of m tests that one is in (Marcus et al. 1976)."""
+    rng = np.random.default_rng(0)
+    for size in (1, 2, 3, 5):
+        p = rng.uniform(0.0, 0.4, size) ** 2
+        sets = [s for m in range(1, size + 1) for s in itertools.combinations(range(size), m)]
+        closed = [max(min(1.0, len(s) * min(p[j] for j in s)) for s in sets if i in s) for i in range(size)]
+        assert statistics.holm(p.tolist()) == pytest.approx(closed)
+
+
+def test_holm_keeps_false_alarms_among_many_tests_rare():
+    rng = np.random.default_rng(1)
+    alarms = [min(statistics.holm(rng.uniform(size=20).tolist())) <= 0.05 for _ in range(2000)]
+    assert np.mean(alarms) <= 0.05 + 3 * math.sqrt(0.05 * 0.95 / 2000)
+    assert np.mean(alarms) > 0.03, "and is no more careful than it says"
+
+
+@pytest.mark.parametrize("p", [-0.1, 1.1, float("nan")])
+def test_holm_refuses_what_is_no_probability(p):
+    with pytest.raises(ValueError, match="within 0 to 1"):
+        statistics.holm([0.5, p])
 
 
 def test_e_process_by_hand():

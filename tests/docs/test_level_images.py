@@ -46,7 +46,8 @@ class OneColorEnv:
         self.kwargs, self.closed = kwargs, False
 
     def reset_envs(self, env_ids, episodes):
-        self.color = (60 * self.kwargs["level"], int(episodes[0]), 0)
+        row = self.kwargs.get("level", gallery.AXES.index(self.kwargs.get("only", gallery.AXES[0])))
+        self.color = (40 * row, int(episodes[0]), 0)
 
     def observe(self, env_ids):
         size = self.kwargs["image_size"]
@@ -71,12 +72,27 @@ def test_levels_are_rows_and_episodes_columns(monkeypatch, tmp_path):
     assert all(env.closed and env.kwargs["split"] == "test" for env in made)
     sheet = np.asarray(Image.open(out))
     colors = {tuple(color) for color in sheet.reshape(-1, 3).tolist()}
-    assert {(60 * level, episode, 0) for level in range(4) for episode in (4, 9, 11)} <= colors
+    assert {(40 * level, episode, 0) for level in range(4) for episode in (4, 9, 11)} <= colors
+
+
+def test_axes_are_rows_too(monkeypatch, tmp_path):
+    made = []
+
+    def make_vec(*args, **kwargs):
+        made.append(OneColorEnv(*args, **kwargs))
+        return made[-1]
+
+    monkeypatch.setattr(envs, "make_vec", make_vec, raising=False)
+    out = tmp_path / "axes.png"
+    assert gallery.main([f"axes={out}", "draws=2", "image_size=16"]) == 0
+    assert [env.kwargs["only"] for env in made] == list(gallery.AXES)
+    colors = {tuple(color) for color in np.asarray(Image.open(out)).reshape(-1, 3).tolist()}
+    assert {(40 * row, 9, 0) for row in range(len(gallery.AXES))} <= colors
 
 
 def test_nothing_to_draw_is_a_usage_error(caplog):
     assert gallery.main([]) == 2
-    assert "give out=<file>, materials=<file>, or both" in caplog.text
+    assert "give out=<file>, axes=<file>, materials=<file>, or several" in caplog.text
 
 
 def test_the_built_in_sheet_shows_every_material():

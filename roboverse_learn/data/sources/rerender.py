@@ -122,13 +122,17 @@ class RerenderedEpisodes(ExpertEpisodes):
     def attempts(self, indices: Sequence[int]) -> Iterator[tuple[int, EpisodeData | None]]:
         places = [self._looks.recording_of(index) for index in indices]
         recordings = [self._recordings.read(episode) for episode, _ in places]
+        scene = self._env.scenario
+        # A channel of the dataset may have added objects, which this scene shows only if it varies too.
+        known = {item.name for item in (*scene.robots, *scene.objects)}
+        states = [recording.states.within(known) for recording in recordings]
         actor = ReplayActor(
-            [recording.states.select([0]) for recording in recordings],
+            [each.select([0]) for each in states],
             [recording.actions for recording in recordings],
             hold_steps=0,
             tail_steps=math.inf,
         )
-        env = PlaybackEnv(self._env, [recording.states for recording in recordings])
+        env = PlaybackEnv(self._env, states)
         outcomes = in_order(rollout(env, actor, indices, record=("images", "states")))
         for recording, (_, look), outcome in zip(recordings, places, outcomes, strict=True):
             facts = self._facts | source_facts(recording.metadata, look)

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.playback import ReplayActor, concatenated, set_and_judge
+from envs.playback import ReplayActor, set_and_judge
 from envs.rollout import in_order, rollout
-from envs.state import State
+from envs.state import State, concatenated
 from envs.vector_env import RoboVerseVectorEnv
 from roboverse_learn.data.dataset.recording import Recording
 

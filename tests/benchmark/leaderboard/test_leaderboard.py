@@ -146,6 +146,8 @@ def test_policies_are_paired_on_their_episodes(publish, tmp_path):
     assert (test["num_episodes"], test["only_a"], test["only_b"]) == (8, 8, 0)
     assert test["p_value"] == pytest.approx(2 / 2**8, abs=1e-6)
     assert test["a"].startswith("act")
+    # Four cells with the same p: the smallest counts four times, and none less than it.
+    assert [test["p_holm"] for test in section["comparisons"]] == pytest.approx([8 / 2**8] * 4, abs=1e-6)
 
 
 def test_episodes_that_begin_differently_are_not_paired(publish, make_result, tmp_path):

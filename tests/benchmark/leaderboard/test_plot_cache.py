@@ -66,5 +66,5 @@ def test_missing_damaged_or_unhashed_image_is_rendered_again(draw):
 
 def test_changed_code_renders_again(draw, monkeypatch):
     draw()
-    monkeypatch.setattr(drawn, "_code", lambda: "of another release")
+    monkeypatch.setattr(drawn, "_code", lambda _: "of another release")
     assert draw()

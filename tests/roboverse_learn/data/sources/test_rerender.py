@@ -53,6 +53,36 @@ def test_the_first_look_is_what_the_expert_collects_at_that_level(at_level_0, tm
     assert float((others.float() - images.float()).abs().mean()) > 0.05 * float(images.max())
 
 
+def images_of(root):
+    info = DatasetInfo.open(root)
+    key = "observation.images.front"
+    return ResidentDataset(info.root).sample(list(range(info.num_frames)), {key: [0]})[key]
+
+
+@pytest.mark.slow
+def test_disturbed_images_are_stored_once_by_collecting_and_by_rendering_again(at_level_0, tmp_path):
+    collected(tmp_path / "direct", "num_demos=2", "only=sensor")
+    collected(tmp_path / "again", "num_demos=2", "only=sensor", "source=rerender", f"from={at_level_0}")
+    direct, again, plain = (images_of(root) for root in (tmp_path / "direct", tmp_path / "again", at_level_0))
+    assert bool((direct == again).all()) and not bool((direct == plain).all())
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_a_dataset_gets_distractors_and_loses_them_again(at_level_0, tmp_path):
+    given = f"from={at_level_0}"
+    collected(tmp_path / "layout", "num_demos=2", "only=layout")
+    collected(tmp_path / "got", "num_demos=2", "only=layout", "source=rerender", given)
+    given = f"from={tmp_path / 'layout'}"
+    collected(tmp_path / "lost", "num_demos=2", "level=0", "source=rerender", given)
+    with_them, got, lost, plain = (
+        images_of(root) for root in (tmp_path / "layout", tmp_path / "got", tmp_path / "lost", at_level_0)
+    )
+    assert bool((with_them == got).all()) and bool((lost == plain).all())
+    assert not bool((with_them == plain).all())
+    assert any(key.startswith("objects/distractor") for key in read_raw(tmp_path / "layout", 0)[0])
+
+
 @pytest.mark.slow
 def test_looks_do_not_depend_on_the_number_of_environments_and_processes(at_level_0, tmp_path):
     words = ["level=1", "source=rerender", f"from={at_level_0}", "num_demos=5"]
