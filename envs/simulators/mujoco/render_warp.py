@@ -19,6 +19,7 @@ from envs.mjcf.objects import HIDDEN_GROUP, SCENE_GROUP
 from envs.scenario import SURFACES
 from envs.simulators.mujoco.render import Renderer, RenderJob, Stage, texture_of
 from envs.simulators.mujoco.warp_launches import Launches
+from envs.simulators.start_warp import start_warp
 
 _LIGHT_FIELDS = (
     "light_type",
@@ -58,8 +59,7 @@ class WarpRenderer(Renderer):
     def render(
         self, jobs: Sequence[RenderJob], cameras: tuple[str, ...], modalities: tuple[str, ...]
     ) -> dict[str, dict[str, np.ndarray]]:
-        import warp as wp
-
+        wp = start_warp()
         out = self.empty(len(jobs), cameras, modalities)
         tracers = self._tracers(cameras, modalities, len(jobs))
 
@@ -111,17 +111,15 @@ class _Tracer:
     """A stage and the device arrays that mirror it."""
 
     def __init__(self, renderer: WarpRenderer, cameras: tuple[str, ...], modalities: tuple[str, ...]) -> None:
-        import warp as wp
-
-        wp.config.log_level = wp.LOG_WARNING
+        self._wp = start_warp()
         import mujoco_warp as mjw
 
-        self._mjw, self._wp = mjw, wp
+        self._mjw = mjw
         self._renderer, self._cameras, self._modalities = renderer, cameras, modalities
         self._stage = Stage(renderer.model, renderer.scenario)
         model = self._stage.model
         ready_for_tracing(model)
-        with wp.ScopedDevice("cpu"), contextlib.redirect_stdout(io.StringIO()):
+        with self._wp.ScopedDevice("cpu"), contextlib.redirect_stdout(io.StringIO()):
             self._model = mjw.put_model(model)
             self._data = mjw.put_data(model, self._stage.data, nworld=1)
         # The same memory: what is written here is what the kernels read.

@@ -26,7 +26,7 @@ class Launches:
             if get_ident() != thread:
                 launch(*args, **settings)
                 return
-            command = launch(*args, **settings, record_cmd=True)
+            command: Any = launch(*args, **settings, record_cmd=True)
             command.launch()
             self._commands.append(command)
 
