@@ -20,6 +20,7 @@ def convert_robot(config: ConvertConfig) -> str:
         config.to,
         root=config.root or None,
         simplify=config.simplify,
+        packages=Path(config.packages) if config.packages else None,
         out=Path(config.out) if config.out else None,
     )
     return str(path)

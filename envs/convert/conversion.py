@@ -22,7 +22,7 @@ logger = logging.getLogger(__name__)
 FORMATS = ("urdf", "usd", "mjcf")
 """``mjcf`` is for sources in URDF, which MuJoCo reads by itself."""
 
-_VERSION = 2
+_VERSION = 3
 _LOSSES_FILE = "losses.json"
 
 
@@ -33,6 +33,7 @@ def convert(
     root: str | None = None,
     simplify: bool = False,
     out: Path | str | None = None,
+    packages: Path | None = None,
 ) -> Path:
     """Converts a robot, or returns the cached conversion.
 
@@ -44,9 +45,12 @@ def convert(
         root: Body of a file that is the robot, where the file holds several.
         simplify: Merge and simplify a robot's visual meshes, as for our own renderers.
         out: Folder to write to, which must not exist or be empty; None is a cache, by content.
+        packages: Folder of the ROS packages that a URDF file names (``package://``); None looks in the
+            folders above the file.
 
     Returns:
-        The file: ``<name>.urdf``, ``<name>.usd`` or ``<name>.xml``, its meshes beside it.
+        The file: ``<name>.urdf``, ``<name>.usd`` or ``<name>.xml``, its meshes beside it, and beside URDF
+        ``<name>.mujoco.json`` with the actuators, armature and free base that ``to="mjcf"`` reads.
 
     Raises:
         UnknownNameError: if there is no such format, robot or body.
@@ -55,7 +59,7 @@ def convert(
     """
     if to not in FORMATS:
         raise unknown_name("format", to, FORMATS)
-    loaded = load(source, root=root, simplify=simplify)
+    loaded = load(source, root=root, simplify=simplify, packages=packages)
     if out is None:
         folder = cache_dir("convert") / f"{loaded.name}-{to}-{_digest(loaded, to)}"
     else:
@@ -107,10 +111,11 @@ def _write(loaded: Loaded, to: str, folder: Path) -> tuple[str, ...]:
         return ()
     description = describe_loaded(loaded)
     if to == "urdf":
+        from envs.convert.sidecar import write_sidecar
         from envs.convert.urdf import write_urdf
 
-        write_urdf(description, folder)
-        return description.losses
+        written = write_urdf(description, folder)
+        return (*description.losses, *write_sidecar(loaded.model, loaded.prefix, description, written))
     from envs.convert.usd import write_usd
 
     return (*description.losses, *write_usd(description, folder))

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import mujoco
 
+from envs.convert.packages import read_urdf
+from envs.convert.sidecar import read_sidecar
 from envs.core.assets import resolve
 from envs.core.errors import ConfigError, unknown_name
 from envs.robots import ROBOTS
@@ -18,6 +20,7 @@ logger = logging.getLogger(__name__)
 Source = RobotCfg | str | Path
 """A robot, the name of a registered one, an asset reference, or a path to an MJCF or URDF file."""
 
+_USD = (".usd", ".usda", ".usdc", ".usdz")
 _THIN_MESH = re.compile(r"mesh volume is too small: (\S+)")
 
 
@@ -40,16 +43,19 @@ class Loaded:
     spec: mujoco.MjSpec
 
 
-def load(source: Source, *, root: str | None = None, simplify: bool = False) -> Loaded:
+def load(
+    source: Source, *, root: str | None = None, simplify: bool = False, packages: Path | None = None
+) -> Loaded:
     """Reads and compiles a source.
 
     Args:
         source: See :data:`Source`.
         root: Body of a file that is the robot, where the file holds several; not for a robot.
         simplify: Merge and simplify the visual meshes of a robot, as for our own renderers.
+        packages: Folder of the packages that a URDF file names; None looks in the folders above the file.
 
     Raises:
-        ConfigError: if there is no such file, or MuJoCo refuses it.
+        ConfigError: if there is no such file, it is USD, or MuJoCo refuses it.
         UnknownNameError: if no robot has that name, or no body of the file the name ``root``.
     """
     if isinstance(source, str) and source in ROBOTS:
@@ -59,10 +65,18 @@ def load(source: Source, *, root: str | None = None, simplify: bool = False) -> 
     if isinstance(source, str) and not re.search(r"[:/.\\]", source):
         raise unknown_name("robot", source, ROBOTS.names(), "Or give a file, as in robot=robot.xml.")
     path = resolve(str(source))
+    is_urdf = path.suffix == ".urdf"
+    if path.suffix in _USD:
+        raise ConfigError(
+            f"'{path.name}' is USD, which is written and not read. Give the robot's MJCF or URDF; the "
+            "program that made the USD file may export it."
+        )
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
+        spec = read_urdf(path, packages) if is_urdf else mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
         raise ConfigError(f"MuJoCo cannot read {path.name}: {_one_line(error)}") from error
+    if is_urdf:
+        read_sidecar(spec, path)
     if root is not None:
         _keep_root(spec, root, path.name)
     # A file is named after itself; the folder's name is clearer than robosuite's "robot.xml".

@@ -12,3 +12,18 @@ def use_one_core() -> None:
     """Keeps this process on the first of its cores, where the system can."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+
+
+_WAIT_SETTINGS = ("OMP_WAIT_POLICY", "GOMP_SPINCOUNT", "KMP_BLOCKTIME")
+
+
+def let_waiting_threads_sleep() -> None:
+    """Lets OpenMP's threads sleep while they wait for each other, unless the user has set how they wait.
+
+    By default they spin for milliseconds. A thread that spins on the core that the other one needs makes
+    PyTorch slower by a factor of ten and more where other processes keep the cores busy. It holds for this
+    process, if torch is not imported yet, and for those that it starts. GNU's runtime (in PyTorch's wheels
+    for Linux), LLVM's (macOS) and Intel's (Windows) read ``OMP_WAIT_POLICY``.
+    """
+    if not any(name in os.environ for name in _WAIT_SETTINGS):
+        os.environ["OMP_WAIT_POLICY"] = "PASSIVE"

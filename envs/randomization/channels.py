@@ -26,11 +26,7 @@ if TYPE_CHECKING:
 CHANNELS: "Registry[type[Channel]]" = Registry("channel", group="roboverse.channels")
 
 for _name, _target, _summary in (
-    (
-        "environment",
-        "built_in_channels:EnvironmentChannel",
-        "materials of all surfaces, table's yaw, furniture",
-    ),
+    ("environment", "built_in_channels:EnvironmentChannel", "materials of surfaces, table's yaw, furniture"),
     ("camera", "built_in_channels:CameraChannel", "poses of the cameras that are fixed in the world"),
     ("lighting", "built_in_channels:LightingChannel", "lamps, and how everything reflects"),
     ("robot", "robot_start:RobotChannel", "posture of the arm at the start"),

@@ -12,6 +12,8 @@ class ConvertConfig:
         to: Format: urdf, usd (needs usd-core), or mjcf for a robot whose file is URDF.
         root: Body of the file that is the robot, where the file holds several; empty for all of it.
         simplify: Merge and simplify the visual meshes of a registered robot.
+        packages: Folder of the ROS packages that a URDF file names (package://); empty looks in the folders
+            above the file.
         out: Folder to write to; empty for the cache, whose folder is named after the content.
     """
 
@@ -19,4 +21,5 @@ class ConvertConfig:
     to: str = "urdf"
     root: str = ""
     simplify: bool = False
+    packages: str = ""
     out: str = ""

@@ -140,7 +140,10 @@ _PAGE = """# Conversion of robots
 
 `roboverse convert robot=<robot> to=urdf` (or `to=usd`) writes a robot of a scenario, or any MJCF file, as
 URDF or USD; handlers make the same call, and its result is cached by the content of the source.
-`roboverse convert robot=<file>.urdf to=mjcf` converts back, through MuJoCo's own loader.
+`roboverse convert robot=<file>.urdf to=mjcf` converts back, through MuJoCo's own loader, with what
+`<file>.mujoco.json` beside it holds and URDF cannot: actuators of joints, armature, a free base.
+`losses.json` lists what neither holds. Meshes of `package://` paths are looked for in the folders above the
+file, or in `packages=<folder>`. USD is written and not read.
 
 This page is written by `{command}`, which runs every program of the table that
 is installed and keeps the rows of the others from `{rows}`. Each robot, gripper and base that

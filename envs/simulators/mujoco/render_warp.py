@@ -3,8 +3,9 @@
 import contextlib
 import io
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from queue import SimpleQueue
 from threading import Lock
 from typing import Any, override
@@ -17,6 +18,8 @@ from envs.mjcf.model import TEXTURE_SIZE
 from envs.mjcf.objects import HIDDEN_GROUP, SCENE_GROUP
 from envs.scenario import SURFACES
 from envs.simulators.mujoco.render import Renderer, RenderJob, Stage, texture_of
+from envs.simulators.mujoco.warp_launches import Launches
+from envs.simulators.start_warp import start_warp
 
 _LIGHT_FIELDS = (
     "light_type",
@@ -56,8 +59,7 @@ class WarpRenderer(Renderer):
     def render(
         self, jobs: Sequence[RenderJob], cameras: tuple[str, ...], modalities: tuple[str, ...]
     ) -> dict[str, dict[str, np.ndarray]]:
-        import warp as wp
-
+        wp = start_warp()
         out = self.empty(len(jobs), cameras, modalities)
         tracers = self._tracers(cameras, modalities, len(jobs))
 
@@ -109,88 +111,111 @@ class _Tracer:
     """A stage and the device arrays that mirror it."""
 
     def __init__(self, renderer: WarpRenderer, cameras: tuple[str, ...], modalities: tuple[str, ...]) -> None:
-        import warp as wp
-
-        wp.config.log_level = wp.LOG_WARNING
+        self._wp = start_warp()
         import mujoco_warp as mjw
 
-        self._mjw, self._wp = mjw, wp
+        self._mjw = mjw
         self._renderer, self._cameras, self._modalities = renderer, cameras, modalities
         self._stage = Stage(renderer.model, renderer.scenario)
         model = self._stage.model
         ready_for_tracing(model)
-        with wp.ScopedDevice("cpu"), contextlib.redirect_stdout(io.StringIO()):
+        with self._wp.ScopedDevice("cpu"), contextlib.redirect_stdout(io.StringIO()):
             self._model = mjw.put_model(model)
             self._data = mjw.put_data(model, self._stage.data, nworld=1)
+        # The same memory: what is written here is what the kernels read.
+        self._looks = {name: getattr(self._model, name).numpy() for name in _LOOKS}
+        self._poses = {name: getattr(self._data, name).numpy() for name in _POSE_FIELDS}
         self._sizes = [_size_of(model, name) for name in cameras]
-        self._contexts: dict[bool, Any] = {}
+        self._rooms: dict[bool, _Room] = {}
         self._enter(furnished=False)
 
     def _enter(self, *, furnished: bool) -> None:
         """Takes the tree of a room with furniture, or of one without, where rays are a tenth faster."""
-        if furnished not in self._contexts:
+        if furnished not in self._rooms:
             # Kernels are compiled at the first launch, which must not happen in two threads at once.
             with _COMPILING, self._wp.ScopedDevice("cpu"), contextlib.redirect_stdout(io.StringIO()):
-                self._contexts[furnished] = self._new_context(furnished)
-        self._context = self._contexts[furnished]
+                self._rooms[furnished] = self._new_room(furnished)
+        self._room = self._rooms[furnished]
         self._texture_names: dict[str, str | None] = dict.fromkeys(SURFACES)  # each has textures of its own
 
-    def _new_context(self, furnished: bool) -> Any:
+    def _new_room(self, furnished: bool) -> "_Room":
         model, slots = self._stage.model, self._stage.furniture.geoms
         groups = model.geom_group[slots].copy()
         if not furnished:
             model.geom_group[slots] = HIDDEN_GROUP
         context = create_context(model, self._cameras, self._modalities, num_worlds=1)
         model.geom_group[slots] = groups
-        self._mjw.refit_bvh(self._model, self._data, context)
+        bounds = Launches(partial(self._mjw.refit_bvh, self._model, self._data, context))
         with _compiled_without_nan():
-            self._mjw.render(self._model, self._data, context)
-        return context
+            rays = Launches(partial(self._mjw.render, self._model, self._data, context))
+        return _Room(context, bounds, rays)
 
     def draw(self, job: RenderJob, out: dict, index: int) -> None:
         """Draws one job into row ``index`` of ``out``."""
         if self._stage.pose(job):
             furnished = bool(self._stage.furnished)
-            if self._context is not self._contexts.get(furnished):
+            if self._room is not self._rooms.get(furnished):
                 self._enter(furnished=furnished)
-            self._copy(
-                self._stage.model, self._model, (*_LIGHT_FIELDS, *_MATERIAL_FIELDS, *_FURNITURE_FIELDS)
-            )
+            _copy(self._stage.model, self._looks)
             self._upload_textures()
-        self._copy(self._stage.data, self._data, _POSE_FIELDS)
-        self._mjw.refit_bvh(self._model, self._data, self._context)
-        self._mjw.render(self._model, self._data, self._context)
+        _copy(self._stage.data, self._poses)
+        self._room.trace()
         self._fetch(out, index)
 
-    def _copy(self, source, target, names: Sequence[str]) -> None:
-        for name in names:
-            array = getattr(target, name)
-            array.numpy()[...] = np.asarray(getattr(source, name)).reshape(array.numpy().shape)
-
     def _upload_textures(self) -> None:
-        wp, registry = self._wp, self._context.textures_registry
+        wp, registry = self._wp, self._room.context.textures_registry
         changed = [s for s in SURFACES if self._stage.surface_textures[s] != self._texture_names[s]]
         for surface in changed:
             name = self._stage.surface_textures[surface]
             registry[self._stage.model.texture(surface).id] = self._renderer.uploaded(name)
             self._texture_names[surface] = name
         if changed:
-            self._context.textures = wp.array(registry, dtype=wp.Texture2D)
+            self._room.rays.replace("textures", wp.array(registry, dtype=wp.Texture2D))
 
     def _fetch(self, out: dict, index: int) -> None:
         start = 0
-        context = self._context
+        images = self._room.images
         for name, (width, height) in zip(self._cameras, self._sizes, strict=True):
             span, shape = slice(start, start + width * height), (height, width)
             if "rgb" in self._modalities:
-                packed = context.rgb_data.numpy()[0, span].view(np.uint8).reshape(*shape, 4)
+                packed = images["rgb"][0, span].view(np.uint8).reshape(*shape, 4)
                 out[name]["rgb"][index] = packed[..., 2::-1]
             if "depth" in self._modalities:
-                out[name]["depth"][index] = context.depth_data.numpy()[0, span].reshape(shape)
+                out[name]["depth"][index] = images["depth"][0, span].reshape(shape)
             if "segmentation" in self._modalities:
-                ids = context.seg_data.numpy()[0, span].reshape(*shape, 2)[..., 0]
+                ids = images["segmentation"][0, span].reshape(*shape, 2)[..., 0]
                 out[name]["segmentation"][index] = self._renderer.segment(ids)
             start += width * height
+
+
+class _Room:
+    """The tree of a scene's visible geometry and the launches that trace rays through it.
+
+    Args:
+        context: mujoco_warp's render context.
+        bounds: The launches of its ``refit_bvh``.
+        rays: The launches of its ``render``.
+    """
+
+    def __init__(self, context: Any, bounds: Launches, rays: Launches) -> None:
+        self.context, self._bounds, self.rays = context, bounds, rays
+        self.images = {
+            "rgb": context.rgb_data.numpy(),
+            "depth": context.depth_data.numpy(),
+            "segmentation": context.seg_data.numpy(),
+        }
+
+    def trace(self) -> None:
+        """Does what ``refit_bvh`` and ``render`` do for a model without flexible bodies."""
+        self._bounds.launch()
+        self.context.bvh.refit()
+        self.images["segmentation"].fill(-1)
+        self.rays.launch()
+
+
+def _copy(source: mujoco.MjModel | mujoco.MjData, targets: Mapping[str, np.ndarray]) -> None:
+    for name, target in targets.items():
+        target[...] = np.asarray(getattr(source, name)).reshape(target.shape)
 
 
 @contextlib.contextmanager

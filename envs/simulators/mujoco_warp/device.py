@@ -12,6 +12,7 @@ import warp as wp
 from torch import Tensor
 
 from envs.core.errors import SimulatorError
+from envs.simulators.start_warp import start_warp
 
 logger = logging.getLogger(__name__)
 
@@ -117,5 +118,4 @@ class Graph:
 
 def quiet_start() -> None:
     """Starts Warp without its greeting."""
-    wp.config.log_level = wp.LOG_WARNING
-    wp.init()
+    start_warp()

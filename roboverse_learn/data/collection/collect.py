@@ -86,7 +86,7 @@ def collect(
 
     Args:
         config: What to collect.
-        on_progress: Called after every attempt.
+        on_progress: Called after every attempt, or after those that ended together.
 
     Raises:
         TooFewSuccessesError: The candidates do not give enough successes, or will not.
@@ -135,8 +135,8 @@ def collect(
 def _run(config: CollectionConfig, schedule: Schedule, report: "_Reporter") -> None:
     """Runs candidates until the schedule has enough successes."""
     with contextlib.closing(attempts(config, lambda: schedule.next_batch(config.batch_size))) as results:
-        for index, staged in results:
-            schedule.resolve(index, staged)
+        for ended in results:
+            schedule.resolve(*ended)
             report()
 
 

@@ -18,8 +18,10 @@ from roboverse_learn.data.collection.worker import Attempt, run_batch, start, wo
 from roboverse_learn.data.dataset.staging import STAGING_DIRECTORY
 
 
-def attempts(config: CollectionConfig, next_batch: Callable[[], list[int]]) -> Generator[Attempt]:
+def attempts(config: CollectionConfig, next_batch: Callable[[], list[int]]) -> Generator[list[Attempt]]:
     """Runs batches of pool episodes until there is none, in this process or in several.
+
+    Yields the attempts that ended together: in this process one, of others those of their batches.
 
     Args:
         config: What to collect.
@@ -31,12 +33,15 @@ def attempts(config: CollectionConfig, next_batch: Callable[[], list[int]]) -> G
     if config.num_workers == 1:
         with contextlib.closing(config.make_source()) as source:
             while batch := next_batch():
-                yield from run_batch(config, source, batch, num_cores())
+                for attempt in run_batch(config, source, batch, num_cores()):
+                    yield [attempt]
         return
     yield from _attempts_of_workers(config, next_batch)
 
 
-def _attempts_of_workers(config: CollectionConfig, next_batch: Callable[[], list[int]]) -> Generator[Attempt]:
+def _attempts_of_workers(
+    config: CollectionConfig, next_batch: Callable[[], list[int]]
+) -> Generator[list[Attempt]]:
     logs = Path(config.root) / STAGING_DIRECTORY
     logs.mkdir(parents=True, exist_ok=True)
     others, workers = set(active_children()), set[BaseProcess]()
@@ -52,8 +57,7 @@ def _attempts_of_workers(config: CollectionConfig, next_batch: Callable[[], list
                 if not running:
                     break
                 done, running = wait(running, return_when=FIRST_COMPLETED)
-                for future in done:
-                    yield from future.result()
+                yield [attempt for future in done for attempt in future.result()]
         except BrokenProcessPool as error:
             pool.shutdown()
             ended = {str(worker.exitcode) for worker in workers} - {"0", str(-signal.SIGTERM)}

@@ -122,30 +122,36 @@ class Schedule:
             raise TooFewSuccessesError(f"{message}{self._what_there_is()}")
         return None
 
-    def resolve(self, index: int, directory: Path | None) -> None:
-        """Records how a candidate ended, and commits what is ready.
+    def resolve(self, *ended: tuple[int, Path | None]) -> None:
+        """Records how candidates ended, and commits what is ready, together.
 
         Args:
-            index: A pool index that :meth:`next_index` gave.
-            directory: Its staged episode, or None if it failed.
+            *ended: Pool indices that :meth:`next_index` gave, each with its staged episode, or None if it
+                failed.
 
         Raises:
             TooFewSuccessesError: Many candidates failed, and the others will not be enough.
-            DatasetError: The index is not in flight, or the disk is full.
+            DatasetError: An index is not in flight, or the disk is full.
         """
+        try:
+            for index, directory in ended:
+                self._settle(index, directory)
+        finally:
+            self._commit_ready()
+
+    def _settle(self, index: int, directory: Path | None) -> None:
         if index not in self._outstanding:
             raise DatasetError(f"The source yielded pool episode {index}, which was not requested.")
         self._outstanding.discard(index)
-        if directory is None:
-            self._failed.add(index)
-            self._hopeful -= 1
-            self._write_record()
-            self._failures_left -= 1
-            if self._failures_left <= 0:
-                self._refuse_to_hope()
-        else:
+        if directory is not None:
             self._staged[index] = directory
-        self._commit_ready()
+            return
+        self._failed.add(index)
+        self._hopeful -= 1
+        self._write_record()
+        self._failures_left -= 1
+        if self._failures_left <= 0:
+            self._refuse_to_hope()
 
     def _refuse_to_hope(self) -> None:
         """Ends a collection in which nothing succeeds, or too little for all candidates to be enough."""
@@ -169,15 +175,19 @@ class Schedule:
 
     def _commit_ready(self) -> None:
         """Commits staged episodes as long as every candidate before them is settled."""
-        while self._commit_position < len(self._candidates) and len(self._committed) < self._target:
+        ready: list[int] = []
+        while self._commit_position < len(self._candidates):
             index = self._candidates[self._commit_position]
             if index in self._staged:
-                self._writer.commit(load_staged(self._staged[index]))
-                del self._staged[index]
-                self._committed.add(index)
+                if len(self._committed) + len(ready) >= self._target:
+                    break
+                ready.append(index)
             elif index not in self._failed and index not in self._committed:
-                return
+                break
             self._commit_position += 1
+        if ready:
+            self._writer.commit(*(load_staged(self._staged.pop(index)) for index in ready))
+            self._committed.update(ready)
 
     def _find_staged(self) -> dict[int, Path]:
         """Finds the episodes that an earlier run finished and did not commit."""

@@ -1,11 +1,12 @@
-"""Writes LeRobotDataset v3 so that the folder is a complete dataset after every episode.
+"""Writes LeRobotDataset v3 so that the folder is a complete dataset after every commit.
 
-The order of a commit makes every state on the way a valid dataset to LeRobot's own reader:
+The order of a commit, of one episode or several, makes every state on the way a valid dataset to LeRobot's
+own reader:
 
-1. the episode's videos and raw states get their names (nothing lists them yet),
+1. the videos and raw states get their names (nothing lists them yet),
 2. ``meta/tasks.parquet`` if the instruction is new,
 3. the numeric columns are appended to ``data/`` (LeRobot reads ``total_frames`` rows and no more),
-4. **the episode's row is appended to ``meta/episodes/``: this one rename is the commit**,
+4. **the episodes' rows are appended to ``meta/episodes/``: this one rename is the commit**,
 5. ``meta/stats.json`` and ``meta/info.json`` follow; both can be recomputed from the rows.
 
 Each step is one atomic rename. :func:`recover` completes step 5 or undoes steps 1 to 3.
@@ -14,7 +15,7 @@ Each step is one atomic rename. :func:`recover` completes step 5 or undoes steps
 import contextlib
 import json
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -169,28 +170,35 @@ class DatasetWriter:
         shutil.rmtree(directory, ignore_errors=True)
         return self.commit(stage_episode(directory, episode, self.fps, self.encoder))
 
-    def commit(self, staged: StagedEpisode) -> int:
-        """Makes a staged episode the dataset's next one and removes its staging folder.
+    def commit(self, *staged: StagedEpisode) -> int:
+        """Makes staged episodes the dataset's next ones and removes their staging folders.
+
+        Several at once take little longer than one: the tables and the summary are written for all of them.
 
         Args:
-            staged: Its numeric columns and videos must be the dataset's.
+            *staged: Their numeric columns and videos must be the dataset's.
 
         Returns:
-            Its index in the dataset.
+            The last one's index in the dataset.
 
         Raises:
-            DatasetError: The disk is full; the dataset is then as it was before.
+            DatasetError: The disk is full; the dataset is then complete, without all or the last of them.
         """
         self._check_open()
+        left = staged
         try:
-            self._commit(staged)
+            while left:
+                room = self._rows.room
+                self._commit(left[:room])
+                left = left[room:]
         except BaseException:
             try:
                 self._open()  # back to what the disk holds
             except Exception:
                 self._unlock()
             raise
-        staged.discard()
+        for episode in staged:
+            episode.discard()
         return self._num_episodes - 1
 
     def close(self) -> None:
@@ -271,47 +279,55 @@ class DatasetWriter:
         if rows and read_info(self.root)["total_episodes"] != len(rows):
             self._write_summary()
 
-    def _commit(self, staged: StagedEpisode) -> None:
-        """The five steps of the module's docstring."""
-        index = self._num_episodes
+    def _commit(self, episodes: Sequence[StagedEpisode]) -> None:
+        """The five steps of the module's docstring, for episodes whose rows go into one file."""
+        first = self._num_episodes
+        for index, staged in enumerate(episodes, first):
+            self._name_files(staged, index)
+        tasks = list(dict.fromkeys([*self._tasks, *(staged.task for staged in episodes)]))
+        if tasks != self._tasks:
+            write_file(self.root / TASKS_PATH, tasks_bytes(tasks))
+            self._tasks = tasks
+        numeric = {key: f for key, f in self._all_features.items() if f["dtype"] != "video"}
+        groups, rows, frames, total = [], [], self._num_frames, self._stats
+        for index, staged in enumerate(episodes, first):
+            columns = self._all_columns(staged, index, frames)
+            stats = episode_stats(staged, columns, self._all_features)
+            row = episode_row(
+                staged,
+                stats,
+                index=index,
+                first_frame=frames,
+                fps=self.fps,
+                data_file=self._data.position(),
+                row_file=self._rows.position(),
+            )
+            groups.append(to_arrow({key: columns[key] for key in numeric}, numeric))
+            rows.append(row_table(row))
+            frames += staged.length
+            total = statistics.merge_stats(total, stats)
+        self._data.append(*groups)
+        self._rows.append(*rows)
+        self._num_episodes, self._num_frames, self._stats = first + len(episodes), frames, total
+        self._keys |= {key for staged in episodes if (key := episode_key(staged.metadata))}
+        self._write_summary()
+
+    def _name_files(self, staged: StagedEpisode, index: int) -> None:
+        """Gives an episode's videos and raw states their names in the dataset."""
         chunk, file = chunk_and_file(index)
         for key in video_keys(self.features):
             path = VIDEO_PATH.format(video_key=key, chunk_index=chunk, file_index=file)
             link_file(staged.video_file(key), self.root / path)
         link_file(staged.raw_file, self.root / RAW_PATH.format(episode_index=index))
-        if staged.task not in self._tasks:
-            tasks = [*self._tasks, staged.task]
-            write_file(self.root / TASKS_PATH, tasks_bytes(tasks))
-            self._tasks = tasks
-        columns = self._all_columns(staged)
-        stats = episode_stats(staged, columns, self._all_features)
-        row = episode_row(
-            staged,
-            stats,
-            index=index,
-            first_frame=self._num_frames,
-            fps=self.fps,
-            data_file=self._data.position(),
-            row_file=self._rows.position(),
-        )
-        numeric = {key: f for key, f in self._all_features.items() if f["dtype"] != "video"}
-        self._data.append(to_arrow({key: columns[key] for key in numeric}, numeric))
-        self._rows.append(row_table(row))
-        self._num_episodes += 1
-        self._num_frames += staged.length
-        self._stats = statistics.merge_stats(self._stats, stats)
-        if key := episode_key(staged.metadata):
-            self._keys.add(key)
-        self._write_summary()
 
-    def _all_columns(self, staged: StagedEpisode) -> dict[str, np.ndarray]:
+    def _all_columns(self, staged: StagedEpisode, index: int, first_frame: int) -> dict[str, np.ndarray]:
         """Adds LeRobot's bookkeeping columns."""
         frames = np.arange(staged.length)
         return staged.columns | {
             "timestamp": (frames / self.fps).astype(np.float32),
             "frame_index": frames,
-            "episode_index": np.full(staged.length, self._num_episodes),
-            "index": self._num_frames + frames,
+            "episode_index": np.full(staged.length, index),
+            "index": first_frame + frames,
             "task_index": np.full(staged.length, self._tasks.index(staged.task)),
         }
 

@@ -223,6 +223,114 @@ def test_urdf_round_trips_to_mjcf(hard_robot, tmp_path):
     loaded = load(hard_robot)
     errors, note = compare(loaded, describe_loaded(loaded), MujocoReader(mjcf), 50)
     assert errors.passed, note
+    assert (back.nu, back.actuator("pan").gainprm[0]) == (2, 100.0)
+    assert back.dof_armature[back.joint("pan").dofadr] == pytest.approx(0.4)
+
+
+FLOATING = """
+<mujoco model="flyer">
+  <worldbody>
+    <body name="trunk">
+      <freejoint/>
+      <geom type="box" size=".1 .1 .1" mass="2"/>
+      <body name="leg" pos="0 0 -0.2">
+        <joint name="hip" axis="0 1 0" range="-1 1" armature="0.12"/>
+        <geom type="sphere" size=".05" mass=".3"/>
+        <body name="tail" pos="0 0 -0.1">
+          <joint name="tail" axis="1 0 0"/>
+          <geom type="sphere" size=".02" mass=".1"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <tendon><fixed name="cord"><joint joint="hip" coef="1"/><joint joint="tail" coef="1"/></fixed></tendon>
+  <actuator>
+    <general name="hip" joint="hip" gear="3" gainprm="7" biasprm="1 -2 -3" biastype="affine" ctrlrange="-2 2"
+      ctrllimited="true" forcerange="-9 9" forcelimited="true" dyntype="filter" dynprm="0.05"/>
+    <motor name="pull" tendon="cord"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def test_actuators_armature_and_a_free_base_come_back_from_urdf(tmp_path):
+    import json
+
+    import mujoco
+
+    source = tmp_path / "flyer.xml"
+    source.write_text(FLOATING)
+    urdf = convert(source, out=tmp_path / "urdf")
+    there = mujoco.MjModel.from_xml_path(str(source))
+    back = mujoco.MjModel.from_xml_path(str(convert(urdf, "mjcf", out=tmp_path / "mjcf")))
+    assert (back.nq, back.nv, back.nu) == (there.nq, there.nv, 1)
+    assert back.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
+    assert back.dof_armature[back.joint("hip").dofadr] == pytest.approx(0.12)
+    fields = [name for name in dir(there) if name.startswith("actuator_") and name not in _PLACES]
+    for name in fields:
+        assert np.allclose(getattr(back, name)[0], getattr(there, name)[0]), name
+    losses = json.loads((tmp_path / "urdf" / "losses.json").read_text())
+    assert "Actuator 'pull' acts on no joint and is left out." in losses
+
+
+_PLACES = ("actuator_trnid", "actuator_user", "actuator_plugin", "actuator_actadr")
+"""Numbers that count other things of the model."""
+
+
+def test_a_file_of_actuators_of_another_robot_is_refused(tmp_path):
+    source = tmp_path / "flyer.xml"
+    source.write_text(FLOATING)
+    urdf = convert(source, out=tmp_path / "urdf")
+    sidecar = urdf.with_suffix(".mujoco.json")
+    sidecar.write_text(sidecar.read_text().replace('"hip"', '"knee"'))
+    with pytest.raises(ConfigError, match=r"does not fit 'flyer.urdf': there is no joint 'knee'. Convert"):
+        convert(urdf, "mjcf", out=tmp_path / "mjcf")
+    sidecar.write_text("{}")
+    with pytest.raises(ConfigError, match=r"does not fit 'flyer.urdf'"):
+        convert(urdf, "mjcf", out=tmp_path / "mjcf")
+
+
+PACKAGED = """
+<robot name="arm">
+  <link name="base">
+    <inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+    <visual><geometry><mesh filename="package://arm_parts/look/base.dae"/></geometry></visual>
+    <collision><geometry><mesh filename="package://arm_parts/meshes/base.obj"/></geometry></collision>
+  </link>
+</robot>
+"""
+_SOLID = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+
+
+@pytest.mark.parametrize("place", ["above", "given"])
+def test_meshes_of_ros_packages_are_found_above_the_file_or_in_the_given_folder(place, tmp_path):
+    import mujoco
+
+    urdf = tmp_path / "ws" / "arm_parts" / "urdf" / "arm.urdf"
+    packages = tmp_path / "ws" if place == "above" else tmp_path / "elsewhere"
+    for folder in (urdf.parent, packages / "arm_parts" / "meshes"):
+        folder.mkdir(parents=True)
+    urdf.write_text(PACKAGED)
+    (packages / "arm_parts" / "meshes" / "base.obj").write_text(_SOLID)
+    given = None if place == "above" else packages
+    model = mujoco.MjModel.from_xml_path(str(convert(urdf, "mjcf", out=tmp_path / "out", packages=given)))
+    assert model.nmesh == 1
+
+
+def test_a_ros_package_that_is_not_found_is_named_with_the_key_to_use(tmp_path):
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(PACKAGED)
+    message = r"no 'arm_parts/meshes/base.obj'. Name the folder that holds the package 'arm_parts': packages="
+    with pytest.raises(ConfigError, match=message):
+        convert(urdf, "mjcf")
+    with pytest.raises(ConfigError, match=rf"in '{tmp_path}' is {message}"):
+        convert(urdf, "mjcf", packages=tmp_path)
+
+
+def test_usd_is_refused_as_a_source_in_words(tmp_path):
+    (tmp_path / "robot.usda").write_text("#usda 1.0\n")
+    with pytest.raises(ConfigError, match=r"is USD, which is written and not read. Give the robot's MJCF or"):
+        convert(tmp_path / "robot.usda", "mjcf")
 
 
 @pytest.mark.slow

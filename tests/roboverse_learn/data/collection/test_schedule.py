@@ -39,9 +39,10 @@ class Writer:
     def is_empty(self):
         return not self.committed and not any(staged_directory(self.root, 0).parent.glob("pool_*"))
 
-    def commit(self, directory):
-        self.committed.append(int(directory.name.removeprefix("pool_")))
-        shutil.rmtree(directory, ignore_errors=True)
+    def commit(self, *directories):
+        for directory in directories:
+            self.committed.append(int(directory.name.removeprefix("pool_")))
+            shutil.rmtree(directory, ignore_errors=True)
 
 
 def end(schedule, root, index, fails):
@@ -49,7 +50,7 @@ def end(schedule, root, index, fails):
     directory = None if index in fails else staged_directory(root, index)
     if directory is not None:
         directory.mkdir(parents=True, exist_ok=True)
-    schedule.resolve(index, directory)
+    schedule.resolve((index, directory))
 
 
 collections = st.fixed_dictionaries(
@@ -130,6 +131,31 @@ def test_late_success_waits_for_earlier_episodes(tmp_path):
     assert schedule.next_index() == 9
 
 
+def test_candidates_that_end_together_are_committed_together_in_their_order(tmp_path):
+    writer, commits = Writer(tmp_path), []
+    commit_one_by_one = writer.commit
+    writer.commit = lambda *directories: (commits.append(len(directories)), commit_one_by_one(*directories))
+    schedule = Schedule(writer, range(4), 3, {})
+    assert [schedule.next_index() for _ in range(3)] == [0, 1, 2]
+    staged = [staged_directory(tmp_path, index) for index in (0, 2)]
+    for directory in staged:
+        directory.mkdir(parents=True)
+    schedule.resolve((2, staged[1]), (1, None), (0, staged[0]))
+    assert writer.committed == [0, 2] and commits == [2]
+    assert schedule.num_failures == 1 and schedule.next_index() == 3
+
+
+def test_successes_that_end_beside_the_failure_that_ends_a_collection_are_committed(tmp_path):
+    writer = Writer(tmp_path)
+    schedule = Schedule(writer, range(3), 3, {}, give_up_after=1)
+    assert [schedule.next_index() for _ in range(3)] == [0, 1, 2]
+    directory = staged_directory(tmp_path, 0)
+    directory.mkdir(parents=True)
+    with pytest.raises(TooFewSuccessesError, match="will not give the 3 successes"):
+        schedule.resolve((0, directory), (1, None))
+    assert writer.committed == [0]
+
+
 def test_episodes_of_another_candidate_list_count(tmp_path):
     """A dataset that was begun with other candidates needs only what is missing."""
     writer = Writer(tmp_path, committed=[100, 101])
@@ -181,11 +207,11 @@ def test_failures_are_remembered_over_runs_with_their_settings(tmp_path):
 def test_unrequested_episodes_are_refused(tmp_path):
     schedule = Schedule(Writer(tmp_path), [1, 2], 1, {})
     with pytest.raises(DatasetError, match="yielded pool episode 7, which was not requested"):
-        schedule.resolve(7, None)
+        schedule.resolve((7, None))
     schedule.next_index()
-    schedule.resolve(1, None)
+    schedule.resolve((1, None))
     with pytest.raises(DatasetError, match="yielded pool episode 1, which was not requested"):
-        schedule.resolve(1, None)
+        schedule.resolve((1, None))
 
 
 def test_run_without_success_ends_and_the_next_one_resumes(tmp_path):
@@ -196,7 +222,7 @@ def test_run_without_success_ends_and_the_next_one_resumes(tmp_path):
             match=r"^None of the (5|10) episodes .* succeeded\. The same command tries others\.$",
         ):
             while (index := schedule.next_index()) is not None:
-                schedule.resolve(index, None)
+                schedule.resolve((index, None))
         return json.loads((tmp_path / COLLECTION_PATH).read_text())["failed"]
 
     assert run() == list(range(5))
@@ -240,8 +266,8 @@ def test_too_few_successes_wait_for_those_in_flight(tmp_path):
     """The error is raised when the last candidate has failed, not while one may still succeed."""
     schedule = Schedule(SimpleNamespace(root=tmp_path, episode_keys=frozenset()), [1, 2], 2, {})
     assert [schedule.next_index(), schedule.next_index()] == [1, 2]
-    schedule.resolve(1, None)
+    schedule.resolve((1, None))
     assert schedule.next_index() is None
-    schedule.resolve(2, None)
+    schedule.resolve((2, None))
     with pytest.raises(DatasetError, match=r"The 2 candidate episodes gave 0 successes; 2 are needed"):
         schedule.next_index()

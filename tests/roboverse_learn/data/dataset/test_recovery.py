@@ -10,7 +10,9 @@ import pytest
 from envs.core.atomic import PARTIAL, link_file, write_file, write_json
 from envs.core.errors import DatasetError, WriteError
 from roboverse_learn.data import DatasetInfo, DatasetWriter, ResidentDataset, dataset_hash, recover
+from roboverse_learn.data.dataset import tables
 from roboverse_learn.data.dataset.damage import read_json
+from roboverse_learn.data.dataset.staging import stage_episode
 from tests.roboverse_learn.data.synthetic_episodes import FEATURES, FPS, make_episode
 
 CAMERA = "observation.images.front"
@@ -113,6 +115,43 @@ def test_every_state_is_continued_to_the_undisturbed_dataset(states, undisturbed
         assert sorted(path.relative_to(root) for path in root.rglob("*") if path.is_file()) == files
     # The rename of the episode's row is the commit, and it is one of the renames.
     assert committed == sorted(committed) and set(committed) == {2, 3}
+
+
+def commit_together(root, indices):
+    """Commits the episodes from the dataset's own number on, all at once."""
+    with DatasetWriter(root, fps=FPS, features=FEATURES) as writer:
+        committed, folder = writer.num_episodes, writer.staging_directory
+        shutil.rmtree(folder, ignore_errors=True)
+        wanted = [index for index in indices if index >= committed]
+        writer.commit(
+            *(stage_episode(folder / f"pool_{i:06d}", episode(i), FPS, writer.encoder) for i in wanted)
+        )
+    return committed
+
+
+@pytest.mark.slow
+def test_a_kill_while_episodes_are_committed_together_loses_none_that_is_listed(tmp_path, monkeypatch):
+    """Over the end of a file, so that two renames commit: episodes 2 and 3 in one, episode 4 in the next."""
+    monkeypatch.setattr(tables, "EPISODES_PER_FILE", 2)
+    (tmp_path / "states").mkdir()
+    one_by_one = write(tmp_path / "one_by_one", range(5))
+    root = write(tmp_path / "together", range(2))
+    snapshots = Snapshots(root, tmp_path / "states")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "replace", snapshots.rename(os.replace))
+        commit_together(root, range(5))
+    files = {path.relative_to(root): path for path in root.rglob("*") if path.suffix in (".json", ".parquet")}
+    for name, path in files.items():
+        assert path.read_bytes() == (one_by_one / name).read_bytes(), name
+    expected = dataset_hash(root)
+    committed = []
+    for state in sorted((tmp_path / "states").iterdir()):
+        info = DatasetInfo.open(state)
+        assert len(ResidentDataset(state)) == sum(episode(i).length for i in range(info.num_episodes))
+        committed.append(commit_together(state, range(5)))
+        assert dataset_hash(state) == expected, state.name
+        assert committed[-1] >= info.num_episodes  # the rows are the truth, and the counts follow them
+    assert committed == sorted(committed) and set(committed) == {2, 4, 5}
 
 
 def test_recover_agrees_with_the_rows_in_every_state(states, tmp_path):

@@ -1,0 +1,32 @@
+"""How processes share the cores of a machine."""
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(sys.platform != "linux", reason="only GNU's runtime prints its spin count"),
+]
+_LIBRARIES = "import roboverse_learn, torch; torch.rand(10).sum()"
+
+
+@pytest.mark.parametrize(
+    ("given", "spins"),
+    [({}, 0), ({"GOMP_SPINCOUNT": "1234"}, 1234), ({"OMP_WAIT_POLICY": "ACTIVE"}, 30_000_000_000)],
+)
+def test_waiting_threads_of_torch_sleep_unless_the_user_has_set_otherwise(given, spins):
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("OMP_", "GOMP_", "KMP_"))}
+    done = subprocess.run(
+        [sys.executable, "-c", _LIBRARIES],
+        env=kept | {"OMP_DISPLAY_ENV": "VERBOSE"} | given,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    found = re.search(r"GOMP_SPINCOUNT = '(\d+)'", done.stderr)
+    assert found, done.stderr
+    assert int(found[1]) == spins

@@ -1,0 +1,30 @@
+"""Warp says nothing where it has nothing to say."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from envs.simulators import start_warp
+
+
+@pytest.mark.slow
+def test_rendering_prints_nothing():
+    code = (
+        "from envs.spec import EnvSpec\n"
+        "env = EnvSpec(task='PickCube', image_size=16).make(1)\n"
+        "observation, _ = env.reset(seed=0)\n"
+        "assert observation['pixels']['front'].shape == (1, 16, 16, 3)\n"
+        "from envs.simulators.mujoco_warp.device import quiet_start\n"
+        "quiet_start()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
+
+
+def test_other_lines_of_the_standard_error_stay(capfd):
+    with start_warp._stderr_without(b"CUDA"):
+        os.write(2, b"Warp CUDA warning: none\nan error\n")
+    os.write(2, b"CUDA after it\n")
+    assert capfd.readouterr().err == "an error\nCUDA after it\n"
