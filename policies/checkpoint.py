@@ -17,7 +17,7 @@ HASHES = "sha256.json"
 PREPROCESSOR = "policy_preprocessor.json"
 POSTPROCESSOR = "policy_postprocessor.json"
 
-REGISTERED_AS = {"keypoint_act": "act"}
+REGISTERED_AS = {"keypoint_act": "act", "multitask_act": "mtact"}
 """LeRobot's policy types that are a network of a policy with another name."""
 
 _IMAGES = "observation.images."

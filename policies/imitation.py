@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from envs.core.errors import PolicyError
 from policies.base import Observation, observed
+from policies.learned_tasks import Instructions
 from policies.objective import Loss
 
 ACTION = "action"
@@ -28,6 +29,7 @@ class ImitationPolicy:
         default_ema: Whether training averages the weights by default.
         default_compile: Whether training compiles the loss by default, on a GPU.
         batch_invariant: Run the samples one by one. True on a CPU, where it costs little.
+        columns: Further columns of a dataset that the loss takes, of one integer per frame.
     """
 
     model: Any  # LeRobot's base class does not declare what every policy has
@@ -35,6 +37,7 @@ class ImitationPolicy:
     actions_of: ClassVar[Literal["task", "rl"]] = "task"
     default_ema: ClassVar[bool] = False
     default_compile: ClassVar[bool] = True
+    columns: ClassVar[tuple[str, ...]] = ()
     task: str = ""
     batch_invariant: bool
 
@@ -148,6 +151,13 @@ class ImitationPolicy:
     def drop_last_frames(self) -> int:
         """Frames at the end of an episode that are no training samples of their own."""
         return 0
+
+    def learn_instructions(self, instructions: Instructions) -> None:
+        """Takes the tasks and instructions of the demonstrations, before training.
+
+        Of policies that name ``task_index`` in :attr:`columns`.
+        """
+        raise NotImplementedError
 
     def begin_training(self) -> None:
         """Readies the model for gradient steps."""

@@ -19,7 +19,7 @@ from policies.checkpoint import WEIGHTS, load_weights, read_weights
 from policies.imitation import ImitationPolicy
 from policies.objective import Loss
 from roboverse_learn.data.dataset.info import DatasetInfo
-from roboverse_learn.data.dataset.sampler import EpisodeAwareSampler
+from roboverse_learn.data.dataset.sampler import make_sampler
 from roboverse_learn.training import checkpoint
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.device import cpu_threads, resolve_precision
@@ -148,15 +148,15 @@ class _Trainer:
                 "train.cuda_graphs is for one process, and these are %d: they train without.", self.world
             )
         self.precision = resolve_precision(config.precision, policy.device)
-        self.sampler = EpisodeAwareSampler(
-            dataset.info,
+        self.sampler = make_sampler(
+            dataset,
             batch_size=config.batch_size,
             seed=seed,
             drop_last_frames=policy.drop_last_frames,
             rank=self.rank,
             world_size=self.world,
         )
-        self.keys = list(policy.shapes)
+        self.keys = [*policy.shapes, *policy.columns]
         policy.begin_training()
         # Every process starts from the weights of the first: DDP broadcasts them.
         self.objective, self.optimizer = self.accelerator.prepare(
