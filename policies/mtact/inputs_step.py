@@ -23,7 +23,7 @@ INPUTS_STEP = "mtact_inputs"
 class MtActInputsStep(ProcessorStep):
     """Adds ``observation.language`` to an observation whose ``task`` is one text or a list of them.
 
-    An observation that has ``observation.language`` keeps it.
+    An observation that has ``observation.language`` keeps it, and one without ``task`` gets none.
 
     Attributes:
         max_words: Words of an instruction that are read.
@@ -42,8 +42,9 @@ class MtActInputsStep(ProcessorStep):
     def __call__(self, transition: EnvTransition) -> EnvTransition:
         """Returns the transition with numbers in place of text."""
         seen: dict[str, Any] = dict(transition.get(TransitionKey.OBSERVATION) or {})
-        if OBS_LANGUAGE not in seen:
-            seen[OBS_LANGUAGE] = self.encode(_texts(transition))
+        texts = _texts(transition)
+        if texts is not None and OBS_LANGUAGE not in seen:
+            seen[OBS_LANGUAGE] = self.encode(texts)
         state = seen.get(OBS_STATE)
         if isinstance(state, Tensor) and state.shape[-1] < len(self.state_fill):
             missing = state.new_tensor(self.state_fill[state.shape[-1] :])
@@ -83,13 +84,15 @@ class MtActInputsStep(ProcessorStep):
         return features
 
 
-def _texts(transition: EnvTransition) -> list[str]:
+def _texts(transition: EnvTransition) -> list[str] | None:
     task = (transition.get(TransitionKey.COMPLEMENTARY_DATA) or {}).get("task")
+    if task is None:
+        return None
     if isinstance(task, str):
         return [task]
     if isinstance(task, Sequence | np.ndarray) and len(task) and all(isinstance(text, str) for text in task):
         return [str(text) for text in task]
     raise PolicyError(
-        f"The observation has no 'task', the instructions, which policy 'mtact' needs; given {task!r}. "
-        "Give a list of one text per environment."
+        f"'task' must be the instructions, one text per environment, which policy 'mtact' reads; "
+        f"given {task!r}."
     )

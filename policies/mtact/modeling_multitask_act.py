@@ -12,6 +12,7 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_LANGUAGE, OBS_STATE
 from torch import Tensor, nn
 
+from envs.core.errors import PolicyError
 from policies.act.modeling_keypoint_act import Block
 from policies.mtact.configuration_multitask_act import MultitaskActConfig
 from policies.mtact.decoders import FlowDecoder, RegressionDecoder
@@ -71,7 +72,16 @@ class MultitaskActPolicy(PreTrainedPolicy):
         return loss, {self.model.decoder.term: loss.item()}
 
     def inputs(self, batch: dict[str, Tensor]) -> dict[str, Any]:
-        """Returns a batch as the network takes it, with its images in a list."""
+        """Returns a batch as the network takes it, with its images in a list.
+
+        Raises:
+            PolicyError: if there is no instruction.
+        """
+        if OBS_LANGUAGE not in batch:
+            raise PolicyError(
+                "The observation has no 'task', the instructions that policy 'mtact' reads. Give a list of "
+                "one text per environment."
+            )
         return {**batch, OBS_IMAGES: [batch[key] for key in self.config.image_features]}
 
 

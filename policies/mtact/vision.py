@@ -38,7 +38,7 @@ class Film(nn.Module):
         return images * (1.0 + scale) + shift
 
 
-class FilmKeypointBackbone(KeypointBackbone):
+class FilmKeypointBackbone(nn.Module):
     """The convolutions of the keypoint ACT, with FiLM after each normalization.
 
     Args:
@@ -49,13 +49,16 @@ class FilmKeypointBackbone(KeypointBackbone):
     """
 
     def __init__(self, in_channels: int, channels: tuple[int, ...], n_keypoints: int, dim: int) -> None:
-        super().__init__(in_channels, channels, n_keypoints)
+        super().__init__()
+        plain = KeypointBackbone(in_channels, channels, n_keypoints)
+        self.features, self.heatmaps = plain.features, plain.heatmaps
         self.films = nn.ModuleList(Film(dim, width) for width in channels)
 
     def forward(self, images: Tensor, sentence: Tensor) -> Tensor:
         """Returns the keypoints (B, 2 K) of images (B, C, H, W), by sentence vectors (B, D)."""
+        layers = list(self.features)
         for index, film in enumerate(self.films):
-            convolution, norm, activation = self.features[3 * index : 3 * index + 3]
+            convolution, norm, activation = layers[3 * index : 3 * index + 3]
             images = activation(film(norm(convolution(images)), sentence))
         return spatial_softmax(self.heatmaps(images))
 

@@ -24,7 +24,7 @@ pytestmark = COMPILES
 NAMES = policies.names("dataset")
 BATCH, BATCHES, SIZE = 64, 6, 128
 DATA = SquareFrames()
-EXACT = {"act": {"use_vae": False}, "diffusion": {}}
+EXACT = {"act": {"use_vae": False}, "diffusion": {}, "mtact": {}}
 """Without the samples that depend on how a network is split into kernels; dropout is off in the examples."""
 
 
@@ -39,6 +39,7 @@ def frames(policy, seed):
         "observation.state": torch.randn(BATCH, *time, 9, device="cuda", generator=rng),
         "action": torch.rand(BATCH, steps, 9, device="cuda", generator=rng) - 0.5,
         "action_is_pad": torch.rand(BATCH, steps, device="cuda", generator=rng) < 0.1,
+        **{key: torch.zeros(BATCH, dtype=torch.int64, device="cuda") for key in policy.columns},
     }
 
 
@@ -104,7 +105,8 @@ def test_the_losses_of_the_first_steps_are_those_of_the_cpu(name):
         torch.manual_seed(0)
         found[device] = []
         for step in range(3):
-            batch = DATA.sample(np.arange(8) + step, policy.delta_indices, keys=list(policy.features))
+            keys = [*policy.features, *policy.columns]
+            batch = DATA.sample(np.arange(8) + step, policy.delta_indices, keys=keys)
             with DrawnOnTheCpu():
                 loss, _ = objective({key: value.to(device) for key, value in batch.items()})
             loss.backward()

@@ -72,7 +72,8 @@ class EpisodeAwareSampler:
 
     def next_frames(self, number: int) -> np.ndarray:
         """Returns the next frames of the order, int64 (number,)."""
-        parts, missing = [np.empty(0, dtype=np.int64)], number
+        parts: list[np.ndarray] = [np.empty(0, dtype=np.int64)]
+        missing = number
         while missing:
             if self._position == len(self._order):
                 self._epoch, self._position = self._epoch + 1, 0
