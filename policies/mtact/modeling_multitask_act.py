@@ -20,6 +20,9 @@ from policies.mtact.instruction_table import InstructionTable
 from policies.mtact.sentence import VectorEncoder, WordsEncoder
 from policies.mtact.vision import FilmKeypointBackbone, FilmResNet
 
+SENTENCE = "observation.sentence"
+"""Key of sentence vectors (B, D) that are known already, in place of ``observation.language``."""
+
 
 class MultitaskActPolicy(PreTrainedPolicy):
     """The policy as LeRobot's commands use it.
@@ -77,7 +80,7 @@ class MultitaskActPolicy(PreTrainedPolicy):
         Raises:
             PolicyError: if there is no instruction.
         """
-        if OBS_LANGUAGE not in batch:
+        if OBS_LANGUAGE not in batch and SENTENCE not in batch:
             raise PolicyError(
                 "The observation has no 'task', the instructions that policy 'mtact' reads. Give a list of "
                 "one text per environment."
@@ -148,7 +151,8 @@ class MultitaskAct(nn.Module):
 
     def memory(self, batch: dict[str, Any]) -> Tensor:
         """Returns the tokens (B, S, D) of an observation."""
-        sentence, state = self.sentence(batch[OBS_LANGUAGE]), batch[OBS_STATE]
+        sentence = batch[SENTENCE] if SENTENCE in batch else self.sentence(batch[OBS_LANGUAGE])
+        state = batch[OBS_STATE]
         tokens = [sentence.unsqueeze(1), self.state_token(state).unsqueeze(1)]
         for images, backbone, project in zip(
             batch[OBS_IMAGES], self.backbones, self.image_tokens, strict=True

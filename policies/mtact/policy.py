@@ -17,7 +17,7 @@ from policies.lerobot_policy import Features, LeRobotPolicy, Processors
 from policies.mtact.config import MtActConfig
 from policies.mtact.configuration_multitask_act import SHARED, MultitaskActConfig
 from policies.mtact.inputs_step import INPUTS_STEP, MtActInputsStep
-from policies.mtact.modeling_multitask_act import MultitaskActPolicy
+from policies.mtact.modeling_multitask_act import SENTENCE, MultitaskActPolicy
 from policies.mtact.processor_multitask_act import make_multitask_act_pre_post_processors
 from policies.objective import Loss
 from policies.packed_convolutions import packed
@@ -159,6 +159,16 @@ class MtActPolicy(LeRobotPolicy):
         self._forget_network()
         super().end_training()
 
+    def _told(self, index: Tensor) -> dict[str, Tensor]:
+        """Returns what the network learns of instructions by their index (B,).
+
+        Where there are fewer of them than samples, each is read once. Hidden words are each sample's own.
+        """
+        language = self.model.table.language
+        if len(language) > len(index) or self.model.config.word_dropout:
+            return {OBS_LANGUAGE: language[index]}
+        return {SENTENCE: self.model.model.sentence(language).index_select(0, index)}
+
     @override
     def loss(self, batch: dict[str, Tensor]) -> Loss:
         """Returns the mean error of the samples, and that of each task where there are several.
@@ -170,7 +180,7 @@ class MtActPolicy(LeRobotPolicy):
         state = batch[OBS_STATE]
         if self._state_noise:
             state = state + self._state_noise * torch.randn_like(state)
-        seen = {**batch, OBS_STATE: state * table.is_state[index], OBS_LANGUAGE: table.language[index]}
+        seen = {**batch, **self._told(index), OBS_STATE: state * table.is_state[index]}
         is_own = table.is_action[index]
         errors = self.model.model.errors(self.model.inputs(seen), batch[ACTION], is_own)
         counts = is_own[:, None].expand_as(errors)

@@ -34,7 +34,9 @@ class WordsEncoder(nn.Module):
     def forward(self, parts: Tensor) -> Tensor:
         """Returns the vectors (B, D) of parts of words, int64 (B, W, P); 0 is no part."""
         is_part = (parts > 0).unsqueeze(-1)
-        words = (self.table(parts) * is_part).sum(2) / is_part.sum(2).clamp_min(1)
+        # Not as an embedding: the kernel of its gradient sorts, which a recorded CUDA graph may not hold.
+        vectors = self.table.weight.index_select(0, parts.flatten()).unflatten(0, parts.shape)
+        words = (vectors * is_part).sum(2) / is_part.sum(2).clamp_min(1)
         is_word = is_part.any(2)  # (B, W, 1)
         if self.training and self.dropout:
             is_word = is_word & (torch.rand(is_word.shape, device=words.device) >= self.dropout)

@@ -10,6 +10,7 @@ import torch
 import policies
 from policies.compilation import compile_objective
 from policies.cuda_graphs import RecordedObjective
+from policies.learned_tasks import Instructions, LearnedTask
 from roboverse_learn.training.imitation.fast_objective import NUM_BATCHES, EagerGradients, fast_objective
 from roboverse_learn.training.imitation.train import make_optimizer, train
 from roboverse_learn.training.metrics import read_metrics
@@ -144,3 +145,21 @@ def test_killed_recorded_training_resumes_to_the_same_losses(name, tmp_path, cap
     assert read_metrics(tmp_path / "killed")[-1]["lr"] == read_metrics(tmp_path / "straight")[-1]["lr"]
     policy = policies.load(result.checkpoint, "cuda")
     assert all(value.is_cuda and value.isfinite().all() for value in policy.state_dict().values())
+
+
+@pytest.mark.parametrize("head", ["regression", "flow"])
+@pytest.mark.parametrize("compile", [False, True])
+def test_a_recorded_loss_of_several_tasks_has_the_gradients_of_eager_code(head, compile, caplog):
+    config = replace(policies.config_class("mtact")(), head=head)
+    policy, batches = of_frames("mtact", config)
+    tasks = tuple(LearnedTask(name=f"task{size}", state_size=size, action_size=size) for size in (9, 7))
+    policy.learn_instructions(Instructions(texts=("lift", "raise", "open"), tasks=tasks, task_of=(0, 0, 1)))
+    rng = torch.Generator("cuda").manual_seed(0)
+    for batch in batches:
+        batch["task_index"] = torch.randint(0, 3, (BATCH,), device="cuda", generator=rng)
+    with caplog.at_level(logging.WARNING):
+        fast = fast_objective(policy, batches[:NUM_BATCHES], "bf16", compile=compile, cuda_graphs=True)
+    assert "changes the gradient" not in caplog.text
+    assert isinstance(fast, RecordedObjective)
+    eager = EagerGradients(policy.model, policy.objective(), batches, "bf16")
+    assert eager.first_disagreement(fast) is None

@@ -25,14 +25,11 @@ class ImitationLearner(Learner):
         """See :meth:`Learner.check`.
 
         Raises:
-            UnknownNameError: if one of several tasks does not exist.
             ConfigError: if there are no demonstrations of one of several tasks, or they cannot be collected.
         """
         config = self.config
         if len(config.tasks) == 1:
             return
-        for task in config.tasks[1:]:
-            config.env.replace(task=task).make_task()
         if config.source != "expert":
             raise ConfigError(
                 f"source={config.source} gives demonstrations of one task, and task={listed(config.tasks)} "

@@ -117,6 +117,16 @@ def test_any_text_can_be_acted_on(text):
     assert np.isfinite(policy.act(seen(policy, text))).all()
 
 
+def test_an_instruction_is_read_alike_whether_it_is_read_once_or_by_each_sample():
+    policy = make()
+    policy.begin_training()
+    with torch.no_grad():  # four samples of three instructions, and two of them
+        whole = policy.objective()(frames((0, 2, 0, 2)))[0]
+        parts = [policy.objective()({k: v[:2] for k, v in frames((0, 2, 0, 2)).items()})[0]]
+        parts.append(policy.objective()({k: v[2:] for k, v in frames((0, 2, 0, 2)).items()})[0])
+    torch.testing.assert_close(whole, sum(parts) / 2)
+
+
 def test_dropped_words_change_the_loss_and_no_action():
     dropping, plain = make(replace(CONFIG, word_dropout=0.9)), make()
     for policy in (dropping, plain):
