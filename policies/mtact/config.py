@@ -60,7 +60,7 @@ class MtActConfig:
     num_buckets: int = 4096
     word_dropout: float = 0.0
     vision_backbone: Backbone = "keypoints"
-    conv_channels: tuple[int, ...] = (32, 64, 64, 128)
+    conv_channels: tuple[int, ...] = (32, 64, 128)
     n_keypoints: int = 32
     tokens_per_camera: int = 4
     dim_model: int = 256
