@@ -8,10 +8,11 @@ import numpy as np
 import torch
 from lerobot.configs import PreTrainedConfig
 from lerobot.utils.constants import ACTION, OBS_LANGUAGE, OBS_STATE
-from torch import Tensor
+from torch import Tensor, nn
 
 from envs.core.errors import PolicyError
 from policies.base import Observation, observed
+from policies.group_norm import ChannelsLastGroupNorm
 from policies.learned_tasks import TASK_INDEX, Instructions, LearnedTask
 from policies.lerobot_policy import Features, LeRobotPolicy, Processors
 from policies.mtact.config import MtActConfig
@@ -21,6 +22,7 @@ from policies.mtact.modeling_multitask_act import SENTENCE, MultitaskActPolicy
 from policies.mtact.processor_multitask_act import make_multitask_act_pre_post_processors
 from policies.objective import Loss
 from policies.packed_convolutions import packed
+from policies.swap_modules import replace_modules
 
 INSTRUCTIONS = "task"
 """Key of an observation that holds the instructions."""
@@ -152,6 +154,7 @@ class MtActPolicy(LeRobotPolicy):
         if self.model.config.vision_backbone == "keypoints":
             self.model.train()  # group normalization wants channels first, so channels last would be copied
         else:
+            replace_modules(self.model.model.backbones, nn.GroupNorm, ChannelsLastGroupNorm.of)
             super().begin_training()
 
     @override

@@ -15,6 +15,8 @@ from roboverse_learn.config.compose import compose, configs_folder
 from roboverse_learn.config.recipes import TASKS, find_recipes
 from roboverse_learn.data import DatasetWriter
 from roboverse_learn.training.learners import learner_of
+from roboverse_learn.training.metrics import read_metrics
+from roboverse_learn.training.reporter import Reporter
 from tests.roboverse_learn.data.synthetic_episodes import FEATURES, make_episode
 
 LIST = "task=[PickCube,StackCube]"
@@ -100,6 +102,22 @@ def test_a_dataset_of_one_task_is_none_of_several(tmp_path):
     config = compose("train", ["policy=mtact", LIST, f"dataset={root}"])
     with pytest.raises(ConfigError, match=r"has demonstrations of PickCube alone, and the run is of P"):
         learner_of(config, "cpu").check()
+
+
+@pytest.mark.slow
+def test_a_merged_dataset_is_learned_by_the_tasks_that_its_episodes_name(tmp_path):
+    root = tmp_path / "merged"
+    with DatasetWriter(root, fps=20, features=FEATURES) as writer:
+        for index, task in enumerate(("StackCube", "PickCube")):
+            episode = make_episode(index, task=f"do {task}")
+            episode.metadata["task"] = task
+            writer.add_episode(episode)
+    learner = learner_of(compose("train", ["policy=mtact", LIST, f"dataset={root}", *TINY]), "cpu")
+    learner.check()
+    result = learner.learn(tmp_path / "run", str(root), 0, Reporter())
+    assert learned_tasks(result.checkpoint) == ("StackCube", "PickCube")
+    row = read_metrics(tmp_path / "run")[-1]
+    assert row["loss"] == pytest.approx((row["l1_loss/StackCube"] + row["l1_loss/PickCube"]) / 2, rel=1e-4)
 
 
 def test_the_recipe_of_the_papers_tasks_is_no_recipe_of_the_table():
