@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, fields
 from lerobot.configs import NormalizationMode, PreTrainedConfig
 from lerobot.optim import AdamWConfig
 
+import policies.mtact.inputs_step  # noqa: F401 (LeRobot's commands read a checkpoint's processors by name)
 from policies.mtact.config import MtActConfig
 
 

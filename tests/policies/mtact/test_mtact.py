@@ -2,6 +2,8 @@
 
 import json
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -334,6 +336,17 @@ def test_a_resnet_takes_the_place_of_the_keypoint_network():
     policy.end_training()
     one, two = (policy.act(seen(policy, text)) for text in ("lift the cube", "open the drawer"))
     assert np.abs(one - two).max() > 1e-3
+
+
+@pytest.mark.slow
+def test_lerobots_commands_know_the_processor_step_once_they_know_the_policy_type():
+    code = (
+        "import policies.mtact.configuration_multitask_act\n"
+        "from lerobot.processor import ProcessorStepRegistry\n"
+        "ProcessorStepRegistry.get('mtact_inputs')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.slow
