@@ -31,6 +31,8 @@ class MtActConfig:
         text_layers: Of ``scratch``: transformer layers over the words of a sentence.
         max_words: Of ``scratch``: words and punctuation marks of a sentence that are read; the rest is not.
         num_buckets: Of ``scratch``: rows of the table that parts of words are hashed into.
+        swap_wordings: Train each sample under a random instruction of its task, so that the wording of an
+            episode says nothing of its scene. Only where all instructions of a task mean the same.
         word_dropout: Of ``scratch``: share of the words that training hides, sampled for every sample.
         vision_backbone: ``keypoints``, a few convolutions, or three stages of a ResNet, with group
             normalization; both end in keypoints by spatial softmax, one network per camera.
@@ -58,6 +60,7 @@ class MtActConfig:
     text_layers: int = 1
     max_words: int = 32
     num_buckets: int = 4096
+    swap_wordings: bool = False
     word_dropout: float = 0.0
     vision_backbone: Backbone = "keypoints"
     conv_channels: tuple[int, ...] = (32, 64, 128)

@@ -29,6 +29,11 @@ class InstructionTable(nn.Module):
         super().__init__()
         self.names: tuple[str, ...] = ()
 
+    def reworded(self, index: Tensor) -> Tensor:
+        """Returns for each instruction (B,) a random one of the same task, which may be itself."""
+        is_alike = (self.task[index] @ self.task.T) > 0.0
+        return torch.where(is_alike, torch.rand_like(is_alike, dtype=torch.float32), -1.0).argmax(1)
+
     def fill(self, instructions: Instructions, language: Tensor, state_size: int, action_size: int) -> None:
         """Takes the instructions of a dataset.
 

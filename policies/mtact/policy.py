@@ -42,6 +42,7 @@ class MtActPolicy(LeRobotPolicy):
     columns = (TASK_INDEX,)
     _mask_padding = False
     _state_noise = 0.0
+    _swap_wordings = False
 
     def __init__(self, model: Any, processors: Processors) -> None:
         super().__init__(model, processors)
@@ -68,6 +69,7 @@ class MtActPolicy(LeRobotPolicy):
     def create(cls, features: Any, stats: Any, config: MtActConfig, device: str) -> "MtActPolicy":
         policy = super().create(features, stats, config, device)
         policy._mask_padding, policy._state_noise = config.mask_padding, config.state_noise
+        policy._swap_wordings = config.swap_wordings
         if config.text_encoder != "scratch":  # a checkpoint carries it, and need not say where it lay
             policy.model.config.text_encoder = Path(config.text_encoder).name
         task = LearnedTask(name="", state_size=policy._size(OBS_STATE), action_size=policy._size(ACTION))
@@ -183,7 +185,8 @@ class MtActPolicy(LeRobotPolicy):
         state = batch[OBS_STATE]
         if self._state_noise:
             state = state + self._state_noise * torch.randn_like(state)
-        seen = {**batch, **self._told(index), OBS_STATE: state * table.is_state[index]}
+        told = self._told(table.reworded(index) if self._swap_wordings else index)
+        seen = {**batch, **told, OBS_STATE: state * table.is_state[index]}
         is_own = table.is_action[index]
         errors = self.model.model.errors(self.model.inputs(seen), batch[ACTION], is_own)
         counts = is_own[:, None].expand_as(errors)

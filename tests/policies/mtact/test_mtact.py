@@ -129,6 +129,26 @@ def test_an_instruction_is_read_alike_whether_it_is_read_once_or_by_each_sample(
     torch.testing.assert_close(whole, sum(parts) / 2)
 
 
+def test_another_wording_is_of_the_same_task_and_each_is_as_likely():
+    torch.manual_seed(0)
+    table = make().model.table
+    first, other = (table.reworded(torch.full((1000,), index)) for index in (1, 2))
+    assert set(first.tolist()) == {0, 1} and first.float().mean().item() == pytest.approx(0.5, abs=0.05)
+    assert set(other.tolist()) == {2}
+
+
+def test_with_swapped_wordings_the_wording_of_a_frame_does_not_matter_and_its_task_does():
+    policies_ = [with_film(make(replace(CONFIG, swap_wordings=swap))) for swap in (True, False)]
+    same = []
+    for policy in policies_:
+        policy.begin_training()
+        with torch.no_grad():
+            first, second = (loss_of(policy, frames((index,) * 4)) for index in (0, 1))
+            same.append(bool(first == second))
+            assert loss_of(policy, frames((2,) * 4)) != first
+    assert same == [True, False]
+
+
 def test_dropped_words_change_the_loss_and_no_action():
     dropping, plain = make(replace(CONFIG, word_dropout=0.9)), make()
     for policy in (dropping, plain):
