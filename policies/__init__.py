@@ -66,6 +66,12 @@ POLICIES.add(
     summary="Diffusion Policy with a ResNet18 and a 1D U-Net (arXiv:2303.04137)",
 )
 POLICIES.add(
+    "mtact",
+    PolicyInfo(policy="policies.mtact.policy:MtActPolicy", config="policies.mtact.config:MtActConfig"),
+    tags={"dataset"},
+    summary="Several tasks by their instructions: FiLM, transformer, action chunks (after arXiv:2406.07539)",
+)
+POLICIES.add(
     "lerobot",
     PolicyInfo(policy="policies.zoo.announced:LeRobotZooPolicy", config="policies.zoo.config:LeRobotConfig"),
     tags={"dataset"},

@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from envs.core.errors import PolicyError
 from policies.base import Observation, observed
 from policies.checkpoint import load_weights
+from policies.learned_tasks import Instructions
 from policies.objective import Loss
 
 ACTION = "action"
@@ -28,9 +29,8 @@ class ImitationPolicy:
         model: The network.
         default_ema: Whether training averages the weights by default.
         default_compile: Whether training compiles the loss by default, on a GPU.
-        frame_keys: Columns of the dataset that training needs beside the inputs and the action.
-        instructions: Instructions of the dataset, set by the learner; ``task_index`` counts into them.
         batch_invariant: Run the samples one by one. True on a CPU, where it costs little.
+        columns: Further columns of a dataset that the loss takes, of one integer per frame.
     """
 
     model: Any  # LeRobot's base class does not declare what every policy has
@@ -38,8 +38,7 @@ class ImitationPolicy:
     actions_of: ClassVar[Literal["task", "rl"]] = "task"
     default_ema: ClassVar[bool] = False
     default_compile: ClassVar[bool] = True
-    frame_keys: ClassVar[tuple[str, ...]] = ()
-    instructions: tuple[str, ...] = ()
+    columns: ClassVar[tuple[str, ...]] = ()
     task: str = ""
     batch_invariant: bool
 
@@ -165,6 +164,13 @@ class ImitationPolicy:
             Nothing where the learner forms the groups.
         """
         return []
+
+    def learn_instructions(self, instructions: Instructions) -> None:
+        """Takes the tasks and instructions of the demonstrations, before training.
+
+        Of policies that name ``task_index`` in :attr:`columns`.
+        """
+        raise NotImplementedError
 
     def begin_training(self) -> None:
         """Readies the model for gradient steps."""

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from roboverse_learn.commands.given_dataset import GivenDataset
     from roboverse_learn.commands.run_folder import Run
     from roboverse_learn.data.collection.collect import CollectionSummary
-    from roboverse_learn.training.learners import Learner
+    from roboverse_learn.training.learners import Demonstrations, Learner
     from roboverse_learn.training.reporter import TrainResult
 
 log = logging.getLogger(__name__)
@@ -93,10 +93,10 @@ def train_run(config: TrainRunConfig) -> TrainedRun | None:
         misfit = given.misfit if given else ""
         if misfit:
             log.warning("%s", misfit)
-        collected = _collect(config, run) if from_dataset and not given else None
+        root, collected = _collect(config, run) if from_dataset and not given else (None, None)
         if given:
             _read(given, run)
-        root = str(given.info.root) if given else collected and collected.root
+            root = str(given.info.root)
         with run.stage("train") as facts:
             trained = _train(config, run.folder, root, device)
             facts.update(steps=trained.steps, stopped_by=trained.stopped_by)
@@ -138,14 +138,14 @@ def refuse_long_run(learner: "Learner") -> None:
     log.info("Training will take about %s.", _duration(seconds))
 
 
-def _collect(config: TrainRunConfig, run: "Run") -> "CollectionSummary":
-    from roboverse_learn.collect import collect_dataset
+def _collect(config: TrainRunConfig, run: "Run") -> "tuple[Demonstrations, CollectionSummary | str]":
+    """Collects what is missing; returns the folder, or that of each task, and what a report says."""
+    from roboverse_learn.commands.collected import collect_tasks, collection_facts, in_words
 
     with run.stage("collect") as facts:
-        dataset = collect_dataset(config)
-        facts.update(dataset_hash=dataset.dataset_hash, num_episodes=dataset.num_episodes)
-        facts.update(folder=dataset.root, success_rate=dataset.success_rate)
-    return dataset
+        collected = collect_tasks(config)
+        facts.update(collection_facts(collected))
+    return facts["folder"], in_words(collected)
 
 
 def _read(given: "GivenDataset", run: "Run") -> None:
@@ -188,8 +188,10 @@ def _evaluate(
     return evaluations, board, gif
 
 
-def _train(config: TrainRunConfig, folder: Path, dataset_root: str | None, device: str) -> "TrainResult":
-    """Trains in this process, on a dataset or in an environment."""
+def _train(
+    config: TrainRunConfig, folder: Path, dataset: "Demonstrations | None", device: str
+) -> "TrainResult":
+    """Trains in this process, on demonstrations or in an environment."""
     from roboverse_learn.commands.run_folder import seed_of
     from roboverse_learn.training.learners import learner_of
     from roboverse_learn.training.reporter import ProgressReporter, Reporter
@@ -197,7 +199,7 @@ def _train(config: TrainRunConfig, folder: Path, dataset_root: str | None, devic
     first = int(os.environ.get("RANK", "0")) == 0
     reporter = ProgressReporter() if first else Reporter()
     try:
-        return learner_of(config, device).learn(folder, dataset_root, seed_of(config, "training"), reporter)
+        return learner_of(config, device).learn(folder, dataset, seed_of(config, "training"), reporter)
     finally:
         if isinstance(reporter, ProgressReporter):
             reporter.close()

@@ -156,10 +156,14 @@ class KeypointBackbone(nn.Module):
 
     def forward(self, images: Tensor) -> Tensor:
         """Returns the keypoints of images (B, C, H, W): rows, then columns, from -1 to 1, (B, 2 K)."""
-        maps = self.heatmaps(self.features(images))
-        weights = maps.flatten(2).softmax(-1).view_as(maps)
-        rows, columns = (torch.linspace(-1, 1, size, device=maps.device) for size in maps.shape[2:])
-        return torch.cat([weights.sum(3) @ rows, weights.sum(2) @ columns], 1)
+        return spatial_softmax(self.heatmaps(self.features(images)))
+
+
+def spatial_softmax(maps: Tensor) -> Tensor:
+    """Returns the keypoints of heatmaps (B, K, H, W): rows, then columns, from -1 to 1, (B, 2 K)."""
+    weights = maps.flatten(2).softmax(-1).view_as(maps)
+    rows, columns = (torch.linspace(-1, 1, size, device=maps.device) for size in maps.shape[2:])
+    return torch.cat([weights.sum(3) @ rows, weights.sum(2) @ columns], 1)
 
 
 class Attention(nn.Module):

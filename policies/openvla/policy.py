@@ -19,6 +19,7 @@ from envs.core.errors import PolicyError
 from policies import checkpoint
 from policies.base import Observation
 from policies.imitation import ACTION, ImitationPolicy
+from policies.learned_tasks import TASK_INDEX, Instructions
 from policies.lerobot_policy import policy_features
 from policies.objective import Loss, Objective
 from policies.openvla.config import OpenVlaConfig
@@ -31,7 +32,7 @@ from policies.zoo.weights import load_tensors, read_tensors, unique_tensors
 
 logger = logging.getLogger(__name__)
 
-_TASK, _TASK_INDEX = "task", "task_index"
+_TASK = "task"
 _IGNORED = -100  # what cross entropy leaves out
 _TOKENIZER = ("tokenizer.json", "tokenizer.model")
 
@@ -40,12 +41,13 @@ class OpenVlaPolicy(ImitationPolicy):
     """OpenVLA, arXiv:2406.09246: one action per look at one image, each number a token.
 
     Attributes:
-        instructions: See :class:`policies.imitation.ImitationPolicy`.
+        instructions: Of the dataset; a frame's ``task_index`` counts into them.
     """
 
     name = "openvla"
     default_compile = False
-    frame_keys = (_TASK_INDEX,)
+    columns = (TASK_INDEX,)
+    instructions: tuple[str, ...] = ()
 
     def __init__(self, model: Any, tokenizer: Any, image_key: str, unnorm_key: str) -> None:
         self.model, self.tokenizer, self.unnorm_key = model, tokenizer, unnorm_key
@@ -171,8 +173,8 @@ class OpenVlaPolicy(ImitationPolicy):
     def _words(self, batch: Mapping[str, Any], count: int) -> list[str]:
         if _TASK in batch:
             return list(batch[_TASK])
-        if _TASK_INDEX in batch and self.instructions:
-            return [self.instructions[int(index)] for index in batch[_TASK_INDEX].reshape(-1).tolist()]
+        if TASK_INDEX in batch and self.instructions:
+            return [self.instructions[int(index)] for index in batch[TASK_INDEX].reshape(-1).tolist()]
         return [""] * count
 
     @override
@@ -200,6 +202,10 @@ class OpenVlaPolicy(ImitationPolicy):
     @override
     def parameter_groups(self) -> list[tuple[list[nn.Parameter], float]]:
         return [([each for each in self.model.parameters() if each.requires_grad], 1.0)]
+
+    @override
+    def learn_instructions(self, instructions: Instructions) -> None:
+        self.instructions = instructions.texts
 
     @override
     def loss(self, batch: dict[str, Any]) -> Loss:

@@ -19,6 +19,7 @@ from envs.core.atomic import atomic_directory
 from envs.core.errors import PolicyError
 from policies import checkpoint
 from policies.base import Observation
+from policies.learned_tasks import TASK_INDEX, Instructions
 from policies.lerobot_policy import Features, LeRobotPolicy, Processors, policy_features
 from policies.module_policy import seeded
 from policies.objective import Loss, Objective
@@ -31,7 +32,7 @@ from policies.zoo.types import type_names
 
 logger = logging.getLogger(__name__)
 
-TASK, TASK_INDEX = "task", "task_index"
+TASK = "task"
 
 
 class LeRobotZooPolicy(LeRobotPolicy):
@@ -48,7 +49,7 @@ class LeRobotZooPolicy(LeRobotPolicy):
 
     name = "lerobot"
     default_compile: ClassVar[bool] = False
-    frame_keys: ClassVar[tuple[str, ...]] = (TASK_INDEX,)
+    columns: ClassVar[tuple[str, ...]] = (TASK_INDEX,)
 
     def __init__(
         self, model: Any, processors: Processors, assets: Mapping[str, str], rename_map: Mapping[str, str]
@@ -264,6 +265,10 @@ class LeRobotZooPolicy(LeRobotPolicy):
     @override
     def objective(self) -> Objective:
         return Objective(self.model, _Preprocess(self), self.loss)
+
+    @override
+    def learn_instructions(self, instructions: Instructions) -> None:
+        self.instructions = instructions.texts
 
     # --- checkpoints ----------------------------------------------------------------------------
 

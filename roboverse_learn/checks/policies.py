@@ -84,12 +84,15 @@ class PolicySubject:
                 seen[key] = rng.integers(0, 256, shape, np.uint8)
             elif key == STATE_KEY:
                 seen[key] = rng.normal(0.0, 0.5, shape).astype(np.float32)
+        seen["task"] = np.array([self.spec.make_task().name] * _ROWS)
         return seen
 
     def batch(self) -> dict[str, Tensor]:
         """Returns raw frames of ``_ROWS`` training samples, as the training loop gives them."""
         batch: dict[str, Tensor] = {}
         for key, value in self.observation().items():
+            if key not in self.features:  # the instructions, which a dataset counts
+                continue
             tensor = torch.from_numpy(value)
             batch[key] = tensor.movedim(-1, -3).contiguous() if key.startswith(IMAGE_PREFIX) else tensor
         length = len(self.policy.delta_indices[ACTION])
@@ -98,6 +101,8 @@ class PolicySubject:
         batch[ACTION] = torch.from_numpy(0.5 * waves).float()
         for key, deltas in self.policy.delta_indices.items():
             batch[f"{key}_is_pad"] = torch.zeros(_ROWS, len(deltas), dtype=torch.bool)
+        for key in self.policy.columns:
+            batch[key] = torch.zeros(_ROWS, dtype=torch.int64)
         return batch
 
     def act(self, policy: Any = None, rows: slice = slice(None)) -> np.ndarray:

@@ -27,6 +27,7 @@ from envs.core.plain_values import plain
 from envs.scenario.changes import merged
 from envs.spec import EnvSpec
 from envs.tasks.protocols import PROTOCOLS
+from policies.base import listed
 from policies.checkpoint import learned_tasks
 from roboverse_learn.config.keys import (
     MAPS,
@@ -114,6 +115,7 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
         _put(values, key, _in_list(read[key], at(defaults, key)))
     if recipe:
         values["recipe"] = recipe
+    _split_tasks(command, values, names_others="policy.tasks" in [*keys, *read])
     _name_task_and_cameras(command, values, typed)
     return from_values(command, values)
 
@@ -123,6 +125,29 @@ def _policy(command: str, typed: Mapping[str, Any], chosen: Any) -> str:
     if command == "evaluate":
         return "act"
     return str(typed.get("policy", _NO_POLICY if command == "check" else chosen))
+
+
+def _split_tasks(command: str, values: dict[str, Any], *, names_others: bool) -> None:
+    """Replaces a list of tasks of ``train`` by the first, and by the others as ``policy.tasks``.
+
+    Raises:
+        ConfigError: The policy learns one task alone.
+    """
+    given = values.get("task", "")
+    one = isinstance(given, str) and not (given.startswith("[") and given.endswith("]"))
+    if one or command != "train":
+        return
+    text = given[1:-1].split(",") if isinstance(given, str) else given
+    first, *others = [str(name).strip() for name in text] or [""]
+    values["task"] = first
+    if not others:
+        return
+    if "tasks" not in values["policy"]:
+        raise ConfigError(
+            f"task={listed([first, *others])} are several, and policy={values['policy_name']} learns one. "
+            "policy=mtact learns several by their instructions; or give one task."
+        )
+    values["policy"]["tasks"] = [*others, *(values["policy"]["tasks"] if names_others else ())]
 
 
 def _name_task_and_cameras(command: str, values: dict[str, Any], typed: Mapping[str, Any]) -> None:

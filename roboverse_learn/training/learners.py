@@ -5,6 +5,7 @@ A policy's entry in :data:`policies.POLICIES` names its learner: a name in :data
 """
 
 import os
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +23,10 @@ LEARNERS.add("imitation", "roboverse_learn.training.imitation.learner:ImitationL
 LEARNERS.add("fasttd3", "roboverse_learn.training.rl.fasttd3:FastTd3Learner")
 LEARNERS.add("ppo", "roboverse_learn.training.rl.ppo.learner:PpoLearner")
 LEARNERS.add("tdmpc2", "roboverse_learn.training.rl.tdmpc2:Tdmpc2Learner")
+
+
+type Demonstrations = str | Mapping[str, str]
+"""Folder of a dataset, or of the dataset of each of several tasks."""
 
 
 class Learner:
@@ -47,14 +52,17 @@ class Learner:
         """Measures how many seconds training will take on this machine."""
         raise NotImplementedError
 
-    def learn(self, run_dir: Path, dataset: str | None, seed: int, reporter: "Reporter") -> "TrainResult":
+    def learn(
+        self, run_dir: Path, dataset: Demonstrations | None, seed: int, reporter: "Reporter"
+    ) -> "TrainResult":
         """Trains until the steps or the time of ``config.train`` are over.
 
         Resumes from the last checkpoint of ``run_dir``; writes metrics, curves and checkpoints there.
 
         Args:
             run_dir: Folder of the run.
-            dataset: Folder of the demonstrations; None for a policy that learns from an environment.
+            dataset: Folder of the demonstrations, or of those of each task; None for a policy that
+                learns from an environment.
             seed: Root of all randomness.
             reporter: Is informed of the progress.
 
@@ -90,7 +98,9 @@ class AgentLearner(Learner):
         brief = replace(self.config, policy=self.brief(self.config.policy))
         return estimate_learning_s(type(self)(brief, self.device))
 
-    def learn(self, run_dir: Path, dataset: str | None, seed: int, reporter: "Reporter") -> "TrainResult":
+    def learn(
+        self, run_dir: Path, dataset: Demonstrations | None, seed: int, reporter: "Reporter"
+    ) -> "TrainResult":
         """See :meth:`Learner.learn`."""
         env = self.open_env(seed)
         try:

@@ -10,6 +10,7 @@ import torch
 import policies
 from policies.compilation import compile_objective
 from policies.cuda_graphs import RecordedObjective
+from policies.learned_tasks import Instructions, LearnedTask
 from roboverse_learn.training.imitation.fast_objective import NUM_BATCHES, EagerGradients, fast_objective
 from roboverse_learn.training.imitation.train import make_optimizer, train
 from roboverse_learn.training.metrics import read_metrics
@@ -33,7 +34,7 @@ pytestmark = COMPILES
 NAMES = LEARNED
 BATCH, BATCHES, SIZE = 64, 6, 128
 DATA = SquareFrames()
-EXACT = {"act": {"use_vae": False}, "diffusion": {}}
+EXACT = {"act": {"use_vae": False}, "diffusion": {}, "mtact": {}}
 """Without the samples that depend on how a network is split into kernels; dropout is off in the examples."""
 
 
@@ -48,6 +49,7 @@ def frames(policy, seed):
         "observation.state": torch.randn(BATCH, *time, 9, device="cuda", generator=rng),
         "action": torch.rand(BATCH, steps, 9, device="cuda", generator=rng) - 0.5,
         "action_is_pad": torch.rand(BATCH, steps, device="cuda", generator=rng) < 0.1,
+        **{key: torch.zeros(BATCH, dtype=torch.int64, device="cuda") for key in policy.columns},
     }
 
 
@@ -113,7 +115,8 @@ def test_the_losses_of_the_first_steps_are_those_of_the_cpu(name):
         torch.manual_seed(0)
         found[device] = []
         for step in range(3):
-            batch = DATA.sample(np.arange(8) + step, policy.delta_indices, keys=list(policy.features))
+            keys = [*policy.features, *policy.columns]
+            batch = DATA.sample(np.arange(8) + step, policy.delta_indices, keys=keys)
             with DrawnOnTheCpu():
                 loss, _ = objective({key: value.to(device) for key, value in batch.items()})
             loss.backward()
@@ -151,3 +154,21 @@ def test_killed_recorded_training_resumes_to_the_same_losses(name, tmp_path, cap
     assert read_metrics(tmp_path / "killed")[-1]["lr"] == read_metrics(tmp_path / "straight")[-1]["lr"]
     policy = policies.load(result.checkpoint, "cuda")
     assert all(value.is_cuda and value.isfinite().all() for value in policy.state_dict().values())
+
+
+@pytest.mark.parametrize("head", ["regression", "flow"])
+@pytest.mark.parametrize("compile", [False, True])
+def test_a_recorded_loss_of_several_tasks_has_the_gradients_of_eager_code(head, compile, caplog):
+    config = replace(policies.config_class("mtact")(), head=head, swap_wordings=head == "flow")
+    policy, batches = of_frames("mtact", config)
+    tasks = tuple(LearnedTask(name=f"task{size}", state_size=size, action_size=size) for size in (9, 7))
+    policy.learn_instructions(Instructions(texts=("lift", "raise", "open"), tasks=tasks, task_of=(0, 0, 1)))
+    rng = torch.Generator("cuda").manual_seed(0)
+    for batch in batches:
+        batch["task_index"] = torch.randint(0, 3, (BATCH,), device="cuda", generator=rng)
+    with caplog.at_level(logging.WARNING):
+        fast = fast_objective(policy, batches[:NUM_BATCHES], "bf16", compile=compile, cuda_graphs=True)
+    assert "changes the gradient" not in caplog.text
+    assert isinstance(fast, RecordedObjective)
+    eager = EagerGradients(policy.model, policy.objective(), batches, "bf16")
+    assert eager.first_disagreement(fast) is None

@@ -10,6 +10,7 @@ from torchvision.models.resnet import BasicBlock, ResNet
 import policies
 from policies.act.config import ActConfig
 from policies.diffusion.config import DiffusionConfig
+from policies.mtact.config import MtActConfig
 
 SIZE = 32
 IMAGE = "observation.images.front"
@@ -26,6 +27,10 @@ CONFIGS = {
     ),
     "diffusion": DiffusionConfig(
         n_obs_steps=2, horizon=8, n_action_steps=4, down_dims=(32, 64), num_train_timesteps=8,
+    ),
+    "mtact": MtActConfig(
+        chunk_size=6, n_action_steps=4, dim_model=32, n_heads=2, dim_feedforward=64, n_encoder_layers=1,
+        n_decoder_layers=1, conv_channels=(8, 16), n_keypoints=4, tokens_per_camera=1, num_buckets=64,
     ),
 }  # fmt: skip
 
@@ -82,6 +87,7 @@ def observation(policy, n: int, seed: int = 0) -> dict[str, np.ndarray]:
     return {
         IMAGE: rng.integers(0, 256, (n, *time, SIZE, SIZE, 3), np.uint8),
         "observation.state": rng.normal(size=(n, *time, 9)).astype(np.float32),
+        "task": np.array(["pick up the cube"] * n),
     }
 
 

@@ -29,7 +29,10 @@ def lerobot_chunk(folder, seen, seed=0):
     config = PreTrainedConfig.from_pretrained(folder)
     policy = get_policy_class(config.type).from_pretrained(folder, config=config)
     pre, post = make_pre_post_processors(config, pretrained_path=folder)
-    batch = {key: torch.from_numpy(value) for key, value in seen.items()}
+    batch = {
+        key: value.tolist() if value.dtype.kind == "U" else torch.from_numpy(value)
+        for key, value in seen.items()
+    }
     batch[IMAGE] = batch[IMAGE].movedim(-1, -3).contiguous().float() / 255
     torch.manual_seed(seed)
     with torch.inference_mode():

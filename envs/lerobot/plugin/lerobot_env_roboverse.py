@@ -1,8 +1,7 @@
-"""Registers the env, robot and teleoperators called ``roboverse`` and the policy type ``keypoint_act``.
+"""Registers the env, robot and teleoperators ``roboverse``; policy types ``keypoint_act``, ``multitask_act``.
 
 LeRobot imports this module by its name.
 """
 
 import envs.lerobot  # noqa: F401
-import policies.act.configuration_keypoint_act  # noqa: F401
 import roboverse_learn.teleoperation.lerobot  # noqa: F401

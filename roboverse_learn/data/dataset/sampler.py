@@ -68,7 +68,12 @@ class EpisodeAwareSampler:
 
     def next_batch(self) -> np.ndarray:
         """Returns this process's frames of the next batch, int64 (batch_size / world_size,)."""
-        parts, missing = [], self._batch_size
+        return self.next_frames(self._batch_size)[self._rank :: self._world_size]
+
+    def next_frames(self, number: int) -> np.ndarray:
+        """Returns the next frames of the order, int64 (number,)."""
+        parts: list[np.ndarray] = [np.empty(0, dtype=np.int64)]
+        missing = number
         while missing:
             if self._position == len(self._order):
                 self._epoch, self._position = self._epoch + 1, 0
@@ -77,7 +82,7 @@ class EpisodeAwareSampler:
             self._position += len(part)
             missing -= len(part)
             parts.append(part)
-        return np.concatenate(parts)[self._rank :: self._world_size]
+        return np.concatenate(parts)
 
     def state_dict(self) -> dict[str, int]:
         """Returns the position in the order."""
@@ -91,3 +96,92 @@ class EpisodeAwareSampler:
     def _permutation(self, epoch: int) -> np.ndarray:
         generator = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=(epoch,)))
         return generator.permutation(self._frames)
+
+
+class BalancedSampler:
+    """Samples each of several groups of episodes equally often, whatever their numbers of frames.
+
+    A batch holds the frames of one group after those of another. What does not divide among the groups goes
+    to them in turn.
+
+    Args:
+        info: The dataset.
+        groups: Episodes of each group.
+        batch_size: Frames per batch over all processes, at least one of each group.
+        seed: Seed of the order.
+        drop_last_frames: Frames left out at the end of every episode.
+        rank: Which of ``world_size`` processes this is; it gets every ``world_size``-th frame of a batch.
+        world_size: Number of training processes.
+
+    Raises:
+        ConfigError: A group has no frame left, or the batch has fewer frames than there are groups or does
+            not divide over the processes.
+    """
+
+    def __init__(
+        self,
+        info: DatasetInfo,
+        groups: Sequence[np.ndarray],
+        *,
+        batch_size: int,
+        seed: int,
+        drop_last_frames: int = 0,
+        rank: int = 0,
+        world_size: int = 1,
+    ) -> None:
+        if batch_size < len(groups) or batch_size % world_size:
+            raise ConfigError(
+                f"train.batch_size={batch_size} must be a multiple of {world_size} processes, and have at "
+                f"least one frame of each of {len(groups)} tasks."
+            )
+        self._members = [
+            EpisodeAwareSampler(
+                info,
+                batch_size=1,
+                seed=int(np.random.SeedSequence(seed, spawn_key=(index,)).generate_state(1)[0]),
+                episodes=episodes.tolist(),
+                drop_last_frames=drop_last_frames,
+            )
+            for index, episodes in enumerate(groups)
+        ]
+        self._batch_size, self._rank, self._world_size = batch_size, rank, world_size
+        self._turn = 0
+
+    @property
+    def num_frames(self) -> int:
+        """Frames of all groups."""
+        return sum(member.num_frames for member in self._members)
+
+    def next_batch(self) -> np.ndarray:
+        """Returns this process's frames of the next batch, int64 (batch_size / world_size,)."""
+        number = len(self._members)
+        each, more = divmod(self._batch_size, number)
+        frames = []
+        for index, member in enumerate(self._members):
+            has_more = (index - self._turn) % number < more
+            frames.append(member.next_frames(each + has_more))
+        self._turn = (self._turn + more) % number
+        return np.concatenate(frames)[self._rank :: self._world_size]
+
+    def state_dict(self) -> dict[str, Any]:
+        """Returns the position in the order of each group."""
+        return {"turn": self._turn, "groups": [member.state_dict() for member in self._members]}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Continues from a position that :meth:`state_dict` gave."""
+        self._turn = int(state["turn"])
+        for member, own in zip(self._members, state["groups"], strict=True):
+            member.load_state_dict(own)
+
+
+def make_sampler(dataset: Any, **settings: Any) -> EpisodeAwareSampler | BalancedSampler:
+    """Returns the sampler of a dataset: balanced over its ``groups`` of episodes, where it names some.
+
+    Args:
+        dataset: What a policy is trained on.
+        settings: Of either sampler: ``batch_size``, ``seed``, ``drop_last_frames``, ``rank``, ``world_size``.
+    """
+    groups = getattr(dataset, "groups", ())
+    if groups:
+        return BalancedSampler(dataset.info, groups, **settings)
+    return EpisodeAwareSampler(dataset.info, **settings)

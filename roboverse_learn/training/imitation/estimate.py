@@ -116,6 +116,8 @@ def _random_batch(policy: ImitationPolicy, batch_size: int) -> dict[str, Tensor]
         batch[f"{key}_is_pad"] = torch.zeros(
             *(shape if time_axis else (*shape, 1)), dtype=torch.bool, device=policy.device
         )
+    for key in policy.columns:
+        batch[key] = torch.zeros(batch_size, dtype=torch.int64, device=policy.device)
     return batch
 
 

@@ -1,12 +1,20 @@
 """Imitation learning of a run: from its dataset to a trained policy."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import override
+from typing import TYPE_CHECKING, Any, override
 
 import policies
+from envs.core.errors import ConfigError
+from policies.base import listed
+from policies.learned_tasks import TASK_INDEX
 from roboverse_learn.training.imitation.estimate import estimate_training_s, plain_stats
-from roboverse_learn.training.learners import Learner
+from roboverse_learn.training.learners import Demonstrations, Learner
 from roboverse_learn.training.reporter import Reporter, TrainResult
+
+if TYPE_CHECKING:
+    from roboverse_learn.data.dataset.mixture import Mixture
+    from roboverse_learn.data.dataset.reader import ResidentDataset
 
 
 class ImitationLearner(Learner):
@@ -14,12 +22,42 @@ class ImitationLearner(Learner):
 
     @override
     def check(self) -> None:
+        """See :meth:`Learner.check`.
+
+        Raises:
+            ConfigError: if there are no demonstrations of one of several tasks, or they cannot be collected.
+        """
         from policies.zoo import preflight
         from roboverse_learn.collect import dataset_layout
 
+        config = self.config
         checks = {"lerobot": preflight.check_lerobot, "openvla": preflight.check_openvla}
-        if check := checks.get(self.config.policy_name):
-            check(self.config.policy, dataset_layout(self.config)[0])
+        if check := checks.get(config.policy_name):
+            check(config.policy, dataset_layout(config)[0])
+        if len(config.tasks) == 1:
+            return
+        if config.source != "expert":
+            raise ConfigError(
+                f"source={config.source} gives demonstrations of one task, and task={listed(config.tasks)} "
+                "are several. Collect each, join them with roboverse dataset merge, and give dataset=."
+            )
+        if config.dataset:
+            self._check_demonstrated()
+
+    def _check_demonstrated(self) -> None:
+        """Checks that a given dataset names all tasks of the run."""
+        from roboverse_learn.data.dataset.info import DatasetInfo
+
+        metadata = DatasetInfo.open(self.config.dataset).episode_metadata
+        named = sorted({str(each["task"]) for each in metadata if "task" in each})
+        missing = [task for task in self.config.tasks if task not in named]
+        if missing:
+            there = f"demonstrations of {', '.join(named)} alone" if named else "episodes that name no task"
+            raise ConfigError(
+                f"dataset={self.config.dataset} has {there}, and the run is of "
+                f"{', '.join(self.config.tasks)}. Leave out dataset= to collect each task, "
+                "or name the tasks that it has."
+            )
 
     @override
     def estimate_s(self) -> float:
@@ -33,20 +71,31 @@ class ImitationLearner(Learner):
         return estimate_training_s(policy, config.train)
 
     @override
-    def learn(self, run_dir: Path, dataset: str | None, seed: int, reporter: Reporter) -> TrainResult:
-        from roboverse_learn.data.dataset.reader import ResidentDataset
+    def learn(
+        self, run_dir: Path, dataset: Demonstrations | None, seed: int, reporter: Reporter
+    ) -> TrainResult:
         from roboverse_learn.training.imitation.train import train
 
         assert dataset is not None
-        data = ResidentDataset(dataset, device=self.device)
+        name = self.config.policy_name
+        data = self._open(dataset)
         policy = policies.create(
-            self.config.policy_name,
-            data.info.features,
-            data.info.stats,
-            self.config.policy,
-            self.device,
-            seed=seed,
+            name, data.info.features, data.info.stats, self.config.policy, self.device, seed=seed
         )
-        policy.instructions = data.info.tasks
+        instructions: Any = getattr(data, "instructions", None)
+        if instructions is not None:
+            policy.learn_instructions(instructions)
         settings = policy.training_config(self.config.train)
         return train(policy, data, settings, run_dir, seed=seed, reporter=reporter)
+
+    def _open(self, dataset: Demonstrations) -> "ResidentDataset | Mixture":
+        """Reads demonstrations: of a policy that reads instructions, by their tasks."""
+        from roboverse_learn.data.dataset.mixture import Mixture
+        from roboverse_learn.data.dataset.reader import ResidentDataset
+
+        columns = getattr(policies.policy_class(self.config.policy_name), "columns", ())
+        folders = dataset if isinstance(dataset, Mapping) else {self.config.env.task: dataset}
+        if TASK_INDEX in columns:
+            return Mixture.open(folders, self.device)
+        (folder,) = folders.values()
+        return ResidentDataset(folder, device=self.device)

@@ -19,7 +19,7 @@ from policies.checkpoint import read_weights, weights_path
 from policies.imitation import ImitationPolicy
 from policies.objective import Loss
 from roboverse_learn.data.dataset.info import DatasetInfo
-from roboverse_learn.data.dataset.sampler import EpisodeAwareSampler
+from roboverse_learn.data.dataset.sampler import make_sampler
 from roboverse_learn.training import checkpoint
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.device import cpu_threads, resolve_precision
@@ -154,15 +154,15 @@ class _Trainer:
         self.rank, self.world = self.accelerator.process_index, self.accelerator.num_processes
         self.is_main = self.accelerator.is_main_process
         self.precision = resolve_precision(config.precision, policy.device)
-        self.sampler = EpisodeAwareSampler(
-            dataset.info,
+        self.sampler = make_sampler(
+            dataset,
             batch_size=config.batch_size,
             seed=seed,
             drop_last_frames=policy.drop_last_frames,
             rank=self.rank,
             world_size=self.world,
         )
-        self.keys = [*policy.shapes, *policy.frame_keys]
+        self.keys = [*policy.shapes, *policy.columns]
         policy.begin_training()
         if self.world > 1:
             share_weights(policy.model)

@@ -27,6 +27,7 @@ class SquareFrames:
             IMAGE: torch.from_numpy(images.astype(np.uint8)),
             "observation.state": torch.from_numpy(rng.normal(size=(n, 9)).astype(np.float32)),
             "action": torch.from_numpy(actions.astype(np.float32)),
+            "task_index": torch.zeros(n, dtype=torch.int64),
         }
         starts = np.arange(num_episodes) * EPISODE_LENGTH
         self.info = SimpleNamespace(
@@ -40,7 +41,7 @@ class SquareFrames:
                  {"mean": 0.4, "std": 0.2, "min": 0.0, "max": 1.0}.items()}  # fmt: skip
         vectors = {
             key: {"mean": x.mean(0), "std": x.std(0), "min": x.amin(0), "max": x.amax(0)}
-            for key, x in self.frames.items() if key != IMAGE
+            for key, x in self.frames.items() if key not in (IMAGE, "task_index")
         }  # fmt: skip
         return vectors | {IMAGE: image}
 

@@ -29,5 +29,6 @@ def test_trains_on_a_dataset_from_disk_and_acts_on_its_frames(name, dataset, tmp
     policy = policies.load(result.checkpoint)
     inputs = list(policy.model.config.input_features)
     seen = dataset.sample([0, 9], policy.delta_indices, keys=inputs, channels_last=True)
-    actions = policy.act({key: seen[key].numpy() for key in inputs}, generators(2))
+    observation = {key: seen[key].numpy() for key in inputs} | {"task": list(dataset.info.tasks) * 2}
+    actions = policy.act(observation, generators(2))
     assert actions.shape == (2, policy.n_action_steps, 2)

@@ -136,6 +136,7 @@ def test_a_signal_at_a_checkpoint_writes_no_other(tmp_path):
 LEARNABLE = {
     "act": (120, {"kl_weight": 0.1}),
     "diffusion": (60, {"prediction_type": "sample"}),  # its loss has no floor of unforeseeable noise
+    "mtact": (120, {}),
 }
 
 
@@ -153,7 +154,8 @@ def test_overfits_one_batch_and_acts_as_it_learned(name, tmp_path):
     policy = policies.load(result.checkpoint)
     seen = data.sample(np.arange(5), policy.delta_indices, keys=[IMAGE, "observation.state"])
     seen[IMAGE] = seen[IMAGE].movedim(-3, -1)
-    actions = policy.act({key: seen[key].numpy() for key in (IMAGE, "observation.state")}, generators(5))
+    observation = {key: seen[key].numpy() for key in (IMAGE, "observation.state")} | {"task": [""] * 5}
+    actions = policy.act(observation, generators(5))
     error = np.abs(actions[:, 0] - data.frames["action"][:5].numpy()).mean()
     assert error < 0.7 * data.frames["action"].std(0).mean().item()
 

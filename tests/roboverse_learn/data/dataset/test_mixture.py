@@ -1,0 +1,160 @@
+"""Several datasets as one."""
+
+import numpy as np
+import pytest
+
+from envs.core.errors import ConfigError, DatasetError
+from policies.learned_tasks import LearnedTask
+from roboverse_learn.data import DatasetInfo, DatasetWriter, ResidentDataset
+from roboverse_learn.data.dataset.mixture import Mixture
+from roboverse_learn.data.dataset.sampler import BalancedSampler, EpisodeAwareSampler, make_sampler
+from tests.roboverse_learn.data.synthetic_episodes import FEATURES, make_episode
+from tests.roboverse_learn.data.two_tasks import TEXTS, write
+
+KEYS = ["observation.images.front", "observation.state", "action", "task_index"]
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    root = tmp_path_factory.mktemp("two")
+    return {"Right": write(root / "right", "Right", 6), "Left": write(root / "left", "Left", 2)}
+
+
+@pytest.fixture(scope="module")
+def mixture(folders):
+    return Mixture.open(folders, "cpu")
+
+
+def test_frames_are_those_of_each_dataset_padded_with_zeros(folders, mixture):
+    right, left = (ResidentDataset(folder) for folder in folders.values())
+    assert len(mixture) == len(right) + len(left) == 40
+    indices = np.array([31, 0, 7, 39, 29, 30])
+    found = mixture.sample(indices, {"action": range(3)}, keys=KEYS)
+    for row, index in enumerate(indices):
+        part, own = (right, index) if index < 30 else (left, index - 30)
+        expected = part.sample([own], {"action": range(3)}, keys=KEYS)
+        width = expected["action"].shape[-1]
+        assert found["action"][row, :, :width].equal(expected["action"][0])
+        assert not found["action"][row, :, width:].any()
+        for key in ("observation.images.front", "observation.state", "action_is_pad"):
+            assert found[key][row].equal(expected[key][0]), key
+        first_text = 0 if index < 30 else 2
+        assert found["task_index"][row] == expected["task_index"][0] + first_text
+
+
+def test_instructions_are_counted_over_all_datasets_and_each_is_of_its_task(mixture):
+    instructions = mixture.instructions
+    assert instructions.texts == (*TEXTS["Right"], *TEXTS["Left"]) == mixture.info.tasks
+    assert instructions.tasks == (
+        LearnedTask(name="Right", state_size=4, action_size=3),
+        LearnedTask(name="Left", state_size=4, action_size=2),
+    )
+    assert instructions.task_of == (0, 0, 1)
+
+
+def test_features_are_the_largest(mixture):
+    assert mixture.info.shapes["action"] == (3,)
+    assert mixture.info.features["action"]["names"] == ["a0", "a1", "a2"]
+    assert mixture.info.num_episodes == 8 and mixture.info.num_frames == 40
+    assert mixture.info.episode_starts.tolist() == [0, 5, 10, 15, 20, 25, 30, 35]
+    assert [group.tolist() for group in mixture.groups] == [[0, 1, 2, 3, 4, 5], [6, 7]]
+
+
+def test_statistics_weigh_each_task_alike_and_padding_not_at_all(folders, mixture):
+    right, left = (DatasetInfo.open(folder).read_columns(["action"])["action"] for folder in folders.values())
+    # Three copies of the smaller dataset have as many frames as the larger one.
+    both = np.concatenate([right[:, :2], np.tile(left, (3, 1))])
+    found = mixture.info.stats["action"]
+    np.testing.assert_allclose(found["mean"], [*both.mean(0), right[:, 2].mean()], atol=1e-6)
+    np.testing.assert_allclose(found["std"], [*both.std(0), right[:, 2].std()], atol=1e-6)
+    np.testing.assert_allclose(found["min"], [*both.min(0), right[:, 2].min()])
+    np.testing.assert_allclose(found["max"], [*both.max(0), right[:, 2].max()])
+    assert mixture.info.stats["observation.images.front"]["mean"].shape == (3, 1, 1)
+
+
+def test_a_dataset_of_several_tasks_is_split_by_the_tasks_that_its_episodes_name(tmp_path):
+    root = tmp_path / "both"
+    with DatasetWriter(root, fps=20, features=FEATURES) as writer:
+        for index in range(3):
+            episode = make_episode(index, task=f"wording {index}")
+            episode.metadata["task"] = "StackCube" if index == 1 else "PickCube"
+            writer.add_episode(episode)
+    mixture = Mixture.open({"Unused": root}, "cpu")
+    assert [task.name for task in mixture.instructions.tasks] == ["PickCube", "StackCube"]
+    assert mixture.instructions.task_of == (0, 1, 0)
+    assert [group.tolist() for group in mixture.groups] == [[0, 2], [1]]
+    actions = [make_episode(index).actions for index in range(3)]
+    means = np.mean([np.concatenate([actions[0], actions[2]]).mean(0), actions[1].mean(0)], 0)
+    np.testing.assert_allclose(mixture.info.stats["action"]["mean"], means, atol=1e-6)
+
+
+def test_episodes_that_name_no_task_are_of_the_one_that_is_given(tmp_path):
+    root = tmp_path / "plain"
+    with DatasetWriter(root, fps=20, features=FEATURES) as writer:
+        episode = make_episode(0)
+        del episode.metadata["task"]
+        writer.add_episode(episode)
+    assert [task.name for task in Mixture.open({"Given": root}, "cpu").instructions.tasks] == ["Given"]
+
+
+def test_other_cameras_are_an_error(folders, tmp_path):
+    from roboverse_learn.data import make_features
+    from tests.roboverse_learn.data.two_tasks import make_episode as two_tasks_episode
+
+    root = tmp_path / "small"
+    episode = two_tasks_episode("Left", 0, "push left", 4)
+    episode.images["front"] = episode.images["front"][:, :16, :16]
+    features = make_features([f"q{i}" for i in range(4)], ["a0", "a1"], {"front": (16, 16)})
+    with DatasetWriter(root, fps=20, features=features) as writer:
+        writer.add_episode(episode)
+    with pytest.raises(DatasetError, match=r"cannot be learned together.*same cameras and image_size"):
+        Mixture.open({"Right": folders["Right"], "Left": root}, "cpu")
+
+
+# --- sampling -----------------------------------------------------------------------------------
+
+
+def test_each_task_is_sampled_equally_often(mixture):
+    sampler = make_sampler(mixture, batch_size=7, seed=0)
+    batches = [sampler.next_batch() for _ in range(20)]
+    of_left = [int((batch >= 30).sum()) for batch in batches]
+    assert {len(batch) for batch in batches} == {7}
+    assert set(of_left) == {3, 4} and sum(of_left) == 70
+    assert all((np.diff(batch >= 30) >= 0).all() for batch in batches)  # one task after the other
+    left = np.concatenate(batches)
+    counts = np.bincount(left[left >= 30] - 30)
+    assert counts.max() - counts.min() == 0  # 70 samples of 10 frames: without replacement
+
+
+def test_a_restored_sampler_continues(mixture):
+    whole, first = (make_sampler(mixture, batch_size=5, seed=3) for _ in range(2))
+    expected = [whole.next_batch() for _ in range(8)]
+    for _ in range(4):
+        first.next_batch()
+    second = make_sampler(mixture, batch_size=5, seed=3)
+    second.load_state_dict(first.state_dict())
+    for batch in expected[4:]:
+        np.testing.assert_array_equal(second.next_batch(), batch)
+    assert not np.array_equal(expected[0], make_sampler(mixture, batch_size=5, seed=4).next_batch())
+
+
+def test_processes_share_a_batch(mixture):
+    whole = make_sampler(mixture, batch_size=8, seed=0).next_batch()
+    shares = [
+        make_sampler(mixture, batch_size=8, seed=0, rank=rank, world_size=2).next_batch() for rank in (0, 1)
+    ]
+    np.testing.assert_array_equal(np.sort(np.concatenate(shares)), np.sort(whole))
+    assert all((share >= 30).sum() == 2 for share in shares)
+
+
+def test_a_batch_has_a_frame_of_each_task(mixture):
+    with pytest.raises(ConfigError, match=r"batch_size=1 must .* at least one frame of each of 2 tasks"):
+        BalancedSampler(mixture.info, mixture.groups, batch_size=1, seed=0)
+
+
+def test_a_dataset_without_groups_is_sampled_as_before(folders):
+    dataset = ResidentDataset(folders["Left"])
+    sampler = make_sampler(dataset, batch_size=4, seed=1)
+    assert type(sampler) is EpisodeAwareSampler
+    plain = EpisodeAwareSampler(dataset.info, batch_size=4, seed=1)
+    np.testing.assert_array_equal(sampler.next_batch(), plain.next_batch())

@@ -1,0 +1,163 @@
+"""Several tasks in one command: from its words to a result of each task."""
+
+import shutil
+
+import pytest
+
+import policies
+from benchmark.results import read_result
+from envs.core.errors import ConfigError, PolicyError, UnknownNameError
+from policies.checkpoint import learned_tasks
+from roboverse_learn import cli
+from roboverse_learn.commands.collected import joined_hash, of_task
+from roboverse_learn.commands.run_folder import identity, read_facts
+from roboverse_learn.config.compose import compose, configs_folder
+from roboverse_learn.config.recipes import TASKS, find_recipes
+from roboverse_learn.data import DatasetWriter
+from roboverse_learn.training.learners import learner_of
+from roboverse_learn.training.metrics import read_metrics
+from roboverse_learn.training.reporter import Reporter
+from tests.roboverse_learn.data.synthetic_episodes import FEATURES, make_episode
+
+LIST = "task=[PickCube,StackCube]"
+TINY = (
+    *("preset=quick", "image_size=32", "device=cpu", "slow_ok=true", "cameras=[front]"),
+    *("num_demos=2", "collect.num_workers=1", "collect.num_envs=2"),
+    *("train.steps=4", "batch_size=4", "save_every=4", "log_every=1", "train.num_threads=1"),
+    *("policy.dim_model=32", "policy.dim_feedforward=32", "policy.n_heads=2", "policy.conv_channels=[8,16]"),
+    *("policy.chunk_size=50", "policy.n_action_steps=50", "policy.num_buckets=64"),
+    *("levels=[0]", "splits=[test]", "episodes=1", "evaluate.num_envs=1", "videos=0"),
+)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [[LIST], ["task=PickCube", "policy.tasks=[StackCube]"], ["task=[ PickCube , StackCube ]"]],
+)
+def test_a_list_of_tasks_is_the_first_and_those_that_are_learned_with_it(words):
+    config = compose("train", ["policy=mtact", *words])
+    assert config.tasks == ("PickCube", "StackCube")
+    assert config.env.task == "PickCube" and config.policy.tasks == ("StackCube",)
+    assert identity(config) == identity(compose("train", ["policy=mtact", LIST]))
+
+
+def test_a_program_gives_a_list():
+    config = compose("train", [], {"policy": "mtact", "task": ["PickCube", "StackCube", "CloseBox"]})
+    assert config.tasks == ("PickCube", "StackCube", "CloseBox")
+
+
+def test_one_task_in_brackets_is_one_task():
+    assert compose("train", ["policy=act", "task=[PickCube]"]).tasks == ("PickCube",)
+
+
+def test_each_task_is_collected_alone_into_the_dataset_that_it_has_without_the_others():
+    from roboverse_learn.collect import dataset_folder
+
+    config = compose("train", ["policy=mtact", LIST])
+    for task in config.tasks:
+        own = of_task(config, task)
+        assert own.tasks == (task,)
+        assert dataset_folder(own) == dataset_folder(compose("train", ["policy=mtact", f"task={task}"]))
+
+
+def test_the_hash_of_several_datasets_depends_on_each_and_on_their_order():
+    assert joined_hash(["a"]) == "a"
+    assert len({joined_hash(["a", "b"]), joined_hash(["b", "a"]), joined_hash(["a", "c"])}) == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "error", "said"),
+    [
+        (
+            ["policy=act", LIST],
+            ConfigError,
+            r"\[PickCube,StackCube\] are several, and policy=act learns",
+        ),
+        (["policy=mtact", "task=[PickCube,PickCube]"], ConfigError, "'PickCube' is learned twice"),
+        (["policy=mtact", "task=[PickCub,StackCube]"], UnknownNameError, "Did you mean 'PickCube'"),
+        (["policy=mtact", "task=[]"], UnknownNameError, "task ''"),
+        (["policy=mtact", "task=[PickCube,StackCub]"], UnknownNameError, "Did you mean 'StackCube'"),
+        (
+            ["policy=mtact", LIST, "scenario.physics.decimation=5"],
+            ConfigError,
+            r"scenario.\* change one task, and 2 are",
+        ),
+    ],
+)
+def test_tasks_that_cannot_be_learned_together_are_errors(words, error, said):
+    with pytest.raises(error, match=said):
+        compose("train", words)
+
+
+def test_demonstrations_of_one_task_are_no_source_of_several():
+    config = compose("train", ["policy=mtact", LIST, "source=augment", "from=x"])
+    with pytest.raises(ConfigError, match=r"source=augment gives demonstrations of one task.*dataset merge"):
+        learner_of(config, "cpu").check()
+
+
+def test_a_dataset_of_one_task_is_none_of_several(tmp_path):
+    root = tmp_path / "dataset"
+    with DatasetWriter(root, fps=20, features=FEATURES) as writer:
+        writer.add_episode(make_episode(0))
+    config = compose("train", ["policy=mtact", LIST, f"dataset={root}"])
+    with pytest.raises(ConfigError, match=r"has demonstrations of PickCube alone, and the run is of P"):
+        learner_of(config, "cpu").check()
+
+
+@pytest.mark.slow
+def test_a_merged_dataset_is_learned_by_the_tasks_that_its_episodes_name(tmp_path):
+    root = tmp_path / "merged"
+    with DatasetWriter(root, fps=20, features=FEATURES) as writer:
+        for index, task in enumerate(("StackCube", "PickCube")):
+            episode = make_episode(index, task=f"do {task}")
+            episode.metadata["task"] = task
+            writer.add_episode(episode)
+    learner = learner_of(compose("train", ["policy=mtact", LIST, f"dataset={root}", *TINY]), "cpu")
+    learner.check()
+    result = learner.learn(tmp_path / "run", str(root), 0, Reporter())
+    assert learned_tasks(result.checkpoint) == ("StackCube", "PickCube")
+    row = read_metrics(tmp_path / "run")[-1]
+    assert row["loss"] == pytest.approx((row["l1_loss/StackCube"] + row["l1_loss/PickCube"]) / 2, rel=1e-4)
+
+
+def test_the_recipe_of_the_papers_tasks_is_no_recipe_of_the_table():
+    config = compose("train", ["recipe=mtact_paper"])
+    assert config.tasks == TASKS and config.recipe == "mtact_paper"
+    assert config.train.batch_size % len(config.tasks) == 0
+    assert "mtact_paper" not in find_recipes("v1", configs_folder() / "recipe")
+    alone = compose("train", ["recipe=mtact_paper", "task=CloseBox"])
+    assert alone.tasks == ("CloseBox",)
+
+
+@pytest.mark.slow
+def test_one_command_trains_and_evaluates_each_task(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["train", "policy=mtact", LIST, *TINY]) == 0
+    (run,) = (tmp_path / "runs/PickCube/mtact").iterdir()
+    checkpoint = run / "checkpoints/last/pretrained_model"
+    assert learned_tasks(checkpoint) == ("PickCube", "StackCube")
+    facts = read_facts(run, "collect")
+    assert list(facts["folder"]) == ["PickCube", "StackCube"] and facts["num_episodes"] == 4
+    for task in learned_tasks(checkpoint):
+        result = read_result(tmp_path / "results/v2" / task / "mtact" / f"{run.name}.json")
+        assert result.train_tasks == ("PickCube", "StackCube")
+        assert (result.env.task, result.demonstrations) == (task, 4)
+        assert result.dataset_hash == facts["dataset_hash"]
+    said = capsys.readouterr().out
+    assert "together with StackCube" in said and "Demonstrations of 2 tasks" in said
+
+    # One of its tasks by itself, with the checkpoint at another place; and one that it did not learn.
+    moved = tmp_path / "moved" / "checkpoint"
+    moved.parent.mkdir()
+    shutil.copytree(checkpoint, moved)
+    words = ["levels=[0]", "splits=[test]", "episodes=1", "videos=0", "device=cpu"]
+    assert cli.main(["evaluate", f"checkpoint={moved}", "task=StackCube", *words]) == 0
+    policy = policies.load(moved)
+    assert {name: sizes["action"] for name, sizes in policy.model.config.tasks.items()}.keys() == {
+        "PickCube",
+        "StackCube",
+    }
+    with pytest.raises(PolicyError, match="learned the task PickCube and StackCube, not CloseBox"):
+        from roboverse_learn.evaluate import evaluate_all
+
+        evaluate_all(compose("evaluate", [f"checkpoint={checkpoint}", "task=CloseBox", *words]))
