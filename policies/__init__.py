@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from policies.trainable import TrainablePolicy
 
 __all__ = [
-    "POLICIES", "Policy", "PolicyInfo", "Source", "config_class", "create", "create_scripted", "learner",
-    "learns_from", "load", "names", "policy_class", "summary",
+    "POLICIES", "Policy", "PolicyInfo", "Source", "check", "config_class", "create",
+    "create_scripted", "learner", "learns_from", "load", "names", "policy_class", "summary",
 ]  # fmt: skip
 
 Source = Literal["dataset", "env", "nothing"]
@@ -41,11 +41,14 @@ class PolicyInfo:
         config: Frozen dataclass of its settings, which checks them; None if it has none.
         learner: What trains it: a name in ``roboverse_learn.training.learners``, or the ``"module:Class"`` of
             a learner elsewhere. Empty if it needs no training.
+        check: ``"module:function"`` of settings and features, called before a training begins: it raises a
+            :class:`~envs.core.errors.RoboVerseError` where the policy cannot learn. Empty if there is none.
     """
 
     policy: str
     config: str | None = None
     learner: str = "imitation"
+    check: str = ""
 
 
 POLICIES: "Registry[PolicyInfo | type[TrainablePolicy]]" = Registry(
@@ -73,14 +76,20 @@ POLICIES.add(
 )
 POLICIES.add(
     "lerobot",
-    PolicyInfo(policy="policies.zoo.announced:LeRobotZooPolicy", config="policies.zoo.config:LeRobotConfig"),
+    PolicyInfo(
+        policy="policies.zoo.announced:LeRobotZooPolicy",
+        config="policies.zoo.config:LeRobotConfig",
+        check="policies.zoo.preflight:check_lerobot",
+    ),
     tags={"dataset"},
     summary="Any policy of LeRobot's registry by type=<name>: smolvla, pi0, pi05, xvla, multi_task_dit, ...",
 )
 POLICIES.add(
     "openvla",
     PolicyInfo(
-        policy="policies.openvla.policy:OpenVlaPolicy", config="policies.openvla.config:OpenVlaConfig"
+        policy="policies.openvla.policy:OpenVlaPolicy",
+        config="policies.openvla.config:OpenVlaConfig",
+        check="policies.zoo.preflight:check_openvla",
     ),
     tags={"dataset"},
     summary="OpenVLA, fine-tuned from its 7 B checkpoint: actions as tokens (arXiv:2406.09246)",
@@ -189,6 +198,19 @@ def learner(name: str) -> str:
     """
     found = POLICIES.get(name)
     return found.learner if isinstance(found, PolicyInfo) else "imitation"
+
+
+def check(name: str, config: Any, features: Mapping[str, Any]) -> None:
+    """Checks that policy ``name`` can learn from such demonstrations; see :attr:`PolicyInfo.check`.
+
+    Args:
+        name: Registered name.
+        config: Its settings.
+        features: The dataset's, as LeRobot has them.
+    """
+    found = POLICIES.get(name)
+    if isinstance(found, PolicyInfo) and found.check:
+        resolve(found.check)(config, features)
 
 
 def _checked(name: str, found: Any) -> "type[TrainablePolicy]":

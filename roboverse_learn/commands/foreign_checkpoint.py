@@ -76,7 +76,7 @@ def check_fits(checkpoint: Path, env: EnvSpec, rename_map: Mapping[str, str]) ->
     """
     from policies.checkpoint import CONFIG, policy_label, policy_type, read_json, seen_cameras
     from policies.zoo.cameras import missing_cameras
-    from roboverse_learn.collect import task_layout
+    from roboverse_learn.commands.dataset_layout import task_layout
     from roboverse_learn.config.schema import CollectConfig
 
     if policy_type(checkpoint) not in ANY_SIZE:

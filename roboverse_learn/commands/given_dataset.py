@@ -9,7 +9,7 @@ from functools import cached_property
 
 import policies
 from envs.core.errors import ConfigError, RoboVerseError
-from roboverse_learn.collect import task_layout
+from roboverse_learn.commands.dataset_layout import task_layout
 from roboverse_learn.config.schema import TrainRunConfig
 from roboverse_learn.data.collection.schedule import check_settings, read_record
 from roboverse_learn.data.dataset.info import DatasetInfo, is_collected_here

@@ -77,7 +77,7 @@ def measure_evaluation() -> Measurement:
 def _quick_policy() -> tuple[Any, Any]:
     """Returns the configuration of ``preset=quick`` and its untrained policy."""
     import policies
-    from roboverse_learn.collect import dataset_layout
+    from roboverse_learn.commands.dataset_layout import dataset_layout
     from roboverse_learn.config.compose import compose
     from roboverse_learn.training.imitation.estimate import plain_stats
 

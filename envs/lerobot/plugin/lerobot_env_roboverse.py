@@ -3,7 +3,7 @@
 LeRobot imports this module by its name.
 """
 
-import envs.lerobot
+import envs.lerobot  # noqa: F401
 import policies.act.configuration_keypoint_act
 import policies.mtact.configuration_multitask_act  # noqa: F401
 import roboverse_learn.teleoperation.lerobot  # noqa: F401

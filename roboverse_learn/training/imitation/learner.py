@@ -27,13 +27,10 @@ class ImitationLearner(Learner):
         Raises:
             ConfigError: if there are no demonstrations of one of several tasks, or they cannot be collected.
         """
-        from policies.zoo import preflight
-        from roboverse_learn.collect import dataset_layout
+        from roboverse_learn.commands.dataset_layout import dataset_layout
 
         config = self.config
-        checks = {"lerobot": preflight.check_lerobot, "openvla": preflight.check_openvla}
-        if check := checks.get(config.policy_name):
-            check(config.policy, dataset_layout(config)[0])
+        policies.check(config.policy_name, config.policy, dataset_layout(config)[0])
         if len(config.tasks) == 1:
             return
         if config.source != "expert":
@@ -61,7 +58,7 @@ class ImitationLearner(Learner):
 
     @override
     def estimate_s(self) -> float:
-        from roboverse_learn.collect import dataset_layout
+        from roboverse_learn.commands.dataset_layout import dataset_layout
 
         config = self.config
         features, _, _ = dataset_layout(config)

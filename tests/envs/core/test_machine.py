@@ -16,7 +16,7 @@ _LIBRARIES = "import roboverse_learn, torch; torch.rand(10).sum()"
 
 @pytest.mark.parametrize(
     ("given", "spins"),
-    [({}, 0), ({"GOMP_SPINCOUNT": "1234"}, 1234), ({"OMP_WAIT_POLICY": "ACTIVE"}, 30_000_000_000)],
+    [({}, 5000), ({"GOMP_SPINCOUNT": "1234"}, 1234), ({"OMP_WAIT_POLICY": "ACTIVE"}, 30_000_000_000)],
 )
 def test_waiting_threads_of_torch_sleep_unless_the_user_has_set_otherwise(given, spins):
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("OMP_", "GOMP_", "KMP_"))}

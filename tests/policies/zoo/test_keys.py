@@ -13,6 +13,7 @@ import torch
 import policies
 from envs.core.errors import ConfigError, MissingExtraError, PolicyError, UnknownNameError
 from policies import checkpoint
+from policies.checkpoint import REGISTERED_AS
 from policies.zoo import preflight, source
 from policies.zoo.config import LeRobotConfig, PeftConfig, full_rename_map
 from policies.zoo.types import settings_of, type_names
@@ -32,7 +33,8 @@ class TestTypes:
         from lerobot.configs import PreTrainedConfig
         from lerobot.policies import factory  # noqa: F401, which registers them
 
-        known = set(PreTrainedConfig.get_known_choices()) - {"gaussian_actor", "tdmpc", "keypoint_act"}
+        ours = set(REGISTERED_AS)
+        known = set(PreTrainedConfig.get_known_choices()) - {"gaussian_actor", "tdmpc"} - ours
         assert set(type_names()) == known
         assert known > LANGUAGE | {"act", "diffusion", "vqbet"}
 

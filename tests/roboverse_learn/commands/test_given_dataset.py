@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from roboverse_learn.collect import task_layout
+from roboverse_learn.commands.dataset_layout import task_layout
 from roboverse_learn.commands.given_dataset import _misfit
 from roboverse_learn.config.compose import compose
 

@@ -11,7 +11,8 @@ from benchmark.records import Checkpoint, EpisodeRecord, Machine, Result
 from envs.core.errors import ConfigError
 from envs.spec import EnvSpec
 from roboverse_learn import train as command
-from roboverse_learn.collect import dataset_folder, dataset_layout
+from roboverse_learn.collect import dataset_folder
+from roboverse_learn.commands.dataset_layout import dataset_layout
 from roboverse_learn.commands.outcomes import Evaluation, TrainedRun
 from roboverse_learn.commands.report import collection_report, evaluation_report, train_report
 from roboverse_learn.commands.tested_checkpoint import protocol_of

@@ -100,6 +100,7 @@ CHOSEN = {
     "policy.max_episode_steps": 50,
     "policy.substeps": 5,
     "policy.prediction_type": "sample",
+    "policy.head": "flow",
     "policy.actor_dim": 256,
     "policy.critic_dim": 512,
     "policy.observation": "pixels",

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from envs.core.errors import DatasetError
-from roboverse_learn.collect import collect_dataset, dataset_folder, dataset_layout
+from roboverse_learn.collect import collect_dataset, dataset_folder
+from roboverse_learn.commands.dataset_layout import dataset_layout
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.help import command_help
 from roboverse_learn.config.scenario_overrides import scenario_keys, scenario_name

@@ -6,7 +6,7 @@ import pytest
 from docs.generate.libero_catalogue import catalogue_text
 from envs.core.errors import ConfigError, MissingExtraError
 from envs.spec import EnvSpec
-from envs.tasks.libero import files
+from envs.tasks.libero import files, task
 from envs.tasks.libero.catalogue import CATALOGUE, entries
 from envs.tasks.libero.scene import scene_of
 from envs.tasks.libero.start_files import fixed_starts
@@ -30,7 +30,8 @@ def test_without_the_extra_a_task_says_how_to_install_it(monkeypatch):
         raise MissingExtraError(reference)
 
     monkeypatch.setattr(files, "resolve", absent)
-    scene_of.cache_clear()
+    for cached in (scene_of, task._scenario_of, task._goal_of):
+        cached.cache_clear()
     with pytest.raises(MissingExtraError, match=r"the package 'libero', which is not installed.*\[libero\]"):
         EnvSpec(task=NAME).make()
 

@@ -67,6 +67,9 @@ class Policy:
         torch.manual_seed(0)
         self.model = Model()
 
+    def parameter_groups(self):
+        return []
+
 
 def test_only_matrices_of_hidden_linear_layers_are_trained_by_muon():
     policy = Policy()
