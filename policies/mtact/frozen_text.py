@@ -37,7 +37,7 @@ class FrozenTextEncoder:
 
     def __init__(self, config: Mapping[str, Any], tokenizer: str, weights: Mapping[str, Tensor]) -> None:
         transformers = _transformers()
-        from tokenizers import Tokenizer
+        from tokenizers import Tokenizer  # pyright: ignore[reportMissingImports]
 
         self._parts = dict(config), tokenizer
         values = {key: value for key, value in config.items() if key != "model_type"}

@@ -115,7 +115,7 @@ def write_backbone(folder: Path, sizes: Backbone, words: list[str], *, weights: 
         words: Sentences that the tokenizer learns; it is byte-level, so it knows every word.
         weights: Whether random weights are written too.
     """
-    from tokenizers import Tokenizer, decoders, models, normalizers, pre_tokenizers, trainers
+    from tokenizers import Tokenizer, decoders, models, normalizers, pre_tokenizers, trainers  # pyright: ignore[reportMissingImports]
     from transformers import (
         PreTrainedTokenizerFast,
         SmolVLMConfig,
