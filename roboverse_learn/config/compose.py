@@ -27,6 +27,7 @@ from envs.core.plain_values import plain
 from envs.scenario.changes import merged
 from envs.spec import EnvSpec
 from envs.tasks.protocols import PROTOCOLS
+from envs.tasks.suites import suite_tasks
 from policies.base import listed
 from policies.checkpoint import learned_tasks
 from roboverse_learn.config.keys import (
@@ -115,6 +116,7 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
         _put(values, key, _in_list(read[key], at(defaults, key)))
     if recipe:
         values["recipe"] = recipe
+    check_suite(typed.get("suite", ""), task=typed.get("task", ""))
     _split_tasks(command, values, names_others="policy.tasks" in [*keys, *read])
     _name_task_and_cameras(command, values, typed)
     return from_values(command, values)
@@ -128,12 +130,14 @@ def _policy(command: str, typed: Mapping[str, Any], chosen: Any) -> str:
 
 
 def _split_tasks(command: str, values: dict[str, Any], *, names_others: bool) -> None:
-    """Replaces a list of tasks of ``train`` by the first, and by the others as ``policy.tasks``.
+    """Replaces a list of tasks of ``train``, or a suite, by the first, and by the others as ``policy.tasks``.
 
     Raises:
         ConfigError: The policy learns one task alone.
     """
     given = values.get("task", "")
+    if command == "train" and values["suite"] and "tasks" in values["policy"]:
+        given, values["suite"] = list(suite_tasks(values["suite"])), ""
     one = isinstance(given, str) and not (given.startswith("[") and given.endswith("]"))
     if one or command != "train":
         return
@@ -151,12 +155,7 @@ def _split_tasks(command: str, values: dict[str, Any], *, names_others: bool) ->
 
 
 def _name_task_and_cameras(command: str, values: dict[str, Any], typed: Mapping[str, Any]) -> None:
-    """Replaces a task that a checkpoint decides, and ``cameras=[all]``, by names.
-
-    Raises:
-        ConfigError: A task and a suite are both given.
-    """
-    check_suite(typed.get("suite", ""), task=typed.get("task", ""))
+    """Replaces a task that a checkpoint decides, and ``cameras=[all]``, by names."""
     names_task = "task" in typed or bool(typed.get("suite"))
     if command == "collect" and not names_task:
         values["task"] = SOURCES.get(values["source"]).task_of(values) or values["task"]

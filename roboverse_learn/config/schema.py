@@ -132,7 +132,8 @@ class CollectConfig:
 
     Attributes:
         env: Environment of the demonstrations. Its fields are typed without ``env.``: ``task=PickCube``.
-        suite: Registered suite, in place of a task: a dataset for each of its tasks. train takes none.
+        suite: Registered suite, in place of a task: a dataset for each of its tasks; train takes it where the
+            policy learns several tasks.
         preset: Named set of values from ``configs/preset``.
         datasets_dir: Folder of datasets.
         source: Registered source: the task's expert, the policy of ``checkpoint``, the demonstrations in

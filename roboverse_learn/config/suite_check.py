@@ -36,8 +36,7 @@ def refuse_suite_of_training(suite: str) -> None:
     """
     if suite:
         raise ConfigError(
-            f"A run of train learns one dataset, and suite={suite} has one for each task. A run for each: "
-            f"roboverse sweep suite={suite}. One policy for all: roboverse collect suite={suite}, then "
-            "roboverse dataset merge, then train dataset=<the merged one> task=<one of its tasks>, then "
-            f"evaluate suite={suite}; with reinforcement learning: policy.tasks=[<task>,...]."
+            f"suite={suite} has several tasks, and this policy learns one. A run for each: roboverse sweep "
+            f"suite={suite}. One policy for all: policy=mtact suite={suite}, by their instructions; with "
+            "reinforcement learning policy=tdmpc2."
         )

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 import policies
 from envs.core.errors import ConfigError, RoboVerseError, UnknownNameError
+from envs.tasks.suites import suite_tasks
 from roboverse_learn import cli
 from roboverse_learn.config.compose import compose, configs_folder, preset_names
 from roboverse_learn.config.keys import at, flat_keys
@@ -378,3 +379,21 @@ def test_a_saved_configuration_of_a_wrong_type_is_refused() -> None:
     values["train"]["steps"] = "many"
     with pytest.raises(ConfigError, match=r"train\.steps: input should be a valid integer.*given 'many'"):
         from_values("train", values)
+
+
+def test_a_suite_is_learned_as_its_tasks_by_a_policy_of_several():
+    config = compose("train", ["policy=mtact", "suite=paper"])
+    assert config.tasks == suite_tasks("paper") and config.suite == ""
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["policy=act", "suite=paper"], "suite=paper has several tasks, and this policy learns one"),
+        (["policy=mtact", "suite=paper", "task=PickCube"], "task=PickCube and suite=paper are both given"),
+        (["policy=mtact", "suite=papr"], "Unknown suite 'papr'. Did you mean 'paper'?"),
+    ],
+)
+def test_a_suite_that_cannot_be_learned_is_refused(words, said):
+    with pytest.raises(RoboVerseError, match=re.escape(said)):
+        compose("train", words)
