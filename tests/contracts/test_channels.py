@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from envs.core.errors import MissingExtraError
+from envs.core.errors import MissingExtraError, SimulatorError
 from envs.experts.actor import expert_episodes
 from envs.randomization import CHANNELS, LEVEL_CHANNELS, channels_of
 from envs.simulators import HANDLERS
@@ -92,6 +92,10 @@ def test_a_start_is_the_same_in_every_simulator(only, simulator):
         pair = [make(only, 2, simulator=name, observation="state") for name in ("mujoco", simulator)]
     except MissingExtraError as error:
         pytest.skip(str(error))
+    except SimulatorError as error:
+        if (simulator, only) != ("newton", "layout"):
+            raise
+        pytest.skip(str(error))  # it refuses scenes of so many shapes
     for env in pair:
         env.reset_envs([0, 1], env.split_indices[:2])
     ours, theirs = pair

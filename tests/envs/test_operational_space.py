@@ -112,7 +112,7 @@ def test_the_arm_moves_as_in_robosuite():
 
 
 @pytest.mark.long  # robosuite compiles its functions, for 40 s
-@pytest.mark.filterwarnings("ignore::SyntaxWarning", "ignore::DeprecationWarning")
+@pytest.mark.filterwarnings("ignore::SyntaxWarning", "ignore::DeprecationWarning", "ignore:np.dot")
 def test_torques_are_those_of_robosuites_functions():
     from robosuite.utils import control_utils
 
