@@ -9,7 +9,7 @@ Nothing heavy is imported before a policy is made or loaded.
 """
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from policies.trainable import TrainablePolicy
 
 __all__ = [
-    "POLICIES", "Policy", "PolicyInfo", "Source", "check", "config_class", "create",
+    "POLICIES", "Policy", "PolicyInfo", "Source", "check_of", "config_class", "create",
     "create_scripted", "learner", "learns_from", "load", "names", "policy_class", "summary",
 ]  # fmt: skip
 
@@ -200,17 +200,10 @@ def learner(name: str) -> str:
     return found.learner if isinstance(found, PolicyInfo) else "imitation"
 
 
-def check(name: str, config: Any, features: Mapping[str, Any]) -> None:
-    """Checks that policy ``name`` can learn from such demonstrations; see :attr:`PolicyInfo.check`.
-
-    Args:
-        name: Registered name.
-        config: Its settings.
-        features: The dataset's, as LeRobot has them.
-    """
+def check_of(name: str) -> "Callable[[Any, Mapping[str, Any]], None] | None":
+    """Returns what looks at the settings and features of policy ``name``; see :attr:`PolicyInfo.check`."""
     found = POLICIES.get(name)
-    if isinstance(found, PolicyInfo) and found.check:
-        resolve(found.check)(config, features)
+    return resolve(found.check) if isinstance(found, PolicyInfo) and found.check else None
 
 
 def _checked(name: str, found: Any) -> "type[TrainablePolicy]":

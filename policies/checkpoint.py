@@ -236,6 +236,29 @@ def read_weights(path: Path) -> dict[str, Any]:
     return tensors
 
 
+def check_tensors(own: "Mapping[str, torch.Tensor]", given: "Mapping[str, torch.Tensor]", path: Path) -> None:
+    """Checks that tensors are exactly those of a model.
+
+    Args:
+        own: The model's.
+        given: Those of a file.
+        path: The file, for the message.
+
+    Raises:
+        PolicyError: if names or shapes differ.
+    """
+    wrong = sorted(
+        key for key in own.keys() | given.keys()
+        if key not in own or key not in given or own[key].shape != given[key].shape
+    )  # fmt: skip
+    if wrong:
+        raise PolicyError(
+            f"'{path}' does not fit the configuration beside it: {len(wrong)} of {len(own)} tensors are "
+            f"absent, unknown or of another shape, the first '{wrong[0]}'. Name another checkpoint, "
+            "or train again."
+        )
+
+
 def load_weights(model: "torch.nn.Module", weights: "Mapping[str, torch.Tensor]", path: Path) -> None:
     """Copies tensors into a model that must have exactly these.
 
@@ -247,16 +270,7 @@ def load_weights(model: "torch.nn.Module", weights: "Mapping[str, torch.Tensor]"
         {key: value for key, value in tensors.items() if not key.endswith("num_batches_tracked")}
         for tensors in (model.state_dict(), weights)
     )
-    wrong = sorted(
-        key for key in own.keys() | weights.keys()
-        if key not in own or key not in weights or own[key].shape != weights[key].shape
-    )  # fmt: skip
-    if wrong:
-        raise PolicyError(
-            f"'{path}' does not fit the configuration beside it: {len(wrong)} of {len(own)} tensors are "
-            f"absent, unknown or of another shape, the first '{wrong[0]}'. Name another checkpoint, "
-            "or train again."
-        )
+    check_tensors(own, weights, path)
     model.load_state_dict(weights, strict=False)
 
 

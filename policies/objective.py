@@ -66,6 +66,22 @@ class Objective(nn.Module):
         return self._loss(self.normalizer(batch))
 
 
+class Preprocess(nn.Module):
+    """A policy's own ``preprocess`` as a module without parameters, in place of a normalizer.
+
+    Args:
+        policy: Whose method it is; no part of the module, which must not own the network twice.
+    """
+
+    def __init__(self, policy: Any) -> None:
+        super().__init__()
+        self._preprocess = policy.preprocess
+
+    def forward(self, batch: dict[str, Any]) -> dict[str, Any]:
+        """Returns a batch as the loss takes it."""
+        return self._preprocess(batch)
+
+
 def normalizer_step(preprocessor: Any) -> NormalizerProcessorStep:
     """Returns the step of a preprocessor that normalizes."""
     return next(step for step in preprocessor.steps if isinstance(step, NormalizerProcessorStep))

@@ -1,4 +1,4 @@
-"""The picture of success by what varies alone: groups of bars."""
+"""The plot of success by what varies alone: groups of bars."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -66,7 +66,7 @@ class Randomizer:
             ConfigError: if the episode is not of this randomizer's split.
         """
         appearance = self.base
-        for _, channel, draw, scene in self._drawn(episode):
+        for _, channel, draw, scene in self._drawn(episode, "apply"):
             appearance = channel.apply(appearance, draw, scene)
         return appearance
 
@@ -81,11 +81,9 @@ class Randomizer:
         Raises:
             ConfigError: if the episode is not of this randomizer's split.
         """
-        scene = self._scene(episode)
-        instruction = scene.instruction
-        for name, channel in self._channels.items():
-            if type(channel).instruct is not Channel.instruct:  # the others need not be sampled
-                instruction = channel.instruct(instruction, _draw(name, channel, scene), scene)
+        instruction = self._scene(episode).instruction
+        for _, channel, draw, scene in self._drawn(episode, "instruct"):
+            instruction = channel.instruct(instruction, draw, scene)
         return instruction
 
     def start(self, episode: int, state: "State") -> "State":
@@ -94,7 +92,7 @@ class Randomizer:
         Raises:
             ConfigError: if the episode is not of this randomizer's split.
         """
-        for _, channel, draw, scene in self._drawn(episode):
+        for _, channel, draw, scene in self._drawn(episode, "start"):
             if channel.changes_starts:
                 state = channel.start(state, draw, scene)
         return state
@@ -107,10 +105,12 @@ class Randomizer:
         """
         return {name: plain(draw) for name, _, draw, _ in self._drawn(episode)}
 
-    def _drawn(self, episode: int) -> Iterator[tuple[str, Channel, Any, Scene]]:
+    def _drawn(self, episode: int, changing: str = "") -> Iterator[tuple[str, Channel, Any, Scene]]:
+        """Yields the draws of an episode: of all channels, or of those that have a method of their own."""
         scene = self._scene(episode)
         for name, channel in self._channels.items():
-            yield name, channel, _draw(name, channel, scene), scene
+            if not changing or getattr(type(channel), changing) is not getattr(Channel, changing):
+                yield name, channel, channel.sample(scene.rng(name), channel.split(scene), scene), scene
 
     def _scene(self, episode: int) -> Scene:
         """Returns what the channels draw for."""
@@ -132,7 +132,3 @@ class Randomizer:
             task=self.task,
             workspace=self.workspace,
         )
-
-
-def _draw(name: str, channel: Channel, scene: Scene) -> Any:
-    return channel.sample(scene.rng(name), channel.split(scene), scene)

@@ -7,14 +7,14 @@ LeRobot finds the model and the processors of a policy type in the modules ``mod
 from dataclasses import dataclass, field, fields
 
 from lerobot.configs import NormalizationMode, PreTrainedConfig
-from lerobot.optim import AdamWConfig
 
 from policies.act.config import ActConfig
+from policies.chunk_policy import ChunkConfig
 
 
 @PreTrainedConfig.register_subclass("keypoint_act")
 @dataclass
-class KeypointActConfig(PreTrainedConfig):
+class KeypointActConfig(ChunkConfig):
     """Action chunking with a transformer over image keypoints, for training on a CPU.
 
     Attributes:
@@ -57,32 +57,3 @@ class KeypointActConfig(PreTrainedConfig):
         super().__post_init__()
         shared = {item.name for item in fields(ActConfig)} & {item.name for item in fields(self)}
         ActConfig(**{name: getattr(self, name) for name in shared})  # checks them
-
-    def get_optimizer_preset(self) -> AdamWConfig:
-        """Returns the optimizer of ``lerobot-train``."""
-        return AdamWConfig(lr=self.optimizer_lr, weight_decay=self.optimizer_weight_decay)
-
-    def get_scheduler_preset(self) -> None:
-        """Returns nothing: ``lerobot-train`` keeps its learning rate."""
-
-    def validate_features(self) -> None:
-        """Checks the inputs and outputs.
-
-        Raises:
-            ValueError: There is no image, no state or no action.
-        """
-        if not self.image_features or self.robot_state_feature is None or self.action_feature is None:
-            raise ValueError("keypoint_act takes at least one image and a state, and gives actions.")
-
-    @property
-    def observation_delta_indices(self) -> None:
-        """Frames of an observation: the newest alone."""
-
-    @property
-    def action_delta_indices(self) -> list[int]:
-        """Frames of the actions of a training sample."""
-        return list(range(self.chunk_size))
-
-    @property
-    def reward_delta_indices(self) -> None:
-        """Frames of the rewards: none are read."""

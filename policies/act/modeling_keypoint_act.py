@@ -8,70 +8,47 @@ map.
 Shape legend: B = samples, C, H, W = an image, K = keypoints, S = tokens, D = width, T = actions of a chunk.
 """
 
-from collections import deque
 from typing import Any, cast
 
 import torch
-from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
 from torch import Tensor, nn
 from torch.nn import functional
 
 from policies.act.configuration_keypoint_act import KeypointActConfig
+from policies.chunk_policy import ChunkPolicy
 
 _NORM_GROUPS = 8
 
 
-class KeypointActPolicy(PreTrainedPolicy):
+class KeypointActPolicy(ChunkPolicy):
     """The policy as LeRobot's commands use it.
 
     Args:
         config: Its configuration.
     """
 
-    config_class: Any = KeypointActConfig  # LeRobot's base class declares both as None
+    config_class: Any = KeypointActConfig
     name: Any = "keypoint_act"
 
     def __init__(self, config: KeypointActConfig, **_: Any) -> None:
-        super().__init__(config)
         config.validate_features()
-        self.config = config
-        self.model = KeypointAct(config)
-        self.reset()
-
-    def get_optim_params(self) -> Any:
-        """Returns all parameters: they share one learning rate."""
-        return self.parameters()
-
-    def reset(self) -> None:
-        """Forgets the chunk that is being executed."""
-        self._queue: deque[Tensor] = deque(maxlen=self.config.n_action_steps)
-
-    @torch.no_grad()
-    def select_action(self, batch: dict[str, Tensor], **_: Any) -> Tensor:
-        """Returns the next action (B, A), from a new chunk once the last one is used up."""
-        if not self._queue:
-            chunk = self.predict_action_chunk(batch)[:, : self.config.n_action_steps]
-            self._queue.extend(chunk.unbind(1))
-        return self._queue.popleft()
+        super().__init__(config, KeypointAct(config))
 
     @torch.no_grad()
     def predict_action_chunk(self, batch: dict[str, Tensor], **_: Any) -> Tensor:
         """Returns normalized actions (B, T, A) of normalized inputs."""
         self.eval()
-        return self.model(self._inputs(batch))[0]
+        return self.model(self.inputs(batch))[0]
 
     def forward(self, batch: dict[str, Tensor], **_: Any) -> tuple[Tensor, dict[str, float]]:
         """Returns the L1 distance of the actions.
 
         Those after the end of an episode repeat its last and count too: the policy learns to hold still.
         """
-        actions, _none = self.model(self._inputs(batch))
+        actions, _none = self.model(self.inputs(batch))
         loss = functional.l1_loss(actions, batch[ACTION])
         return loss, {"l1_loss": loss.item()}
-
-    def _inputs(self, batch: dict[str, Tensor]) -> dict[str, Any]:
-        return {**batch, OBS_IMAGES: [batch[key] for key in self.config.image_features]}
 
 
 class KeypointAct(nn.Module):

@@ -7,15 +7,15 @@ LeRobot finds the model and the processors of a policy type in the modules ``mod
 from dataclasses import dataclass, field, fields
 
 from lerobot.configs import NormalizationMode, PreTrainedConfig
-from lerobot.optim import AdamWConfig
 
 import policies.mtact.inputs_step  # noqa: F401 (LeRobot's commands read a checkpoint's processors by name)
+from policies.chunk_policy import ChunkConfig
 from policies.mtact.config import MtActConfig
 
 
 @PreTrainedConfig.register_subclass("multitask_act")
 @dataclass
-class MultitaskActConfig(PreTrainedConfig):
+class MultitaskActConfig(ChunkConfig):
     """Multi-task action chunking by the instruction; see :class:`policies.mtact.config.MtActConfig`.
 
     Attributes:
@@ -63,35 +63,6 @@ class MultitaskActConfig(PreTrainedConfig):
             from policies.mtact.frozen_text import width_of
 
             self.sentence_size = width_of(self.text_encoder)
-
-    def get_optimizer_preset(self) -> AdamWConfig:
-        """Returns the optimizer of ``lerobot-train``."""
-        return AdamWConfig(lr=self.optimizer_lr, weight_decay=self.optimizer_weight_decay)
-
-    def get_scheduler_preset(self) -> None:
-        """Returns nothing: ``lerobot-train`` keeps its learning rate."""
-
-    def validate_features(self) -> None:
-        """Checks the inputs and outputs.
-
-        Raises:
-            ValueError: There is no image, no state or no action.
-        """
-        if not self.image_features or self.robot_state_feature is None or self.action_feature is None:
-            raise ValueError("mtact takes at least one image and a state, and gives actions.")
-
-    @property
-    def observation_delta_indices(self) -> None:
-        """Frames of an observation: the newest alone."""
-
-    @property
-    def action_delta_indices(self) -> list[int]:
-        """Frames of the actions of a training sample."""
-        return list(range(self.chunk_size))
-
-    @property
-    def reward_delta_indices(self) -> None:
-        """Frames of the rewards: none are read."""
 
 
 SHARED = tuple(

@@ -4,16 +4,15 @@ Shape legend: B = samples, C, H, W = an image, K = keypoints, S = tokens, D = wi
 A = entries of an action.
 """
 
-from collections import deque
 from typing import Any, cast
 
 import torch
-from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_LANGUAGE, OBS_STATE
 from torch import Tensor, nn
 
 from envs.core.errors import PolicyError
 from policies.act.modeling_keypoint_act import Block
+from policies.chunk_policy import ChunkPolicy
 from policies.mtact.configuration_multitask_act import MultitaskActConfig
 from policies.mtact.decoders import FlowDecoder, RegressionDecoder
 from policies.mtact.instruction_table import InstructionTable
@@ -24,7 +23,7 @@ SENTENCE = "observation.sentence"
 """Key of sentence vectors (B, D) that are known already, in place of ``observation.language``."""
 
 
-class MultitaskActPolicy(PreTrainedPolicy):
+class MultitaskActPolicy(ChunkPolicy):
     """The policy as LeRobot's commands use it.
 
     Args:
@@ -34,32 +33,13 @@ class MultitaskActPolicy(PreTrainedPolicy):
         table: Instructions of the dataset that it is trained on, which its loss looks up by their index.
     """
 
-    config_class: Any = MultitaskActConfig  # LeRobot's base class declares both as None
+    config_class: Any = MultitaskActConfig
     name: Any = "multitask_act"
 
     def __init__(self, config: MultitaskActConfig, **_: Any) -> None:
-        super().__init__(config)
         config.validate_features()
-        self.config = config
-        self.model = MultitaskAct(config)
+        super().__init__(config, MultitaskAct(config))
         self.table = InstructionTable()
-        self.reset()
-
-    def get_optim_params(self) -> Any:
-        """Returns all parameters: they share one learning rate."""
-        return self.parameters()
-
-    def reset(self) -> None:
-        """Forgets the chunk that is being executed."""
-        self._queue: deque[Tensor] = deque(maxlen=self.config.n_action_steps)
-
-    @torch.no_grad()
-    def select_action(self, batch: dict[str, Tensor], **_: Any) -> Tensor:
-        """Returns the next action (B, A), from a new chunk once the last one is used up."""
-        if not self._queue:
-            chunk = self.predict_action_chunk(batch)[:, : self.config.n_action_steps]
-            self._queue.extend(chunk.unbind(1))
-        return self._queue.popleft()
 
     @torch.no_grad()
     def predict_action_chunk(self, batch: dict[str, Tensor], **_: Any) -> Tensor:
@@ -85,7 +65,7 @@ class MultitaskActPolicy(PreTrainedPolicy):
                 "The observation has no 'task', the instructions that policy 'mtact' reads. Give a list of "
                 "one text per environment."
             )
-        return {**batch, OBS_IMAGES: [batch[key] for key in self.config.image_features]}
+        return super().inputs(batch)
 
 
 class MultitaskAct(nn.Module):

@@ -130,7 +130,7 @@ class MtActPolicy(LeRobotPolicy):
 
     @override
     def predict(self, batch: dict[str, Tensor], generators: Sequence[torch.Generator] | None) -> Tensor:
-        """Returns normalized actions; noise is drawn by ``head=flow`` alone, from the generators."""
+        """Returns normalized actions; ``head=flow`` alone samples noise, from the generators."""
         if self._network is None:
             network = self.model.model
             self._network = packed(network) if self.device.type == "cpu" else network

@@ -21,7 +21,7 @@ from policies.base import Observation
 from policies.imitation import ACTION, ImitationPolicy
 from policies.learned_tasks import TASK_INDEX, Instructions
 from policies.lerobot_policy import policy_features
-from policies.objective import Loss, Objective
+from policies.objective import Loss, Objective, Preprocess
 from policies.openvla.config import OpenVlaConfig
 from policies.openvla.network import OpenVla, from_timm, pixels_of, to_timm
 from policies.openvla.tokens import ActionScale, ActionTokens, norm_stats, padded, prompt_tokens
@@ -231,7 +231,7 @@ class OpenVlaPolicy(ImitationPolicy):
 
     @override
     def objective(self) -> Objective:
-        return Objective(self.model, _Preprocess(self), self.loss)
+        return Objective(self.model, Preprocess(self), self.loss)
 
     # --- checkpoints ----------------------------------------------------------------------------
 
@@ -294,18 +294,6 @@ class OpenVlaPolicy(ImitationPolicy):
             model = _read_model(folder)
         image_key = next(iter(content.get("input_features") or {}), "")
         return cls(model.to(device).eval(), _read_tokenizer(folder), image_key, key)
-
-
-class _Preprocess(nn.Module):
-    """Images to pixels and instructions to prompts, as a module without parameters."""
-
-    def __init__(self, policy: OpenVlaPolicy) -> None:
-        super().__init__()
-        self._policy = policy
-
-    @override
-    def forward(self, batch: Mapping[str, Any]) -> dict[str, Any]:
-        return self._policy.preprocess(batch)
 
 
 def _read_model(folder: Path) -> OpenVla:

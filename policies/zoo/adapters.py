@@ -75,17 +75,7 @@ def load_state(model: Any, tensors: Mapping[str, Tensor], path: Path) -> None:
     """
     from peft import set_peft_model_state_dict
 
-    own = state(model)
-    wrong = sorted(
-        key for key in own.keys() | tensors.keys()
-        if key not in own or key not in tensors or own[key].shape != tensors[key].shape
-    )  # fmt: skip
-    if wrong:
-        raise PolicyError(
-            f"'{path}' does not fit {CONFIG} beside it: {len(wrong)} of {len(own)} tensors are absent, "
-            "unknown or of "
-            f"another shape, the first '{wrong[0]}'. Name another checkpoint, or train again."
-        )
+    checkpoint.check_tensors(state(model), tensors, path)
     set_peft_model_state_dict(model, dict(tensors))
 
 

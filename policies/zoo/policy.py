@@ -22,7 +22,7 @@ from policies.base import Observation
 from policies.learned_tasks import TASK_INDEX, Instructions
 from policies.lerobot_policy import Features, LeRobotPolicy, Processors, policy_features
 from policies.module_policy import seeded
-from policies.objective import Loss, Objective
+from policies.objective import Loss, Objective, Preprocess
 from policies.zoo import adapters, building, weights
 from policies.zoo.assets import write_assets
 from policies.zoo.config import LeRobotConfig, full_rename_map
@@ -264,7 +264,7 @@ class LeRobotZooPolicy(LeRobotPolicy):
 
     @override
     def objective(self) -> Objective:
-        return Objective(self.model, _Preprocess(self), self.loss)
+        return Objective(self.model, Preprocess(self), self.loss)
 
     @override
     def learn_instructions(self, instructions: Instructions) -> None:
@@ -319,15 +319,3 @@ class LeRobotZooPolicy(LeRobotPolicy):
         rename = building.saved_rename_map(folder)
         processors = building.make_processors(read.config, folder, None, read.assets, rename, device)
         return cls(model.to(device).eval(), processors, read.assets, rename)
-
-
-class _Preprocess(nn.Module):
-    """The processors of a policy, as a module without parameters."""
-
-    def __init__(self, policy: LeRobotZooPolicy) -> None:
-        super().__init__()
-        self._policy = policy
-
-    @override
-    def forward(self, batch: Mapping[str, Any]) -> dict[str, Any]:
-        return self._policy.preprocess(batch)

@@ -34,7 +34,7 @@ class Device:
     """
 
     def __init__(self, name: str = "auto") -> None:
-        quiet_start()
+        start_warp()
         gpus = wp.get_cuda_device_count() if torch.cuda.is_available() else 0
         valid = ["auto", "cpu", *(["cuda"] if gpus else []), *(f"cuda:{index}" for index in range(gpus))]
         if name not in valid:
@@ -114,8 +114,3 @@ class Graph:
         stream = self._device._stream() if self._device.is_cuda else None
         for _ in range(times):
             wp.capture_launch(self._graph, stream=stream)
-
-
-def quiet_start() -> None:
-    """Starts Warp without its greeting."""
-    start_warp()

@@ -7,10 +7,10 @@ from typing import override
 import mujoco
 
 from envs.mjcf.link_tree import describe
-from envs.simulators.mujoco_warp.device import quiet_start
 from envs.simulators.newton.scene import build
 from envs.simulators.newton.settings import SIMULATOR, NewtonSettings
 from envs.simulators.newton.world import NewtonWorld
+from envs.simulators.start_warp import start_warp
 from envs.simulators.translated_handler import TranslatedHandler
 
 
@@ -27,7 +27,7 @@ class NewtonHandler(TranslatedHandler[NewtonSettings]):
 
     @override
     def make_worlds(self, model: mujoco.MjModel) -> Sequence[NewtonWorld]:
-        quiet_start()
+        start_warp()
         spec = describe(model, SIMULATOR)
         with warnings.catch_warnings():
             # Newton 1.8 was made for MuJoCo 3 and says so of 4, with which our contract tests pass.

@@ -23,10 +23,10 @@ from envs.rotations import from_matrix
 from envs.scenario import SURFACES, Appearance, LightCfg
 from envs.simulators.mujoco.render import AMBIENT_FRACTION, texture_of
 from envs.simulators.mujoco.render_one_by_one import StagedRenderer
-from envs.simulators.mujoco_warp.device import quiet_start
 from envs.simulators.newton.shapes import view
 from envs.simulators.newton.surfaces import SurfaceImages, brightened
 from envs.simulators.pybullet.meshes import triangles_of
+from envs.simulators.start_warp import start_warp
 
 BACKGROUND = (0.6, 0.65, 0.7)
 
@@ -49,7 +49,7 @@ class NewtonRenderer(StagedRenderer):
 
     def __init__(self, model, scenario, *, textures=None, num_threads: int = 0) -> None:
         super().__init__(model, scenario, textures=textures, num_threads=num_threads)
-        quiet_start()
+        start_warp()
         self._surface_of = surfaces_of(model)
         self._geoms = _shown(model)
         self._slots = np.flatnonzero(np.isin(self._geoms, self._stage.furniture.geoms))

@@ -8,22 +8,20 @@ expert in the same episodes. Other keys are those of ``roboverse collect``, such
 import logging
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from envs.core.errors import ConfigError, RoboVerseError
+from envs.core.errors import ConfigError
 from envs.experts.actor import expert_episodes
 from envs.rollout import Episode
 from envs.spec import EnvSpec
-from roboverse_learn.config.compose import compose
 from roboverse_learn.data.augmentation.actor import augmented_episodes
 from roboverse_learn.data.augmentation.planner import AugmentPlanner
 from roboverse_learn.data.augmentation.sources import read_sources
+from roboverse_learn.data.check_program import run_check
 
 logger = logging.getLogger(__name__)
-
-_OWN = ("episodes", "expert")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -106,22 +104,13 @@ def check_augmentation(config: Any, num_episodes: int, *, expert: bool) -> dict[
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measures and prints; returns the exit code."""
-    words = list(sys.argv[1:] if argv is None else argv)
-    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
-    try:
-        own = dict(word.split("=", 1) for word in words if word.partition("=")[0] in _OWN)
-        rest = [word for word in words if word.partition("=")[0] not in _OWN]
-        config = compose("collect", ["source=augment", *rest])
-        count = own.get("episodes", "100")
-        if not count.isdecimal() or not int(count):
-            raise ConfigError(f"episodes must be a number above 0, given {count}.")
-        expert = own.get("expert", "false").lower() == "true"
-        for name, report in check_augmentation(config, int(count), expert=expert).items():
-            logger.info("%s, %s: %s", config.env.task, name, report)
-    except RoboVerseError as error:
-        logger.error("%s", error)
-        return 2
-    return 0
+    return run_check(argv, "augment", {"episodes": "100", "expert": "false"}, _print_reports)
+
+
+def _print_reports(config: Any, count: int, own: Mapping[str, str]) -> None:
+    expert = own["expert"].lower() == "true"
+    for name, report in check_augmentation(config, count, expert=expert).items():
+        logger.info("%s, %s: %s", config.env.task, name, report)
 
 
 if __name__ == "__main__":

@@ -8,12 +8,12 @@ first episodes of a dataset with each robot and prints a row of a table for each
 import logging
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from envs.core.errors import ConfigError, RoboVerseError
-from roboverse_learn.config.compose import compose
+from envs.core.errors import ConfigError
+from roboverse_learn.data.check_program import run_check
 from roboverse_learn.data.dataset.recorded_scene import recorded_spec
 from roboverse_learn.data.dataset.recording import read_recordings
 from roboverse_learn.data.retargeting.actor import retargeted_episodes
@@ -22,8 +22,6 @@ from roboverse_learn.data.retargeting.planner import RetargetPlanner
 from roboverse_learn.data.sources.retarget import RetargetSource
 
 logger = logging.getLogger(__name__)
-
-_OWN = ("episodes", "robots")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -89,27 +87,18 @@ def check_retargeting(config: Any, count: int) -> RetargetReport:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measures and prints; returns the exit code."""
-    words = list(sys.argv[1:] if argv is None else argv)
-    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
-    try:
-        own = dict(word.split("=", 1) for word in words if word.partition("=")[0] in _OWN)
-        rest = [word for word in words if word.partition("=")[0] not in _OWN]
-        config = compose("collect", ["source=retarget", *rest])
-        count = own.get("episodes", "20")
-        if not count.isdecimal() or not int(count):
-            raise ConfigError(f"episodes must be a number above 0, given {count}.")
-        robots = [name for name in own.get("robots", "").split(",") if name]
-        if not robots:
-            raise ConfigError("Name the robots that follow, as in robots=iiwa,ur5e.")
-        logger.info("| %s | kept | CPU-s each | largest miss, mm | failed |", config.env.task)
-        logger.info("|---|---|---|---|---|")
-        for robot in robots:
-            one = replace(config, env=config.env.replace(robot=robot))
-            logger.info("%s", check_retargeting(one, int(count)))
-    except RoboVerseError as error:
-        logger.error("%s", error)
-        return 2
-    return 0
+    return run_check(argv, "retarget", {"episodes": "20", "robots": ""}, _print_table)
+
+
+def _print_table(config: Any, count: int, own: Mapping[str, str]) -> None:
+    robots = [name for name in own["robots"].split(",") if name]
+    if not robots:
+        raise ConfigError("Name the robots that follow, as in robots=iiwa,ur5e.")
+    logger.info("| %s | kept | CPU-s each | largest miss, mm | failed |", config.env.task)
+    logger.info("|---|---|---|---|---|")
+    for robot in robots:
+        one = replace(config, env=config.env.replace(robot=robot))
+        logger.info("%s", check_retargeting(one, count))
 
 
 if __name__ == "__main__":

@@ -30,7 +30,8 @@ class ImitationLearner(Learner):
         from roboverse_learn.commands.dataset_layout import dataset_layout
 
         config = self.config
-        policies.check(config.policy_name, config.policy, dataset_layout(config)[0])
+        if check := policies.check_of(config.policy_name):
+            check(config.policy, dataset_layout(config)[0])
         if len(config.tasks) == 1:
             return
         if config.source != "expert":

@@ -16,8 +16,8 @@ def test_rendering_prints_nothing():
         "env = EnvSpec(task='PickCube', image_size=16).make(1)\n"
         "observation, _ = env.reset(seed=0)\n"
         "assert observation['pixels']['front'].shape == (1, 16, 16, 3)\n"
-        "from envs.simulators.mujoco_warp.device import quiet_start\n"
-        "quiet_start()"
+        "from envs.simulators.start_warp import start_warp\n"
+        "start_warp()"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("", "")

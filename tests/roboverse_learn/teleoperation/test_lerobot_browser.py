@@ -82,7 +82,7 @@ def test_the_hand_follows_the_person_and_leaves_episodes_to_lerobot(tmp_path):
         robot.send_action(teleop.get_action())
         assert person.client.frames and person.client.hello["task"] == "PickCube"
         person.leave()
-        for _ in range(60):  # nobody steers any more: the arm comes to rest at its targets
+        for _ in range(60):  # nobody steers any more: the arm settles at its targets
             robot.send_action(teleop.get_action())
         speed = next(iter(robot.env.get_states([0]).robots.values())).joint_vel[0, :7]
         assert np.abs(speed.numpy()).max() < 0.01

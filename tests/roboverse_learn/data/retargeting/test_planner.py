@@ -1,4 +1,4 @@
-"""Hand paths: what is read from states, how an arm comes to one, and one by one or all at once."""
+"""Hand paths: what is read from states, how an arm reaches one, and one by one or all at once."""
 
 import numpy as np
 import pytest
