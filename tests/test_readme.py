@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+import subprocess
 import tomllib
 from pathlib import Path
 
@@ -56,8 +57,19 @@ def test_every_command_is_in_the_readme() -> None:
     assert {text.split()[1] for text in shown_commands()} >= set(SUMMARIES)
 
 
+def published_board() -> str:
+    """Returns the leaderboard without runs of one's own, which README's first command adds to the folder."""
+    git = ["git", "-C", str(ROOT)]
+    listed = [*git, "ls-files", "--others", "--exclude-standard", "results/v2/*.json"]
+    own = subprocess.run(listed, capture_output=True, text=True, check=False)
+    if own.returncode == 0 and own.stdout:
+        shown = [*git, "show", "HEAD:results/leaderboard.json"]
+        return subprocess.run(shown, capture_output=True, text=True, check=True).stdout
+    return (ROOT / "results/leaderboard.json").read_text()
+
+
 def test_the_table_of_results_is_that_of_the_leaderboard() -> None:
-    board = json.loads((ROOT / "results/leaderboard.json").read_text())
+    board = json.loads(published_board())
     reported = {
         (row["policy"], row["task"]): 100 * row["success_rate"]["0"] for row in board["reference"]["rows"]
     }
