@@ -26,16 +26,33 @@ def average_gradients(parameters: Sequence[nn.Parameter], num_processes: int) ->
         parameters: In the same order in each process. Those without a gradient have none in any process.
         num_processes: How many take part.
     """
-    gradients = [parameter.grad for parameter in parameters if parameter.grad is not None]
-    for dtype in dict.fromkeys(gradient.dtype for gradient in gradients):
-        _average([gradient for gradient in gradients if gradient.dtype == dtype], num_processes)
+    trained = [parameter for parameter in parameters if parameter.grad is not None]
+    for dtype in dict.fromkeys(parameter.dtype for parameter in trained):
+        _average(
+            [_in_memory_order(parameter) for parameter in trained if parameter.dtype == dtype], num_processes
+        )
 
 
-def _average(tensors: list[Tensor], num_processes: int) -> None:
-    """Averages tensors of one type in place."""
-    flat = torch.cat([tensor.flatten() for tensor in tensors])
-    torch.distributed.all_reduce(flat)
-    flat /= num_processes
-    parts = flat.split([tensor.numel() for tensor in tensors])
-    means = [part.view_as(x) for part, x in zip(parts, tensors, strict=True)]
-    torch._foreach_copy_(tensors, means)  # pyright: ignore[reportPrivateImportUsage]
+def _in_memory_order(parameter: nn.Parameter) -> Tensor:
+    """Returns a parameter's gradient as a vector (N,) that shares its memory.
+
+    The order is that of the parameter's memory, which all processes share; that of a gradient need not be. A
+    vector in the order of its indices would copy each gradient of a network in channels-last memory.
+    """
+    gradient = parameter.grad
+    assert gradient is not None
+    if gradient.stride() != parameter.stride():
+        gradient = parameter.grad = torch.empty_like(parameter).copy_(gradient)
+    return gradient.as_strided((gradient.numel(),), (1,))
+
+
+def _average(vectors: list[Tensor], num_processes: int) -> None:
+    """Averages vectors (N,) of one type in place."""
+    flat = torch.cat(vectors)
+    if flat.is_cuda:
+        torch.distributed.all_reduce(flat, op=torch.distributed.ReduceOp.AVG)
+    else:  # gloo has no mean
+        torch.distributed.all_reduce(flat)
+        flat /= num_processes
+    parts = flat.split([vector.numel() for vector in vectors])
+    torch._foreach_copy_(vectors, parts)  # pyright: ignore[reportPrivateImportUsage]

@@ -61,6 +61,20 @@ def test_the_mean_gradient_is_that_of_all_processes(monkeypatch):
     assert first.grad.tolist() == [[2.0, 2.0], [2.0, 2.0]] and second.grad.tolist() == [3.0, 1.0, 0.0]
 
 
+@pytest.mark.parametrize("order", [torch.contiguous_format, torch.channels_last], ids=str)
+def test_the_mean_gradient_is_in_the_order_of_the_parameters_memory(monkeypatch, order):
+    weight = nn.Parameter(torch.zeros(2, 2, 1, 2).to(memory_format=torch.channels_last))
+    mine = torch.arange(8.0).reshape(2, 2, 1, 2)
+    weight.grad = mine.contiguous(memory_format=order)
+    # Another process's gradient of 1 at [0, 1, 0, 0] alone, which is second in memory.
+    others = torch.tensor([0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    monkeypatch.setattr(torch.distributed, "all_reduce", lambda flat: flat.add_(others))
+    average_gradients([weight], 2)
+    expected = mine / 2
+    expected[0, 1, 0, 0] += 0.5
+    assert torch.equal(weight.grad, expected)
+
+
 @pytest.mark.slow
 def test_a_signal_to_one_process_ends_both_with_a_checkpoint(tmp_path, processes):
     processes.ask("launch", folder=str(tmp_path), signal_at=3)
