@@ -106,7 +106,7 @@ class BatchedEnv(ABC):
 
     def _clear(self, env_ids: Array) -> None:
         """Resets the counters, and the controller, of environments whose episodes start."""
-        self.controller.begin(np.asarray(env_ids))
+        self.controller.begin(env_ids)
         self.elapsed_steps[env_ids] = 0
         self.returns[env_ids] = 0.0
 

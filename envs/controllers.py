@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from envs.array_ops import Array
 from envs.kinematics.batched_inverse import BatchedInverseKinematics
 from envs.rotations import from_yaw, to_matrix
 from envs.scenario import Quat, RobotCfg, Vec3
@@ -38,7 +39,7 @@ class Controller(ABC):
         self.apply(handler, actions, env_ids)
         handler.step(num_steps, env_ids)
 
-    def begin(self, env_ids: np.ndarray) -> None:  # noqa: B027 (most remember nothing)
+    def begin(self, env_ids: Array) -> None:  # noqa: B027 (most remember nothing)
         """Forgets what it remembers of the former episodes of some environments, where new ones start."""
 
     @abstractmethod

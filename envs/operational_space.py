@@ -16,6 +16,7 @@ import torch
 from mujoco.batch import Batch
 from torch import Tensor
 
+from envs.array_ops import Array, to_numpy
 from envs.controllers import Controller
 from envs.core.errors import ConfigError
 from envs.mjcf.layout import layout_of
@@ -138,9 +139,9 @@ class OperationalSpaceController(Controller):
         self._goal_rot = np.empty((0, 3, 3))
 
     @override
-    def begin(self, env_ids: np.ndarray) -> None:
+    def begin(self, env_ids: Array) -> None:
         if len(self._goal_rot):
-            self._goal_rot[env_ids] = np.nan
+            self._goal_rot[to_numpy(env_ids)] = np.nan
 
     @override
     def apply(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None) -> None:

@@ -10,8 +10,10 @@ from dataclasses import dataclass
 from typing import Any, overload, override
 
 import numpy as np
+import torch
 from torch import Tensor
 
+from envs.array_ops import to_numpy
 from envs.randomization.disturbances import disturb, disturb_arrays
 from envs.scenario import Appearance, SensorCfg
 from envs.simulators.base import EnvIds, Handler
@@ -125,7 +127,9 @@ class DisturbedHandler(Handler):
         self._pass(num_steps, env_ids)
 
     def _pass(self, num_steps: int, env_ids: EnvIds) -> None:
-        self._steps[slice(None) if env_ids is None else np.asarray(env_ids, np.int64)] += num_steps
+        self._steps[
+            slice(None) if env_ids is None else to_numpy(torch.as_tensor(env_ids, dtype=torch.int64))
+        ] += num_steps
 
     # -- images -------------------------------------------------------------------------------------
 
