@@ -33,6 +33,20 @@ def test_shapes_and_types(env):
     assert {step.terminated.dtype, step.truncated.dtype, step.success.dtype} == {torch.bool}
 
 
+@pytest.mark.parametrize("env", ["mujoco_warp"], indirect=True)
+def test_no_tensor_is_taken_for_an_array(env, monkeypatch):
+    """NumPy reads a tensor of a CPU as it is and refuses one of a GPU, so none may be left to it."""
+
+    def refuse(tensor, *_args, **_settings):
+        raise TypeError("can't convert a tensor of a GPU")
+
+    monkeypatch.setattr(torch.Tensor, "__array__", refuse)
+    env.reset()
+    for _ in range(env.max_episode_steps):
+        step = env.step(torch.zeros(N, env.action_size))
+    assert step.truncated.all() and env.elapsed_steps.tolist() == [0] * N
+
+
 def test_finished_episode_restarts_and_returns_its_final_observation(env):
     env.reset()
     env.pop_statistics()
