@@ -1,10 +1,140 @@
-"""Asset references: files inside installed packages, found without importing those packages."""
+"""Assets: files inside installed packages, folders from public repositories, and the cache.
 
+``roboverse assets get <name>`` downloads a folder once (:mod:`envs.core.asset_download`); nothing here does.
+Other packages register folders through the entry-point group ``roboverse.assets``: the value is an
+:class:`AssetFolder`.
+"""
+
+import hashlib
 import importlib.util
 import os
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from envs.core.errors import ConfigError, MissingExtraError
+from envs.core.registry import Registry
+
+DATA_VARIABLE = "ROBOVERSE_DATA"
+"""Environment variable: a folder that holds folders of assets, each by its name."""
+
+
+@dataclass(frozen=True, slots=True)
+class AssetFolder:
+    """A folder of a public git repository at one commit.
+
+    Attributes:
+        repository: URL that git clones.
+        commit: The commit, 40 hexadecimal digits.
+        paths: Files and folders of the repository that are needed.
+        needs: Files that tell that a folder on the disk is this one, relative to it.
+        sha256: :func:`folder_digest` of ``paths``.
+        size_mb: Their size.
+        licence: Name of their licence.
+        licence_file: File of the repository with the licence's text; it is stored beside the files.
+        used_by: Tasks that need them, for listings.
+        other_names: Further names that the folder may have inside ``ROBOVERSE_DATA``.
+    """
+
+    repository: str
+    commit: str
+    paths: tuple[str, ...]
+    needs: tuple[str, ...]
+    sha256: str
+    size_mb: float
+    licence: str
+    licence_file: str
+    used_by: str
+    other_names: tuple[str, ...] = ()
+
+
+ASSETS: "Registry[AssetFolder]" = Registry("asset folder", group="roboverse.assets")
+
+ASSETS.add(
+    "calvin",
+    AssetFolder(
+        repository="https://github.com/mees/calvin_env",
+        commit="797142c588c21e76717268b7b430958dbd13bf48",
+        paths=(*(f"data/calvin_table_{scene}" for scene in "ABCD"), "data/blocks"),
+        needs=("data/calvin_table_A/urdf/calvin_table_A.urdf", "data/blocks/block_square.stl"),
+        sha256="3ab154a79e93c2077fd872f4ab2341a3c7d8898a21adfe32035667019fc1f910",
+        size_mb=17.0,
+        licence="MIT",
+        licence_file="LICENSE",
+        used_by="calvin/*, MoveSliderLeft",
+        other_names=("calvin_env", "calvin_env_data"),
+    ),
+    summary="CALVIN's four play tables and their blocks",
+)
+
+
+def asset_folder(name: str, assets_dir: str | None = None) -> Path:
+    """Finds a registered folder on this machine; nothing is downloaded.
+
+    Looked for in ``assets_dir`` (the folder itself, or one that holds it), else in ``$ROBOVERSE_DATA``, else
+    where ``roboverse assets get`` puts it.
+
+    Args:
+        name: A name of :data:`ASSETS`.
+        assets_dir: Where the user says it is.
+
+    Raises:
+        UnknownNameError: There is no such asset folder.
+        ConfigError: It is in none of these places; the message names the command that downloads it.
+    """
+    folder = ASSETS.get(name)
+    if assets_dir is not None:
+        places = _inside(Path(assets_dir).expanduser(), name, folder)
+    else:
+        root = os.environ.get(DATA_VARIABLE)
+        places = [] if root is None else _inside(Path(root).expanduser(), name, folder)
+        places.append(downloaded_folder(name))
+    for place in places:
+        if is_asset_folder(place, folder):
+            return place.resolve()
+    where = "" if assets_dir is None else f" in assets_dir={assets_dir}"
+    raise ConfigError(
+        f"The asset folder '{name}' ({folder.licence}, {folder.size_mb:g} MB) is not on this machine{where}. "
+        f"Download it with: roboverse assets get {name}"
+    )
+
+
+def downloaded_folder(name: str) -> Path:
+    """Returns the folder that ``roboverse assets get`` writes; it need not exist."""
+    return cache_dir("assets") / name
+
+
+def is_asset_folder(place: Path, folder: AssetFolder) -> bool:
+    """Returns whether a folder on the disk holds the files that tell it."""
+    return all((place / each).is_file() for each in folder.needs)
+
+
+def folder_digest(place: Path, paths: Sequence[str]) -> str:
+    """Returns the SHA-256 of the files below ``paths``: of their names and contents, sorted by name.
+
+    Raises:
+        ConfigError: One of the paths does not exist.
+    """
+    digest = hashlib.sha256()
+    for file in sorted(_files(place, paths)):
+        content = hashlib.sha256((place / file).read_bytes()).hexdigest()
+        digest.update(f"{content}  {file}\n".encode())
+    return digest.hexdigest()
+
+
+def _files(place: Path, paths: Sequence[str]) -> list[str]:
+    found = []
+    for each in paths:
+        path = place / each
+        if not path.exists():
+            raise ConfigError(f"The folder {place} has no '{each}'.")
+        files = [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
+        found += [file.relative_to(place).as_posix() for file in files]
+    return found
+
+
+def _inside(root: Path, name: str, folder: AssetFolder) -> list[Path]:
+    return [root, *(root / each for each in (name, *folder.other_names))]
 
 
 def resolve(reference: str) -> Path:
