@@ -3,7 +3,8 @@
 import contextlib
 import os
 import signal
-from collections.abc import Callable, Generator, Iterator
+import time
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
@@ -21,7 +22,7 @@ from roboverse_learn.data.dataset.staging import STAGING_DIRECTORY
 def attempts(config: CollectionConfig, next_batch: Callable[[], list[int]]) -> Generator[list[Attempt]]:
     """Runs batches of pool episodes until there is none, in this process or in several.
 
-    Yields the attempts that ended together: in this process one, of others those of their batches.
+    Yields the attempts that ended together: in this process within a second, of others those of a batch.
 
     Args:
         config: What to collect.
@@ -33,10 +34,29 @@ def attempts(config: CollectionConfig, next_batch: Callable[[], list[int]]) -> G
     if config.num_workers == 1:
         with contextlib.closing(config.make_source()) as source:
             while batch := next_batch():
-                for attempt in run_batch(config, source, batch, num_cores()):
-                    yield [attempt]
+                yield from together(run_batch(config, source, batch, num_cores()))
         return
     yield from _attempts_of_workers(config, next_batch)
+
+
+def together(attempts: Iterable[Attempt], within_s: float = 1.0) -> Iterator[list[Attempt]]:
+    """Groups attempts that end within a second: committing several takes little longer than committing one.
+
+    What ended before an error is yielded before it is raised.
+    """
+    ended, since = list[Attempt](), time.monotonic()
+    try:
+        for attempt in attempts:
+            ended.append(attempt)
+            if time.monotonic() - since >= within_s:
+                yield ended
+                ended, since = [], time.monotonic()
+    except Exception:
+        if ended:
+            yield ended
+        raise
+    if ended:
+        yield ended
 
 
 def _attempts_of_workers(

@@ -80,7 +80,9 @@ def test_the_dataset_does_not_depend_on_the_workers(undisturbed, tmp_path, num_w
 def test_progress_is_reported(tmp_path):
     seen = []
     collect(config(tmp_path / "d", num_episodes=3), seen.append)
-    assert [progress.num_attempts for progress in seen] == list(range(len(seen)))
+    assert seen[0].num_attempts == 0
+    tried = [progress.num_attempts for progress in seen]
+    assert tried == sorted(set(tried))
     assert seen[-1].num_episodes == seen[-1].target == 3
     assert seen[-1].num_frames == DatasetInfo.open(tmp_path / "d").num_frames
     assert seen[-1].success_rate == 3 / seen[-1].num_attempts
