@@ -1,6 +1,7 @@
 """Controllers: map actions to joint targets."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from typing import override
 
 import numpy as np
@@ -57,11 +58,72 @@ class Controller(ABC):
         return actions
 
 
-class JointPositionController(Controller):
-    """An action is the position target of every driven joint of one robot at the end of the step, rad and m.
+class TargetController(Controller):
+    """A controller of position targets, which move evenly from one control step's end to the next one's.
 
-    Targets are interpolated linearly over the step. A target that jumps shakes the hand, and a grasped cube
-    slips twice as far.
+    A target that jumps shakes the hand, and a grasped cube slips twice as far.
+    """
+
+    @abstractmethod
+    def joint_targets(
+        self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None
+    ) -> dict[str, np.ndarray | Tensor]:
+        """Returns robots to the targets (n, J) of their driven joints at the end of a step."""
+
+    @override
+    def apply(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None) -> None:
+        handler.set_joint_targets(self.joint_targets(handler, actions, env_ids), env_ids)
+
+    @override
+    def advance(
+        self, handler: Handler, actions: np.ndarray | Tensor, num_steps: int, env_ids: EnvIds = None
+    ) -> None:
+        handler.step_towards(self.joint_targets(handler, actions, env_ids), num_steps, env_ids)
+
+
+class JoinedController(TargetController):
+    """Controllers of several robots as one: an action is theirs, one after the other.
+
+    Args:
+        parts: Robots to their controllers, in the order of an action; entries are called
+            ``<robot>/<name>``.
+    """
+
+    def __init__(self, parts: Mapping[str, TargetController]) -> None:
+        self.names = tuple(f"{robot}/{name}" for robot, part in parts.items() for name in part.names)
+        self.low = np.concatenate([part.low for part in parts.values()])
+        self.high = np.concatenate([part.high for part in parts.values()])
+        ends = np.cumsum([len(part.names) for part in parts.values()]).tolist()
+        columns = [slice(start, end) for start, end in zip([0, *ends], ends, strict=False)]
+        self._parts = list(zip(parts.values(), columns, strict=True))
+
+    @override
+    def joint_targets(
+        self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None
+    ) -> dict[str, np.ndarray | Tensor]:
+        targets: dict[str, np.ndarray | Tensor] = {}
+        for part, columns in self._parts:
+            targets |= part.joint_targets(handler, actions[:, columns], env_ids)
+        return targets
+
+    @override
+    def begin(self, env_ids: Array) -> None:
+        for part, _ in self._parts:
+            part.begin(env_ids)
+
+    @override
+    def hold(self, state: State) -> np.ndarray:
+        return np.concatenate([part.hold(state) for part, _ in self._parts], axis=1)
+
+    @override
+    def as_task_actions(self, state: State, actions: np.ndarray) -> np.ndarray:
+        return np.concatenate(
+            [part.as_task_actions(state, actions[:, columns]) for part, columns in self._parts], axis=1
+        )
+
+
+class JointPositionController(TargetController):
+    """An action is the position target of every driven joint of one robot at the end of the step, rad and m.
 
     Args:
         robot: The robot.
@@ -74,14 +136,10 @@ class JointPositionController(Controller):
         self._robot, self._driven = robot.name, list(robot.driven)
 
     @override
-    def apply(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None) -> None:
-        handler.set_joint_targets({self._robot: actions}, env_ids)
-
-    @override
-    def advance(
-        self, handler: Handler, actions: np.ndarray | Tensor, num_steps: int, env_ids: EnvIds = None
-    ) -> None:
-        handler.step_towards({self._robot: actions}, num_steps, env_ids)
+    def joint_targets(
+        self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None
+    ) -> dict[str, np.ndarray | Tensor]:
+        return {self._robot: actions}
 
     @override
     def hold(self, state: State) -> np.ndarray:
@@ -93,7 +151,7 @@ _SQUEEZE = 0.25
 exploration noise does not open a gripper that holds something."""
 
 
-class HandDeltaController(Controller):
+class HandDeltaController(TargetController):
     """End-effector deltas: an action translates the hand, turns it about the vertical, and opens the gripper.
 
     The entries are x, y, z, yaw, and gripper if there is one. An entry of 1 puts the hand's target
@@ -121,18 +179,11 @@ class HandDeltaController(Controller):
         self._ik: BatchedInverseKinematics | None = None
 
     @override
-    def apply(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None) -> None:
+    def joint_targets(
+        self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None
+    ) -> dict[str, np.ndarray | Tensor]:
         name = self._robot.name
-        targets = self.targets(handler.get_joint_positions(name, env_ids), actions)
-        handler.set_joint_targets({name: targets}, env_ids)
-
-    @override
-    def advance(
-        self, handler: Handler, actions: np.ndarray | Tensor, num_steps: int, env_ids: EnvIds = None
-    ) -> None:
-        name = self._robot.name
-        targets = self.targets(handler.get_joint_positions(name, env_ids), actions)
-        handler.step_towards({name: targets}, num_steps, env_ids)
+        return {name: self.targets(handler.get_joint_positions(name, env_ids), actions)}
 
     @override
     def as_task_actions(self, state: State, actions: np.ndarray) -> np.ndarray:

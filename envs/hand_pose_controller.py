@@ -41,19 +41,12 @@ class HandPoseController(HandDeltaController):
         self.delta_m, self.delta_rad, self._lead_rad = delta_m, delta_rad, lead_rad
 
     @override
-    def apply(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None) -> None:
-        handler.set_joint_targets({self._robot.name: self._next(handler, actions, env_ids)}, env_ids)
-
-    @override
-    def advance(
-        self, handler: Handler, actions: np.ndarray | Tensor, num_steps: int, env_ids: EnvIds = None
-    ) -> None:
-        handler.step_towards({self._robot.name: self._next(handler, actions, env_ids)}, num_steps, env_ids)
-
-    def _next(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds) -> Tensor:
+    def joint_targets(
+        self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None
+    ) -> dict[str, np.ndarray | Tensor]:
         name = self._robot.name
         joints, targets = handler.get_joint_positions(name, env_ids), handler.get_joint_targets(name, env_ids)
-        return self.moved_targets(joints, targets, actions)
+        return {name: self.moved_targets(joints, targets, actions)}
 
     @override
     def as_task_actions(self, state: State, actions: np.ndarray) -> np.ndarray:

@@ -17,19 +17,17 @@ import time
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from envs.core.errors import SimulatorError
+from envs.episode import Columns, Episode, Step, to_state, unflatten
 
 if TYPE_CHECKING:
     from envs.state import State
 
 OnStep = Callable[["Episode"], None]
-_Columns = dict[str, tuple[slice, tuple[int, ...]]]
 
 
 class EpisodeEnv(Protocol):
@@ -57,107 +55,6 @@ class EpisodeEnv(Protocol):
     def instruction(self, env_id: int, /) -> str:
         """Returns the instruction of an environment's episode."""
         ...
-
-
-@dataclass(slots=True)
-class _Step:
-    """One control step of n environments, shared by the episodes that took it."""
-
-    actions: np.ndarray
-    rewards: np.ndarray
-    success: np.ndarray
-    states: np.ndarray | None  # after the step, (n, D)
-    images: dict[str, Any]  # before the step: camera to (n, H, W, 3), an array or a tensor
-
-
-@dataclass(eq=False, kw_only=True)
-class Episode:
-    """One episode, under way or over.
-
-    Attributes:
-        position: Its place in the list of episodes that :func:`rollout` was given.
-        episode: Index in the task's pool.
-        env_id: The environment that runs it.
-        observations: The newest observations, as many as the actor looks at.
-        memory: Whatever the actor keeps for this episode, such as a random generator.
-        plan: Actions that are still to be executed.
-        instruction: What is to be done, in words.
-        initial_state_hash: See :meth:`envs.vector_env.RoboVerseVectorEnv.initial_state_hash`.
-        success: Whether the task is solved now; in a demonstration, whether it was after any step.
-        solved_at: Steps until the first success, or None.
-        episode_return: Sum of the rewards.
-        wall_time_s: Wall time, which environments that run at the same time share equally.
-    """
-
-    position: int
-    episode: int
-    env_id: int
-    observations: deque[dict[str, np.ndarray]]
-    memory: Any = None
-    plan: deque[np.ndarray] = field(default_factory=deque)
-    instruction: str = ""
-    initial_state_hash: str = ""
-    success: bool = False
-    solved_at: int | None = None
-    episode_return: float = 0.0
-    wall_time_s: float = 0.0
-    _steps: list[tuple[_Step, int]] = field(default_factory=list)  # with this episode's row in each
-    _initial_state: np.ndarray | None = None
-    _columns: _Columns = field(default_factory=dict)
-
-    @property
-    def length(self) -> int:
-        """Control steps, T."""
-        return len(self._steps)
-
-    @property
-    def last_action(self) -> np.ndarray | None:
-        """The action executed last, (A,); None before the first one."""
-        return self._steps[-1][0].actions[self._steps[-1][1]] if self._steps else None
-
-    @property
-    def last_state(self) -> np.ndarray | None:
-        """The present state, flattened, (D,) float64; None unless states are recorded."""
-        step, row = self._steps[-1] if self._steps else (None, 0)
-        return self._initial_state if step is None or step.states is None else step.states[row]
-
-    @cached_property
-    def actions(self) -> np.ndarray:
-        """The action of each step, (T, A): exactly what the environment was given."""
-        return np.array([step.actions[row] for step, row in self._steps])
-
-    @cached_property
-    def rewards(self) -> np.ndarray:
-        """The reward of each step, (T,) float32."""
-        return np.array([step.rewards[row] for step, row in self._steps], np.float32)
-
-    @cached_property
-    def successes(self) -> np.ndarray:
-        """Whether the task is solved after each step, (T,) bool."""
-        return np.array([step.success[row] for step, row in self._steps], bool)
-
-    @cached_property
-    def raw(self) -> dict[str, np.ndarray]:
-        """Recorded flattened states before each step and after the last, each (T + 1, …) float64."""
-        after = [step.states[row] for step, row in self._steps if step.states is not None]
-        rows: list[Any] = [self._initial_state, *after]
-        return _unflatten(np.stack(rows), self._columns)
-
-    @property
-    def states(self) -> "State":
-        """The states of :attr:`raw` in T + 1 rows, on the CPU."""
-        return _to_state(self.raw)
-
-    @property
-    def observation_state(self) -> np.ndarray:
-        """Recorded joint positions of the first robot before each step, (T, J) float32."""
-        return next(iter(self.states.robots.values())).joint_pos[:-1].numpy().astype(np.float32)
-
-    @cached_property
-    def images(self) -> dict[str, np.ndarray]:
-        """Camera to recorded images before each step, (T, H, W, 3) uint8."""
-        cameras = self._steps[0][0].images if self._steps else ()
-        return {camera: _stack([step.images[camera][row] for step, row in self._steps]) for camera in cameras}
 
 
 class Actor(ABC):
@@ -246,7 +143,8 @@ class _Rollout:
         self._free = list(range(env.num_envs))
         self._running: list[Episode] = []  # ordered by environment
         self._wave: list[Episode] = []  # all that started together, also those that are over
-        self._columns: _Columns = {}  # of flattened states
+        self._columns: Columns = {}  # of flattened states
+        self._robots = tuple(robot.name for robot in env.task.robots) if self._records_states else ()
 
     def run(self) -> Iterator[Episode]:
         while self._waiting or self._running:
@@ -275,6 +173,7 @@ class _Rollout:
                 env_id=env_id,
                 observations=deque(maxlen=self._actor.n_obs_steps),
                 _columns=self._columns,
+                _robots=self._robots,
             )
             for env_id, (position, episode) in zip(ids, [self._waiting.popleft() for _ in ids], strict=True)
         ]
@@ -321,7 +220,7 @@ class _Rollout:
             given[rows] = actions
         outcome = self._env.step_envs(_ids(stepping), given)
         states = self._numbers(stepping)[rows] if self._records_states else None
-        step = _Step(actions, outcome.reward[rows], outcome.success[rows], states, images)
+        step = Step(actions, outcome.reward[rows], outcome.success[rows], states, images)
         ended = (outcome.terminated | outcome.truncated)[rows]
         over = []
         for row, episode in enumerate(ready):
@@ -351,7 +250,7 @@ class _Rollout:
         """Returns the present states of episodes, one row each; those that are recorded, if they are."""
         recorded: list[Any] = [episode.last_state for episode in episodes]
         numbers = np.stack(recorded) if self._records_states else self._numbers(episodes)
-        return _to_state(_unflatten(numbers, self._columns))
+        return to_state(unflatten(numbers, self._columns))
 
     def _numbers(self, episodes: Sequence[Episode]) -> np.ndarray:
         """Returns the present states of environments (n, D) float64, moved to the CPU in one piece."""
@@ -377,24 +276,3 @@ class _Rollout:
 
 def _ids(episodes: Sequence[Episode]) -> np.ndarray:
     return np.array([episode.env_id for episode in episodes], dtype=np.int64)
-
-
-def _unflatten(numbers: np.ndarray, columns: _Columns) -> dict[str, np.ndarray]:
-    """Returns the parts of flattened states (n, D), each (n, …)."""
-    return {key: numbers[:, part].reshape(len(numbers), *shape) for key, (part, shape) in columns.items()}
-
-
-def _to_state(arrays: dict[str, np.ndarray]) -> "State":
-    import torch
-
-    from envs.state import State
-
-    return State.unflatten({key: torch.from_numpy(values) for key, values in arrays.items()})
-
-
-def _stack(images: list[Any]) -> np.ndarray:
-    if isinstance(images[0], np.ndarray):
-        return np.stack(images)
-    import torch
-
-    return torch.stack(images).cpu().numpy()

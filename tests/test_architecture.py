@@ -39,7 +39,7 @@ LAYERS = (
         "multi_task_env",
     ),
     ("spec",),
-    ("rollout", "playback"),
+    ("episode", "rollout", "playback"),
     ("experts", "adapters", "lerobot", "gym_env", "gym_registration"),
     ("",),
 )

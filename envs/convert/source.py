@@ -87,7 +87,7 @@ def load(
 
 
 def _load_robot(robot: RobotCfg, simplify: bool) -> Loaded:
-    from envs.mjcf.model import GRIPPER_PREFIX, robot_spec
+    from envs.mjcf.robots import GRIPPER_PREFIX, robot_spec
 
     spec = robot_spec(replace(robot, pos=(0.0, 0.0, 0.0), rot=IDENTITY), simplify=simplify)
     prefix = f"{robot.name}/"

@@ -106,7 +106,9 @@ def check_expert(
         min(num_envs, num_episodes), split=split, observation="state", num_threads=num_threads
     )
     try:
-        fingers = env.scenario.robots[0].gripper_joints
+        robots = env.task.robots
+        fingers = [name for robot in robots for name in robot.gripper_joints]
+        fingers += [f"{robot.name}/{name}" for robot in robots for name in robot.gripper_joints]
         arm = [column for column, name in enumerate(env.controller.names) if name not in fingers]
         episodes = env.split_indices[:num_episodes].tolist()
         return summarize(expert_episodes(env, episodes, record=()), arm)

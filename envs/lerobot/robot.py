@@ -81,7 +81,7 @@ class RoboVerseRobot(Robot):
         self.config = config
         task = config.spec.make_task()
         scenario = task.scenario.seen_by(config.cameras, config.image_size)
-        self._states = [joint_key(name) for name in scenario.robots[0].joint_names]
+        self._states = [joint_key(name) for name in task.state_names]
         self._actions = [joint_key(name) for name in task.controller.names]
         self._low, self._high = task.controller.low, task.controller.high
         self._hz = scenario.physics.control_hz

@@ -6,7 +6,8 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from envs.mjcf.model import ROOT_JOINT, touch_sensor
+from envs.mjcf.model import touch_sensor
+from envs.mjcf.robots import ROOT_JOINT
 from envs.scenario import ObjectCfg, RobotCfg, ScenarioCfg
 
 Root = Literal["free", "fixed", "mocap"]

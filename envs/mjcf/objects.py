@@ -58,7 +58,7 @@ def add_object(spec: mujoco.MjSpec, item: ObjectCfg) -> None:
     seen_only = item.kind == "marker"
     for index, geom in enumerate(item.geoms):
         name = item.name if index == 0 else f"{item.name}/{index}"
-        _add_geom(spec, root, geom, name, seen_only)
+        add_geom(spec, root, geom, name, seen_only)
     bodies: dict[str | None, Any] = {None: root}
     for link in item.links:
         bodies[link.name] = _add_link(spec, bodies[link.parent], item.name, link, seen_only)
@@ -88,7 +88,7 @@ def _add_link(spec, parent, object_name: str, link: LinkCfg, seen_only: bool):
     if link.joint is not None:
         _add_joint(body, name, link.joint)
     for index, geom in enumerate(link.geoms):
-        _add_geom(spec, body, geom, name if index == 0 else f"{name}/{index}", seen_only)
+        add_geom(spec, body, geom, name if index == 0 else f"{name}/{index}", seen_only)
     return body
 
 
@@ -109,7 +109,8 @@ def _add_joint(body, name: str, joint: ObjectJointCfg) -> None:
     )
 
 
-def _add_geom(spec, body, geom: GeomCfg, name: str, seen_only: bool) -> None:
+def add_geom(spec: mujoco.MjSpec, body: Any, geom: GeomCfg, name: str, seen_only: bool = False) -> None:
+    """Adds a geom to a body; one that is ``seen_only`` touches nothing."""
     added = body.add_geom(
         name=name,
         type=SHAPES[geom.shape],

@@ -7,6 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from envs.core.errors import ConfigError
+from envs.scenario.objects import GeomCfg
 from envs.scenario.units import IDENTITY, AssetRef, Quat, Vec3
 
 
@@ -104,7 +105,8 @@ class RobotCfg:
         root: Body of ``mjcf`` that is attached to the world.
         gripper_mjcf: Asset reference of the gripper, or None.
         gripper_root: Body of the gripper's file that is attached.
-        gripper_mount: Body of the robot that carries the gripper.
+        gripper_mount: Body of the robot that carries the gripper or the tool.
+        tool: Shapes that ``gripper_mount`` carries instead of a gripper, in its frame: the body ``tool``.
         joints: Its joints; this order is the order of every array of joints.
         ee_site: Site, or body, that is called the end effector.
         gripper_joints: Names of the joints, of ``joints``, that open and close the gripper.
@@ -133,6 +135,7 @@ class RobotCfg:
     gripper_mjcf: AssetRef | None = None
     gripper_root: str | None = None
     gripper_mount: str | None = None
+    tool: tuple[GeomCfg, ...] = ()
     gripper_joints: tuple[str, ...] = ()
     gripper_range: tuple[tuple[float, float], ...] = ()
     gripper_opening_m: float | None = None
@@ -190,6 +193,8 @@ class RobotCfg:
             half_gap_m: Half the distance between the fingertips, m, (...); what is wider than the gripper
                 opens is its opening.
         """
+        if not self.gripper_joints:
+            return np.zeros((*np.shape(half_gap_m), 0))
         share = np.clip(2.0 * np.asarray(half_gap_m) / self.opening_m, 0.0, 1.0)[..., None]
         shut, wide = np.array(self.finger_limits).T
         return shut + share * (wide - shut)

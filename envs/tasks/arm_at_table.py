@@ -25,7 +25,7 @@ from envs.tasks.tabletop import (
     TABLETOP_LOOKS,
     ee_pos,
     hand_yaw,
-    wrist_camera,
+    wrist_cameras,
 )
 
 EASY_REACH_M = 0.72
@@ -85,9 +85,9 @@ class ArmAtTable(Task):
     @override
     def scenario(self) -> ScenarioCfg:
         return ScenarioCfg(
-            robots=(self.robot,),
+            robots=self.robots,
             objects=self.objects,
-            cameras=(self.camera, wrist_camera(self.robot)),
+            cameras=(self.camera, *wrist_cameras(self.robots)),
             appearance=TABLETOP_LOOKS,
             table=self.table,
             physics=CONTROL_20_HZ,
@@ -95,14 +95,19 @@ class ArmAtTable(Task):
 
     @override
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
-        count, robot, arm = len(rngs), self.robot, list(self.robot.arm)
-        qpos = np.tile(np.array(robot.default_qpos), (count, 1))
+        count, robots = len(rngs), self.robots
+        qpos = [np.tile(np.array(robot.default_qpos), (count, 1)) for robot in robots]
         drawn: list[dict[str, Start]] = []
         for row, rng in enumerate(rngs):
             drawn.append(self.starts(rng))
-            qpos[row, arm] += rng.normal(0.0, self.qpos_noise_rad, len(arm))
-        arm = EntityState.at_rest(np.array(robot.pos), np.tile(robot.rot, (count, 1)), qpos)
-        return State({robot.name: arm}, {item.name: _at_rest(item, drawn) for item in self.objects})
+            for robot, joints in zip(robots, qpos, strict=True):
+                arm = list(robot.arm)
+                joints[row, arm] += rng.normal(0.0, self.qpos_noise_rad, len(arm))
+        arms = {
+            robot.name: EntityState.at_rest(np.array(robot.pos), np.tile(robot.rot, (count, 1)), joints)
+            for robot, joints in zip(robots, qpos, strict=True)
+        }
+        return State(arms, {item.name: _at_rest(item, drawn) for item in self.objects})
 
     def arm(self, state: State) -> EntityState:
         """Returns the robot's state."""
@@ -115,7 +120,7 @@ class ArmAtTable(Task):
         """
         robot = self.arm(state)
         assert robot.joint_target is not None, "a simulator gives every robot's targets"
-        chain, down = _chain(self.robot)
+        chain, down = chain_at_rest(self.robot)
         poses = chain(robot.joint_target[:1, chain.columns].to(torch.float64))
         yaw, pitch, roll = to_euler(multiply(from_matrix(poses.rot[0].numpy()), conjugate(down)))
         pos = poses.pos[0].numpy()
@@ -160,7 +165,7 @@ def _check_option(key: str, value: Any, default: Any) -> None:
 
 
 @cache
-def _chain(robot: RobotCfg) -> tuple[KinematicChain, np.ndarray]:
+def chain_at_rest(robot: RobotCfg) -> tuple[KinematicChain, np.ndarray]:
     """Returns a robot's forward kinematics, and the orientation (4,) of its hand at rest."""
     chain = KinematicChain(robot)
     rest = torch.tensor([robot.default_qpos], dtype=torch.float64)

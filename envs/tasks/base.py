@@ -76,6 +76,39 @@ class Task(ABC):
         """The robot that acts: the scene's first."""
         return self.scenario.robots[0]
 
+    @property
+    def robots(self) -> tuple[RobotCfg, ...]:
+        """All robots that act, in the order of the scene, of an action and of a policy's state.
+
+        By default it is :attr:`robot` alone. Where there are several, names of joints begin with their
+        robot's, as in ``franka_left/joint1``.
+        """
+        return (self.robot,)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints of the robots that act, in order; those of one are as its file has them."""
+        robots = self.robots
+        if len(robots) == 1:
+            return robots[0].joint_names
+        return tuple(f"{robot.name}/{joint}" for robot in robots for joint in robot.joint_names)
+
+    def only_robot(self, purpose: str) -> RobotCfg:
+        """Returns the robot of a task that has one.
+
+        Args:
+            purpose: What needs it, as the error says it.
+
+        Raises:
+            ConfigError: Several robots act.
+        """
+        if len(self.robots) > 1:
+            raise ConfigError(
+                f"{purpose} takes a task of one robot, and in {self.name} "
+                f"{' and '.join(robot.name for robot in self.robots)} act together."
+            )
+        return self.robot
+
     @abstractmethod
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
         """Draws one initial state per generator: a :class:`State` of ``len(rngs)`` rows, float64."""
@@ -95,19 +128,22 @@ class Task(ABC):
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the S entries of a policy's ``observation.state``; by default the robot's joints."""
-        return self.robot.joint_names
+        """Names of the S entries of a policy's ``observation.state``; by default the robots' joints."""
+        return self.joint_names
 
     @property
     def state_limits(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Least and largest value of each entry of :meth:`proprioception`."""
         # Joint limits are soft: a collision can push a joint a little beyond its range.
-        ranges = [joint.range for joint in self.robot.joints]
+        ranges = [joint.range for robot in self.robots for joint in robot.joints]
         return tuple(low - 1.0 for low, _ in ranges), tuple(high + 1.0 for _, high in ranges)
 
     def proprioception(self, state: State) -> Tensor:
         """Returns a policy's ``observation.state``, (N, S); by default the joints' positions, rad and m."""
-        return state.robots[self.robot.name].joint_pos
+        robots = self.robots
+        if len(robots) == 1:
+            return state.robots[robots[0].name].joint_pos
+        return concatenate([state.robots[robot.name].joint_pos for robot in robots])
 
     def failure(self, state: State) -> Tensor:
         """Returns whether the task has failed, which ends an episode, (N,) bool; never by default."""
@@ -148,10 +184,11 @@ class Task(ABC):
 
     @property
     def controller(self) -> "Controller":
-        """The controller of actions; by default position targets of all joints of the first robot."""
-        from envs.controllers import JointPositionController
+        """The controller of actions; by default position targets of all joints of the robots that act."""
+        from envs.controllers import JoinedController, JointPositionController
 
-        return JointPositionController(self.robot)
+        parts = {robot.name: JointPositionController(robot) for robot in self.robots}
+        return JoinedController(parts) if len(parts) > 1 else parts[self.robot.name]
 
     @property
     def rl_controller(self) -> "Controller":
@@ -159,23 +196,28 @@ class Task(ABC):
 
         By default end-effector deltas, where the task's own actions are joint targets of an arm.
         """
-        from envs.controllers import HandDeltaController, JointPositionController
+        from envs.controllers import HandDeltaController, JoinedController, JointPositionController
 
         own = self.controller
-        robot = self.robot
-        return HandDeltaController(robot) if isinstance(own, JointPositionController) else own
+        if not isinstance(own, JointPositionController | JoinedController):
+            return own
+        parts = {robot.name: HandDeltaController(robot) for robot in self.robots}
+        return JoinedController(parts) if len(parts) > 1 else parts[self.robot.name]
 
     def rl_observation(self, state: State) -> Tensor:
         """Returns the observation of reinforcement learning, (N, D).
 
-        By default positions, speeds and targets of the first robot's joints, and :meth:`observe`.
+        By default positions, speeds and targets of each robot's joints, and :meth:`observe`.
         """
-        robot = state.robots[self.robot.name]
-        assert robot.joint_target is not None, "a simulator gives every robot's targets"
+        parts: list[Tensor] = []
+        for cfg in self.robots:
+            robot = state.robots[cfg.name]
+            assert robot.joint_target is not None, "a simulator gives every robot's targets"
+            parts += (robot.joint_pos, robot.joint_vel, robot.joint_target)
         known = self.observe(state)
         if isinstance(known, Tensor):
-            known = known.to(robot.joint_pos)
-        return concatenate((robot.joint_pos, robot.joint_vel, robot.joint_target, known))
+            known = known.to(parts[0])
+        return concatenate((*parts, known))
 
     @property
     def planner(self) -> "Planner":

@@ -87,6 +87,7 @@ def _with_robot(task: Task, options: Mapping[str, Any], name: str) -> Task:
         return task
     from envs.tasks.fit_robot import check_arm, fitted
 
+    task.only_robot("robot=")
     check_arm(task, robot)
     if _subclass(cls, {"robot": property(lambda _: robot)})(**options).scenario.robots[0] is not robot:
         raise ConfigError(
@@ -99,7 +100,13 @@ def _with_robot(task: Task, options: Mapping[str, Any], name: str) -> Task:
 
 def _with_scenario(cls: type[Task], options: Mapping[str, Any], scenario: ScenarioCfg) -> Task:
     """Makes a task that has another scene: of a class of its own, for a scene is a property."""
-    parts = {"scenario": property(lambda _: scenario), "robot": property(lambda _: scenario.robots[0])}
+    acting = {robot.name for robot in cls(**options).robots}
+    robots = tuple(robot for robot in scenario.robots if robot.name in acting)
+    parts = {
+        "scenario": property(lambda _: scenario),
+        "robot": property(lambda _: robots[0]),
+        "robots": property(lambda _: robots),
+    }
     return _subclass(cls, parts)(**options)
 
 

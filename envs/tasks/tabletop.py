@@ -1,6 +1,7 @@
 """Shared parts of tasks of one arm at a table: appearance, cameras, robot, and reward terms."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from torch import Tensor
@@ -68,6 +69,13 @@ def wrist_camera(robot: RobotCfg) -> CameraCfg:
             "carries one."
         )
     return dataclasses.replace(WRIST_CAMERA, mount=f"{robot.name}/{mount}")
+
+
+def wrist_cameras(robots: Sequence[RobotCfg]) -> tuple[CameraCfg, ...]:
+    """Returns the wrist camera of each robot: ``wrist`` of one, ``wrist_<robot>`` of several."""
+    if len(robots) == 1:
+        return (wrist_camera(robots[0]),)
+    return tuple(dataclasses.replace(wrist_camera(item), name=f"wrist_{item.name}") for item in robots)
 
 
 def ee_pos(robot: EntityState) -> Tensor:

@@ -9,7 +9,7 @@ import torch
 from envs.kinematics.batched_inverse import BatchedPathFollower
 from envs.kinematics.inverse import PathFollower
 from envs.kinematics.waypoints import Waypoint
-from envs.scenario import ScenarioCfg
+from envs.scenario import RobotCfg, ScenarioCfg
 from envs.state import State
 
 Expert = Callable[[State, np.random.Generator], list[Waypoint]]
@@ -52,13 +52,7 @@ class WaypointPlanner:
         return plans
 
     def _starts(self, state: State) -> torch.Tensor:
-        """Returns targets (N, J) of driven joints, which a load keeps them from, and positions of others."""
-        robot = state.robots[self._robot.name]
-        if robot.joint_target is None:
-            return robot.joint_pos
-        starts = robot.joint_pos.clone()
-        starts[:, self._driven] = robot.joint_target
-        return starts
+        return present_targets(state, self._robot)
 
     def _nothing(self) -> np.ndarray:
         return np.zeros((0, len(self._driven)), np.float32)
@@ -67,3 +61,13 @@ class WaypointPlanner:
     def _batched(self) -> BatchedPathFollower:
         device = "cuda" if torch.cuda.is_available() else "cpu"
         return BatchedPathFollower(self._robot, self._control_hz, device)
+
+
+def present_targets(state: State, cfg: RobotCfg) -> torch.Tensor:
+    """Returns targets (N, J) of driven joints, which a load keeps them from, and positions of others."""
+    robot = state.robots[cfg.name]
+    if robot.joint_target is None:
+        return robot.joint_pos
+    starts = robot.joint_pos.clone()
+    starts[:, list(cfg.driven)] = robot.joint_target
+    return starts

@@ -32,10 +32,13 @@ class TaskWorkspace:
     Attributes:
         robot: The robot that acts.
         support_z_m: Height of the table's top, or of the ground.
+
+    Raises:
+        ConfigError: Several robots act.
     """
 
     def __init__(self, task: Task) -> None:
-        self._task, self.robot = task, task.robot
+        self._task, self.robot = task, task.only_robot("A channel that changes starts")
         table = task.scenario.table
         self.support_z_m = task.scenario.floor_z if table is None else table.pos[2]
 

@@ -45,7 +45,8 @@ def scene(subject: TaskSubject) -> str:
         seen.ndim == 2 and len(seen) == rows,
         f"observe returned the shape {tuple(seen.shape)} for {rows} states; it must be ({rows}, D).",
     )
-    return f"{env.scenario.robots[0].name} in {env.simulator}, {env.control_hz:g} Hz"
+    robots = " and ".join(robot.name for robot in env.scenario.robots)
+    return f"{robots} in {env.simulator}, {env.control_hz:g} Hz"
 
 
 @contract("scene")

@@ -111,14 +111,15 @@ def expert_in_limits(subject: TaskSubject) -> str:
 def expert_is_smooth(subject: TaskSubject) -> str:
     """Neither the arm's joints nor their targets jump: no joint is faster than 7 rad/s."""
     env = subject.env
-    robot = env.scenario.robots[0]
-    if not robot.fixed_base:
+    robots = subject.task.robots
+    if not all(robot.fixed_base for robot in robots):
         raise NotApplicableError("the robot is no arm")
-    arm = [index for index, name in enumerate(robot.joint_names) if name not in robot.gripper_joints]
+    joints = [(robot, name) for robot in robots for name in robot.joint_names]
+    arm = [index for index, (robot, name) in enumerate(joints) if name not in robot.gripper_joints]
     limit, fastest = _FASTEST_RAD_S / env.control_hz, 0.0
     for episode in subject.rollouts:
         ways = [episode.observation_state[:, arm]]
-        if env.controller.names == robot.joint_names:
+        if env.controller.names == subject.task.joint_names:
             ways.append(episode.actions[:, arm])
         fastest = max(fastest, *(float(np.abs(np.diff(way, axis=0)).max(initial=0.0)) for way in ways))
     require(

@@ -27,8 +27,7 @@ def task_layout(config: CollectConfig) -> tuple[dict[str, Any], int, str]:
 
     task = config.env.make_task()
     scenario = task.scenario.seen_by(config.env.cameras, config.env.image_size)
-    robot = scenario.robots[0]
     cameras = {camera.name: (camera.height, camera.width) for camera in scenario.cameras}
     further = dict.fromkeys(SOURCES.get(config.source).columns, True)
     features = make_features(task.state_names, task.controller.names, cameras, **further)
-    return features, round(scenario.physics.control_hz), robot.name
+    return features, round(scenario.physics.control_hz), "+".join(robot.name for robot in task.robots)

@@ -20,7 +20,7 @@ def check_steerable(env: RoboVerseVectorEnv) -> None:
     Raises:
         ConfigError: The task's actions are not the joint targets of an arm.
     """
-    robot = env.scenario.robots[0]
+    robot = env.task.only_robot("Teleoperation")
     if tuple(env.controller.names) != robot.joint_names or not robot.gripper_joints:
         raise ConfigError(
             f"{env.task.name} cannot be teleoperated: its actions are {', '.join(env.controller.names[:8])}, "

@@ -80,7 +80,7 @@ class HandReader:
         Raises:
             ConfigError: It has no gripper, or the task's actions are not the joint targets of the robot.
         """
-        robot: RobotCfg = task.scenario.robots[0]
+        robot = task.only_robot("source=augment")
         driven = tuple(robot.joint_names[index] for index in robot.driven)
         if tuple(task.controller.names) != driven or not robot.gripper_joints:
             raise ConfigError(

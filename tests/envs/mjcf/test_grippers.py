@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from envs.mjcf.model import robot_spec
+from envs.mjcf.robots import robot_spec
 from envs.robots.franka import FRANKA
 from envs.scenario import JointCfg
 
