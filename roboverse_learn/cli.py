@@ -93,6 +93,8 @@ def _dispatch(words: list[str]) -> int:
 
         print(dataset(rest))
         return 0
+    if command == "assets":
+        return _assets(rest)
     if any(word in HELP for word in rest) or (command == "sweep" and not rest):
         chosen = [word.removeprefix("policy=") for word in rest if word.startswith("policy=")]
         print(help_texts.command_help(command, (chosen or ["act"])[-1]))
@@ -189,6 +191,17 @@ def _speed(words: list[str]) -> int:
             f"{', '.join(PROGRAMS.names())}."
         )
     return max(run(name, settings) for name in names or PROGRAMS.names())
+
+
+def _assets(words: list[str]) -> int:
+    from roboverse_learn.assets import assets
+
+    if any(word in HELP for word in words):
+        print(help_texts.assets_help())
+        return 0
+    _start_logging()
+    print(assets(words))
+    return 0
 
 
 def _show(report: Any) -> None:

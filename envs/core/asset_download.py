@@ -6,7 +6,14 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from envs.core.assets import ASSETS, AssetFolder, downloaded_folder, folder_digest, is_asset_folder
+from envs.core.assets import (
+    ASSETS,
+    AssetFolder,
+    asset_folder,
+    downloaded_folder,
+    folder_digest,
+    is_asset_folder,
+)
 from envs.core.atomic import fsync, write_errors, write_json
 from envs.core.errors import ConfigError, RoboVerseError
 
@@ -20,7 +27,7 @@ class DownloadError(RoboVerseError, OSError):
     """Assets that could not be downloaded, or are not what was expected."""
 
 
-def get_asset(name: str) -> Path:
+def get_asset(name: str, assets_dir: str | None = None) -> Path:
     """Downloads a registered folder where it is absent and returns it.
 
     The paths are fetched one after another, so that a call after an interrupted one fetches what is missing.
@@ -28,13 +35,18 @@ def get_asset(name: str) -> Path:
 
     Args:
         name: A name of :data:`envs.core.assets.ASSETS`.
+        assets_dir: A copy of the folder on this machine, or what holds it; the copy is checked and used
+            where it is, and nothing is downloaded.
 
     Raises:
         UnknownNameError: There is no such asset folder.
+        ConfigError: It is not in ``assets_dir``.
         DownloadError: Git is absent or fails, or a hash differs.
         WriteError: The disk is full or the folder cannot be written.
     """
     folder, final = ASSETS.get(name), downloaded_folder(name)
+    if assets_dir is not None:
+        return _checked_copy(name, folder, assets_dir)
     if is_asset_folder(final, folder):
         return final
     work = final.with_name(f"{name}.download")
@@ -49,6 +61,17 @@ def get_asset(name: str) -> Path:
             shutil.rmtree(final)
         os.rename(work, final)
     return final
+
+
+def _checked_copy(name: str, folder: AssetFolder, assets_dir: str) -> Path:
+    place = asset_folder(name, assets_dir)
+    digest = folder_digest(place, folder.paths)
+    if digest != folder.sha256:
+        raise DownloadError(
+            f"The files of '{name}' in {place} have the hash {digest[:12]}, expected {folder.sha256[:12]}: "
+            f"they are not those of {folder.repository} at {folder.commit[:12]}."
+        )
+    return place
 
 
 def _record(name: str, folder: AssetFolder) -> dict[str, str]:

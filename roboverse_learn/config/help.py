@@ -31,6 +31,7 @@ SUMMARIES = {
     "new": "write a package with a working task, policy or robot to start from",
     "convert": "write a robot as URDF or USD, its meshes beside it",
     "dataset": "merge datasets, or say what one holds",
+    "assets": "say what tasks need that is not part of this, of what licence; download it",
     "speed": "measure the speed of the parts, each against its reference",
     "doctor": "print what this machine has and what works on it, for a bug report",
     "list": "list tasks with all facts, suites, policies, simulators, renderers, robots, levels and more",
@@ -86,6 +87,11 @@ EXAMPLES = {
         "roboverse convert robot=franka to=usd out=franka_usd",
         "roboverse convert robot=robot.xml to=urdf",
     ),
+    "assets": (
+        "roboverse assets list   (or: roboverse assets list libero)",
+        "roboverse assets get calvin",
+        "roboverse assets get calvin assets_dir=folder   (checks a copy; downloads nothing)",
+    ),
     "doctor": ("roboverse doctor", "roboverse doctor json=true   (or --json)"),
 }
 
@@ -123,6 +129,12 @@ def command_help(command: str, policy: str = "act") -> str:
         parts.append(listing())
     parts.append(f"Keys, with their defaults:\n{_rows(key_rows(command, policy=policy))}")
     return "\n\n".join(parts)
+
+
+def assets_help() -> str:
+    """Returns the text of ``roboverse assets --help``."""
+    examples = "\n".join(f"  {line}" for line in EXAMPLES["assets"])
+    return f"roboverse assets: {SUMMARIES['assets']}.\n\nUsage:\n{examples}"
 
 
 def listing(datasets_dir: str | None = None, kinds: Sequence[str] = (), words: Sequence[str] = ()) -> str:
