@@ -23,8 +23,12 @@ def parts(_: Settings) -> Mapping[str, Callable[[], Measurement]]:
     return {"act": measure_evaluation}
 
 
-def measure_evaluation() -> Measurement:
+def measure_evaluation(num_episodes: int = NUM_EPISODES, turns: int = TURNS) -> Measurement:
     """Compares both, in seconds per episode; the checkpoint is loaded and the env built beforehand.
+
+    Args:
+        num_episodes: Episodes of one evaluation, all at once.
+        turns: How often each is timed.
 
     Raises:
         SimulatorError: The two did not run the same episodes.
@@ -41,9 +45,11 @@ def measure_evaluation() -> Measurement:
     with tempfile.TemporaryDirectory() as folder:
         policy.save(Path(folder) / "pretrained_model")
         policy = policies.load(folder)
-    env_config = RoboVerseEnvConfig(task=TASK, level=LEVEL, split=SPLIT, image_size=config.env.image_size)
+    env_config = RoboVerseEnvConfig(
+        task=TASK, level=LEVEL, split=SPLIT, image_size=config.env.image_size, cameras=config.env.cameras
+    )
     env: Any
-    (env,) = env_config.create_envs(NUM_EPISODES)[env_config.type].values()
+    (env,) = env_config.create_envs(num_episodes)[env_config.type].values()
     before, after = make_env_pre_post_processors(env_cfg=env_config, policy_cfg=policy.model.config)
     steps = (before, after, policy.preprocessor, policy.postprocessor)
     begun: list[int] = []  # the episodes of LeRobot's side, which runs first in the warm-up turn
@@ -58,7 +64,7 @@ def measure_evaluation() -> Measurement:
     @torch.no_grad()
     def theirs() -> None:
         env.reset = noted_reset
-        eval_policy(env, policy.model, *steps, NUM_EPISODES, start_seed=SEED)
+        eval_policy(env, policy.model, *steps, num_episodes, start_seed=SEED)
         env.reset = reset
 
     def ours() -> None:
@@ -68,10 +74,10 @@ def measure_evaluation() -> Measurement:
         if [record.episode for record in records] != begun or any(record.length < 50 for record in records):
             raise SimulatorError("The two evaluations are not of the same episodes: do not compare them.")
 
-    seconds = in_turns(ours, theirs, TURNS, after=check)
+    seconds = in_turns(ours, theirs, turns, after=check)
     env.close()
     name = f"evaluation of ACT, {config.env.image_size}×{config.env.image_size}, LeRobot / ours"
-    return measurement(name, seconds, GOAL, units=NUM_EPISODES)
+    return measurement(name, seconds, GOAL, units=num_episodes)
 
 
 def _quick_policy() -> tuple[Any, Any]:

@@ -64,6 +64,12 @@ def test_versions_name_python_and_what_decides_an_episode():
     assert {"torch", "mujoco", "numpy"} <= set(versions)
 
 
+def test_versions_are_read_once_and_belong_to_the_caller(monkeypatch):
+    provenance.package_versions()["torch"] = "changed by a caller"
+    monkeypatch.setattr(provenance, "version", lambda name: pytest.fail(f"{name} was read again"))
+    assert provenance.package_versions()["torch"] != "changed by a caller"
+
+
 def test_machine_has_no_name():
     machine = provenance.machine("cpu")
     assert machine.device == "cpu"

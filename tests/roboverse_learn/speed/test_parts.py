@@ -6,6 +6,7 @@ import torch
 from envs.core.errors import MissingExtraError, SimulatorError
 from roboverse_learn.speed import agents, dataset, mujoco_warp, rl, simulators, throughput, training
 from roboverse_learn.speed.bare_env import BareEnv
+from roboverse_learn.speed.evaluation import measure_evaluation
 from roboverse_learn.speed.harness import Measurement
 from roboverse_learn.speed.startup import startup
 from roboverse_learn.speed.teleoperation import TeleoperationSettings
@@ -30,6 +31,12 @@ def test_teleoperation_is_measured_over_its_websocket():
     assert is_measured(measures["delay"](), "command to image at 32²")
     assert is_measured(measures["interval"](), "between images")
     assert is_measured(measures["lateness"](), "lateness of a control step")
+
+
+def test_evaluation_runs_the_episodes_of_lerobot_eval():
+    assert is_measured(
+        measure_evaluation(num_episodes=1, turns=1), "evaluation of ACT, 64×64, LeRobot / ours"
+    )
 
 
 @pytest.mark.parametrize("visuals", [True, False])
