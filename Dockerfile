@@ -23,7 +23,7 @@ COPY --chown=roboverse benchmark benchmark
 COPY --chown=roboverse roboverse_learn roboverse_learn
 
 # The README's installation as it stands there.
-RUN python3.12 -m venv .venv && .venv/bin/python -m pip install -q uv && .venv/bin/uv pip install -q --python .venv/bin/python -c constraints.txt --override overrides.txt -e . -e envs/lerobot/plugin
+RUN python3.12 -m venv .venv && .venv/bin/python -m pip install -q uv && .venv/bin/uv pip install -q --python .venv/bin/python -c constraints.txt --override overrides.txt -e . -e envs/lerobot/plugin -e envs/gymnasium_plugin
 
 # Runs, datasets and results are written here; a volume mounted here keeps them.
 RUN mkdir /home/roboverse/work

@@ -1,8 +1,8 @@
 """Scenes, simulators, tasks, randomization, and the Gymnasium environments made of them.
 
 Importing it registers every task with Gymnasium and imports no task:
-``gymnasium.make("RoboVerse/PickCube-v0")``, or ``gymnasium.make("envs:RoboVerse/PickCube-v0")`` without an
-import.
+``gymnasium.make("RoboVerse/PickCube-v0")``. The distribution in ``envs/gymnasium_plugin`` imports it when
+Gymnasium is first given such an id; ``gymnasium.make("envs:RoboVerse/PickCube-v0")`` needs no distribution.
 """
 
 from typing import TYPE_CHECKING, Any

@@ -119,7 +119,7 @@ def _without_plugins(words: list[str]) -> list[str]:
 
 
 def _named(words: list[str], *keys: str) -> list[str]:
-    """Takes ``task PushBlock`` for ``kind=task name=PushBlock``: the first words without a key have these."""
+    """Takes ``task LiftBlock`` for ``kind=task name=LiftBlock``: the first words without a key have these."""
     left = list(keys)
     return [word if "=" in word or not left else f"{left.pop(0)}={word}" for word in words]
 

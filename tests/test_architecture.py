@@ -53,10 +53,8 @@ PRINTS_MAY_BE_IN = {"roboverse_learn/cli.py"}
 
 
 def sources(folder: str) -> list[Path]:
-    others = {
-        "__pycache__",
-        "plugin",
-    }  # the plugin of LeRobot is a distribution of its own, above all packages
+    # The plugins of LeRobot and Gymnasium are distributions of their own, above all packages.
+    others = {"__pycache__", "plugin", "gymnasium_plugin"}
     return sorted(path for path in (ROOT / folder).rglob("*.py") if not others & {*path.parts})
 
 

@@ -93,11 +93,12 @@ def test_every_level_has_a_row() -> None:
     assert all(re.search(rf"^\| {level} \|", README, re.MULTILINE) for level in LEVELS)
 
 
-def test_the_commands_install_the_plugin_that_lerobot_finds() -> None:
+def test_the_commands_install_the_plugins_of_lerobot_and_gymnasium() -> None:
     plugin = tomllib.loads((ROOT / "envs/lerobot/plugin/pyproject.toml").read_text())
     # LeRobot compares names as they are written; with hyphens it would find nothing.
     assert plugin["project"]["name"].startswith("lerobot_env_")
     assert plugin["project"]["dependencies"] == ["roboverse-learn"]
     assert (ROOT / f"envs/lerobot/plugin/{plugin['project']['name']}.py").is_file()
     installs = [line for line in README.splitlines() if line.startswith("python3.12 -m venv ")]
-    assert len(installs) == 2 and all(" -e envs/lerobot/plugin " in line for line in installs)
+    assert len(installs) == 2
+    assert all(" -e envs/lerobot/plugin -e envs/gymnasium_plugin " in line for line in installs)

@@ -75,11 +75,11 @@ EXAMPLES = {
     "leaderboard": ("roboverse leaderboard results_dir=results",),
     "check": (
         "roboverse check task=PickCube",
-        "roboverse check task=PushBlock plugins=[push_block] simulator=mujoco_warp",
+        "roboverse check task=LiftBlock plugins=[lift_block] simulator=mujoco_warp",
         "roboverse check policy=act task=PickCube   (also robot=franka)",
     ),
     "new": (
-        "roboverse new task name=PushBlock   (or: roboverse new task PushBlock)",
+        "roboverse new task name=LiftBlock   (or: roboverse new task LiftBlock)",
         "roboverse new policy name=my_cnn out=folder",
         "roboverse new robot name=my_arm",
     ),

@@ -10,12 +10,12 @@ NEW_KINDS = ("task", "policy", "robot")
 """What a skeleton can be made of."""
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
-_EXAMPLES = {"task": "PushBlock", "policy": "my_cnn", "robot": "my_arm"}
+_EXAMPLES = {"task": "LiftBlock", "policy": "my_cnn", "robot": "my_arm"}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class NewConfig:
-    """``roboverse new task name=PushBlock``: a package with a working task, policy or robot to start from.
+    """``roboverse new task name=LiftBlock``: a package with a working task, policy or robot to start from.
 
     Attributes:
         kind: What is made: task, policy or robot; typed as the first word alone.
@@ -29,7 +29,7 @@ class NewConfig:
 
     def __post_init__(self) -> None:
         if self.kind not in NEW_KINDS:
-            hint = "As in: roboverse new task name=PushBlock"
+            hint = "As in: roboverse new task name=LiftBlock"
             raise unknown_name("kind of skeleton", self.kind, NEW_KINDS, hint)
         example = f"as in: roboverse new {self.kind} name={_EXAMPLES[self.kind]}"
         if not self.name:
@@ -44,13 +44,13 @@ class NewConfig:
 
     @property
     def module(self) -> str:
-        """Name of the package: ``push_block`` for ``PushBlock``."""
+        """Name of the package: ``lift_block`` for ``LiftBlock``."""
         parts = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", self.name)
         return re.sub(r"_+", "_", parts).strip("_").lower()
 
     @property
     def class_name(self) -> str:
-        """Name of its class: ``PushBlock`` for ``push_block``."""
+        """Name of its class: ``LiftBlock`` for ``lift_block``."""
         return "".join(part[:1].upper() + part[1:] for part in self.name.split("_"))
 
     @property

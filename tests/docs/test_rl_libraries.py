@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+import envs  # noqa: F401 (registers the ids where the plugin is not installed)
+
 PAGE = Path(__file__).parents[2] / "docs/rl_libraries.md"
 
 

@@ -60,7 +60,7 @@ def commands(page):
     for line in re.findall(r"(?:^|`)roboverse ([a-z]+(?: [^`\n#]*)?)", text, re.MULTILINE):
         name, *words = shlex.split(line)
         settings = [word for word in words if "=" in word]
-        of_a_reader = r"=(…|<\w+>$)|plugins=|=PushBlock|my_|short|=arm"
+        of_a_reader = r"=(…|<\w+>$)|plugins=|=LiftBlock|my_|short|=arm"
         yield name, [word for word in settings if not re.search(of_a_reader, word)]
 
 

@@ -14,7 +14,7 @@ from roboverse_learn.config.new_config import NEW_KINDS, NewConfig
 from roboverse_learn.new import TEMPLATES, render
 
 ROOT = Path(__file__).resolve().parents[3]
-NAMES = {"task": "PushBlock", "policy": "my_cnn", "robot": "my_arm"}
+NAMES = {"task": "LiftBlock", "policy": "my_cnn", "robot": "my_arm"}
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ def test_a_package_is_written_with_its_next_steps(
 ) -> None:
     assert cli.main(["new", kind, f"name={NAMES[kind]}"]) == 0
     said = capsys.readouterr().out
-    module = {"task": "push_block"}.get(kind, NAMES[kind])
+    module = {"task": "lift_block"}.get(kind, NAMES[kind])
     project = tomllib.loads((folder / module / "pyproject.toml").read_text(encoding="utf-8"))
     assert f"roboverse check {kind}={NAMES[kind]} plugins=[{module}]" in said and "\n  cd" not in said
     assert project["project"]["name"] == module.replace("_", "-")
@@ -69,8 +69,8 @@ def test_what_is_written_is_clean_under_its_own_settings(kind: str, folder: Path
 @pytest.mark.parametrize(
     ("name", "module", "class_name"),
     [
-        ("PushBlock", "push_block", "PushBlock"),
-        ("push_block", "push_block", "PushBlock"),
+        ("LiftBlock", "lift_block", "LiftBlock"),
+        ("lift_block", "lift_block", "LiftBlock"),
         ("UR5Arm", "ur5_arm", "UR5Arm"),
         ("myCNN", "my_cnn", "MyCNN"),
         ("Reach2", "reach2", "Reach2"),
@@ -89,7 +89,7 @@ def test_package_and_class_are_named_after_the_name(name: str, module: str, clas
             ["tsak", "name=A"],
             "Unknown kind of skeleton 'tsak'. Did you mean 'task'? Valid: policy, ",
         ),
-        ([], "new task needs name=<name>, as in: roboverse new task name=PushBlock"),
+        ([], "new task needs name=<name>, as in: roboverse new task name=LiftBlock"),
         (["policy"], "new policy needs name=<name>, as in: roboverse new policy name=my_cnn"),
         (["task", "name=1st"], "name=1st is no name of letters, digits and underscores"),
         (["task", "name=a-b"], "name=a-b is no name of letters"),
@@ -113,13 +113,13 @@ def test_a_wrong_word_is_one_sentence(
 
 
 def test_nothing_is_overwritten(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (folder / "push_block").mkdir()
-    (folder / "push_block" / "mine.py").write_text("mine")
+    (folder / "lift_block").mkdir()
+    (folder / "lift_block" / "mine.py").write_text("mine")
     (folder / "file").write_text("mine")
-    said = failure(["task", "name=PushBlock"], capsys)
-    assert "'push_block' exists, and nothing is overwritten. Choose another folder by out=" in said
-    assert "'file' is a file, not a folder" in failure(["task", "name=PushBlock", "out=file"], capsys)
-    assert [path.name for path in (folder / "push_block").iterdir()] == ["mine.py"]
+    said = failure(["task", "name=LiftBlock"], capsys)
+    assert "'lift_block' exists, and nothing is overwritten. Choose another folder by out=" in said
+    assert "'file' is a file, not a folder" in failure(["task", "name=LiftBlock", "out=file"], capsys)
+    assert [path.name for path in (folder / "lift_block").iterdir()] == ["mine.py"]
     assert (folder / "file").read_text() == "mine"
 
 
@@ -127,8 +127,8 @@ def test_an_empty_folder_is_filled_and_named_in_the_next_steps(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "deep" / "empty").mkdir(parents=True)
-    assert cli.main(["new", "task", "name=PushBlock", "out=deep/empty"]) == 0
-    assert (folder / "deep" / "empty" / "push_block" / "task.py").is_file()
+    assert cli.main(["new", "task", "name=LiftBlock", "out=deep/empty"]) == 0
+    assert (folder / "deep" / "empty" / "lift_block" / "task.py").is_file()
     assert "\n  cd deep/empty\n" in capsys.readouterr().out
 
 
@@ -145,4 +145,4 @@ def test_the_second_word_may_be_the_name(folder: Path) -> None:
 
 
 def test_a_task_is_the_default() -> None:
-    assert compose("new", ["name=PushBlock"]) == NewConfig(kind="task", name="PushBlock")
+    assert compose("new", ["name=LiftBlock"]) == NewConfig(kind="task", name="LiftBlock")

@@ -34,7 +34,7 @@ def done(folder: Path, *words: str, path: str = "") -> str:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("newcomer")
-    for kind, name in (("task", "PushBlock"), ("policy", "my_cnn"), ("robot", "my_arm")):
+    for kind, name in (("task", "LiftBlock"), ("policy", "my_cnn"), ("robot", "my_arm")):
         config = NewConfig(kind=kind, name=name)
         new(replace(config, out=str(folder / config.module)))
     return folder
@@ -42,7 +42,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_the_task_keeps_every_contract(folder: Path) -> None:
-    said = done(folder, "check", "task=PushBlock", "image_size=32", "plugins=[push_block]")
+    said = done(folder, "check", "task=LiftBlock", "image_size=32", "plugins=[lift_block]")
     assert "20 of 20 starts" in said and " 0 failed, 0 skipped." in said
 
 
@@ -66,17 +66,17 @@ def test_the_policy_keeps_every_contract(folder: Path) -> None:
 @pytest.mark.slow
 def test_the_policy_trains_on_the_task(folder: Path) -> None:
     words = (
-        "train", "policy=my_cnn", "task=PushBlock", "preset=quick", "num_demos=2", "collect.num_workers=2",
+        "train", "policy=my_cnn", "task=LiftBlock", "preset=quick", "num_demos=2", "collect.num_workers=2",
         "image_size=32", "train.steps=4", "train.batch_size=4", "train.num_threads=1", "evaluate.episodes=1",
         "levels=[0]", "videos=0", "device=cpu",
     )  # fmt: skip
-    assert "Trained 4 steps" in done(folder, *words, "plugins=[push_block,my_cnn]")
+    assert "Trained 4 steps" in done(folder, *words, "plugins=[lift_block,my_cnn]")
 
 
 @pytest.mark.long
 def test_the_policy_learns_the_task_by_the_quick_preset(folder: Path) -> None:
-    words = ("train", "policy=my_cnn", "task=PushBlock", "preset=quick", "num_demos=150", "levels=[0]")
-    said = done(folder, *words, "train.lr=1e-3", "cameras=[all]", "plugins=[push_block,my_cnn]")
+    words = ("train", "policy=my_cnn", "task=LiftBlock", "preset=quick", "num_demos=150", "levels=[0]")
+    said = done(folder, *words, "train.lr=1e-3", "cameras=[all]", "plugins=[lift_block,my_cnn]")
     row = next(line for line in said.splitlines() if "level 0" in line and "%" in line)
     assert float(row.split("│")[2].split("%")[0]) >= 40.0, row
 

@@ -24,7 +24,7 @@ from roboverse_learn.config.serialize import default_values, from_values, to_val
 REQUIRED = {
     "evaluate": ["checkpoint=runs/x"],
     "replay": ["dataset=datasets/x"],
-    "new": ["name=PushBlock"],
+    "new": ["name=LiftBlock"],
 }
 QUICK = settings(max_examples=25, deadline=None)
 
