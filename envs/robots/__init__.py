@@ -10,6 +10,9 @@ ROBOTS.add(
     tags={"arm"},
     summary="Franka Emika Panda, 7 joints, with its parallel gripper",
 )
+ROBOTS.add(
+    "franka_stick", "envs.robots.franka:FRANKA_STICK", summary="Franka Emika Panda with a stick as its hand"
+)
 ROBOTS.add("h1", "envs.robots.h1:H1", extra="humanoid", summary="Unitree H1, a humanoid without hands")
 ROBOTS.add(
     "sawyer", "envs.robots.sawyer:SAWYER", extra="metaworld", summary="Rethink Sawyer with a parallel gripper"

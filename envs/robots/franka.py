@@ -15,7 +15,7 @@ from dataclasses import replace
 from math import pi
 
 from envs.robots.panda_hand import PANDA_FINGERS, PANDA_HAND
-from envs.scenario import JointCfg, RobotCfg
+from envs.scenario import GeomCfg, JointCfg, RobotCfg, SiteCfg
 
 _ARM = (
     # kp, kd, force limit, range, rest
@@ -75,3 +75,30 @@ FRANKA_TORQUE = replace(
 Motors, fingers' actuators and their joints are those of robosuite's files; rotor inertias ``5 / (i + 1)``
 kg·m² and the dry friction of 0.1 N·m are what its ``RobotModel`` adds to joints that name none.
 """
+
+STICK_M = 0.142
+"""Length of the stick from the flange. In ManiSkill 3's start of PushT (``tabletop/push_t.py``) its end is
+where that file has it, at (-0.321, 0.284, 0.024) m, within 1 mm."""
+
+_RADIUS_M = 0.01
+
+FRANKA_STICK = replace(
+    FRANKA,
+    name="franka_stick",
+    joints=FRANKA.joints[:7],
+    gripper_mjcf=None,
+    gripper_root=None,
+    gripper_joints=(),
+    tool=(
+        GeomCfg(
+            shape="cylinder",
+            size=(_RADIUS_M, STICK_M / 2),
+            pos=(0.0, 0.0, STICK_M / 2),
+            rgba=(0.35, 0.35, 0.38, 1.0),
+            mass_kg=0.1,
+        ),
+    ),
+    sites=(SiteCfg(name="tip", body="tool", pos=(0.0, 0.0, STICK_M)),),
+    ee_site="tip",
+)
+"""The arm with a stick in place of its hand, as ManiSkill 3's ``panda_stick``; the stick is 2 cm thick."""

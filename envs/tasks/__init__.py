@@ -70,6 +70,7 @@ for _name, _target, _summary in (
     ("PegInsertionSide", "peg_insertion", "put a peg into the hole in the side of a box"),
     ("PlugCharger", "plug_charger", "put the pins of a charger into a receptacle"),
     ("StackPyramid", "stack_pyramid", "put two cubes side by side and a third one on both"),
+    ("PushT", "push_t", "push a T-shaped block onto its outline with a stick"),
     ("TwoRobotPickCube", "two_robots", "one arm hands a cube over the middle, the other lifts it to a goal"),
     (
         "TwoRobotStackCube",
