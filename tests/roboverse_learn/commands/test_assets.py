@@ -1,4 +1,4 @@
-"""``roboverse assets``: what it lists, what it downloads from a git repository of this machine, its errors."""
+"""``roboverse assets``: what it lists, what it downloads from a local git repository, its errors."""
 
 import re
 import subprocess
