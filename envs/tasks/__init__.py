@@ -128,9 +128,10 @@ for _name, _words in WORDS.items():
     _add(PREFIX + _name, f"metaworld.others:{_name}", _words[0], _METAWORLD, _EXTRA, "adapted", extra=_EXTRA)
 
 _LIBERO_ASSETS = "MIT; objects of HOPE (CC BY-NC-SA), Google's scans (CC BY 4.0) and TurboSquid"
-for _name, _entry in libero.entries().items():
-    _suite = f"LIBERO-{_entry.suite}"
-    _facts = _origin(_suite, "arXiv:2306.03310", _LIBERO_ASSETS, family=_suite)
+for _name, _entry in (libero.entries() | libero.pro_entries()).items():
+    _suite = "LIBERO-PRO" if _entry.variant else f"LIBERO-{_entry.suite}"
+    _paper = "arXiv:2510.03827" if _entry.variant else "arXiv:2306.03310"
+    _facts = _origin(_suite, _paper, _LIBERO_ASSETS, family=_suite)
     _facts |= {"robot": "franka", "horizon": str(libero.HORIZON)}
     _target = f"libero.by_name:{_entry.class_name}"
-    _add(_name, _target, _entry.instruction, _facts, libero.EXTRA, "tabletop", extra=libero.EXTRA)
+    _add(_name, _target, _entry.instruction, _facts, libero.EXTRA, "tabletop", extra=_entry.extra)

@@ -184,17 +184,17 @@ def libero_root(folder: str) -> Path:
 def read_init_states(path: Path, width: int = INIT_WIDTH) -> np.ndarray:
     """Returns LIBERO's initial states of a task, (count, width) float64.
 
-    The file is a zip with one pickled float64 array. Nothing is unpickled: its opcodes are listed, which
+    A file ``.npz`` is LIBERO-PRO's, with the array ``states``; anything else is LIBERO's own:
+
+    a zip with one pickled float64 array. Nothing is unpickled: its opcodes are listed, which
     runs none of them, and the array's bytes are the one long string among their arguments.
 
     Raises:
         ConfigError: if the file is absent or is anything else.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
-            opcodes = pickletools.genops(io.BytesIO(archive.read("archive/data.pkl")))
-            texts = [argument for _, argument, _ in opcodes if isinstance(argument, str)]
-        values = np.frombuffer(max(texts, key=len).encode("latin-1"), "<f8").reshape(-1, width)
+        values = _states_of_numpy(path) if path.suffix == ".npz" else _states_of_torch(path)
+        values = values.reshape(-1, width)
     except FileNotFoundError:
         raise ConfigError(f"LIBERO's initial states are not there: no file {path}.") from None
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
@@ -205,6 +205,18 @@ def read_init_states(path: Path, width: int = INIT_WIDTH) -> np.ndarray:
     if not len(values) or not np.isfinite(values).all():
         raise ConfigError(f"{path} has no initial states, or some that are not finite.")
     return values
+
+
+def _states_of_numpy(path: Path) -> np.ndarray:
+    with np.load(path, allow_pickle=False) as archive:
+        return np.asarray(archive["states"], dtype=np.float64).ravel()
+
+
+def _states_of_torch(path: Path) -> np.ndarray:
+    with zipfile.ZipFile(path) as archive:
+        opcodes = pickletools.genops(io.BytesIO(archive.read("archive/data.pkl")))
+        texts = [argument for _, argument, _ in opcodes if isinstance(argument, str)]
+    return np.frombuffer(max(texts, key=len).encode("latin-1"), "<f8")
 
 
 def _parse(path: Path) -> ET.Element:

@@ -55,6 +55,11 @@ def _of_libero(suite: str) -> tuple[str, ...]:
     return tuple(entry.name for entry in libero.entries().values() if suite in ("", entry.suite))
 
 
+def _of_libero_pro(folder: str) -> tuple[str, ...]:
+    """Returns the tasks of one suite of LIBERO-PRO, such as ``goal_swap``, in LIBERO's own order."""
+    return tuple(entry.name for entry in libero.pro_entries().values() if entry.folder == folder)
+
+
 def _of_metaworld() -> tuple[str, ...]:
     return tuple(sorted({*_from_source("Meta-World 3"), *_starting_with(METAWORLD)}))
 
@@ -69,6 +74,10 @@ for _suite, _words in {
 }.items():
     SUITES.add(f"libero_{_suite}", partial(_of_libero, _suite), summary=f"LIBERO: {_words}")
 SUITES.add("libero", partial(_of_libero, ""), summary="LIBERO's five suites together")
+for _suite in libero.PRO_SUITES:
+    for _variant, _words in libero.VARIANTS.items():
+        _folder = f"{_suite}_{_variant}"
+        SUITES.add(f"libero_pro/{_folder}", partial(_of_libero_pro, _folder), summary=f"LIBERO-PRO: {_words}")
 SUITES.add("maniskill", partial(_from_source, "ManiSkill 3"), summary="table-top tasks of ManiSkill 3")
 SUITES.add("robosuite", partial(_from_source, "robosuite 1.5"), summary="single-arm tasks of robosuite")
 SUITES.add("metaworld", _of_metaworld, summary="Meta-World's tasks")

@@ -2,7 +2,7 @@
 
 from functools import cache
 
-from envs.tasks.libero.catalogue import Entry, entries
+from envs.tasks.libero.catalogue import Entry, entries, pro_entries
 from envs.tasks.libero.task import LiberoTask
 
 
@@ -16,7 +16,7 @@ def __getattr__(name: str) -> type[LiberoTask]:
 
 @cache
 def _by_class() -> dict[str, Entry]:
-    return {entry.class_name: entry for entry in entries().values()}
+    return {entry.class_name: entry for entry in (*entries().values(), *pro_entries().values())}
 
 
 @cache

@@ -16,7 +16,7 @@ from envs.rotations import to_matrix
 from envs.state import State
 from envs.tasks.libero.arenas import SURFACE_FIXTURES
 from envs.tasks.libero.bddl import Atom
-from envs.tasks.libero.goals import Goal, in_site, over_object, over_site
+from envs.tasks.libero.goals import JOINT_RULES, STOVE, Goal, in_site, over_object, over_site
 from envs.tasks.libero.scene import Scene
 from envs.tasks.skills.clouds import Heights, Underside, cloud
 from envs.tasks.skills.grasps import Grasp, top_grasps
@@ -125,7 +125,7 @@ def _joint(look: _Look, atom: Atom) -> list[Waypoint]:
     name = atom.args[0] if region is None else region.target
     parts, entity = look.scene.parts[name], look.state.objects[name]
     heights = look.heights()
-    if look.scene.categories[name] == "flat_stove":
+    if JOINT_RULES.get(look.scene.categories[name]) is STOVE:
         part = next(index for index, part in enumerate(parts.parts) if part.joint is not None)
         to = KNOB_ON_RAD if atom.predicate == "turnon" else KNOB_OFF_RAD
         return turn_knob(look.hand, parts, entity, part, to, heights)

