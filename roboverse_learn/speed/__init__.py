@@ -20,7 +20,7 @@ for _name, _summary in {
     "rl": "PPO on TorchVectorEnv against bare mujoco_warp; cost of the adapters (needs a GPU)",
     "agents": "TD-MPC2 and FastTD3 against plain torch, the replay buffer against TorchRL (needs a GPU)",
     "teleoperation": "teleoperation on one core: command to image, images, lateness of control steps",
-    "startup": "roboverse list and --help against an empty Python program",
+    "startup": "roboverse list, --help and a first image, against an empty Python program",
 }.items():
     PROGRAMS.add(_name, f"roboverse_learn.speed.{_name}", summary=_summary)
 

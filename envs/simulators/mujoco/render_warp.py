@@ -18,6 +18,7 @@ from envs.mjcf.model import TEXTURE_SIZE
 from envs.mjcf.objects import HIDDEN_GROUP, SCENE_GROUP
 from envs.scenario import SURFACES
 from envs.simulators.mujoco.render import Renderer, RenderJob, Stage, texture_of
+from envs.simulators.mujoco.tracer_parts import tracer_parts
 from envs.simulators.mujoco.warp_launches import Launches
 from envs.simulators.start_warp import start_warp
 
@@ -111,17 +112,14 @@ class _Tracer:
     """A stage and the device arrays that mirror it."""
 
     def __init__(self, renderer: WarpRenderer, cameras: tuple[str, ...], modalities: tuple[str, ...]) -> None:
-        self._wp = start_warp()
-        import mujoco_warp as mjw
-
-        self._mjw = mjw
+        self._wp, self._parts = start_warp(), tracer_parts()
         self._renderer, self._cameras, self._modalities = renderer, cameras, modalities
         self._stage = Stage(renderer.model, renderer.scenario)
         model = self._stage.model
         ready_for_tracing(model)
         with self._wp.ScopedDevice("cpu"), contextlib.redirect_stdout(io.StringIO()):
-            self._model = mjw.put_model(model)
-            self._data = mjw.put_data(model, self._stage.data, nworld=1)
+            self._model = self._parts.put_model(model)
+            self._data = self._parts.put_data(model, self._stage.data, nworld=1)
         # The same memory: what is written here is what the kernels read.
         self._looks = {name: getattr(self._model, name).numpy() for name in _LOOKS}
         self._poses = {name: getattr(self._data, name).numpy() for name in _POSE_FIELDS}
@@ -145,9 +143,9 @@ class _Tracer:
             model.geom_group[slots] = HIDDEN_GROUP
         context = create_context(model, self._cameras, self._modalities, num_worlds=1)
         model.geom_group[slots] = groups
-        bounds = Launches(partial(self._mjw.refit_bvh, self._model, self._data, context))
+        bounds = Launches(partial(self._parts.refit_bvh, self._model, self._data, context))
         with _compiled_without_nan():
-            rays = Launches(partial(self._mjw.render, self._model, self._data, context))
+            rays = Launches(partial(self._parts.render, self._model, self._data, context))
         return _Room(context, bounds, rays)
 
     def draw(self, job: RenderJob, out: dict, index: int) -> None:
@@ -249,9 +247,7 @@ def create_context(
     model: mujoco.MjModel, cameras: Sequence[str], modalities: Sequence[str], *, num_worlds: int
 ) -> Any:
     """Returns mujoco_warp's render context for these images on Warp's present device."""
-    import mujoco_warp as mjw
-
-    return mjw.create_render_context(
+    return tracer_parts().create_render_context(
         model,
         nworld=num_worlds,
         cam_res=[_size_of(model, name) for name in cameras],

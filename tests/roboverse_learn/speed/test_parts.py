@@ -8,7 +8,7 @@ from roboverse_learn.speed import agents, dataset, mujoco_warp, rl, simulators, 
 from roboverse_learn.speed.bare_env import BareEnv
 from roboverse_learn.speed.evaluation import measure_evaluation
 from roboverse_learn.speed.harness import Measurement
-from roboverse_learn.speed.startup import startup
+from roboverse_learn.speed.startup import first_image, startup
 from roboverse_learn.speed.teleoperation import TeleoperationSettings
 from roboverse_learn.speed.teleoperation import parts as parts_of_teleoperation
 from tests.sweeps import sweep
@@ -24,6 +24,10 @@ def is_measured(found: Measurement, *texts: str) -> bool:
 
 def test_startup_is_measured():
     assert is_measured(startup("list", turns=1), "roboverse list")
+
+
+def test_a_first_image_is_measured():
+    assert is_measured(first_image(turns=1), "first image, 128×128")
 
 
 def test_teleoperation_is_measured_over_its_websocket():
