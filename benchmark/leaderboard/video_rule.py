@@ -5,6 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from benchmark.leaderboard.standings import standings
+from benchmark.results import ResultError
+
+KEEP_FILE = "keep_videos.txt"
+"""Videos of a folder of results that stay besides those of the rule: a path relative to the folder a line."""
 
 
 def kept_videos(board: Mapping[str, Any]) -> set[str]:
@@ -47,15 +51,37 @@ def _levels(section: Mapping[str, Any], series: Mapping[str, Any], index: int) -
     return {level for level, cell in series["cells"].items() if cell["test"] in own}
 
 
+def named_videos(results_dir: Path) -> set[str]:
+    """Returns the paths in :data:`KEEP_FILE`, without empty lines and comments (``#``); none without a file.
+
+    Raises:
+        ResultError: A path has no video.
+    """
+    file = results_dir / KEEP_FILE
+    if not file.is_file():
+        return set()
+    lines = (line.partition("#")[0].strip() for line in file.read_text(encoding="utf-8").splitlines())
+    named = {line for line in lines if line}
+    absent = sorted(path for path in named if not (results_dir / path).is_file())
+    if absent:
+        raise ResultError(
+            f"{file} names videos that are not there: {', '.join(absent)}. Mend or remove the lines."
+        )
+    return named
+
+
 def remove_other_videos(results_dir: Path, board: Mapping[str, Any]) -> list[Path]:
-    """Removes every video of a results file that the rule does not keep, with its poster.
+    """Removes every video of a results file that neither the rule nor the keep file keeps, with its poster.
 
     Videos beside no results file are left alone.
 
     Returns:
         The removed videos, sorted.
+
+    Raises:
+        ResultError: The keep file names a video that is not there; nothing is removed then.
     """
-    kept = kept_videos(board)
+    kept = kept_videos(board) | named_videos(results_dir)
     removed = sorted(results_dir / path for path in set(_videos(board)) - kept)
     for path in removed:
         path.unlink(missing_ok=True)

@@ -9,7 +9,8 @@ class LeaderboardConfig:
 
     Attributes:
         results_dir: Folder of results and of the leaderboard.
-        prune_videos: Whether to remove videos: one success and one failure stay per entry and level.
+        prune_videos: Whether to remove videos: one success and one failure stay per entry and level, and
+            what ``keep_videos.txt`` in the folder names.
     """
 
     results_dir: str = "results"

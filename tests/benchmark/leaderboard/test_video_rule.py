@@ -1,12 +1,15 @@
 """One success and one failure per entry and level stay; the folder of results stays small."""
 
+import subprocess
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 
 from benchmark.leaderboard import build as leaderboard
-from benchmark.leaderboard.video_rule import kept_videos, remove_other_videos
-from benchmark.results import video_dir
+from benchmark.leaderboard.video_rule import KEEP_FILE, kept_videos, named_videos, remove_other_videos
+from benchmark.results import ResultError, video_dir
+from roboverse_learn.training.config import TrainConfig
 
 ROOT = Path(__file__).parents[3]
 
@@ -64,6 +67,34 @@ def test_other_videos_are_removed_with_their_posters(filmed, tmp_path):
     assert not (tmp_path / study).exists() and (tmp_path / "mine.mp4").exists()
     assert len(list(tmp_path.rglob("level0-test-9001-success.*"))) == 2
     assert remove_other_videos(tmp_path, leaderboard.build(tmp_path)) == []
+
+
+def test_videos_that_the_keep_file_names_stay(filmed, tmp_path):
+    study = filmed("level0-test-9001-success", "level0-test-9002-failure", run="study", recipe="")
+    shown = f"{study}/level0-test-9001-success.mp4"
+    (tmp_path / KEEP_FILE).write_text(f"# of the front page\n{shown}  # the first\n\n")
+    removed = remove_other_videos(tmp_path, leaderboard.build(tmp_path))
+    assert [path.name for path in removed] == ["level0-test-9002-failure.mp4"]
+    assert (tmp_path / shown).exists() and (tmp_path / shown).with_suffix(".png").exists()
+
+
+def test_a_keep_file_with_a_video_that_is_not_there_removes_nothing(filmed, tmp_path):
+    study = filmed("level0-test-9001-success", run="study", recipe="")
+    (tmp_path / KEEP_FILE).write_text("v2/gone.mp4\n")
+    with pytest.raises(ResultError, match=r"names videos that are not there: v2/gone\.mp4"):
+        remove_other_videos(tmp_path, leaderboard.build(tmp_path))
+    assert (tmp_path / study / "level0-test-9001-success.mp4").exists()
+
+
+def test_the_videos_of_this_repository_are_those_of_the_rule():
+    results = ROOT / "results"
+    git = ["git", "-C", str(ROOT), "ls-files", "--others", "--exclude-standard", "results/v2"]
+    own = subprocess.run(git, capture_output=True, text=True, check=False)
+    if own.returncode == 0 and own.stdout:
+        pytest.skip("the folder has runs of one's own")
+    kept = kept_videos(leaderboard.build(results, asdict(TrainConfig()))) | named_videos(results)
+    there = {path.relative_to(results).as_posix() for path in results.rglob("*.mp4")}
+    assert there == kept
 
 
 def test_the_results_of_this_repository_are_below_45_megabytes():
