@@ -166,10 +166,11 @@ class ScenarioCfg:
         double = sorted({name for name in names if names.count(name) > 1})
         if double:
             raise ConfigError(f"A scenario's names must be unique; used twice: {', '.join(double)}.")
+        parts = [f"{item.name}/{link.name}" for item in self.objects for link in item.links]
         for item in (*self.robots, *self.objects):
             for other in item.feels:
-                if other not in (*names, GROUND):
-                    raise unknown_name(f"thing that '{item.name}' feels", other, (*names, GROUND))
+                if other not in (*names, *parts, GROUND):
+                    raise unknown_name(f"thing that '{item.name}' feels", other, (*names, *parts, GROUND))
         if not self.ground_half_size_m > 0:
             raise ConfigError(
                 f"ScenarioCfg.ground_half_size_m must be above 0 m, given {self.ground_half_size_m}."

@@ -122,7 +122,8 @@ class ObjectCfg:
         rot: Orientation at rest, wxyz; likewise.
         kind: ``free`` moves under physics; ``fixed`` stays at its pose of the start of an episode;
             ``marker`` does too, and is visual only.
-        feels: Robots, objects, or ``"ground"``, whose touch is part of its state.
+        feels: Robots, objects, links (``"<object>/<link>"``) with what is jointed to them, or
+            ``"ground"``, whose touch is part of its state.
         pulls: Body, such as ``"sawyer/hand"``, that a soft weld pulls to the place of this object,
             which is no free one; None pulls nothing.
     """

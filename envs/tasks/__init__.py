@@ -7,6 +7,7 @@ module that ``plugins=[...]`` names; see ``docs/plugins.md``.
 from typing import TYPE_CHECKING
 
 from envs.core.registry import Registry
+from envs.tasks.calvin import catalogue as calvin
 from envs.tasks.libero import catalogue as libero
 from envs.tasks.metaworld.catalogue import PREFIX, WORDS
 
@@ -135,3 +136,9 @@ for _name, _entry in (libero.entries() | libero.pro_entries()).items():
     _facts |= {"robot": "franka", "horizon": str(libero.HORIZON)}
     _target = f"libero.by_name:{_entry.class_name}"
     _add(_name, _target, _entry.instruction, _facts, libero.EXTRA, "tabletop", extra=_entry.extra)
+
+for _name, _entry in calvin.entries().items():
+    _family = f"CALVIN, scene {_entry.scene}"
+    _facts = _origin("CALVIN", "arXiv:2112.03227", "MIT", family=_family)
+    _facts |= {"robot": "franka", "horizon": str(calvin.HORIZON)}
+    _add(_name, f"calvin.by_name:{_entry.class_name}", _entry.facts.instruction, _facts, "tabletop", "calvin")

@@ -1,0 +1,259 @@
+"""Skills with blocks: grasp, lift, turn, carry, and put down in, on and beside things."""
+
+import numpy as np
+
+from envs.kinematics.waypoints import Waypoint
+from envs.tasks.calvin.look import DRAWER_MOUTH_M, UP, Block, Look, Path, clear_of, down, leaning, turn_of
+from envs.tasks.calvin.scene import DESK_M, HALF_WIDTH_M
+from envs.tasks.calvin_table import SCALE
+from envs.tasks.tabletop import GRASP_OPEN_M
+
+CABINET_TILT_RAD = 1.0
+"""Lean of a hand that takes a block out of the cabinet: its front leans by 60 degrees."""
+
+CABINET_BACK_M = 0.012
+"""How far short of a block's middle such a hand stops: its palm stays in front of the cabinet."""
+
+CABINET_PLACE_Y_M = 0.075
+"""Where blocks are put into the cabinet with a hand that points down."""
+
+DROP_M = 0.006
+"""Height from which a block is dropped, so that the fingers are off when it lies."""
+
+YAWS_RAD = (-1.75, 2.4)
+"""Range of the hand's yaw over the table that leaves the wrist room."""
+
+LIFT_M = 0.1
+
+PALM_ROOM_M = 0.04
+"""Room in y that a hand in the drawer needs before the desk's edge, and before the drawer's front."""
+
+DRAWER_FRONT_M = -0.16
+"""Inner side of the front of a shut drawer, y."""
+
+
+def grasp(look: Look, colour: str, *, rise: bool = False, path: Path | None = None) -> list[Waypoint]:
+    """Grasps a block where it lies, and lifts it clear with ``rise``."""
+    block, path = look.blocks[colour], path or Path(look)
+    if block.pos[1] > 0.03 and block.pos[2] > DESK_M:
+        return _grasp_in_cabinet(block, path, rise)
+    yaw = _best_yaw(look, block)
+    return _grasp_from_above(block, path, yaw, LIFT_M if rise else 0.0).waypoints
+
+
+def lift(look: Look, colour: str) -> list[Waypoint]:
+    """Grasps and lifts a block."""
+    return grasp(look, colour, rise=True)
+
+
+def _grasp_from_above(block: Block, path: Path, yaw: float, rise_m: float) -> Path:
+    rot = down(yaw)
+    point = block.pos + np.array([0.0, 0.0, 0.004])
+    path.over(point + 0.09 * UP, rot).to(path.pos, gripper=GRASP_OPEN_M)
+    path.to(point, hold_s=0.05).to(point, gripper=0.0, hold_s=0.25)
+    return path.to(point + rise_m * UP) if rise_m else path
+
+
+def _grasp_in_cabinet(block: Block, path: Path, rise: bool) -> list[Waypoint]:
+    axis, _, _ = min(block.level_axes(), key=lambda item: (item[1] > 0.03, abs(item[0][1])))
+    rot = leaning(CABINET_TILT_RAD, axis)
+    point = block.pos - CABINET_BACK_M * rot[:, 2]
+    before = point - 0.12 * rot[:, 2]
+    path.over(before, rot).to(before, gripper=GRASP_OPEN_M)
+    path.to(point, hold_s=0.05).to(point, gripper=0.0, hold_s=0.25)
+    if rise:
+        path.to(point + 0.02 * UP).to(point + 0.02 * UP - 0.12 * rot[:, 2])
+    return path.waypoints
+
+
+def _yaws(block: Block) -> list[tuple[float, float]]:
+    """Returns yaws of a hand that points down across a block, and half the width between its fingers."""
+    found = []
+    for axis, width, _ in block.level_axes():
+        if width > 0.032:
+            continue
+        yaw = float(np.arctan2(-axis[1], -axis[0]))
+        found += [(yaw + turn, width) for turn in (-2 * np.pi, -np.pi, 0.0, np.pi)]
+    return [(yaw, width) for yaw, width in found if YAWS_RAD[0] <= yaw <= YAWS_RAD[1]]
+
+
+def _best_yaw(look: Look, block: Block, turn: float = 0.0) -> float:
+    """Returns the yaw of a hand that grasps a block and can turn by ``turn`` with it."""
+    now = float(turn_of(look.hand_rot, look.robot)[0])
+    others = look.others(block.colour)
+
+    def cost(item: tuple[float, float]) -> float:
+        yaw, width = item
+        after = yaw + turn
+        beyond = max(YAWS_RAD[0] - after, 0.0) + max(after - YAWS_RAD[1], 0.0)
+        fingers = np.array([np.cos(yaw), np.sin(yaw)]) * 0.05
+        near = sum(
+            float(np.linalg.norm(block.pos[:2] + side * fingers - other.pos[:2])) < other.radius_m + 0.012
+            for side in (-1.0, 1.0)
+            for other in others
+            if abs(other.pos[2] - block.pos[2]) < 0.03
+        )
+        deep = 2.0 * abs(np.sin(yaw)) if block.pos[2] < DESK_M else 0.0  # a drawer is wide and not deep
+        return 10.0 * beyond + 3.0 * near + deep + abs(yaw) + 0.3 * abs(yaw - now) + 20.0 * (width - 0.02)
+
+    return min(_yaws(block) or [(0.0, 0.02)], key=cost)[0]
+
+
+def turn_block(look: Look, colour: str, angle: float) -> list[Waypoint]:
+    """Turns a block about the vertical, a little above the desk, and drops it."""
+    block = look.blocks[colour]
+    yaw = _best_yaw(look, block, angle)
+    path = _grasp_from_above(block, Path(look), yaw, DROP_M)
+    path.to(path.pos, down(yaw + angle / 2)).to(path.pos, down(yaw + angle), hold_s=0.1)
+    return _let_go(path).waypoints
+
+
+def _let_go(path: Path) -> Path:
+    path.to(path.pos, gripper=GRASP_OPEN_M, hold_s=0.2)
+    return path.by(0.0, 0.0, 0.09)
+
+
+def carry_sideways(look: Look, colour: str, sign: float, rng: np.random.Generator) -> list[Waypoint]:
+    """Moves a block along x, just above the desk where nothing is in between, and drops it."""
+    block = look.blocks[colour]
+    place = _free_place(look, colour, rng, sign)
+    if place is None:
+        return []
+    yaw = _best_yaw(look, block)
+    start = block.pos[:2]
+    between = [start + share * (place - start) for share in np.linspace(0.0, 1.0, 8)]
+    free = all(clear_of(point, look.others(colour), block.radius_m + 0.02) for point in between)
+    height = DROP_M if free else 0.1
+    path = _grasp_from_above(block, Path(look), yaw, height)
+    over = np.array([*place, path.pos[2]])
+    path.to(over)
+    return _let_go(path.by(0.0, 0.0, DROP_M - height) if not free else path).waypoints
+
+
+def _free_place(look: Look, colour: str, rng: np.random.Generator, sign: float = 0.0) -> np.ndarray | None:
+    """Returns a free place (2,) on the desk: on one side of a block, or, with no sign, anywhere near."""
+    block = look.blocks[colour]
+    button = np.array([look.layout.button, -0.15]) * SCALE
+    best, least = None, np.inf
+    for x in np.arange(-0.3, 0.37, 0.02):
+        moved = (x - block.pos[0]) * sign
+        if sign and not 0.12 < moved < 0.32:
+            continue
+        for y in np.arange(-0.14, -0.05, 0.015):
+            place = np.array([x, y])
+            if np.linalg.norm(place - button) < 0.05 + block.radius_m:
+                continue
+            if not clear_of(place, look.others(colour), block.radius_m + 0.035):
+                continue
+            far = abs(moved - 0.14) if sign else float(np.linalg.norm(place - np.array([0.12, -0.1])))
+            cost = far + 0.5 * abs(y - (block.pos[1] if sign else -0.1)) + float(rng.uniform(0.0, 0.03))
+            if cost < least:
+                best, least = place, cost
+    return best
+
+
+def _put(look: Look, colour: str, path: Path, place: np.ndarray, *, level: bool = False) -> Path:
+    """Carries a held block so that its middle comes to ``place`` (3,), lying, and lets go of it.
+
+    Args:
+        look: The state.
+        colour: The block, in the hand at the path's end.
+        path: The way so far.
+        place: Where the middle of the block comes, m.
+        level: The hand's fingers open along the table there.
+    """
+    block = look.blocks[colour]
+    in_block = _in_hand(look, block, path)
+    rot = _lying(block.rot) @ in_block[0]
+    if level:
+        yaw = float(np.arctan2(-rot[1, 0], -rot[0, 0]))
+        cosine, sine = np.cos(-yaw), np.sin(-yaw)
+        rot = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]]) @ rot
+    offset = rot @ in_block[0].T @ in_block[1]
+    point = place + offset
+    path.over(point + 0.07 * UP, rot)
+    return _let_go(path.to(point, hold_s=0.1, slow=1.3))
+
+
+def _in_hand(look: Look, block: Block, path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the hand in a block's frame: orientation (3, 3), position (3,)."""
+    if look.held == block.colour:
+        return block.rot.T @ look.hand_rot, block.rot.T @ (look.hand_pos - block.pos)
+    return block.rot.T @ path.rot, np.array([0.0, 0.0, 0.004])  # as it will be grasped
+
+
+def _lying(rot: np.ndarray) -> np.ndarray:
+    """Returns the nearest orientation (3, 3) in which the most vertical axis is vertical."""
+    standing = int(np.abs(rot[2]).argmax())
+    axis = rot[:, standing] * np.sign(rot[2, standing])
+    turn = np.cross(axis, UP)
+    sine, cosine = float(np.linalg.norm(turn)), float(axis @ UP)
+    if sine < 1e-9:
+        return rot
+    x, y, z = turn / sine
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return (np.eye(3) + sine * skew + (1.0 - cosine) * skew @ skew) @ rot
+
+
+def put_on_desk(look: Look, colour: str, rng: np.random.Generator) -> list[Waypoint]:
+    """Puts a held block down at a free place of the desk."""
+    place = _free_place(look, colour, rng)
+    if place is None:
+        return []
+    height = DESK_M + HALF_WIDTH_M + DROP_M
+    return _put(look, colour, Path(look), np.array([*place, height])).waypoints
+
+
+def put_on_block(look: Look, colour: str) -> list[Waypoint]:
+    """Puts a held block on another one that lies on the desk with nothing on it."""
+    others = look.others(colour)
+    able = [
+        b
+        for b in others
+        if abs(b.pos[2] - DESK_M - HALF_WIDTH_M) < 0.01 and b.pos[1] < 0.0 and not _is_covered(b, others)
+    ]
+    if not able:
+        return []
+    below = min(able, key=lambda b: float(np.linalg.norm(b.pos - look.hand_pos)))
+    place = np.array([*below.pos[:2], below.top_m + HALF_WIDTH_M + 0.004])
+    return _put(look, colour, Path(look), place).waypoints
+
+
+def _is_covered(block: Block, others: list[Block]) -> bool:
+    return any(
+        other.pos[2] > block.pos[2] + 0.02 and np.linalg.norm(other.pos[:2] - block.pos[:2]) < 0.05
+        for other in others
+        if other is not block
+    )
+
+
+def drawer_is_reachable(look: Look, y: float | None = None) -> bool:
+    """Returns whether the hand fits into the drawer, at ``y`` or anywhere."""
+    front = DRAWER_FRONT_M - float(look.joints[1])
+    if y is None:
+        return front < DRAWER_MOUTH_M - 2 * PALM_ROOM_M
+    return y < DRAWER_MOUTH_M - PALM_ROOM_M + 0.005
+
+
+def put_in_drawer(
+    look: Look, colour: str, rng: np.random.Generator, path: Path | None = None
+) -> list[Waypoint]:
+    """Puts a held block into the open drawer."""
+    front = DRAWER_FRONT_M - float(look.joints[1])
+    y = max((front + DRAWER_MOUTH_M) / 2, -0.29)
+    in_drawer = [b for b in look.others(colour) if b.pos[2] < DESK_M - 0.02]
+    middle = look.layout.drawer * SCALE
+    spots = middle + np.array([0.0, -0.06, 0.06, -0.04, 0.04])
+    room = [min((abs(x - b.pos[0]) for b in in_drawer), default=1.0) for x in spots]
+    x = float(spots[int(np.argmax(np.minimum(room, 0.09)))]) + float(rng.uniform(-0.01, 0.01))
+    place = np.array([x, y, 0.34 + HALF_WIDTH_M + 0.02])
+    return _put(look, colour, path or Path(look), place, level=True).waypoints
+
+
+def put_in_cabinet(look: Look, colour: str) -> list[Waypoint]:
+    """Puts a held block into the half of the cabinet that the door leaves open."""
+    left, right = look.door_m()
+    low, high = (SCALE * end for end in look.layout.opening)
+    x = (low + left) / 2 if left - low > high - right else (right + high) / 2
+    place = np.array([x, CABINET_PLACE_Y_M, DESK_M + HALF_WIDTH_M + 0.008])
+    return _put(look, colour, Path(look), place, level=True).waypoints

@@ -1,0 +1,246 @@
+"""What CALVIN's expert sees of one state, and how it moves the hand.
+
+A hand's orientation is a matrix whose columns are the axes of ``grip_site``: fingers open along x, z points
+forward.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import torch
+
+from envs.kinematics.forward import KinematicChain
+from envs.kinematics.waypoints import Waypoint
+from envs.rotations import from_matrix, to_euler, to_matrix
+from envs.scenario import RobotCfg
+from envs.state import State
+from envs.tasks.calvin import memory
+from envs.tasks.calvin.catalogue import BLOCKS
+from envs.tasks.calvin.scene import DESK_M, HALF_WIDTH_M, TABLE, half_length
+from envs.tasks.calvin_table import LAYOUTS, SCALE, TableLayout
+from envs.tasks.tabletop import GRASP_OPEN_M, ee_pos, finger_gap, target_gap
+
+LANE_Y_M, LANE_Z_M = -0.15, 0.58
+"""Where the hand passes along the table, clear of the door's handle and of stacked blocks."""
+
+DOOR_M = 0.35 * SCALE
+"""Width of the sliding door."""
+
+DRAWER_MOUTH_M = -0.18
+"""The desk's edge, y; the drawer comes out below it."""
+
+HELD_WITHIN_M = 0.05
+"""Largest distance of a held block from the point between the fingertips."""
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """A block in one state.
+
+    Attributes:
+        colour: Its colour.
+        pos: Its middle, m, (3,).
+        rot: Its orientation, (3, 3).
+        half: Half its sizes, m, (3,).
+        touches: Bits of :mod:`envs.tasks.calvin.memory`.
+        began: The same at the start of the episode.
+    """
+
+    colour: str
+    pos: np.ndarray
+    rot: np.ndarray
+    half: np.ndarray
+    touches: int
+    began: int
+
+    def level_axes(self) -> list[tuple[np.ndarray, float, float]]:
+        """Returns the two axes that lie, (3,), half the size along each and half that along the other."""
+        standing = int(np.abs(self.rot[2]).argmax())
+        one, two = (axis for axis in range(3) if axis != standing)
+        return [
+            (self.rot[:, a], float(self.half[a]), float(self.half[b])) for a, b in ((one, two), (two, one))
+        ]
+
+    @property
+    def top_m(self) -> float:
+        """Height of its highest point, m."""
+        return float(self.pos[2] + np.abs(self.rot[2]) @ self.half)
+
+    @property
+    def radius_m(self) -> float:
+        """Radius of the circle round it, seen from above, m."""
+        return float(np.linalg.norm(np.sort(self.half)[1:]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """One state.
+
+    Attributes:
+        layout: Where the table's parts are.
+        robot: The robot.
+        hand_pos: Point between the fingertips, m, (3,).
+        hand_rot: Orientation of the hand, (3, 3).
+        joints: Door, drawer, button, switch, m, (4,).
+        blocks: Colour to block.
+        held: Colour of the block in the hand, or None.
+        pace: Factor of every duration.
+    """
+
+    layout: TableLayout
+    robot: RobotCfg
+    hand_pos: np.ndarray
+    hand_rot: np.ndarray
+    joints: np.ndarray
+    blocks: dict[str, Block]
+    held: str | None
+    pace: float
+
+    def door_m(self) -> tuple[float, float]:
+        """Returns the ends of the sliding door along x, m."""
+        left = self.layout.slide * SCALE - float(self.joints[0])
+        return left, left + DOOR_M
+
+    def others(self, colour: str) -> list[Block]:
+        """Returns the other blocks."""
+        return [block for name, block in self.blocks.items() if name != colour]
+
+
+def look_at(scene: str, robot: RobotCfg, state: State, pace: float) -> Look:
+    """Returns what is seen of a state of one row."""
+    arm = state.robots[robot.name]
+    assert arm.ee_rot is not None, "a simulator gives every robot's end effector"
+    hand = ee_pos(arm)[0].numpy()
+    blocks = {}
+    for colour in BLOCKS:
+        entity = state.objects[f"block_{colour}"]
+        blocks[colour] = Block(
+            colour,
+            entity.pos[0].numpy(),
+            to_matrix(entity.rot[0].numpy()),
+            np.array([half_length(scene, colour), HALF_WIDTH_M, HALF_WIDTH_M]),
+            int(memory.touches(state, colour)[0]),
+            int(memory.start_touches(state, colour)[0]),
+        )
+    squeezes = bool((target_gap(arm, robot) < finger_gap(arm, robot) - 0.004)[0])
+    near = [
+        colour
+        for colour, block in blocks.items()
+        if squeezes and block.touches & memory.ROBOT_BIT and np.linalg.norm(block.pos - hand) < HELD_WITHIN_M
+    ]
+    return Look(
+        layout=LAYOUTS[scene],
+        robot=robot,
+        hand_pos=hand,
+        hand_rot=to_matrix(arm.ee_rot[0].numpy()),
+        joints=state.objects[TABLE].joint_pos[0].numpy(),
+        blocks=blocks,
+        held=near[0] if near else None,
+        pace=pace,
+    )
+
+
+def down(yaw: float) -> np.ndarray:
+    """Returns a hand that points down; at a yaw of 0 its fingers open along the table."""
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    x = np.array([-cosine, -sine, 0.0])
+    z = -UP
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def leaning(tilt: float, across: np.ndarray | None = None) -> np.ndarray:
+    """Returns a hand that leans towards the cabinet.
+
+    Args:
+        tilt: Angle from pointing down, rad; at π/2 it points along +y.
+        across: Direction in which fingers open, (3,); along the table by default.
+    """
+    z = np.array([0.0, np.sin(tilt), -np.cos(tilt)])
+    x = np.array([-1.0, 0.0, 0.0]) if across is None else across - (across @ z) * z
+    x = x / np.linalg.norm(x)
+    x = -x if x[0] > 0 else x
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+@cache
+def _rest(robot: RobotCfg) -> np.ndarray:
+    chain = KinematicChain(robot)
+    rest = torch.tensor([robot.default_qpos], dtype=torch.float64)
+    return chain(rest[:, chain.columns]).rot[0].numpy()
+
+
+def turn_of(rot: np.ndarray, robot: RobotCfg) -> np.ndarray:
+    """Returns yaw, pitch and roll of a hand, as in a waypoint, (3,)."""
+    return np.asarray(to_euler(from_matrix(rot @ _rest(robot).T)))
+
+
+class Path:
+    """Waypoints of a hand, one after another.
+
+    Args:
+        look: Where it begins.
+    """
+
+    def __init__(self, look: Look) -> None:
+        self._look = look
+        self.pos, self.rot = look.hand_pos, look.hand_rot
+        self.gripper = 0.0 if look.held else GRASP_OPEN_M
+        self.waypoints: list[Waypoint] = []
+
+    def to(
+        self,
+        pos: Sequence[float] | np.ndarray,
+        rot: np.ndarray | None = None,
+        gripper: float | None = None,
+        hold_s: float = 0.0,
+        slow: float = 1.0,
+    ) -> "Path":
+        """Adds a waypoint; what is left out stays as it is."""
+        target = np.asarray(pos, dtype=np.float64)
+        rot = self.rot if rot is None else rot
+        self.gripper = self.gripper if gripper is None else gripper
+        cosine = np.clip((np.trace(self.rot.T @ rot) - 1.0) / 2.0, -1.0, 1.0)
+        length, angle = float(np.linalg.norm(target - self.pos)), float(np.arccos(cosine))
+        seconds = self._look.pace * slow * (0.15 + max(1.7 * length, 0.55 * angle))
+        yaw, pitch, roll = turn_of(rot, self._look.robot)
+        self.waypoints.append(
+            Waypoint(
+                pos=target,
+                yaw=float(yaw),
+                pitch=float(pitch),
+                roll=float(roll),
+                gripper=self.gripper,
+                duration_s=seconds,
+                hold_s=hold_s,
+            )
+        )
+        self.pos, self.rot = target, rot
+        return self
+
+    def by(self, *move: float, **options) -> "Path":
+        """Adds a waypoint so far from the last one."""
+        return self.to(self.pos + np.array(move), **options)
+
+    def over(self, pos: Sequence[float] | np.ndarray, rot: np.ndarray) -> "Path":
+        """Goes to a place by the lane along the table, above and in front of everything."""
+        target = np.asarray(pos, dtype=np.float64)
+        short = np.linalg.norm(target[:2] - self.pos[:2]) < 0.05 and target[2] > self.pos[2]
+        if not short:
+            if self.pos[1] > LANE_Y_M + 0.05 and self.pos[2] < LANE_Z_M + 0.05 and self.pos[1] > -0.08:
+                self.to([self.pos[0], LANE_Y_M, max(self.pos[2] + 0.03, LANE_Z_M)])
+            elif self.pos[2] < LANE_Z_M - 0.01:
+                self.to([self.pos[0], self.pos[1], LANE_Z_M])
+            lane_y = min(LANE_Y_M, float(target[1])) if target[1] < LANE_Y_M else LANE_Y_M
+            if abs(target[0] - self.pos[0]) > 0.03 or target[1] > -0.08:
+                self.to([target[0], lane_y, LANE_Z_M], rot)
+        return self.to(target, rot)
+
+
+def clear_of(place: np.ndarray, blocks: Sequence[Block], room_m: float) -> bool:
+    """Returns whether a place (2,) on the desk is so far from blocks that lie there."""
+    on_desk = [block for block in blocks if block.pos[2] > DESK_M - 0.01]
+    return all(np.linalg.norm(place - block.pos[:2]) > room_m + block.radius_m for block in on_desk)

@@ -1,0 +1,141 @@
+"""CALVIN's 34 rules of success (``calvin_env/envs/tasks.py``, MIT): changes since the episode began.
+
+Each function returns (N,) bool. Contacts are those of bodies; the robot's are read off the blocks: what it
+touches beside them does not count.
+"""
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from envs.rotations import conjugate, multiply, to_matrix
+from envs.state import State
+from envs.tasks.calvin import memory
+from envs.tasks.calvin.catalogue import BLOCKS
+from envs.tasks.calvin.memory import ANY_BLOCK, BLOCK_BITS, PART_BITS, ROBOT_BIT
+
+JOINTS = {"base__slide": 0, "base__drawer": 1}
+
+LINKS = {"base_link": "base", "plank_link": "plank", "drawer_link": "drawer"}
+
+MOST_TURN_RAD = torch.pi
+MOST_TIP_RAD = 30.0 * torch.pi / 180.0
+MOST_MOVED_M = 0.1
+MOST_SPEED = 1.0
+"""Of a stacked block, along and about each axis, m/s and rad/s."""
+
+
+def met(rule: tuple[str | float, ...], state: State) -> Tensor:
+    """Returns whether a rule of ``tasks.json`` holds."""
+    kind, *arguments = rule
+    return _RULES[str(kind)](state, *arguments)
+
+
+def _colour(block: str) -> str:
+    return block.removeprefix("block_")
+
+
+def rotated(state: State, block: str, degrees: float) -> Tensor:
+    """A block was turned about z by more than an angle, hardly tipped or moved, and something holds it."""
+    now, start = state.objects[block], memory.start_block(state, _colour(block))
+    # Roll, pitch and yaw about fixed axes, as SciPy's as_euler("xyz").
+    turn = to_matrix(multiply(now.rot, conjugate(start.rot)))
+    roll = torch.atan2(turn[:, 2, 1], turn[:, 2, 2])
+    pitch = -torch.asin(turn[:, 2, 0].clamp(-1.0, 1.0))
+    yaw = torch.atan2(turn[:, 1, 0], turn[:, 0, 0])
+    least = abs(degrees) * torch.pi / 180.0
+    signed = yaw if degrees > 0 else -yaw
+    near = (now.pos - start.pos).norm(dim=-1) <= MOST_MOVED_M
+    held = (memory.touches(state, _colour(block)) & ~ROBOT_BIT) > 0
+    upright = (roll.abs() < MOST_TIP_RAD) & (pitch.abs() < MOST_TIP_RAD)
+    return (signed > least) & (signed < MOST_TURN_RAD) & upright & near & held
+
+
+def pushed(state: State, block: str, metres: float) -> Tensor:
+    """A block moved along x by more than a distance; what it touched it still touches, the robot aside."""
+    moved = state.objects[block].pos[:, 0] - memory.start_block(state, _colour(block)).pos[:, 0]
+    start = memory.start_touches(state, _colour(block)) & ~ROBOT_BIT
+    now = memory.touches(state, _colour(block)) & ~ROBOT_BIT
+    far = moved > metres if metres > 0 else moved < metres
+    return far & (start > 0) & ((start & ~now) == 0)
+
+
+def joint_moved(state: State, joint: str, metres: float) -> Tensor:
+    """Door or drawer moved by more than a distance."""
+    column = JOINTS[joint]
+    moved = memory.joints(state)[:, column] - memory.start_joints(state)[:, column]
+    return moved > metres if metres > 0 else moved < metres
+
+
+def lifted(state: State, block: str, metres: float, link: str) -> Tensor:
+    """A block that lay on a link is higher by more than a distance, and only the robot touches it."""
+    colour = _colour(block)
+    higher = state.objects[block].pos[:, 2] - memory.start_block(state, colour).pos[:, 2] > metres
+    lay = (memory.start_touches(state, colour) & PART_BITS[LINKS[link]]) > 0
+    return higher & lay & (memory.touches(state, colour) == ROBOT_BIT)
+
+
+def placed(state: State, link: str) -> Tensor:
+    """The one block that was in the hand lies on a link, and the robot does not touch it."""
+    starts = {colour: memory.start_touches(state, colour) for colour in BLOCKS}
+    in_touch = torch.stack([(code & ROBOT_BIT) > 0 for code in starts.values()], -1)
+    one = in_touch.sum(-1) == 1
+    found = torch.zeros_like(one)
+    for colour, code in starts.items():
+        now = memory.touches(state, colour)
+        lies = ((now & PART_BITS[LINKS[link]]) > 0) & ((now & ROBOT_BIT) == 0)
+        found |= (code == ROBOT_BIT) & lies
+    return one & found
+
+
+def pushed_into(state: State, source: str, target: str) -> Tensor:
+    """Some block that touched one link alone touches another one, and the robot does not."""
+    found = []
+    for colour in BLOCKS:
+        now = memory.touches(state, colour)
+        lies = ((now & PART_BITS[LINKS[target]]) > 0) & ((now & ROBOT_BIT) == 0)
+        found.append((memory.start_touches(state, colour) == PART_BITS[LINKS[source]]) & lies)
+    return torch.stack(found, -1).any(-1)
+
+
+def stacked(state: State) -> Tensor:
+    """Some block that touched none touches blocks alone, and is slow."""
+    found = []
+    for colour in BLOCKS:
+        now, block = memory.touches(state, colour), state.objects[f"block_{colour}"]
+        before = memory.start_touches(state, colour)
+        slow = (block.lin_vel.abs() < MOST_SPEED).all(-1) & (block.ang_vel.abs() < MOST_SPEED).all(-1)
+        found.append(((before & ANY_BLOCK) == 0) & ((now & ANY_BLOCK) > 0) & ((now & ~ANY_BLOCK) == 0) & slow)
+    return torch.stack(found, -1).any(-1)
+
+
+def unstacked(state: State) -> Tensor:
+    """Some block that touched blocks alone touches none."""
+    found = []
+    for colour in BLOCKS:
+        now, before = memory.touches(state, colour), memory.start_touches(state, colour)
+        only = ((before & ANY_BLOCK) > 0) & ((before & ~ANY_BLOCK) == 0)
+        found.append(only & ((now & ANY_BLOCK) == 0))
+    return torch.stack(found, -1).any(-1)
+
+
+def switched(state: State, light: str, before: float, after: float) -> Tensor:
+    """A light was in one state and is in another."""
+    began, now = memory.led(state) if light == "led" else memory.bulb(state)
+    return (began == bool(before)) & (now == bool(after))
+
+
+_RULES: dict[str, Callable[..., Tensor]] = {
+    "rotate": rotated,
+    "push": pushed,
+    "joint": joint_moved,
+    "lift": lifted,
+    "place": placed,
+    "push_into": pushed_into,
+    "stack": stacked,
+    "unstack": unstacked,
+    "light": switched,
+}
+
+__all__ = ["BLOCK_BITS", "met"]

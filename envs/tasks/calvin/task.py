@@ -1,0 +1,102 @@
+"""A CALVIN task as one of ours: a scene, its starts, and a rule of success."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal, override
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from envs.core.errors import unknown_name
+from envs.kinematics.waypoints import Waypoint
+from envs.scenario import RobotCfg, ScenarioCfg
+from envs.state import State
+from envs.tasks.base import Task
+from envs.tasks.calvin import memory
+from envs.tasks.calvin.catalogue import BLOCKS, HORIZON, Entry, entries
+from envs.tasks.calvin.rules import met
+from envs.tasks.calvin.scene import ROBOT, TABLE, scenario_of
+from envs.tasks.calvin.starts import drawn_symbols, initial_state
+from envs.tasks.parameters import parameter
+from envs.tasks.tabletop import ee_pos
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalvinTask(Task):
+    """One of CALVIN's 34 tasks in one of its four scenes.
+
+    Success is CALVIN's: what has changed since the episode began (:mod:`envs.tasks.calvin.rules`).
+
+    Attributes:
+        looks: ``boxes`` renders the table's boxes, ``meshes`` CALVIN's meshes and textures; both touch alike.
+        assets_dir: Where CALVIN's files are; None is where ``roboverse assets get calvin`` puts them.
+        qpos_noise_rad: Standard deviation of each arm joint's start.
+    """
+
+    max_episode_steps: ClassVar[int] = HORIZON
+    has_reward: ClassVar[bool] = False
+    entry: ClassVar[Entry]
+
+    looks: Literal["boxes", "meshes"] = "boxes"
+    assets_dir: str | None = None
+    qpos_noise_rad: float = parameter(0.01, at_least=0.0, at_most=0.05)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.looks not in ("boxes", "meshes"):
+            raise unknown_name(f"looks of {self.name}", str(self.looks), ("boxes", "meshes"))
+
+    @property
+    @override
+    def robot(self) -> RobotCfg:
+        return ROBOT
+
+    @property
+    @override
+    def scenario(self) -> ScenarioCfg:
+        return scenario_of(self.entry.scene, self.robot, self.looks, self.assets_dir)
+
+    @override
+    def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
+        symbols = [drawn_symbols(self.entry.task, rng) for rng in rngs]
+        arm = list(self.robot.arm)
+        qpos = np.tile(np.array(self.robot.default_qpos), (len(rngs), 1))
+        for row, rng in enumerate(rngs):
+            qpos[row, arm] += rng.normal(0.0, self.qpos_noise_rad, len(arm))
+        return initial_state(self.entry.scene, self.scenario, symbols, rngs, qpos)
+
+    @override
+    def success(self, state: State) -> Tensor:
+        finite = torch.stack([state.objects[f"block_{colour}"].pos.isfinite().all(-1) for colour in BLOCKS])
+        return met(self.entry.facts.rule, state) & finite.all(0)
+
+    @override
+    def reward(self, state: State) -> Tensor:
+        """Returns 0: CALVIN rewards success alone."""
+        return torch.zeros(state.num_envs, dtype=torch.float64, device=state.device)
+
+    @override
+    def observe(self, state: State) -> Tensor:
+        """Returns hand, joints of the table, lights, poses of blocks, now and at the start, (N, 54)."""
+        table = state.objects[TABLE].joint_pos
+        lights = torch.stack([memory.led(state)[1], memory.bulb(state)[1]], -1).to(table.dtype)
+        parts = [ee_pos(state.robots[self.robot.name]), table, lights, memory.start_joints(state)]
+        for colour in BLOCKS:
+            for name in (f"block_{colour}", f"start_{colour}"):
+                parts += [state.objects[name].pos, state.objects[name].rot]
+        return torch.cat(parts, dim=-1)
+
+    @override
+    def same_scene_tasks(self) -> tuple[str, ...]:
+        return tuple(
+            entry.name
+            for entry in entries().values()
+            if entry.scene == self.entry.scene and entry != self.entry
+        )
+
+    @override
+    def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
+        from envs.tasks.calvin.expert import plan
+
+        return plan(self.entry.scene, self.entry.task, self.robot, state, rng)
