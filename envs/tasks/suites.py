@@ -10,6 +10,7 @@ from functools import partial
 from envs.core.errors import ConfigError
 from envs.core.registry import Registry
 from envs.tasks import TASKS
+from envs.tasks.calvin import catalogue as calvin
 from envs.tasks.libero import catalogue as libero
 from envs.tasks.metaworld.catalogue import PREFIX as METAWORLD
 
@@ -60,6 +61,11 @@ def _of_libero_pro(folder: str) -> tuple[str, ...]:
     return tuple(entry.name for entry in libero.pro_entries().values() if entry.folder == folder)
 
 
+def _of_calvin(scenes: str) -> tuple[str, ...]:
+    """Returns CALVIN's 34 tasks in each of some scenes, in CALVIN's order."""
+    return tuple(entry.name for entry in calvin.entries().values() if entry.scene in scenes)
+
+
 def _of_metaworld() -> tuple[str, ...]:
     return tuple(sorted({*_from_source("Meta-World 3"), *_starting_with(METAWORLD)}))
 
@@ -78,6 +84,10 @@ for _suite in libero.PRO_SUITES:
     for _variant, _words in libero.VARIANTS.items():
         _folder = f"{_suite}_{_variant}"
         SUITES.add(f"libero_pro/{_folder}", partial(_of_libero_pro, _folder), summary=f"LIBERO-PRO: {_words}")
+SUITES.add("calvin", partial(_of_calvin, "D"), summary="CALVIN's 34 tasks in its test scene, D")
+SUITES.add(
+    "calvin_abc", partial(_of_calvin, "ABC"), summary="CALVIN's 34 tasks in its training scenes, A to C"
+)
 SUITES.add("maniskill", partial(_from_source, "ManiSkill 3"), summary="table-top tasks of ManiSkill 3")
 SUITES.add("robosuite", partial(_from_source, "robosuite 1.5"), summary="single-arm tasks of robosuite")
 SUITES.add("metaworld", _of_metaworld, summary="Meta-World's tasks")

@@ -5,9 +5,11 @@ Rules and random numbers are those of ``mees/calvin`` (``calvin_agent/evaluation
 is the right half of the cabinet, and ``slider`` is where its door is.
 """
 
+import json
 from collections.abc import Iterator, Mapping
 from functools import cache
 from itertools import permutations, product
+from pathlib import Path
 
 import numpy as np
 
@@ -18,6 +20,11 @@ Symbols = Mapping[str, int | str]
 
 Step = tuple[dict[str, int | str | tuple[str, ...]], dict[str, int | str]]
 """A condition, whose values may be alternatives, and an effect."""
+
+Chain = tuple[dict[str, int | str], tuple[str, ...]]
+"""The state in which it begins, and its tasks."""
+
+CHAINS = Path(__file__).with_name("chains.json")
 
 NUM_CHAINS, CHAIN_LENGTH, STEPS_PER_TASK = 1000, 5, 360
 
@@ -152,9 +159,8 @@ def chains_from(symbols: Symbols, count: int, seed: int) -> list[tuple[str, ...]
     return found
 
 
-@cache
-def all_chains(count: int = NUM_CHAINS) -> tuple[tuple[dict[str, int | str], tuple[str, ...]], ...]:
-    """Returns the protocol's chains: the state in which each begins, and its tasks."""
+def drawn_chains(count: int = NUM_CHAINS) -> list[Chain]:
+    """Draws the protocol's chains by the authors' rule; a thousand take minutes."""
     starts = start_symbols()
     shares = [len(part) for part in np.array_split(range(count), len(starts))]
     found = [
@@ -164,15 +170,29 @@ def all_chains(count: int = NUM_CHAINS) -> tuple[tuple[dict[str, int | str], tup
     ]
     order = np.arange(len(found))
     np.random.RandomState(0).shuffle(order)
-    return tuple(found[index] for index in order)
+    return [found[index] for index in order]
+
+
+@cache
+def all_chains() -> tuple[Chain, ...]:
+    """Returns the protocol's 1,000 chains: the state in which each begins, and its tasks.
+
+    ``chains.json`` has them as :func:`drawn_chains` gives them: the index of the start among
+    :func:`start_symbols`, then the indices of the tasks.
+    """
+    starts, names = start_symbols(), list(task_facts())
+    rows = json.loads(CHAINS.read_text(encoding="utf-8"))
+    return tuple((starts[start], tuple(names[task] for task in tasks)) for start, *tasks in rows)
 
 
 def start_seed(symbols: Symbols) -> int:
-    """Returns the seed of a state's start: 32-bit FNV-1, from 0, of how Python prints the state's values.
+    """Returns the seed of a state's start: a hash of how Python prints the state's values."""
+    return fnv1(f"dict_values({list(symbols.values())!r})")
 
-    It is that of ``pyhash.fnv1_32()``, by which the authors seed.
-    """
+
+def fnv1(text: str) -> int:
+    """Returns the 32-bit FNV-1 hash from 0 of a text: ``pyhash.fnv1_32()``, by which the authors seed."""
     value = 0
-    for byte in f"dict_values({list(symbols.values())!r})".encode():
+    for byte in text.encode():
         value = (value * 0x01000193) & 0xFFFFFFFF ^ byte
     return value
