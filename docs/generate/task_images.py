@@ -136,7 +136,7 @@ def family_section(name: str, members: Sequence[Entry], records: Mapping[str, Ex
 
 def is_drawn(entry: Entry) -> bool:
     """Whether the page shows a task: all but those of another project's scenes, which are many."""
-    return not {"adapted", "libero"} & entry.tags
+    return not {"adapted", "calvin", "libero"} & entry.tags
 
 
 def described(record: ExpertRecord | None) -> str:

@@ -40,8 +40,6 @@ DRAWER_Y_M = -0.28
 GAP_M = 0.1
 """Least distance of two blocks on a table, m."""
 
-TRIES = 1000
-
 
 @dataclass(slots=True)
 class _Drawn:
@@ -181,12 +179,11 @@ def _table_places(scene: str, rng: np.random.Generator | np.random.RandomState) 
         rng.shuffle(places)  # pyright: ignore[reportArgumentType]
         return places
     surface = SURFACES[scene]["table"]
-    for _ in range(TRIES):
-        low, high = zip(surface.x, surface.y, strict=True)
+    low, high = zip(surface.x, surface.y, strict=True)
+    while True:  # a quarter of all draws are too near each other
         places = [rng.uniform(low, high) for _ in range(2)]
         if np.linalg.norm(places[0] - places[1]) > GAP_M:
-            break
-    return places
+            return places
 
 
 def _cabinet_place(
