@@ -135,8 +135,11 @@ def family_section(name: str, members: Sequence[Entry], records: Mapping[str, Ex
 
 
 def is_drawn(entry: Entry) -> bool:
-    """Whether the page shows a task: all but those of another project's scenes, which are many."""
-    return not {"adapted", "calvin", "libero"} & entry.tags
+    """Whether the page shows a task: all but those of another project's scenes, which are many.
+
+    A task tagged ``same_scene`` looks like another one that is shown.
+    """
+    return not {"adapted", "calvin", "libero", "same_scene"} & entry.tags
 
 
 def described(record: ExpertRecord | None) -> str:

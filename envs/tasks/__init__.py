@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from envs.core.registry import Registry
 from envs.tasks.calvin import catalogue as calvin
+from envs.tasks.grasp_language import catalogue as grasp
 from envs.tasks.libero import catalogue as libero
 from envs.tasks.metaworld.catalogue import PREFIX, WORDS
 
@@ -142,3 +143,13 @@ for _name, _entry in calvin.entries().items():
     _facts = _origin("CALVIN", "arXiv:2112.03227", "MIT", family=_family)
     _facts |= {"robot": "franka", "horizon": str(calvin.HORIZON)}
     _add(_name, f"calvin.by_name:{_entry.class_name}", _entry.facts.instruction, _facts, "tabletop", "calvin")
+
+_GRASP = _origin(
+    "RoboVerse: language grasping", "arXiv:2504.18904", _LIBERO_ASSETS, family="Grasping by language"
+)
+_GRASP |= {"robot": "franka", "horizon": str(grasp.HORIZON)}
+for _name, _entry in grasp.entries().items():
+    _target = f"grasp_language.by_name:{_entry.class_name}"
+    _words = f"{_entry.instructions[0]}, one of {len(grasp.in_scene(_entry.set))} groceries"
+    _tags = ["tabletop"] if _entry.target == grasp.in_scene(_entry.set)[0] else ["tabletop", "same_scene"]
+    _add(_name, _target, _words, _GRASP, *_tags, extra=grasp.EXTRA)

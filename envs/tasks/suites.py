@@ -11,6 +11,7 @@ from envs.core.errors import ConfigError
 from envs.core.registry import Registry
 from envs.tasks import TASKS
 from envs.tasks.calvin import catalogue as calvin
+from envs.tasks.grasp_language import catalogue as grasp
 from envs.tasks.libero import catalogue as libero
 from envs.tasks.metaworld.catalogue import PREFIX as METAWORLD
 
@@ -79,6 +80,16 @@ for _suite, _words in {
     "90": "ninety short tasks",
 }.items():
     SUITES.add(f"libero_{_suite}", partial(_of_libero, _suite), summary=f"LIBERO: {_words}")
+for _set, _words in {
+    "few": "five groceries",
+    "many": "ten groceries",
+    "unseen": "seven groceries that the other sets lack",
+}.items():
+    SUITES.add(
+        f"grasp/{_set}",
+        partial(_starting_with, f"{grasp.PREFIX}{_set}/"),
+        summary=f"grasp by language: {_words}",
+    )
 SUITES.add("libero", partial(_of_libero, ""), summary="LIBERO's five suites together")
 for _suite in libero.PRO_SUITES:
     for _variant, _words in libero.VARIANTS.items():

@@ -30,7 +30,7 @@ OBJECT_FACES, FIXTURE_FACES = 1500, 3000
 
 _FAMILIES = ("stable_hope_objects", "stable_scanned_objects", "turbosquid_objects", "articulated_objects")
 _MOUNT_FILE = "robosuite:models/assets/bases/rethink_mount.xml"
-_PHYSICS = {"mujoco": {"cone": "elliptic", "impratio": 20.0}}
+PHYSICS = {"mujoco": {"cone": "elliptic", "impratio": 20.0}}
 """robosuite's (``models/assets/base.xml``)."""
 
 LOOKS = Appearance(
@@ -115,7 +115,7 @@ def scene_of(entry: Entry) -> Scene:
         room=None,
         ground_half_size_m=3.0,
         physics=CONTROL_20_HZ,
-        simulators=_PHYSICS,
+        simulators=PHYSICS,
     )
     return Scene(problem, arena, scenario, parts, categories)
 
