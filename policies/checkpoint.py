@@ -104,22 +104,27 @@ def learned_tasks(path: str | Path) -> tuple[str, ...]:
     return (str(task),) if task else ()
 
 
-def check_learned(directory: Path, task: str) -> None:
+def check_learned(directory: Path, task: str, *, other_tasks: bool = False) -> None:
     """Refuses a task that an agent did not learn, whose observations mean something else to it.
 
     Args:
         directory: A pretrained folder.
         task: What it is to act in.
+        other_tasks: Whether a policy that reads instructions may act in a task that it did not learn.
 
     Raises:
         PolicyError: if the folder lists the tasks of its policy, and this is none of them.
     """
     learned = learned_tasks(directory) or (task,)
-    if task not in learned:
+    if task in learned:
+        return
+    reads = "input_features" in read_json(resolve(directory) / CONFIG)  # LeRobot's; agents take no words
+    if not (reads and other_tasks):
+        advice = ", or evaluate it there nevertheless with other_tasks=true" if reads else ""
         raise PolicyError(
             f"Checkpoint '{directory}' of policy '{policy_type(directory)}' learned the task "
             f"{' and '.join(learned)}, not {task}. Give task={' or task='.join(learned)}, or "
-            f"train it on {task}."
+            f"train it on {task}{advice}."
         )
 
 

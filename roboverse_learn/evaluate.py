@@ -114,7 +114,7 @@ def evaluate_checkpoint(
     looks = {"evaluate.materials": config.materials}
     check_scenario_files(tested.env, looks)
     if tested.checkpoint is not None:
-        check_learned(tested.checkpoint, tested.env.task)
+        check_learned(tested.checkpoint, tested.env.task, other_tasks=config.other_tasks)
         check_fits(tested.checkpoint, tested.env, tested.rename_map)
     if protocol.instructions:
         check_instruction_tests(tested.env.make_task(), protocol.instructions)

@@ -100,6 +100,8 @@ class EvaluationConfig:
         videos: Videos of successes, and as many of failures, kept of each level.
         materials: Folder of images in place of the built-in materials; with a plus before it, as in
             materials=+images, beside them. 10 % of its images are of the test split.
+        other_tasks: Evaluate a policy that reads instructions also in tasks that it did not learn, as with
+            suite=grasp/unseen.
     """
 
     levels: tuple[int, ...] = LEVELS
@@ -112,6 +114,7 @@ class EvaluationConfig:
     num_envs: int = 10
     videos: int = 1
     materials: str = ""
+    other_tasks: bool = False
 
     def __post_init__(self) -> None:
         _levels(*self.levels)

@@ -74,6 +74,17 @@ def test_a_task_that_was_not_learned(tmp_path, content, learned, refused):
             check_learned(tmp_path, refused)
 
 
+def test_a_policy_that_reads_may_be_asked_for_a_task_that_it_did_not_learn(tmp_path):
+    content = {"type": "multitask_act", "tasks": {"a": {}, "b": {}}, "input_features": {}}
+    (tmp_path / "config.json").write_text(json.dumps(content))
+    with pytest.raises(PolicyError, match="or evaluate it there nevertheless with other_tasks=true"):
+        check_learned(tmp_path, "c")
+    check_learned(tmp_path, "c", other_tasks=True)
+    (tmp_path / "config.json").write_text(json.dumps({"type": "tdmpc2", "tasks": {"a": {}}}))
+    with pytest.raises(PolicyError, match=r"not c\. Give task=a, or train it on c\.$"):
+        check_learned(tmp_path, "c", other_tasks=True)
+
+
 def test_statistics_that_are_absent(broken):
     (file,) = broken.glob("policy_preprocessor*.safetensors")
     file.unlink()

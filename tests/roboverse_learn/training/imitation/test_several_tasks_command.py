@@ -7,6 +7,7 @@ import pytest
 import policies
 from benchmark.results import read_result
 from envs.core.errors import ConfigError, PolicyError, UnknownNameError
+from envs.tasks.suites import suite_tasks
 from policies.checkpoint import learned_tasks
 from roboverse_learn import cli
 from roboverse_learn.commands.collected import joined_hash, of_task
@@ -127,6 +128,13 @@ def test_the_recipe_of_the_papers_tasks_is_no_recipe_of_the_table():
     assert "mtact_paper" not in find_recipes("v1", configs_folder() / "recipe")
     alone = compose("train", ["recipe=mtact_paper", "task=CloseBox"])
     assert alone.tasks == ("CloseBox",)
+
+
+def test_the_recipe_of_grasping_has_all_tasks_of_few_and_many():
+    config = compose("train", ["recipe=mtact_grasp"])
+    assert config.tasks == (*suite_tasks("grasp/few"), *suite_tasks("grasp/many"))
+    assert config.train.batch_size % len(config.tasks) == 0
+    assert "mtact_grasp" not in find_recipes("v1", configs_folder() / "recipe")
 
 
 @pytest.mark.slow
