@@ -1,8 +1,8 @@
 """What every registered task promises, on its default simulator: the contracts of ``roboverse check``.
 
 The 45 tasks tagged ``adapted`` share one class, and so do LIBERO's 130 and CALVIN's:
-``test_adapted_tasks.py``, ``test_libero_tasks.py`` and ``test_calvin_tasks.py`` look at them more briefly. Tasks
-tagged ``same_scene`` differ from another one in what they name alone.
+``test_adapted_tasks.py``, ``test_libero_tasks.py`` and ``test_calvin_tasks.py`` look at them more briefly.
+Tasks tagged ``same_scene`` differ from another one in what they name alone.
 """
 
 import pytest
