@@ -10,6 +10,8 @@ import pytest
 from xdist.remote import Producer
 from xdist.scheduler import LoadFileScheduling
 
+from tests import imported_process
+
 os.environ.setdefault("HF_HUB_OFFLINE", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 # Many processes import the same libraries: without their bytecode, every one compiles them for seconds.
@@ -43,6 +45,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = [item for item in items if item not in gone]
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
+
+
+@pytest.fixture
+def forked_workers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forks the workers of a collection, for tests of something else: new interpreters import for seconds."""
+    monkeypatch.setattr(
+        "roboverse_learn.data.collection.pool.get_context", lambda _: imported_process.CONTEXT
+    )
 
 
 def pytest_collection_finish() -> None:

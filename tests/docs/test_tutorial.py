@@ -9,6 +9,7 @@ PAGE = Path(__file__).parents[2] / "docs/tutorial.md"
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("forked_workers")
 def test_the_tutorial_collects_trains_and_evaluates(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from pyarrow import parquet
 
+from tests import imported_process
+
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -28,8 +30,7 @@ def installed(tmp_path_factory):
 
 
 def run(installed, *words):
-    command = [sys.executable, "-m", "roboverse_learn.cli", *words]
-    return subprocess.run(command, env=installed, capture_output=True, text=True, check=False)
+    return imported_process.run(imported_process.COMMAND, *words, env=installed)
 
 
 def test_task_of_an_installed_package_is_listed(installed):

@@ -1,8 +1,6 @@
 """``train.py`` killed in every stage: the same command finishes the same run."""
 
 import json
-import multiprocessing
-import runpy
 import signal
 import time
 from collections.abc import Callable
@@ -18,23 +16,12 @@ from benchmark.results import read_result
 from policies.checkpoint import WEIGHTS
 from roboverse_learn.commands.run_folder import read_facts
 from roboverse_learn.training.metrics import read_metrics
+from tests import imported_process
 from tests.integration.main_run import TINY, MainRun
 
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
-IMPORTED = multiprocessing.get_context("forkserver")
-"""Its processes begin with what the main command imports, which takes longer than all the rest of it."""
-IMPORTED.set_forkserver_preload(
-    [
-        *(
-            "roboverse_learn.cli",
-            "roboverse_learn.training.imitation.train",
-            "lerobot.policies.act.modeling_act",
-        ),
-        *("envs.simulators.mujoco.handler", "mujoco_warp", "benchmark.runner", "matplotlib.pyplot"),
-    ]
-)
 LOSSES = ("step", "loss", "lr", "grad_norm")
 
 
@@ -64,12 +51,8 @@ class Interrupted:
         return self.folder / "log.txt"
 
     def _start(self) -> BaseProcess:
-        words = [str(ROOT / "roboverse_learn/train.py"), *TINY]
-        given = {"words": words, "folder": str(self.folder), "log": str(self._log)}
-        script = str(Path(__file__).with_name("started.py"))
-        process = IMPORTED.Process(target=runpy.run_path, args=(script, {"start": given}))
-        process.start()
-        return process
+        script = ROOT / "roboverse_learn/train.py"
+        return imported_process.start(script, *TINY, folder=self.folder, out=self._log)
 
     def _kill(self, stage: str, reached: Callable[[], bool]) -> None:
         """Starts the command and kills it as soon as ``reached`` says so."""

@@ -2,10 +2,9 @@
 
 import json
 import os
-import subprocess
-import sys
 import tomllib
 from collections.abc import Mapping
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from envs.spec import EnvSpec
 from policies.checkpoint import WEIGHTS
 from roboverse_learn import cli
 from roboverse_learn.data.dataset.raw import read_raw
+from tests import imported_process
 from tests.integration.main_run import MainRun
 
 pytestmark = pytest.mark.slow
@@ -72,25 +72,22 @@ class Commands:
             *(f"--policy.path={run.checkpoint}", "--eval.n_episodes=3", "--eval.batch_size=2"),
             "--output_dir=evaluated",
         )
-        # Both at once: most of their time is the imports.
         running = {
             "train": self._start("lerobot-train", train, [plugin, ROOT]),
             "eval": self._start("lerobot-eval", evaluate, [plugin, ROOT]),
         }
-        self.logs = {name: process.communicate(timeout=300)[0] for name, process in running.items()}
-        self.codes = {name: process.returncode for name, process in running.items()}
+        codes = imported_process.wait_for_all(list(running.values()), timeout_s=300)
+        self.codes = dict(zip(running, codes, strict=True))
+        self.logs = {name: self._log(f"lerobot-{name}").read_text() for name in running}
 
-    def _start(self, command: str, words: tuple[str, ...], path: list[Path]) -> subprocess.Popen[str]:
+    def _log(self, command: str) -> Path:
+        return self.folder / f"{command}.log"
+
+    def _start(self, command: str, words: tuple[str, ...], path: list[Path]) -> BaseProcess:
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, path)), "HF_HUB_OFFLINE": "1"}
         environment["HF_DATASETS_CACHE"] = str(self.folder / "cache")
-        return subprocess.Popen(
-            [Path(sys.executable).with_name(command), *words],
-            cwd=self.folder,
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
+        program, log = imported_process.installed(command), self._log(command)
+        return imported_process.start(program, *words, folder=self.folder, out=log, env=environment)
 
 
 @pytest.fixture(scope="module")

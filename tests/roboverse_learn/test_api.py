@@ -125,6 +125,7 @@ def test_a_class_with_the_name_of_another_task_is_an_error():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("forked_workers")
 def test_the_whole_loop_in_python(tmp_path):
     folders = {f"{name}_dir": str(tmp_path / name) for name in ("datasets", "runs", "results")}
     small = {"num_demos": 2, "image_size": 32, "cameras": ["front"], "train": {"steps": 2, "batch_size": 2}}

@@ -2,8 +2,6 @@
 
 import json
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +14,7 @@ from policies.checkpoint import learned_tasks, policy_type
 from policies.learned_tasks import Instructions, LearnedTask
 from policies.mtact.decoders import FlowDecoder
 from policies.mtact.vision import Film
+from tests import imported_process
 from tests.policies.examples import IMAGE, NARROW, SIZE, generators, observation
 from tests.policies.mtact.examples import (
     CONFIG,
@@ -324,7 +323,7 @@ def test_lerobots_commands_know_the_processor_step_once_they_know_the_policy_typ
         "from lerobot.processor import ProcessorStepRegistry\n"
         "ProcessorStepRegistry.get('mtact_inputs')\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    done = imported_process.run(code)
     assert done.returncode == 0, done.stderr
 
 

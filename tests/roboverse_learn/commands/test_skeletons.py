@@ -10,6 +10,7 @@ import pytest
 
 from roboverse_learn.config.new_config import NewConfig
 from roboverse_learn.new import new
+from tests import imported_process
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -18,11 +19,7 @@ def roboverse(folder: Path, *words: str, path: str = "") -> subprocess.Completed
     """Runs a command in a folder, as a newcomer does: nothing of it is on the path."""
     kept = {key: value for key, value in os.environ.items() if key != "ROBOVERSE_PLUGINS"}
     env = kept | {"PYTHONPATH": os.pathsep.join(filter(None, [path, str(ROOT)])), "COLUMNS": "200"}
-    program = "import sys; sys.path.remove(''); from roboverse_learn.cli import main; sys.exit(main())"
-    return subprocess.run(
-        [sys.executable, "-c", program, *words],
-        cwd=folder, env=env, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    return imported_process.run(imported_process.COMMAND, *words, folder=folder, env=env)
 
 
 def done(folder: Path, *words: str, path: str = "") -> str:

@@ -2,12 +2,14 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import psutil
@@ -25,6 +27,7 @@ from roboverse_learn.training.imitation.gradient_mean import average_gradients
 from roboverse_learn.training.imitation.train import train
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
+from tests import imported_process
 from tests.policies.examples import NARROW_CONFIGS
 from tests.roboverse_learn.training.frames import SquareFrames
 
@@ -41,11 +44,48 @@ def run(folder: Path, reporter: Reporter | None = None, config: TrainConfig = CO
     train(policy, data, config, folder, reporter=reporter)
 
 
+RANK = """
+from pathlib import Path
+from tests.roboverse_learn.training.signals import SignalAt
+from tests.roboverse_learn.training.test_distributed import run
+run(Path(sys.argv[1]), SignalAt(int(sys.argv[2])) if len(sys.argv) > 2 else None)
+"""
+
+
+def ranks(folder: Path, signal_at: int | None = None) -> list[BaseProcess]:
+    """Trains in two processes with the environment that ``accelerate launch`` gives.
+
+    At the step ``signal_at`` only the first of them gets the signal.
+    """
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = str(probe.getsockname()[1])
+    shared = os.environ | {
+        "WORLD_SIZE": "2",
+        "MASTER_ADDR": "127.0.0.1",
+        "MASTER_PORT": port,
+        "ACCELERATE_USE_CPU": "true",
+    }
+    words = [str(folder)] if signal_at is None else [str(folder), str(signal_at)]
+    program = imported_process.FIND_TESTS + RANK
+    return [
+        imported_process.start(
+            program, *words, folder=folder.parent, out=folder.parent / f"rank_{rank}.log",
+            env=shared | {"RANK": rank, "LOCAL_RANK": rank},
+        )
+        for rank in ("0", "1")
+    ]  # fmt: skip
+
+
+def said_by_ranks(folder: Path) -> str:
+    return "".join(log.read_text() for log in sorted(folder.glob("rank_*.log")))
+
+
 @pytest.mark.slow
-def test_two_processes_take_the_steps_of_one(tmp_path, processes):
-    processes.ask("launch", folder=str(tmp_path / "two"))
+def test_two_processes_take_the_steps_of_one(tmp_path):
+    two = ranks(tmp_path / "two")
     run(tmp_path / "one")
-    assert processes.answer() == [0, 0], processes.errors()
+    assert imported_process.wait_for_all(two, 120) == [0, 0], said_by_ranks(tmp_path)
     one, two = (read_metrics(tmp_path / name) for name in ("one", "two"))
     assert [row["step"] for row in two] == [1, 2, 3, 4]
     assert [row["loss"] for row in two] == pytest.approx([row["loss"] for row in one], rel=1e-3)
@@ -76,11 +116,11 @@ def test_the_mean_gradient_is_in_the_order_of_the_parameters_memory(monkeypatch,
 
 
 @pytest.mark.slow
-def test_a_signal_to_one_process_ends_both_with_a_checkpoint(tmp_path, processes):
-    processes.ask("launch", folder=str(tmp_path), signal_at=3)
-    assert processes.answer() == [1, 1], processes.errors()
-    assert last_checkpoint(tmp_path).name == "000003"
-    said = processes.errors()
+def test_a_signal_to_one_process_ends_both_with_a_checkpoint(tmp_path):
+    both = ranks(tmp_path / "run", signal_at=3)
+    codes, said = imported_process.wait_for_all(both, 120), said_by_ranks(tmp_path)
+    assert codes == [1, 1], said
+    assert last_checkpoint(tmp_path / "run").name == "000003"
     assert said.count("Interrupted: SIGTERM") == 2, said
 
 

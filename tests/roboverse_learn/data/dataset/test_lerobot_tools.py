@@ -1,24 +1,22 @@
 """LeRobot's own tools on a dataset of ours: its facts, its readers, without noise."""
 
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 import torch
+
+from tests import imported_process
 
 pytestmark = pytest.mark.slow
 
 
-def _run(*words: str | Path) -> str:
+def _run(*words) -> str:
     """Returns what a program prints, errors too."""
-    done = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
-    assert done.returncode == 0, done.stdout
-    return done.stdout
+    done = imported_process.run(*words)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout + done.stderr
 
 
 def test_lerobot_info_runs_and_prints_no_traceback():
-    printed = _run(Path(sys.executable).with_name("lerobot-info"))
+    printed = _run(imported_process.installed("lerobot-info"))
     assert "LeRobot version" in printed
     assert "Traceback" not in printed, "torchcodec is installed and finds no FFmpeg; see overrides.txt"
 
@@ -29,7 +27,7 @@ def test_lerobots_reader_decodes_by_default_without_a_traceback(written):
         "frame = LeRobotDataset('local/test', root=sys.argv[1])[3]\n"
         "print('image', tuple(frame['observation.images.front'].shape))"
     )
-    printed = _run(sys.executable, "-c", code, written)
+    printed = _run(code, str(written))
     assert "image (3, 32, 32)" in printed
     assert "Traceback" not in printed and len(printed.splitlines()) <= 2  # LeRobot names its decoder
 

@@ -84,6 +84,7 @@ def test_a_dataset_gets_distractors_and_loses_them_again(at_level_0, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("forked_workers")
 def test_looks_do_not_depend_on_the_number_of_environments_and_processes(at_level_0, tmp_path):
     words = ["level=1", "source=rerender", f"from={at_level_0}", "num_demos=5"]
     one = collected(tmp_path / "one", *words)

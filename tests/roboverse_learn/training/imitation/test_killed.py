@@ -1,5 +1,7 @@
 """A training process that is really killed, and what it goes on to."""
 
+import random
+import signal
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +14,7 @@ from roboverse_learn.training.config import AugmentConfig, TrainConfig
 from roboverse_learn.training.imitation.train import train
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
+from tests import imported_process
 from tests.policies.examples import NARROW_CONFIGS
 from tests.roboverse_learn.training.frames import SquareFrames
 
@@ -45,11 +48,36 @@ def losses(folder):
     return [(row["step"], row["loss"]) for row in read_metrics(folder)]
 
 
+WAITING = """
+from pathlib import Path
+from tests.roboverse_learn.training.imitation.test_killed import Waits, run
+run(Path(sys.argv[1]), Waits(int(sys.argv[2])))
+"""
+
+
+def kill(folder: Path, kills: int) -> list[int]:
+    """Kills runs that resume from each other with SIGKILL; returns the step that each had logged."""
+    rng, reached, seen = random.Random(0), [], 0
+    for number in range(kills):
+        wanted, log = STEPS * (number + 1) // (kills + 1), folder.with_suffix(".log")
+        program = imported_process.FIND_TESTS + WAITING
+        process = imported_process.start(program, str(folder), str(wanted + 4), folder=folder.parent, out=log)
+        deadline = time.monotonic() + 60
+        while seen < wanted and time.monotonic() < deadline:
+            time.sleep(0.01)
+            seen = max((row["step"] for row in read_metrics(folder)), default=0)
+        time.sleep(rng.uniform(0.0, 0.15))
+        process.kill()
+        process.join()
+        assert process.exitcode == -signal.SIGKILL, log.read_text()
+        reached.append(max(row["step"] for row in read_metrics(folder)))
+    return reached
+
+
 @pytest.mark.long
-def test_a_run_killed_twice_ends_as_one_that_was_left_alone(tmp_path, processes):
-    processes.ask("kill", folder=str(tmp_path / "killed"), kills=2)
+def test_a_run_killed_twice_ends_as_one_that_was_left_alone(tmp_path):
+    reached = kill(tmp_path / "killed", kills=2)
     run(tmp_path / "straight")
-    reached = processes.answer()
     assert reached == sorted(reached) and reached[-1] < STEPS
     newest = last_checkpoint(tmp_path / "killed")
     assert newest is not None and int(newest.name) % 6 == 0
