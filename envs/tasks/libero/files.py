@@ -1,4 +1,4 @@
-"""Files of the extras ``libero`` and ``libero-pro``: task files, initial states and assets, found without importing a package."""
+"""Files of the extras ``libero`` and ``libero-pro``: tasks, initial states, assets; no package is imported."""
 
 from pathlib import Path
 

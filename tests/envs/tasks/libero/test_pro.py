@@ -1,4 +1,4 @@
-"""LIBERO-PRO's variants: what is registered, what its files say, and that a task of it begins and is solved."""
+"""LIBERO-PRO's variants: what is registered, what its files say, and that a task of it is solved."""
 
 import numpy as np
 import pytest
