@@ -266,7 +266,7 @@ def read_image(path: Path) -> Image.Image:
         with Image.open(path) as image:
             return image.convert("RGB")
     except (OSError, UnidentifiedImageError) as error:
-        raise ConfigError(f"The image {path} cannot be read: {error}") from error
+        raise ConfigError(f"The image {path} cannot be read: {error}.") from error
 
 
 def _save(image: Image.Image, file: Path) -> None:

@@ -40,7 +40,7 @@ class TexturedMesh:
         try:
             return _read_msh(path) if path.suffix.lower() == ".msh" else _read_other(path)
         except (OSError, ValueError, IndexError, KeyError) as error:
-            raise ConfigError(f"The mesh {path} cannot be read: {error}") from error
+            raise ConfigError(f"The mesh {path} cannot be read: {error}.") from error
 
     def welded(self) -> "TexturedMesh":
         """Returns the mesh with one vertex for each place and texture coordinate."""

@@ -13,6 +13,7 @@ import pickletools
 import xml.etree.ElementTree as ET
 import zipfile
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -194,14 +195,16 @@ def read_init_states(path: Path, width: int = INIT_WIDTH) -> np.ndarray:
     """
     try:
         values = _states_of_numpy(path) if path.suffix == ".npz" else _states_of_torch(path)
-        values = values.reshape(-1, width)
     except FileNotFoundError:
         raise ConfigError(f"LIBERO's initial states are not there: no file {path}.") from None
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise ConfigError(
             f"{path} is not LIBERO's file of initial states: a zip with one array of {width} numbers "
             f"a row ({type(error).__name__}: {error})."
         ) from error
+    if values.ndim != 2 or values.shape[1] != width:
+        shape = " × ".join(map(str, values.shape))
+        raise ConfigError(f"{path}: its initial states are {shape} numbers; rows of {width} fit the scene.")
     if not len(values) or not np.isfinite(values).all():
         raise ConfigError(f"{path} has no initial states, or some that are not finite.")
     return values
@@ -209,14 +212,18 @@ def read_init_states(path: Path, width: int = INIT_WIDTH) -> np.ndarray:
 
 def _states_of_numpy(path: Path) -> np.ndarray:
     with np.load(path, allow_pickle=False) as archive:
-        return np.asarray(archive["states"], dtype=np.float64).ravel()
+        return np.asarray(archive["states"], dtype=np.float64)
 
 
 def _states_of_torch(path: Path) -> np.ndarray:
     with zipfile.ZipFile(path) as archive:
         opcodes = pickletools.genops(io.BytesIO(archive.read("archive/data.pkl")))
-        texts = [argument for _, argument, _ in opcodes if isinstance(argument, str)]
-    return np.frombuffer(max(texts, key=len).encode("latin-1"), "<f8")
+        arguments = [argument for _, argument, _ in opcodes if isinstance(argument, str | int)]
+    numbers = [argument for argument in arguments if isinstance(argument, int)]
+    longest = max((argument for argument in arguments if isinstance(argument, str)), key=len)
+    values = np.frombuffer(longest.encode("latin-1"), "<f8")
+    shapes = [pair for pair in pairwise(numbers) if pair[0] * pair[1] == values.size]
+    return values.reshape(shapes[0]) if shapes else values
 
 
 def _parse(path: Path) -> ET.Element:

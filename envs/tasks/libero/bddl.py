@@ -7,8 +7,8 @@ LIBERO: Liu et al., arXiv 2306.03310, code MIT; the grammar is that of its 130 f
 import ast
 import math
 import operator
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from envs.core.errors import ConfigError, unknown_name
@@ -78,6 +78,8 @@ class Problem:
         interest: Names that the instruction is about.
         init: What holds at the start.
         goal: What has to hold together.
+        source: The file, for errors.
+        lines: Objects, fixtures, regions, ``problem`` and ``goal`` to the line that has them, for errors.
     """
 
     name: str
@@ -88,6 +90,17 @@ class Problem:
     interest: tuple[str, ...]
     init: tuple[Atom, ...]
     goal: tuple[Atom, ...]
+    source: str = field(default="", compare=False)
+    lines: Mapping[str, int] = field(default_factory=dict, compare=False)
+
+    def error(self, name: str, problem: str) -> ConfigError:
+        """Returns an error with file and line of what has a name.
+
+        Args:
+            name: A key of ``lines``.
+            problem: What is wrong, without a full stop.
+        """
+        return ConfigError(f"{self.source}:{self.lines.get(name, 1)}: {problem}.")
 
 
 @dataclass(slots=True)
@@ -151,7 +164,16 @@ class _Reader:
             interest=tuple(self._text(item) for item in parts[":obj_of_interest"].items[1:]),
             init=tuple(self._atom(item, known) for item in parts[":init"].items[1:]),
             goal=tuple(self._atom(item, known) for item in goal.items[1:]),
+            source=self._source,
+            lines=self._lines(parts, (*objects, *fixtures), list(regions)),
         )
+
+    def _lines(self, parts: dict[str, _List], typed: tuple[str, ...], regions: list[str]) -> dict[str, int]:
+        """Returns the line of each name, of the problem and of the goal."""
+        words = [*parts[":objects"].items, *parts[":fixtures"].items]
+        found = {item.text: item.line for item in words if isinstance(item, _Word) and item.text in typed}
+        found |= {name: item.line for name, item in zip(regions, parts[":regions"].items[1:], strict=False)}
+        return found | {"problem": parts["problem"].line, "goal": parts[":goal"].line}
 
     def _tree(self, text: str) -> _List:
         stack: list[_List] = []

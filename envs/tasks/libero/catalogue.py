@@ -65,7 +65,7 @@ class Entry:
 
     @property
     def name(self) -> str:
-        """Registered name: ``libero/<suite>/<task>`` or ``libero_pro/<suite>_<variant>/<task>``, lower case."""
+        """Registered name: ``libero/<suite>/<task>`` or ``libero_pro/<suite>_<variant>/<task>``."""
         return f"{PRO_PREFIX if self.variant else PREFIX}{self.folder}/{self.file.lower()}"
 
     @property

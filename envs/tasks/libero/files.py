@@ -1,4 +1,4 @@
-"""Files of the extras ``libero`` and ``libero-pro``: tasks, initial states, assets; no package is imported."""
+"""Files of the extras ``libero`` and ``libero-pro``: tasks, start states, assets; no package is imported."""
 
 from pathlib import Path
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from envs.core.errors import ConfigError, SimulatorError
+from envs.core.errors import SimulatorError, unknown_name
 from envs.kinematics.object_parts import PartBox
 from envs.rotations import to_matrix
 from envs.state import State
@@ -113,6 +113,32 @@ class Goal:
         self.atoms = scene.problem.goal if atoms is None else atoms
         self._scene = scene
         self._feels = {item.name: item.feels for item in scene.scenario.objects}
+        for atom in self.atoms:
+            self._check(atom)
+
+    def _check(self, atom: Atom) -> None:
+        """Raises a ConfigError, with file and line, for an atom that cannot be decided."""
+        problem, parts = self._scene.problem, self._scene.parts
+        for name in atom.args:
+            region = problem.regions.get(name)
+            if region is None:
+                continue
+            if region.target not in SURFACE_FIXTURES and region.target not in parts:
+                raise problem.error(
+                    name, f"the region '{name}' belongs to '{region.target}', which is not there"
+                )
+            if region.target in SURFACE_FIXTURES and region.ranges is None:
+                raise problem.error(name, f"the region '{name}' of a table has no ':ranges'")
+            if region.target in parts and region.site not in parts[region.target].sites:
+                given = unknown_name(f"site of '{region.target}'", region.site, parts[region.target].sites)
+                raise problem.error(name, str(given).rstrip("."))
+        if atom.predicate not in ("in", "on"):
+            owner = self._owner(atom.args[0])
+            if self._scene.categories.get(owner) not in JOINT_RULES:
+                what = self._scene.categories.get(owner, owner)
+                raise problem.error(
+                    "goal", f"nothing says when a '{what}' such as '{owner}' is {atom.predicate}"
+                )
 
     def holds(self, atom: Atom, state: State) -> Tensor:
         """Returns whether an atom holds, (N,) bool.
@@ -132,18 +158,18 @@ class Goal:
 
     def joints(self, name: str, state: State) -> tuple[Tensor, JointRule]:
         """Returns the joints (N, J) that decide whether a fixture, or the part with a site, is open."""
-        region = self._scene.problem.regions.get(name)
-        owner = name if region is None else region.target
-        category = self._scene.categories[owner]
-        if category not in JOINT_RULES:
-            raise ConfigError(f"Nothing says when a '{category}' such as '{owner}' is open.")
+        region, owner = self._scene.problem.regions.get(name), self._owner(name)
         joints = state.objects[owner].joint_pos
         if region is not None:
             parts = self._scene.parts[owner]
             joint = parts.parts[parts.site(region.site).part].joint
             assert joint is not None, "a region that opens is in a drawer"
             joints = joints[:, joint.column : joint.column + 1]
-        return joints, JOINT_RULES[category]
+        return joints, JOINT_RULES[self._scene.categories[owner]]
+
+    def _owner(self, name: str) -> str:
+        region = self._scene.problem.regions.get(name)
+        return name if region is None else region.target
 
     def site_pose(self, region: Region, state: State) -> tuple[Tensor, Tensor, Tensor]:
         """Returns position (N, 3), orientation (N, 4) and half sizes (3,) of a region's box."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from envs.core.assets import resolve
-from envs.core.errors import ConfigError, MissingExtraError
+from envs.core.errors import ConfigError, UnknownNameError
 from envs.kinematics.object_parts import ObjectParts, parts_of
 from envs.mjcf.imported import imported
 from envs.robots.franka import FRANKA
@@ -29,6 +29,9 @@ OBJECT_FACES, FIXTURE_FACES = 1500, 3000
 """Triangles of one object and of one fixture."""
 
 _FAMILIES = ("stable_hope_objects", "stable_scanned_objects", "turbosquid_objects", "articulated_objects")
+ALWAYS_THERE = "scenes/libero_kitchen_tabletop_base_style.xml"
+"""A file of the assets, which tells where they are."""
+
 _MOUNT_FILE = "robosuite:models/assets/bases/rethink_mount.xml"
 PHYSICS = {"mujoco": {"cone": "elliptic", "impratio": 20.0}}
 """robosuite's (``models/assets/base.xml``)."""
@@ -79,7 +82,10 @@ def scene_of(entry: Entry) -> Scene:
         ConfigError: A file of it is damaged.
     """
     problem = read_problem(problem_file(entry))
-    arena = arena_of(problem.name)
+    try:
+        arena = arena_of(problem.name)
+    except UnknownNameError as error:
+        raise problem.error("problem", str(error).rstrip(".")) from error
     feels = _touches(problem)
     categories = problem.fixtures | problem.objects
     objects, parts = [_arena_object(arena)], {}
@@ -90,6 +96,8 @@ def scene_of(entry: Entry) -> Scene:
             continue
         free = name in problem.objects
         source = asset_of(category)
+        if source is None:
+            raise problem.error(name, f"the installed assets have no '{category}', which '{name}' is")
         path = imported(source, max_faces=OBJECT_FACES if free else FIXTURE_FACES, free=free)
         parts[name] = parts_of(path)
         pos, rot = _rest_pose(problem, arena, name, source)
@@ -120,19 +128,19 @@ def scene_of(entry: Entry) -> Scene:
     return Scene(problem, arena, scenario, parts, categories)
 
 
-def asset_of(category: str) -> Path:
-    """Returns the MJCF file of a category of objects.
+def asset_of(category: str) -> Path | None:
+    """Returns the MJCF file of a category of objects; None if the installed packages have no such category.
 
     Raises:
-        MissingExtraError: The installed packages have none.
+        MissingExtraError: A package of the extra is not installed.
     """
+    assets = asset(ALWAYS_THERE).parents[1]
     for family in _FAMILIES:
         inside = "" if family == "articulated_objects" else f"{category}/"
-        try:
-            return asset(f"{family}/{inside}{category}.xml")
-        except MissingExtraError:
-            continue
-    return asset(f"{_FAMILIES[0]}/{category}/{category}.xml")  # its message names what is missing
+        path = assets / family / f"{inside}{category}.xml"
+        if path.is_file():
+            return path
+    return None
 
 
 def _touches(problem: Problem) -> dict[str, tuple[str, ...]]:
@@ -183,7 +191,9 @@ def _rest_pose(problem: Problem, arena: Arena, name: str, source: Path) -> tuple
         w, qx, qy, qz = (float(value) for value in from_yaw(yaw))
         return (x + middle[0], y + middle[1], z + arena.fixture_z_m - _bottom(source)), (w, qx, qy, qz)
     if name in problem.fixtures:
-        raise ConfigError(f"The task file puts the fixture '{name}' nowhere on the table.")
+        raise problem.error(
+            name, f"the fixture '{name}' is put nowhere: '(:init …)' says of none that it is on"
+        )
     return (x, y, arena.top_z_m + 0.3), (1.0, 0.0, 0.0, 0.0)
 
 

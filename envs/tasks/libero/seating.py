@@ -8,6 +8,7 @@ kept in the cache, under a name that follows from every file that it depends on.
 
 import hashlib
 import json
+import zipfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -58,16 +59,27 @@ def seated_starts(entry: Entry, scene: Scene) -> State:
     starts = fixed_starts(entry, scene)
     path = cache_dir("starts") / f"{_name(entry, scene)}.npz"
     names = list(scene.problem.objects)
-    if not path.is_file():
+    poses = _stored(path, (starts.num_envs, len(names), 7))
+    if poses is None:
         seater = Seater(scene)
         rows = [seater.seat(starts, row)[0] for row in range(starts.num_envs)]
+        poses = np.array(rows)
         with atomic_path(path, keep_suffix=True) as partial:
-            np.savez(partial, poses=np.array(rows))
-    with np.load(path, allow_pickle=False) as stored:
-        poses = torch.from_numpy(stored["poses"])
+            np.savez(partial, poses=poses)
+    poses = torch.from_numpy(poses)
     for index, name in enumerate(names):
         starts.objects[name].pos, starts.objects[name].rot = poses[:, index, :3], poses[:, index, 3:]
     return starts
+
+
+def _stored(path: Path, shape: tuple[int, ...]) -> np.ndarray | None:
+    """Returns the poses of a file of the cache; None if there is none, or a damaged one: it is made again."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            poses = stored["poses"]
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None
+    return poses if poses.shape == shape and np.isfinite(poses).all() else None
 
 
 def _name(entry: Entry, scene: Scene) -> str:

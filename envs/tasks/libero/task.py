@@ -87,6 +87,7 @@ class LiberoTask(Task):
     @property
     @override
     def scenario(self) -> ScenarioCfg:
+        _goal_of(self.entry)  # a goal that cannot be decided is told before anything begins
         return _scenario_of(self.entry, self.action_space, self.observation_space)
 
     @property
