@@ -12,7 +12,7 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import at_least, concatenate, norm, stack
-from envs.kinematics.waypoints import Waypoint, approach, grasp_yaw, miss
+from envs.kinematics.waypoints import Waypoint, approach, correction_s, grasp_yaw
 from envs.rotations import from_yaw, yaw_of
 from envs.scenario import GeomCfg, ObjectCfg, RobotCfg, ScenarioCfg, TableCfg
 from envs.state import EntityState, State
@@ -37,6 +37,16 @@ from envs.tasks.tabletop import (
 
 HALF_SIZE_M = (0.008, 0.036)
 """Half sizes of a cube that the gripper can take: it opens to 80 mm, and its fingertips are 8 mm high."""
+
+MARKER_MISSES_M = (0.05, 0.03)
+"""Standard deviation along each axis of the points beside the marker that the expert passes, in order.
+
+A policy carries it up to 10 cm past the marker, so demonstrations come back from there (the idea of DART,
+arXiv:1703.09327).
+"""
+
+LARGEST_MISS_M = 0.08
+"""Bound of these misses along each axis: a Panda that reaches farther turns its joints too fast."""
 
 _ROBOT = FRANKA_AT_TABLE
 
@@ -176,21 +186,28 @@ class PickCube(Task):
             target = state.objects["goal"].pos[0].numpy()
         else:
             target = position + np.array([0.0, 0.0, self.lift_height_m + 0.05])
-        # Both ends first miss: the next motion demonstrates the correction.
+        # All ends first miss, the marker twice: the next motion demonstrates the correction.
         above = position + np.array([*rng.normal(0.0, self.approach_noise_m, 2), rng.uniform(0.06, 0.09)])
         hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
         come = approach(Waypoint(pos=above, yaw=yaw, gripper=hold, duration_s=0.6), rng)
-        near = target + rng.normal(0.0, miss(rng), 3)
-        near[2] = max(near[2], self.cube_half_size_m)
+        near, nearer = (self._beside(target, rng, noise_m) for noise_m in MARKER_MISSES_M)
         carry = 0.25 + 1.3 * float(np.linalg.norm(near - position))
-        home = 0.25 + 2.0 * max(0.0, float(np.linalg.norm(near - target)) - 0.03)
+        back = 0.1 + correction_s(nearer - near)
+        home = 0.25 + 2.0 * max(0.0, float(np.linalg.norm(nearer - target)) - 0.03)
         return [
             *come,
             Waypoint(pos=position, yaw=yaw, gripper=hold, duration_s=0.3, hold_s=0.1),
             Waypoint(pos=position, yaw=yaw, gripper=grip, duration_s=0.2),
             Waypoint(pos=near, yaw=yaw, gripper=grip, duration_s=carry),
+            Waypoint(pos=nearer, yaw=yaw, gripper=grip, duration_s=back),
             Waypoint(pos=target, yaw=yaw, gripper=grip, duration_s=home, hold_s=1.0),
         ]
+
+    def _beside(self, target: np.ndarray, rng: np.random.Generator, noise_m: float) -> np.ndarray:
+        """Returns a point beside the marker, within the arm's reach and not below the table, m, (3,)."""
+        point = target + np.clip(rng.normal(0.0, noise_m, 3), -LARGEST_MISS_M, LARGEST_MISS_M)
+        point[2] = max(point[2], self.cube_half_size_m)
+        return point
 
     def _grasped(self, robot: EntityState, reach_m: Tensor) -> Tensor:
         """Returns whether the fingers hold the cube, whose centre is ``reach_m`` (N,) away, (N,)."""

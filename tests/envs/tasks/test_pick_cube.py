@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from envs.tasks.pick_cube import PickCube
+from envs.kinematics.waypoints import interpolate
+from envs.tasks.pick_cube import LARGEST_MISS_M, MARKER_MISSES_M, PickCube
 
 
 def states(count=1, variant="goal"):
@@ -62,3 +63,21 @@ def test_reward_by_hand():
     robot.joint_target[:, 7:] = 0.0
     expected = 0.2 * (1 + 1 + (1 - np.tanh(1.5)))
     assert PickCube().reward(state).item() == pytest.approx(expected)
+
+
+def test_the_expert_comes_back_to_the_marker_from_where_a_policy_misses_it():
+    task, passed = PickCube(), []
+    for i in range(200):
+        state = task.initial_state([np.random.default_rng(i)])
+        *_, first, second, last = task.expert(state, np.random.default_rng(1000 + i))
+        goal = state.objects["goal"].pos[0].numpy()
+        np.testing.assert_allclose(last.pos, goal)
+        passed.append([first.pos - goal, second.pos - goal])
+        way = interpolate(first, [second, last], control_hz=20)
+        assert np.linalg.norm(np.diff(way.pos, axis=0), axis=1).max() < 0.05, "slower than 1 m/s"
+        assert min(first.pos[2], second.pos[2]) >= 0.02, "not into the table"
+    misses = np.array(passed)
+    assert np.abs(misses).max() <= LARGEST_MISS_M + 1e-9
+    assert (misses[:, 0, 2] > 0.04).sum() > 20 < (misses[:, 0, 2] < -0.04).sum()
+    level = misses[..., :2].std(axis=(0, 2))
+    assert level == pytest.approx(np.array(MARKER_MISSES_M), rel=0.2)
