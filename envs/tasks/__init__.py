@@ -90,6 +90,9 @@ for _name, _target, _summary in (
     ("PickPlaceMilk", "pick_place", "put a milk carton into its compartment of the other bin"),
     ("PickPlaceBread", "pick_place", "put a loaf of bread into its compartment of the other bin"),
     ("PickPlaceCereal", "pick_place", "put a cereal box into its compartment of the other bin"),
+    ("TwoArmLift", "two_arm_lift", "lift a pot by both of its handles with two arms"),
+    ("TwoArmHandover", "two_arm_handover", "one arm picks up a hammer and hands it to the other"),
+    ("TwoArmPegInHole", "two_arm_peg_in_hole", "one arm puts its peg into the hole of the other's plate"),
 ):
     _add(_name, f"robosuite.{_target}:{_name}", _summary, _ROBOSUITE, "tabletop")
 

@@ -39,11 +39,13 @@ class Start(NamedTuple):
         pos: Position, m, (3,).
         yaw_rad: Turn about z.
         joints: Joint positions, rad (m).
+        rot: Orientation instead of that turn, wxyz, (4,).
     """
 
     pos: Sequence[float] | np.ndarray
     yaw_rad: float = 0.0
     joints: tuple[float, ...] = ()
+    rot: np.ndarray | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,6 +180,8 @@ def _at_rest(item: ObjectCfg, drawn: Sequence[dict[str, Start]]) -> EntityState:
     starts = [row[item.name] for row in drawn]
     pos = np.array([start.pos for start in starts], np.float64)
     rot = from_yaw(np.array([start.yaw_rad for start in starts]))
+    for row, start in enumerate(starts):
+        rot[row] = rot[row] if start.rot is None else start.rot
     return EntityState.at_rest(pos, rot, np.array([start.joints for start in starts], np.float64))
 
 

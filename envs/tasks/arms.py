@@ -110,12 +110,16 @@ class Hand:
 
     def nearer(self, rot: np.ndarray) -> np.ndarray:
         """Returns an orientation (4,), with fingers exchanged where that is nearer to the posture at rest."""
-        other = multiply(rot, _HALF_TURN)
-        return max((rot, other), key=lambda each: abs(float(np.dot(each, self._rest))))
+        return max((rot, exchanged(rot)), key=lambda each: abs(float(np.dot(each, self._rest))))
 
     def stays(self, gripper: float, duration_s: float) -> Waypoint:
         """Returns a waypoint where the hand is."""
         return self.to(self.pos, self.rot, gripper, duration_s)
+
+
+def exchanged(rot: np.ndarray) -> np.ndarray:
+    """Returns the orientation (4,) of a hand whose fingers are exchanged."""
+    return multiply(rot, _HALF_TURN)
 
 
 def pointing(forward: Sequence[float] | np.ndarray, opening: Sequence[float] | np.ndarray) -> np.ndarray:
