@@ -54,6 +54,19 @@ def pages(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_phone_shows_the_page_at_its_width_and_scrolls_wide_tables_alone(publish, tmp_path):
+    publish()
+    publish(policy="diffusion")
+    text = leaderboard.write(tmp_path)["html"].read_text()
+    page = parse(text)
+    assert ("meta", {"name": "viewport", "content": "width=device-width, initial-scale=1"}) in page.elements
+    boxes = [attributes.get("class", "") for tag, attributes in page.elements if tag in ("div", "table")]
+    wide = [index for index, name in enumerate(boxes) if name == "wide"]
+    assert wide and all(boxes[index - 1] == "scroll" for index in wide)
+    assert re.search(r"\.scroll \{ overflow-x: auto;", text)
+
+
+@pytest.mark.slow
 def test_page_is_self_contained(publish, tmp_path):
     publish()
     publish(policy="diffusion")

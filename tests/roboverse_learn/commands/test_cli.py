@@ -325,6 +325,14 @@ def test_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> N
     assert capsys.readouterr().out == f"roboverse {version('roboverse-learn')}\n"
 
 
+@pytest.mark.slow
+def test_the_package_runs_as_a_module_and_says_nothing_else() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "roboverse_learn", "--version"], capture_output=True, text=True, check=True
+    )
+    assert (done.stdout, done.stderr) == (f"roboverse {version('roboverse-learn')}\n", "")
+
+
 def test_bare_sweep_prints_its_usage(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["sweep"]) == 0
     assert "Usage: roboverse sweep" in capsys.readouterr().out
