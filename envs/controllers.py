@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from envs.array_ops import Array
+from envs.joint_readings import target_readings
 from envs.kinematics.batched_inverse import BatchedInverseKinematics
 from envs.rotations import from_yaw, to_matrix
 from envs.scenario import Quat, RobotCfg, Vec3
@@ -123,7 +124,9 @@ class JoinedController(TargetController):
 
 
 class JointPositionController(TargetController):
-    """An action is the position target of every driven joint of one robot at the end of the step, rad and m.
+    """An action is the position target of every driven joint of one robot at the end of the step.
+
+    It is in rad and m, or in the robot's own units; see :mod:`envs.joint_readings`.
 
     Args:
         robot: The robot.
@@ -131,19 +134,21 @@ class JointPositionController(TargetController):
 
     def __init__(self, robot: RobotCfg) -> None:
         joints = [robot.joints[index] for index in robot.driven]
-        self.names = tuple(joint.name for joint in joints)
-        self.low, self.high = np.array([joint.range for joint in joints], np.float32).T
+        self._readings = target_readings(robot)
+        self.names = self._readings.names
+        limits = self._readings.limits([joint.range for joint in joints])
+        self.low, self.high = (np.array(ends, np.float32) for ends in limits)
         self._robot, self._driven = robot.name, list(robot.driven)
 
     @override
     def joint_targets(
         self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None
     ) -> dict[str, np.ndarray | Tensor]:
-        return {self._robot: actions}
+        return {self._robot: self._readings.positions(actions)}
 
     @override
     def hold(self, state: State) -> np.ndarray:
-        return state.robots[self._robot].joint_pos[:, self._driven].cpu().numpy()
+        return self._readings.read(state.robots[self._robot].joint_pos[:, self._driven].cpu().numpy())
 
 
 _SQUEEZE = 0.25
@@ -187,7 +192,8 @@ class HandDeltaController(TargetController):
 
     @override
     def as_task_actions(self, state: State, actions: np.ndarray) -> np.ndarray:
-        return self.targets(state.robots[self._robot.name].joint_pos, actions).cpu().numpy()
+        targets = self.targets(state.robots[self._robot.name].joint_pos, actions).cpu().numpy()
+        return target_readings(self._robot).read(targets)
 
     def targets(self, joints: Tensor, actions: np.ndarray | Tensor) -> Tensor:
         """Returns the targets of the driven joints for actions.

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from envs.controllers import HandDeltaController
+from envs.joint_readings import target_readings
 from envs.scenario import RobotCfg
 from envs.simulators.base import EnvIds, Handler
 from envs.state import State
@@ -52,7 +53,8 @@ class HandPoseController(HandDeltaController):
     def as_task_actions(self, state: State, actions: np.ndarray) -> np.ndarray:
         robot = state.robots[self._robot.name]
         assert robot.joint_target is not None, "a simulator gives every robot's targets"
-        return self.moved_targets(robot.joint_pos, robot.joint_target, actions).cpu().numpy()
+        targets = self.moved_targets(robot.joint_pos, robot.joint_target, actions).cpu().numpy()
+        return target_readings(self._robot).read(targets)
 
     @override
     def targets(self, joints: Tensor, actions: np.ndarray | Tensor) -> Tensor:

@@ -41,7 +41,7 @@ class EnvSpec:
         renderer: Registered renderer, or another simulator that renders the images.
         cameras: Cameras that are observed; empty takes the task's first, and ``[all]`` in a command all of
             them.
-        image_size: Height and width of every image, pixels.
+        image_size: Pixels along the shorter side of every image; most cameras' images are square.
         scenario: Changes of the task's scene, as nested mappings of the fields of
             :class:`~envs.scenario.ScenarioCfg`.
         level: Randomization level, 0 to 3.

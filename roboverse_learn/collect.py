@@ -131,7 +131,7 @@ def _check_recordable(config: CollectConfig) -> None:
     if "observation_space" not in config.env.task_kwargs:
         return
     task = config.env.make_task()
-    if task.mirrored_images or task.state_names != task.joint_names:
+    if task.mirrored_images or task.state_names != task.reading_names:
         raise ConfigError(
             f"Collection of {task.name} records positions of joints and images as the cameras see them. "
             "Leave out task_kwargs.observation_space; task_kwargs.action_space may stay."

@@ -21,7 +21,7 @@ MAY_IMPORT = {
 }
 LAYERS = (
     ("core",),
-    ("array_ops", "rotations", "scenario", "state", "robots", "randomization", "compat"),
+    ("array_ops", "rotations", "scenario", "state", "robots", "randomization", "compat", "joint_readings"),
     ("mjcf",),
     ("kinematics", "convert"),
     ("simulators",),

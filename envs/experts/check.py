@@ -8,7 +8,7 @@ split, without rendering, and prints one line per split; ``record=true`` writes 
 import logging
 import shlex
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from envs.core.arguments import parse
 from envs.core.errors import ConfigError, RoboVerseError, unknown_name
 from envs.experts.actor import expert_episodes
 from envs.experts.record import RECORDS, ExpertRecord, SplitRecord, git_sha, write_record
+from envs.joint_readings import target_readings
 from envs.randomization.splits import SPLITS
 from envs.rollout import Episode
 from envs.spec import EnvSpec
@@ -54,12 +55,17 @@ class ExpertReport:
         return SplitRecord(self.num_episodes, round(self.success_rate, 4), round(self.mean_steps, 1))
 
 
-def summarize(episodes: Iterable[Episode], arm: Sequence[int]) -> ExpertReport:
+def summarize(
+    episodes: Iterable[Episode],
+    arm: Sequence[int],
+    positions: Callable[[np.ndarray], np.ndarray] = lambda actions: actions,
+) -> ExpertReport:
     """Reduces episodes to a report.
 
     Args:
         episodes: At least one.
         arm: Columns of an action that are the arm's joints; fingers may jump.
+        positions: Returns the targets, rad, of actions (T, A).
 
     Raises:
         ConfigError: There is no episode.
@@ -69,7 +75,7 @@ def summarize(episodes: Iterable[Episode], arm: Sequence[int]) -> ExpertReport:
         steps.append(len(episode.actions))
         if not episode.success:
             failures.append(episode.episode)
-        jumps = np.abs(np.diff(episode.actions[:, list(arm)], axis=0))
+        jumps = np.abs(np.diff(positions(episode.actions)[:, list(arm)], axis=0))
         largest = max(largest, float(jumps.max(initial=0.0)))
     if not steps:
         raise ConfigError("The expert's check needs at least one episode, given none.")
@@ -107,11 +113,13 @@ def check_expert(
     )
     try:
         robots = env.task.robots
-        fingers = [name for robot in robots for name in robot.gripper_joints]
-        fingers += [f"{robot.name}/{name}" for robot in robots for name in robot.gripper_joints]
+        fingers = [robot.reading_names[column] for robot in robots for column in robot.fingers]
+        fingers += [f"{robot.name}/{name}" for robot in robots for name in fingers]
+        alone = target_readings(robots[0])
+        in_rad = alone.positions if env.controller.names == alone.names else np.asarray
         arm = [column for column, name in enumerate(env.controller.names) if name not in fingers]
         episodes = env.split_indices[:num_episodes].tolist()
-        return summarize(expert_episodes(env, episodes, record=()), arm)
+        return summarize(expert_episodes(env, episodes, record=()), arm, in_rad)
     finally:
         env.close()
 

@@ -1,7 +1,8 @@
 """The 59 camera poses: most face the robot, some look from the side.
 
 The grid is RoboVerse's (``camera_pos_candidates.txt``, snapshot of 2025-06-21): azimuth θ from world +x,
-towards which the robot faces, and polar angle φ from world +z, on a sphere of 1.5 m about the origin.
+towards which the robot faces, and polar angle φ from world +z, on a sphere of 1.5 m about the origin; a
+camera may have another sphere.
 """
 
 import math
@@ -65,7 +66,8 @@ def place_camera(base: CameraCfg, pose: str) -> CameraCfg:
     """
     if pose not in CAMERA_POSES:
         raise unknown_name("camera pose", pose, CAMERA_POSES)
-    x, y, z = CAMERA_POSES[pose].pos
+    scale = base.orbit_radius_m / RADIUS_M
+    x, y, z = (scale * value for value in CAMERA_POSES[pose].pos)
     cosine, sine = math.cos(base.orbit_yaw_rad), math.sin(base.orbit_yaw_rad)
     middle = base.orbit_pos
     return replace(

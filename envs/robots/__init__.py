@@ -26,5 +26,11 @@ for _name, _summary in (
 ):
     _target = f"envs.robots.robosuite_arms:{_name.upper()}"
     ROBOTS.add(_name, _target, tags={"arm"}, summary=f"{_summary}, with the Franka hand")
+ROBOTS.add(
+    "so101",
+    "envs.robots.so101:SO101",
+    tags={"arm"},
+    summary="SO-101 of LeRobot, 5 joints and a gripper, in degrees and percent",
+)
 ROBOTS.add("ant", "envs.robots.ant:ANT", summary="a ball on four legs of two joints")
 ROBOTS.add("cartpole", "envs.robots.cartpole:CARTPOLE", summary="a free pole on a cart on a rail")

@@ -12,7 +12,7 @@ from envs.core.errors import ConfigError, unknown_name
 from envs.scenario.lighting import LightingCfg
 from envs.scenario.looks import SURFACES, Appearance, CameraCfg, LightCfg, SensorCfg, SurfaceMaterial
 from envs.scenario.objects import GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg
-from envs.scenario.robots import BodyCfg, JointCfg, RobotCfg, SiteCfg
+from envs.scenario.robots import BodyCfg, JointCfg, ReadingCfg, RobotCfg, SiteCfg
 from envs.scenario.units import IDENTITY, Quat, Rgba, Vec3
 
 __all__ = [
@@ -31,6 +31,7 @@ __all__ = [
     "ObjectJointCfg",
     "PhysicsCfg",
     "Quat",
+    "ReadingCfg",
     "Rgba",
     "RobotCfg",
     "RoomCfg",
@@ -186,7 +187,8 @@ class ScenarioCfg:
 
         Args:
             cameras: Names of the cameras, in the order of the observation; none or None is the first.
-            image_size: Height and width of their images, pixels; None is each camera's own.
+            image_size: Pixels along the shorter side of their images, whose aspect is each camera's own;
+                None is each camera's own size.
 
         Raises:
             UnknownNameError: if there is no camera of a name.
@@ -197,7 +199,7 @@ class ScenarioCfg:
                 raise unknown_name("camera", name, known)
         chosen = [known[name] for name in cameras] if cameras else list(self.cameras[:1])
         if image_size is not None:
-            chosen = [replace(camera, width=image_size, height=image_size) for camera in chosen]
+            chosen = [camera.resized(image_size) for camera in chosen]
         return replace(self, cameras=tuple(chosen))
 
     def tuned(self, simulator: str, settings: Mapping[str, Any]) -> "ScenarioCfg":

@@ -28,6 +28,7 @@ class CameraCfg:
             axes when the scene is at rest.
         up: Direction that points up in the image, in the same frame.
         orbit_pos: Middle of the sphere on which the camera channel places it, m.
+        orbit_radius_m: Radius of that sphere.
         orbit_yaw_rad: Where azimuth 0 of that sphere is, about world z from +x: where the robot faces.
     """
 
@@ -41,6 +42,7 @@ class CameraCfg:
     turns: bool = True
     up: Vec3 = (0.0, 0.0, 1.0)
     orbit_pos: Vec3 = (0.0, 0.0, 0.0)
+    orbit_radius_m: float = 1.5
     orbit_yaw_rad: float = 0.0
 
     def __post_init__(self) -> None:
@@ -48,12 +50,27 @@ class CameraCfg:
             raise ConfigError(
                 f"CameraCfg.fovy_deg is an angle above 0 and below 180 degrees, given {self.fovy_deg}."
             )
+        if not self.orbit_radius_m > 0:
+            raise ConfigError(f"CameraCfg.orbit_radius_m must be above 0 m, given {self.orbit_radius_m}.")
         if not any(self.up):
             raise ConfigError(f"CameraCfg.up is a direction, given {self.up}.")
         if min(self.width, self.height) < 1:
             raise ConfigError(f"An image has pixels; given width {self.width} and height {self.height}.")
         if tuple(self.pos) == tuple(self.look_at):
             raise ConfigError(f"Camera '{self.name}' is where it looks at: pos=look_at={self.pos}.")
+
+    def resized(self, shorter: int) -> "CameraCfg":
+        """Returns this camera with an image of the same aspect.
+
+        Args:
+            shorter: Pixels along the shorter side; the longer one has an even number, which videos need.
+        """
+        own = min(self.width, self.height)
+        width, height = (
+            shorter if side == own else 2 * round(shorter * side / own / 2)
+            for side in (self.width, self.height)
+        )
+        return replace(self, width=width, height=height)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -12,6 +12,27 @@ from envs.scenario.units import IDENTITY, AssetRef, Quat, Vec3
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class ReadingCfg:
+    """How datasets and policies read a joint, where that is not its position in rad (m).
+
+    The number is ``scale * (position - zero)``. :mod:`envs.joint_readings` alone converts.
+
+    Attributes:
+        name: Name of the number in datasets.
+        scale: Units per rad (m); not 0.
+        zero: Position at which the number is 0, rad (m).
+    """
+
+    name: str
+    scale: float
+    zero: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.scale:
+            raise ConfigError(f"The reading '{self.name}' has a scale of 0, so it would tell nothing.")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class JointCfg:
     """One joint of a robot: its name in the robot's file, its actuator and where it rests.
 
@@ -30,6 +51,7 @@ class JointCfg:
         target_range: Limits of the actuator's target, if they are not the joint's; rad (m).
         drive: What a target is: a ``position``, or a ``torque`` in N·m (a force in N), which needs no ``kp``
             and a ``target_range``. A torque's rest is 0.
+        reading: How datasets and policies read it; None is its position, rad (m), by its name.
     """
 
     name: str
@@ -45,6 +67,7 @@ class JointCfg:
     driven: bool = True
     target_range: tuple[float, float] | None = None
     drive: Literal["position", "torque"] = "position"
+    reading: ReadingCfg | None = None
 
     def __post_init__(self) -> None:
         if self.drive == "torque" and (self.target_range is None or self.kp):
@@ -125,6 +148,8 @@ class RobotCfg:
             part of the state.
         gravity_compensated: Gravity does not act on the robot's own links.
         feels: Robots, objects, or ``"ground"``, whose touch is part of its state.
+        lerobot_type: ``robot_type`` of its datasets: the robot of LeRobot's with the same joints in the same
+            units; empty is ``name``.
     """
 
     name: str
@@ -148,11 +173,17 @@ class RobotCfg:
     fixed_base: bool = True
     gravity_compensated: bool = True
     feels: tuple[str, ...] = ()
+    lerobot_type: str = ""
 
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints, in order."""
         return tuple(joint.name for joint in self.joints)
+
+    @property
+    def reading_names(self) -> tuple[str, ...]:
+        """Names of the joints' readings, in order, as datasets have them."""
+        return tuple(joint.name if joint.reading is None else joint.reading.name for joint in self.joints)
 
     @property
     def driven(self) -> tuple[int, ...]:

@@ -31,6 +31,7 @@ _RLBENCH = _origin("RLBench", "arXiv:1909.12271", "numbers alone; the box is Rob
 _CALVIN = _origin("CALVIN", "arXiv:2112.03227", "MIT")
 _HUMANOID = _origin("HumanoidBench", "arXiv:2403.10506", "MIT; Unitree's H1 is BSD 3-Clause")
 _ISAAC_LAB = _origin("Isaac Lab", "arXiv:2301.04195", "BSD 3-Clause; the ant's shapes are Gymnasium's, MIT")
+_SO101 = _origin("LeRobot's SO-101", "arXiv:2506.01844", "own scenes; the arm's dimensions are Apache-2.0")
 _METAWORLD = _origin("Meta-World 3", "arXiv:1910.10897", "MIT", family="Meta-World")
 
 
@@ -119,6 +120,14 @@ for _name, _target, _summary in (
     ("franka_reach", "reach:FrankaReach", "bring the hand to a commanded pose"),
 ):
     _add(f"control/{_name}", f"control.{_target}", _summary, _ISAAC_LAB, "control", "rl")
+
+for _name, _target, _summary in (
+    ("pick_cube", "cubes:PickCube", "grasp a 3 cm cube and lift it"),
+    ("stack_cube", "cubes:StackCube", "put the red cube on the green cube and let go of it"),
+    ("push_cube", "cubes:PushCube", "push a cube onto a target with closed fingers"),
+    ("open_drawer", "drawer:OpenDrawer", "pull a small drawer open by its handle"),
+):
+    _add(f"so101/{_name}", f"so101.{_target}", _summary, _SO101, "tabletop", "so101")
 
 _EXTRA = "metaworld"
 for _name, _summary in (

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -10,6 +11,7 @@ from torch import Tensor
 
 from envs.array_ops import concatenate
 from envs.core.errors import ConfigError
+from envs.joint_readings import joint_readings
 from envs.scenario import RobotCfg, ScenarioCfg
 from envs.state import State
 from envs.tasks.parameters import check_parameters
@@ -93,6 +95,14 @@ class Task(ABC):
             return robots[0].joint_names
         return tuple(f"{robot.name}/{joint}" for robot in robots for joint in robot.joint_names)
 
+    @property
+    def reading_names(self) -> tuple[str, ...]:
+        """Names of the readings of these joints; see :mod:`envs.joint_readings`."""
+        robots = self.robots
+        if len(robots) == 1:
+            return robots[0].reading_names
+        return tuple(f"{robot.name}/{name}" for robot in robots for name in robot.reading_names)
+
     def only_robot(self, purpose: str) -> RobotCfg:
         """Returns the robot of a task that has one.
 
@@ -128,22 +138,28 @@ class Task(ABC):
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the S entries of a policy's ``observation.state``; by default the robots' joints."""
-        return self.joint_names
+        """Names of the S entries of a policy's ``observation.state``; by default the joints' readings."""
+        return self.reading_names
 
     @property
     def state_limits(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Least and largest value of each entry of :meth:`proprioception`."""
         # Joint limits are soft: a collision can push a joint a little beyond its range.
-        ranges = [joint.range for robot in self.robots for joint in robot.joints]
-        return tuple(low - 1.0 for low, _ in ranges), tuple(high + 1.0 for _, high in ranges)
+        parts = [
+            joint_readings(robot).limits([(low - 1.0, high + 1.0) for low, high in _ranges(robot)])
+            for robot in self.robots
+        ]
+        lows, highs = zip(*parts, strict=True)
+        return tuple(chain.from_iterable(lows)), tuple(chain.from_iterable(highs))
 
     def proprioception(self, state: State) -> Tensor:
-        """Returns a policy's ``observation.state``, (N, S); by default the joints' positions, rad and m."""
+        """Returns a policy's ``observation.state``, (N, S); by default the joints' readings.
+
+        They are positions, rad and m, unless a robot has units of its own.
+        """
         robots = self.robots
-        if len(robots) == 1:
-            return state.robots[robots[0].name].joint_pos
-        return concatenate([state.robots[robot.name].joint_pos for robot in robots])
+        read = [joint_readings(robot).read(state.robots[robot.name].joint_pos) for robot in robots]
+        return read[0] if len(read) == 1 else concatenate(read)
 
     def failure(self, state: State) -> Tensor:
         """Returns whether the task has failed, which ends an episode, (N,) bool; never by default."""
@@ -250,3 +266,7 @@ class Task(ABC):
         from envs.randomization.language import bank_of
 
         return bank_of(self.instructions if instruction in self.instructions else (instruction,))
+
+
+def _ranges(robot: RobotCfg) -> list[tuple[float, float]]:
+    return [joint.range for joint in robot.joints]

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 import torch
 
+from envs.joint_readings import target_readings
 from envs.kinematics.batched_inverse import BatchedPathFollower
 from envs.kinematics.inverse import PathFollower
 from envs.kinematics.waypoints import Waypoint
@@ -26,17 +27,17 @@ class WaypointPlanner:
 
     def __init__(self, scenario: ScenarioCfg, expert: Expert) -> None:
         self._expert, self._robot = expert, scenario.robots[0]
-        self._driven = list(self._robot.driven)
+        self._driven, self._readings = list(self._robot.driven), target_readings(self._robot)
         self._control_hz = scenario.physics.control_hz
         self._follower = PathFollower(self._robot, self._control_hz)
 
     def plan(self, state: State, rng: np.random.Generator) -> np.ndarray:
-        """Returns targets (T, D) float32 of the D driven joints; see :class:`envs.tasks.planner.Planner`."""
+        """Returns actions (T, D) float32, joint targets; see :class:`envs.tasks.planner.Planner`."""
         waypoints = self._expert(state, rng)
         if not waypoints:
             return self._nothing()
         targets = self._follower.joint_targets(self._starts(state)[0].numpy(), waypoints)
-        return targets[:, self._driven].astype(np.float32)
+        return self._readings.read(targets[:, self._driven]).astype(np.float32)
 
     def plan_batch(self, state: State, rngs: Sequence[np.random.Generator]) -> list[np.ndarray]:
         """Returns the plans of all rows of ``state``; see :class:`envs.tasks.planner.BatchPlanner`."""
@@ -46,9 +47,10 @@ class WaypointPlanner:
         if rows:
             starts = self._starts(state)[rows].numpy()
             found = self._batched.joint_targets(starts, [ways[row] for row in rows])
-            targets = found.targets.cpu().numpy().astype(np.float32)
+            targets = found.targets.cpu().numpy()
             for place, row in enumerate(rows):
-                plans[row] = targets[place, : found.lengths[place]][:, self._driven]
+                followed = targets[place, : found.lengths[place]][:, self._driven]
+                plans[row] = self._readings.read(followed).astype(np.float32)
         return plans
 
     def _starts(self, state: State) -> torch.Tensor:

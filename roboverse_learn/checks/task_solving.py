@@ -1,8 +1,12 @@
 """Contracts of what solving a task means: success, reward, expert and random actions."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 
+from envs.joint_readings import joint_readings
+from envs.scenario import RobotCfg
 from roboverse_learn.checks.contract import NotApplicableError, contract, require
 from roboverse_learn.checks.task_subject import TaskSubject
 
@@ -119,8 +123,8 @@ def expert_is_smooth(subject: TaskSubject) -> str:
     limit, fastest = _FASTEST_RAD_S / env.control_hz, 0.0
     for episode in subject.rollouts:
         ways = [episode.observation_state[:, arm]]
-        if env.controller.names == subject.task.joint_names:
-            ways.append(episode.actions[:, arm])
+        if env.controller.names == subject.task.reading_names:
+            ways.append(_positions(robots, episode.actions)[:, arm])
         fastest = max(fastest, *(float(np.abs(np.diff(way, axis=0)).max(initial=0.0)) for way in ways))
     require(
         fastest < limit,
@@ -187,3 +191,11 @@ def touches_nothing(subject: TaskSubject) -> str:
         changed = [key for key, value in state.flatten().items() if not torch.equal(value, kept[key])]
         require(not changed, f"{name} changed {', '.join(changed)} of the state. Copy before you write.")
     return "pure functions"
+
+
+def _positions(robots: Sequence[RobotCfg], actions: np.ndarray) -> np.ndarray:
+    """Returns targets (T, J), rad (m), of actions (T, J) of all joints of the robots."""
+    ends = np.cumsum([len(robot.joints) for robot in robots])[:-1]
+    parts = np.split(actions, ends, axis=1)
+    read = [joint_readings(robot).positions(part) for robot, part in zip(robots, parts, strict=True)]
+    return np.concatenate(read, axis=1)

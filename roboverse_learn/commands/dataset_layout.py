@@ -30,4 +30,5 @@ def task_layout(config: CollectConfig) -> tuple[dict[str, Any], int, str]:
     cameras = {camera.name: (camera.height, camera.width) for camera in scenario.cameras}
     further = dict.fromkeys(SOURCES.get(config.source).columns, True)
     features = make_features(task.state_names, task.controller.names, cameras, **further)
-    return features, round(scenario.physics.control_hz), "+".join(robot.name for robot in task.robots)
+    kind = "+".join(robot.lerobot_type or robot.name for robot in task.robots)
+    return features, round(scenario.physics.control_hz), kind

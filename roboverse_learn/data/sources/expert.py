@@ -3,6 +3,9 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, ClassVar, override
 
+import numpy as np
+
+from envs.array_ops import to_numpy
 from envs.core.errors import ConfigError
 from envs.spec import EnvSpec
 from roboverse_learn.data.dataset.schema import EpisodeData
@@ -75,7 +78,8 @@ class ExpertEpisodes:
             "initial_state_hash": outcome.initial_state_hash,
         }
         return EpisodeData(
-            states=outcome.observation_state,
+            # What a policy would have observed, by the function that live observations come from.
+            states=to_numpy(self._env.task.proprioception(outcome.states))[:-1].astype(np.float32),
             actions=outcome.actions,
             images=outcome.images,
             task=outcome.instruction,
