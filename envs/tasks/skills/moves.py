@@ -13,6 +13,9 @@ from envs.tasks.skills.hands import FINGER_HALF_M, FINGER_MOST_M, TIP_BELOW_M, h
 CLEARANCE_M = 0.025
 """Least height over what is passed."""
 
+CARRY_CLEARANCE_M = 0.05
+"""The same for something held, which may hang lower than it was grasped: a bowl turns about its rim."""
+
 OVER_M = 0.06
 """Height over a grasp at which the hand begins to come straight down."""
 
@@ -169,7 +172,7 @@ def put(
         heights: Everything but what it holds.
     """
     aside = grasp.pos + np.array([*escape(grasp, carried, heights), ESCAPE_TOLERANCE_M])
-    travel = heights.along(aside[:2], target[:2], carried) + CLEARANCE_M
+    travel = heights.along(aside[:2], target[:2], carried) + CARRY_CLEARANCE_M
     travel = max(travel, float(grasp.pos[2]) + 0.05, float(target[2]) + 0.02)
     stops = (
         *(((aside, grasp.yaw, 0.0, 0.0),) if (aside[:2] != grasp.pos[:2]).any() else ()),

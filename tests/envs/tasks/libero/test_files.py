@@ -44,7 +44,7 @@ def test_the_catalogue_is_that_of_the_installed_task_files(entry):
 
 def test_start_states_of_another_width_are_refused(entry):
     path = files.start_file(entry)
-    with pytest.raises(ConfigError, match=r"milk.*\.pruned_init its initial states are 50 × 110 numbers"):
+    with pytest.raises(ConfigError, match=r"milk.*\.pruned_init: its initial states are 50 × 110 numbers"):
         read_init_states(path, 111)
 
 
