@@ -78,6 +78,8 @@ class Registry[T]:
         tags = frozenset(tags) or self._default_tags
         entry = Entry(name, target, tags, extra, summary, dict(info or {}), distribution)
         self._entries[name] = entry
+        if not distribution:
+            _ADDED_BY[name] = _caller()
 
     def decorate(self, name: str, **kwargs) -> Callable[[T], T]:
         """Registers the decorated object; see :meth:`add`."""
@@ -178,6 +180,28 @@ def _reference(target: object) -> object:
     if isinstance(target, str) or not hasattr(target, "__qualname__"):
         return target
     return f"{target.__module__}:{target.__qualname__}"  # type: ignore[attr-defined]
+
+
+def registered_by_hand() -> list[str]:
+    """Returns the names that this process alone knows: neither ours, nor of an entry point or a plugin.
+
+    A script, or a module that it imports, has registered them.
+    """
+    plugins = {name.partition(".")[0] for name in os.environ.get(PLUGINS_VARIABLE, "").split(",")}
+    everywhere = plugins | {"envs", "policies", "benchmark", "roboverse_learn"}
+    return sorted(name for name, by in _ADDED_BY.items() if by.partition(".")[0] not in everywhere)
+
+
+_ADDED_BY: dict[str, str] = {}
+"""Registered name to the module that added it; names of entry points are not in it."""
+
+
+def _caller() -> str:
+    """Returns the name of the module that calls this one."""
+    frame = sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__") == __name__:
+        frame = frame.f_back
+    return str(frame.f_globals.get("__name__"))
 
 
 def load_plugins() -> None:

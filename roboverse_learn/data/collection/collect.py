@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from roboverse_learn.data.collection.config import CollectionConfig
-from roboverse_learn.data.collection.pool import attempts
+from roboverse_learn.data.collection.pool import attempts, check_not_in_a_worker
 from roboverse_learn.data.collection.schedule import Schedule
 from roboverse_learn.data.dataset.raw import dataset_hash
 from roboverse_learn.data.dataset.writer import DatasetWriter
@@ -92,6 +92,7 @@ def collect(
         TooFewSuccessesError: The candidates do not give enough successes, or will not.
         DatasetError: The disk is full, a worker died, or the dataset was started with other settings.
     """
+    check_not_in_a_worker()
     start = time.monotonic()
     settings = config.source_kwargs if config.settings is None else config.settings
     with DatasetWriter(

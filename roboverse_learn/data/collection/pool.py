@@ -3,17 +3,20 @@
 import contextlib
 import os
 import signal
+import sys
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
-from multiprocessing import active_children, get_context
+from multiprocessing import active_children, current_process, get_context
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from types import ModuleType
 
 from envs.core.errors import DatasetError
 from envs.core.machine import num_cores
+from envs.core.registry import registered_by_hand
 from roboverse_learn.data.collection.config import CollectionConfig
 from roboverse_learn.data.collection.worker import Attempt, run_batch, start, work
 from roboverse_learn.data.dataset.staging import STAGING_DIRECTORY
@@ -67,11 +70,12 @@ def _attempts_of_workers(
     others, workers = set(active_children()), set[BaseProcess]()
     running: set[Future[list[Attempt]]] = set()
     initial = (replace(config, candidates=()), logs)
+    script = sys.modules["__main__"] if _needs_script(config) else None
     with ProcessPoolExecutor(config.num_workers, get_context("spawn"), start, initial) as pool:
         try:
             while True:
                 while len(running) < config.num_workers and (batch := next_batch()):
-                    with _starting(config.num_workers):
+                    with _starting(config.num_workers), _script_of_workers(script):
                         running.add(pool.submit(work, batch))
                     workers |= set(active_children()) - others
                 if not running:
@@ -93,6 +97,41 @@ def _attempts_of_workers(
             raise
     for log in logs.glob("worker_*.log"):
         log.unlink()
+
+
+def check_not_in_a_worker() -> None:
+    """Raises an error in a worker that runs its parent's script again: it would wait for its parent.
+
+    Raises:
+        DatasetError: This process is such a worker.
+    """
+    if getattr(current_process(), "_inheriting", False):  # what multiprocessing itself asks for its own error
+        raise DatasetError(
+            "The processes of a collection run the script again to know what it registers "
+            f"({', '.join(registered_by_hand()) or 'nothing so far'}), and it collects again. Put the call "
+            'below if __name__ == "__main__": or give num_workers=1.'
+        )
+
+
+def _needs_script(config: CollectionConfig) -> bool:
+    """Returns whether workers must run the script to know what they collect."""
+    return config.source.startswith("__main__:") or bool(registered_by_hand())
+
+
+@contextlib.contextmanager
+def _script_of_workers(script: ModuleType | None) -> Iterator[None]:
+    """Lets processes that start here run a script first; without one, none is run, so it needs no guard."""
+    main = sys.modules["__main__"]
+    if main is script:
+        yield
+        return
+    names = {name: vars(main)[name] for name in ("__file__", "__spec__") if name in vars(main)}
+    main.__spec__ = None
+    vars(main).pop("__file__", None)
+    try:
+        yield
+    finally:
+        vars(main).update(names)
 
 
 @contextlib.contextmanager

@@ -1,12 +1,14 @@
 """Registration: names, lazy targets, and what other packages add through entry points and plugins."""
 
 import importlib
+import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from envs.core.errors import ConfigError, MissingExtraError, UnknownNameError
-from envs.core.registry import PLUGINS_VARIABLE, Registry
+from envs.core.registry import PLUGINS_VARIABLE, Registry, registered_by_hand
 
 GROUP = "roboverse.test_things"
 
@@ -106,3 +108,27 @@ def test_the_same_target_may_be_registered_again_and_another_may_not(tmp_path, m
         assert registry.names() == ["Mine"] and registry.entry("Mine").summary == "first"
         with pytest.raises(ValueError, match="The thing 'Mine' is registered already"):
             registry.add("Mine", "others:Thing")
+
+
+def test_names_that_a_script_registers_are_told_from_those_of_plugins(tmp_path, monkeypatch):
+    things = Registry("thing")
+    things.add("ByHand", "collections:OrderedDict")
+    things.decorate("Decorated")(type("Decorated", (), {}))
+    (tmp_path / "my_plugin_of_things.py").write_text(
+        "def add(things):\n    things.add('ByPlugin', 'json:loads')\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    importlib.import_module("my_plugin_of_things").add(things)
+    assert {"ByHand", "Decorated", "ByPlugin"} <= set(registered_by_hand())
+    monkeypatch.setenv(PLUGINS_VARIABLE, "other,my_plugin_of_things.tasks")
+    names = set(registered_by_hand())
+    assert {"ByHand", "Decorated"} <= names and "ByPlugin" not in names
+
+
+def test_what_this_package_registers_is_known_to_every_process():
+    code = (
+        "import envs.tasks.suites, roboverse_learn.data.sources, policies, envs.simulators\n"
+        "from envs.core.registry import registered_by_hand\n"
+        "assert registered_by_hand() == []"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[3])
