@@ -16,6 +16,7 @@ for _name, _summary in {
     "mujoco_warp": "simulator=mujoco_warp against bare mujoco_warp: physics and images (needs a GPU)",
     "simulators": "handlers against scripts on the simulator alone",
     "training": "a gradient step of ACT and Diffusion Policy against LeRobot, and the losses (needs a GPU)",
+    "processes": "training in several processes, a GPU each, against one: efficiency (needs two GPUs)",
     "vla": "a gradient step of SmolVLA, whole and with LoRA, against LeRobot (extra vla; needs a GPU)",
     "rl": "PPO on TorchVectorEnv against bare mujoco_warp; cost of the adapters (needs a GPU)",
     "agents": "TD-MPC2 and FastTD3 against plain torch, the replay buffer against TorchRL (needs a GPU)",

@@ -8,6 +8,8 @@ from roboverse_learn.speed import agents, dataset, mujoco_warp, rl, simulators, 
 from roboverse_learn.speed.bare_env import BareEnv
 from roboverse_learn.speed.evaluation import measure_evaluation
 from roboverse_learn.speed.harness import Measurement
+from roboverse_learn.speed.processes import ProcessesSettings
+from roboverse_learn.speed.processes import parts as parts_of_processes
 from roboverse_learn.speed.startup import first_image, startup
 from roboverse_learn.speed.teleoperation import TeleoperationSettings
 from roboverse_learn.speed.teleoperation import parts as parts_of_teleoperation
@@ -35,6 +37,37 @@ def test_teleoperation_is_measured_over_its_websocket():
     assert is_measured(measures["delay"](), "command to image at 32²")
     assert is_measured(measures["interval"](), "between images")
     assert is_measured(measures["lateness"](), "lateness of a control step")
+
+
+@pytest.mark.long
+def test_training_in_two_processes_is_compared_to_one():
+    small = [
+        "device=cpu",
+        "simulator=mujoco",
+        "image_size=32",
+        "cameras=[front]",
+        "num_demos=2",
+        "dim_model=32",
+    ]
+    small += [
+        "dim_feedforward=32",
+        "n_encoder_layers=1",
+        "chunk_size=8",
+        "n_action_steps=4",
+        "cuda_graphs=false",
+    ]
+    settings = ProcessesSettings(first_step=2, steps=2, turns=1, batch_size=4, words=tuple(small))
+    measures = parts_of_processes(settings)
+    assert list(measures) == ["act", "diffusion", "act_shared", "diffusion_shared"]
+    assert is_measured(measures["act"](), "act, 8 samples a step in 2 processes, 4 in one")
+    assert is_measured(measures["act_shared"](), "act, 4 samples a step in 2 processes, 4 in one")
+
+
+@pytest.mark.long
+def test_the_error_of_a_training_is_in_the_message():
+    settings = ProcessesSettings(turns=1, words=("device=cpu", "dataset=nowhere"))
+    with pytest.raises(SimulatorError, match=r"Training in 2 processes failed: .*nowhere"):
+        parts_of_processes(settings)["act"]()
 
 
 def test_evaluation_runs_the_episodes_of_lerobot_eval():
