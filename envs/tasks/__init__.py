@@ -7,7 +7,8 @@ module that ``plugins=[...]`` names; see ``docs/plugins.md``.
 from typing import TYPE_CHECKING
 
 from envs.core.registry import Registry
-from envs.tasks.calvin import catalogue as calvin
+from envs.tasks.calvin.catalogue import HORIZON as CALVIN_HORIZON
+from envs.tasks.calvin.catalogue import entries as calvin_entries
 from envs.tasks.grasp_language import catalogue as grasp
 from envs.tasks.libero import catalogue as libero
 from envs.tasks.metaworld.catalogue import PREFIX, WORDS
@@ -150,10 +151,10 @@ for _name, _entry in (libero.entries() | libero.pro_entries()).items():
     _target = f"libero.by_name:{_entry.class_name}"
     _add(_name, _target, _entry.instruction, _facts, libero.EXTRA, "tabletop", extra=_entry.extra)
 
-for _name, _entry in calvin.entries().items():
+for _name, _entry in calvin_entries().items():
     _family = f"CALVIN, scene {_entry.scene}"
     _facts = _origin("CALVIN", "arXiv:2112.03227", "MIT", family=_family)
-    _facts |= {"robot": "franka", "horizon": str(calvin.HORIZON)}
+    _facts |= {"robot": "franka", "horizon": str(CALVIN_HORIZON)}
     _add(_name, f"calvin.by_name:{_entry.class_name}", _entry.facts.instruction, _facts, "tabletop", "calvin")
 
 _GRASP = _origin(

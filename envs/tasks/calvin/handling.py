@@ -17,6 +17,9 @@ CABINET_BACK_M = 0.012
 CABINET_PLACE_Y_M = 0.075
 """Where blocks are put into the cabinet with a hand that points down."""
 
+CABINET_LEAN_RAD, CABINET_LEAN_Y_M = 0.8, 0.05
+"""Lean of a hand that drops a block beside another one, and where."""
+
 DROP_M = 0.006
 """Height from which a block is dropped, so that the fingers are off when it lies."""
 
@@ -24,6 +27,9 @@ YAWS_RAD = (-1.75, 2.4)
 """Range of the hand's yaw over the table that leaves the wrist room."""
 
 LIFT_M = 0.1
+
+PLACE_MARGINS_M = (0.035, 0.015, 0.0)
+"""Room between the circles round blocks that is asked for, the most first."""
 
 PALM_ROOM_M = 0.04
 """Room in y that a hand in the drawer needs before the desk's edge, and before the drawer's front."""
@@ -132,18 +138,28 @@ def carry_sideways(look: Look, colour: str, sign: float, rng: np.random.Generato
 
 def _free_place(look: Look, colour: str, rng: np.random.Generator, sign: float = 0.0) -> np.ndarray | None:
     """Returns a free place (2,) on the desk: on one side of a block, or, with no sign, anywhere near."""
+    for margin in PLACE_MARGINS_M:
+        place = _place_with(look, colour, rng, sign, margin)
+        if place is not None:
+            return place
+    return None
+
+
+def _place_with(
+    look: Look, colour: str, rng: np.random.Generator, sign: float, margin: float
+) -> np.ndarray | None:
     block = look.blocks[colour]
     button = np.array([look.layout.button, -0.15]) * SCALE
     best, least = None, np.inf
     for x in np.arange(-0.3, 0.37, 0.02):
         moved = (x - block.pos[0]) * sign
-        if sign and not 0.12 < moved < 0.32:
+        if sign and not 0.12 < moved < 0.45:
             continue
-        for y in np.arange(-0.14, -0.05, 0.015):
+        for y in np.arange(-0.14, -0.03, 0.015):
             place = np.array([x, y])
             if np.linalg.norm(place - button) < 0.05 + block.radius_m:
                 continue
-            if not clear_of(place, look.others(colour), block.radius_m + 0.035):
+            if not clear_of(place, look.others(colour), block.radius_m + margin):
                 continue
             far = abs(moved - 0.14) if sign else float(np.linalg.norm(place - np.array([0.12, -0.1])))
             cost = far + 0.5 * abs(y - (block.pos[1] if sign else -0.1)) + float(rng.uniform(0.0, 0.03))
@@ -152,7 +168,9 @@ def _free_place(look: Look, colour: str, rng: np.random.Generator, sign: float =
     return best
 
 
-def _put(look: Look, colour: str, path: Path, place: np.ndarray, *, level: bool = False) -> Path:
+def _put(
+    look: Look, colour: str, path: Path, place: np.ndarray, *, level: bool = False, lean: float = 0.0
+) -> Path:
     """Carries a held block so that its middle comes to ``place`` (3,), lying, and lets go of it.
 
     Args:
@@ -161,6 +179,7 @@ def _put(look: Look, colour: str, path: Path, place: np.ndarray, *, level: bool 
         path: The way so far.
         place: Where the middle of the block comes, m.
         level: The hand's fingers open along the table there.
+        lean: How far the block leans back there, with its front down, rad.
     """
     block = look.blocks[colour]
     in_block = _in_hand(look, block, path)
@@ -169,6 +188,9 @@ def _put(look: Look, colour: str, path: Path, place: np.ndarray, *, level: bool 
         yaw = float(np.arctan2(-rot[1, 0], -rot[0, 0]))
         cosine, sine = np.cos(-yaw), np.sin(-yaw)
         rot = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]]) @ rot
+    if lean:
+        cosine, sine = np.cos(lean), np.sin(lean)
+        rot = np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]]) @ rot
     offset = rot @ in_block[0].T @ in_block[1]
     point = place + offset
     path.over(point + 0.07 * UP, rot)
@@ -251,9 +273,21 @@ def put_in_drawer(
 
 
 def put_in_cabinet(look: Look, colour: str) -> list[Waypoint]:
-    """Puts a held block into the half of the cabinet that the door leaves open."""
+    """Puts a held block into the half of the cabinet that the door leaves open.
+
+    Beside a block that lies there is no room for a hand that points down: one that leans drops it there.
+    """
     left, right = look.door_m()
     low, high = (SCALE * end for end in look.layout.opening)
-    x = (low + left) / 2 if left - low > high - right else (right + high) / 2
-    place = np.array([x, CABINET_PLACE_Y_M, DESK_M + HALF_WIDTH_M + 0.008])
-    return _put(look, colour, Path(look), place, level=True).waypoints
+    low, high = (low, left) if left - low > high - right else (right, high)
+    inside = [
+        b.pos[0] for b in look.others(colour) if b.pos[1] > 0.02 and low - 0.03 < b.pos[0] < high + 0.03
+    ]
+    middle, upright = (low + high) / 2, DESK_M + HALF_WIDTH_M + 0.008
+    if all(abs(x - middle) > 0.085 for x in inside):
+        place = np.array([middle, CABINET_PLACE_Y_M, upright])
+        return _put(look, colour, Path(look), place, level=True).waypoints
+    spots = np.linspace(low + 0.045, high - 0.045, 9)
+    x = float(max(spots, key=lambda spot: min(abs(spot - other) for other in inside)))
+    place = np.array([x, CABINET_LEAN_Y_M, DESK_M + 0.05])
+    return _put(look, colour, Path(look), place, level=True, lean=CABINET_LEAN_RAD).waypoints
