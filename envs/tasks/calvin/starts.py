@@ -20,7 +20,7 @@ from envs.tasks.calvin import memory
 from envs.tasks.calvin.catalogue import BLOCKS
 from envs.tasks.calvin.memory import BLOCK_BITS, PART_BITS, ROBOT_BIT
 from envs.tasks.calvin.scene import DESK_M, HALF_WIDTH_M, SURFACES, TABLE
-from envs.tasks.calvin.sequences import start_symbols, steps_of
+from envs.tasks.calvin.sequences import start_seed, start_symbols, steps_of
 from envs.tasks.calvin_table import DRAWER_TRAVEL_M, LAYOUTS, SCALE, SWITCH_TRAVEL_M
 
 LYING_Z_M = DESK_M + HALF_WIDTH_M
@@ -36,6 +36,8 @@ YAW_RAD = (np.pi / 2 - np.pi / 8, np.pi / 2 + np.pi / 8)
 DRAWER_FLOOR_M = 0.34
 DRAWER_Y_M = -0.28
 """Floor, and the middle of an open drawer, m."""
+
+_ON_TABLE = ("table", "stacked_bottom")
 
 GAP_M = 0.1
 """Least distance of two blocks on a table, m."""
@@ -139,14 +141,13 @@ def _drawn(
     assert joints[1] <= DRAWER_TRAVEL_M
     table = _table_places(scene, rng)
     start = _Drawn(joints, bool(symbols["led"]), {}, {}, {})
-    taken = 0
     for colour in BLOCKS:
         place = symbols[f"{colour}_block"]
         start.yaws[colour] = float(rng.uniform(*YAW_RAD))
         start.touches[colour] = PART_BITS["base"]
-        if place in ("table", "stacked_bottom"):
-            start.places[colour] = np.array([*table[taken], LYING_Z_M])
-            taken += 1
+        if place in _ON_TABLE:
+            second = colour == "pink" or (colour == "blue" and symbols["red_block"] in _ON_TABLE)
+            start.places[colour] = np.array([*table[int(second)], LYING_Z_M])
         elif place == "grasped":
             start.places[colour], start.touches[colour], start.held = np.zeros(3), ROBOT_BIT, colour
         elif place == "drawer":
@@ -194,6 +195,18 @@ def _cabinet_place(
     surface = SURFACES[scene][place]
     middle = sum(surface.x) / 2
     return middle + float(rng.uniform(-0.02, 0.02)), CABINET_Y_M
+
+
+def protocol_state(scenario: ScenarioCfg, symbols: Sequence[dict[str, int | str]]) -> State:
+    """Returns the states (N rows) of scene D in which the authors' evaluation begins, to the digit.
+
+    Args:
+        scenario: The scene.
+        symbols: N of :func:`~envs.tasks.calvin.sequences.start_symbols`.
+    """
+    rngs = [np.random.RandomState(start_seed(row)) for row in symbols]
+    qpos = np.tile(np.array(scenario.robots[0].default_qpos), (len(rngs), 1))
+    return initial_state("D", scenario, symbols, rngs, qpos)
 
 
 @lru_cache(maxsize=8)

@@ -1,0 +1,359 @@
+"""CALVIN's long-horizon evaluation: chains of five instructions in scene D, one state after another.
+
+``python -m benchmark.calvin_chains policy=expert chains=1000`` runs the authors' chains, 360 steps an instruction at
+most, prints what their evaluation prints, and keeps each chain's result in a file; run again, it goes on.
+``checkpoint=<folder>`` evaluates a trained policy.
+"""
+
+import json
+import logging
+import sys
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, override
+
+import numpy as np
+
+from benchmark.runner import PolicyActor
+from envs.core.arguments import parse
+from envs.core.atomic import write_file
+from envs.core.errors import ConfigError, RoboVerseError
+from envs.randomization import channel_rng
+from envs.rollout import Actor, Episode
+from envs.spec import EnvSpec
+from envs.state import State
+from envs.tasks.calvin import memory
+from envs.tasks.calvin.catalogue import Entry, task_facts
+from envs.tasks.calvin.rules import met
+from envs.tasks.calvin.sequences import CHAIN_LENGTH, NUM_CHAINS, STEPS_PER_TASK, Chain, all_chains
+from envs.tasks.calvin.starts import protocol_state
+from envs.tasks.waypoint_planner import WaypointPlanner
+from envs.vector_env import RoboVerseVectorEnv
+
+logger = logging.getLogger(__name__)
+
+_COMMAND = "python -m benchmark.calvin_chains"
+
+ENV_TASK = Entry("D", "open_drawer").name
+"""Any task of the scene: what counts is checked here."""
+
+
+@dataclass(slots=True, eq=False)
+class _Running:
+    """A chain in an environment.
+
+    Attributes:
+        index: Its index among the protocol's.
+        tasks: Its tasks.
+        slot: What an actor sees of it.
+        done: How many tasks are solved.
+        steps: Control steps of the present task.
+    """
+
+    index: int
+    tasks: tuple[str, ...]
+    slot: Episode
+    done: int = 0
+    steps: int = 0
+    plan: deque[np.ndarray] = field(default_factory=deque)
+
+    @property
+    def task(self) -> str:
+        return self.tasks[self.done]
+
+
+class ChainExpert(Actor):
+    """The expert of whichever task a chain is at.
+
+    Args:
+        env: The environment.
+    """
+
+    def __init__(self, env: RoboVerseVectorEnv) -> None:
+        self._env = env
+        self._planners: dict[str, WaypointPlanner] = {}
+        self.tasks: dict[int, str] = {}
+
+    @override
+    def begin(self, episodes: Sequence[Episode]) -> None:
+        for episode in episodes:
+            episode.memory = channel_rng(self._env.protocol_seed, "expert", episode.episode)
+
+    @override
+    def act(self, episodes: Sequence[Episode], states: Callable[[], State]) -> list[np.ndarray]:
+        present = states()
+        return [
+            self._planner(self.tasks[episode.env_id]).plan(present.select([row]), episode.memory)
+            for row, episode in enumerate(episodes)
+        ]
+
+    def _planner(self, task: str) -> WaypointPlanner:
+        if task not in self._planners:
+            from envs.tasks.calvin.expert import plan
+
+            robot = self._env.task.robot
+
+            def expert(state: State, rng: np.random.Generator):
+                return plan("D", task, robot, state, rng)
+
+            self._planners[task] = WaypointPlanner(self._env.scenario, expert)
+        return self._planners[task]
+
+
+class ChainRunner:
+    """Runs chains in the environments of scene D.
+
+    Args:
+        env: Its environments.
+        actor: Chooses actions: a :class:`ChainExpert`, or a policy's.
+    """
+
+    def __init__(self, env: RoboVerseVectorEnv, actor: Actor) -> None:
+        self._env, self._actor = env, actor
+        self._running: list[_Running] = []  # by environment
+        self._free = list(range(env.num_envs))
+
+    def run(self, chains: Sequence[tuple[int, Chain]]) -> Iterator[tuple[int, int]]:
+        """Yields the index of each chain as it ends, and how many of its tasks were solved in a row."""
+        waiting = deque(chains)
+        while waiting or self._running:
+            if waiting and self._free:
+                count = min(len(waiting), len(self._free))
+                self._begin([waiting.popleft() for _ in range(count)])
+            self._plan()
+            over = [chain for chain in self._running if not chain.plan]
+            self._step([chain for chain in self._running if chain.plan])
+            over += [c for c in self._running if c.done == len(c.tasks) or c.steps >= STEPS_PER_TASK]
+            for chain in {id(chain): chain for chain in over}.values():
+                self._running.remove(chain)
+                self._free = sorted([*self._free, chain.slot.env_id])
+                yield chain.index, chain.done
+
+    def _begin(self, chains: Sequence[tuple[int, Chain]]) -> None:
+        ids, self._free = self._free[: len(chains)], self._free[len(chains) :]
+        begun = []
+        for position, (env_id, (index, (_, tasks))) in enumerate(zip(ids, chains, strict=True)):
+            history = deque[Any](maxlen=self._actor.n_obs_steps)
+            slot = Episode(position=position, episode=index, env_id=env_id, observations=history, _columns={})
+            begun.append(_Running(index, tasks, slot))
+        states = protocol_state(self._env.scenario, [symbols for _, (symbols, _) in chains])
+        self._env.reset_envs(ids, np.repeat(self._env.split_indices[:1], len(ids)), states)
+        for chain in begun:
+            self._instruct(chain)
+        self._running = sorted(self._running + begun, key=lambda chain: chain.slot.env_id)
+
+    def _instruct(self, chain: _Running) -> None:
+        """Gives a chain's environment the instruction of its present task, and its actor a fresh start."""
+        chain.steps = 0
+        chain.plan.clear()
+        chain.slot.observations.clear()
+        self._env.set_instruction(chain.slot.env_id, task_facts()[chain.task].instruction)
+        if isinstance(self._actor, ChainExpert):
+            self._actor.tasks[chain.slot.env_id] = chain.task
+        if chain.done == 0:
+            self._actor.begin([chain.slot])
+
+    def _plan(self) -> None:
+        asking = [chain for chain in self._running if not chain.plan]
+        history = self._actor.n_obs_steps
+        seeing = self._running if history > 1 else asking
+        if history and seeing:
+            observation = self._env.observe(_ids(seeing))
+            for row, chain in enumerate(seeing):
+                chain.slot.observations.append({key: value[row] for key, value in observation.items()})
+        if asking:
+            chunks = self._actor.act(
+                [chain.slot for chain in asking], lambda: self._env.get_states(_ids(asking))
+            )
+            for chain, chunk in zip(asking, chunks, strict=True):
+                chain.plan.extend(chunk)
+
+    def _step(self, chains: Sequence[_Running]) -> None:
+        if not chains:
+            return
+        ids = _ids(chains)
+        self._env.step_envs(ids, np.stack([chain.plan.popleft() for chain in chains]))
+        states = self._env.get_states(ids)
+        solved = []
+        for row, chain in enumerate(chains):
+            chain.steps += 1
+            if bool(met(task_facts()[chain.task].rule, states.select([row]))[0]):
+                solved.append(row)
+        self._remember(ids, states, solved)
+        for row in solved:
+            chain = chains[row]
+            chain.done += 1
+            if chain.done < len(chain.tasks):
+                self._instruct(chain)
+
+    def _remember(self, ids: np.ndarray, states: State, solved: list[int]) -> None:
+        """Makes present states starts where a task was solved, and notes lights where they changed."""
+        poses = memory.begun_here(states, solved)
+        changed = [
+            row
+            for row in range(len(ids))
+            if row in solved
+            or any(
+                bool((pos[row] != states.objects[name].pos[row]).any()) for name, (pos, _) in poses.items()
+            )
+        ]
+        if changed:
+            moved = {name: (pos[changed], rot[changed]) for name, (pos, rot) in poses.items()}
+            self._env.handler.set_poses(moved, ids[changed])
+
+
+def _ids(chains: Sequence[_Running]) -> np.ndarray:
+    return np.array([chain.slot.env_id for chain in chains])
+
+
+@dataclass(frozen=True, slots=True)
+class ChainScores:
+    """Scores of chains, as CALVIN's evaluation prints them.
+
+    Attributes:
+        completed: How many tasks of each chain were solved in a row.
+        chains: The tasks of each.
+    """
+
+    completed: tuple[int, ...]
+    chains: tuple[tuple[str, ...], ...]
+
+    @property
+    def average_length(self) -> float:
+        """Mean number of tasks solved in a row, 0 to 5."""
+        return float(np.mean(self.completed))
+
+    @property
+    def rates(self) -> tuple[float, ...]:
+        """Shares of chains in which at least 1, 2, … tasks were solved in a row."""
+        counts = np.array(self.completed)
+        return tuple(float((counts >= least).mean()) for least in range(1, CHAIN_LENGTH + 1))
+
+    @property
+    def by_task(self) -> dict[str, tuple[int, int]]:
+        """Task to how often it was solved, and how often a chain came to it."""
+        solved, tried = Counter[str](), Counter[str]()
+        for done, tasks in zip(self.completed, self.chains, strict=True):
+            solved.update(tasks[:done])
+            tried.update(tasks[: done + 1])
+        return {task: (solved[task], tried[task]) for task in task_facts() if tried[task]}
+
+    def text(self) -> str:
+        """Returns the lines that are printed."""
+        lines = [
+            f"Average successful sequence length: {self.average_length:.3f} ({len(self.completed)} chains)",
+            "Success rates for i instructions in a row:",
+            *(f"{count}: {100 * rate:.1f}%" for count, rate in enumerate(self.rates, 1)),
+            *(f"{task}: {a} / {b} |  SR: {100 * a / b:.1f}%" for task, (a, b) in self.by_task.items()),
+        ]
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ChainSettings:
+    """Settings of the command.
+
+    Attributes:
+        policy: ``expert``; empty takes ``checkpoint``.
+        checkpoint: Folder of a trained policy.
+        chains: How many of the protocol's 1,000 chains, from the first.
+        num_envs: Environments stepped at once.
+        looks: What is rendered for a policy; see :class:`~envs.tasks.calvin.task.CalvinTask`.
+        cameras: Cameras of a policy.
+        device: Device of a policy.
+        results: File of results.
+    """
+
+    policy: str = "expert"
+    checkpoint: str = ""
+    chains: int = NUM_CHAINS
+    num_envs: int = 4
+    looks: str = "boxes"
+    cameras: tuple[str, ...] = ("static", "gripper")
+    device: str = "cpu"
+    results: Path = Path("results/calvin_chains.json")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the chains that have no result yet; returns the exit code."""
+    words = sys.argv[1:] if argv is None else argv
+    logging.basicConfig(format="%(message)s", level=logging.INFO, stream=sys.stdout)
+    try:
+        settings = parse(_COMMAND, ChainSettings, words)
+        if not 1 <= settings.chains <= NUM_CHAINS:
+            raise ConfigError(f"chains is from 1 to {NUM_CHAINS}, given {settings.chains}.")
+        if settings.policy != "expert" and not settings.checkpoint:
+            raise ConfigError(f"policy is expert, or give checkpoint=<folder>; given {settings.policy}.")
+        logger.info("%s", evaluate(settings).text())
+    except RoboVerseError as error:
+        logger.error("error: %s", error)
+        return 2
+    return 0
+
+
+def evaluate(settings: ChainSettings) -> ChainScores:
+    """Runs the chains that have no result yet, keeps their results, and returns all scores.
+
+    Raises:
+        ConfigError: The file of results is damaged.
+    """
+    label = settings.checkpoint or settings.policy
+    results = read_results(settings.results)
+    done = {int(index): count for index, count in results.get(label, {}).items()}
+    chains = all_chains()[: settings.chains]
+    missing = [(index, chain) for index, chain in enumerate(chains) if index not in done]
+    if missing:
+        env = _env(settings, min(settings.num_envs, len(missing)))
+        try:
+            for index, count in ChainRunner(env, _actor(settings, env)).run(missing):
+                done[index] = count
+                logger.info(
+                    "%d: %d of %d (%d of %d chains)", index, count, CHAIN_LENGTH, len(done), len(chains)
+                )
+                _write(settings.results, {**results, label: {str(key): done[key] for key in sorted(done)}})
+        finally:
+            env.close()
+    return ChainScores(
+        tuple(done[index] for index in range(len(chains))), tuple(tasks for _, tasks in chains)
+    )
+
+
+def _env(settings: ChainSettings, num_envs: int) -> RoboVerseVectorEnv:
+    spec = EnvSpec(task=ENV_TASK, task_kwargs={"looks": settings.looks}, cameras=settings.cameras)
+    observation = "pixels" if settings.checkpoint else "state"
+    return spec.make(num_envs, split="test", observation=observation, num_threads=1)
+
+
+def _actor(settings: ChainSettings, env: RoboVerseVectorEnv) -> Actor:
+    if not settings.checkpoint:
+        return ChainExpert(env)
+    from policies import load
+
+    return PolicyActor(load(settings.checkpoint, settings.device), env, env.protocol_seed, "chains")
+
+
+def read_results(path: Path) -> dict[str, dict[str, int]]:
+    """Returns results by policy and chain; none if there is no file.
+
+    Raises:
+        ConfigError: The file is damaged.
+    """
+    if not path.is_file():
+        return {}
+    try:
+        results = json.loads(path.read_text(encoding="utf-8"))
+        assert all(isinstance(rows, dict) for rows in results.values())
+    except (ValueError, AssertionError, AttributeError) as error:
+        raise ConfigError(f"{path} has no results of chains. Restore it, or remove it.") from error
+    return results
+
+
+def _write(path: Path, results: Mapping[str, Mapping[str, int]]) -> None:
+    lines = [f" {json.dumps(label)}: {json.dumps(rows)}" for label, rows in sorted(results.items())]
+    write_file(path, ("{\n" + ",\n".join(lines) + "\n}\n").encode())
+
+
+if __name__ == "__main__":
+    sys.exit(main())
