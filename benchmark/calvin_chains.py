@@ -1,8 +1,8 @@
 """CALVIN's long-horizon evaluation: chains of five instructions in scene D, one state after another.
 
-``python -m benchmark.calvin_chains policy=expert chains=1000`` runs the authors' chains, 360 steps an instruction at
-most, prints what their evaluation prints, and keeps each chain's result in a file; run again, it goes on.
-``checkpoint=<folder>`` evaluates a trained policy.
+``python -m benchmark.calvin_chains policy=expert chains=1000`` runs the authors' chains, 360 steps an
+instruction at most, prints what their evaluation prints, and keeps each chain's result in a file; run again,
+it goes on. ``checkpoint=<folder>`` evaluates a trained policy.
 """
 
 import json

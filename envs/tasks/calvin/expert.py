@@ -31,13 +31,19 @@ from envs.tasks.calvin_table import DRAWER_TRAVEL_M, SCALE
 IN_CABINET_Y_M = 0.03
 """Blocks behind it lie in the cabinet."""
 
+WRIST_M = 0.09
+"""Half the width in which the wrist of a hand that leans into the cabinet comes low over the desk."""
+
+CLEARS = 0.5
+"""How often a block is moved out of the wrist's way, which most often passes."""
+
 HAND_HALF_M = 0.112
 """Half the width of the hand, along which fingers open."""
 
 
 def plan(scene: str, task: str, robot: RobotCfg, state: State, rng: np.random.Generator) -> list[Waypoint]:
     """Returns the waypoints of the next skill from a state of one row; empty gives up."""
-    look = look_at(scene, robot, state, float(rng.uniform(0.9, 1.1)))
+    look = look_at(scene, robot, state, float(rng.uniform(0.9, 1.1)), float(rng.uniform()))
     kind, *arguments = task_facts()[task].rule
     if look.held is not None and kind not in ("place", "stack"):
         return put_on_desk(look, look.held, rng)
@@ -60,13 +66,13 @@ def _joint(look: Look, rng: np.random.Generator, joint: str, metres: float) -> l
 
 
 def _lift(look: Look, rng: np.random.Generator, block: str, metres: float, link: str) -> list[Waypoint]:
-    del rng, metres, link
+    del metres, link
     colour = _colour(block)
-    return _make_way(look, colour) or lift(look, colour)
+    return _make_way(look, rng, colour) or lift(look, colour)
 
 
-def _make_way(look: Look, colour: str) -> list[Waypoint]:
-    """Moves the door or the drawer on if it keeps the hand from a block."""
+def _make_way(look: Look, rng: np.random.Generator, colour: str) -> list[Waypoint]:
+    """Moves the door or the drawer on if it keeps the hand from a block, or a block in the wrist's way."""
     block = look.blocks[colour]
     if block.pos[1] > IN_CABINET_Y_M:
         left, right = look.door_m()
@@ -74,6 +80,12 @@ def _make_way(look: Look, colour: str) -> list[Waypoint]:
             goal = look.layout.travel * SCALE if block.pos[0] > (left + right) / 2 else 0.0
             if abs(goal - look.joints[0]) > 0.01:
                 return move_door(look, goal)
+        in_front = [
+            b for b in look.others(colour) if b.pos[1] < 0.0 and abs(b.pos[0] - block.pos[0]) < WRIST_M
+        ]
+        if in_front and look.luck < CLEARS:
+            other = in_front[0]
+            return carry_sideways(look, other.colour, float(np.sign(other.pos[0] - block.pos[0]) or 1.0), rng)
     elif block.touches & PART_BITS["drawer"] and not drawer_is_reachable(look, float(block.pos[1])):
         return move_drawer(look, DRAWER_TRAVEL_M)
     return []

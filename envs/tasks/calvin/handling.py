@@ -14,6 +14,9 @@ CABINET_TILT_RAD = 1.0
 CABINET_BACK_M = 0.012
 """How far short of a block's middle such a hand stops: its palm stays in front of the cabinet."""
 
+MOST_CABINET_TURN = 0.12
+"""Tangent of the largest turn of such a hand."""
+
 CABINET_PLACE_Y_M = 0.075
 """Where blocks are put into the cabinet with a hand that points down."""
 
@@ -25,6 +28,9 @@ DROP_M = 0.006
 
 YAWS_RAD = (-1.75, 2.4)
 """Range of the hand's yaw over the table that leaves the wrist room."""
+
+HANDLE_FRONT_M, HANDLE_ROOM_M = -0.07, 0.15
+"""y from which the door's handle is over the desk, with the depth of a hand, and half the width there."""
 
 LIFT_M = 0.1
 
@@ -41,10 +47,16 @@ DRAWER_FRONT_M = -0.16
 def grasp(look: Look, colour: str, *, rise: bool = False, path: Path | None = None) -> list[Waypoint]:
     """Grasps a block where it lies, and lifts it clear with ``rise``."""
     block, path = look.blocks[colour], path or Path(look)
-    if block.pos[1] > 0.03 and block.pos[2] > DESK_M:
-        return _grasp_in_cabinet(block, path, rise)
+    if block.pos[2] > DESK_M and (block.pos[1] > 0.03 or _is_below_handle(look, block.pos)):
+        return _grasp_in_cabinet(look, block, path, rise)
     yaw = _best_yaw(look, block)
     return _grasp_from_above(block, path, yaw, LIFT_M if rise else 0.0).waypoints
+
+
+def _is_below_handle(look: Look, pos: np.ndarray) -> bool:
+    """Returns whether the handle of the sliding door keeps a hand that points down from a place."""
+    handle = sum(look.door_m()) / 2
+    return bool(pos[1] > HANDLE_FRONT_M and abs(pos[0] - handle) < HANDLE_ROOM_M)
 
 
 def lift(look: Look, colour: str) -> list[Waypoint]:
@@ -60,9 +72,12 @@ def _grasp_from_above(block: Block, path: Path, yaw: float, rise_m: float) -> Pa
     return path.to(point + rise_m * UP) if rise_m else path
 
 
-def _grasp_in_cabinet(block: Block, path: Path, rise: bool) -> list[Waypoint]:
+def _grasp_in_cabinet(look: Look, block: Block, path: Path, rise: bool) -> list[Waypoint]:
+    """Grasps with a hand that leans; it may hardly turn, for the cabinet is not much wider than a hand."""
     axis, _, _ = min(block.level_axes(), key=lambda item: (item[1] > 0.03, abs(item[0][1])))
-    rot = leaning(CABINET_TILT_RAD, axis)
+    axis = axis * np.sign(axis[0])
+    most = MOST_CABINET_TURN if look.luck < 0.3 else np.inf
+    rot = leaning(CABINET_TILT_RAD, np.array([1.0, float(np.clip(axis[1] / axis[0], -most, most)), 0.0]))
     point = block.pos - CABINET_BACK_M * rot[:, 2]
     before = point - 0.12 * rot[:, 2]
     path.over(before, rot).to(before, gripper=GRASP_OPEN_M)
@@ -116,7 +131,7 @@ def turn_block(look: Look, colour: str, angle: float) -> list[Waypoint]:
 
 def _let_go(path: Path) -> Path:
     path.to(path.pos, gripper=GRASP_OPEN_M, hold_s=0.2)
-    return path.by(0.0, 0.0, 0.09)
+    return path.to(path.pos - 0.09 * path.rot[:, 2])
 
 
 def carry_sideways(look: Look, colour: str, sign: float, rng: np.random.Generator) -> list[Waypoint]:
@@ -160,6 +175,8 @@ def _place_with(
             if np.linalg.norm(place - button) < 0.05 + block.radius_m:
                 continue
             if not clear_of(place, look.others(colour), block.radius_m + margin):
+                continue
+            if _is_below_handle(look, place):
                 continue
             far = abs(moved - 0.14) if sign else float(np.linalg.norm(place - np.array([0.12, -0.1])))
             cost = far + 0.5 * abs(y - (block.pos[1] if sign else -0.1)) + float(rng.uniform(0.0, 0.03))

@@ -89,6 +89,7 @@ class Look:
         blocks: Colour to block.
         held: Colour of the block in the hand, or None.
         pace: Factor of every duration.
+        luck: From 0 to 1, drawn for each plan: how a grasp that may fail is varied.
     """
 
     layout: TableLayout
@@ -99,6 +100,7 @@ class Look:
     blocks: dict[str, Block]
     held: str | None
     pace: float
+    luck: float
 
     def door_m(self) -> tuple[float, float]:
         """Returns the ends of the sliding door along x, m."""
@@ -110,7 +112,7 @@ class Look:
         return [block for name, block in self.blocks.items() if name != colour]
 
 
-def look_at(scene: str, robot: RobotCfg, state: State, pace: float) -> Look:
+def look_at(scene: str, robot: RobotCfg, state: State, pace: float, luck: float = 0.0) -> Look:
     """Returns what is seen of a state of one row."""
     arm = state.robots[robot.name]
     assert arm.ee_rot is not None, "a simulator gives every robot's end effector"
@@ -141,6 +143,7 @@ def look_at(scene: str, robot: RobotCfg, state: State, pace: float) -> Look:
         blocks=blocks,
         held=near[0] if near else None,
         pace=pace,
+        luck=luck,
     )
 
 
@@ -228,16 +231,26 @@ class Path:
     def over(self, pos: Sequence[float] | np.ndarray, rot: np.ndarray) -> "Path":
         """Goes to a place by the lane along the table, above and in front of everything."""
         target = np.asarray(pos, dtype=np.float64)
-        short = np.linalg.norm(target[:2] - self.pos[:2]) < 0.05 and target[2] > self.pos[2]
-        if not short:
-            if self.pos[1] > LANE_Y_M + 0.05 and self.pos[2] < LANE_Z_M + 0.05 and self.pos[1] > -0.08:
-                self.to([self.pos[0], LANE_Y_M, max(self.pos[2] + 0.03, LANE_Z_M)])
-            elif self.pos[2] < LANE_Z_M - 0.01:
-                self.to([self.pos[0], self.pos[1], LANE_Z_M])
-            lane_y = min(LANE_Y_M, float(target[1])) if target[1] < LANE_Y_M else LANE_Y_M
-            if abs(target[0] - self.pos[0]) > 0.03 or target[1] > -0.08:
-                self.to([target[0], lane_y, LANE_Z_M], rot)
+        if np.linalg.norm(target[:2] - self.pos[:2]) < 0.05 and target[2] > self.pos[2]:
+            return self.to(target, rot)
+        if _leans(self.rot) and self.pos[1] > -0.03:
+            self.to(self.pos - 0.1 * self.rot[:, 2])
+        if self.pos[1] > -0.08 and self.pos[2] < LANE_Z_M + 0.05:
+            self.to([self.pos[0], LANE_Y_M, max(self.pos[2] + 0.03, LANE_Z_M)], _upright(self.rot))
+        elif self.pos[2] < LANE_Z_M - 0.01:
+            self.to([self.pos[0], self.pos[1], LANE_Z_M], _upright(self.rot))
+        if abs(target[0] - self.pos[0]) > 0.03 or target[1] > -0.08:
+            self.to([target[0], min(LANE_Y_M, float(target[1])), LANE_Z_M], rot)
         return self.to(target, rot)
+
+
+def _leans(rot: np.ndarray) -> bool:
+    return bool(rot[2, 2] > -0.85)
+
+
+def _upright(rot: np.ndarray) -> np.ndarray:
+    """Returns a hand that points down in place of one that leans, which the arm cannot near its base."""
+    return down(float(np.arctan2(-rot[1, 0], -rot[0, 0]))) if _leans(rot) else rot
 
 
 def clear_of(place: np.ndarray, blocks: Sequence[Block], room_m: float) -> bool:
