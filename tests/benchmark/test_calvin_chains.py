@@ -1,0 +1,131 @@
+"""CALVIN's long-horizon evaluation: scores, results that are kept, and chains of the expert."""
+
+import json
+
+import numpy as np
+import pytest
+
+from benchmark import calvin_chains
+from benchmark.calvin_chains import (
+    ChainExpert,
+    ChainRunner,
+    ChainScores,
+    ChainSettings,
+    evaluate,
+    main,
+    read_results,
+)
+from envs.core.errors import ConfigError
+from envs.spec import EnvSpec
+from envs.tasks.calvin import memory
+from envs.tasks.calvin.sequences import all_chains
+
+FIVE = ("open_drawer", "turn_on_led", "move_slider_left", "lift_red_block_table", "stack_block")
+SYMBOLS = {
+    "led": 0,
+    "lightbulb": 0,
+    "slider": "right",
+    "drawer": "closed",
+    "red_block": "table",
+    "blue_block": "table",
+    "pink_block": "slider_right",
+    "grasped": 0,
+}
+
+
+def env(num_envs):
+    return EnvSpec(task=calvin_chains.ENV_TASK).make(
+        num_envs, split="test", observation="state", num_threads=1
+    )
+
+
+def test_scores_are_those_that_calvins_evaluation_prints():
+    scores = ChainScores((5, 0, 2, 5), (FIVE,) * 4)
+    assert scores.average_length == 3.0
+    assert scores.rates == (0.75, 0.75, 0.5, 0.5, 0.5)
+    assert scores.by_task["open_drawer"] == (3, 4)
+    assert scores.by_task["move_slider_left"] == (2, 3)
+    assert scores.by_task["stack_block"] == (2, 2)
+    text = scores.text()
+    assert text.startswith("Average successful sequence length: 3.000 (4 chains)\n")
+    assert "1: 75.0%\n" in text and "open_drawer: 3 / 4 |  SR: 75.0%" in text
+
+
+@pytest.mark.slow
+def test_the_expert_solves_a_chain_and_each_instruction_starts_where_the_last_ended():
+    made = env(1)
+    told, starts = [], []
+    tell = made.set_instruction
+
+    def set_instruction(env_id, text):
+        told.append(text)
+        starts.append(made.get_states())
+        tell(env_id, text)
+
+    made.set_instruction = set_instruction
+    try:
+        assert list(ChainRunner(made, ChainExpert(made)).run([(3, (SYMBOLS, FIVE))])) == [(3, 5)]
+    finally:
+        made.close()
+    assert told[:3] == [
+        "pull the handle to open the drawer",
+        "press the button to turn on the led light",
+        "push the sliding door to the left side",
+    ]
+    third = starts[2]
+    assert float(memory.start_joints(third)[0, 1]) > 0.1  # the drawer is open, and was when this task began
+    assert [bool(value) for value in memory.led(third)] == [True, True]
+
+
+@pytest.mark.slow
+def test_a_chain_does_not_depend_on_those_beside_it():
+    chains = [(0, (SYMBOLS, FIVE[:1])), (1, (SYMBOLS, ("turn_on_led",)))]
+    ends = []
+    for number, asked in ((2, chains), (1, chains[:1])):
+        made = env(number)
+        results, end = ChainRunner(made, ChainExpert(made)).run(asked), None
+        for index, count in results:
+            assert count == 1
+            if index == 0:
+                end = made.get_states([0])
+        ends.append(end.objects["block_red"].pos.numpy())
+        made.close()
+    np.testing.assert_array_equal(*ends)
+
+
+def test_results_are_kept_and_only_missing_chains_are_run(tmp_path, monkeypatch):
+    ran = []
+
+    class Runner:
+        def __init__(self, *_):
+            pass
+
+        def run(self, chains):
+            for index, _ in chains:
+                ran.append(index)
+                yield index, index % 6
+
+    class Env:
+        def close(self):
+            pass
+
+    monkeypatch.setattr(calvin_chains, "ChainRunner", Runner)
+    monkeypatch.setattr(calvin_chains, "_env", lambda *_: Env())
+    monkeypatch.setattr(calvin_chains, "_actor", lambda *_: None)
+    path = tmp_path / "results.json"
+    path.write_text(json.dumps({"expert": {"1": 4}, "mine": {"0": 2}}))
+    scores = evaluate(ChainSettings(chains=4, results=path))
+    assert ran == [0, 2, 3] and scores.completed == (0, 4, 2, 3)
+    assert scores.chains[0] == all_chains()[0][1]
+    assert read_results(path) == {"expert": {"0": 0, "1": 4, "2": 2, "3": 3}, "mine": {"0": 2}}
+    evaluate(ChainSettings(chains=4, results=path))
+    assert ran == [0, 2, 3]
+
+
+def test_bad_input_is_told(tmp_path, caplog):
+    path = tmp_path / "results.json"
+    path.write_text('{"expert": [1, 2')
+    with pytest.raises(ConfigError, match="has no results of chains"):
+        read_results(path)
+    assert main(["chains=2000"]) == 2 and "from 1 to 1000, given 2000" in caplog.text
+    assert main(["policy=nobody"]) == 2 and "checkpoint=<folder>" in caplog.text
