@@ -93,6 +93,11 @@ for _name, _target, _summary in (
     ("PickPlaceBread", "pick_place", "put a loaf of bread into its compartment of the other bin"),
     ("PickPlaceCereal", "pick_place", "put a cereal box into its compartment of the other bin"),
     ("TwoArmLift", "two_arm_lift", "lift a pot by both of its handles with two arms"),
+    (
+        "TwoArmTransport",
+        "two_arm_transport",
+        "bring a hammer from a covered bin into one that is cleared first",
+    ),
     ("TwoArmHandover", "two_arm_handover", "one arm picks up a hammer and hands it to the other"),
     ("TwoArmPegInHole", "two_arm_peg_in_hole", "one arm puts its peg into the hole of the other's plate"),
 ):

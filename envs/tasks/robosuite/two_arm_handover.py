@@ -13,26 +13,20 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import Array, concatenate, where
-from envs.kinematics.waypoints import miss
-from envs.rotations import conjugate, from_matrix, from_yaw, multiply, rotate
+from envs.rotations import from_yaw, multiply
 from envs.scenario import ObjectCfg, RobotCfg, TableCfg
 from envs.state import EntityState, State
-from envs.tasks.arm_at_table import Start, above, point, travel_s
-from envs.tasks.arms import Hand, exchanged, pointing
+from envs.tasks.arm_at_table import Start
+from envs.tasks.arms import pointing
 from envs.tasks.arms_planner import Phase
-from envs.tasks.robosuite.hammer import LYING, Hammer, along
+from envs.tasks.robosuite.hammer import LYING, Hammer
+from envs.tasks.robosuite.handing_over import FROM_RIGHT, hand_over, pick_up
 from envs.tasks.robosuite.scene import TABLE_HEIGHT_M, panda
 from envs.tasks.robosuite.two_arms import TwoArms, opposed
 from envs.tasks.tabletop import GRASP_CLOSED_M, GRASP_OPEN_M, distance, ee_pos, nearness
 
 AHEAD = 0.6
 """Slope of the left hand's fingers over the middle of the table, 0.8 m from its base."""
-
-FROM_RIGHT = (0.0, -0.25, -1.0)
-"""Where the right hand points when it takes the hammer."""
-
-SIDE = 0.22
-"""Where each hand grasps, from the middle of the handle, over its length."""
 
 MEETING_M = np.array([0.0, -0.05, 0.32])
 """Where the left hand hands the hammer over."""
@@ -116,50 +110,15 @@ class TwoArmHandover(TwoArms):
     @override
     def phases(self, state: State, rng: np.random.Generator) -> list[Phase]:
         """Returns the way to pick the hammer up, or to hand it over from where the left arm holds it."""
+        hammer, left, right = state.objects["hammer"], self.hand(state, _LEFT), self.hand(state, _RIGHT)
         if bool((self._holds(state)[0] & self._lifted(state))[0]):
-            return self._hand_over(state, rng)
-        return self._pick_up(state, rng)
-
-    def _pick_up(self, state: State, rng: np.random.Generator) -> list[Phase]:
-        hammer, left, right = state.objects["hammer"], self.hand(state, _LEFT), self.hand(state, _RIGHT)
-        handle = along(hammer, 1.0) - point(hammer)
-        # The end that is nearer: the hammer then turns by a quarter at most.
-        ahead = math.copysign(1.0, handle[1])
-        grip = along(hammer, -ahead * SIDE * self.handle_length_m)
-        rot, met = _grips(left, hammer, ahead)
-        aside = np.array([*rng.normal(0.0, miss(rng, often_m=0.008, seldom_m=0.02), 2), 0.0])
-        over, wide, shut = above(grip, 0.1) + aside, GRASP_OPEN_M, GRASP_CLOSED_M
+            return hand_over(left, right, hammer, self.handle_length_m, rng)
+        picks, met = pick_up(left, hammer, self.handle_length_m, rng, slope=AHEAD)
         passing = MEETING_M + rng.uniform(-0.02, 0.02, 3)
+        carried = left.to(passing, met, GRASP_CLOSED_M, 2.0, hold_s=0.3)
         waits = passing + np.array([0.0, 0.25, 0.1])
-        picks = [
-            left.to(over, rot, wide, travel_s(left.pos, over, 1.0)),
-            left.to(above(grip, 0.05), rot, wide, 0.3, hold_s=0.1),
-            left.to(grip, rot, wide, 0.5, hold_s=0.1),
-            left.to(grip, rot, shut, 0.3),
-            left.to(above(grip, 0.2), rot, shut, 0.8),
-            left.to(passing, met, shut, 2.0, hold_s=0.3),
-        ]
-        comes = [right.to(waits, right.nearer(pointing(FROM_RIGHT, (1.0, 0.0, 0.0))), wide, 1.5)]
-        return [{left.name: picks, right.name: comes}]
-
-    def _hand_over(self, state: State, rng: np.random.Generator) -> list[Phase]:
-        hammer, left, right = state.objects["hammer"], self.hand(state, _LEFT), self.hand(state, _RIGHT)
-        handle = along(hammer, 1.0) - point(hammer)
-        taken = along(hammer, math.copysign(SIDE * self.handle_length_m, handle[1]))
-        takes = right.nearer(pointing(FROM_RIGHT, np.cross(handle, FROM_RIGHT)))
-        back = rotate(takes, np.array([0.0, 0.0, -1.0]))
-        noise = rng.normal(0.0, miss(rng, often_m=0.004, seldom_m=0.012), 3)
-        away = left.pos + 0.12 * rotate(left.rot, np.array([0.0, 0.0, -1.0]))
-        wide, shut = GRASP_OPEN_M, GRASP_CLOSED_M
-        grasps = [
-            right.to(taken + 0.1 * back + noise, takes, wide, 1.0),
-            right.to(taken + 0.06 * back, takes, wide, 0.3, hold_s=0.1),
-            right.to(taken, takes, wide, 0.6, hold_s=0.1),
-            right.to(taken, takes, shut, 0.3, hold_s=0.1),
-        ]
-        lets_go = [left.to(left.pos, left.rot, wide, 0.3), left.to(away, left.rot, wide, 0.5)]
-        keeps = [right.to(above(taken, 0.05), takes, shut, 0.5)]
-        return [{right.name: grasps}, {left.name: lets_go}, {right.name: keeps}]
+        comes = right.to(waits, right.nearer(pointing(FROM_RIGHT, (1.0, 0.0, 0.0))), GRASP_OPEN_M, 1.5)
+        return [{left.name: [*picks, carried], right.name: [comes]}]
 
     def _arms(self, state: State) -> list[EntityState]:
         return [state.robots[robot.name] for robot in self.robots]
@@ -174,31 +133,3 @@ class TwoArmHandover(TwoArms):
 
     def _lifted(self, state: State) -> Array:
         return self.hammer.height(state.objects["hammer"]) > self.height_m
-
-
-def _grips(hand: Hand, hammer: EntityState, ahead: float) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the hand's orientation, wxyz, where it grasps the hammer and where it hands it over.
-
-    There the handle is along y, as it lies in the hand. Of all turns about that line, and of both grasps with
-    exchanged fingers, those are taken that turn the hand least from one that reaches ahead.
-
-    Args:
-        hand: The hand.
-        hammer: The hammer, of a state of one row.
-        ahead: 1 where the head goes first, to the other robot, and -1 where the handle's end does.
-    """
-    lies = hammer.rot[0].numpy()
-    x, y, _ = rotate(lies, np.array([0.0, 0.0, 1.0]))
-    wanted = hand.nearer(pointing((0.0, 0.3, -1.0), (1.0, 0.0, 0.0)))
-    grasp = pointing((0.0, AHEAD, -1.0), (-y, x, 0.0))
-    options: list[tuple[float, np.ndarray, np.ndarray]] = []
-    for rot in (grasp, exchanged(grasp)):
-        held = multiply(conjugate(rot), lies)
-        for angle in np.linspace(-math.pi, math.pi, 73):
-            side = np.array([math.cos(angle), 0.0, math.sin(angle)])
-            line = np.array([0.0, ahead, 0.0])
-            turned = from_matrix(np.stack([side, np.cross(line, side), line], axis=1))
-            met = multiply(turned, conjugate(held))
-            options.append((abs(float(np.dot(met, wanted))), rot, met))
-    _, rot, met = max(options, key=lambda option: option[0])
-    return rot, met
