@@ -1,11 +1,15 @@
 """The board and the studies as Markdown and as HTML pages that open from a file, without a network."""
 
+import functools
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from benchmark.leaderboard import words
 from benchmark.leaderboard.instructions_table import instructions_view
 from benchmark.leaderboard.views import board_view, studies_view
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 BOARD, STUDIES = "leaderboard", "studies"
 
@@ -41,9 +45,15 @@ def render_instructions_markdown(board: Mapping[str, Any]) -> str:
 
 
 def _render(template: str, view: Mapping[str, Any]) -> str:
+    environment = _environment(is_html=template.endswith(".html.j2"))
+    return environment.get_template(template).render(levels=words.LEVELS, **view)
+
+
+@functools.cache
+def _environment(is_html: bool) -> "Environment":
+    """Returns where templates are kept: compiling them takes longer than a small board."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    is_html = template.endswith(".html.j2")
     environment = Environment(
         loader=PackageLoader("benchmark"),
         autoescape=is_html,
@@ -54,4 +64,4 @@ def _render(template: str, view: Mapping[str, Any]) -> str:
         keep_trailing_newline=True,
     )
     environment.filters |= words.FILTERS
-    return environment.get_template(template).render(levels=words.LEVELS, **view)
+    return environment
