@@ -30,6 +30,7 @@ SUMMARIES = {
     "check": "look at the contracts of a task, a policy or a robot, also one of your own",
     "new": "write a package with a working task, policy or robot to start from",
     "convert": "write a robot as URDF or USD, its meshes beside it",
+    "export": "write a checkpoint as a folder that lerobot-rollout runs on a real robot",
     "dataset": "merge datasets, or say what one holds",
     "assets": "say what tasks need that is not part of this, of what licence; download it",
     "speed": "measure the speed of the parts, each against its reference",
@@ -87,6 +88,7 @@ EXAMPLES = {
         "roboverse convert robot=franka to=usd out=franka_usd",
         "roboverse convert robot=robot.xml to=urdf",
     ),
+    "export": ("roboverse export checkpoint=runs/so101/pick_cube/act/<run> to=so101_follower",),
     "assets": (
         "roboverse assets list   (or: roboverse assets list libero)",
         "roboverse assets get calvin",
@@ -125,7 +127,7 @@ def command_help(command: str, policy: str = "act") -> str:
         f"roboverse {command}: {SUMMARIES[command]}.",
         f"Usage: roboverse {command} [key=value ...]\n{examples}",
     ]
-    if command not in ("leaderboard", "convert", "doctor", "new"):
+    if command not in ("leaderboard", "convert", "export", "doctor", "new"):
         parts.append(listing())
     parts.append(f"Keys, with their defaults:\n{_rows(key_rows(command, policy=policy))}")
     return "\n\n".join(parts)

@@ -18,6 +18,7 @@ from roboverse_learn.config.check_config import CheckConfig
 from roboverse_learn.config.conservation_config import ConservationConfig
 from roboverse_learn.config.convert_config import ConvertConfig
 from roboverse_learn.config.doctor_config import DoctorConfig
+from roboverse_learn.config.export_config import ExportConfig
 from roboverse_learn.config.leaderboard_config import LeaderboardConfig
 from roboverse_learn.config.new_config import NewConfig
 from roboverse_learn.config.suite_check import check_suite, refuse_suite_of_training
@@ -376,6 +377,7 @@ COMMANDS: dict[str, type] = {
     "check": CheckConfig,
     "new": NewConfig,
     "convert": ConvertConfig,
+    "export": ExportConfig,
     "replay": ReplayConfig,
     "view": ViewConfig,
     "teleoperate": TeleoperateConfig,
