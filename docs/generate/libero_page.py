@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from envs.core.atomic import write_file
-from envs.experts.survey import read_rows
+from envs.experts.counts import read_rows
 from envs.tasks.libero.catalogue import SUITES, entries
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -22,6 +22,7 @@ from envs.core.arguments import parse
 from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, RoboVerseError
 from envs.experts.actor import expert_episodes
+from envs.experts.counts import read_rows
 from envs.experts.record import git_sha
 from envs.spec import EnvSpec
 from envs.tasks import TASKS
@@ -85,23 +86,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         write_file(settings.results, text.encode())
         logger.info("%d/%d %s: %s", place, len(names), name, json.dumps(row))
     return 1 if failed else 0
-
-
-def read_rows(path: Path) -> dict[str, dict[str, Any]]:
-    """Returns the rows of a file of results by task; none if there is no file.
-
-    Raises:
-        ConfigError: The file is damaged.
-    """
-    if not path.is_file():
-        return {}
-    try:
-        rows = json.loads(path.read_text(encoding="utf-8"))
-        if not all(isinstance(row, dict) for row in rows.values()):
-            raise ValueError("a row is no object")
-    except (ValueError, AttributeError) as error:
-        raise ConfigError(f"{path} has no rows of tasks ({error}). Restore it, or remove it.") from error
-    return rows
 
 
 def _is_done(row: dict[str, Any] | None, settings: SurveySettings) -> bool:

@@ -1,7 +1,7 @@
 """The page of LIBERO's tasks."""
 
 from docs.generate import libero_page
-from envs.experts.survey import read_rows
+from envs.experts.counts import read_rows
 from envs.tasks.libero.catalogue import entries
 
 

@@ -165,9 +165,8 @@ def test_lerobot_opens_our_checkpoint_and_acts_as_we_do(main_run: MainRun) -> No
 def test_lerobot_reads_every_frame_of_our_dataset(
     main_run: MainRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from lerobot.datasets.lerobot_dataset import LeRobotDataset
-
     import datasets
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
     monkeypatch.setattr(datasets.config, "HF_DATASETS_CACHE", tmp_path)
     dataset = LeRobotDataset("local/pick_cube", root=main_run.dataset, video_backend="pyav")

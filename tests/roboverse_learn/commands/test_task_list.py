@@ -80,6 +80,13 @@ def test_words_choose_tasks(capsys):
     assert [line.split()[0] for line in said[2:]] == ["libero/goal/open_the_middle_drawer_of_the_cabinet"]
 
 
+def test_the_last_count_of_an_expert_is_beside_the_name(tmp_path, monkeypatch):
+    name = "libero/goal/open_the_middle_drawer_of_the_cabinet"
+    monkeypatch.setattr(task_list, "read_counts", lambda: {name: (0.85, 20)})
+    assert "  85 % of 20  " in task_list.tasks_with([name], tmp_path)
+    assert "expert 85.0 to 85.0 %, 1 measured" in task_list.tasks_in_detail(tmp_path)
+
+
 def test_words_that_no_task_has_are_named(capsys):
     assert cli.main(["list", "tasks", "libero", "submarine"]) == 2
     assert "No task has the words libero and submarine; none has 'submarine'." in capsys.readouterr().err
