@@ -1,0 +1,37 @@
+"""Settings of Octo."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from envs.core.errors import PolicyError
+
+TRAINED = ("full", "head")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class OctoConfig:
+    """Octo, arXiv:2405.12213, fine-tuned from a converted checkpoint.
+
+    Attributes:
+        path: Folder of the checkpoint, as policies/octo/convert.py writes it.
+        primary: Camera of the dataset in the place of the scene's; empty takes the first.
+        wrist: Camera in the place of the wrist's; empty leaves it out.
+        window: Observations that it looks at; its authors fine-tune with 1.
+        chunk_size: Actions that it predicts, of which all are executed; another number than the checkpoint's
+            4, or actions of another width, begin with a new head.
+        trained: full trains everything but the text encoder; head trains the diffusion head alone.
+    """
+
+    path: str = ""
+    primary: str = ""
+    wrist: str = ""
+    window: int = 1
+    chunk_size: int = 4
+    trained: Literal["full", "head"] = "full"
+
+    def __post_init__(self) -> None:
+        if self.trained not in TRAINED:
+            raise PolicyError(f"policy.trained is {' or '.join(TRAINED)}, given {self.trained}.")
+        for name in ("window", "chunk_size"):
+            if getattr(self, name) < 1:
+                raise PolicyError(f"policy.{name} must be at least 1, given {getattr(self, name)}.")
