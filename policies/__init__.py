@@ -95,6 +95,16 @@ POLICIES.add(
     summary="OpenVLA, fine-tuned from its 7 B checkpoint: actions as tokens (arXiv:2406.09246)",
 )
 POLICIES.add(
+    "octo",
+    PolicyInfo(
+        policy="policies.octo.policy:OctoPolicy",
+        config="policies.octo.config:OctoConfig",
+        check="policies.zoo.preflight:check_octo",
+    ),
+    tags={"dataset"},
+    summary="Octo, fine-tuned from a converted checkpoint: action chunks by diffusion (arXiv:2405.12213)",
+)
+POLICIES.add(
     "fasttd3",
     PolicyInfo(
         policy="policies.fasttd3.policy:FastTd3Policy",

@@ -46,6 +46,9 @@ class DiffusionHead(nn.Module):
         sizes: Sizes of the network.
     """
 
+    betas: Tensor
+    kept: Tensor
+
     def __init__(self, sizes: OctoSizes) -> None:
         super().__init__()
         self.steps, self.max_action = sizes.diffusion_steps, sizes.max_action

@@ -1,7 +1,7 @@
 """Octo behind the interface of every policy.
 
-Shapes: n environments or samples, T observations in time, H actions of a chunk, A numbers of an action, W tokens
-of an instruction.
+Shapes: n environments or samples, T observations in time, H actions of a chunk, A numbers of an action, W
+tokens of an instruction.
 """
 
 import json
@@ -89,7 +89,8 @@ class OctoPolicy(ImitationPolicy):
         model, sizes = _read_model(folder, content), sizes_of(content)
         if config.window > sizes.max_horizon:
             raise PolicyError(
-                f"policy.window={config.window} is more than the {sizes.max_horizon} observations of this Octo."
+                f"policy.window={config.window} is more than the {sizes.max_horizon} observations "
+                "of this Octo."
             )
         wanted = replace(sizes, action_dim=outputs[ACTION].shape[0], chunk_size=config.chunk_size)
         if wanted != sizes:  # its authors begin a new head for new actions, too
@@ -189,7 +190,7 @@ class OctoPolicy(ImitationPolicy):
         return out
 
     def _told(self, batch: Mapping[str, Any], count: int) -> Tensor:
-        """Returns the vectors (n, W, E) of the instructions; each is encoded once, for the encoder is frozen."""
+        """Returns the vectors (n, W, E) of the instructions, each encoded once: the encoder is frozen."""
         if _TASK in batch:
             texts = list(batch[_TASK])
         elif TASK_INDEX in batch and self.instructions:
@@ -333,7 +334,8 @@ def _cameras(config: OctoConfig, sizes: OctoSizes, keys: Sequence[str]) -> dict[
     for name, key in given.items():
         if key not in keys:
             raise PolicyError(
-                f"policy.{name}={key.removeprefix(IMAGE_PREFIX)} is no camera of the dataset, which has {names}."
+                f"policy.{name}={key.removeprefix(IMAGE_PREFIX)} is no camera of the dataset, which has "
+                f"{names}."
             )
         if name not in sizes.cameras:
             raise PolicyError(f"This Octo has no camera {name}; it has {', '.join(sizes.cameras)}.")

@@ -1,4 +1,4 @@
-"""Checks of a run of ``policy=lerobot`` or ``policy=openvla`` before any demonstration is collected."""
+"""Checks of a run of ``policy=lerobot``, ``openvla`` or ``octo`` before any demonstration is collected."""
 
 from collections.abc import Mapping
 from importlib.util import find_spec
@@ -12,6 +12,7 @@ from policies.zoo.source import local_folder
 from policies.zoo.types import EXTRA, check_settings, check_type
 
 if TYPE_CHECKING:
+    from policies.octo.config import OctoConfig
     from policies.openvla.config import OpenVlaConfig
 
 NEEDS_NOTHING = ("act", "diffusion", "vqbet")
@@ -87,3 +88,18 @@ def check_openvla(config: "OpenVlaConfig", features: Mapping[str, Any]) -> None:
     check_packages("OpenVLA", "transformers", "timm", *(["peft"] if config.peft.method_type else []))
     if config.path:
         local_folder(config.path)
+
+
+def check_octo(config: "OctoConfig", features: Mapping[str, Any]) -> None:
+    """Checks that Octo's package and its checkpoint are here.
+
+    Raises:
+        MissingExtraError: if the package is not installed.
+        PolicyError: if the checkpoint is not there, or is not converted.
+    """
+    del features
+    check_packages("Octo", "transformers")
+    if config.path:
+        from policies.octo.sizes import sizes_of
+
+        sizes_of(checkpoint.read_json(local_folder(config.path) / checkpoint.CONFIG))

@@ -8,7 +8,7 @@ from typing import Any
 from envs.core.errors import ConfigError
 from envs.spec import EnvSpec
 
-ANY_SIZE = ("lerobot", "openvla")
+ANY_SIZE = ("lerobot", "openvla", "octo")
 """Policies that resize what they see."""
 
 _DEFAULT_PX = 256

@@ -10,7 +10,17 @@ from tests.policies.examples import CONFIGS, FEATURES, stats
 
 
 def test_names():
-    assert policies.names() == ["act", "diffusion", "fasttd3", "lerobot", "mtact", "openvla", "ppo", "tdmpc2"]
+    assert policies.names() == [
+        "act",
+        "diffusion",
+        "fasttd3",
+        "lerobot",
+        "mtact",
+        "octo",
+        "openvla",
+        "ppo",
+        "tdmpc2",
+    ]
     assert policies.names("nothing") == ["hold", "random", "zero"]
 
 

@@ -64,9 +64,16 @@ def network(**flags: bool) -> Any:
 
 def folder(path: Path) -> Path:
     """Writes what the converter writes, with a tokenizer of a few words."""
+    from tokenizers import Tokenizer, models, pre_tokenizers
+    from transformers import PreTrainedTokenizerFast
 
     path.mkdir(parents=True)
     save_file(flax_tensors(), path / "flax.safetensors")
-    content = config() | {"dataset_statistics": {}}
-    (path / "config.json").write_text(json.dumps(content), encoding="utf-8")
+    (path / "config.json").write_text(json.dumps(config()), encoding="utf-8")
+    words = ["<pad>", "</s>", "<unk>", "pick", "up", "stack", "the", "red", "green", "cube", "on"]
+    table = Tokenizer(models.WordLevel({word: index for index, word in enumerate(words)}, unk_token="<unk>"))
+    table.pre_tokenizer = pre_tokenizers.Whitespace()
+    PreTrainedTokenizerFast(
+        tokenizer_object=table, pad_token="<pad>", eos_token="</s>", unk_token="<unk>"
+    ).save_pretrained(path)
     return path
