@@ -261,6 +261,8 @@ class ChainSettings:
         chains: How many of the protocol's 1,000 chains, from the first.
         num_envs: Environments stepped at once.
         looks: What is rendered for a policy; see :class:`~envs.tasks.calvin.task.CalvinTask`.
+        action_space: ``joints`` or ``native``, as the policy was trained; the expert's are joints.
+        observation_space: Likewise.
         cameras: Cameras of a policy.
         device: Device of a policy.
         results: File of results.
@@ -271,6 +273,8 @@ class ChainSettings:
     chains: int = NUM_CHAINS
     num_envs: int = 4
     looks: str = "boxes"
+    action_space: str = "joints"
+    observation_space: str = "joints"
     cameras: tuple[str, ...] = ("static", "gripper")
     device: str = "cpu"
     results: Path = Path("results/calvin_chains.json")
@@ -284,6 +288,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         settings = parse(_COMMAND, ChainSettings, words)
         if not 1 <= settings.chains <= NUM_CHAINS:
             raise ConfigError(f"chains is from 1 to {NUM_CHAINS}, given {settings.chains}.")
+        if not settings.checkpoint and settings.action_space != "joints":
+            raise ConfigError("The expert of chains acts in joints. Leave out action_space=native.")
         if settings.policy != "expert" and not settings.checkpoint:
             raise ConfigError(f"policy is expert, or give checkpoint=<folder>; given {settings.policy}.")
         logger.info("%s", evaluate(settings).text())
@@ -321,7 +327,8 @@ def evaluate(settings: ChainSettings) -> ChainScores:
 
 
 def _env(settings: ChainSettings, num_envs: int) -> RoboVerseVectorEnv:
-    spec = EnvSpec(task=ENV_TASK, task_kwargs={"looks": settings.looks}, cameras=settings.cameras)
+    kwargs = {key: getattr(settings, key) for key in ("looks", "action_space", "observation_space")}
+    spec = EnvSpec(task=ENV_TASK, task_kwargs=kwargs, cameras=settings.cameras)
     observation = "pixels" if settings.checkpoint else "state"
     return spec.make(num_envs, split="test", observation=observation, num_threads=1)
 

@@ -38,3 +38,14 @@ PROTOCOLS.add(
     NamedProtocol({"task_kwargs": {**_LIBERO, "horizon": "lerobot"}, "cameras": _CAMERAS}, episodes=50),
     summary="the same with LeRobot's limits of steps, 280 to 520 by suite",
 )
+PROTOCOLS.add(
+    "calvin",
+    NamedProtocol(
+        {
+            "task_kwargs": {"action_space": "native", "observation_space": "native", "looks": "meshes"},
+            "cameras": ["static", "gripper"],
+        },
+        episodes=20,
+    ),
+    summary="CALVIN's actions, observations and looks, one instruction an episode; chains are a command",
+)

@@ -8,18 +8,26 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from envs.controllers import Controller
 from envs.core.errors import unknown_name
 from envs.kinematics.waypoints import Waypoint
 from envs.scenario import RobotCfg, ScenarioCfg
 from envs.state import State
 from envs.tasks.base import Task
-from envs.tasks.calvin import memory
+from envs.tasks.calvin import memory, native
 from envs.tasks.calvin.catalogue import BLOCKS, HORIZON, Entry, entries
 from envs.tasks.calvin.rules import met
 from envs.tasks.calvin.scene import ROBOT, TABLE, scenario_of
 from envs.tasks.calvin.starts import drawn_symbols, initial_state
 from envs.tasks.parameters import parameter
+from envs.tasks.planner import Planner
 from envs.tasks.tabletop import ee_pos
+
+_CHOICES = {
+    "looks": ("boxes", "meshes"),
+    "action_space": ("joints", "native"),
+    "observation_space": ("joints", "native"),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,20 +40,26 @@ class CalvinTask(Task):
         looks: ``boxes`` renders the table's boxes, ``meshes`` CALVIN's meshes and textures; both touch alike.
         assets_dir: Where CALVIN's files are; None is where ``roboverse assets get calvin`` puts them.
         qpos_noise_rad: Standard deviation of each arm joint's start.
+        action_space: ``joints`` for targets of all joints; ``native`` for CALVIN's relative poses.
+        observation_space: ``joints`` for positions of all joints; ``native`` for CALVIN's ``robot_obs``; see
+            :mod:`envs.tasks.calvin.native`.
     """
 
     max_episode_steps: ClassVar[int] = HORIZON
     has_reward: ClassVar[bool] = False
     entry: ClassVar[Entry]
 
+    action_space: Literal["joints", "native"] = "joints"
+    observation_space: Literal["joints", "native"] = "joints"
     looks: Literal["boxes", "meshes"] = "boxes"
     assets_dir: str | None = None
     qpos_noise_rad: float = parameter(0.01, at_least=0.0, at_most=0.05)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.looks not in ("boxes", "meshes"):
-            raise unknown_name(f"looks of {self.name}", str(self.looks), ("boxes", "meshes"))
+        for key, valid in _CHOICES.items():
+            if getattr(self, key) not in valid:
+                raise unknown_name(f"{key} of {self.name}", str(getattr(self, key)), valid)
 
     @property
     @override
@@ -86,6 +100,36 @@ class CalvinTask(Task):
             for name in (f"block_{colour}", f"start_{colour}"):
                 parts += [state.objects[name].pos, state.objects[name].rot]
         return torch.cat(parts, dim=-1)
+
+    @property
+    @override
+    def controller(self) -> Controller:
+        if self.action_space == "joints":
+            return super().controller
+        return native.RelativeCartesianController(self.robot)
+
+    @property
+    @override
+    def planner(self) -> Planner:
+        if self.action_space == "joints":
+            return super().planner
+        return native.RelativeCartesianPlanner(self.scenario, self.expert)
+
+    @property
+    @override
+    def state_names(self) -> tuple[str, ...]:
+        return super().state_names if self.observation_space == "joints" else native.STATE_NAMES
+
+    @property
+    @override
+    def state_limits(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        return super().state_limits if self.observation_space == "joints" else native.STATE_LIMITS
+
+    @override
+    def proprioception(self, state: State) -> Tensor:
+        if self.observation_space == "joints":
+            return super().proprioception(state)
+        return native.robot_obs(self.robot, state.robots[self.robot.name])
 
     @override
     def same_scene_tasks(self) -> tuple[str, ...]:
