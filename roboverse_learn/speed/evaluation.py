@@ -2,11 +2,13 @@
 
 Both run the policy of ``preset=quick`` on the same episodes of one batched env, on one core, without videos.
 It is untrained, because then every episode lasts as long as the task allows. LeRobot gives its policy the
-observation of every step, so every image is rendered.
+observation of every step, so every image is rendered. The clock is that of the process: on one core it is the
+time that passes, less what other programs take.
 """
 
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -74,7 +76,7 @@ def measure_evaluation(num_episodes: int = NUM_EPISODES, turns: int = TURNS) -> 
         if [record.episode for record in records] != begun or any(record.length < 50 for record in records):
             raise SimulatorError("The two evaluations are not of the same episodes: do not compare them.")
 
-    seconds = in_turns(ours, theirs, turns, after=check)
+    seconds = in_turns(ours, theirs, turns, clock=time.process_time, after=check)
     env.close()
     name = f"evaluation of ACT, {config.env.image_size}×{config.env.image_size}, LeRobot / ours"
     return measurement(name, seconds, GOAL, units=num_episodes)
