@@ -166,8 +166,7 @@ class PickPlaceSingle(RobosuiteTask):
     def success(self, state: State) -> Tensor:
         pos = state.objects[self.good.name].pos
         away = nearness(distance(ee_pos(self.arm(state)), pos), 10.0) < self.near_most
-        low = (pos[:, 2] > BIN_2[2]) & (pos[:, 2] < BIN_2[2] + self.depth_m)
-        return self._over_goal(pos) & low & away
+        return self.in_place(state) & away
 
     @override
     def reward(self, state: State) -> Tensor:
@@ -193,11 +192,7 @@ class PickPlaceSingle(RobosuiteTask):
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
         good, item = self.good, state.objects[self.good.name]
         hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
-        start = above(point(item), good.grip_m)
-        turn = heading(item) if good.turns_rad else 0.0
-        turn = (turn + np.pi / 2) % np.pi - np.pi / 2
-        if good.turns_rad and good.turns_rad < np.pi:
-            turn = (turn + good.turns_rad / 2) % good.turns_rad - good.turns_rad / 2
+        start, turn = above(point(item), good.grip_m), self.grasp_turn(state)
         # Where the compartment is nearest to the robot, but for the object's own size.
         edge = 0.02 + good.radius_m
         low = np.array(BIN_2[:2]) - (np.array(self.bin_size_m) / 2) * (1 - np.array(good.corner))
@@ -227,6 +222,21 @@ class PickPlaceSingle(RobosuiteTask):
             down(lower, turn, hold, 0.3, tip=tip),
             down(above(drop, 0.03), turn, hold, 0.4, 0.2, tip),
         ]
+
+    def grasp_turn(self, state: State) -> float:
+        """Returns the turn of the hand that grasps the object, of a state of one row, rad."""
+        good = self.good
+        turn = heading(state.objects[good.name]) if good.turns_rad else 0.0
+        turn = (turn + np.pi / 2) % np.pi - np.pi / 2
+        if good.turns_rad and good.turns_rad < np.pi:
+            turn = (turn + good.turns_rad / 2) % good.turns_rad - good.turns_rad / 2
+        return turn
+
+    def in_place(self, state: State) -> Array:
+        """Returns whether the object is in its compartment, wherever the hand is, (N,)."""
+        pos = state.objects[self.good.name].pos
+        low = (pos[:, 2] > BIN_2[2]) & (pos[:, 2] < BIN_2[2] + self.depth_m)
+        return self._over_goal(pos) & low
 
     @property
     def _goal(self) -> tuple[float, float]:
