@@ -88,7 +88,8 @@ def evo1(folder: Path) -> dict[str, Any]:
     tokenizer.save_pretrained(folder)
     return {
         "vlm_model_name": str(folder), "vlm_num_layers": 1, "vlm_dtype": "float32", "use_flash_attn": False,
-        "image_resolution": [size, size], "max_views": 1, "max_action_dim": 9, "max_text_length": 128, "embed_dim": width,
+        "image_resolution": [size, size], "max_views": 1, "max_action_dim": 9,
+        "max_text_length": 128, "embed_dim": width,
         "hidden_dim": 32, "state_hidden_dim": 32, "num_heads": 2, "num_layers": 1, "chunk_size": 4,
         "n_action_steps": 4, "num_inference_timesteps": 2, "enable_gradient_checkpointing": False,
     }  # fmt: skip
