@@ -1,0 +1,75 @@
+"""The image of CALVIN: its four scenes, and a chain of five instructions as the expert does it.
+
+``python -m docs.generate.calvin_image`` writes ``docs/howto/calvin.jpg``; CALVIN's files are needed
+(``roboverse assets get calvin``).
+"""
+
+import logging
+import sys
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from benchmark.calvin_chains import ENV_TASK, ChainExpert, ChainRunner
+from envs.core.errors import RoboVerseError
+from envs.spec import EnvSpec
+from envs.tasks.calvin.catalogue import SCENES
+from envs.tasks.calvin.sequences import all_chains
+
+logger = logging.getLogger(__name__)
+
+OUT = Path("docs/howto/calvin.jpg")
+CHAIN, PIXELS, SCENE_PIXELS = 0, 200, 250
+LOOKS = {"looks": "meshes"}
+
+
+def scenes() -> np.ndarray:
+    """Returns a start in each scene, side by side, (H, W, 3) uint8."""
+    images = []
+    for scene in SCENES:
+        spec = EnvSpec(
+            task=f"calvin/{scene}/turn_off_led",
+            task_kwargs=LOOKS,
+            cameras=("static",),
+            image_size=SCENE_PIXELS,
+        )
+        env = spec.make(1, split="test", observation="state")
+        env.reset_envs([0], env.split_indices[2:3])
+        images.append(env.image(0))
+        env.close()
+    return np.hstack(images)
+
+
+def chain() -> np.ndarray:
+    """Returns how each instruction of a chain ends, side by side, (H, W, 3) uint8."""
+    spec = EnvSpec(task=ENV_TASK, task_kwargs=LOOKS, cameras=("static",), image_size=PIXELS)
+    env = spec.make(1, split="test", observation="state")
+    images = []
+    begin = env.set_instruction
+
+    def shown(env_id: int, instruction: str) -> None:
+        images.append(env.image(env_id))
+        begin(env_id, instruction)
+
+    env.set_instruction = shown
+    for _, solved in ChainRunner(env, ChainExpert(env)).run([(CHAIN, all_chains()[CHAIN])]):
+        logger.info("%d of 5 solved: %s", solved, ", ".join(all_chains()[CHAIN][1]))
+        images.append(env.image(0))
+    env.close()
+    return np.hstack(images[1:])
+
+
+def main() -> int:
+    """Writes the image; returns the exit code."""
+    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
+    try:
+        Image.fromarray(np.vstack([scenes(), chain()])).save(OUT, quality=85)
+    except RoboVerseError as error:
+        logger.error("error: %s", error)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

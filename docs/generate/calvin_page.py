@@ -1,0 +1,128 @@
+"""Writes ``docs/howto/calvin.md``: how to run CALVIN's tasks and chains, and how the expert does.
+
+``python -m docs.generate.calvin_page`` reads ``results/tasks.json``, which ``python -m envs.experts.survey``
+writes, and ``results/calvin_chains.json``, which ``python -m benchmark.calvin_chains`` writes.
+"""
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from benchmark.calvin_chains import ChainScores, read_results
+from envs.core.atomic import write_file
+from envs.experts.counts import read_rows
+from envs.tasks.calvin.catalogue import Entry, task_facts
+from envs.tasks.calvin.sequences import all_chains
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "howto" / "calvin.md"
+RESULTS = ROOT / "results" / "tasks.json"
+CHAINS = ROOT / "results" / "calvin_chains.json"
+
+BAR = 0.8
+"""Success rate at which a task counts."""
+
+TEXT = """# Run CALVIN's tasks and chains
+
+CALVIN (Mees et al., [arXiv:2112.03227](https://arxiv.org/abs/2112.03227)) has 34 tasks at a play table with a sliding
+door, a drawer, a switch, a button and three blocks, in four scenes, A to D. A policy is trained in A to C, or in D, and
+tested in D, on chains of five instructions.
+
+![The four scenes; below, how each instruction of a chain ends](calvin.jpg)
+
+```bash
+roboverse list tasks calvin drawer
+roboverse train policy=act task=calvin/D/open_drawer preset=quick
+roboverse evaluate policy=expert suite=calvin
+roboverse assets get calvin        # for task_kwargs.looks=meshes: 17 MB, MIT
+```
+
+Tasks are called `calvin/<scene>/<task>`. `suite=calvin` has the 34 of scene D, `suite=calvin_abc` the 102 of the others.
+
+## What is CALVIN's, and what is ours
+
+| | |
+|---|---|
+| scenes | CALVIN's tables, blocks, places and surfaces. What collides is boxes of the meshes' dimensions, so no download is needed; `task_kwargs.looks=meshes` renders CALVIN's meshes and textures |
+| robot | Franka Panda at CALVIN's place and posture, with the Franka hand. CALVIN's fingers are 4.5 cm longer |
+| cameras | `static`, 200 pixels, at CALVIN's pose, and `gripper`, 84 pixels and 75 degrees, at our wrist camera's pose |
+| success | CALVIN's rules, to the letter: what has changed since the episode began. Contacts are those of bodies; what the robot touches beside blocks does not count |
+| starts | symbolic states of CALVIN's evaluation in which the task can be done. In scene D places are those of the evaluation; in the others they are drawn from the scene's surfaces. A block may start in the hand, in the drawer or on another one |
+| instruction | the sentence of CALVIN's evaluation |
+| horizon | 360 steps at 30 Hz |
+| masses and friction | those of CALVIN's blocks. Friction of door, drawer, switch and button is chosen so that they stay where they are left |
+| lights | the LED shows how an episode began; in a chain both lights follow |
+
+How an episode began is part of its states, in markers that are not seen: a recorded state can be set, and judged, in any
+simulator that reports contacts (`mujoco`, `mujoco_warp`); others refuse with a sentence that says so.
+
+## CALVIN's own interface
+
+`roboverse evaluate checkpoint=<folder> suite=calvin protocol=calvin` sets these; each can be set alone:
+
+| key | value |
+|---|---|
+| `task_kwargs.action_space` | `native`: x, y, z, roll, pitch, yaw of the hand's target, 2 cm and 0.05 rad at most, and the gripper, 1 or -1 |
+| `task_kwargs.observation_space` | `native`: the 15 numbers of `robot_obs` |
+| `task_kwargs.looks` | `meshes` |
+| `cameras` | `[static,gripper]` |
+
+## Chains of five instructions
+
+```bash
+python -m benchmark.calvin_chains policy=expert chains=1000
+python -m benchmark.calvin_chains checkpoint=outputs/<run>/pretrained_model action_space=native observation_space=native looks=meshes
+```
+
+The 1,000 chains, and the state in which each begins, are the authors': the same rules and random numbers, compared one by
+one. Each instruction has 360 steps and begins where the last one ended. Results are kept chain by chain; the same command
+goes on after an interruption.
+"""  # noqa: E501
+
+EXPERT = """One expert solves all tasks: it makes a plan of skills from the task's rule, and from whatever state it is
+asked in, and plans again after a miss. It pushes as CALVIN's rule allows: it carries a block along, just above the
+desk."""  # noqa: E501
+
+
+def page(rows: Mapping[str, Mapping[str, Any]], chains: Mapping[str, int]) -> str:
+    """Returns the page in Markdown.
+
+    Args:
+        rows: Task to its row of ``results/tasks.json``.
+        chains: Index of a chain to how many of its tasks the expert solved.
+    """
+    parts = [TEXT.rstrip()]
+    if chains:
+        order = sorted(chains, key=int)
+        tasks = tuple(all_chains()[int(index)][1] for index in order)
+        scores = ChainScores(tuple(chains[index] for index in order), tasks)
+        rates = " | ".join(f"{100 * rate:.1f} %" for rate in scores.rates)
+        parts.append(
+            f"The expert, in {len(order)} of the chains: average length "
+            f"**{scores.average_length:.2f}** of 5.\n\n"
+            f"| in a row | 1 | 2 | 3 | 4 | 5 |\n|---|---|---|---|---|---|\n| chains | {rates} |"
+        )
+    names = [Entry("D", task).name for task in task_facts()]
+    counted = {name: rows[name] for name in names if "expert" in rows.get(name, {})}
+    good = sum(row["expert"] >= BAR for row in counted.values())
+    lines = ["| task | instruction | expert | starts |", "|---|---|---|---|"]
+    for name, facts in zip(names, task_facts().values(), strict=True):
+        row = counted.get(name)
+        rate = "not counted" if row is None else f"{100 * row['expert']:.0f} %"
+        lines.append(f"| {name} | {facts.instruction} | {rate} | {'' if row is None else row['episodes']} |")
+    parts += [
+        "## The expert",
+        EXPERT,
+        "```bash\npython -m envs.experts.survey words=[calvin/D/] episodes=20\n"
+        "python -m docs.generate.calvin_page\n```",
+        f"{len(counted)} of 34 tasks are counted in scene D; the expert reaches {100 * BAR:.0f} % in "
+        f"{good} of them.",
+        "\n".join(lines),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+if __name__ == "__main__":
+    write_file(PAGE, page(read_rows(RESULTS), read_results(CHAINS).get("expert", {})).encode())
+    sys.exit(0)
