@@ -73,7 +73,7 @@ def section(entry: Entry, record: ExpertRecord | None) -> str:
     rows = {
         "Source": f"{info['source']} ({_paper(info['paper'])}; {info['licence']})",
         "Instructions": "<br>".join(f"“{text}”" for text in task.instructions),
-        "Robot": f"{scenario.robots[0].name}; an action has {_numbers(task.controller.names)}",
+        "Robot": f"{_robots(task)}; an action has {_numbers(task.controller.names)}",
         "Cameras": cameras,
         "Horizon": f"{task.max_episode_steps} steps, {task.max_episode_steps / hz:g} s at {hz:g} Hz",
         "Expert": described(record) if task.has_expert else "none: use reinforcement learning",
@@ -97,6 +97,10 @@ def section(entry: Entry, record: ExpertRecord | None) -> str:
     )
 
 
+def _robots(task: Task) -> str:
+    return " and ".join(robot.name for robot in task.robots)
+
+
 def _numbers(names: Sequence[str]) -> str:
     first, last = names[0], names[-1]
     return f"{len(names)} numbers, `{first}` to `{last}`" if len(names) > 1 else f"one number, `{first}`"
@@ -118,7 +122,7 @@ def family_section(name: str, members: Sequence[Entry], records: Mapping[str, Ex
         robot, horizon = info["robot"], info["horizon"]
     else:
         task = TASKS.get(members[0].name)()
-        robot, horizon = task.scenario.robots[0].name, str(task.max_episode_steps)
+        robot, horizon = _robots(task), str(task.max_episode_steps)
     lines = [
         f"## {name}",
         "",

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from envs.array_ops import Array, constant
-from envs.rotations import rotate
+from envs.rotations import multiply, rotate
 from envs.scenario import GeomCfg, ObjectCfg, Quat, Rgba, Vec3
 from envs.state import EntityState
+from envs.tasks.arm_at_table import Start
 
 _WOOD: Rgba = (0.72, 0.55, 0.36, 1.0)
 _METAL: Rgba = (0.5, 0.5, 0.52, 1.0)
@@ -76,6 +77,22 @@ class Hammer:
             for size, pos in rounds
         ]
         return ObjectCfg(name=name, geoms=(handle, *head), pos=(0.0, 0.0, h), rot=_ACROSS, feels=feels)
+
+    def resting(self, x_m: float, y_m: float, floor_m: float, rot: np.ndarray) -> Start:
+        """Returns the start of a hammer that lies at rest: on its thicker head and the handle's end.
+
+        Args:
+            x_m: Place of the middle of its handle.
+            y_m: Likewise.
+            floor_m: Height of what it lies on.
+            rot: Orientation in which the handle is level, wxyz, (4,).
+        """
+        tilt = math.atan((self.head_m - self.radius_m) / self.length_m)
+        x, y, _ = rotate(rot, np.array([0.0, 0.0, 1.0]))
+        half = math.sin(tilt / 2)
+        raised = np.array([math.cos(tilt / 2), half * y, -half * x, 0.0])
+        height = self.length_m / 2 * math.sin(tilt) + self.radius_m * math.cos(tilt)
+        return Start((x_m, y_m, floor_m + height), rot=multiply(raised, rot))
 
     def nearest(self, hammer: EntityState, place: Array, beyond_m: float = 0.0) -> Array:
         """Returns the points of handles that are nearest to places (N, 3), m, (N, 3).

@@ -16,8 +16,12 @@ from envs.tasks.tabletop import GRASP_CLOSED_M, GRASP_OPEN_M
 FROM_RIGHT = (0.0, -0.25, -1.0)
 """Where the right hand points when it takes the hammer."""
 
-SIDE = 0.22
-"""Where each hand grasps, from the middle of the handle, over its length."""
+SIDE, MIDDLE, FAR_SIDE = 0.22, 0.06, 0.3
+"""Where the hands grasp, from the middle of the handle, over its length: either one where the head is on the
+giver's side, else the giver and the taker."""
+
+HEAD_FIRST = 0.35
+"""Least share of the handle's direction along y with which the head goes first to the other arm."""
 
 
 def pick_up(
@@ -36,9 +40,9 @@ def pick_up(
         The waypoints, and the hand's orientation, wxyz, (4,), in which the handle is along y.
     """
     handle = along(hammer, 1.0) - point(hammer)
-    # The end that is nearer: the hammer then turns by a quarter at most.
-    ahead = math.copysign(1.0, handle[1])
-    grip = along(hammer, -ahead * SIDE * length_m)
+    # The end that is nearer, or the head's where both are: most of the mass is there, and turns in the hand.
+    ahead = 1.0 if handle[1] > HEAD_FIRST else -1.0
+    grip = along(hammer, (SIDE if ahead < 0.0 else -MIDDLE) * length_m)
     rot, met = _grips(hand, hammer, ahead, slope)
     aside = np.array([*rng.normal(0.0, miss(rng, often_m=0.008, seldom_m=0.02), 2), 0.0])
     over, wide, shut = above(grip, 0.1) + aside, GRASP_OPEN_M, GRASP_CLOSED_M
@@ -65,8 +69,13 @@ def hand_over(
         rng: Varies the way; the approach first misses.
     """
     handle = along(hammer, 1.0) - point(hammer)
-    taken = along(hammer, math.copysign(SIDE * length_m, handle[1]))
-    rot = taker.nearer(pointing(FROM_RIGHT, np.cross(handle, FROM_RIGHT)))
+    taken = along(hammer, (FAR_SIDE if handle[1] > 0.0 else -SIDE) * length_m)
+    # The handle is square, and a grip across its edges slips: fingers close on the faces that are nearest.
+    across = np.cross(handle, FROM_RIGHT)
+    faces = [rotate(hammer.rot[0].numpy(), axis) for axis in np.eye(3)[:2]]
+    face = max(faces, key=lambda normal: abs(float(normal @ across)))
+    down = np.array(FROM_RIGHT) - float(np.dot(FROM_RIGHT, face)) * face
+    rot = taker.nearer(pointing(down, face))
     back = rotate(rot, np.array([0.0, 0.0, -1.0]))
     noise = rng.normal(0.0, miss(rng, often_m=0.004, seldom_m=0.012), 3)
     away = giver.pos + 0.12 * rotate(giver.rot, np.array([0.0, 0.0, -1.0]))

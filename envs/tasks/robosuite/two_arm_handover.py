@@ -85,7 +85,7 @@ class TwoArmHandover(TwoArms):
         place = rng.uniform(-1.0, 1.0, 2) * self.spawn_half_size_m
         lying = LYING[int(rng.integers(2))]
         rot = multiply(from_yaw(rng.uniform(0.0, 2 * math.pi)), lying)
-        return {"hammer": Start((*place, self.hammer.head_m), rot=rot)}
+        return {"hammer": self.hammer.resting(*place, 0.0, rot)}
 
     @override
     def success(self, state: State) -> Tensor:
@@ -111,7 +111,7 @@ class TwoArmHandover(TwoArms):
     def phases(self, state: State, rng: np.random.Generator) -> list[Phase]:
         """Returns the way to pick the hammer up, or to hand it over from where the left arm holds it."""
         hammer, left, right = state.objects["hammer"], self.hand(state, _LEFT), self.hand(state, _RIGHT)
-        if bool((self._holds(state)[0] & self._lifted(state))[0]):
+        if bool(self._lifted(state)[0]):  # a hammer in the air is in the left hand
             return hand_over(left, right, hammer, self.handle_length_m, rng)
         picks, met = pick_up(left, hammer, self.handle_length_m, rng, slope=AHEAD)
         passing = MEETING_M + rng.uniform(-0.02, 0.02, 3)

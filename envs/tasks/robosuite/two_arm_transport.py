@@ -56,6 +56,7 @@ LIFTED_M = 0.2
 _DARK: Rgba = (0.3, 0.18, 0.1, 1.0)
 _GLASS: Rgba = (1.0, 1.0, 1.0, 0.3)
 _RED: Rgba = (0.45, 0.12, 0.08, 1.0)
+_GAP_M = 5e-4
 _TOUCHED_Z_M = 0.08
 """Height of a middle below which something in a bin is at its floor, where a simulator says no touch."""
 
@@ -158,7 +159,8 @@ class TwoArmTransport(TwoArms):
         axis = np.array([math.cos(turn), side * math.sin(turn), 0.0])
         face = side * np.array([-axis[1], axis[0], 0.0])
         rot = from_matrix(np.stack([face, np.cross(axis, face), axis], axis=1))
-        drawn["payload"] = Start((*places["start"], WALL_M + PAYLOAD.head_m), rot=rot)
+        x, y = np.array(places["start"]) + _off_walls(face, axis)
+        drawn["payload"] = PAYLOAD.resting(x, y, WALL_M, rot)
         drawn["lid"] = Start((*places["start"], BIN_HEIGHT_M + LID_HALF_HEIGHT_M))
         yaw = rng.uniform(-self.trash_half_rad, self.trash_half_rad)
         drawn["trash"] = Start((*places["target"], WALL_M + TRASH_HALF_M), yaw)
@@ -253,6 +255,17 @@ class TwoArmTransport(TwoArms):
             return item.touched[:, 0] > 0.5
         off = abs(item.pos - floor.pos)
         return (largest(off[:, :2]) < BIN_M / 2 - WALL_M) & (off[:, 2] < _TOUCHED_Z_M)
+
+
+def _off_walls(face: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """Returns by how much a hammer is moved, m, (2,), so that its head, turned far, is not inside a wall.
+
+    In robosuite the simulator pushes it out, by up to 3 mm.
+    """
+    h, end = PAYLOAD.head_m, PAYLOAD.length_m / 2
+    corners = np.array([x * face + z * axis for x in (-3.2 * h, 3.2 * h) for z in (end, end + 2 * h)])
+    most = BIN_M / 2 - WALL_M - _GAP_M
+    return -np.maximum(corners.max(0) - most, 0.0)[:2] - np.minimum(corners.min(0) + most, 0.0)[:2]
 
 
 def _moved(

@@ -35,7 +35,7 @@ def test_the_hammer_starts_flat_on_either_side_at_any_turn():
     assert_fills(hammer.pos[:, 0], -0.1, 0.1)
     assert_fills(hammer.pos[:, 1], -0.05, 0.05)
     axis = axis_of(hammer)
-    assert axis[:, 2].abs().max() < 1e-9
+    assert axis[:, 2].abs().max() < 0.012, "it lies on its head, which is thicker than the handle"
     assert_fills(torch.atan2(axis[:, 1], axis[:, 0]), -math.pi, math.pi)
     face = rotate(hammer.rot, vector(1.0, 0.0, 0.0))
     turned = axis[:, 0] * face[:, 1] - axis[:, 1] * face[:, 0]

@@ -36,14 +36,25 @@ def test_bins_are_within_half_a_centimetre_of_their_places_and_hold_what_they_sh
         assert torch.equal(floor[:, :2], walls[:, :2])
         assert_fills(floor[:, 0], x - 0.005, x + 0.005)
         assert_fills(floor[:, 1], y - 0.005, y + 0.005)
-    for name, place in (("payload", "start"), ("lid", "start"), ("trash", "target")):
-        assert torch.equal(state.objects[name].pos[:, :2], state.objects[f"{place}_floor"].pos[:, :2])
+    for name, place, most in (("payload", "start", 0.006), ("lid", "start", 0.0), ("trash", "target", 0.0)):
+        off = state.objects[name].pos[:, :2] - state.objects[f"{place}_floor"].pos[:, :2]
+        assert off.abs().max() <= most
+
+
+def test_the_head_of_a_hammer_that_is_turned_far_starts_clear_of_the_walls():
+    state = starts(TASK, 500)
+    hammer = state.objects["payload"]
+    off = hammer.pos - state.objects["start_floor"].pos
+    end, h = PAYLOAD.length_m / 2, PAYLOAD.head_m
+    for x in (-3.2 * h, 3.2 * h):
+        corner = off + rotate(hammer.rot, vector(x, 0.0, end + 2 * h))
+        assert (corner[:, :2].abs() < 0.14).all()
 
 
 def test_the_hammer_lies_along_the_way_to_the_other_table_within_30_degrees():
     state = starts(TASK, 2000)
     axis = axis_of(state.objects["payload"])
-    assert axis[:, 2].abs().max() < 1e-9
+    assert axis[:, 2].abs().max() < 0.01, "it lies on its head, which is thicker than the handle"
     turn = torch.atan2(axis[:, 1].abs(), axis[:, 0])
     assert_fills(turn, math.pi / 3, 2 * math.pi / 3)
     assert 0.4 < (axis[:, 1] > 0).double().mean() < 0.6
