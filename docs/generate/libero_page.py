@@ -87,6 +87,20 @@ elsewhere on two. Whether the goal holds is equal at every step of all. `tests/e
 motions, and `docs/generate/robosuite_motion.py` records it. Images are not the original's: another renderer, simplified
 meshes, other lights. A policy that depends on such details may do worse here than there.
 
+## A first policy
+
+The commands of the README take LIBERO's tasks as any other: the expert's demonstrations, a policy, and its success in
+starts that it was not trained on.
+
+```bash
+roboverse collect task=libero/goal/turn_on_the_stove preset=quick num_demos=288
+roboverse train policy=act task=libero/goal/turn_on_the_stove preset=quick num_demos=288 train.steps=1500
+roboverse evaluate checkpoint=runs/libero/goal/turn_on_the_stove/act/<run> levels=[0] episodes=20
+```
+
+Measured: 288 demonstrations of 19,702 frames at 64 pixels, 1,500 steps in 8 minutes of two busy cores, then 20 of 20
+starts of the test split solved at level 0 (95 % interval 84 to 100 %). `preset=quick` alone collects 500 and trains 4,000.
+
 ## LIBERO-PRO
 
 LIBERO-PRO (Zhou et al., [arXiv:2510.03827](https://arxiv.org/abs/2510.03827)) varies four of the suites in four ways. Its
