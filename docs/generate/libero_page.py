@@ -137,12 +137,12 @@ python -m docs.generate.libero_page
 
 NOT_YET = """Those below, and why:
 
-- two with a microwave, and five with a shelf below another: the hand comes from above alone, and does not reach
-  into what is open to the front;
+- two with a microwave, and five with a shelf below another: the hand comes from above alone, and does not
+  reach into what is open to the front;
 - the ketchup into the drawer: it stands higher than the drawer's region, and nothing lays it down;
 - the bottom drawer of kitchen scene 1: a bowl stands where the hand has to be, and nothing moves it away;
 - two bowls stacked in the tray: the opening fingers catch the tray's slats and carry it along;
-- the book in the caddy's front compartment: where it catches on the edge it falls flat, and no grasp is left."""
+- the book in the caddy's front compartment: where it catches on the edge it falls flat; no grasp is left."""
 
 
 def page(rows: Mapping[str, Mapping[str, Any]]) -> str:
