@@ -87,6 +87,20 @@ elsewhere on two. Whether the goal holds is equal at every step of all. `tests/e
 motions, and `docs/generate/robosuite_motion.py` records it. Images are not the original's: another renderer, simplified
 meshes, other lights. A policy that depends on such details may do worse here than there.
 
+## A first policy
+
+The commands of the README take LIBERO's tasks as any other: the expert's demonstrations, a policy, and its success in
+starts that it was not trained on.
+
+```bash
+roboverse collect task=libero/goal/turn_on_the_stove preset=quick num_demos=288
+roboverse train policy=act task=libero/goal/turn_on_the_stove preset=quick num_demos=288 train.steps=1500
+roboverse evaluate checkpoint=runs/libero/goal/turn_on_the_stove/act/<run> levels=[0] episodes=20
+```
+
+Measured: 288 demonstrations of 19,702 frames at 64 pixels, 1,500 steps in 8 minutes of two busy cores, then 20 of 20
+starts of the test split solved at level 0 (95 % interval 84 to 100 %). `preset=quick` alone collects 500 and trains 4,000.
+
 ## LIBERO-PRO
 
 LIBERO-PRO (Zhou et al., [arXiv:2510.03827](https://arxiv.org/abs/2510.03827)) varies four of the suites in four ways. Its
@@ -121,7 +135,14 @@ python -m docs.generate.libero_page
 ```
 """  # noqa: E501
 
-NOT_YET = "It does not reach into what is open to the front alone: a microwave, and shelves below a top."
+NOT_YET = """Those below, and why:
+
+- two with a microwave, and five with a shelf below another: the hand comes from above alone, and does not
+  reach into what is open to the front;
+- the ketchup into the drawer: it stands higher than the drawer's region, and nothing lays it down;
+- the bottom drawer of kitchen scene 1: a bowl stands where the hand has to be, and nothing moves it away;
+- two bowls stacked in the tray: the opening fingers catch the tray's slats and carry it along;
+- the book in the caddy's front compartment: where it catches on the edge it falls flat; no grasp is left."""
 
 
 def page(rows: Mapping[str, Mapping[str, Any]]) -> str:
@@ -135,7 +156,8 @@ def page(rows: Mapping[str, Mapping[str, Any]]) -> str:
     parts = [
         TEXT.rstrip(),
         f"{len(counted)} of {len(entries())} tasks are counted; the expert reaches {100 * BAR:.0f} % in "
-        f"{good} of them. {NOT_YET}",
+        f"{good} of them.",
+        NOT_YET,
     ]
     for suite in SUITES:
         lines = [f"### {suite}", "", "| task | what to do | expert | starts |", "|---|---|---|---|"]
