@@ -6,11 +6,12 @@ from functools import lru_cache
 
 import numpy as np
 
+from envs.core.errors import MissingExtraError
 from envs.kinematics.object_parts import ObjectParts, parts_of
 from envs.mjcf.imported import imported
 from envs.scenario import ObjectCfg
 from envs.state import EntityState
-from envs.tasks.grasp_language.catalogue import groceries, in_scene
+from envs.tasks.grasp_language.catalogue import EXTRA, groceries, in_scene
 from envs.tasks.libero.scene import OBJECT_FACES, asset_of
 from envs.tasks.skills.clouds import cloud
 
@@ -47,7 +48,13 @@ def objects_of(set_name: str) -> dict[str, Placed]:
 @lru_cache(maxsize=64)
 def _placed(name: str) -> Placed:
     rest = groceries()[name].rest
-    path = imported(asset_of(name), max_faces=OBJECT_FACES, free=True)
+    source = asset_of(name)
+    if source is None:
+        raise MissingExtraError(
+            f"The installed packages of the extra '{EXTRA}' have no '{name}'. Install those of its versions: "
+            "uv pip install -c constraints.txt --override overrides.txt 'roboverse-learn[libero]'"
+        )
+    path = imported(source, max_faces=OBJECT_FACES, free=True)
     parts = parts_of(path)
     points = cloud(parts, EntityState.at_rest(np.zeros(3), np.array([rest])))
     height, radius = -float(points[:, 2].min()), float(np.linalg.norm(points[:, :2], axis=1).max())
