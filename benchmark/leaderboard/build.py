@@ -45,7 +45,7 @@ JSON_NAME, MARKDOWN_NAME, HTML_NAME = "leaderboard.json", "leaderboard.md", "lea
 STUDIES_MARKDOWN_NAME, STUDIES_HTML_NAME = "studies.md", "studies.html"
 INSTRUCTIONS_MARKDOWN_NAME, INSTRUCTIONS_HTML_NAME = "instructions.md", "instructions.html"
 
-TABLES = (JSON_NAME, "robots.json", "tasks.json")
+TABLES = (JSON_NAME, "calvin_chains.json", "robots.json", "tasks.json")
 """Files of the folder that are no results: our own, and the tables of experts by robot and by task."""
 
 _SHOWN_ERRORS = 10

@@ -59,7 +59,7 @@ simulator that reports contacts (`mujoco`, `mujoco_warp`); others refuse with a 
 
 ## CALVIN's own interface
 
-`roboverse evaluate checkpoint=<folder> suite=calvin protocol=calvin` sets these; each can be set alone:
+`roboverse evaluate checkpoint=runs/<run> suite=calvin protocol=calvin` sets these; each can be set alone:
 
 | key | value |
 |---|---|

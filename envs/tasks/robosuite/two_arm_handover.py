@@ -85,7 +85,7 @@ class TwoArmHandover(TwoArms):
         place = rng.uniform(-1.0, 1.0, 2) * self.spawn_half_size_m
         lying = LYING[int(rng.integers(2))]
         rot = multiply(from_yaw(rng.uniform(0.0, 2 * math.pi)), lying)
-        return {"hammer": self.hammer.resting(*place, 0.0, rot)}
+        return {"hammer": self.hammer.resting(float(place[0]), float(place[1]), 0.0, rot)}
 
     @override
     def success(self, state: State) -> Tensor:

@@ -32,8 +32,8 @@ def test_every_suite_names_registered_tasks_once(suite):
         ("libero_10", 10),
         ("libero_90", 90),
         ("libero", 130),
-        ("maniskill", 12),
-        ("robosuite", 10),
+        ("maniskill", 15),
+        ("robosuite", 15),
         ("metaworld", 50),
     ],
 )
