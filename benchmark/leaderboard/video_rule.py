@@ -15,8 +15,8 @@ def kept_videos(board: Mapping[str, Any]) -> set[str]:
     """Returns the videos that stay, as paths relative to the folder of results.
 
     They are of the test split of the cells that the board shows of an entry where it was trained: by
-    protocol A or B. Of several seeds, the first that has one. Where a recipe of a policy has a task, videos
-    of the policy's presets go.
+    protocol A or B. Of several seeds, the first that has one. Where a recipe of a policy has videos of a
+    task, those of the policy's presets go.
     """
     kept: set[str] = set()
     for section in board["sections"]:
@@ -27,10 +27,16 @@ def kept_videos(board: Mapping[str, Any]) -> set[str]:
             if series["entry"] is not None and series["transferred_from"] is None
         ]
         kinds = {series["entry"]: board["entries"][series["entry"]]["kind"] for series in shown}
-        by_recipe = {series["policy"] for series in shown if kinds[series["entry"]] == "recipe"}
-        for series in shown:
-            if kinds[series["entry"]] == "recipe" or series["policy"] not in by_recipe:
-                kept |= _of_series(section, series)
+        videos = [_of_series(section, series) for series in shown]
+        of_recipe = [kinds[series["entry"]] == "recipe" for series in shown]
+        filmed = {
+            series["policy"]
+            for series, found, recipe in zip(shown, videos, of_recipe, strict=True)
+            if found and recipe
+        }
+        for series, found, recipe in zip(shown, videos, of_recipe, strict=True):
+            if recipe or series["policy"] not in filmed:
+                kept |= found
     return kept
 
 

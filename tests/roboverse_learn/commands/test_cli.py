@@ -110,7 +110,7 @@ def failure(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         ),
         (["train", "splits=[train]", "episodes=9001"], "episodes must be at most 9,000, the train split's"),
         (["leaderboard", "task=PickCube"], "Unknown key 'task' of leaderboard. Valid: prune_videos, results"),
-        (["trian"], "Unknown command 'trian'. Did you mean 'train'? Valid: check, collect"),
+        (["trian"], "Unknown command 'trian'. Did you mean 'train'? Valid: assets, check, collect"),
         (["speed", "stpe"], "Unknown speed program 'stpe'"),
         (["speed", "turns=2"], "'turns=2' is a setting of one program, given 0 names. Valid: agents, "),
         (

@@ -102,6 +102,7 @@ CHOSEN = {
     "policy.substeps": 5,
     "policy.prediction_type": "sample",
     "policy.head": "flow",
+    "policy.trained": "head",
     "policy.actor_dim": 256,
     "policy.critic_dim": 512,
     "policy.observation": "pixels",
