@@ -199,14 +199,20 @@ def _recipe(command: str, name: str) -> tuple[str, dict[str, Any]]:
     return read_recipe(name, configs_folder() / "recipe")
 
 
+MOST_VALUES = 1000
+"""Values of one key of a sweep, each of which is a run or more."""
+
+
 def values_of_key(word: str) -> list[str]:
     """Expands an argument with several values: ``level=0,1`` is ``level=0`` and ``level=1``.
 
     Several values are written as for Hydra's own sweeps: with commas, or as ``range(4)``.
 
     Raises:
-        ConfigError: The word is not ``key=value``.
+        ConfigError: The word is not ``key=value``, or has more than :data:`MOST_VALUES` values.
     """
+    from itertools import islice
+
     from hydra.errors import HydraException
 
     key, text = _split(word)
@@ -216,7 +222,12 @@ def values_of_key(word: str) -> list[str]:
         return [word]
     if not override.is_sweep_override():
         return [word]
-    return [f"{key}={value}" for value in override.sweep_string_iterator()]
+    values = [f"{key}={value}" for value in islice(override.sweep_string_iterator(), MOST_VALUES + 1)]
+    if len(values) > MOST_VALUES:
+        raise ConfigError(
+            f"'{word}' has more than {MOST_VALUES:,} values. Give each of them a run, or fewer."
+        )
+    return values
 
 
 def _split(word: str) -> tuple[str, str]:

@@ -16,7 +16,7 @@ from tests.sweeps import sweep
 NUM_ENVS = 2
 REPRESENTATIVE = {"calvin/D/open_drawer", "calvin/D/lift_red_block_slider", "calvin/D/stack_block"}
 SAMPLE = REPRESENTATIVE | {
-    "calvin/A/rotate_pink_block_left",
+    "calvin/A/open_drawer",
     "calvin/B/move_slider_right",
     "calvin/C/turn_on_lightbulb",
     "calvin/D/place_in_drawer",

@@ -81,6 +81,12 @@ class TestWords:
             plan(["jobs_per_gpu=0"])
 
 
+def test_a_key_with_more_values_than_anyone_runs_is_refused():
+    with pytest.raises(ConfigError, match=r"'seed=range\(1e9\)' has more than 1,000 values"):
+        values_of_key("seed=range(1e9)")
+    assert len(values_of_key("seed=range(1000)")) == 1000
+
+
 class TestJobs:
     def test_shared_dataset_is_collected_once_and_first(self, tmp_path):
         same = ["cameras=[front]", "image_size=64", "num_demos=9", f"runs_dir={tmp_path}"]
