@@ -4,23 +4,18 @@ There are two kinds: packages of an extra, which pip installs, and folders of pu
 ``get`` downloads at a pinned commit. Nothing is downloaded by any other command.
 """
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from importlib import metadata
 from typing import Literal
 
 from envs.core.asset_download import get_asset
 from envs.core.assets import ASSETS, DATA_VARIABLE, asset_folder
 from envs.core.errors import ConfigError, unknown_name
+from envs.core.extras import install_command
 from envs.tasks import TASKS
+from roboverse_learn.extras import is_installed
 
 ACTIONS = ("list", "get")
-
-DISTRIBUTION = "roboverse-learn"
-
-PINNED = ("libero", "libero-pro")
-"""Extras whose packages require old versions of others, which ``overrides.txt`` sets aside."""
 
 INSTALLED_MB = {"humanoid": 190, "libero": 662, "libero-pro": 45, "metaworld": 40}
 """Sizes of the packages of an extra on the disk, as their records of files have them."""
@@ -97,7 +92,7 @@ def needs() -> Iterator[Need]:
     """Yields everything that some tasks need, by name; nothing heavy is imported."""
     for extra, (used_by, licence) in sorted(_extras().items()):
         here = "installed" if is_installed(extra) else ""
-        yield Need(extra, "packages", used_by, INSTALLED_MB.get(extra), licence, here, install(extra))
+        yield Need(extra, "packages", used_by, INSTALLED_MB.get(extra), licence, here, install_command(extra))
     for name in ASSETS:
         folder = ASSETS.get(name)
         try:
@@ -106,24 +101,6 @@ def needs() -> Iterator[Need]:
             here = ""
         command = f"roboverse assets get {name}   (or set {DATA_VARIABLE} to the folder that holds it)"
         yield Need(name, "folder", folder.used_by, folder.size_mb, folder.licence, here, command)
-
-
-def install(extra: str) -> str:
-    """Returns the command that installs an extra."""
-    if extra in PINNED:
-        return f"uv pip install -c constraints.txt --override overrides.txt '{DISTRIBUTION}[{extra}]'"
-    return f"pip install '{DISTRIBUTION}[{extra}]'"
-
-
-def is_installed(extra: str) -> bool:
-    """Returns whether every package of an extra is installed, of any version."""
-    marker = re.compile(rf"extra\s*==\s*['\"]{re.escape(extra)}['\"]")
-    packages = [text for text in metadata.requires(DISTRIBUTION) or () if marker.search(text)]
-    names = [re.split(r"[^\w.-]", text, maxsplit=1)[0] for text in packages]
-    try:
-        return bool(names) and all(metadata.version(name) for name in names)
-    except metadata.PackageNotFoundError:
-        return False
 
 
 def _extras() -> dict[str, tuple[str, str]]:
@@ -152,7 +129,7 @@ def _text_of(need: Need) -> str:
 
 def _get(name: str, assets_dir: str | None) -> str:
     if name not in ASSETS and name in _extras():
-        raise ConfigError(f"'{name}' are packages, which pip installs: {install(name)}")
+        raise ConfigError(f"'{name}' are packages, which pip installs: {install_command(name)}")
     place = get_asset(name, assets_dir)
     folder = ASSETS.get(name)
     return f"{place}\n{folder.size_mb:g} MB, licence {folder.licence}: {place / folder.licence_file}"

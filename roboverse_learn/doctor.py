@@ -24,12 +24,13 @@ from contextlib import closing
 from typing import Any
 
 from envs.core.errors import RoboVerseError
+from envs.core.extras import DISTRIBUTION, install_command
 from envs.core.machine import num_cores
 from roboverse_learn.config.schema import DoctorConfig
+from roboverse_learn.extras import missing_packages
 
 type Facts = dict[str, Any]
 
-_DISTRIBUTION = "roboverse-learn"
 _PROBE_LIMIT_S = 120.0
 _TIMED_S = 1.5
 _IMAGE_SIZE = 64
@@ -110,25 +111,11 @@ def packages() -> Facts:
 
 def extras() -> Facts:
     """Every optional extra: installed, or how to install it."""
-    from packaging.requirements import Requirement
-
-    metadata = importlib.metadata.metadata(_DISTRIBUTION)
-    needs = [Requirement(text) for text in importlib.metadata.requires(_DISTRIBUTION) or ()]
     found: Facts = {}
-    for extra in metadata.get_all("Provides-Extra") or ():
-        names = [each.name for each in needs if each.marker and each.marker.evaluate({"extra": extra})]
-        missing = [name for name in names if not _is_installed(name)]
-        install = f"pip install '{_DISTRIBUTION}[{extra}]'"
-        found[extra] = f"without {', '.join(missing)}; {install}" if missing else "installed"
+    for extra in importlib.metadata.metadata(DISTRIBUTION).get_all("Provides-Extra") or ():
+        missing = missing_packages(extra)
+        found[extra] = f"without {', '.join(missing)}; {install_command(extra)}" if missing else "installed"
     return found
-
-
-def _is_installed(name: str) -> bool:
-    try:
-        importlib.metadata.distribution(name)
-    except importlib.metadata.PackageNotFoundError:
-        return False
-    return True
 
 
 def disk() -> Facts:

