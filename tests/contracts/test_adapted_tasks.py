@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
-import torch
 
 import envs
 from envs.core.errors import MissingExtraError
-from envs.randomization import channel_rng
 from envs.tasks import TASKS
+from tests.contracts.family_starts import (
+    check_it_is_not_solved_by_nan,
+    check_starts_follow_from_their_generators,
+)
 from tests.sweeps import sweep
 
 NUM_ENVS = 2
@@ -39,14 +41,9 @@ def test_reset_step_and_queries_work(env):
         assert all(np.isfinite(values).all() for values in observation.values())
     state = env.get_states()
     assert task.planner.plan(state.select([1]), rng).shape == (1, 4)
-    for entity in state.objects.values():
-        entity.pos[:] = torch.nan
-    assert not task.success(state).any()
+    check_it_is_not_solved_by_nan(task, state)
 
 
 @pytest.mark.slow
 def test_initial_states_depend_on_their_generator_alone(env):
-    together = env.task.initial_state([channel_rng(0, "task", i) for i in range(3)])
-    alone = env.task.initial_state([channel_rng(0, "task", 1)])
-    for key, value in alone.flatten().items():
-        assert torch.equal(value[0], together.flatten()[key][1]), key
+    check_starts_follow_from_their_generators(env.task)

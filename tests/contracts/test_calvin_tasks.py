@@ -5,12 +5,15 @@ All are looked at by ``python -m envs.experts.survey``.
 
 import numpy as np
 import pytest
-import torch
 
 import envs
 from envs.experts.actor import expert_episodes
-from envs.randomization import channel_rng
 from envs.tasks import TASKS
+from tests.contracts.family_starts import (
+    check_it_is_not_solved_by_nan,
+    check_it_stays_unsolved,
+    check_starts_follow_from_their_generators,
+)
 from tests.sweeps import sweep
 
 NUM_ENVS = 2
@@ -34,16 +37,8 @@ def env(request):
 
 @pytest.mark.slow
 def test_it_starts_unsolved_and_what_lies_stays_where_it_is(env):
-    env.reset_envs(range(NUM_ENVS), env.split_indices[:NUM_ENVS])
-    before = env.get_states()
-    assert not env.task.success(before).any()
-    hold = before.robots[env.task.robot.name].joint_target.numpy()  # a block stays in the hand
-    for _ in range(20):
-        assert not env.step_envs(range(NUM_ENVS), hold).success.any()
-    after = env.get_states()
-    for name, entity in before.objects.items():
-        moved = torch.linalg.vector_norm(after.objects[name].pos - entity.pos, dim=-1)
-        assert moved.max() < 5e-3, name
+    # A target, and not a position: a block stays in the hand.
+    check_it_stays_unsolved(env, lambda start: start.robots[env.task.robot.name].joint_target.numpy())
 
 
 @pytest.mark.slow
@@ -51,19 +46,12 @@ def test_it_says_what_it_is_and_a_state_that_is_not_finite_is_no_success(env):
     task = env.task
     assert task.name in TASKS and task.instructions == (TASKS.entry(task.name).summary,)
     state = env.get_states()
-    for entity in state.objects.values():
-        entity.pos[:] = torch.nan
-    assert not task.success(state).any()
+    check_it_is_not_solved_by_nan(task, state)
 
 
 @pytest.mark.slow
 def test_initial_states_depend_on_their_generator_alone_and_differ(env):
-    together = env.task.initial_state([channel_rng(0, "task", i) for i in range(3)])
-    alone = env.task.initial_state([channel_rng(0, "task", 1)])
-    for key, value in alone.flatten().items():
-        assert torch.equal(value[0], together.flatten()[key][1]), key
-    flat = torch.cat([value.flatten(1) for value in together.flatten().values()], dim=1)
-    assert len(torch.unique(flat, dim=0)) == 3
+    check_starts_follow_from_their_generators(env.task)
 
 
 @pytest.mark.slow

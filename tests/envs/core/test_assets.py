@@ -1,24 +1,15 @@
 """Where asset folders are looked for, and their download from a git repository of this machine."""
 
 import json
-import subprocess
 from dataclasses import replace
 
 import pytest
 
 from envs.core import asset_download
 from envs.core.asset_download import RECORD, DownloadError, get_asset
-from envs.core.assets import ASSETS, AssetFolder, asset_folder, downloaded_folder, folder_digest
+from envs.core.assets import ASSETS, asset_folder, downloaded_folder, folder_digest
 from envs.core.errors import ConfigError, UnknownNameError
-from envs.core.registry import Entry
-
-
-def git(folder, *arguments):
-    identity = ("-c", "user.name=a", "-c", "user.email=a@b")
-    done = subprocess.run(
-        ["git", *identity, *arguments], cwd=folder, capture_output=True, text=True, check=True
-    )
-    return done.stdout.strip()
+from tests.envs.core.toy_repository import git, register, toy_repository
 
 
 @pytest.fixture
@@ -31,41 +22,24 @@ def cache(tmp_path, monkeypatch):
 def toys(tmp_path, monkeypatch, cache):
     """Registers a folder of a repository that is served by file://."""
     work = tmp_path / "repository"
-    for name, text in {
+    files = {
         "LICENSE": "Do as you like",
         "data/a/one.obj": "v 0 0 0\n",
         "data/b/two.obj": "v 1 1 1\r\n",
         "videos/big.mp4": "frames",
-    }.items():
-        path = work / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(text.encode())
-    git(work, "init", "--quiet")
-    git(work, "config", "uploadpack.allowFilter", "true")
-    git(work, "config", "uploadpack.allowAnySHA1InWant", "true")
-    git(work, "add", ".")
-    git(work, "commit", "--quiet", "-m", "first")
-    paths = ("data/a", "data/b")
-    folder = AssetFolder(
-        repository=work.as_uri(),
-        commit=git(work, "rev-parse", "HEAD"),
-        paths=paths,
+    }
+    folder = toy_repository(
+        work,
+        files,
+        ("data/a", "data/b"),
         needs=("data/a/one.obj",),
-        sha256=folder_digest(work, paths),
-        size_mb=0.1,
         licence="MIT",
-        licence_file="LICENSE",
-        used_by="toys/*",
         other_names=("toy_box",),
     )
     register(monkeypatch, folder)
     (work / "data/a/one.obj").write_text("v 9 9 9\n")  # a later commit, which is not the pinned one
     git(work, "commit", "--quiet", "-am", "second")
     return folder
-
-
-def register(monkeypatch, folder):
-    monkeypatch.setitem(ASSETS._entries, "toys", Entry("toys", folder))
 
 
 def test_a_download_has_the_pinned_files_the_licence_and_its_origin_and_nothing_else(toys):

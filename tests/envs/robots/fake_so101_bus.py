@@ -26,7 +26,7 @@ RANGES = {
 
 
 class FakeBus(FeetechMotorsBus):
-    """Motors that are at once where they are told to be.
+    """Motors that reach their target positions at once.
 
     Attributes:
         ticks: Where each motor is.

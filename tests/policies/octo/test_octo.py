@@ -13,6 +13,7 @@ from envs.core.errors import PolicyError
 from policies.octo.config import OctoConfig
 from tests.policies.examples import FEATURES, IMAGE, SIZE, generators, stats
 from tests.policies.octo import tiny
+from tests.policies.training_steps import batch, steps
 
 WORDS = ("pick up the red cube", "stack the cube")
 
@@ -37,38 +38,6 @@ def create(converted, **config):
     return policies.create("octo", FEATURES, stats(), OctoConfig(path=str(converted), **config))
 
 
-def batch(policy, n=2):
-    rng, out = np.random.default_rng(0), {}
-    for key, shape in policy.shapes.items():
-        time = (len(policy.delta_indices[key]),) if key in policy.delta_indices else ()
-        if key in policy.image_keys:
-            out[key] = torch.from_numpy(rng.integers(0, 256, (n, *time, *shape), np.uint8))
-        else:
-            out[key] = torch.from_numpy(rng.normal(size=(n, *time, *shape)).astype(np.float32))
-        out |= {f"{key}_is_pad": torch.zeros(n, *time, dtype=torch.bool)} if time else {}
-    return out | {"task_index": torch.arange(n)}
-
-
-def step(policy, lr=1e-3, count=1):
-    from roboverse_learn.training.config import TrainConfig
-    from roboverse_learn.training.imitation.train import make_optimizer
-
-    policy.instructions = WORDS
-    policy.begin_training()
-    optimizer, objective, losses = make_optimizer(policy, TrainConfig(lr=lr)), policy.objective(), []
-    for group in optimizer.param_groups:
-        group["lr"] = group["peak_lr"]
-    for _ in range(count):
-        torch.manual_seed(0)
-        loss, _ = objective(batch(policy))
-        loss.backward()
-        optimizer.step()
-        optimizer.zero_grad()
-        losses.append(loss.item())
-    policy.end_training()
-    return losses
-
-
 def observation(policy, n=2, words=WORDS):
     rng = np.random.default_rng(1)
     time = (policy.n_obs_steps,) if policy.n_obs_steps > 1 else ()
@@ -88,7 +57,7 @@ def snapshot(policy):
 def test_it_learns_a_batch_and_a_folder_that_moves_acts_alike(converted, tmp_path, window):
     policy = create(converted, window=window)
     before = snapshot(policy)
-    losses = step(policy, lr=3e-3, count=60)
+    losses = steps(policy, WORDS, lr=3e-3, count=60)
     assert losses[-1] < losses[0] / 2
     changes = changed(policy, before)
     assert not any(key.startswith("text_encoder.") for key in changes)
@@ -106,7 +75,7 @@ def test_it_learns_a_batch_and_a_folder_that_moves_acts_alike(converted, tmp_pat
 def test_the_head_alone_is_trained(converted):
     policy = create(converted, trained="head")
     before = snapshot(policy)
-    step(policy, count=2)
+    steps(policy, WORDS, count=2)
     assert {key.split(".")[0] for key in changed(policy, before)} == {"head"}
 
 

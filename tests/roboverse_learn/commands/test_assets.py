@@ -1,24 +1,16 @@
 """``roboverse assets``: what it lists, what it downloads from a local git repository, its errors."""
 
 import re
-import subprocess
 
 import pytest
 
-from envs.core.assets import ASSETS, AssetFolder, downloaded_folder, folder_digest
+from envs.core.assets import downloaded_folder
 from envs.core.errors import MissingExtraError
-from envs.core.registry import Entry
+from envs.core.extras import install_command
 from envs.tasks.libero import files
 from roboverse_learn import assets as command
 from roboverse_learn.cli import main
-
-
-def git(folder, *arguments):
-    identity = ("-c", "user.name=a", "-c", "user.email=a@b")
-    done = subprocess.run(
-        ["git", *identity, *arguments], cwd=folder, capture_output=True, text=True, check=True
-    )
-    return done.stdout.strip()
+from tests.envs.core.toy_repository import register, toy_repository
 
 
 @pytest.fixture
@@ -27,26 +19,8 @@ def toys(tmp_path, monkeypatch):
     monkeypatch.setenv("ROBOVERSE_CACHE", str(tmp_path / "cache"))
     monkeypatch.delenv("ROBOVERSE_DATA", raising=False)
     work = tmp_path / "repository"
-    (work / "data").mkdir(parents=True)
-    (work / "data/one.obj").write_text("v 0 0 0\n")
-    (work / "LICENSE").write_text("Do as you like")
-    git(work, "init", "--quiet")
-    git(work, "config", "uploadpack.allowFilter", "true")
-    git(work, "config", "uploadpack.allowAnySHA1InWant", "true")
-    git(work, "add", ".")
-    git(work, "commit", "--quiet", "-m", "first")
-    folder = AssetFolder(
-        repository=work.as_uri(),
-        commit=git(work, "rev-parse", "HEAD"),
-        paths=("data",),
-        needs=("data/one.obj",),
-        sha256=folder_digest(work, ("data",)),
-        size_mb=0.1,
-        licence="Zlib",
-        licence_file="LICENSE",
-        used_by="toys/*",
-    )
-    monkeypatch.setitem(ASSETS._entries, "toys", Entry("toys", folder))
+    files = {"data/one.obj": "v 0 0 0\n", "LICENSE": "Do as you like"}
+    register(monkeypatch, toy_repository(work, files, ("data",), needs=("data/one.obj",), licence="Zlib"))
     return work
 
 
@@ -76,14 +50,6 @@ def test_an_absent_extra_is_listed_with_what_installs_it(monkeypatch):
     text = command.table(["metaworld"])
     assert "metaworld (packages, 40 MB): not here" in text
     assert "pip install 'roboverse-learn[metaworld]'" in text
-
-
-def test_an_extra_counts_as_installed_only_where_all_of_its_packages_are(monkeypatch):
-    wanted = ["numpy>=2", "numpy; extra == 'one'", "numpy>=1; extra == 'two'", "no-such==1; extra == 'two'"]
-    monkeypatch.setattr(command.metadata, "requires", lambda _: wanted)
-    assert command.is_installed("one")
-    assert not command.is_installed("two")
-    assert not command.is_installed("three")
 
 
 def test_a_copy_is_checked_where_it_is_and_nothing_is_downloaded(toys, capsys):
@@ -117,4 +83,4 @@ def test_a_mistake_is_one_line_and_exit_code_2(toys, capsys, words, message):
 def test_the_message_of_a_missing_package_of_libero_has_the_command_of_the_list():
     with pytest.raises(MissingExtraError) as error:
         files._found("no_such_package:file")
-    assert command.install("libero") in str(error.value)
+    assert install_command("libero") in str(error.value)
