@@ -27,16 +27,12 @@ def kept_videos(board: Mapping[str, Any]) -> set[str]:
             if series["entry"] is not None and series["transferred_from"] is None
         ]
         kinds = {series["entry"]: board["entries"][series["entry"]]["kind"] for series in shown}
-        videos = [_of_series(section, series) for series in shown]
-        of_recipe = [kinds[series["entry"]] == "recipe" for series in shown]
-        filmed = {
-            series["policy"]
-            for series, found, recipe in zip(shown, videos, of_recipe, strict=True)
-            if found and recipe
-        }
-        for series, found, recipe in zip(shown, videos, of_recipe, strict=True):
-            if recipe or series["policy"] not in filmed:
-                kept |= found
+        of_recipes, of_presets = dict[str, set[str]](), dict[str, set[str]]()
+        for series in shown:
+            of_kind = of_recipes if kinds[series["entry"]] == "recipe" else of_presets
+            of_kind.setdefault(series["policy"], set()).update(_of_series(section, series))
+        for policy in {*of_recipes, *of_presets}:
+            kept |= of_recipes.get(policy) or of_presets.get(policy, set())
     return kept
 
 

@@ -47,7 +47,7 @@ class Stem(nn.Module):
     def forward(self, images: Tensor) -> Tensor:
         """Returns vectors (B, P, outputs) of images (B, 3, S, S) from -1 to 1, in rows from the upper left.
 
-        The stem takes a picture of the goal, too; without one it is black.
+        The stem takes an image of the goal, too; without one it is black.
         """
         goal = torch.full_like(images, -1.0)
         features = torch.cat([images, goal], 1)

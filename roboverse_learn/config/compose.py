@@ -16,6 +16,7 @@ there is one and the command line names none.
 """
 
 import copy
+import itertools
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -211,8 +212,6 @@ def values_of_key(word: str) -> list[str]:
     Raises:
         ConfigError: The word is not ``key=value``, or has more than :data:`MOST_VALUES` values.
     """
-    from itertools import islice
-
     from hydra.errors import HydraException
 
     key, text = _split(word)
@@ -222,7 +221,8 @@ def values_of_key(word: str) -> list[str]:
         return [word]
     if not override.is_sweep_override():
         return [word]
-    values = [f"{key}={value}" for value in islice(override.sweep_string_iterator(), MOST_VALUES + 1)]
+    texts = itertools.islice(override.sweep_string_iterator(), MOST_VALUES + 1)
+    values = [f"{key}={text}" for text in texts]
     if len(values) > MOST_VALUES:
         raise ConfigError(
             f"'{word}' has more than {MOST_VALUES:,} values. Give each of them a run, or fewer."

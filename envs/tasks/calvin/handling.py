@@ -188,7 +188,7 @@ def _place_with(
 def _put(
     look: Look, colour: str, path: Path, place: np.ndarray, *, level: bool = False, lean: float = 0.0
 ) -> Path:
-    """Carries a held block so that its middle comes to ``place`` (3,), lying, and lets go of it.
+    """Carries a held block so that its middle reaches ``place`` (3,), lying, and lets go of it.
 
     Args:
         look: The state.

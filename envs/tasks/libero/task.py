@@ -87,7 +87,7 @@ class LiberoTask(Task):
     @property
     @override
     def scenario(self) -> ScenarioCfg:
-        _goal_of(self.entry)  # a goal that cannot be decided is told before anything begins
+        _goal_of(self.entry)  # raises before anything begins where a goal cannot be decided
         return _scenario_of(self.entry, self.action_space, self.observation_space)
 
     @property
