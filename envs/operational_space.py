@@ -22,7 +22,7 @@ from envs.core.errors import ConfigError
 from envs.mjcf.layout import layout_of
 from envs.mjcf.model import build_models
 from envs.scenario import RobotCfg, ScenarioCfg
-from envs.simulators.base import EnvIds, Handler
+from envs.simulators.base import EnvIds, Handler, rows_of
 from envs.state import State
 
 DELTA_M, DELTA_RAD = 0.05, 0.5
@@ -158,7 +158,7 @@ class OperationalSpaceController(Controller):
         if self._model is None or len(self._goal_rot) != handler.num_envs:
             self._model = ArmModel(self._robot, handler.num_envs)
             self._goal_rot = np.full((handler.num_envs, 3, 3), np.nan)
-        rows = np.arange(handler.num_envs) if env_ids is None else np.asarray(env_ids)
+        rows = rows_of(env_ids, handler.num_envs)
         given = np.clip(torch.as_tensor(actions).double().cpu().numpy(), -1.0, 1.0)
         fingers = handler.get_joint_targets(self._robot.name, env_ids).cpu().numpy()
         fingers = fingers[:, [self._driven.index(index) for index in self._fingers]]

@@ -6,7 +6,7 @@ Shapes: N environments, D entries of an observation, A entries of an action, K i
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol, override
+from typing import NamedTuple, Protocol, override
 
 import torch
 from torch import Tensor
@@ -232,8 +232,7 @@ class TorchVectorEnv(BatchedEnv):
             return
         device = self.handler.device
         rows = torch.randint(bank.num_envs, (len(ids),), generator=self._generator, device=device)
-        where: Any = ids.cpu().numpy() if device.type == "cpu" else ids
-        self.handler.set_states(bank.select(rows), where)
+        self.handler.set_states(bank.select(rows), ids)
 
     def stagger(self) -> None:
         """Sets random elapsed steps, so that not all episodes end at once."""

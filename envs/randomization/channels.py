@@ -142,11 +142,19 @@ class Channel(ABC):
 
     Attributes:
         changes_images: Whether it changes images after they are rendered: it sets an appearance's ``sensor``.
-        changes_starts: Whether it has a :meth:`start` or a :meth:`scenario`.
     """
 
     changes_images: ClassVar[bool] = False
-    changes_starts: ClassVar[bool] = False
+
+    @classmethod
+    def has(cls, method: str) -> bool:
+        """Whether it overrides a method that changes nothing by default, such as ``"start"``."""
+        return getattr(cls, method) is not getattr(Channel, method)
+
+    @property
+    def changes_starts(self) -> bool:
+        """Whether it has a :meth:`start` or a :meth:`scenario`."""
+        return self.has("start") or self.has("scenario")
 
     @abstractmethod
     def split(self, scene: Scene) -> Any:

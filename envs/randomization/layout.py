@@ -7,7 +7,7 @@ them. Every tenth object of the catalogue is held out for the test split.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, override
+from typing import TYPE_CHECKING, override
 
 import numpy as np
 
@@ -74,8 +74,6 @@ class ShownDistractor:
 
 class LayoutChannel(Channel):
     """Stands distractors on the table."""
-
-    changes_starts: ClassVar[bool] = True
 
     @override
     def split(self, scene: Scene) -> tuple[str, ...]:

@@ -93,8 +93,7 @@ class Randomizer:
             ConfigError: if the episode is not of this randomizer's split.
         """
         for _, channel, draw, scene in self._drawn(episode, "start"):
-            if channel.changes_starts:
-                state = channel.start(state, draw, scene)
+            state = channel.start(state, draw, scene)
         return state
 
     def draws(self, episode: int) -> dict[str, Any]:
@@ -109,7 +108,7 @@ class Randomizer:
         """Yields the draws of an episode: of all channels, or of those that have a method of their own."""
         scene = self._scene(episode)
         for name, channel in self._channels.items():
-            if not changing or getattr(type(channel), changing) is not getattr(Channel, changing):
+            if not changing or channel.has(changing):
                 yield name, channel, channel.sample(scene.rng(name), channel.split(scene), scene), scene
 
     def _scene(self, episode: int) -> Scene:

@@ -7,7 +7,7 @@ posture of a test episode occurs in no training episode.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, override
+from typing import TYPE_CHECKING, override
 
 import numpy as np
 
@@ -68,8 +68,6 @@ class RobotDraw:
 
 class RobotChannel(Channel):
     """Offsets the arm's joints at the start, where it touches nothing and the hand is above the table."""
-
-    changes_starts: ClassVar[bool] = True
 
     @override
     def split(self, scene: Scene) -> tuple[tuple[int, ...], ...]:

@@ -13,13 +13,25 @@ from envs.core.errors import unknown_name
 from envs.scenario import Appearance, ScenarioCfg
 from envs.state import State
 
-EnvIds = Sequence[int] | np.ndarray | None
-"""Sorted, unique environment indices; None means all."""
+EnvIds = Sequence[int] | np.ndarray | Tensor | None
+"""Sorted, unique environment indices, on any device; None means all."""
 
 TextureSource = Callable[[str, int], np.ndarray]
 """``textures(name, size)`` returns the image (size, size, 3) uint8 of a material."""
 
 MODALITIES = ("rgb", "depth", "segmentation")
+
+
+def index_of(env_ids: EnvIds) -> slice | np.ndarray:
+    """Returns what selects the rows of these environments in a NumPy array."""
+    if env_ids is None:
+        return slice(None)
+    return env_ids.cpu().numpy() if isinstance(env_ids, Tensor) else np.asarray(env_ids)
+
+
+def rows_of(env_ids: EnvIds, num_envs: int) -> np.ndarray:
+    """Returns the indices of these environments of ``num_envs``, (n,) int64."""
+    return np.arange(num_envs)[index_of(env_ids)]
 
 
 class HandlerOptions(TypedDict, total=False):

@@ -10,13 +10,11 @@ from dataclasses import dataclass
 from typing import Any, overload, override
 
 import numpy as np
-import torch
 from torch import Tensor
 
-from envs.array_ops import to_numpy
 from envs.randomization.disturbances import disturb, disturb_arrays
 from envs.scenario import Appearance, SensorCfg
-from envs.simulators.base import EnvIds, Handler
+from envs.simulators.base import EnvIds, Handler, index_of, rows_of
 from envs.state import State
 
 
@@ -127,9 +125,7 @@ class DisturbedHandler(Handler):
         self._pass(num_steps, env_ids)
 
     def _pass(self, num_steps: int, env_ids: EnvIds) -> None:
-        self._steps[
-            slice(None) if env_ids is None else to_numpy(torch.as_tensor(env_ids, dtype=torch.int64))
-        ] += num_steps
+        self._steps[index_of(env_ids)] += num_steps
 
     # -- images -------------------------------------------------------------------------------------
 
@@ -140,7 +136,7 @@ class DisturbedHandler(Handler):
 
     @override
     def snapshot(self, env_ids: EnvIds = None) -> Exposures:
-        ids = range(self.num_envs) if env_ids is None else [int(env_id) for env_id in env_ids]
+        ids = rows_of(env_ids, self.num_envs).tolist()
         frames = tuple(int(self._steps[env_id]) for env_id in ids)
         return Exposures(self.handler.snapshot(env_ids), tuple(self._sensors[i] for i in ids), frames)
 

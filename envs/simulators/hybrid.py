@@ -15,7 +15,7 @@ from torch import Tensor
 from envs.core.errors import SimulatorError, unknown_name
 from envs.scenario import Appearance, ScenarioCfg
 from envs.simulators import HANDLERS, RENDERERS
-from envs.simulators.base import EnvIds, Handler, TextureSource
+from envs.simulators.base import EnvIds, Handler, TextureSource, rows_of
 from envs.state import State
 
 MAX_DRAWN_AT_ONCE = 64
@@ -202,7 +202,7 @@ class HybridHandler(Handler):
 
     @override
     def snapshot(self, env_ids: EnvIds = None) -> Moments:
-        ids = range(self.num_envs) if env_ids is None else [int(env_id) for env_id in env_ids]
+        ids = rows_of(env_ids, self.num_envs).tolist()
         return Moments(self.physics.get_states(env_ids), tuple(self._appearances[i] for i in ids))
 
     @override

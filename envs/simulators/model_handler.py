@@ -11,7 +11,7 @@ from envs.core.errors import SimulatorError
 from envs.mjcf.layout import Layout
 from envs.scenario import Appearance, ScenarioCfg
 from envs.simulators import RENDERERS
-from envs.simulators.base import EnvIds, Handler, HandlerOptions
+from envs.simulators.base import EnvIds, Handler, HandlerOptions, rows_of
 from envs.simulators.mujoco.render import Renderer, RenderJob
 
 
@@ -50,7 +50,7 @@ class ModelHandler(Handler):
 
     @override
     def snapshot(self, env_ids: EnvIds = None) -> Sequence[RenderJob]:
-        rows = range(self.num_envs) if env_ids is None else env_ids
+        rows = rows_of(env_ids, self.num_envs).tolist()
         return [
             RenderJob(
                 qpos=self._qpos[row].copy(),

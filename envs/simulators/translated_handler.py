@@ -22,7 +22,7 @@ from envs.mjcf.model import build_model
 from envs.mjcf.objects import rest_joints
 from envs.scenario import ScenarioCfg
 from envs.scenario.simulator_settings import SimulatorSettings
-from envs.simulators.base import EnvIds, TextureSource
+from envs.simulators.base import EnvIds, TextureSource, index_of, rows_of
 from envs.simulators.model_handler import ModelHandler, not_running
 from envs.state import EntityState, State
 
@@ -147,7 +147,7 @@ class TranslatedHandler[Settings: SimulatorSettings](ModelHandler):
     @override
     def get_states(self, env_ids: EnvIds = None) -> State:
         self._check_open()
-        rows = slice(None) if env_ids is None else np.asarray(env_ids)
+        rows = index_of(env_ids)
         # Sliced as arrays: a slice of a tensor takes ten times as long.
         qpos, qvel, ctrl = (np.array(array[rows]) for array in (self._qpos, self._qvel, self._ctrl))
         tensor = torch.from_numpy
@@ -207,7 +207,7 @@ class TranslatedHandler[Settings: SimulatorSettings](ModelHandler):
     @override
     def set_states(self, states: State, env_ids: EnvIds = None) -> None:
         self._check_open()
-        rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
+        rows = rows_of(env_ids, self.num_envs)
         for name, entity in states.entities().items():
             if name not in self._entities:
                 raise unknown_name("robot or object", name, self._entities)
@@ -243,7 +243,7 @@ class TranslatedHandler[Settings: SimulatorSettings](ModelHandler):
 
     @override
     def set_poses(self, poses: Mapping[str, tuple[Tensor, Tensor]], env_ids: EnvIds = None) -> None:
-        rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
+        rows = rows_of(env_ids, self.num_envs)
         placed = {item.name: item for item in self.layout.objects if item.root == "mocap"}
         for name, (pos, rot) in poses.items():
             if name not in placed:
@@ -255,7 +255,7 @@ class TranslatedHandler[Settings: SimulatorSettings](ModelHandler):
 
     @override
     def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:
-        rows = slice(None) if env_ids is None else np.asarray(env_ids)
+        rows = index_of(env_ids)
         for name in self._robots & targets.keys():
             columns = self._readers[name][3]
             target = np.asarray(targets[name], np.float32)
@@ -279,7 +279,7 @@ class TranslatedHandler[Settings: SimulatorSettings](ModelHandler):
         self._advance(start, num_steps, env_ids)
 
     def _advance(self, start: np.ndarray | None, num_steps: int, env_ids: EnvIds) -> None:
-        rows = list(range(self.num_envs)) if env_ids is None else np.asarray(env_ids).tolist()
+        rows = rows_of(env_ids, self.num_envs).tolist()
         self.step_worlds(rows, start, num_steps)
         if not math.isfinite(self._qpos.sum()):
             bad = [row for row in rows if not np.isfinite(self._qpos[row]).all()]

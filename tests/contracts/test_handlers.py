@@ -105,6 +105,20 @@ def test_a_subset_is_neither_stale_nor_mixed_up(handler):
     assert not torch.equal(later.objects["cube"].pos[0], everything.objects["cube"].pos[0])
 
 
+def test_environments_are_named_by_a_list_an_array_or_a_tensor_where_the_states_are(handler):
+    some, found = [0, 2], []
+    for ids in (some, np.array(some), torch.tensor(some, device=handler.device)):
+        handler.set_states(random_states(3).to(handler.device, handler.dtype))
+        handler.set_states(random_states(4).select(some).to(handler.device, handler.dtype), ids)
+        handler.step_towards({"franka": handler.get_joint_targets("franka", ids)}, 2, ids)
+        handler.step(2, ids)
+        found.append((handler.get_states(ids).flatten(), handler.snapshot(ids)))
+    (first, jobs), *others = found
+    for states, snapshots in others:
+        assert len(snapshots) == len(jobs) == len(some)
+        assert all(torch.equal(states[key], value) for key, value in first.items())
+
+
 def test_states_are_copies(handler):
     handler.set_states(random_states(3))
     before = handler.get_states()

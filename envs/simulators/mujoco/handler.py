@@ -16,7 +16,7 @@ from envs.mjcf.layout import EntityLayout, as_slice, block, layout_of
 from envs.mjcf.model import build_models
 from envs.mjcf.objects import rest_joints
 from envs.scenario import ScenarioCfg
-from envs.simulators.base import EnvIds, HandlerOptions
+from envs.simulators.base import EnvIds, HandlerOptions, index_of, rows_of
 from envs.simulators.model_handler import ModelHandler, not_running
 from envs.simulators.mujoco.lazy_state import ReadEntity, StateArrays, readers_of
 from envs.state import EntityState, State
@@ -81,7 +81,7 @@ class MujocoHandler(ModelHandler):
 
     @override
     def get_states(self, env_ids: EnvIds = None) -> State:
-        arrays = StateArrays.of(self._arrays, None if env_ids is None else np.asarray(env_ids))
+        arrays = StateArrays.of(self._arrays, _chosen(env_ids))
         return State(
             {name: ReadEntity(arrays, readers) for name, readers in self._robots.items()},
             {name: ReadEntity(arrays, readers) for name, readers in self._objects.items()},
@@ -89,7 +89,7 @@ class MujocoHandler(ModelHandler):
 
     @override
     def set_states(self, states: State, env_ids: EnvIds = None) -> None:
-        rows = np.arange(self.num_envs) if env_ids is None else np.asarray(env_ids)
+        rows = rows_of(env_ids, self.num_envs)
         layouts = {entity.name: entity for entity in (*self.layout.robots, *self.layout.objects)}
         for name, entity in states.entities().items():
             if name not in layouts:
@@ -124,7 +124,7 @@ class MujocoHandler(ModelHandler):
 
     @override
     def set_poses(self, poses: Mapping[str, tuple[Tensor, Tensor]], env_ids: EnvIds = None) -> None:
-        rows = slice(None) if env_ids is None else np.asarray(env_ids)
+        rows = index_of(env_ids)
         placed = {item.name: item for item in self.layout.objects if item.root == "mocap"}
         for name, (pos, rot) in poses.items():
             if name not in placed:
@@ -134,7 +134,7 @@ class MujocoHandler(ModelHandler):
 
     @override
     def set_joint_targets(self, targets: Mapping[str, Tensor | np.ndarray], env_ids: EnvIds = None) -> None:
-        rows = slice(None) if env_ids is None else np.asarray(env_ids)
+        rows = index_of(env_ids)
         for robot, target in targets.items():
             if robot not in self._drives:
                 raise unknown_name("robot", robot, self._drives)
@@ -145,7 +145,7 @@ class MujocoHandler(ModelHandler):
     @override
     def step(self, num_steps: int, env_ids: EnvIds = None) -> None:
         try:
-            self._running.step(env_ids, nstep=num_steps, stage=_POSITION_STAGE)
+            self._running.step(_chosen(env_ids), nstep=num_steps, stage=_POSITION_STAGE)
         except SimulationError as error:
             raise _stopped(error) from error
         self._check_finite(env_ids)
@@ -154,20 +154,20 @@ class MujocoHandler(ModelHandler):
     def step_towards(
         self, targets: Mapping[str, Tensor | np.ndarray], num_steps: int, env_ids: EnvIds = None
     ) -> None:
-        rows = slice(None) if env_ids is None else np.asarray(env_ids)
+        rows = index_of(env_ids)
         left, made = _shares(num_steps)
         way = self._ctrl[rows][:, None] * left  # (n, num_steps, nu)
         self.set_joint_targets(targets, env_ids)
         way += self._ctrl[rows][:, None] * made
         try:
-            self._running.rollout(num_steps, way, record=(), ids=env_ids)
-            self._running.forward(env_ids, stage=_POSITION_STAGE)
+            self._running.rollout(num_steps, way, record=(), ids=_chosen(env_ids))
+            self._running.forward(_chosen(env_ids), stage=_POSITION_STAGE)
         except SimulationError as error:
             raise _stopped(error) from error
         self._check_finite(env_ids)
 
     def _check_finite(self, env_ids: EnvIds) -> None:
-        qpos = self._qpos if env_ids is None else self._qpos[np.asarray(env_ids)]
+        qpos = self._qpos[index_of(env_ids)]
         # The sum is finite exactly when every entry is (no overflow at physical magnitudes).
         if not math.isfinite(np.add.reduce(qpos, axis=None)):
             bad = np.flatnonzero(~np.isfinite(self._qpos).all(axis=1))
@@ -190,6 +190,12 @@ class MujocoHandler(ModelHandler):
     def close(self) -> None:
         super().close()
         self._batch = None
+
+
+def _chosen(env_ids: EnvIds) -> np.ndarray | None:
+    """Returns environments in MuJoCo's form, in which None means all."""
+    rows = index_of(env_ids)
+    return None if isinstance(rows, slice) else rows
 
 
 def _stopped(error: SimulationError) -> SimulatorError:

@@ -14,7 +14,7 @@ from envs.mjcf.model import build_models
 from envs.mjcf.objects import rest_joints
 from envs.rotations import from_matrix
 from envs.scenario import ScenarioCfg
-from envs.simulators.base import EnvIds, HandlerOptions
+from envs.simulators.base import EnvIds, HandlerOptions, rows_of
 from envs.simulators.model_handler import ModelHandler, not_running
 from envs.simulators.mujoco.render import RenderJob
 from envs.simulators.mujoco_warp.device import Device
@@ -293,7 +293,7 @@ class MujocoWarpHandler(ModelHandler):
     @override
     def snapshot(self, env_ids: EnvIds = None) -> Snapshots:
         views, rows = self._running.views, self.on.rows(env_ids)
-        ids = range(self.num_envs) if env_ids is None else [int(env_id) for env_id in env_ids]
+        ids = rows_of(env_ids, self.num_envs).tolist()
         with self.on.scope():
             return Snapshots(
                 qpos=views.qpos[rows].clone(),

@@ -3,9 +3,11 @@
 from dataclasses import replace
 
 import pytest
+import torch
 
 from envs.core.errors import ConfigError, UnknownNameError
 from envs.randomization import CHANNELS, NAMED_LEVELS, Channel, Scene, channels_of, divided
+from envs.rotations import from_yaw
 from envs.spec import EnvSpec
 
 YAWS_RAD = tuple(0.01 * i for i in range(20))
@@ -45,6 +47,26 @@ def test_a_registered_channel_varies_alone_and_with_others(table_yaw, split):
         assert {*draws[0]} == names and env.channels == channels_of(only=only)
         drawn = {each["table_yaw"]["yaw_rad"] for each in draws}
         assert drawn <= own and (len(drawn) > 1)
+        env.close()
+
+
+class Slanted(TableYaw):
+    """Turns the cube too, without a word more than its method."""
+
+    def start(self, state, draw, scene):
+        cube = state.objects["cube"]
+        turned = replace(cube, rot=from_yaw(cube.pos.new_tensor([draw["yaw_rad"]])))
+        return replace(state, objects={**state.objects, "cube": turned})
+
+
+def test_a_channel_with_a_start_of_its_own_changes_starts(table_yaw):
+    CHANNELS.add("slanted", Slanted)
+    for only, changes in (("table_yaw", False), ("slanted", True)):
+        env = EnvSpec(task="PickCube", only=only, image_size=16).make(1, num_threads=1)
+        env.reset(seed=0)
+        draw, rot = env.draws(0)[only]["yaw_rad"], env.get_states().objects["cube"].rot
+        assert env.randomizer.changes_starts == changes
+        assert torch.allclose(rot, from_yaw(rot.new_tensor([draw])), atol=1e-6) == changes
         env.close()
 
 
