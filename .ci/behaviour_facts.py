@@ -85,8 +85,8 @@ def of_leaderboard(path: Path) -> Facts:
 
 def of_replay(path: Path) -> Facts:
     """Yields the outcomes of replays."""
-    for way, came_to in json.loads(path.read_text())["replays"].items():
-        yield from ((f"{way} {key}", digest(value)) for key, value in came_to.items())
+    for way, outcomes in json.loads(path.read_text())["replays"].items():
+        yield from ((f"{way} {key}", digest(value)) for key, value in outcomes.items())
 
 
 def of_experiments(path: Path) -> Facts:
@@ -121,7 +121,7 @@ READERS: dict[str, Callable[[Path], Facts]] = {
 
 
 def data_of(here: Path, printed: dict[str, str]) -> Facts:
-    """Yields all that a check's commands left, and the keys that they know and plans that they print."""
+    """Yields all that a check's commands left, the keys that they have and the plans that they print."""
     for pattern, reader in READERS.items():
         for path in here.glob(pattern):
             yield from reader(path)
@@ -132,7 +132,7 @@ def data_of(here: Path, printed: dict[str, str]) -> Facts:
             yield command, re.findall(r"^roboverse .*", text, re.MULTILINE)
 
 
-def told_of(here: Path, printed: dict[str, str]) -> Facts:
+def called_of(here: Path, printed: dict[str, str]) -> Facts:
     """Yields the names and hashes that commands made of their settings."""
     yield "printed", re.findall(r"hash ([0-9a-f]{16})", " ".join(printed.values()))
     for pattern in ("datasets/**/meta/info.json", "runs/**/metrics.jsonl"):
@@ -143,7 +143,7 @@ def told_of(here: Path, printed: dict[str, str]) -> Facts:
 
 
 def take_steps(out: str, pattern: str) -> None:
-    """Writes what five steps in every task of a pattern show: to one who looks, and to an agent."""
+    """Writes what five steps in every task of a pattern show in images and to an agent, or why not."""
     import gymnasium
 
     import envs
@@ -153,12 +153,17 @@ def take_steps(out: str, pattern: str) -> None:
         if "observation" in gymnasium.spec(name).kwargs:
             continue  # the same task without images
         task = gymnasium.spec(name).kwargs["task"]
-        seen = gymnasium.make(name, level=3, image_size=32)
-        learned = envs.make_vec(
-            task, 2, split="test", level=3, observation="full", actions="rl", num_threads=1
-        )
-        for view, env in {"seen": seen, "learned": learned}.items():
-            found |= {f"{name} {view} {key}": value for key, value in five_steps(env).items()}
+        views = {
+            "seen": lambda name=name: gymnasium.make(name, level=3, image_size=32),
+            "learned": lambda task=task: envs.make_vec(
+                task, 2, split="test", level=3, observation="full", actions="rl", num_threads=1
+            ),
+        }
+        for view, make in views.items():
+            try:
+                found |= {f"{name} {view} {key}": value for key, value in five_steps(make()).items()}
+            except Exception as error:  # a package or file that is absent, a refused setting, a fault
+                found[f"{name} {view}"] = f"{type(error).__name__}: {str(error).partition('.')[0]}"
     Path(out).write_text(json.dumps(found))
 
 
