@@ -99,7 +99,7 @@ roboverse evaluate checkpoint=runs/libero/goal/turn_on_the_stove/act/<run> level
 ```
 
 Measured: 288 demonstrations of 19,702 frames at 64 pixels, 1,500 steps in 8 minutes of two busy cores, then 20 of 20
-starts of the test split solved at level 0 (95 % interval 84 to 100 %). `preset=quick` alone collects 500 and trains 4,000.
+starts of the test split solved at level 0 (95 % interval 84 to 100 %). `preset=quick` alone collects 900 and trains 6,000.
 
 ## LIBERO-PRO
 
