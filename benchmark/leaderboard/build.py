@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmark.leaderboard.curves_section import learning_curves
+from benchmark.leaderboard.demonstrations_chart import demonstration_lines
 from benchmark.leaderboard.entries import STUDY, BoardEntry, classify, is_foreign, one_row_each, shown_entries
 from benchmark.leaderboard.headline import headline
 from benchmark.leaderboard.instructions_table import instructions_table, without_instruction_tests
@@ -62,8 +63,9 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         Plain JSON values: ``schema_version``, ``latest`` (when the newest result was made), ``reference``,
         ``entries`` by id, ``headline`` (see :mod:`benchmark.leaderboard.headline`), ``overview`` (see
         :mod:`benchmark.leaderboard.overview`), ``suites`` (see
-        :mod:`benchmark.leaderboard.suites_section`) and ``sections``, each with its ``rows``, learning
-        ``curves``, ``comparisons`` and ``notes``. A row's ``kind`` is ``entry``, ``baseline`` or ``study``.
+        :mod:`benchmark.leaderboard.suites_section`) and ``sections``, each with its ``rows``, lines
+        ``by_demonstrations`` (see :mod:`benchmark.leaderboard.demonstrations_chart`), learning ``curves``,
+        ``comparisons`` and ``notes``. A row's ``kind`` is ``entry``, ``baseline`` or ``study``.
         Where there are instruction tests, ``instructions`` has a row for each run that did some (see
         :mod:`benchmark.leaderboard.instructions_table`).
 
@@ -247,6 +249,7 @@ def _section(
         **key,
         "ends_when_solved": _ends_when_solved(entries),
         "rows": [rows[index] for index in order],
+        "by_demonstrations": demonstration_lines(groups, rows),
         "curves": learning_curves(results_dir, [groups[index] for index in order]),
         "comparisons": [test for family in families.values() for test in corrected(family)],
         "notes": notes,

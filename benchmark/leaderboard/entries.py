@@ -1,6 +1,7 @@
 """Which results are entries of the board, and which are studies.
 
-An **entry** is one budget, the same for every task: a recipe, or a named preset. A preset counts where its
+An **entry** is one budget, the same for every task, and demonstrations of the expert: a recipe, or a named
+preset. A preset counts where its
 keys were left as they are, or where two tasks or more learned with one budget at one level. Everything else
 that was trained is a **study**: other numbers of demonstrations or steps, ablations, a checkpoint of another
 program. A **baseline** was not trained. Success decides none of this.
@@ -13,7 +14,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from benchmark.leaderboard.recipe_settings import learned_settings
-from benchmark.leaderboard.rows import policy_and_backend, trained_with, training_length
+from benchmark.leaderboard.rows import demonstrated_by, policy_and_backend, trained_with, training_length
 from benchmark.protocol import canonical_json, digest
 from benchmark.records import Result
 
@@ -110,12 +111,17 @@ def is_foreign(result: Result) -> bool:
 
 
 def _budget_key(result: Result) -> str | None:
-    """Returns what the results of one entry share, whatever the task, level and seed; None without a name."""
+    """Returns what the results of one entry share, whatever the task, level and seed; None for studies."""
     trained = trained_with(result)
     preset = trained.get("preset")
     if result.recipe:
         return canonical_json(["recipe", result.policy, result.recipe, sorted(result.train_tasks)])
-    if not isinstance(preset, str) or not _NAME.fullmatch(preset) or is_foreign(result):
+    if (
+        demonstrated_by(result)
+        or not isinstance(preset, str)
+        or not _NAME.fullmatch(preset)
+        or is_foreign(result)
+    ):
         return None
     shared = {
         "tasks": sorted(result.train_tasks),

@@ -11,9 +11,9 @@ _PLACE = ("protocol", "protocol_seed", "simulator", "renderer")
 def overview(sections: Iterable[Mapping[str, Any]]) -> list[Table]:
     """Returns a table per protocol, simulator and renderer in which policies learned two tasks or more.
 
-    It holds policies that learned from demonstrations in the tasks' own scenes and were tested where they
-    were trained. Of several rows of a policy and training level it shows the one with the most test episodes,
-    then most demonstrations, then most gradient steps, then the newest: never the best.
+    It holds policies that learned from demonstrations of the expert in the tasks' own scenes and were tested
+    where they were trained. Of several rows of a policy and training level it shows the one with the most
+    test episodes, then most demonstrations, then most gradient steps, then the newest: never the best.
 
     Args:
         sections: Those of :func:`benchmark.leaderboard.build`.
@@ -41,7 +41,11 @@ def _rows(section: Mapping[str, Any]) -> list[Table]:
     """Returns one row per policy of a task."""
     found: dict[tuple[str, int], list[Mapping[str, Any]]] = {}
     for row in section["rows"]:
-        here = row["demonstrations"] and not row["transferred_from"] and row["train_level"] is not None
+        here = (
+            row["demonstrations"]
+            and not (row["transferred_from"] or row.get("source"))
+            and row["train_level"] is not None
+        )
         if here and _tested(row):
             found.setdefault((row["policy"], row["train_level"]), []).append(row)
     place = {"task": section["task"], "section": section["id"]}

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ _DISTINGUISHING = {
     "recipe": "recipe {}",
     "train_level": "trained at level {}",
     "train_only": "trained on {} alone",
+    "source": "{}",
     "demonstrations": "{} demonstrations",
     "training_steps": "{} steps",
     "training_time_s": "{:g} s of training",
@@ -42,6 +43,7 @@ def row_key(result: Result) -> dict[str, Any]:
         "policy": result.policy,
         "recipe": result.recipe or None,
         **_learned_with(result),
+        **demonstrated_by(result),
         "transferred_from": transferred_from(result),
         "train_level": result.train_level,
         "train_only": result.train_only,
@@ -63,6 +65,18 @@ def _learned_with(result: Result) -> dict[str, Any]:
     """Returns the further tasks that the policy learned, sorted; nothing where it learned this one alone."""
     others = sorted(set(result.train_tasks) - {result.env.task})
     return {"learned_with": others} if others else {}
+
+
+def demonstrated_by(result: Result) -> dict[str, str]:
+    """Returns the ``source`` of the demonstrations, as a word of a command; nothing where it is the expert.
+
+    Of a dataset that was given it is the folder's name, such as ``dataset=corrections``.
+    """
+    trained = trained_with(result)
+    dataset, source = str(trained.get("dataset") or ""), str(trained.get("source") or "expert")
+    if dataset:
+        return {"source": f"dataset={PurePath(dataset).name}"}
+    return {} if source == "expert" else {"source": f"source={source}"}
 
 
 def _trained_in(result: Result) -> dict[str, Any]:
@@ -246,7 +260,7 @@ def name_rows(rows: Sequence[dict[str, Any]], settings: Sequence[Mapping[str, An
         for group in _of_one_label(rows):
             if len({rows[index].get(name) for index in group}) > 1:
                 for row in (rows[index] for index in group):
-                    row["label"] += ", " + text.format(row[name]) if row[name] is not None else ""
+                    row["label"] += ", " + text.format(row[name]) if row.get(name) is not None else ""
     for group in _of_one_label(rows):
         _name_by_settings([rows[index] for index in group], [settings[index] for index in group])
     for group in _of_one_label(rows):

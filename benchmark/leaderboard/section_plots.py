@@ -8,6 +8,7 @@ from typing import Any
 
 from benchmark.leaderboard.axis_chart import axis_bars
 from benchmark.leaderboard.axis_plot import plot_axes
+from benchmark.leaderboard.demonstrations_chart import plot_demonstrations
 from benchmark.leaderboard.entries import STUDY
 from benchmark.leaderboard.level_chart import chosen_lines, line, series_lines
 from benchmark.leaderboard.plot_cache import draw_if_changed
@@ -16,7 +17,16 @@ from benchmark.leaderboard.standings import standings
 from benchmark.leaderboard.views import series_label, shown_curves
 from benchmark.learning_curves import published
 
-_SUFFIXES = ("", "-b", "-studies", "-axes", "-studies-axes", "-learning", "-studies-learning")
+_SUFFIXES = (
+    "",
+    "-b",
+    "-studies",
+    "-axes",
+    "-studies-axes",
+    "-learning",
+    "-studies-learning",
+    "-studies-demos",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +47,8 @@ def draw_sections(results_dir: Path, board: Mapping[str, Any]) -> dict[str, Path
     Returns:
         Paths by kind: ``plot <section>`` and ``plot <section>-b`` of the entries by the protocols A and B,
         ``plot <section>-studies``, ``plot <section>-axes`` of what varied alone (and
-        ``-studies-axes``), and ``learning <section>``
-        and ``learning <section>-studies``.
+        ``-studies-axes``), ``plot <section>-studies-demos`` of numbers of demonstrations, and
+        ``learning <section>`` and ``learning <section>-studies``.
     """
     plots = {}
     for section in board["sections"]:
@@ -70,6 +80,11 @@ def section_plots(section: Mapping[str, Any], entries: Mapping[str, Any]) -> Ite
             yield SectionPlot(
                 f"plot {name}{suffix}-axes", f"{name}{suffix}-axes", plot_axes, bars, (head,), {}
             )
+    if lines := section["by_demonstrations"]:
+        head = f"{title}, by number of demonstrations"
+        yield SectionPlot(
+            f"plot {name}-studies-demos", f"{name}-studies-demos", plot_demonstrations, lines, (head,), {}
+        )
     for suffix in ("", "-studies"):
         if curves := shown_curves(section, studies=bool(suffix)):
             more = (title, published(section["task"]))

@@ -6,6 +6,7 @@ from typing import Any
 
 from benchmark.leaderboard.axis_chart import axis_bars, axis_chart
 from benchmark.leaderboard.curve_chart import curve_charts
+from benchmark.leaderboard.demonstrations_chart import demonstrations_chart
 from benchmark.leaderboard.entries import STUDY
 from benchmark.leaderboard.headline import MIN_EPISODES
 from benchmark.leaderboard.level_chart import MAX_LINES, level_chart, line, series_lines
@@ -197,6 +198,7 @@ def _studies_place(section: Mapping[str, Any], board: Mapping[str, Any]) -> View
         "iqm": any(row["iqm_test"] for row in rows),
         "chart": level_chart([line(row["label"], row["cells"]) for row in studies]),
         "axes": axis_chart(axis_bars(section, lambda row: row["label"], studies=True)),
+        "by_demonstrations": demonstrations_chart(section["by_demonstrations"]),
         "papers": [row for row in board["reference"]["rows"] if row["task"] == section["task"]],
     }
 

@@ -52,6 +52,8 @@ class PickCube(So101Task):
     Attributes:
         lift_m: Height above its start at which the cube counts as lifted.
         approach_noise_m: Standard deviation of where the expert begins to come down on the cube.
+        near_noise_m: Standard deviation of where it is once more off, just above the cube: its correction is
+            what a policy must do there, for the open hand fits over the cube within 8 mm.
     """
 
     name: ClassVar[str] = "so101/pick_cube"
@@ -64,6 +66,7 @@ class PickCube(So101Task):
 
     lift_m: float = 0.04
     approach_noise_m: float = 0.008
+    near_noise_m: float = 0.0
 
     @property
     @override
@@ -103,9 +106,10 @@ class PickCube(So101Task):
         above = lifted(pos + np.array([*rng.normal(0.0, spread, 2), 0.0]), rng.uniform(0.055, 0.07))
         middle = hold_point(pos)
         up = lifted(middle, middle[2] + self.lift_m + 0.01)
+        off = rng.normal(0.0, self.near_noise_m, 2) if self.near_noise_m else None
         return [
             *_clear(self.commanded(state)),
-            *grasp(middle, HALF_M, yaw, above, travel_s(hand, above, 0.4)),
+            *grasp(middle, HALF_M, yaw, above, travel_s(hand, above, 0.4), off),
             Waypoint(pos=up, yaw=yaw, gripper=CLOSED_M, duration_s=0.7, hold_s=0.2),
         ]
 

@@ -59,6 +59,9 @@ LOW_M = 0.019
 HIGH_M = 0.075
 """Height of the grip site at which a hand passes over what lies on the table."""
 
+NEAR_M = 0.048
+"""Height of the grip site at which the fingertips, 15 mm below it, are just above a cube of 3 cm."""
+
 OPEN_M, CLOSED_M = 0.0269, 0.0
 """Half of the distance between the fingers, as in a waypoint."""
 
@@ -98,7 +101,12 @@ def lifted(pos: np.ndarray, height_m: float = HIGH_M) -> np.ndarray:
 
 
 def grasp(
-    middle: np.ndarray, half_width_m: float, yaw: float, above: np.ndarray, come_s: float
+    middle: np.ndarray,
+    half_width_m: float,
+    yaw: float,
+    above: np.ndarray,
+    come_s: float,
+    off_m: np.ndarray | None = None,
 ) -> list[Waypoint]:
     """Returns the way of an open hand to a thing and of its fingers round it.
 
@@ -108,13 +116,25 @@ def grasp(
         yaw: Turn of the hand.
         above: Where the hand comes down from, m, (3,).
         come_s: Time to come there.
+        off_m: How far the hand is off when its fingers are just above the thing, m, (2,), which it corrects;
+            without it the hand comes straight down.
     """
     open_at = beside(middle, half_width_m, yaw, 0.006)
     held_at = beside(middle, half_width_m, yaw)
     return [
         Waypoint(pos=above, yaw=yaw, gripper=OPEN_M, duration_s=come_s),
-        Waypoint(pos=lifted(open_at, above[2]), yaw=yaw, gripper=OPEN_M, duration_s=0.2),
+        *_come_down(open_at, yaw, float(above[2]), off_m),
         Waypoint(pos=open_at, yaw=yaw, gripper=OPEN_M, duration_s=0.5, hold_s=0.07),
         Waypoint(pos=held_at, yaw=yaw, gripper=OPEN_M, duration_s=0.2),
         Waypoint(pos=held_at, yaw=yaw, gripper=CLOSED_M, duration_s=0.2, hold_s=0.2),
     ]
+
+
+def _come_down(open_at: np.ndarray, yaw: float, height_m: float, off_m: np.ndarray | None) -> list[Waypoint]:
+    """Returns the way to straight above the place where the hand takes hold; see :func:`grasp`."""
+    over = Waypoint(pos=lifted(open_at, height_m), yaw=yaw, gripper=OPEN_M, duration_s=0.2)
+    if off_m is None:
+        return [over]
+    near = lifted(open_at, NEAR_M)
+    beside_it = replace(over, pos=near + np.array([*off_m, 0.0]), duration_s=0.3)
+    return [over, beside_it, replace(over, pos=near, duration_s=0.1 + 10.0 * float(np.linalg.norm(off_m)))]

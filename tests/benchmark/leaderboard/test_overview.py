@@ -65,6 +65,7 @@ def test_overview_shows_the_row_with_most_test_episodes(publish, tmp_path, bette
         {"task_kwargs": {"success": "lift"}},
         {"scenario": {"cameras": {"front": {"fovy_deg": 30.0}}}},
         {"config": {"policy": {}, "run": {"simulator": "sapien", "renderer": "sapien"}}},
+        {"config": {"policy": {}, "source": "augment"}},
     ],
 )
 def test_what_says_something_else_stays_out(publish, tmp_path, change):
