@@ -134,6 +134,11 @@ def last_checkpoint(run_dir: Path) -> Path | None:
     return max(found, key=lambda path: int(path.name), default=None)
 
 
+def not_finite(tensors: Mapping[str, Tensor]) -> str:
+    """Returns the name of the first tensor with a number that is infinite or NaN; empty if there is none."""
+    return next((key for key, value in tensors.items() if not bool(value.isfinite().all())), "")
+
+
 def what_is_kept(run_dir: Path) -> str:
     """Returns what a run that has to stop leaves to resume from, in a sentence for people."""
     if last_checkpoint(run_dir) is None:

@@ -207,6 +207,7 @@ class _Trainer:
                         self._log(writers)
                     self._report("on_step", self._progress())
                     if self.step % self.config.save_every == 0:
+                        self._log(writers)  # a loss that is not finite stops the run before it is saved
                         self._save()
                         saved_at = self.step
                 if saved_at != self.step:
@@ -272,10 +273,7 @@ class _Trainer:
         self.losses.clear()
         self.loss = row["loss"]
         if not math.isfinite(row["loss"]):
-            raise TrainingDivergedError(
-                f"The loss is {self.loss} at step {self.step}. {checkpoint.what_is_kept(self.run_dir)} "
-                "Take a smaller train.lr or train.precision=fp32."
-            )
+            raise self._diverged(f"The loss is {self.loss}")
         row |= {
             "lr": self.optimizer.param_groups[0]["lr"],
             "grad_norm": float(self.grad_norm),
@@ -284,6 +282,12 @@ class _Trainer:
         }
         for writer in writers:
             writer.write(self.step, row)
+
+    def _diverged(self, what: str) -> TrainingDivergedError:
+        return TrainingDivergedError(
+            f"{what} at step {self.step}. {checkpoint.what_is_kept(self.run_dir)} "
+            "Take a smaller train.lr or train.precision=fp32."
+        )
 
     def _settings(self) -> dict[str, Any]:
         """What a resumed run must share with the one before."""
@@ -313,6 +317,8 @@ class _Trainer:
         logger.info("Going on from step %d of '%s'.", self.step, directory)
 
     def _save(self) -> None:
+        if key := checkpoint.not_finite(self.policy.state_dict()):  # of a gradient that overflowed
+            raise self._diverged(f"The weight '{key}' is not finite")
         self.accelerator.wait_for_everyone()
         if not self.is_main:
             return

@@ -14,7 +14,7 @@ from roboverse_learn.training import checkpoint
 from roboverse_learn.training.learners import AgentLearner
 from roboverse_learn.training.rl import loop
 from roboverse_learn.training.rl.environment import check_env, make_env
-from roboverse_learn.training.rl.replay_buffer import ReplayBuffer, Transitions
+from roboverse_learn.training.rl.replay_buffer import ReplayBuffer, Transitions, check_room
 
 _TIMED_BATCH, _TIMED_STEPS = 1024, 100
 
@@ -42,6 +42,7 @@ class FastTd3Algorithm:
         size = sum(policy.sizes.values())
         self.buffer = ReplayBuffer(config.buffer_size, num_envs, size, policy.action_size, device)
         self.first_steps = max(1, config.learning_starts * num_envs)
+        check_room(self.buffer, config.buffer_size, self.first_steps, "policy.learning_starts")
         self.due = 0
         self.std = torch.zeros(num_envs, 1, device=device)
         self.settings: dict[str, Any] = {"batch_size": config.batch_size}
@@ -107,7 +108,7 @@ class FastTd3Algorithm:
         if "replay" in numbers:
             self.buffer.load(part(tensors, "replay"), numbers["replay"])
         else:
-            self.first_steps = max(self.first_steps, min(self.batch_size, self.buffer.length))
+            self.first_steps = max(self.first_steps, min(self.batch_size, self.buffer.capacity))
 
 
 class FastTd3Learner(AgentLearner):

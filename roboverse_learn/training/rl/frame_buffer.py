@@ -80,6 +80,11 @@ class FrameReplay:
     def __len__(self) -> int:
         return min(self.added, self.length) * self.num_envs
 
+    @property
+    def capacity(self) -> int:
+        """Steps of all environments that fit."""
+        return self.length * self.num_envs
+
     def add(self, transitions: Transitions, over: Tensor) -> None:
         """Adds one step of every environment.
 

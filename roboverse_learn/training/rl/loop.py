@@ -245,7 +245,8 @@ class Loop:
 
     def _save(self, *, in_turn: bool) -> None:
         """Writes a checkpoint and continues from its exact state; out of turn, as if there were none."""
-        self._check_weights()
+        if key := checkpoint.not_finite(self.algorithm.policy.state_dict()):
+            raise self._diverged(f"The weight '{key}' is not finite")
         random = {} if in_turn else random_state(self.env)
         of_env: Mapping[str, Tensor] = self.env.state_dict() if hasattr(self.env, "state_dict") else {}
         tensors, numbers = self.algorithm.state()
@@ -273,11 +274,6 @@ class Loop:
         for key, value in self.sums.items():
             if not bool(value.isfinite()):
                 raise self._diverged(f"'{key}' is {float(value)}")
-
-    def _check_weights(self) -> None:
-        for key, value in self.algorithm.policy.state_dict().items():
-            if not bool(value.isfinite().all()):
-                raise self._diverged(f"The weight '{key}' is not finite")
 
     def _log(self, writers: list[MetricsWriter]) -> None:
         """Logs the means since the last logged step; waits for the device."""

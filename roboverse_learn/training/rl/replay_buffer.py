@@ -7,8 +7,9 @@ A batch is one gather of each field, and nothing waits for a GPU. It takes half 
 sequences may go beyond an episode's end, which is marked.
 """
 
+import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -117,6 +118,11 @@ class ReplayBuffer:
     def __len__(self) -> int:
         return self.filled * self.num_envs
 
+    @property
+    def capacity(self) -> int:
+        """Steps of all environments that fit."""
+        return self.length * self.num_envs
+
     def add(self, transitions: Transitions, over: Tensor) -> None:
         """Adds one step of every environment.
 
@@ -202,3 +208,23 @@ class ReplayBuffer:
                 )
             value[:filled] = saved.to(self.device)
         self.next, self.filled = numbers["next"], filled
+
+
+def check_room(buffer: Any, buffer_size: int, first_steps: int, key: str) -> None:
+    """Checks that a replay buffer ever holds the steps after which learning begins.
+
+    Args:
+        buffer: A :class:`ReplayBuffer`, or what has its interface.
+        buffer_size: The setting that it was made by.
+        first_steps: Steps after which learning begins.
+        key: The setting that decides these.
+
+    Raises:
+        ConfigError: It does not: the agent would never learn.
+    """
+    if buffer.capacity < first_steps:
+        least = math.ceil(first_steps / buffer.num_envs) * buffer.num_envs
+        raise ConfigError(
+            f"policy.buffer_size={buffer_size} holds {buffer.capacity} steps, and learning begins after "
+            f"{first_steps}. Take policy.buffer_size={least} at least, or a smaller {key}."
+        )

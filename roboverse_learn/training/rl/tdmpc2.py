@@ -24,7 +24,7 @@ from roboverse_learn.training.rl.environment import (
     make_pixel_env,
 )
 from roboverse_learn.training.rl.frame_buffer import FrameReplay
-from roboverse_learn.training.rl.replay_buffer import ReplayBuffer, Transitions
+from roboverse_learn.training.rl.replay_buffer import ReplayBuffer, Transitions, check_room
 
 _TIMED_ENVS, _TIMED_STEPS = 8, 100
 
@@ -55,6 +55,7 @@ class Tdmpc2Algorithm:
         self.buffer = _buffer_of(policy, num_envs)
         lengths = [task.episode_length for task in policy.several.values()] or [episode_length]
         self.first_steps = max(config.first_steps(*lengths), config.horizon * num_envs)
+        check_room(self.buffer, config.buffer_size, self.first_steps, "policy.seed_steps")
         self.learning, self.due = False, 0.0
         self.settings: dict[str, Any] = {"batch_size": config.batch_size, "model_size": config.model_size}
         if config.observation == "pixels":

@@ -244,6 +244,29 @@ def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_checkpoint(five_s
     assert policies.load(five_steps / "checkpoints" / "000005")
 
 
+def test_a_checkpoint_between_two_logged_steps_is_not_written_after_the_loss_diverged(five_steps):
+    bad = SquareFrames()
+    bad.frames["action"][:] = float("nan")
+    config = replace(CONFIG, steps=20, save_every=3, log_every=20)
+    with pytest.raises(TrainingDivergedError, match=r"The loss is nan at step 6\. .* is sound"):
+        train(make("act"), bad, config, five_steps)
+    assert (five_steps / "checkpoints" / "last").resolve().name == "000005"
+
+
+def test_weights_that_are_not_finite_are_not_saved(tmp_path, monkeypatch):
+    policy = make("act")
+
+    def overflow(parameters, _):
+        parameters[0].grad.fill_(float("inf"))
+        return torch.tensor(float("inf"))
+
+    monkeypatch.setattr(imitation.nn.utils, "clip_grad_norm_", overflow)
+    message = r"The weight '.*' is not finite at step 1\. No checkpoint"
+    with pytest.raises(TrainingDivergedError, match=message):
+        train(policy, DATA, replace(CONFIG, save_every=1), tmp_path)
+    assert not (tmp_path / "checkpoints").exists()
+
+
 def test_resuming_with_other_settings_is_an_error(five_steps):
     with pytest.raises(
         CheckpointError, match=r"batch_size was 8 and is 4; seed was 0 and is 1.*resume=false"

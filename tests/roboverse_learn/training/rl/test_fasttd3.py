@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from envs.core.errors import ConfigError
 from envs.spec import EnvSpec
 from policies.fasttd3.config import FastTd3Config
 from policies.fasttd3.policy import FastTd3Policy
@@ -107,3 +108,17 @@ def test_without_its_replay_a_run_gathers_a_batch_first(tmp_path):
 def test_the_number_of_updates_follows_the_steps(num_updates, tmp_path):
     train(tmp_path, steps=320, config=replace(TINY, num_updates=num_updates))
     assert read_metrics(tmp_path)[-1]["updates"] == num_updates * (20 - 10 + 1)
+
+
+def test_without_its_replay_a_batch_is_gathered_of_a_buffer_that_hardly_holds_more(tmp_path):
+    config = replace(TINY, save_replay=False, buffer_size=512)
+    train(tmp_path, steps=320, config=config)
+    before = read_metrics(tmp_path)[-1]["updates"]
+    train(tmp_path, config=config)
+    assert read_metrics(tmp_path)[-1]["updates"] == before + 2 * 5  # 15 of 20 steps make a batch of 256
+
+
+def test_a_buffer_that_never_holds_the_steps_before_learning_is_an_error(tmp_path):
+    message = r"buffer_size=150 holds 144 steps, and learning begins after 160. Take policy.buffer_size=160"
+    with pytest.raises(ConfigError, match=message):
+        train(tmp_path, config=replace(TINY, buffer_size=150))

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from envs.core.errors import CheckpointError
+from envs.core.errors import CheckpointError, ConfigError
 from policies.tdmpc2.config import Tdmpc2Config
 from policies.tdmpc2.planner import plan
 from policies.tdmpc2.policy import Tdmpc2Policy
@@ -259,3 +259,9 @@ def test_a_time_limit_ends_a_run(tmp_path):
     result, _ = train(tmp_path, steps=10**9, time_limit_s=0.5)
     assert result.stopped_by == "time_limit" and result.steps < 10**6
     assert Tdmpc2Policy.load(tmp_path)
+
+
+def test_a_buffer_that_never_holds_the_seed_steps_is_an_error(tmp_path):
+    message = r"buffer_size=190 holds 184 steps, and learning begins after 200. Take policy.buffer_size=200"
+    with pytest.raises(ConfigError, match=f"{message} at least, or a smaller policy.seed_steps"):
+        train(tmp_path, config=replace(TINY, buffer_size=190))
