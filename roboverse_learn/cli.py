@@ -83,18 +83,8 @@ def _dispatch(words: list[str]) -> int:
         command = "speed"
     if command not in help_texts.SUMMARIES:
         raise unknown_name("command", command, help_texts.SUMMARIES, "Start with: roboverse --help")
-    if command == "list":
-        print(help_texts.list_command([word for word in rest if word not in HELP]))
-        return 0
-    if command == "speed":
-        return _speed(rest)
-    if command == "dataset":
-        from roboverse_learn.dataset import dataset
-
-        print(dataset(rest))
-        return 0
-    if command == "assets":
-        return _assets(rest)
+    if command in _OF_WORDS:
+        return _OF_WORDS[command](rest)
     if any(word in HELP for word in rest) or (command == "sweep" and not rest):
         chosen = [word.removeprefix("policy=") for word in rest if word.startswith("policy=")]
         print(help_texts.command_help(command, (chosen or ["act"])[-1]))
@@ -197,11 +187,28 @@ def _assets(words: list[str]) -> int:
     from roboverse_learn.assets import assets
 
     if any(word in HELP for word in words):
-        print(help_texts.assets_help())
+        print(help_texts.usage("assets"))
         return 0
     _start_logging()
     print(assets(words))
     return 0
+
+
+def _dataset(words: list[str]) -> int:
+    from roboverse_learn.dataset import dataset
+
+    print(help_texts.usage("dataset") if not words or words[0] in HELP else dataset(words))
+    return 0
+
+
+def _list(words: list[str]) -> int:
+    wants_help = any(word in HELP for word in words)
+    print(help_texts.usage("list") if wants_help else help_texts.list_command(words))
+    return 0
+
+
+_OF_WORDS = {"assets": _assets, "dataset": _dataset, "list": _list, "speed": _speed}
+"""Commands that take words, not keys alone."""
 
 
 def _show(report: Any) -> None:

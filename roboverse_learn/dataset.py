@@ -43,6 +43,7 @@ def dataset(words: Sequence[str]) -> str:
     from roboverse_learn.data import DatasetInfo, dataset_hash, merge
 
     action, *rest = words or [""]
+    note = ""
     if action not in ACTIONS:
         raise unknown_name("action on datasets", action, ACTIONS, "As in: roboverse dataset merge --help")
     if action == "merge":
@@ -50,8 +51,9 @@ def dataset(words: Sequence[str]) -> str:
         merged = parse("roboverse dataset merge", MergeConfig, rest)
         if not merged.parts or not merged.out:
             raise ConfigError("dataset merge needs from=[<folder>,<folder>] and out=<folder>.")
-        info = merge(merged.parts, merged.out)
+        info, note = merge(merged.parts, merged.out), _left_out(merged.parts)
     else:
+        rest = [word if "=" in word or word.startswith("-") else f"dataset={word}" for word in rest]
         folder = parse("roboverse dataset info", InfoConfig, rest).dataset
         if not folder:
             raise ConfigError("dataset info needs dataset=<folder>.")
@@ -60,5 +62,16 @@ def dataset(words: Sequence[str]) -> str:
         f"{info.root}: {info.num_episodes} episodes, {info.num_frames} frames at {info.fps} Hz, "
         f"hash {dataset_hash(info.root)[:16]}\n"
         f"tasks: {', '.join(info.tasks)}\n"
-        f"features: {', '.join(info.features)}"
+        f"features: {', '.join(info.features)}{note}"
     )
+
+
+def _left_out(parts: Sequence[str]) -> str:
+    """Says how many episodes of the parts are not in what was merged of them; empty where all are."""
+    from roboverse_learn.data.dataset.info import DatasetInfo, episode_key
+
+    keys = [episode_key(metadata) for part in parts for metadata in DatasetInfo.open(part).episode_metadata]
+    again = len(keys) - len(set(keys))
+    if not again:
+        return ""
+    return f"\nleft out: {again} of the {len(keys)} episodes given; each task, level and index is kept once"

@@ -94,7 +94,16 @@ EXAMPLES = {
         "roboverse assets get calvin",
         "roboverse assets get calvin assets_dir=folder   (checks a copy; downloads nothing)",
     ),
+    "dataset": (
+        "roboverse dataset info dataset=datasets/PickCube/<name>",
+        "roboverse dataset merge from=[datasets/<a>,datasets/<b>] out=datasets/all",
+    ),
     "doctor": ("roboverse doctor", "roboverse doctor json=true   (or --json)"),
+    "list": (
+        "roboverse list   (everything)",
+        "roboverse list policies robots   (some kinds)",
+        "roboverse list tasks libero drawer   (tasks that have all of these words)",
+    ),
 }
 
 
@@ -133,10 +142,10 @@ def command_help(command: str, policy: str = "act") -> str:
     return "\n\n".join(parts)
 
 
-def assets_help() -> str:
-    """Returns the text of ``roboverse assets --help``."""
-    examples = "\n".join(f"  {line}" for line in EXAMPLES["assets"])
-    return f"roboverse assets: {SUMMARIES['assets']}.\n\nUsage:\n{examples}"
+def usage(command: str) -> str:
+    """Returns the text of ``roboverse <command> --help`` of a command that takes words."""
+    examples = "\n".join(f"  {line}" for line in EXAMPLES[command])
+    return f"roboverse {command}: {SUMMARIES[command]}.\n\nUsage:\n{examples}"
 
 
 def listing(datasets_dir: str | None = None, kinds: Sequence[str] = (), words: Sequence[str] = ()) -> str:

@@ -287,6 +287,18 @@ def test_the_help_of_a_command_explains_every_key(command: str, capsys: pytest.C
         assert "=" in key and about.strip(), f"{command} does not explain '{line.strip()}'"
 
 
+@pytest.mark.parametrize(
+    "words",
+    [["dataset"], ["dataset", "--help"], ["list", "--help"], ["list", "tasks", "-h"], ["assets", "help"]],
+)
+def test_the_help_of_a_command_that_takes_words_shows_them(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(words) == 0
+    said = capsys.readouterr().out
+    assert f"Usage:\n  roboverse {words[0]} " in said and len(said.splitlines()) < 9
+
+
 def test_the_help_of_train_shows_the_keys_of_the_policy_named(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["train", "policy=diffusion", "--help"]) == 0
     said = capsys.readouterr().out

@@ -72,9 +72,11 @@ def test_commands_merge_and_describe(tmp_path, capsys):
     parts = [write(tmp_path / "a", [3, 1]), write(tmp_path / "b", [2, 0])]
     words = [f"out={tmp_path}/merged", f"from=[{parts[0]},{parts[1]}]"]
     assert cli.main(["dataset", "merge", *words]) == 0
-    assert f"4 episodes, {DatasetInfo.open(whole).num_frames} frames" in capsys.readouterr().out
-    assert cli.main(["dataset", "info", f"dataset={tmp_path}/merged"]) == 0
-    assert f"hash {dataset_hash(whole)[:16]}" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert f"4 episodes, {DatasetInfo.open(whole).num_frames} frames" in said and "left out" not in said
+    for named in (f"dataset={tmp_path}/merged", f"{tmp_path}/merged"):
+        assert cli.main(["dataset", "info", named]) == 0
+        assert f"hash {dataset_hash(whole)[:16]}" in capsys.readouterr().out
     for wrong, says in (
         (["merge", "out=x"], "needs from=[<folder>,<folder>] and out=<folder>"),
         (["info"], "needs dataset=<folder>"),
@@ -83,3 +85,10 @@ def test_commands_merge_and_describe(tmp_path, capsys):
     ):
         assert cli.main(["dataset", *wrong]) == 2
         assert says in capsys.readouterr().err
+
+
+def test_the_command_says_how_many_episodes_were_left_out(tmp_path, capsys):
+    parts = [write(tmp_path / "a", [0, 1, 2]), write(tmp_path / "b", [2, 3])]
+    assert cli.main(["dataset", "merge", f"out={tmp_path}/merged", f"from=[{parts[0]},{parts[1]}]"]) == 0
+    said = capsys.readouterr().out
+    assert "4 episodes" in said and "left out: 1 of the 5 episodes given" in said
