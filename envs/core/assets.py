@@ -32,7 +32,7 @@ class AssetFolder:
         size_mb: Their size.
         licence: Name of their licence.
         licence_file: File of the repository with the licence's text; it is stored beside the files.
-        used_by: Tasks that need them, for listings.
+        used_by: Tasks that use them, for listings.
         other_names: Further names that the folder may have inside ``ROBOVERSE_DATA``.
     """
 
@@ -61,7 +61,7 @@ ASSETS.add(
         size_mb=17.0,
         licence="MIT",
         licence_file="LICENSE",
-        used_by="calvin/*, MoveSliderLeft",
+        used_by="the meshes of calvin/* and MoveSliderLeft, which need nothing without them",
         other_names=("calvin_env", "calvin_env_data"),
     ),
     summary="CALVIN's four play tables and their blocks",

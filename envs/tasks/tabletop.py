@@ -8,6 +8,7 @@ from torch import Tensor
 
 from envs.array_ops import largest, norm, tanh
 from envs.core.errors import ConfigError
+from envs.robots import ROBOTS
 from envs.robots.franka import FRANKA
 from envs.rotations import rotate, yaw_of
 from envs.scenario import Appearance, CameraCfg, LightCfg, PhysicsCfg, RobotCfg, SurfaceMaterial
@@ -66,7 +67,7 @@ def wrist_camera(robot: RobotCfg) -> CameraCfg:
     if mount is None:
         raise ConfigError(
             f"The robot '{robot.name}' has no wrist camera: give its RobotCfg a camera_mount, the body that "
-            "carries one."
+            f"carries one. Robots of every table-top task: {', '.join(ROBOTS.names('arm'))}."
         )
     return dataclasses.replace(WRIST_CAMERA, mount=f"{robot.name}/{mount}")
 
