@@ -94,7 +94,7 @@ class ImitationPolicy:
             self.model.eval()
         with torch.inference_mode():
             batch = self.preprocess(batch)
-            if self.batch_invariant:
+            if self.batch_invariant and n > 1:
                 actions = torch.cat(
                     [
                         self.predict({key: value[i : i + 1] for key, value in batch.items()},

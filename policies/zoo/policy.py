@@ -25,6 +25,7 @@ from policies.module_policy import seeded
 from policies.objective import Loss, Objective, Preprocess
 from policies.zoo import adapters, building, weights
 from policies.zoo.assets import write_assets
+from policies.zoo.blocks import BlockwiseObjective
 from policies.zoo.config import LeRobotConfig, full_rename_map
 from policies.zoo.features import keep_cameras, matched_inputs, statistics
 from policies.zoo.preflight import NEEDS_NOTHING, check_lerobot
@@ -185,7 +186,12 @@ class LeRobotZooPolicy(LeRobotPolicy):
             floats[key] = value.float().div_(255.0) if is_bytes else value
         floats[TASK] = self._words(batch)
         processed = self.preprocessor(floats)
-        return {key: value for key, value in processed.items() if isinstance(value, Tensor | list)}
+        # EO-1's processor hands its network the ids of two tokens as numbers; flags of LeRobot are none.
+        return {
+            key: value
+            for key, value in processed.items()
+            if isinstance(value, Tensor | list | int) and not isinstance(value, bool)
+        }
 
     def _words(self, batch: Mapping[str, Any]) -> list[str]:
         """Returns the instruction of each sample."""
@@ -264,7 +270,7 @@ class LeRobotZooPolicy(LeRobotPolicy):
 
     @override
     def objective(self) -> Objective:
-        return Objective(self.model, Preprocess(self), self.loss)
+        return BlockwiseObjective(self.model, Preprocess(self), self.loss)
 
     @override
     def learn_instructions(self, instructions: Instructions) -> None:

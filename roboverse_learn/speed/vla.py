@@ -2,15 +2,16 @@
 
 Both train the same network from the same random weights on the same frames, whole or with LoRA. LeRobot's
 side is what ``lerobot-train`` does once it has a batch on the device: processors, forward and backward pass,
-clipping, its own optimizer, and the loss as a number; in fp32, its default, and with ``accelerate``'s bf16.
-Ours is bf16, the default here. No weights are fetched: the backbone is made from its published sizes.
+clipping, its own optimizer, and the loss as a number; in fp32 with products in tf32, its default, and with
+``accelerate``'s bf16. Ours is bf16, the default here, on a GPU with ``train.compile=true``, which is not. No
+weights are fetched: the backbone is made from its published sizes.
 """
 
 import itertools
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -86,10 +87,12 @@ class VlaSettings(Settings):
     Attributes:
         parts: full, full_bf16, lora, lora_bf16: of LeRobot in fp32 and in bf16.
         device: ``auto``, ``cpu``, ``cuda``.
+        compile: Whether our side compiles the network's blocks; None does so on a GPU.
         out: JSON file for the measurements.
     """
 
     device: str = "auto"
+    compile: bool | None = None
 
 
 def parts(settings: VlaSettings) -> Mapping[str, Callable[[], Measurement]]:
@@ -99,8 +102,9 @@ def parts(settings: VlaSettings) -> Mapping[str, Callable[[], Measurement]]:
 
     check_packages("roboverse speed vla", "transformers", "peft", "num2words")
     device = resolve_device(settings.device)
+    compile = device == "cuda" if settings.compile is None else settings.compile
     return {
-        f"{name}{suffix}": partial(measure, name, device, bf16=bool(suffix))
+        f"{name}{suffix}": partial(measure, name, device, bf16=bool(suffix), compile=compile)
         for name in ("full", "lora")
         for suffix in ("", "_bf16")
     }
@@ -166,13 +170,14 @@ def write_backbone(folder: Path, sizes: Backbone, words: list[str], *, weights: 
     ).save_pretrained(folder)
 
 
-def measure(name: str, device: str, *, bf16: bool) -> Measurement:
+def measure(name: str, device: str, *, bf16: bool, compile: bool = False) -> Measurement:
     """Compares the steps of the whole network, or of adapters, each side with a network of its own.
 
     Args:
         name: ``full`` or ``lora``.
         device: Torch device.
         bf16: Whether LeRobot's side computes in bf16.
+        compile: Whether our side compiles the network's blocks.
 
     Raises:
         SimulatorError: if the losses of the first steps differ by more than :data:`SAME_LOSS`.
@@ -181,7 +186,7 @@ def measure(name: str, device: str, *, bf16: bool) -> Measurement:
     scale = GPU if on_gpu else CPU
     with tempfile.TemporaryDirectory() as folder:
         make = _maker(Path(folder), name, REAL if on_gpu else TINY, device)
-        sides = _our_step(make(), scale), _lerobot_step(make(), scale, bf16=bf16)
+        sides = _our_step(make(), scale, compile=compile), _lerobot_step(make(), scale, bf16=bf16)
     losses = [[float(take(step)) for take in sides] for step in range(scale.compared)]
     apart = max(abs(ours - theirs) / abs(theirs) for ours, theirs in losses)
     if not apart <= SAME_LOSS:
@@ -194,7 +199,8 @@ def measure(name: str, device: str, *, bf16: bool) -> Measurement:
     seconds = in_turns(ours, theirs, scale.turns, wait=cuda_wait(device))
     title = (
         f"training step of SmolVLA ({name}), batch {scale.batch_size}, on {device}, LeRobot in "
-        f"{'bf16' if bf16 else 'fp32'} / ours in bf16 (losses differ by {apart:.2%})"
+        f"{'bf16' if bf16 else 'fp32'} / ours in bf16{', compiled' if compile else ''} (losses differ by "
+        f"{apart:.2%})"
     )
     goal = Goal(GOAL, applies=on_gpu) if not bf16 else Goal()
     return measurement(title, seconds, goal, units=scale.steps)
@@ -234,14 +240,17 @@ def _batch(frames: Frames, step: int, count: int) -> dict[str, Any]:
     return frames.batch(step) | {"task": [INSTRUCTION] * count}
 
 
-def _our_step(policy: Any, scale: training.Scale) -> Side:
+def _our_step(policy: Any, scale: training.Scale, *, compile: bool) -> Side:
     """Returns a step of :mod:`roboverse_learn.training.imitation.train`."""
+    from policies.compilation import compile_objective
     from roboverse_learn.training.config import TrainConfig
     from roboverse_learn.training.imitation.train import make_optimizer
 
     frames = Frames(scale, policy.delta_indices, str(policy.device))
     policy.begin_training()
     objective = policy.objective()
+    if compile:
+        compile_objective(objective)
     config = policy.training_config(TrainConfig())
     optimizer = make_optimizer(policy, config)
 
@@ -267,13 +276,25 @@ def _lerobot_step(policy: Any, scale: training.Scale, *, bf16: bool) -> Side:
         batch = _batch(frames, step, scale.batch_size)
         batch[CAMERA] = batch[CAMERA].float() / 255.0  # as its dataset returns images
         batch = policy.preprocessor(batch)
-        with torch.autocast(policy.device.type, torch.bfloat16) if bf16 else nullcontext():
-            loss, _terms = policy.model.forward(batch)
-        _update(loss, policy, optimizer, preset.grad_clip_norm)
+        with _tf32():
+            with torch.autocast(policy.device.type, torch.bfloat16) if bf16 else nullcontext():
+                loss, _terms = policy.model.forward(batch)
+            _update(loss, policy, optimizer, preset.grad_clip_norm)
         loss.item()
         return loss.detach()
 
     return take
+
+
+@contextmanager
+def _tf32() -> Iterator[None]:
+    """While it lasts, fp32 matrices are multiplied in tf32 on a GPU, as ``lerobot-train`` sets it."""
+    before = torch.get_float32_matmul_precision()
+    torch.set_float32_matmul_precision("high")
+    try:
+        yield
+    finally:
+        torch.set_float32_matmul_precision(before)
 
 
 def _update(loss: Any, policy: Any, optimizer: Any, grad_clip: float) -> None:

@@ -9,12 +9,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from torch._dynamo.utils import counters
 
 import policies
 from envs.core.errors import ConfigError, PolicyError
 from policies.zoo.config import LeRobotConfig, PeftConfig
+from roboverse_learn.training.imitation.fast_objective import fast_objective
 from tests.policies.examples import FEATURES, IMAGE, SIZE, generators, stats
-from tests.policies.training_steps import steps
+from tests.policies.training_steps import batch, steps
 from tests.policies.zoo import tiny
 
 pytestmark = [
@@ -192,6 +194,23 @@ def test_learning_rates_have_lerobots_shares(trained):
     assert {round(share, 6) for _, share in groups} == expected
     trained_ones = [each for each in trained.policy.model.parameters() if each.requires_grad]
     assert sum(len(members) for members, _ in groups) == len(trained_ones)
+
+
+@pytest.mark.parametrize("trained", ["smolvla", "multi_task_dit"], indirect=True)
+def test_compiled_blocks_leave_the_gradients_and_the_policy_as_they_are(trained, caplog):
+    policy = policies.load(trained.checkpoint)
+    policy.instructions = tiny.WORDS
+    seen = observation(policy)
+    before = policy.act(seen, generators(2))
+    policy.begin_training()
+    batches, graphs = [batch(policy), batch(policy)], counters["stats"]["unique_graphs"]
+    fast_objective(policy, batches, "fp32", compile=True, cuda_graphs=False)  # compares the gradients
+    policy.end_training()
+    assert counters["stats"]["unique_graphs"] > graphs
+    assert "changes the gradient" not in caplog.text
+    graphs = counters["stats"]["unique_graphs"]
+    np.testing.assert_array_equal(policy.act(seen, generators(2)), before)
+    assert counters["stats"]["unique_graphs"] == graphs
 
 
 def test_absent_weights_are_an_error(trained, tmp_path):

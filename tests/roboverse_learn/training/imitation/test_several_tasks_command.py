@@ -10,11 +10,13 @@ from envs.core.errors import ConfigError, PolicyError, UnknownNameError
 from envs.tasks.suites import suite_tasks
 from policies.checkpoint import learned_tasks
 from roboverse_learn import cli
+from roboverse_learn.collect import dataset_folder
 from roboverse_learn.commands.collected import joined_hash, of_task
 from roboverse_learn.commands.run_folder import identity, read_facts
 from roboverse_learn.config.compose import compose, configs_folder
 from roboverse_learn.config.recipes import TASKS, find_recipes
 from roboverse_learn.data import DatasetWriter
+from roboverse_learn.data.sources import SOURCES
 from roboverse_learn.training.learners import learner_of
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
@@ -128,6 +130,15 @@ def test_the_recipe_of_the_papers_tasks_is_no_recipe_of_the_table():
     assert "mtact_paper" not in find_recipes("v1", configs_folder() / "recipe")
     alone = compose("train", ["recipe=mtact_paper", "task=CloseBox"])
     assert alone.tasks == ("CloseBox",)
+
+
+def test_the_recipe_of_the_papers_tasks_learns_from_the_datasets_of_the_table():
+    config = compose("train", ["recipe=mtact_paper", "level=3"])
+    for task in config.tasks:
+        own = of_task(config, task)
+        table = compose("train", ["recipe=act_v1", "level=3", f"task={task}"])
+        assert dataset_folder(own) == dataset_folder(table)
+        assert SOURCES.get(own.source)(own).settings() == SOURCES.get(table.source)(table).settings()
 
 
 def test_the_recipe_of_grasping_has_all_tasks_of_few_and_many():
