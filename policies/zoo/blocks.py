@@ -12,6 +12,7 @@ from typing import Any, override
 import torch
 from torch import Tensor, nn
 
+from policies.compilation import OBJECTIVE_OPTIONS
 from policies.objective import Loss, Objective
 
 
@@ -29,11 +30,14 @@ class BlockwiseObjective(Objective):
         """Compiles the blocks, each when it is first called; see :meth:`torch.nn.Module.compile`.
 
         Args:
-            options: Of the compiler. What else is wanted of a whole loss is no block's.
+            options: Further ones of the compiler. What else is wanted of a whole loss is no block's.
         """
         lists = [module for module in self.model.modules() if isinstance(module, nn.ModuleList)]
         blocks = dict.fromkeys(block for members in lists for block in members if _is_block(block))
-        self._compiled = tuple((block, torch.compile(block.forward, options=options)) for block in blocks)
+        self._compiled = tuple(
+            (block, torch.compile(block.forward, options=OBJECTIVE_OPTIONS | (options or {})))
+            for block in blocks
+        )
 
     @override
     def forward(self, batch: dict[str, Tensor]) -> Loss:
