@@ -13,6 +13,7 @@ from roboverse_learn.commands.outcomes import Evaluation
 from roboverse_learn.commands.tested_checkpoint import (
     TestedCheckpoint,
     checkpoints_to_test,
+    name_without_run,
     protocol_of,
     step_of,
 )
@@ -159,15 +160,16 @@ def _run_name(config: EvaluateConfig) -> str:
     """Returns the name of a suite's evaluation: the run or baseline, and a hash of what is evaluated."""
     from benchmark.protocol import digest
     from benchmark.provenance import file_hash
-    from policies.checkpoint import WEIGHTS, resolve
+    from policies.checkpoint import weights_path
+    from roboverse_learn.commands.foreign_checkpoint import open_checkpoint
     from roboverse_learn.commands.run_folder import run_of
 
     decides: dict[str, Any] = {"protocol": protocol_of(config.evaluate).to_json(), "env": plain(config.env)}
     decides |= {"materials": config.evaluate.materials, "named": config.protocol}
     base = config.policy_name
     if not base:
-        checkpoint = resolve(config.checkpoint)
-        folder = run_of(checkpoint) or checkpoint.absolute().parent
-        base = folder.name
-        decides |= {"weights": file_hash(checkpoint / WEIGHTS), "step": step_of(checkpoint)}
+        checkpoint = open_checkpoint(config.checkpoint)
+        folder = run_of(checkpoint)
+        base = name_without_run(config.checkpoint, checkpoint) if folder is None else folder.name
+        decides |= {"weights": file_hash(weights_path(checkpoint)), "step": step_of(checkpoint)}
     return f"{base}-{digest(decides)}"

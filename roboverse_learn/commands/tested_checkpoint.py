@@ -239,17 +239,27 @@ def _checkpoint_without_run(checkpoint: Path, config: EvaluateConfig) -> TestedC
         seen = EnvSpec(cameras=tuple(cameras), image_size=config.env.get("image_size") or sizes.pop())
     env = _changed_env(seen, config.env)
     weights = file_hash(weights_path(checkpoint))[:8]
-    base = checkpoint.absolute().parent.name if Path(config.checkpoint).exists() else config.checkpoint
-    base = re.sub(r"[^A-Za-z0-9._+=-]+", "-", base).strip("-.") or "checkpoint"
+    name = name_without_run(config.checkpoint, checkpoint)
     return TestedCheckpoint(
         checkpoint=checkpoint,
-        run="-".join([base, weights, *_evaluation_in_name(config, env)]),
+        run="-".join([name, weights, *_evaluation_in_name(config, env)]),
         env=env,
         device=resolve_device(config.device),
         rename_map=config.rename_map,
         training=Training(tasks=_learned_together(checkpoint)),
         config={"command": to_values(config), "policy": values},
     )
+
+
+def name_without_run(given: str, checkpoint: Path) -> str:
+    """Returns a name, fit for a file, of a checkpoint of no run: of its folder, or that on the hub.
+
+    Args:
+        given: What the command was given.
+        checkpoint: The pretrained folder.
+    """
+    name = checkpoint.absolute().parent.name if Path(given).exists() else given
+    return re.sub(r"[^A-Za-z0-9._+=-]+", "-", name).strip("-.") or "checkpoint"
 
 
 def _baseline(config: EvaluateConfig) -> TestedCheckpoint:

@@ -8,7 +8,9 @@ from benchmark.leaderboard import suites_section
 from benchmark.suites import read_suite
 from envs.core.errors import ConfigError, UnknownNameError
 from envs.tasks.suites import SUITES
+from policies.zoo import source
 from roboverse_learn import api, cli
+from roboverse_learn.commands.suite import _run_name
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.serialize import from_values, to_values
 from roboverse_learn.sweep import plan
@@ -121,3 +123,23 @@ def test_a_sweep_over_a_suite_is_one_over_its_tasks():
 def test_a_recipes_sweep_takes_the_tasks_of_a_suite():
     swept = plan(["recipe=act_v1", "suite=maniskill", "levels=[0]", "seeds=[0]"])
     assert len(swept.runs) == 15 and swept.runs[0][1].recipe == "act_v1"
+
+
+@pytest.mark.parametrize("weights", ["adapter_model.safetensors", "model.safetensors.index.json"])
+def test_an_evaluation_of_a_checkpoint_without_one_file_of_weights_has_a_name(weights, tmp_path):
+    folder = tmp_path / "tuned" / "pretrained_model"
+    folder.mkdir(parents=True)
+    (folder / "config.json").write_text("{}")
+    (folder / weights).write_text("first")
+    config = compose("evaluate", [f"checkpoint={tmp_path / 'tuned'}", "suite=paper"])
+    before = _run_name(config)
+    (folder / weights).write_text("second")
+    assert before.startswith("tuned-") and _run_name(config) != before
+
+
+def test_an_evaluation_of_a_checkpoint_of_the_hub_has_its_name(tmp_path, monkeypatch):
+    folder = tmp_path / "snapshots" / "0123abcd"
+    folder.mkdir(parents=True)
+    (folder / "model.safetensors").write_text("weights")
+    monkeypatch.setattr(source, "local_folder", lambda path: folder if path == "owner/name" else None)
+    assert _run_name(compose("evaluate", ["checkpoint=owner/name", "suite=paper"])).startswith("owner-name-")
