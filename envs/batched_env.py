@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
 
 import numpy as np
+from torch import as_tensor
 
 from envs.array_ops import Array
 from envs.controllers import Controller
@@ -90,7 +91,7 @@ class BatchedEnv(ABC):
             The states after the step, and its outcome.
         """
         self.controller.advance(self.handler, actions, self._substeps, env_ids)
-        states = self._present(env_ids)
+        states = self._remembered(self._present(env_ids), env_ids)
         reward, terminated, success = self._judge(states)
         if env_ids is None:
             self.elapsed_steps += 1
@@ -103,6 +104,15 @@ class BatchedEnv(ABC):
         timed_out = elapsed >= self.max_episode_steps
         success = solved(self.task, success, terminated | timed_out, returns)
         return states, StepResult(reward, terminated, timed_out & ~terminated, success)
+
+    def _remembered(self, states: State, env_ids: EnvIds) -> State:
+        """Moves the markers in which the task keeps what has happened; returns the states with them."""
+        poses = self.task.memory(states)
+        if not poses:
+            return states
+        tensors = {name: (as_tensor(pos), as_tensor(rot)) for name, (pos, rot) in poses.items()}
+        self.handler.set_poses(tensors, env_ids)
+        return self._present(env_ids)
 
     def _clear(self, env_ids: Array) -> None:
         """Resets the counters, and the controller, of environments whose episodes start."""

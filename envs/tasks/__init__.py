@@ -12,6 +12,7 @@ from envs.tasks.calvin.catalogue import entries as calvin_entries
 from envs.tasks.grasp_language import catalogue as grasp
 from envs.tasks.libero import catalogue as libero
 from envs.tasks.metaworld.catalogue import PREFIX, WORDS
+from envs.tasks.task_zoo import catalogue as zoo
 
 if TYPE_CHECKING:
     from envs.tasks.base import Task
@@ -33,6 +34,7 @@ _CALVIN = _origin("CALVIN", "arXiv:2112.03227", "MIT")
 _HUMANOID = _origin("HumanoidBench", "arXiv:2403.10506", "MIT; Unitree's H1 is BSD 3-Clause")
 _ISAAC_LAB = _origin("Isaac Lab", "arXiv:2301.04195", "BSD 3-Clause; the ant's shapes are Gymnasium's, MIT")
 _SO101 = _origin("LeRobot's SO-101", "arXiv:2506.01844", "own scenes; the arm's dimensions are Apache-2.0")
+_TASK_ZOO = _origin("robosuite task zoo", "arXiv:2210.11339", "MIT")
 _METAWORLD = _origin("Meta-World 3", "arXiv:1910.10897", "MIT", family="Meta-World")
 
 
@@ -103,6 +105,13 @@ for _name, _target, _summary in (
     ("TwoArmPegInHole", "two_arm_peg_in_hole", "one arm puts its peg into the hole of the other's plate"),
 ):
     _add(_name, f"robosuite.{_target}:{_name}", _summary, _ROBOSUITE, "tabletop")
+
+for _name, _target, _summary in (
+    ("Kitchen", "kitchen", "cook bread in a pot on a stove that is turned on and off, and serve it"),
+):
+    _add(_name, f"task_zoo.{_target}:{_name}", _summary, _TASK_ZOO, "tabletop")
+for _name, _entry in zoo.entries().items():
+    _add(_name, f"task_zoo.multitask:{_name}", _entry.instructions[0], _TASK_ZOO, "tabletop")
 
 for _name, _target, _summary in (
     ("stand", "locomotion:Stand", "stand upright and keep still for 20 s"),

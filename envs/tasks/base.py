@@ -161,6 +161,18 @@ class Task(ABC):
         read = [joint_readings(robot).read(state.robots[robot.name].joint_pos) for robot in robots]
         return read[0] if len(read) == 1 else concatenate(read)
 
+    def memory(self, state: State) -> "dict[str, tuple[Tensor, Tensor]]":
+        """Returns poses that markers take after a step that led to each state; none by default.
+
+        A rule that depends on what has happened in an episode reads it from markers. They are part of the
+        state, so that it stays all there is to know: what is recorded, set or compared includes them.
+
+        Returns:
+            Name of a marker to positions (N, 3), m, and orientations (N, 4), wxyz.
+        """
+        del state
+        return {}
+
     def failure(self, state: State) -> Tensor:
         """Returns whether the task has failed, which ends an episode, (N,) bool; never by default."""
         return torch.zeros(state.num_envs, dtype=torch.bool, device=state.device)
