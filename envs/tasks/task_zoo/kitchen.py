@@ -141,7 +141,7 @@ class KitchenTask(parts.ZooTask):
 
     def bread_in_pot(self, state: State) -> Array:
         """Returns whether bread and pot touch, (N,): by their places where a simulator does not say so."""
-        bread, inside = state.objects["bread"], self._bread_inside(state)
+        bread, inside = state.objects["bread"], self.bread_inside(state)
         return inside if bread.touched is None else bread.touched[:, 0] > 0.5
 
     def pot_in_region(self, state: State) -> Array:
@@ -230,7 +230,8 @@ class KitchenTask(parts.ZooTask):
         end = behind + np.array([gone + 0.03, 0.0, 0.0])
         return push(hand, yaw, behind, end, turn, TRAVEL_M, rng)
 
-    def _bread_inside(self, state: State) -> Array:
+    def bread_inside(self, state: State) -> Array:
+        """Returns whether the bread is inside the pot, by their places, (N,)."""
         bread, pot = state.objects["bread"], state.objects["pot"]
         local = rotate(conjugate(pot.rot), bread.pos - pot.pos)
         x, y = parts.POT_INNER_M
@@ -303,7 +304,7 @@ class Kitchen(KitchenTask):
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
         if not bool(self.was_on(state)[0]):
             return self.flip(state, True, rng)
-        if not bool(self._bread_inside(state)[0]):
+        if not bool(self.bread_inside(state)[0]):
             return self.fill(state, rng)
         on = bool(self.stove_on(state)[0])
         if on and not bool(self.pot_on_stove(state)[0]):

@@ -125,7 +125,7 @@ class MultitaskKitchen(KitchenTask):
             return self._close(state, rng)
         if self.entry.stove is not None and bool(self.stove_on(state)[0]) != self.entry.stove:
             return self.flip(state, self.entry.stove, rng)
-        if not bool(self._bread_inside(state)[0]):
+        if not bool(self.bread_inside(state)[0]):
             return self.fill(state, rng)
         if self.entry.place == "stove":
             x, y = self.layout.stove

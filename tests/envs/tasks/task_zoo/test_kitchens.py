@@ -4,13 +4,16 @@ import numpy as np
 import pytest
 import torch
 
-from envs.tasks import TASKS
-from envs.tasks.task_zoo import parts
+from envs.tasks.task_zoo import multitask, parts
 from envs.tasks.task_zoo.catalogue import entries
 from envs.tasks.task_zoo.kitchen import HIDDEN_Z_M, Kitchen
 from tests.envs.tasks.table_states import put, starts
 
 GOALS = sorted(entries())
+
+
+def made(name) -> multitask.MultitaskKitchen:
+    return getattr(multitask, name)()
 
 
 def lever(state, angle):
@@ -79,7 +82,7 @@ def test_a_flame_shows_whether_the_stove_is_on():
 
 @pytest.mark.parametrize("name", GOALS)
 def test_every_condition_of_a_goal_is_needed(name):
-    task = TASKS.get(name)()
+    task = made(name)
     entry, state = task.entry, starts(task)
     drawer(state, 0.0)
     lever(state, 0.2 if entry.stove else -0.2)
@@ -106,14 +109,14 @@ def test_every_condition_of_a_goal_is_needed(name):
 
 @pytest.mark.parametrize("name", GOALS)
 def test_nothing_is_inside_another_thing_at_the_start(name):
-    task = TASKS.get(name)()
+    task = made(name)
     state, entry = starts(task, 50), task.entry
     pot, reach = state.objects["pot"], np.array([task.pot_reach_m(0.1), task.pot_reach_m(0.0)])
     assert (pot.pos[:, 1] + reach[1] < task.layout.stove[1] - 0.095).all()
     out = -state.objects["cabinet"].joint_pos[:, 0]
     assert (out == (0.1 if entry.starts_open else 0.0)).all()
     assert (pot.pos[:, 1] - reach[1] > -0.185 + out).all()
-    assert bool(task._bread_inside(state).all()) is entry.starts_filled
+    assert bool(task.bread_inside(state).all()) is entry.starts_filled
     assert bool((state.objects["button"].joint_pos >= 0.1).all()) is entry.starts_on
 
 
