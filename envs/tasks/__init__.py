@@ -107,6 +107,8 @@ for _name, _target, _summary in (
     _add(_name, f"robosuite.{_target}:{_name}", _summary, _ROBOSUITE, "tabletop")
 
 for _name, _target, _summary in (
+    ("HammerPlace", "hammer_place", "put a hammer into a drawer that is pulled open and pushed shut"),
+    ("ToolUse", "tool_use", "pull a far cube near with an L-shaped tool and put it into a pot"),
     ("Kitchen", "kitchen", "cook bread in a pot on a stove that is turned on and off, and serve it"),
 ):
     _add(_name, f"task_zoo.{_target}:{_name}", _summary, _TASK_ZOO, "tabletop")

@@ -147,3 +147,36 @@ def push(
         replace(hand, pos=end).to(start, yaw, shut),
         replace(hand, pos=start).to(at_height(start, travel_z), yaw, shut),
     ]
+
+
+def drag(
+    hand: Hand,
+    now_yaw: float,
+    grip: np.ndarray,
+    end: np.ndarray,
+    yaw: float,
+    travel_z: float,
+    rng: np.random.Generator,
+    opening_m: float = GRASP_OPEN_M,
+) -> list[Waypoint]:
+    """Returns the way that grasps something, moves it level to a place, lets go of it, and the way up.
+
+    Args:
+        hand: Where the hand is.
+        now_yaw: Its turn, rad.
+        grip: The grip site in the grasp, m, (3,).
+        end: The grip site where it lets go, at the same height.
+        yaw: Turn of the hand.
+        travel_z: Height that clears everything, m.
+        rng: Varies the way, whose end first misses, and its pace.
+        opening_m: Distance of each finger from the middle before the grasp and after it.
+    """
+    *way, _ = take(hand, now_yaw, grip, yaw, travel_z, rng, opening_m)
+    still = replace(hand, pos=end)
+    drag_s = 0.4 + float(np.linalg.norm(end - grip)) / PUSH_M_S * rng.uniform(0.9, 1.1)
+    return [
+        *way,
+        replace(hand.to(end, yaw, GRASP_CLOSED_M, hold_s=0.1), duration_s=drag_s),
+        still.to(end, yaw, opening_m, hold_s=0.1),
+        still.to(at_height(end, travel_z), yaw, opening_m),
+    ]

@@ -207,14 +207,26 @@ class KitchenTask(parts.ZooTask):
         return [*way, *put(held, narrow, over, along, TRAVEL_M, rng, opening_m=0.03)]
 
     def carry(
-        self, state: State, to: tuple[float, float], floor_m: float, rng: np.random.Generator
+        self,
+        state: State,
+        to: tuple[float, float],
+        floor_m: float,
+        rng: np.random.Generator,
+        side: float = -1.0,
     ) -> list[Waypoint]:
-        """Returns the way that carries the pot by a handle to a place, whose height is ``floor_m``."""
+        """Returns the way that carries the pot by a handle to a place.
+
+        Args:
+            state: A state of one row.
+            to: The place, m.
+            floor_m: Its height.
+            rng: Varies the way.
+            side: Sign of the handle's y in the pot's frame.
+        """
         hand, yaw = self.hand(state, rng)
         pot = state.objects["pot"]
         turn = grasp_yaw(heading(pot), np.pi)
         x, y, z = parts.POT_HANDLE_M
-        side = -1.0 if to[1] > 0.0 else 1.0
         grip = parts.part_of(pot, (x, side * y, z))[0].numpy().copy()
         way = take(hand, yaw, grip, turn, TRAVEL_M, rng)
         held = replace(hand, pos=way[-1].pos)
@@ -311,4 +323,4 @@ class Kitchen(KitchenTask):
             return self.carry(state, self.layout.on_stove, 0.0175, rng)
         if on:
             return self.flip(state, False, rng)
-        return self.carry(state, self.layout.region, 0.0, rng)
+        return self.carry(state, self.layout.region, 0.0, rng, side=1.0)

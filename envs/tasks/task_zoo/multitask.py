@@ -129,7 +129,8 @@ class MultitaskKitchen(KitchenTask):
             return self.fill(state, rng)
         if self.entry.place == "stove":
             x, y = self.layout.stove
-            return self.carry(state, (x + 0.01, y + 0.01), 0.0175, rng)
+            # By the far handle: the drawer's is beside the near one.
+            return self.carry(state, (x + 0.01, y + 0.01), 0.0175, rng, side=1.0)
         return self.serve(state, rng)
 
     def _close(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
