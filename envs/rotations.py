@@ -97,6 +97,12 @@ def yaw_of(q: Array) -> Array:
     return torch.atan2(sine, cosine)
 
 
+def uprightness(q: Array) -> Array:
+    """Returns the cosine (...,) between the turned z axis and the vertical: 1 where it points up."""
+    x, y = q[..., 1], q[..., 2]
+    return 1.0 - 2.0 * (x * x + y * y)
+
+
 def to_matrix(q: Array) -> Array:
     """Returns rotation matrices (..., 3, 3) of unit quaternions ``q`` (..., 4)."""
     w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]

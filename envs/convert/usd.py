@@ -16,6 +16,7 @@ import numpy as np
 from envs.convert.description import Description, Joint, Link, Material, Mesh, Shape
 from envs.convert.obj import write_image
 from envs.core.errors import MissingExtraError
+from envs.core.extras import install_command
 from envs.rotations import conjugate, multiply, rotate
 from envs.scenario.units import IDENTITY
 
@@ -40,7 +41,7 @@ def write_usd(description: Description, folder: Path) -> tuple[str, ...]:
     except ModuleNotFoundError as error:
         raise MissingExtraError(
             "Writing USD needs the package 'usd-core', which is not installed. "
-            "Install it with: pip install 'roboverse-learn[usd]'"
+            f"Install it with: {install_command('usd')}"
         ) from error
     stage = Usd.Stage.CreateNew(str(folder / f"{description.name}.usd"))
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from envs.core.errors import ConfigError, MissingExtraError, unknown_name
+from envs.core.extras import install_command
 
 PLUGINS_VARIABLE = "ROBOVERSE_PLUGINS"
 """Environment variable: modules, separated by commas, that are imported before a registry is read.
@@ -127,7 +128,7 @@ class Registry[T]:
                 raise
             raise MissingExtraError(
                 f"The {self.kind} '{name}' needs the package '{error.name}', which is not installed. "
-                f"Install it with: pip install 'roboverse-learn[{entry.extra}]'"
+                f"Install it with: {install_command(entry.extra)}"
             ) from error
 
     def names(self, tag: str | None = None) -> list[str]:

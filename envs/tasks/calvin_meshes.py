@@ -17,6 +17,7 @@ import numpy as np
 
 from envs.core.assets import cache_dir
 from envs.core.errors import ConfigError, MissingExtraError
+from envs.core.extras import install_command
 from envs.scenario import GeomCfg, LinkCfg, Rgba, Vec3
 from envs.tasks.calvin_table import SCALE, about_x, link, scaled
 
@@ -122,7 +123,7 @@ def _decomposed(file: Path) -> list[Path]:
         except ModuleNotFoundError:
             raise MissingExtraError(
                 "CALVIN's table needs the package 'coacd', which is not installed. "
-                "Install it with: pip install 'roboverse-learn[calvin]'"
+                f"Install it with: {install_command('calvin')}"
             ) from None
         logger.info("Cutting %s into convex pieces; this takes a minute, once.", file.name)
         mesh = trimesh.load_mesh(file)

@@ -15,6 +15,7 @@ from typing import Any
 import torch
 
 from envs.core.errors import MissingExtraError
+from envs.core.extras import install_command
 from roboverse_learn.speed.harness import (
     Call,
     Goal,
@@ -216,7 +217,7 @@ def torchrl_slices(observed: int, actions: int, device: str) -> Callable[[], Any
     except ModuleNotFoundError as error:
         raise MissingExtraError(
             f"parts=[replay] compares with TorchRL, and the package '{error.name}' is not installed. "
-            "Install it with: pip install 'roboverse-learn[torchrl]'."
+            f"Install it with: {install_command('torchrl')}."
         ) from error
 
     # It looks for the episodes once: with cache_values=False it would do so for every batch.

@@ -10,6 +10,7 @@ import numpy as np
 
 from envs.core.atomic import atomic_path
 from envs.core.errors import MissingExtraError
+from envs.core.extras import install_command
 from envs.simulators.hybrid import make_handler
 from envs.simulators.mujoco.render import Stage
 from envs.state import State
@@ -31,7 +32,7 @@ def load_rerun() -> Any:
     except ModuleNotFoundError as error:
         raise MissingExtraError(
             f"roboverse view needs the package '{error.name}', which is not installed. "
-            "Install it with: pip install 'roboverse-learn[viewer]'"
+            f"Install it with: {install_command('viewer')}"
         ) from error
 
 

@@ -9,29 +9,22 @@ import torch
 from torch import Tensor
 
 from envs.controllers import Controller
-from envs.core.errors import unknown_name
 from envs.kinematics.waypoints import Waypoint
 from envs.scenario import RobotCfg, ScenarioCfg
-from envs.state import State
-from envs.tasks.base import Task
+from envs.state import EntityState, State
 from envs.tasks.calvin import memory, native
 from envs.tasks.calvin.catalogue import BLOCKS, HORIZON, Entry, entries
 from envs.tasks.calvin.rules import met
 from envs.tasks.calvin.scene import ROBOT, TABLE, scenario_of
 from envs.tasks.calvin.starts import drawn_symbols, initial_state
+from envs.tasks.native_spaces import NativeSpaces
 from envs.tasks.parameters import parameter
 from envs.tasks.planner import Planner
 from envs.tasks.tabletop import ee_pos
 
-_CHOICES = {
-    "looks": ("boxes", "meshes"),
-    "action_space": ("joints", "native"),
-    "observation_space": ("joints", "native"),
-}
-
 
 @dataclass(frozen=True, kw_only=True)
-class CalvinTask(Task):
+class CalvinTask(NativeSpaces):
     """One of CALVIN's 34 tasks in one of its four scenes.
 
     Success is CALVIN's: what has changed since the episode began (:mod:`envs.tasks.calvin.rules`).
@@ -49,17 +42,12 @@ class CalvinTask(Task):
     has_reward: ClassVar[bool] = False
     entry: ClassVar[Entry]
 
-    action_space: Literal["joints", "native"] = "joints"
-    observation_space: Literal["joints", "native"] = "joints"
+    native_names: ClassVar[tuple[str, ...]] = native.STATE_NAMES
+    native_limits: ClassVar[tuple[tuple[float, ...], tuple[float, ...]]] = native.STATE_LIMITS
+
     looks: Literal["boxes", "meshes"] = "boxes"
     assets_dir: str | None = None
     qpos_noise_rad: float = parameter(0.01, at_least=0.0, at_most=0.05)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for key, valid in _CHOICES.items():
-            if getattr(self, key) not in valid:
-                raise unknown_name(f"{key} of {self.name}", str(getattr(self, key)), valid)
 
     @property
     @override
@@ -101,35 +89,17 @@ class CalvinTask(Task):
                 parts += [state.objects[name].pos, state.objects[name].rot]
         return torch.cat(parts, dim=-1)
 
-    @property
     @override
-    def controller(self) -> Controller:
-        if self.action_space == "joints":
-            return super().controller
+    def native_controller(self) -> Controller:
         return native.RelativeCartesianController(self.robot)
 
-    @property
     @override
-    def planner(self) -> Planner:
-        if self.action_space == "joints":
-            return super().planner
+    def native_planner(self) -> Planner:
         return native.RelativeCartesianPlanner(self.scenario, self.expert)
 
-    @property
     @override
-    def state_names(self) -> tuple[str, ...]:
-        return super().state_names if self.observation_space == "joints" else native.STATE_NAMES
-
-    @property
-    @override
-    def state_limits(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        return super().state_limits if self.observation_space == "joints" else native.STATE_LIMITS
-
-    @override
-    def proprioception(self, state: State) -> Tensor:
-        if self.observation_space == "joints":
-            return super().proprioception(state)
-        return native.robot_obs(self.robot, state.robots[self.robot.name])
+    def native_state(self, robot: EntityState) -> Tensor:
+        return native.robot_obs(self.robot, robot)
 
     @override
     def same_scene_tasks(self) -> tuple[str, ...]:

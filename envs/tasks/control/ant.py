@@ -15,7 +15,7 @@ from torch import Tensor
 
 from envs.controllers import Controller, NormalizedPositionController
 from envs.robots.ant import ANT, TORQUE_N_M
-from envs.rotations import conjugate, rotate, yaw_of
+from envs.rotations import conjugate, rotate, uprightness, yaw_of
 from envs.scenario import CameraCfg, ScenarioCfg
 from envs.state import EntityState, State
 from envs.tasks.base import Task
@@ -133,10 +133,9 @@ def _normalized(robot: EntityState) -> Tensor:
 
 def _axes(robot: EntityState) -> tuple[Tensor, Tensor]:
     """Returns how far the body's z axis points up, and its x axis to the target, in [-1, 1], (N,) each."""
-    x, y = robot.rot[:, 1], robot.rot[:, 2]
     axis = robot.rot.new_tensor([1.0, 0.0, 0.0]).expand(len(robot.rot), 3)
     forward = rotate(robot.rot, axis)[:, :2]
-    return 1.0 - 2.0 * (x * x + y * y), (forward * _to_target(robot)).sum(-1)
+    return uprightness(robot.rot), (forward * _to_target(robot)).sum(-1)
 
 
 def _to_target(robot: EntityState) -> Tensor:

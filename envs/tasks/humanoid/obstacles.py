@@ -16,7 +16,7 @@ from torch import Tensor
 
 from envs.controllers import Controller, NormalizedPositionController
 from envs.core.errors import SimulatorError
-from envs.rotations import from_yaw
+from envs.rotations import from_yaw, uprightness
 from envs.scenario import GROUND, ObjectCfg, Vec3
 from envs.simulators.base import EnvIds, Handler
 from envs.state import EntityState, State
@@ -120,8 +120,7 @@ class Stair(HumanoidTask):
     @override
     def failure(self, state: State) -> Tensor:
         # The torso turns about the pelvis's z axis alone, so both point up alike.
-        _, x, y, _ = state.robots[ROBOT].rot.unbind(-1)
-        return 1.0 - 2.0 * (x * x + y * y) < 0.1
+        return uprightness(state.robots[ROBOT].rot) < 0.1
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,30 +10,22 @@ import torch
 from torch import Tensor
 
 from envs.controllers import Controller
-from envs.core.errors import ConfigError, unknown_name
+from envs.core.errors import ConfigError
 from envs.kinematics.waypoints import Waypoint
 from envs.scenario import ScenarioCfg
-from envs.state import State
-from envs.tasks.base import Task
+from envs.state import EntityState, State
 from envs.tasks.libero import native
 from envs.tasks.libero.catalogue import HORIZON, LEROBOT_HORIZONS, Entry
 from envs.tasks.libero.goals import Goal
 from envs.tasks.libero.scene import Scene, scene_of
 from envs.tasks.libero.starts import starts_of
+from envs.tasks.native_spaces import NativeSpaces, Space
 from envs.tasks.planner import Planner
 from envs.tasks.tabletop import GRASP_OPEN_M, ee_pos
 
-Space = Literal["joints", "native"]
-
-_CHOICES = {
-    "starts": ("regions", "libero"),
-    "action_space": ("joints", "native"),
-    "observation_space": ("joints", "native"),
-}
-
 
 @dataclass(frozen=True, kw_only=True)
-class LiberoTask(Task):
+class LiberoTask(NativeSpaces):
     """One of LIBERO's 130 tasks, from its files (the extra ``libero``).
 
     Success is LIBERO's: the atoms of the task file's goal hold together at some step. Objects begin seated:
@@ -53,16 +45,14 @@ class LiberoTask(Task):
     max_episode_steps: ClassVar[int] = HORIZON
     has_reward: ClassVar[bool] = False
     entry: ClassVar[Entry]
+    native_names: ClassVar[tuple[str, ...]] = native.STATE_NAMES
+    native_limits: ClassVar[tuple[tuple[float, ...], tuple[float, ...]]] = native.STATE_LIMITS
 
     starts: Literal["regions", "libero"] = "regions"
-    action_space: Space = "joints"
-    observation_space: Space = "joints"
     horizon: int | Literal["lerobot"] = HORIZON
 
     def __post_init__(self) -> None:
-        for key, valid in _CHOICES.items():
-            if getattr(self, key) not in valid:
-                raise unknown_name(f"{key} of {self.name}", str(getattr(self, key)), valid)
+        super().__post_init__()
         steps = LEROBOT_HORIZONS[self.entry.suite] if self.horizon == "lerobot" else self.horizon
         if not isinstance(steps, int) or steps < 1:
             raise ConfigError(
@@ -90,11 +80,8 @@ class LiberoTask(Task):
         _goal_of(self.entry)  # raises before anything begins where a goal cannot be decided
         return _scenario_of(self.entry, self.action_space, self.observation_space)
 
-    @property
     @override
-    def controller(self) -> Controller:
-        if self.action_space == "joints":
-            return super().controller
+    def native_controller(self) -> Controller:
         from envs.operational_space import OperationalSpaceController
 
         return OperationalSpaceController(self.robot)
@@ -159,27 +146,12 @@ class LiberoTask(Task):
             parts += [entity.pos, entity.rot, entity.joint_pos]
         return torch.cat(parts, dim=-1)
 
-    @property
     @override
-    def state_names(self) -> tuple[str, ...]:
-        return super().state_names if self.observation_space == "joints" else native.STATE_NAMES
-
-    @property
-    @override
-    def state_limits(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        return super().state_limits if self.observation_space == "joints" else native.STATE_LIMITS
+    def native_state(self, robot: EntityState) -> Tensor:
+        return native.native_state(self.robot, robot)
 
     @override
-    def proprioception(self, state: State) -> Tensor:
-        if self.observation_space == "joints":
-            return super().proprioception(state)
-        return native.native_state(self.robot, state.robots[self.robot.name])
-
-    @property
-    @override
-    def planner(self) -> Planner:
-        if self.action_space == "joints":
-            return super().planner
+    def native_planner(self) -> Planner:
         from envs.tasks.pose_delta_planner import PoseDeltaPlanner
 
         return PoseDeltaPlanner(self.scenario, self.expert)

@@ -13,12 +13,13 @@ from torch import Tensor
 
 from envs.array_ops import at_least, concatenate
 from envs.kinematics.waypoints import Waypoint, miss
+from envs.rotations import uprightness
 from envs.scenario import GeomCfg, ObjectCfg, Quat, Rgba, Vec3
 from envs.state import State
 from envs.tasks.arm_at_table import Start, above, travel_s
 from envs.tasks.arms import DOWN, Hand, in_world, pointing
 from envs.tasks.arms_planner import Phase
-from envs.tasks.robosuite.two_arms import TwoArms, part, up_of
+from envs.tasks.robosuite.two_arms import TwoArms, part
 from envs.tasks.tabletop import (
     DENSITY_KG_M3,
     GRASP_CLOSED_M,
@@ -102,7 +103,7 @@ class TwoArmLift(TwoArms):
     def reward(self, state: State) -> Tensor:
         """Returns robosuite's: height of a level pot, and reach and grasp of each handle; over 3."""
         pot = state.objects["pot"]
-        level = up_of(pot) >= math.cos(MOST_TILT_RAD)
+        level = uprightness(pot.rot) >= math.cos(MOST_TILT_RAD)
         risen = at_least(pot.pos[:, 2] - HALF_M - 0.05, 0.0)
         total = 10.0 * level * (risen - at_least(risen - 0.15, 0.0))
         for index, handle in enumerate(HANDLES):

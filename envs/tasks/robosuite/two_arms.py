@@ -53,9 +53,3 @@ class TwoArms(ArmsAtTable):
 def part(entity: EntityState, place: Vec3) -> Array:
     """Returns a point of an entity, given in its frame, in the world, m, (N, 3)."""
     return entity.pos + rotate(entity.rot, constant(place, entity.pos))
-
-
-def up_of(entity: EntityState) -> Array:
-    """Returns the vertical part of an entity's own z axis, (N,)."""
-    x, y = entity.rot[:, 1], entity.rot[:, 2]
-    return 1.0 - 2.0 * (x * x + y * y)

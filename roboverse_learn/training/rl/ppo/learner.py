@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, override
 import torch
 
 from envs.core.errors import MissingExtraError
+from envs.core.extras import install_command
 from policies.ppo.config import PpoConfig
 from policies.ppo.policy import PpoPolicy
 from roboverse_learn.training.config import TrainConfig
@@ -138,6 +139,6 @@ def check_installed(backend: str) -> None:
         there = [name for name, package in _PACKAGES.items() if importlib.util.find_spec(package)]
         raise MissingExtraError(
             f"policy.backend={backend} needs the package '{_PACKAGES[backend]}', which is not installed. "
-            f"Install it with: pip install 'roboverse-learn[{_EXTRAS[backend]}]'. "
+            f"Install it with: {install_command(_EXTRAS[backend])}. "
             f"Installed backends: {', '.join(there) or 'none'}."
         )

@@ -9,6 +9,7 @@ from envs.tasks.calvin.sequences import (
     all_chains,
     chain_is_valid,
     chains_from,
+    drawn_chains,
     fnv1,
     start_seed,
     start_symbols,
@@ -85,6 +86,11 @@ def test_the_protocols_chains_are_kept_in_the_package_and_valid():
     counts = np.unique([str(sorted(symbols.items())) for symbols, _ in chains], return_counts=True)[1]
     assert len(counts) == 192
     assert set(counts.tolist()) == {5, 6}
+
+
+@pytest.mark.long  # minutes
+def test_the_protocols_chains_are_drawn_by_the_authors_rule():
+    assert tuple(drawn_chains()) == all_chains()
 
 
 def test_the_seed_of_a_start_is_pyhashs_fnv1():
