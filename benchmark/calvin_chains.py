@@ -233,7 +233,7 @@ class ChainScores:
 
     @property
     def by_task(self) -> dict[str, tuple[int, int]]:
-        """Task to how often it was solved, and how often a chain came to it."""
+        """Task to how often it was solved, and how often a chain reached it."""
         solved, tried = Counter[str](), Counter[str]()
         for done, tasks in zip(self.completed, self.chains, strict=True):
             solved.update(tasks[:done])

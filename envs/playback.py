@@ -61,7 +61,7 @@ class PlaybackEnv:
 
     def __init__(self, env: RoboVerseVectorEnv, recordings: Sequence[State]) -> None:
         self._env, self._recordings = env, recordings
-        self._moments = np.zeros(env.num_envs, np.int64)
+        self._steps = np.zeros(env.num_envs, np.int64)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._env, name)
@@ -69,11 +69,11 @@ class PlaybackEnv:
     def step_envs(self, env_ids: np.ndarray, actions: np.ndarray) -> StepResult:
         """Sets the next states of these environments, whatever the actions."""
         del actions
-        self._moments[env_ids] += 1
+        self._steps[env_ids] += 1
         ids = env_ids.tolist()
         lasts = [self._recordings[i].num_envs - 1 for i in ids]
-        moments = np.minimum(self._moments[env_ids], lasts).tolist()
-        rows = [self._recordings[i].select([moment]) for i, moment in zip(ids, moments, strict=True)]
+        steps = np.minimum(self._steps[env_ids], lasts).tolist()
+        rows = [self._recordings[i].select([step]) for i, step in zip(ids, steps, strict=True)]
         states, success = set_and_judge(self._env, env_ids, concatenated(rows))
         reward = np.where(success, 1.0, self._env.task.reward(states).cpu().numpy())
         return StepResult(reward, success, np.zeros_like(success), success)

@@ -25,49 +25,49 @@ def check(config: CheckConfig) -> Checked:
     """
     from roboverse_learn.checks.contract import chosen, run
 
-    what, contracts, subject = _subject(config)
+    what, contracts, checked = _checked(config)
     contracts = chosen(contracts, config.contracts, config.without)
-    with _closing(subject), StageProgress(f"checking {what}") as shown:
+    with _closing(checked), StageProgress(f"checking {what}") as shown:
         order = [each.name for each in contracts]
         findings = list(
-            run(contracts, subject, lambda name: shown.update(order.index(name), len(order), name))
+            run(contracts, checked, lambda name: shown.update(order.index(name), len(order), name))
         )
     return Checked(what=what, contracts=contracts, findings=findings)
 
 
-def _subject(config: CheckConfig) -> tuple[str, Sequence[Any], Any]:
+def _checked(config: CheckConfig) -> tuple[str, Sequence[Any], Any]:
     """Returns what is checked in words, its contracts, and what they look at."""
     if not config.env.task:
         from envs.robots import ROBOTS
-        from roboverse_learn.checks.robots import ROBOT_CONTRACTS, RobotSubject
+        from roboverse_learn.checks.robots import ROBOT_CONTRACTS, CheckedRobot
 
         robot = config.env.robot
         ROBOTS.entry(robot)
-        return f"robot {robot}", ROBOT_CONTRACTS, RobotSubject(robot, config.env.simulator)
+        return f"robot {robot}", ROBOT_CONTRACTS, CheckedRobot(robot, config.env.simulator)
     if config.policy_name:
-        from roboverse_learn.checks.policies import POLICY_CONTRACTS, PolicySubject
+        from roboverse_learn.checks.policies import POLICY_CONTRACTS, CheckedPolicy
         from roboverse_learn.config.compose import compose
 
         words = [f"policy={config.policy_name}", f"preset={config.preset}"]
         settings = compose("train", words).policy
-        subject = PolicySubject(config.policy_name, config.env, settings)
-        return f"policy {config.policy_name} on {config.env.task}", POLICY_CONTRACTS, subject
-    from roboverse_learn.checks.task_subject import TaskSubject
+        checked = CheckedPolicy(config.policy_name, config.env, settings)
+        return f"policy {config.policy_name} on {config.env.task}", POLICY_CONTRACTS, checked
+    from roboverse_learn.checks.checked_task import CheckedTask
     from roboverse_learn.checks.tasks import TASK_CONTRACTS
 
-    subject = TaskSubject(
+    checked = CheckedTask(
         config.env, num_envs=config.num_envs, episodes=config.episodes, required=config.required
     )
-    return f"task {config.env.task}", TASK_CONTRACTS, subject
+    return f"task {config.env.task}", TASK_CONTRACTS, checked
 
 
 @contextlib.contextmanager
-def _closing(subject: Any) -> Iterator[None]:
+def _closing(checked: Any) -> Iterator[None]:
     try:
         yield
     finally:
-        if hasattr(subject, "close"):
-            subject.close()
+        if hasattr(checked, "close"):
+            checked.close()
 
 
 if __name__ == "__main__":

@@ -58,7 +58,7 @@ def train_run(config: TrainRunConfig) -> TrainedRun | None:
     Raises:
         ConfigError: The run would take very long on this machine, is open in another process, was started
             with another configuration, or is to be logged to Weights & Biases and nobody is logged in; the
-            task pays no reward, or has no expert, that an agent is to learn from.
+            task has no reward, or has no expert, that an agent is to learn from.
         MissingExtraError: A package is not installed.
     """
     from roboverse_learn.commands.called_with import command_words

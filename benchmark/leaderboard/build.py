@@ -74,8 +74,8 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
             such file is named.
     """
     whole = [
-        (path, replace(told, config=completed(told.config, told.policy, train or {})))
-        for path, told in _load(results_dir)
+        (path, replace(result, config=completed(result.config, result.policy, train or {})))
+        for path, result in _load(results_dir)
     ]
     loaded = [(path, without_instruction_tests(result)) for path, result in whole]
     suites = read_suites(results_dir)
@@ -89,7 +89,7 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
             continue
         groups.setdefault(_section_order(_section_key(result)), []).append((path, result))
     sections = [_rounded(_section(results_dir, groups[key], kind_of)) for key in sorted(groups)]
-    _tell_apart(sections)
+    _name_apart(sections)
     reference = json.loads(files("benchmark").joinpath("reference/paper.json").read_text())
     shown = {row["entry"] for section in sections for row in section["rows"]}
     entries = shown_entries(entry for _, entry in kinds if entry and entry.id in shown)
@@ -238,8 +238,8 @@ def _section(
     options = [*sorted(key["task_kwargs"].items()), *sorted(key.get("simulator_settings", {}).items())]
     options += [("robot", key["robot"])] if "robot" in key else []
     kwargs = ", ".join(f"{name}={value}" for name, value in options)
-    told = ", ".join(f"{name}={value}" for name, value in [*options, *sorted(flat(scene).items())])
-    title = f"{key['task']}" + (f" ({told})" if told else "")
+    described = ", ".join(f"{name}={value}" for name, value in [*options, *sorted(flat(scene).items())])
+    title = f"{key['task']}" + (f" ({described})" if described else "")
     name = "-".join([key["protocol"], key["task"], kwargs, key["simulator"], key["renderer"]])
     unusual = [f"seed{key['protocol_seed']}"] if key["protocol_seed"] else []
     unusual += [f"scenario-{digest(scene)}"] if scene else []  # it names files, and may be long
@@ -262,7 +262,7 @@ def corrected(comparisons: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return [{**test, "p_holm": p} for test, p in zip(comparisons, p_values, strict=True)]
 
 
-def _tell_apart(sections: Sequence[dict[str, Any]]) -> None:
+def _name_apart(sections: Sequence[dict[str, Any]]) -> None:
     """Adds the horizon to the ids of sections that differ in it alone, in place."""
     number = Counter(section["id"] for section in sections)
     for section in sections:

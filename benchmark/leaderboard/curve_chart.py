@@ -59,7 +59,7 @@ def _chart(
         lines.append(
             {
                 "label": curve["label"],
-                "told": seeds_and_time(curve),
+                "detail": seeds_and_time(curve),
                 "color": color,
                 "line": list(zip(across, map(y, measure["mid"]), strict=True)),
                 "band": band,

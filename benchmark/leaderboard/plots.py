@@ -225,6 +225,6 @@ def save_figure(figure: Any, path: Path, drawn_of: str = "") -> None:
     """
     with atomic_path(path, keep_suffix=True) as temporary:
         # Matplotlib writes its version into a PNG: the same rows must give the same bytes everywhere.
-        told = {KEYWORD: drawn_of} if drawn_of else {}
-        metadata = {"Software": None} | told if path.suffix == ".png" else None
+        keyword = {KEYWORD: drawn_of} if drawn_of else {}
+        metadata = {"Software": None} | keyword if path.suffix == ".png" else None
         figure.savefig(temporary, dpi=_DPI, metadata=metadata)

@@ -25,7 +25,7 @@ def standings(section: Mapping[str, Any]) -> dict[str, list[Series]]:
         ``transferred_from``, ``rows`` (indices of its rows in the section) and ``cells``, of tested level
         (as text) to ``test`` and ``train``, the cells of the row that the protocol asks for; of A also
         ``alone``, the same by the channel that varied alone. Baselines, which learned nothing, are in both.
-        Series stand in the order of the section's rows.
+        Series are in the order of the section's rows.
     """
     found: dict[str, dict[tuple[Any, ...], Series]] = {name: {} for name in PROTOCOLS}
     for index, row in enumerate(section["rows"]):

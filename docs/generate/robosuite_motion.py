@@ -35,32 +35,32 @@ def main() -> None:
     import numpy as np
     from libero.libero.envs.env_wrapper import ControlEnv
 
-    told = json.loads(FILE.read_text())
+    motion = json.loads(FILE.read_text())
     bddl = home / "bddl_files" / "libero_spatial" / f"{TASK}.bddl"
     env = ControlEnv(str(bddl), use_camera_obs=False, has_offscreen_renderer=False, camera_names=[])
     env.reset()
     sim, robot = env.env.sim, env.env.robots[0]
-    sim.data.qpos[:9] = [*told["start"], 0.04, -0.04]
+    sim.data.qpos[:9] = [*motion["start"], 0.04, -0.04]
     sim.data.qvel[:] = 0.0
     sim.forward()
     robot.controller.update(force=True)
     robot.controller.reset_goal()
-    robot.controller.initial_joint = np.array(told["home"])
+    robot.controller.initial_joint = np.array(motion["home"])
     robot.gripper.current_action = np.array([1.0, -1.0])
-    for step, action in enumerate(np.repeat(told["actions"], told["repeat"], axis=0), start=1):
+    for step, action in enumerate(np.repeat(motion["actions"], motion["repeat"], axis=0), start=1):
         env.step(action)
-        if str(step) in told["joints"]:
-            told["joints"][str(step)] = [round(float(value), 9) for value in sim.data.qpos[:7]]
-    FILE.write_text(_text(told))
+        if str(step) in motion["joints"]:
+            motion["joints"][str(step)] = [round(float(value), 9) for value in sim.data.qpos[:7]]
+    FILE.write_text(_text(motion))
 
 
-def _text(told: dict) -> str:
+def _text(motion: dict) -> str:
     """Returns the file's content: an action and a posture per line."""
     lines = [
-        f" {json.dumps(key)}: {json.dumps(told[key])}" for key in told if key not in ("actions", "joints")
+        f" {json.dumps(key)}: {json.dumps(motion[key])}" for key in motion if key not in ("actions", "joints")
     ]
-    actions = ",\n  ".join(map(json.dumps, told["actions"]))
-    joints = ",\n  ".join(f"{json.dumps(step)}: {json.dumps(row)}" for step, row in told["joints"].items())
+    actions = ",\n  ".join(map(json.dumps, motion["actions"]))
+    joints = ",\n  ".join(f"{json.dumps(step)}: {json.dumps(row)}" for step, row in motion["joints"].items())
     return (
         "{\n"
         + ",\n".join([*lines, f' "actions": [\n  {actions}\n ]', f' "joints": {{\n  {joints}\n }}'])

@@ -27,7 +27,7 @@ class AssetFolder:
         repository: URL that git clones.
         commit: The commit, 40 hexadecimal digits.
         paths: Files and folders of the repository that are needed.
-        needs: Files that tell that a folder on the disk is this one, relative to it.
+        needs: Files by which a folder on the disk is recognized, relative to it.
         sha256: :func:`folder_digest` of ``paths``.
         size_mb: Their size.
         licence: Name of their licence.
@@ -105,7 +105,7 @@ def downloaded_folder(name: str) -> Path:
 
 
 def is_asset_folder(place: Path, folder: AssetFolder) -> bool:
-    """Returns whether a folder on the disk holds the files that tell it."""
+    """Returns whether a folder on the disk holds the files by which it is recognized."""
     return all((place / each).is_file() for each in folder.needs)
 
 

@@ -140,8 +140,8 @@ class RoboVerseRobot(Robot):
             stack.enter_context(EpisodeAnnouncements(self._announce))
             CONNECTED.append(self)
             stack.callback(CONNECTED.remove, self)
-            for tell in ON_CONNECT:
-                tell(self)
+            for prepare in ON_CONNECT:
+                prepare(self)
             self._open = stack.pop_all()
 
     def _forget(self) -> None:

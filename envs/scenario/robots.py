@@ -29,7 +29,9 @@ class ReadingCfg:
 
     def __post_init__(self) -> None:
         if not self.scale:
-            raise ConfigError(f"The reading '{self.name}' has a scale of 0, so it would tell nothing.")
+            raise ConfigError(
+                f"The reading '{self.name}' has a scale of 0, so it would always read the same."
+            )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -85,8 +85,8 @@ def _construct(
 
 
 @dataclass(frozen=True, slots=True)
-class Moments(Sequence["Moments"]):
-    """Snapshots of some environments, to be rendered later; an item is one of them.
+class StateSnapshots(Sequence["StateSnapshots"]):
+    """StateSnapshots of some environments, to be rendered later; an item is one of them.
 
     Attributes:
         states: Their states, (n, …).
@@ -101,22 +101,22 @@ class Moments(Sequence["Moments"]):
         return len(self.appearances)
 
     @overload
-    def __getitem__(self, index: int) -> "Moments": ...
+    def __getitem__(self, index: int) -> "StateSnapshots": ...
 
     @overload
-    def __getitem__(self, index: slice) -> "Moments": ...
+    def __getitem__(self, index: slice) -> "StateSnapshots": ...
 
     @override
-    def __getitem__(self, index: int | slice) -> "Moments":
+    def __getitem__(self, index: int | slice) -> "StateSnapshots":
         rows = range(len(self))[index if isinstance(index, slice) else slice(index, index + 1 or None)]
         if not isinstance(index, slice) and not rows:
-            raise IndexError(f"There are {len(self)} moments, and none at {index}.")
-        return Moments(self.states.select(list(rows)), tuple(self.appearances[row] for row in rows))
+            raise IndexError(f"There are {len(self)} snapshots, and none at {index}.")
+        return StateSnapshots(self.states.select(list(rows)), tuple(self.appearances[row] for row in rows))
 
     @classmethod
-    def of(cls, jobs: Sequence["Moments"]) -> "Moments":
-        """Joins jobs; moments stay as they are."""
-        if isinstance(jobs, Moments):
+    def of(cls, jobs: Sequence["StateSnapshots"]) -> "StateSnapshots":
+        """Joins jobs; snapshots stay as they are."""
+        if isinstance(jobs, StateSnapshots):
             return jobs
         flats = [job.states.flatten() for job in jobs]
         states = State.unflatten({key: torch.cat([flat[key] for flat in flats]) for key in flats[0]})
@@ -201,14 +201,14 @@ class HybridHandler(Handler):
         self._appearances[env_id] = appearance
 
     @override
-    def snapshot(self, env_ids: EnvIds = None) -> Moments:
+    def snapshot(self, env_ids: EnvIds = None) -> StateSnapshots:
         ids = rows_of(env_ids, self.num_envs).tolist()
-        return Moments(self.physics.get_states(env_ids), tuple(self._appearances[i] for i in ids))
+        return StateSnapshots(self.physics.get_states(env_ids), tuple(self._appearances[i] for i in ids))
 
     @override
     def render_jobs(
         self,
-        jobs: Sequence[Moments],
+        jobs: Sequence[StateSnapshots],
         cameras: Sequence[str] | None = None,
         modalities: Sequence[str] = ("rgb",),
     ) -> dict[str, dict[str, np.ndarray]]:
@@ -217,7 +217,7 @@ class HybridHandler(Handler):
         if not count:
             jobs = self.snapshot([0])  # for the shapes of what is not there
         portions = [
-            self._draw(Moments.of(jobs[start : start + at_once]), names, modalities)
+            self._draw(StateSnapshots.of(jobs[start : start + at_once]), names, modalities)
             for start in range(0, len(jobs), at_once)
         ]
         return {
@@ -228,11 +228,11 @@ class HybridHandler(Handler):
         }
 
     def _draw(
-        self, moments: Moments, cameras: Sequence[str], modalities: Sequence[str]
+        self, snapshots: StateSnapshots, cameras: Sequence[str], modalities: Sequence[str]
     ) -> dict[str, dict[str, np.ndarray]]:
-        drawing, rows = self._drawing, list(range(len(moments)))
-        drawing.set_states(moments.states.to(drawing.device, drawing.dtype), rows)
-        for row, appearance in enumerate(moments.appearances):
+        drawing, rows = self._drawing, list(range(len(snapshots)))
+        drawing.set_states(snapshots.states.to(drawing.device, drawing.dtype), rows)
+        for row, appearance in enumerate(snapshots.appearances):
             drawing.set_appearance(appearance, row)
         return drawing.render(cameras, modalities, rows)
 

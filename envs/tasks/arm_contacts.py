@@ -28,7 +28,7 @@ class ArmContacts:
 
     Args:
         scenario: The scene.
-        robot: The robot that stands in it in place of its own.
+        robot: The robot in place of its own.
         gripper: Whether contacts of the gripper count too.
     """
 

@@ -164,7 +164,7 @@ class MtActPolicy(LeRobotPolicy):
         self._forget_network()
         super().end_training()
 
-    def _told(self, index: Tensor) -> dict[str, Tensor]:
+    def _words_of(self, index: Tensor) -> dict[str, Tensor]:
         """Returns what the network learns of instructions by their index (B,).
 
         Where there are fewer of them than samples, each is read once. Hidden words are each sample's own.
@@ -185,8 +185,8 @@ class MtActPolicy(LeRobotPolicy):
         state = batch[OBS_STATE]
         if self._state_noise:
             state = state + self._state_noise * torch.randn_like(state)
-        told = self._told(table.reworded(index) if self._swap_wordings else index)
-        seen = {**batch, **told, OBS_STATE: state * table.is_state[index]}
+        words = self._words_of(table.reworded(index) if self._swap_wordings else index)
+        seen = {**batch, **words, OBS_STATE: state * table.is_state[index]}
         is_own = table.is_action[index]
         errors = self.model.model.errors(self.model.inputs(seen), batch[ACTION], is_own)
         counts = is_own[:, None].expand_as(errors)

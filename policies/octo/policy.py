@@ -163,8 +163,8 @@ class OctoPolicy(ImitationPolicy):
                 self._image_shapes[key] = (3, int(height), int(width))
         batch: dict[str, Any] = super()._to_tensors(observation)
         count = len(batch[self.image_keys[0]])
-        told = observation.get(_TASK, [""] * count)
-        batch[_TASK] = [each if isinstance(each, str) else str(np.ravel(each)[-1]) for each in told]
+        instructions = observation.get(_TASK, [""] * count)
+        batch[_TASK] = [each if isinstance(each, str) else str(np.ravel(each)[-1]) for each in instructions]
         return batch
 
     @override
@@ -181,7 +181,7 @@ class OctoPolicy(ImitationPolicy):
             out[name] = 2.0 * resized.unflatten(0, images.shape[:2]) - 1.0
             if f"{key}_is_pad" in batch:
                 out[_PRESENT] = ~batch[f"{key}_is_pad"].to(self.device)
-        out[_WORDS] = self._told(batch, len(out[next(iter(self.cameras))]))
+        out[_WORDS] = self._words_of(batch, len(out[next(iter(self.cameras))]))
         if ACTION in batch:
             mean, deviation = self._scale()
             out[ACTION] = (batch[ACTION].to(self.device).float() - mean) / deviation
@@ -189,7 +189,7 @@ class OctoPolicy(ImitationPolicy):
                 out[f"{ACTION}_is_pad"] = batch[f"{ACTION}_is_pad"].to(self.device)
         return out
 
-    def _told(self, batch: Mapping[str, Any], count: int) -> Tensor:
+    def _words_of(self, batch: Mapping[str, Any], count: int) -> Tensor:
         """Returns the vectors (n, W, E) of the instructions, each encoded once: the encoder is frozen."""
         if _TASK in batch:
             texts = list(batch[_TASK])

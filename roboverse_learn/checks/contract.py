@@ -28,8 +28,8 @@ class Contract[S]:
     Attributes:
         name: Its name, by which it is chosen or left out.
         about: What holds where it is kept, in one line.
-        check: Looks at the subject and returns what was seen. It raises :class:`BrokenContractError` where
-            the promise is broken, and :class:`NotApplicableError` where it does not apply.
+        check: Looks at what is checked and returns what was seen. It raises :class:`BrokenContractError`
+            where the promise is broken, and :class:`NotApplicableError` where it does not apply.
         needs: Names of contracts without which this one cannot be looked at.
     """
 
@@ -98,13 +98,13 @@ def chosen[S](
 
 
 def run[S](
-    contracts: Iterable[Contract[S]], subject: S, begin: Callable[[str], None] = lambda name: None
+    contracts: Iterable[Contract[S]], checked: S, begin: Callable[[str], None] = lambda name: None
 ) -> Iterator[Finding]:
     """Yields the finding of each contract.
 
     Args:
         contracts: The contracts, each after those that it needs.
-        subject: What they look at.
+        checked: What they look at.
         begin: Called with the name of each contract before it is looked at.
 
     Raises:
@@ -118,15 +118,15 @@ def run[S](
             yield Finding(each.name, "skipped", f"needs '{missing[0]}'")
             failed.add(each.name)
             continue
-        finding = _look(each, subject)
+        finding = _look(each, checked)
         if finding.result == "failed":
             failed.add(each.name)
         yield finding
 
 
-def _look(each: Contract[Any], subject: Any) -> Finding:
+def _look(each: Contract[Any], checked: Any) -> Finding:
     try:
-        return Finding(each.name, "ok", each.check(subject))
+        return Finding(each.name, "ok", each.check(checked))
     except NotApplicableError as reason:
         return Finding(each.name, "skipped", str(reason))
     except (BrokenContractError, RoboVerseError) as error:

@@ -25,7 +25,7 @@ _LEARNED = 0.85
 predicts noise, reaches 0.78; a regression far lower."""
 
 
-class PolicySubject:
+class CheckedPolicy:
     """A policy under test, untrained, on what a task observes.
 
     Args:
@@ -114,32 +114,32 @@ class PolicySubject:
 
 
 @contract()
-def made(subject: PolicySubject) -> str:
+def made(checked: CheckedPolicy) -> str:
     """It is made for the task's cameras, joints and actions, of a configuration of defaults."""
-    policy = subject.policy
-    require(policies.summary(subject.name), "Add summary='…' to POLICIES.add: a line for listings.")
+    policy = checked.policy
+    require(policies.summary(checked.name), "Add summary='…' to POLICIES.add: a line for listings.")
     require(policy.n_params > 0, "It has no parameters. Make its layers in __init__.")
     return f"{policy.n_params:,} parameters"
 
 
 @contract("made")
-def acts(subject: PolicySubject) -> str:
+def acts(checked: CheckedPolicy) -> str:
     """It returns a finite chunk of actions for each environment."""
-    actions, size = subject.act(), subject.features[ACTION]["shape"][0]
-    wanted = (_ROWS, subject.policy.n_action_steps, size)
+    actions, size = checked.act(), checked.features[ACTION]["shape"][0]
+    wanted = (_ROWS, checked.policy.n_action_steps, size)
     require(actions.shape == wanted, f"act returned the shape {actions.shape}; it must be {wanted}.")
     require(np.isfinite(actions).all(), "act returned actions that are not finite.")
     return f"{wanted[1]} actions of {size} numbers"
 
 
 @contract("acts")
-def repeatable(subject: PolicySubject) -> str:
+def repeatable(checked: CheckedPolicy) -> str:
     """Its generators are the only noise: the same observation gives the same actions."""
     torch.manual_seed(1)
-    first = subject.act()
+    first = checked.act()
     torch.manual_seed(2)
     require(
-        np.array_equal(first, subject.act()),
+        np.array_equal(first, checked.act()),
         "act gave two answers for one observation and one seed. Keep nothing between calls, and draw noise "
         "from torch's global generator.",
     )
@@ -147,11 +147,11 @@ def repeatable(subject: PolicySubject) -> str:
 
 
 @contract("acts")
-def independent(subject: PolicySubject) -> str:
+def independent(checked: CheckedPolicy) -> str:
     """An environment's actions do not depend on its neighbours."""
-    alone = [subject.act(rows=slice(row, row + 1)) for row in range(_ROWS)]
+    alone = [checked.act(rows=slice(row, row + 1)) for row in range(_ROWS)]
     require(
-        np.array_equal(subject.act(), np.concatenate(alone)),
+        np.array_equal(checked.act(), np.concatenate(alone)),
         "act gave other actions for one observation than for the same beside others. Compute each row of a "
         "batch from that row alone.",
     )
@@ -159,16 +159,16 @@ def independent(subject: PolicySubject) -> str:
 
 
 @contract("acts")
-def saved_and_loaded(subject: PolicySubject) -> str:
+def saved_and_loaded(checked: CheckedPolicy) -> str:
     """Saved and loaded, its actions are bit-identical; the folder has JSON and safetensors alone."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "checkpoint"
-        subject.policy.save(path)
+        checked.policy.save(path)
         suffixes = {file.suffix for file in path.rglob("*") if file.is_file()}
         require(suffixes <= {".json", ".safetensors"}, f"save wrote {sorted(suffixes)}: no pickle, please.")
         loaded = policies.load(path)
     require(
-        np.array_equal(subject.act(), subject.act(loaded)),
+        np.array_equal(checked.act(), checked.act(loaded)),
         "The loaded policy acts differently. Keep what it learns in parameters and buffers, and its sizes in "
         "the configuration.",
     )
@@ -176,11 +176,11 @@ def saved_and_loaded(subject: PolicySubject) -> str:
 
 
 @contract("made")
-def learns(subject: PolicySubject) -> str:
+def learns(checked: CheckedPolicy) -> str:
     """It learns from one batch: in 100 steps of Adam the loss falls by 15 % or more."""
     torch.manual_seed(0)
-    policy = subject.create()
-    objective, batch = policy.objective(), subject.batch()
+    policy = checked.create()
+    objective, batch = policy.objective(), checked.batch()
     policy.begin_training()
     optimizer = torch.optim.Adam(policy.model.parameters(), _LEARNING_RATE)
     losses = []
@@ -202,6 +202,6 @@ def learns(subject: PolicySubject) -> str:
     return f"loss {first:.3g} to {last:.3g}"
 
 
-POLICY_CONTRACTS: tuple[Contract[PolicySubject], ...] = (
+POLICY_CONTRACTS: tuple[Contract[CheckedPolicy], ...] = (
     made, acts, repeatable, independent, saved_and_loaded, learns,
 )  # fmt: skip

@@ -28,7 +28,7 @@ _MOST_RAD = 0.3
 _WAY_M, _OFF_M = 0.05, 0.01
 
 
-class RobotSubject:
+class CheckedRobot:
     """A robot under test in a simulator. Close it when it is done with.
 
     Args:
@@ -88,11 +88,11 @@ class RobotSubject:
 
 
 @contract()
-def joints(subject: RobotSubject) -> str:
+def joints(checked: CheckedRobot) -> str:
     """Each joint has a name of its own, limits, a rest between them, and a gain where it is driven."""
-    robot = subject.robot
+    robot = checked.robot
     require(
-        isinstance(robot, RobotCfg), f"'{subject.name}' is registered as {robot!r}, which is no RobotCfg."
+        isinstance(robot, RobotCfg), f"'{checked.name}' is registered as {robot!r}, which is no RobotCfg."
     )
     require(robot.joints, "It has no joints. Name those of its file, in the order of every array of joints.")
     twice = [name for name in robot.joint_names if robot.joint_names.count(name) > 1]
@@ -115,50 +115,48 @@ def joints(subject: RobotSubject) -> str:
 
 
 @contract("joints")
-def scene(subject: RobotSubject) -> str:
+def scene(checked: CheckedRobot) -> str:
     """The simulator makes it of its file: bodies, joints and the end effector are there."""
-    subject.start()
-    state = subject.handler.get_states().to("cpu").robots[subject.robot.name]
-    require(state.ee_pos is not None, f"The end effector '{subject.robot.ee_site}' has no position.")
+    checked.start()
+    state = checked.handler.get_states().to("cpu").robots[checked.robot.name]
+    require(state.ee_pos is not None, f"The end effector '{checked.robot.ee_site}' has no position.")
     x, y, z = state.ee_pos[0].tolist() if state.ee_pos is not None else (0.0, 0.0, 0.0)
-    return f"{subject.simulator}, hand at ({x:.2f}, {y:.2f}, {z:.2f}) m"
+    return f"{checked.simulator}, hand at ({x:.2f}, {y:.2f}, {z:.2f}) m"
 
 
 @contract("scene")
-def rests(subject: RobotSubject) -> str:
+def rests(checked: CheckedRobot) -> str:
     """It keeps its rest posture for 2 s; a free base comes to rest or falls, and all stays finite."""
-    subject.start()
-    state = subject.hold(subject.rest, _STAND_S)
+    checked.start()
+    state = checked.hold(checked.rest, _STAND_S)
     require(
         bool(torch.isfinite(state.joint_pos).all() and torch.isfinite(state.pos).all()),
         "The simulation became unstable at rest. Lower kp, or give joints damping and armature.",
     )
-    if not subject.robot.fixed_base:
+    if not checked.robot.fixed_base:
         return f"base at {float(state.pos[0, 2]):.2f} m"
-    held = subject.positions
-    off = (state.joint_pos[0] - torch.tensor(subject.robot.default_qpos))[held].abs()
+    held = checked.positions
+    off = (state.joint_pos[0] - torch.tensor(checked.robot.default_qpos))[held].abs()
     if not held:
         raise NotApplicableError("no joint is driven by position")
     worst = int(off.argmax())
     require(
         float(off[worst]) < _SAG_RAD,
-        f"'{subject.robot.joint_names[held[worst]]}' moved by {float(off[worst]):.2f} rad (m) in "
-        f"{_STAND_S:g} s while it was told to rest. Raise its kp or force_limit, or choose a rest in which "
-        "no links touch.",
+        f"'{checked.robot.joint_names[held[worst]]}' moved by {float(off[worst]):.2f} rad (m) in "
+        f"{_STAND_S:g} s while its targets were those of rest. Raise its kp or force_limit, or choose "
+        "a rest in which no links touch.",
     )
     return f"off by at most {float(off[worst]):.3f} rad"
 
 
 @contract("rests")
-def follows(subject: RobotSubject) -> str:
+def follows(checked: CheckedRobot) -> str:
     """Each joint that is driven by position reaches its command, and the others stay."""
-    robot, driven = subject.robot, list(subject.robot.driven)
-    if not robot.fixed_base or not subject.positions:
-        raise NotApplicableError(
-            "only joints of a fixed base that are driven by position are told where to go"
-        )
+    robot, driven = checked.robot, list(checked.robot.driven)
+    if not robot.fixed_base or not checked.positions:
+        raise NotApplicableError("only joints of a fixed base that are driven by position have targets")
     worst = 0.0
-    for index in subject.positions:
+    for index in checked.positions:
         joint = robot.joints[index]
         low, high = joint.range
         grips = joint.name in robot.gripper_joints
@@ -166,42 +164,42 @@ def follows(subject: RobotSubject) -> str:
         towards = size if joint.default <= 0.5 * (low + high) else -size
         # At rest the ground, or the arm itself, may be in the way on one side.
         sides = [way for way in (towards, -towards) if low <= joint.default + way <= high]
-        missed, way = min((_missed(subject, driven.index(index), index, way), way) for way in sides)
+        missed, way = min((_missed(checked, driven.index(index), index, way), way) for way in sides)
         worst = max(worst, missed)
         require(
             missed < min(_MISSED_RAD, 0.5 * abs(way)),
-            f"'{joint.name}' was told to move by {way:+.2f} rad (m) and is {missed:.2f} off after "
+            f"'{joint.name}' had a target that differs by {way:+.2f} rad (m) and is {missed:.2f} off after "
             f"{_STEP_S:g} s. Check the order of joints, kp and force_limit, and whether something is in "
             "its way.",
         )
-    return f"{counted(len(subject.positions), 'joint')}, off by at most {worst:.3f} rad"
+    return f"{counted(len(checked.positions), 'joint')}, off by at most {worst:.3f} rad"
 
 
-def _missed(subject: RobotSubject, column: int, index: int, way: float) -> float:
+def _missed(checked: CheckedRobot, column: int, index: int, way: float) -> float:
     """Returns how far a joint is from a target that is ``way`` from its rest, rad (m)."""
-    target = subject.rest.copy()
+    target = checked.rest.copy()
     target[column] += way
-    subject.start()
-    state = subject.hold(target, _STEP_S)
+    checked.start()
+    state = checked.hold(target, _STEP_S)
     return abs(float(state.joint_pos[0, index]) - target[column])
 
 
 @contract("rests")
-def reaches(subject: RobotSubject) -> str:
+def reaches(checked: CheckedRobot) -> str:
     """Inverse kinematics moves its hand by 5 cm along each axis, as an expert's waypoints need."""
-    robot = subject.robot
+    robot = checked.robot
     arm = [name for name in robot.joint_names if name not in robot.gripper_joints]
-    if not robot.fixed_base or len(arm) < 6 or len(subject.positions) < 6:
+    if not robot.fixed_base or len(arm) < 6 or len(checked.positions) < 6:
         raise NotApplicableError("an arm with a hand has a fixed base and at least six joints")
     follower, worst = PathFollower(robot, _PHYSICS.control_hz), 0.0
     fingers = [joint.default for joint in robot.joints if joint.name in robot.gripper_joints]
     for direction in np.diag((-1.0, 1.0, 1.0)):  # back, to the left, and up
-        subject.start()
-        goal = _hand(subject) + _WAY_M * direction
+        checked.start()
+        goal = _hand(checked) + _WAY_M * direction
         way = [Waypoint(pos=goal, yaw=0.0, gripper=max(fingers, default=0.0), duration_s=1.0, hold_s=0.5)]
         for target in follower.joint_targets(np.array(robot.default_qpos), way)[:, list(robot.driven)]:
-            subject.hold(target, 1.0 / _PHYSICS.control_hz)
-        worst = max(worst, float(np.linalg.norm(_hand(subject) - goal)))
+            checked.hold(target, 1.0 / _PHYSICS.control_hz)
+        worst = max(worst, float(np.linalg.norm(_hand(checked) - goal)))
     require(
         worst < _OFF_M,
         f"The hand is {100 * worst:.1f} cm from where it was sent. Choose a rest posture away from singular "
@@ -210,11 +208,11 @@ def reaches(subject: RobotSubject) -> str:
     return f"off by at most {1000 * worst:.0f} mm"
 
 
-def _hand(subject: RobotSubject) -> np.ndarray:
+def _hand(checked: CheckedRobot) -> np.ndarray:
     """Returns where the end effector is, (3,), m."""
-    pos = subject.handler.get_states().to("cpu").robots[subject.robot.name].ee_pos
+    pos = checked.handler.get_states().to("cpu").robots[checked.robot.name].ee_pos
     assert pos is not None, "the contract of the scene has looked at it"
     return pos[0].numpy()
 
 
-ROBOT_CONTRACTS: tuple[Contract[RobotSubject], ...] = (joints, scene, rests, follows, reaches)
+ROBOT_CONTRACTS: tuple[Contract[CheckedRobot], ...] = (joints, scene, rests, follows, reaches)

@@ -10,8 +10,8 @@ from envs.randomization import channel_rng
 from envs.state import EntityState, State
 from envs.tasks import TASKS
 from envs.tasks.base import Task
+from roboverse_learn.checks.checked_task import CheckedTask
 from roboverse_learn.checks.contract import contract, counted, require
-from roboverse_learn.checks.task_subject import TaskSubject
 
 _NUM_STARTS = 4
 
@@ -20,9 +20,9 @@ _SOFT_RAD = 1e-3
 
 
 @contract()
-def options(subject: TaskSubject) -> str:
+def options(checked: CheckedTask) -> str:
     """A frozen dataclass of options with defaults: equal options make equal tasks."""
-    cls = subject.task_class
+    cls = checked.task_class
     named = getattr(cls, "__qualname__", repr(cls))
     require(
         isinstance(cls, type) and issubclass(cls, Task),
@@ -37,7 +37,7 @@ def options(subject: TaskSubject) -> str:
     require(not bare, f"{named} has no default of {', '.join(bare)}. Give every option one.")
     lacking = sorted(cls.__abstractmethods__)
     require(not lacking, f"{named} lacks {', '.join(lacking)}. Define it as envs.tasks.base.Task says.")
-    one, other = (cls(**subject.spec.task_kwargs) for _ in range(2))
+    one, other = (cls(**checked.spec.task_kwargs) for _ in range(2))
     try:
         same = one == other and hash(one) == hash(other)
     except TypeError as error:
@@ -55,12 +55,12 @@ def _undeclared(cls: type) -> list[str]:
 
 
 @contract("options")
-def words(subject: TaskSubject) -> str:
+def words(checked: CheckedTask) -> str:
     """A registered name, instructions in words, a limit of steps, and a line for listings."""
-    task = subject.task
+    task = checked.task
     require(
-        task.name == subject.spec.task,
-        f"The class says name = '{task.name}' and is registered as '{subject.spec.task}'. Make them equal.",
+        task.name == checked.spec.task,
+        f"The class says name = '{task.name}' and is registered as '{checked.spec.task}'. Make them equal.",
     )
     require(
         isinstance(task.instructions, tuple) and task.instructions,
@@ -81,14 +81,14 @@ def words(subject: TaskSubject) -> str:
         isinstance(task.max_episode_steps, int) and task.max_episode_steps > 1,
         f"max_episode_steps is {task.max_episode_steps!r}. Give a number of control steps above 1.",
     )
-    require(TASKS.entry(subject.spec.task).summary, "Add summary='…' to TASKS.add: a line for listings.")
+    require(TASKS.entry(checked.spec.task).summary, "Add summary='…' to TASKS.add: a line for listings.")
     return f"{counted(len(task.instructions), 'instruction')}, {task.max_episode_steps} steps"
 
 
 @contract("options")
-def scenario(subject: TaskSubject) -> str:
+def scenario(checked: CheckedTask) -> str:
     """The scene is data, and the same each time: a robot, objects, cameras."""
-    first, second = subject.task.scenario, subject.task.scenario
+    first, second = checked.task.scenario, checked.task.scenario
     require(first == second, "scenario gave two different scenes. Make it of the task's options alone.")
     require(first.robots, "The scenario has no robot. Name one in robots=(…,); the first one acts.")
     parts = ((first.robots, "robot"), (first.objects, "object"), (first.cameras, "camera"))
@@ -96,9 +96,9 @@ def scenario(subject: TaskSubject) -> str:
 
 
 @contract("scenario")
-def initial_states(subject: TaskSubject) -> str:
+def initial_states(checked: CheckedTask) -> str:
     """Everything in the scene has a finite start; row i depends on generator i alone."""
-    task = subject.task
+    task = checked.task
     together = task.initial_state([channel_rng(0, "task", i) for i in range(_NUM_STARTS)])
     _check_names(task, together)
     for name, entity in together.entities().items():
@@ -166,12 +166,12 @@ def _check_joints(robot, entity: EntityState) -> None:
 
 
 @contract("scene")
-def not_finite(subject: TaskSubject) -> str:
+def not_finite(checked: CheckedTask) -> str:
     """A state that is not finite is no success."""
-    flat = subject.env.get_states().flatten()
+    flat = checked.env.get_states().flatten()
     state = State.unflatten({key: torch.full_like(value, torch.nan) for key, value in flat.items()})
     require(
-        not bool(subject.task.success(state).any()),
+        not bool(checked.task.success(state).any()),
         "success is true for a state of NaN, which a simulation that blew up has. Compare so that NaN is "
         "False: write (error < limit) and not ~(error > limit).",
     )

@@ -7,6 +7,7 @@ import torch
 
 from envs.gym_env import RoboVerseEnv
 from envs.state import State
+from roboverse_learn.checks.checked_task import CheckedTask
 from roboverse_learn.checks.contract import (
     BrokenContractError,
     NotApplicableError,
@@ -14,7 +15,6 @@ from roboverse_learn.checks.contract import (
     counted,
     require,
 )
-from roboverse_learn.checks.task_subject import TaskSubject
 
 _STEPS = 5
 _NUM_STARTS = 30
@@ -25,22 +25,22 @@ _HOLD_S, _REST_M = 10.0, 2e-3
 
 
 @contract("scenario")
-def scene(subject: TaskSubject) -> str:
+def scene(checked: CheckedTask) -> str:
     """The simulator makes the scene, and the task judges its states."""
-    env = subject.env
-    subject.start()
-    state, rows = env.get_states(), subject.num_envs
+    env = checked.env
+    checked.start()
+    state, rows = env.get_states(), checked.num_envs
     for name, answer, kind in (
-        ("success", subject.task.success(state), torch.bool),
-        ("failure", subject.task.failure(state), torch.bool),
-        ("reward", subject.task.reward(state), None),
+        ("success", checked.task.success(state), torch.bool),
+        ("failure", checked.task.failure(state), torch.bool),
+        ("reward", checked.task.reward(state), None),
     ):
         shape, dtype = tuple(answer.shape), answer.dtype
         require(
             shape == (rows,), f"{name} returned the shape {shape} for {rows} states; it must be ({rows},)."
         )
         require(kind in (None, dtype), f"{name} returned {dtype}; it must be {kind}.")
-    seen = subject.task.observe(state)
+    seen = checked.task.observe(state)
     require(
         seen.ndim == 2 and len(seen) == rows,
         f"observe returned the shape {tuple(seen.shape)} for {rows} states; it must be ({rows}, D).",
@@ -50,10 +50,10 @@ def scene(subject: TaskSubject) -> str:
 
 
 @contract("scene")
-def images(subject: TaskSubject) -> str:
+def images(checked: CheckedTask) -> str:
     """Every camera sees something: no image is of one colour."""
-    subject.start()
-    rendered = subject.env.handler.render(None, ("rgb",), [0])
+    checked.start()
+    rendered = checked.env.handler.render(None, ("rgb",), [0])
     if not rendered:
         raise NotApplicableError("the scenario has no camera")
     for camera, kinds in rendered.items():
@@ -65,12 +65,12 @@ def images(subject: TaskSubject) -> str:
 
 
 @contract("scene")
-def spaces(subject: TaskSubject) -> str:
+def spaces(checked: CheckedTask) -> str:
     """Gymnasium's check_env accepts the environment: observations are in their space."""
     from gymnasium.utils.env_checker import check_env
 
-    spec = {key: value for key, value in subject.spec.to_json().items() if key != "task"}
-    single = RoboVerseEnv(subject.spec.task, observation="state", **spec)
+    spec = {key: value for key, value in checked.spec.to_json().items() if key != "task"}
+    single = RoboVerseEnv(checked.spec.task, observation="state", **spec)
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message=".*symmetric and normalized space")
@@ -79,19 +79,19 @@ def spaces(subject: TaskSubject) -> str:
         raise BrokenContractError(f"Gymnasium's check_env: {' '.join(str(error).split())}") from error
     finally:
         single.close()
-    size = subject.observed_starts(1).shape[1]
-    return f"observation {size}, action {len(subject.env.controller.names)}"
+    size = checked.observed_starts(1).shape[1]
+    return f"observation {size}, action {len(checked.env.controller.names)}"
 
 
 @contract("scene")
-def deterministic(subject: TaskSubject) -> str:
+def deterministic(checked: CheckedTask) -> str:
     """Equal seeds and actions give bit-identical observations."""
-    env = subject.env
+    env = checked.env
 
     def observations() -> list[dict[str, np.ndarray]]:
-        first, _ = env.reset(seed=[5 + row for row in range(subject.num_envs)])
+        first, _ = env.reset(seed=[5 + row for row in range(checked.num_envs)])
         rng = np.random.default_rng(0)
-        return [first, *(env.step(subject.random_actions(rng))[0] for _ in range(_STEPS))]
+        return [first, *(env.step(checked.random_actions(rng))[0] for _ in range(_STEPS))]
 
     for step, (first, second) in enumerate(zip(observations(), observations(), strict=True)):
         for key in first:
@@ -104,16 +104,16 @@ def deterministic(subject: TaskSubject) -> str:
 
 
 @contract("scene")
-def any_num_envs(subject: TaskSubject) -> str:
+def any_num_envs(checked: CheckedTask) -> str:
     """An episode is the same alone as beside others."""
-    env, row = subject.env, subject.num_envs - 1
-    subject.start()
+    env, row = checked.env, checked.num_envs - 1
+    checked.start()
     rng = np.random.default_rng(0)
-    actions = [subject.random_actions(rng) for _ in range(_STEPS)]
+    actions = [checked.random_actions(rng) for _ in range(_STEPS)]
     for chunk in actions:
-        env.step_envs(range(subject.num_envs), chunk)
+        env.step_envs(range(checked.num_envs), chunk)
     beside = env.get_states([row])
-    alone = subject.make(1)
+    alone = checked.make(1)
     try:
         alone.reset_envs([0], env.split_indices[row : row + 1])
         for chunk in actions:
@@ -123,21 +123,21 @@ def any_num_envs(subject: TaskSubject) -> str:
         alone.close()
     require(
         not found,
-        f"{found} differs after {_STEPS} steps between one environment and {subject.num_envs}. Compute every "
+        f"{found} differs after {_STEPS} steps between one environment and {checked.num_envs}. Compute every "
         "row of a batch from that row alone.",
     )
-    return f"1 and {subject.num_envs} environments"
+    return f"1 and {checked.num_envs} environments"
 
 
 @contract("scene")
-def set_and_get(subject: TaskSubject) -> str:
+def set_and_get(checked: CheckedTask) -> str:
     """A state that was read can be set again, and is the same when it is read back."""
-    env, rng = subject.env, np.random.default_rng(0)
-    subject.start()
+    env, rng = checked.env, np.random.default_rng(0)
+    checked.start()
     for _ in range(_STEPS):
-        env.step_envs(range(subject.num_envs), subject.random_actions(rng))
+        env.step_envs(range(checked.num_envs), checked.random_actions(rng))
     state = env.get_states()
-    env.step_envs(range(subject.num_envs), subject.random_actions(rng))
+    env.step_envs(range(checked.num_envs), checked.random_actions(rng))
     env.handler.set_states(state)
     found = _differing(env.get_states(), state, but=_DERIVED)
     require(not found, f"{found} is another one after it was set: the simulator cannot restore this scene.")
@@ -157,13 +157,13 @@ def _differing(state: State, expected: State, *, but: tuple[str, ...] = (), exac
 
 
 @contract("scene")
-def own_memory(subject: TaskSubject) -> str:
+def own_memory(checked: CheckedTask) -> str:
     """Observations are finite, and stay what they were while the environment steps."""
-    env = subject.env
+    env = checked.env
     env.reset(seed=0)
     first = env.observe()
     copies = {key: value.copy() for key, value in first.items()}
-    env.step(subject.random_actions(np.random.default_rng(0)))
+    env.step(checked.random_actions(np.random.default_rng(0)))
     require(set(first.pop("task")) <= set(env.task.instructions), "An episode has a foreign instruction.")
     for key, value in first.items():
         require(np.isfinite(value).all(), f"{key} is not finite.")
@@ -175,9 +175,9 @@ def own_memory(subject: TaskSubject) -> str:
 
 
 @contract("scene")
-def starts_vary(subject: TaskSubject) -> str:
+def starts_vary(checked: CheckedTask) -> str:
     """Every episode starts otherwise, and the observation shows it."""
-    values = subject.observed_starts(_NUM_STARTS)
+    values = checked.observed_starts(_NUM_STARTS)
     moving = values.std(axis=0) > 1e-6
     require(
         moving.any(),
@@ -193,16 +193,16 @@ def starts_vary(subject: TaskSubject) -> str:
 
 
 @contract("scene")
-def at_rest(subject: TaskSubject) -> str:
+def at_rest(checked: CheckedTask) -> str:
     """Objects keep still for 10 s while the robot holds its posture: no sliding, sinking or flying."""
-    env = subject.env
+    env = checked.env
     if not env.scenario.robots[0].fixed_base:
         raise NotApplicableError("a robot that falls may move things")
-    subject.start()
+    checked.start()
     before = env.get_states()
     hold = env.controller.hold(before)
     for _ in range(round(_HOLD_S * env.control_hz)):
-        env.step_envs(range(subject.num_envs), hold)
+        env.step_envs(range(checked.num_envs), hold)
     after = env.get_states()
     for name, entity in before.objects.items():
         moved = float(torch.linalg.vector_norm(after.objects[name].pos - entity.pos, dim=-1).max())

@@ -7,8 +7,8 @@ import torch
 
 from envs.joint_readings import joint_readings
 from envs.scenario import RobotCfg
+from roboverse_learn.checks.checked_task import CheckedTask
 from roboverse_learn.checks.contract import NotApplicableError, contract, require
-from roboverse_learn.checks.task_subject import TaskSubject
 
 _FASTEST_RAD_S = 7.0
 """Fastest joint of an expert: 0.35 rad in a control step of 20 Hz."""
@@ -21,19 +21,19 @@ _SOLVED_BY_CHANCE = 0.5
 
 
 @contract("scene")
-def unsolved_at_start(subject: TaskSubject) -> str:
+def unsolved_at_start(checked: CheckedTask) -> str:
     """No episode is solved, or has failed, before the first step."""
-    env, count = subject.env, subject.episodes
-    if not subject.task.ends_on_success:
+    env, count = checked.env, checked.episodes
+    if not checked.task.ends_on_success:
         raise NotApplicableError("success does not end an episode")
     solved, failed = 0, 0
-    for first in range(0, count, subject.num_envs):
-        episodes = env.split_indices[first : min(first + subject.num_envs, count)]
+    for first in range(0, count, checked.num_envs):
+        episodes = env.split_indices[first : min(first + checked.num_envs, count)]
         ids = np.arange(len(episodes))
         env.reset_envs(ids, episodes)
         state = env.get_states(ids)
-        solved += int(subject.task.success(state).sum())
-        failed += int(subject.task.failure(state).sum())
+        solved += int(checked.task.success(state).sum())
+        failed += int(checked.task.failure(state).sum())
     require(
         not solved, f"{solved} of {count} starts are solved already. Let initial_state keep clear of success."
     )
@@ -42,15 +42,15 @@ def unsolved_at_start(subject: TaskSubject) -> str:
 
 
 @contract("scene")
-def random_fails(subject: TaskSubject) -> str:
+def random_fails(checked: CheckedTask) -> str:
     """Random actions do not solve the task, and their rewards are finite and in range."""
-    env, rng = subject.env, np.random.default_rng(1)
-    subject.start()
-    solved, over = np.zeros(subject.num_envs, bool), np.zeros(subject.num_envs, bool)
-    steps = max(1, subject.task.max_episode_steps // 4)
+    env, rng = checked.env, np.random.default_rng(1)
+    checked.start()
+    solved, over = np.zeros(checked.num_envs, bool), np.zeros(checked.num_envs, bool)
+    steps = max(1, checked.task.max_episode_steps // 4)
     for _ in range(steps):
-        step = env.step_envs(range(subject.num_envs), subject.random_actions(rng))
-        _check_range(subject, np.asarray(step.reward)[~over], np.asarray(step.success)[~over])
+        step = env.step_envs(range(checked.num_envs), checked.random_actions(rng))
+        _check_range(checked, np.asarray(step.reward)[~over], np.asarray(step.success)[~over])
         solved |= step.success & ~over
         over |= step.terminated | step.truncated
         if over.all():  # such as those of a robot that has fallen
@@ -63,10 +63,10 @@ def random_fails(subject: TaskSubject) -> str:
     return f"{int(solved.sum())} of {len(solved)} episodes in {steps} steps"
 
 
-def _check_range(subject: TaskSubject, rewards: np.ndarray, solved: np.ndarray) -> None:
+def _check_range(checked: CheckedTask, rewards: np.ndarray, solved: np.ndarray) -> None:
     """Checks rewards of steps: 1 at success, and in [0, 1) elsewhere, where success ends an episode."""
     require(np.isfinite(rewards).all(), "The reward is not finite.")
-    if not subject.task.ends_on_success:
+    if not checked.task.ends_on_success:
         return
     outside = rewards[~solved & ((rewards < 0.0) | (rewards >= 1.0))]
     require(
@@ -77,31 +77,31 @@ def _check_range(subject: TaskSubject, rewards: np.ndarray, solved: np.ndarray) 
 
 
 @contract("scene")
-def expert_solves(subject: TaskSubject) -> str:
+def expert_solves(checked: CheckedTask) -> str:
     """The expert solves most starts."""
-    solved = sum(episode.success for episode in subject.rollouts)
-    count = len(subject.rollouts)
-    failed = [str(episode.position) for episode in subject.rollouts if not episode.success]
+    solved = sum(episode.success for episode in checked.rollouts)
+    count = len(checked.rollouts)
+    failed = [str(episode.position) for episode in checked.rollouts if not episode.success]
     seen = f"{solved} of {count} starts"
     require(
-        solved >= subject.required * count,
-        f"The expert solved {seen}, less than {100 * subject.required:g} %. Look at one that "
-        f"failed ({', '.join(failed[:8])}): roboverse view task={subject.spec.task} split=test "
+        solved >= checked.required * count,
+        f"The expert solved {seen}, less than {100 * checked.required:g} %. Look at one that "
+        f"failed ({', '.join(failed[:8])}): roboverse view task={checked.spec.task} split=test "
         f"episode={(failed or ['0'])[0]}",
     )
     return seen
 
 
 @contract("expert_solves")
-def expert_in_limits(subject: TaskSubject) -> str:
+def expert_in_limits(checked: CheckedTask) -> str:
     """The limits of actions are finite, and the expert's actions are inside."""
-    controller = subject.env.controller
+    controller = checked.env.controller
     low, high = np.asarray(controller.low), np.asarray(controller.high)
     require(
         np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all(),
         "An action's limits are not finite, or its low is not below its high: check the joints' ranges.",
     )
-    for episode in subject.rollouts:
+    for episode in checked.rollouts:
         outside = ((episode.actions < low - 1e-4) | (episode.actions > high + 1e-4)).reshape(-1, len(low))
         names = [controller.names[column] for column in np.flatnonzero(outside.any(axis=0))]
         require(
@@ -112,18 +112,18 @@ def expert_in_limits(subject: TaskSubject) -> str:
 
 
 @contract("expert_solves")
-def expert_is_smooth(subject: TaskSubject) -> str:
+def expert_is_smooth(checked: CheckedTask) -> str:
     """Neither the arm's joints nor their targets jump: no joint is faster than 7 rad/s."""
-    env = subject.env
-    robots = subject.task.robots
+    env = checked.env
+    robots = checked.task.robots
     if not all(robot.fixed_base for robot in robots):
         raise NotApplicableError("the robot is no arm")
     joints = [(robot, name) for robot in robots for name in robot.joint_names]
     arm = [index for index, (robot, name) in enumerate(joints) if name not in robot.gripper_joints]
     limit, fastest = _FASTEST_RAD_S / env.control_hz, 0.0
-    for episode in subject.rollouts:
+    for episode in checked.rollouts:
         ways = [episode.observation_state[:, arm]]
-        if env.controller.names == subject.task.reading_names:
+        if env.controller.names == checked.task.reading_names:
             ways.append(_positions(robots, episode.actions)[:, arm])
         fastest = max(fastest, *(float(np.abs(np.diff(way, axis=0)).max(initial=0.0)) for way in ways))
     require(
@@ -135,9 +135,9 @@ def expert_is_smooth(subject: TaskSubject) -> str:
 
 
 @contract("expert_solves")
-def expert_varies(subject: TaskSubject) -> str:
+def expert_varies(checked: CheckedTask) -> str:
     """The expert's episodes differ in length, as its starts and its way do."""
-    lengths = [len(episode.actions) for episode in subject.rollouts]
+    lengths = [len(episode.actions) for episode in checked.rollouts]
     require(
         len(set(lengths)) > 1 or len(lengths) == 1,
         f"All {len(lengths)} episodes of the expert have {lengths[0]} steps. Vary its waypoints by the "
@@ -147,16 +147,16 @@ def expert_varies(subject: TaskSubject) -> str:
 
 
 @contract("expert_solves")
-def reward_rises(subject: TaskSubject) -> str:
+def reward_rises(checked: CheckedTask) -> str:
     """On the expert's way the reward rises to 1: what leads to success is worth more."""
-    if not subject.task.ends_on_success:
+    if not checked.task.ends_on_success:
         raise NotApplicableError("success does not end an episode")
-    if not subject.task.has_reward:
-        raise NotApplicableError(f"{subject.task.name} has no dense reward")
+    if not checked.task.has_reward:
+        raise NotApplicableError(f"{checked.task.name} has no dense reward")
     worst = 0.0
-    for episode in (each for each in subject.rollouts if each.success):
+    for episode in (each for each in checked.rollouts if each.success):
         rewards, name = episode.rewards, f"episode {episode.episode}"
-        _check_range(subject, rewards, episode.successes)
+        _check_range(checked, rewards, episode.successes)
         solved = int(np.argmax(rewards == 1.0))
         require(rewards[solved] == 1.0, f"The reward never is 1 in the solved {name}: check success.")
         way = rewards[: solved + 1]
@@ -177,10 +177,10 @@ def reward_rises(subject: TaskSubject) -> str:
 
 
 @contract("scene")
-def touches_nothing(subject: TaskSubject) -> str:
+def touches_nothing(checked: CheckedTask) -> str:
     """Success, failure, reward and observation change no state, and answer alike twice."""
-    subject.start()
-    state, task = subject.env.get_states(), subject.task
+    checked.start()
+    state, task = checked.env.get_states(), checked.task
     kept = {key: value.clone() for key, value in state.flatten().items()}
     for name in ("success", "failure", "reward", "observe"):
         answer = getattr(task, name)

@@ -1,10 +1,10 @@
 """The contracts of a task, in the order in which they are looked at."""
 
 from roboverse_learn.checks import task_data, task_episodes, task_solving
+from roboverse_learn.checks.checked_task import CheckedTask
 from roboverse_learn.checks.contract import Contract
-from roboverse_learn.checks.task_subject import TaskSubject
 
-TASK_CONTRACTS: tuple[Contract[TaskSubject], ...] = (
+TASK_CONTRACTS: tuple[Contract[CheckedTask], ...] = (
     task_data.options,
     task_data.words,
     task_data.scenario,

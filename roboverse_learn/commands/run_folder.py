@@ -62,7 +62,7 @@ def identity(config: TrainRunConfig) -> dict[str, Any]:
 
 def run_name(config: TrainRunConfig) -> str:
     """Returns the name of the run of a configuration, such as ``quick-level0-seed0-1a2b3c4d``."""
-    if _is_of_others(config):  # what is learned follows from its content alone, whose level nobody knows
+    if _is_of_others(config):  # what is learned follows from its content alone, whose level is unknown
         decides = {**identity(config), "dataset_hash": dataset_hash(config.dataset)}
         return f"{config.preset}-seed{config.seed}-{digest(decides)}"
     varied = f"{config.env.only}-alone" if config.env.only else f"level{config.env.level}"

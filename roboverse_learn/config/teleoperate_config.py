@@ -28,7 +28,7 @@ class TeleoperateConfig:
         view_cameras: Cameras that the page offers; empty takes all of the task's, and shows the first.
         host: Address to listen at; 0.0.0.0 lets other machines in, all who have the page's address.
         port: Port to listen at; 0 takes any that is free.
-        cert: PEM file of a certificate, for https, which phones demand before they tell their orientation.
+        cert: PEM file of a certificate, for https, which phones demand before they give their orientation.
         key: PEM file of the certificate's key.
         actor: ``person`` opens the page; ``expert`` lets the task's expert steer the hand without one.
         checkpoint: Folder of a run or checkpoint: its policy acts until the person takes over.

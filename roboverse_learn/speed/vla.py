@@ -116,7 +116,7 @@ def write_backbone(folder: Path, sizes: Backbone, words: list[str], *, weights: 
     Args:
         folder: Where.
         sizes: Of the network.
-        words: Sentences that the tokenizer learns; it is byte-level, so it knows every word.
+        words: Sentences that the tokenizer learns; it is byte-level, so it has every word.
         weights: Whether random weights are written too.
     """
     from tokenizers import Tokenizer, decoders, models, normalizers, pre_tokenizers, trainers  # pyright: ignore[reportMissingImports]

@@ -149,7 +149,7 @@ class Conductor:
 
     def _tick_on(self) -> None:
         period = 1.0 / self._env.control_hz
-        seen, told = [-1] * len(self._sessions), [0.0] * len(self._sessions)
+        seen, sent_at = [-1] * len(self._sessions), [0.0] * len(self._sessions)
         due = time.monotonic()
         while not self._stopped.wait(max(due - time.monotonic(), 0.0)):
             now = time.monotonic()
@@ -160,7 +160,7 @@ class Conductor:
                 for session in self._sessions:
                     session.tick()
                 changed = [
-                    session.version != seen[index] or now - told[index] > _STATUS_S
+                    session.version != seen[index] or now - sent_at[index] > _STATUS_S
                     for index, session in enumerate(self._sessions)
                 ]
                 statuses = [
@@ -170,7 +170,7 @@ class Conductor:
             for index, status in enumerate(statuses):
                 if status is not None:
                     self._on_status(index, status)
-                    seen[index], told[index] = self._sessions[index].version, now
+                    seen[index], sent_at[index] = self._sessions[index].version, now
             self._running_ticks += any(session.phase is Phase.RUNNING for session in self._sessions)
             self._changed.set()
             due = max(due + period, time.monotonic() - period)  # late steps are not made up for in a burst

@@ -174,14 +174,14 @@ async def conducted(
 
     context = tls(cert, key) if cert else None
     server = TeleoperationServer(steering.sessions, page_facts(steering))
-    told = -1
+    sent = -1
 
     def on_status(index: int, status: dict[str, Any]) -> None:
-        nonlocal told
-        server.tell_status(index, status)
-        if steering.book.revision != told:
-            told = steering.book.revision
-            server.tell_episodes(steering.book.rows())
+        nonlocal sent
+        server.send_status(index, status)
+        if steering.book.revision != sent:
+            sent = steering.book.revision
+            server.send_episodes(steering.book.rows())
 
     conductor = Conductor(
         steering.env,

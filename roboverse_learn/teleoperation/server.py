@@ -147,11 +147,11 @@ class TeleoperationServer:
 
     # -- what the conductor has to say, from its threads -----------------------------------------------
 
-    def tell_status(self, index: int, status: Mapping[str, Any]) -> None:
+    def send_status(self, index: int, status: Mapping[str, Any]) -> None:
         """Sends a status."""
         self._say(index, status=json.dumps({"type": "status", **status}))
 
-    def tell_episodes(self, rows: Sequence[Mapping[str, Any]]) -> None:
+    def send_episodes(self, rows: Sequence[Mapping[str, Any]]) -> None:
         """Sends everybody the list of episodes."""
         shown = [{key: row[key] for key in _SHOWN} for row in rows[-MAX_ROWS:]]
         text = json.dumps({"type": "episodes", "rows": shown})

@@ -1,6 +1,6 @@
 """The state machine of one operator: phases, buttons, motions, and the episode that is recorded.
 
-It knows neither network nor clock: :meth:`Session.tick` is one control step, whoever calls it when.
+It uses neither network nor clock: :meth:`Session.tick` is one control step, whoever calls it when.
 
 ========= =====================================================================================
 phase     what happens in a tick

@@ -54,20 +54,20 @@ def test_scores_are_those_that_calvins_evaluation_prints():
 @pytest.mark.slow
 def test_the_expert_solves_a_chain_and_each_instruction_starts_where_the_last_ended():
     made = env(1)
-    told, starts = [], []
-    tell = made.set_instruction
+    instructions, starts = [], []
+    real = made.set_instruction
 
     def set_instruction(env_id, text):
-        told.append(text)
+        instructions.append(text)
         starts.append(made.get_states())
-        tell(env_id, text)
+        real(env_id, text)
 
     made.set_instruction = set_instruction
     try:
         assert list(ChainRunner(made, ChainExpert(made)).run([(3, (SYMBOLS, FIVE))])) == [(3, 5)]
     finally:
         made.close()
-    assert told[:3] == [
+    assert instructions[:3] == [
         "pull the handle to open the drawer",
         "press the button to turn on the led light",
         "push the sliding door to the left side",
@@ -122,7 +122,7 @@ def test_results_are_kept_and_only_missing_chains_are_run(tmp_path, monkeypatch)
     assert ran == [0, 2, 3]
 
 
-def test_bad_input_is_told(tmp_path, caplog):
+def test_bad_input_is_reported(tmp_path, caplog):
     path = tmp_path / "results.json"
     path.write_text('{"expert": [1, 2')
     with pytest.raises(ConfigError, match="has no results of chains"):

@@ -134,7 +134,7 @@ def test_charts_stay_within_their_frame_and_mark_what_is_published():
     assert curve_charts("PickCube", []) == []
     returns, success = curve_charts("humanoid/stand", [band((0.0, 5.0), row=1)])
     (line,) = returns["lines"]
-    assert (line["label"], line["told"], line["color"]) == ("ppo", "2 seeds, 6 s", plots.COLORS[0])
+    assert (line["label"], line["detail"], line["color"]) == ("ppo", "2 seeds, 6 s", plots.COLORS[0])
     assert [other["method"] for other in returns["others"]] == ["TD-MPC2", "SimbaV2"] and not success[
         "others"
     ]

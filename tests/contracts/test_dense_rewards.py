@@ -68,15 +68,15 @@ def made(name, simulator):
 @pytest.mark.parametrize(("name", "simulator"), PAIRS)
 def test_agent_steps_and_gets_reward(name, simulator):
     """Observations are finite; rewards differ, and stay below 1 where success ends an episode."""
-    env, paid = made(name, simulator), []
+    env, rewards = made(name, simulator), []
     torch.manual_seed(0)
     for index in range(STEPS):
         step = env.step(2.0 * torch.rand(NUM_ENVS, env.action_size) - 1.0)
-        paid.append(step.reward)
+        rewards.append(step.reward)
         assert torch.isfinite(step.obs).all() and torch.isfinite(step.reward).all()
         assert step.truncated.all() == (index == STEPS - 1)
         assert not step.terminated.any() and not step.success.any()
-    rewards = torch.stack(paid)
+    rewards = torch.stack(rewards)
     assert len(rewards.unique()) > STEPS
     if env.task.ends_on_success:
         assert (rewards >= 0.0).all() and (rewards < 1.0).all()

@@ -5,24 +5,24 @@ import pytest
 from envs.core.errors import MissingExtraError
 from envs.robots import ROBOTS
 from roboverse_learn.checks.contract import NotApplicableError
-from roboverse_learn.checks.robots import ROBOT_CONTRACTS, RobotSubject
+from roboverse_learn.checks.robots import ROBOT_CONTRACTS, CheckedRobot
 
 
 @pytest.fixture(scope="module", params=ROBOTS.names())
-def subject(request):
-    subject = RobotSubject(request.param)
+def checked(request):
+    checked = CheckedRobot(request.param)
     try:
-        assert subject.robot
+        assert checked.robot
     except MissingExtraError as error:
         pytest.skip(str(error))
-    yield subject
-    subject.close()
+    yield checked
+    checked.close()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("contract", ROBOT_CONTRACTS, ids=lambda each: each.name)
-def test_contract(subject, contract):
+def test_contract(checked, contract):
     try:
-        contract.check(subject)
+        contract.check(checked)
     except NotApplicableError as reason:
         pytest.skip(str(reason))

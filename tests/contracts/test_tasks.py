@@ -10,8 +10,8 @@ import pytest
 from envs.core.errors import MissingExtraError
 from envs.spec import EnvSpec
 from envs.tasks import TASKS
+from roboverse_learn.checks.checked_task import CheckedTask
 from roboverse_learn.checks.contract import NotApplicableError
-from roboverse_learn.checks.task_subject import TaskSubject
 from roboverse_learn.checks.tasks import TASK_CONTRACTS
 from tests.sweeps import sweep
 
@@ -29,16 +29,16 @@ QUICK = {"options", "words", "scenario", "initial_states"}
 
 
 @pytest.fixture(scope="module", params=sweep(NAMES, REPRESENTATIVE))
-def subject(request):
+def checked(request):
     """The expert of each of our tasks solves all of its first starts."""
     spec = EnvSpec(task=request.param, image_size=32)
-    subject = TaskSubject(spec, num_envs=NUM_ENVS, episodes=2 * NUM_ENVS, required=1.0)
+    checked = CheckedTask(spec, num_envs=NUM_ENVS, episodes=2 * NUM_ENVS, required=1.0)
     try:
-        assert subject.task_class
+        assert checked.task_class
     except MissingExtraError as error:
         pytest.skip(str(error))
-    yield subject
-    subject.close()
+    yield checked
+    checked.close()
 
 
 @pytest.mark.parametrize(
@@ -46,18 +46,18 @@ def subject(request):
     [pytest.param(each, id=each.name, marks=() if each.name in QUICK else pytest.mark.slow)
      for each in TASK_CONTRACTS],
 )  # fmt: skip
-def test_contract(subject, contract):
+def test_contract(checked, contract):
     try:
-        contract.check(subject)
+        contract.check(checked)
     except NotApplicableError as reason:
         pytest.skip(str(reason))
 
 
 @pytest.mark.slow
-def test_much_of_what_is_observed_varies_between_starts(subject):
+def test_much_of_what_is_observed_varies_between_starts(checked):
     """Heights, orientations and velocities may start out equal; positions may not.
 
     Meta-World starts with the hand in one place, and fills its observation up with zeros.
     """
-    moving = subject.observed_starts(30).std(axis=0) > 1e-6
-    assert moving.any() if "metaworld" in TASKS.entry(subject.spec.task).tags else moving.mean() > 0.4
+    moving = checked.observed_starts(30).std(axis=0) > 1e-6
+    assert moving.any() if "metaworld" in TASKS.entry(checked.spec.task).tags else moving.mean() > 0.4

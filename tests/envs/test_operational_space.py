@@ -92,23 +92,23 @@ def test_a_turn_is_driven_by_its_sine_about_its_axis():
 @pytest.mark.slow
 def test_the_arm_moves_as_in_robosuite():
     """``robosuite_motion.json`` was recorded in LIBERO's own environment: 1,250 steps of physics."""
-    told = json.loads(Path(__file__).with_name("robosuite_motion.json").read_text())
-    robot = dataclasses.replace(FRANKA_TORQUE, pos=tuple(told["base"]))
-    robot = robot.with_home((*told["home"], 0.04, 0.04))
+    motion = json.loads(Path(__file__).with_name("robosuite_motion.json").read_text())
+    robot = dataclasses.replace(FRANKA_TORQUE, pos=tuple(motion["base"]))
+    robot = robot.with_home((*motion["home"], 0.04, 0.04))
     settings = {"mujoco": {"integrator": "euler", "impratio": 20.0, "density": 1.2, "viscosity": 2e-5}}
     scenario = ScenarioCfg(robots=(robot,), table=None, physics=CONTROL_20_HZ, simulators=settings)
     controller = OperationalSpaceController(robot)
     with MujocoHandler(scenario, 1, num_threads=1) as alone:
         alone.launch()
         state = alone.get_states()
-        start = torch.tensor([[*told["start"], 0.04, 0.04]], dtype=torch.float64)
+        start = torch.tensor([[*motion["start"], 0.04, 0.04]], dtype=torch.float64)
         state.robots["franka"].joint_pos, state.robots["franka"].joint_target = start, None
         alone.set_states(state)
-        for step, action in enumerate(np.repeat(told["actions"], told["repeat"], axis=0), start=1):
+        for step, action in enumerate(np.repeat(motion["actions"], motion["repeat"], axis=0), start=1):
             controller.advance(alone, action[None], 25)
-            if str(step) in told["joints"]:
+            if str(step) in motion["joints"]:
                 joints = alone.get_joint_positions("franka")[0, :7].numpy()
-                np.testing.assert_allclose(joints, told["joints"][str(step)], atol=1e-5, err_msg=str(step))
+                np.testing.assert_allclose(joints, motion["joints"][str(step)], atol=1e-5, err_msg=str(step))
 
 
 @pytest.mark.long  # robosuite compiles its functions, for 40 s

@@ -43,7 +43,7 @@ class Synonyms:
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """A phrase of a sentence, and what may stand in its place.
+    """A phrase of a sentence, and what may replace it.
 
     Attributes:
         phrase: The phrase.

@@ -30,7 +30,7 @@ OBJECT_FACES, FIXTURE_FACES = 1500, 3000
 
 _FAMILIES = ("stable_hope_objects", "stable_scanned_objects", "turbosquid_objects", "articulated_objects")
 ALWAYS_THERE = "scenes/libero_kitchen_tabletop_base_style.xml"
-"""A file of the assets, which tells where they are."""
+"""A file of the assets, by which their folder is found."""
 
 _MOUNT_FILE = "robosuite:models/assets/bases/rethink_mount.xml"
 PHYSICS = {"mujoco": {"cone": "elliptic", "impratio": 20.0}}

@@ -141,7 +141,7 @@ def cut_as_stated(demo: SourceDemo, segments: Sequence[Segment], *, refine: bool
     return tuple(piece for span in spans for piece in _pieces(demo, span, refine))
 
 
-def hastened(pieces: Sequence[Piece], most_steps: float) -> tuple[Piece, ...]:
+def sped_up(pieces: Sequence[Piece], most_steps: float) -> tuple[Piece, ...]:
     """Returns pieces whose steps outside the windows are about ``most_steps`` together, or the same pieces.
 
     A person may take a minute for what a task gives seconds. What a hand does at an object, such as
@@ -182,10 +182,12 @@ def vote(indices: Sequence[int], pieces: Sequence[Sequence[Piece]], words: Seque
             "augment.least_steps, or state the task's segments."
         )
     if len(counts) > 1 and counts[0][1] == counts[1][1]:
-        told = "; ".join(f"{index}: {said or 'nothing'}" for index, said in zip(indices, words, strict=True))
+        listed = "; ".join(
+            f"{index}: {said or 'nothing'}" for index, said in zip(indices, words, strict=True)
+        )
         raise DatasetError(
-            f"The source demonstrations do different things, and none is the most common ({told}). Give more "
-            "of them, or state the task's segments."
+            f"The source demonstrations do different things, and none is the most common ({listed}). Give "
+            "more of them, or state the task's segments."
         )
     return [row for row, role in enumerate(roles) if role == counts[0][0]]
 

@@ -8,7 +8,7 @@ from envs.core.errors import ConfigError, DatasetError
 from envs.tasks.base import Task
 from roboverse_learn.data.augmentation.config import AugmentConfig
 from roboverse_learn.data.augmentation.movements import movements
-from roboverse_learn.data.augmentation.pieces import Piece, cut, cut_as_stated, hastened, vote
+from roboverse_learn.data.augmentation.pieces import Piece, cut, cut_as_stated, sped_up, vote
 from roboverse_learn.data.augmentation.planner import Source
 from roboverse_learn.data.augmentation.recording import HandReader, SourceDemo
 from roboverse_learn.data.augmentation.references import References
@@ -39,12 +39,13 @@ class SourceSet:
 
     def __str__(self) -> str:
         """Returns what the sources do, and which demonstrations are left out, and why."""
-        told = "; ".join(
+        listed = "; ".join(
             f"demonstration {index}: {words or 'nothing'}" for index, words in self.left_out.items()
         )
         every = f"{len(self.sources)} of {len(self.sources) + len(self.left_out)}"
-        return f"{every} source demonstrations do the same: {self.sequence}." + f" Left out: {told}." * bool(
-            told
+        return (
+            f"{every} source demonstrations do the same: {self.sequence}."
+            + f" Left out: {listed}." * bool(listed)
         )
 
 
@@ -78,7 +79,7 @@ def read_sources(root: str | Path, task: Task, config: AugmentConfig) -> SourceS
         demo = reader.demo(recording.index, recording.states)
         found, said = _cut(demo, task, references, hz, config)
         demos.append(demo)
-        pieces.append(hastened(found, TIME_SHARE * task.max_episode_steps))
+        pieces.append(sped_up(found, TIME_SHARE * task.max_episode_steps))
         words.append(said)
     kept = vote([demo.index for demo in demos], pieces, words)
     left_out = {demo.index: words[row] for row, demo in enumerate(demos) if row not in kept}

@@ -97,7 +97,7 @@ class RoboVerseBrowser(SceneTeleoperator):
         jpegs = {name: encode_jpeg(robot.images[name]) for name in session.cameras}
         frame = Frame(number=self._frames, seq=session.seq, step=session.step, jpegs=jpegs)
         page.server.show(0, frame)
-        page.server.tell_status(0, session.status())
+        page.server.send_status(0, session.status())
 
 
 class _Page:

@@ -65,7 +65,7 @@ class _NoBook(EpisodeBook):
 
     @property
     def wanted(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The present episode; how many there will be, LeRobot knows."""
+        """The present episode; LeRobot decides how many there will be."""
         return self._robot.number + 1
 
     @override

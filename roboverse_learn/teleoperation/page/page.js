@@ -40,7 +40,7 @@ function connect() {
     seenFrame = 0;
     send({ type: "join", client, operator: at("operator").value.trim() });
   };
-  socket.onmessage = ({ data }) => typeof data === "string" ? told(JSON.parse(data)) : shown(data);
+  socket.onmessage = ({ data }) => typeof data === "string" ? received(JSON.parse(data)) : shown(data);
   socket.onclose = ({ code, reason }) => {
     const over = status.phase === "over" && code === 1001;
     show("connecting", over ? "Finished. The dataset is being rendered; this page can be closed." : `Not connected${reason ? `: ${reason}` : ""}`);
@@ -48,7 +48,7 @@ function connect() {
   };
 }
 
-function told(message) {
+function received(message) {
   if (message.type === "hello") {
     facts = message;
     at("task").textContent = message.task;

@@ -1,6 +1,6 @@
 """Imitation: a policy learns the actions of a dataset.
 
-The loop knows no loss and no network: a policy normalizes its batch and computes its loss.
+The loop is independent of losses and networks: a policy normalizes its batch and computes its loss.
 """
 
 import logging
@@ -367,7 +367,7 @@ class _Trainer:
             return over or bool(interruption)
         if limit is None and self.step % self.config.log_every:
             return False  # asking all waits for the devices, as logging does
-        # Clocks differ, and a signal comes to one process before another; processes that stop at different
+        # Clocks differ, and a signal reaches one process before another; processes that stop at different
         # steps would wait for each other forever.
         asked = torch.tensor([float(over), float(bool(interruption))], device=self.policy.device)
         over, interrupted = (self.accelerator.reduce(asked, "sum") > 0).tolist()

@@ -1,4 +1,4 @@
-"""The table over all tasks: which rows stand in it, and what their mean is."""
+"""The table over all tasks: its rows and their mean."""
 
 import pytest
 

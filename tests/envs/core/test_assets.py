@@ -87,7 +87,7 @@ def test_files_of_another_hash_are_refused_and_deleted(toys, monkeypatch):
     assert not list(downloaded_folder("toys").parent.iterdir())
 
 
-def test_a_repository_that_cannot_be_reached_is_told_with_what_git_says(toys, monkeypatch, tmp_path):
+def test_a_repository_that_cannot_be_reached_is_reported_with_what_git_says(toys, monkeypatch, tmp_path):
     register(monkeypatch, replace(toys, repository=(tmp_path / "nowhere").as_uri()))
     with pytest.raises(DownloadError, match=r"could not be downloaded: git fetch says: .*assets get toys"):
         get_asset("toys")
@@ -118,7 +118,7 @@ def test_an_absent_folder_names_licence_size_and_the_command_that_downloads_it(c
         asset_folder("calvin", str(tmp_path))
 
 
-def test_an_unknown_folder_is_told_with_the_nearest():
+def test_an_unknown_folder_is_reported_with_the_nearest():
     with pytest.raises(UnknownNameError, match="Did you mean 'calvin'"):
         asset_folder("calvn")
 

@@ -110,7 +110,7 @@ def test_the_same_target_may_be_registered_again_and_another_may_not(tmp_path, m
             registry.add("Mine", "others:Thing")
 
 
-def test_names_that_a_script_registers_are_told_from_those_of_plugins(tmp_path, monkeypatch):
+def test_names_that_a_script_registers_are_distinguished_from_those_of_plugins(tmp_path, monkeypatch):
     things = Registry("thing")
     things.add("ByHand", "collections:OrderedDict")
     things.decorate("Decorated")(type("Decorated", (), {}))

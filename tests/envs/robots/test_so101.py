@@ -41,7 +41,7 @@ def test_its_joints_are_lerobots_motors_in_their_order_and_units(monkeypatch, tm
     assert list(seen.values()) == pytest.approx(ours.tolist(), abs=1e-6)
 
 
-def test_an_action_of_the_twin_is_what_the_real_motors_are_told(monkeypatch, tmp_path):
+def test_an_action_of_the_twin_is_what_the_real_motors_get(monkeypatch, tmp_path):
     robot = follower(monkeypatch, tmp_path)
     robot.connect()
     qpos = np.array([0.3, -0.5, 0.4, 1.2, -1.0, 0.6])
@@ -94,7 +94,7 @@ def test_the_hand_points_straight_down_at_rest():
 
 
 @pytest.mark.parametrize("width_m", [0.0, 0.012, 0.03])
-def test_the_gripper_opens_by_the_width_that_it_is_told(width_m):
+def test_the_gripper_opens_by_the_commanded_width(width_m):
     jaw = float(SO101.finger_positions(width_m / 2)[0])
     model, data = posed([*np.zeros(5), jaw])
     fixed, moving = fingers(model)

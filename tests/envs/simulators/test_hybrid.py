@@ -115,7 +115,7 @@ def test_a_snapshot_is_of_its_moment(pair):
     assert_same({kind: image[::-1] for kind, image in swapped.items()}, before)
     last = pair.render_jobs(jobs[1:], ["front"], KINDS)["front"]
     assert_same(last, {kind: image[1:] for kind, image in before.items()})
-    with pytest.raises(IndexError, match="There are 2 moments, and none at 2"):
+    with pytest.raises(IndexError, match="There are 2 snapshots, and none at 2"):
         jobs[2]
     assert pair.render_jobs(jobs[:0], ["front"])["front"]["rgb"].shape == (0, 32, 32, 3)
 

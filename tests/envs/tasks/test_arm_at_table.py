@@ -1,4 +1,4 @@
-"""What tasks of an arm at a table share: grasps, and where the hand is told to be."""
+"""What tasks of an arm at a table share: grasps, and where the hand is commanded to be."""
 
 import numpy as np
 import pytest
@@ -51,9 +51,9 @@ def test_the_commanded_pose_is_the_last_waypoint(task):
     targets = PathFollower(robot, 20.0).joint_targets(np.array(robot.default_qpos), [end])
     state = starts(task)
     state.robots["franka"].joint_target = torch.from_numpy(targets[-1:])
-    told = task.commanded(state)
-    np.testing.assert_allclose(told.pos, end.pos, atol=1e-3)
-    np.testing.assert_allclose(told.turn, end.turn, atol=5e-3)
+    commanded = task.commanded(state)
+    np.testing.assert_allclose(commanded.pos, end.pos, atol=1e-3)
+    np.testing.assert_allclose(commanded.turn, end.turn, atol=5e-3)
 
 
 def test_a_far_place_tips_the_hand():

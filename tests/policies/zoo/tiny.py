@@ -13,7 +13,7 @@ SPECIALS = {
 
 
 def bpe(specials: list[str], size: int = 320) -> Any:
-    """A byte-level tokenizer, which knows every word."""
+    """A byte-level tokenizer, which has every word."""
     from tokenizers import Tokenizer, decoders, models, normalizers, pre_tokenizers, trainers
 
     tokenizer = Tokenizer(models.BPE())

@@ -15,8 +15,8 @@ from envs.state import EntityState
 from envs.tasks import TASKS
 from envs.tasks.base import Task
 from envs.tasks.pick_cube import PickCube
+from roboverse_learn.checks.checked_task import CheckedTask
 from roboverse_learn.checks.contract import chosen, run
-from roboverse_learn.checks.task_subject import TaskSubject
 from roboverse_learn.checks.tasks import TASK_CONTRACTS
 
 
@@ -289,10 +289,10 @@ class Wide(Broken):
 def test_a_broken_task_is_found(monkeypatch, cls, contract, message, summary):
     monkeypatch.setattr(TASKS, "_entries", dict(TASKS._entries))
     TASKS.add("Broken", cls, summary=summary)
-    subject = TaskSubject(EnvSpec(task="Broken", image_size=32), episodes=6)
+    checked = CheckedTask(EnvSpec(task="Broken", image_size=32), episodes=6)
     try:
-        finding = list(run(chosen(TASK_CONTRACTS, [contract]), subject))[-1]
+        finding = list(run(chosen(TASK_CONTRACTS, [contract]), checked))[-1]
     finally:
-        subject.close()
+        checked.close()
     assert (finding.name, finding.result) == (contract, "failed")
     assert re.search(message, finding.detail), finding.detail

@@ -12,7 +12,7 @@ from envs.core.errors import ConfigError
 from envs.spec import EnvSpec
 from policies.trainable import TrainablePolicy
 from roboverse_learn.checks.contract import chosen, run
-from roboverse_learn.checks.policies import POLICY_CONTRACTS, PolicySubject
+from roboverse_learn.checks.policies import POLICY_CONTRACTS, CheckedPolicy
 from tests.policies.examples import LEARNED, NARROW_CONFIGS
 
 SPEC = EnvSpec(image_size=32)
@@ -21,13 +21,13 @@ SPEC = EnvSpec(image_size=32)
 @pytest.mark.long
 @pytest.mark.parametrize("name", LEARNED)
 def test_every_policy_that_learns_from_demonstrations_keeps_its_contracts(name):
-    findings = list(run(POLICY_CONTRACTS, PolicySubject(name, SPEC, NARROW_CONFIGS[name])))
+    findings = list(run(POLICY_CONTRACTS, CheckedPolicy(name, SPEC, NARROW_CONFIGS[name])))
     assert [finding for finding in findings if finding.result != "ok"] == []
 
 
 def test_a_policy_that_learns_otherwise_is_refused():
     with pytest.raises(ConfigError, match=r"policy=ppo does not learn from demonstrations.* act, diffusion"):
-        PolicySubject("ppo", SPEC)
+        CheckedPolicy("ppo", SPEC)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +97,7 @@ class Unteachable(Small):
 def test_a_broken_policy_is_found(monkeypatch, cls, contract, message):
     monkeypatch.setattr(policies.POLICIES, "_entries", dict(policies.POLICIES._entries))
     policies.POLICIES.add("mine", cls, summary="mine")
-    findings = list(run(chosen(POLICY_CONTRACTS, [contract]), PolicySubject("mine", SPEC)))
+    findings = list(run(chosen(POLICY_CONTRACTS, [contract]), CheckedPolicy("mine", SPEC)))
     if message is None:
         assert {finding.result for finding in findings} == {"ok"}
     else:

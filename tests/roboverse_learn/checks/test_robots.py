@@ -8,7 +8,7 @@ import pytest
 from envs.robots import ROBOTS
 from envs.robots.franka import FRANKA
 from roboverse_learn.checks.contract import chosen, run
-from roboverse_learn.checks.robots import ROBOT_CONTRACTS, RobotSubject
+from roboverse_learn.checks.robots import ROBOT_CONTRACTS, CheckedRobot
 
 
 def with_joint(index, **changes):
@@ -39,22 +39,22 @@ def with_joint(index, **changes):
         (
             with_joint(3, force_limit=0.01),
             "follows",
-            "'joint4' was told to move by .* Check the order",
+            "'joint4' had a target that differs by .* Check the order",
         ),
         (
             replace(with_joint(1, kp=1.0, kd=0.1), gravity_compensated=False),
             "rests",
-            "'joint2' moved by .* while it was told to rest. Raise its kp",
+            "'joint2' moved by .* while its targets were those of rest. Raise its kp",
         ),
     ],
 )
 def test_a_broken_robot_is_found(monkeypatch, robot, contract, message):
     monkeypatch.setattr(ROBOTS, "_entries", dict(ROBOTS._entries))
     ROBOTS.add("mine", robot)
-    subject = RobotSubject("mine")
+    checked = CheckedRobot("mine")
     try:
-        finding = list(run(chosen(ROBOT_CONTRACTS, [contract]), subject))[-1]
+        finding = list(run(chosen(ROBOT_CONTRACTS, [contract]), checked))[-1]
     finally:
-        subject.close()
+        checked.close()
     assert (finding.name, finding.result) == (contract, "failed")
     assert re.search(message, finding.detail), finding.detail

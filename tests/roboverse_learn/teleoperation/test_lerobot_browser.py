@@ -25,7 +25,7 @@ def free_port():
 
 
 class Person:
-    """A browser in a thread of its own: it joins, and steers the hand along +x until told to stop."""
+    """A browser in a thread of its own: it joins, and steers the hand along +x until it is stopped."""
 
     def __init__(self, port):
         self.client, self.stop, self.moved = None, threading.Event(), threading.Event()

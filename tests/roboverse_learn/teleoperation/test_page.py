@@ -36,7 +36,7 @@ async def served(book):
     session = Session(Station(env, 0, drawing), book, limit_s=60.0)
     facts = {"task": "PickCube", "cameras": list(env.camera_names), "delta_m": 0.05, "control_hz": 20.0}
     server = TeleoperationServer([session], facts)
-    conductor = Conductor(env, [session], drawing=drawing, on_status=server.tell_status, on_frame=server.show)
+    conductor = Conductor(env, [session], drawing=drawing, on_status=server.send_status, on_frame=server.show)
     port = await server.start("127.0.0.1", 0)
     await asyncio.to_thread(conductor.start)
     try:

@@ -61,7 +61,7 @@ def test_what_is_handed_back_begins_a_new_chunk_with_the_episodes_noise(pick_cub
     assert len(policy.shown) == 2 and bool((first == second).all())
 
 
-def test_actions_that_do_not_fit_are_told(pick_cube, station):
+def test_actions_that_do_not_fit_are_reported(pick_cube, station):
     policy = Policy()
     policy.act = lambda observation, generators: np.zeros((1, 3, 4))
     driver = PolicyDriver(policy, pick_cube)

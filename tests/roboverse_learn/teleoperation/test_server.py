@@ -46,7 +46,7 @@ class Site:
         while True:
             for index, session in enumerate(self.sessions):
                 session.tick()
-                self.server.tell_status(index, session.status())
+                self.server.send_status(index, session.status())
             await asyncio.sleep(0.05)
 
     def url(self, path="", token=None):
@@ -121,7 +121,7 @@ def test_an_operator_who_comes_back_finds_the_episode_paused_and_continues(make_
     run(body)
 
 
-def test_each_operator_has_an_environment_and_one_too_many_is_told(make_session):
+def test_each_operator_has_an_environment_and_one_too_many_is_reported(make_session):
     sessions = [make_session(0), make_session(1)]
 
     async def body():
@@ -255,7 +255,7 @@ def test_a_browser_that_does_not_answer_gets_few_frames_and_the_newest_later(mak
     run(body)
 
 
-def test_a_taken_port_and_a_missing_certificate_are_told(make_session):
+def test_a_taken_port_and_a_missing_certificate_are_reported(make_session):
     async def body():
         with socket.socket() as taken:
             taken.bind(("127.0.0.1", 0))
@@ -305,7 +305,7 @@ def test_a_scripted_client_plays_pick_cube_through_the_protocol(folder, book, pi
     async def body():
         server = TeleoperationServer([session], {"task": "PickCube"})
         conductor = Conductor(
-            env, [session], drawing=drawing, on_status=server.tell_status, on_frame=server.show
+            env, [session], drawing=drawing, on_status=server.send_status, on_frame=server.show
         )
         port = await server.start("127.0.0.1", 0)
         await asyncio.to_thread(conductor.start)

@@ -130,7 +130,7 @@ def test_a_policy_learns_from_the_dataset_and_is_corrected_where_it_strays(place
         teleoperate(compose("teleoperate", ["task=PickCube", f"checkpoint={tmp_path / 'none'}"]))
 
 
-def test_other_scenes_and_no_recordings_are_told(place, tmp_path):
+def test_other_scenes_and_no_recordings_are_reported(place, tmp_path):
     with pytest.raises(DatasetError, match="there is no recording of teleoperation"):
         words = [*SMALL, "source=teleop", f"path={tmp_path}", f"dataset={tmp_path / 'out'}"]
         collect_dataset(compose("collect", words))
@@ -140,12 +140,12 @@ def test_other_scenes_and_no_recordings_are_told(place, tmp_path):
         compose("collect", [*SMALL, "source=teleop"])
 
 
-def test_a_task_without_an_arm_to_steer_is_told(tmp_path):
+def test_a_task_without_an_arm_to_steer_is_reported(tmp_path):
     with pytest.raises(ConfigError, match="cannot be teleoperated: its actions are"):
         teleoperate(compose("teleoperate", ["task=control/cartpole", f"datasets_dir={tmp_path}"]))
 
 
-def test_an_expert_that_never_succeeds_is_told(tmp_path, monkeypatch):
+def test_an_expert_that_never_succeeds_is_reported(tmp_path, monkeypatch):
     monkeypatch.setattr("envs.tasks.pick_cube.PickCube.expert", lambda *_: [])
     words = [*SMALL, "actor=expert", f"datasets_dir={tmp_path}"]
     with pytest.raises(ConfigError, match="solved none of 20 episodes by steering the hand"):
@@ -163,7 +163,7 @@ def test_an_expert_that_never_succeeds_is_told(tmp_path, monkeypatch):
         (["actor=robot"], "actor"),
     ],
 )
-def test_wrong_values_are_told(words, message):
+def test_wrong_values_are_reported(words, message):
     with pytest.raises(ConfigError, match=message):
         compose("teleoperate", words)
 

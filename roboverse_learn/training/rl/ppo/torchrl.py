@@ -66,8 +66,10 @@ class TorchRlPpo(PpoAlgorithm):
     @override
     @torch.no_grad()
     def act(self, observation: Tensor, first: Tensor) -> Tensor:
-        self._told: Any = self.actor(TensorDict({"observation": observation}, batch_size=[len(observation)]))
-        return self._told["action"]
+        self._present: Any = self.actor(
+            TensorDict({"observation": observation}, batch_size=[len(observation)])
+        )
+        return self._present["action"]
 
     @override
     def keep(self, observation: Tensor, action: Tensor, step: Any) -> None:
@@ -77,8 +79,8 @@ class TorchRlPpo(PpoAlgorithm):
             "terminated": step.terminated[:, None],
             "done": (step.terminated | step.truncated)[:, None],
         }
-        self._told["next"] = TensorDict(columns, batch_size=self._told.batch_size)
-        self._steps.append(self._told)
+        self._present["next"] = TensorDict(columns, batch_size=self._present.batch_size)
+        self._steps.append(self._present)
 
     @override
     def update(self) -> dict[str, float]:

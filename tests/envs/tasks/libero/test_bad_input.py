@@ -149,7 +149,7 @@ def test_a_task_file_that_is_no_text_is_named(copy):
     refused(r"The task file .*\.bddl cannot be read")
 
 
-def test_start_states_of_another_width_are_told_with_both_widths(copy):
+def test_start_states_of_another_width_are_reported_with_both_widths(copy):
     copy.write_starts(np.zeros((50, 84)))
     refused(r"\.pruned_init: its initial states are 50 × 84 numbers; rows of 110 fit the scene")
 

@@ -7,7 +7,7 @@ from envs.rotations import from_yaw
 from envs.state import EntityState, State
 from envs.tasks.segment import Segment
 from roboverse_learn.data.augmentation.movements import Movement
-from roboverse_learn.data.augmentation.pieces import Piece, cut, cut_as_stated, hastened, vote
+from roboverse_learn.data.augmentation.pieces import Piece, cut, cut_as_stated, sped_up, vote
 from roboverse_learn.data.augmentation.pose import Pose
 from roboverse_learn.data.augmentation.recording import SourceDemo
 
@@ -80,10 +80,10 @@ def test_wandering_before_and_waiting_in_a_piece_are_left_out():
     assert len(grasp.steps) == 9 and grasp.steps[-1] < 189  # waits 8 steps of 30
 
 
-def test_slow_source_is_hastened_but_for_its_grasp():
+def test_slow_source_is_quickened_but_for_its_grasp():
     pieces = cut(pick_and_place(), [Movement("cube", "goal", ((25, 85),))], refine=True)
-    assert hastened(pieces, 1000) == pieces
-    reach, grasp, carry = hastened(pieces, 32)
+    assert sped_up(pieces, 1000) == pieces
+    reach, grasp, carry = sped_up(pieces, 32)
     assert len(grasp.steps) == 5
     kept = [len(piece.steps) - (piece.free[1] - piece.free[0]) for piece in (reach, carry)]
     assert sum(kept) == pytest.approx(27, abs=3)

@@ -46,9 +46,9 @@ def test_dataset_is_generated_and_says_what_from(demos, tmp_path):
             ("goal", "cube"),
         ]
         assert {piece["demonstration"] for piece in metadata["pieces"]} <= {0, 1, 2, 3}
-    told = json.loads((info.root / AUGMENT_PATH).read_text())
-    assert told["sequence"] == "cube carried to goal" and told["demonstrations"] == [0, 1, 2, 3]
-    assert told["augment"]["choose"] == "nearest" and told["left_out"] == {}
+    content = json.loads((info.root / AUGMENT_PATH).read_text())
+    assert content["sequence"] == "cube carried to goal" and content["demonstrations"] == [0, 1, 2, 3]
+    assert content["augment"]["choose"] == "nearest" and content["left_out"] == {}
     assert collect_dataset(made).dataset_hash == summary.dataset_hash  # complete: nothing is made again
     arrays, _ = read_raw(info.root, 0)
     assert np.isfinite(arrays["robots/franka/ee_pos"]).all()

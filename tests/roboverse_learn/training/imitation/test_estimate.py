@@ -1,4 +1,4 @@
-"""How long learning in an env will take: timed in another env, and told before the run begins."""
+"""How long learning in an env will take: timed in another env, and reported before the run begins."""
 
 import random
 from pathlib import Path
@@ -43,7 +43,7 @@ def small(policy: str, *words: str) -> Any:
 
 
 @pytest.mark.parametrize("policy", sweep(SMALL, {"fasttd3"}))
-def test_a_long_run_of_an_agent_is_told_before_it_has_a_folder(policy: str, tmp_path: Path) -> None:
+def test_a_long_run_of_an_agent_is_reported_before_it_has_a_folder(policy: str, tmp_path: Path) -> None:
     folders = [f"{key}={tmp_path / key}" for key in ("runs_dir", "results_dir")]
     with pytest.raises(ConfigError, match=r"about .* days on this machine's CPU.*preset=quick.*slow_ok=true"):
         train(small(policy, "train.steps=1000000000000", *folders))

@@ -105,8 +105,8 @@ def test_it_is_evaluated_with_the_cameras_of_its_training(tmp_path, monkeypatch)
     learn(folder, "cameras=[rail]", "train.steps=24", "policy.plan=false")
     words = [f"checkpoint={folder}", "task=control/cartpole", "device=cpu", "splits=[test]", "levels=[0,3]"]
     config = compose("evaluate", [*words, "episodes=2", "evaluate.num_envs=2"])
-    subject = checkpoint_to_test(config)
-    result = evaluate_checkpoint(subject, config.evaluate, tmp_path / "results", "evaluate").result
+    tested = checkpoint_to_test(config)
+    result = evaluate_checkpoint(tested, config.evaluate, tmp_path / "results", "evaluate").result
     assert (result.env.cameras, result.env.image_size) == (("rail",), 64)
     assert [record.length for record in result.records] == [6] * 4
 

@@ -14,7 +14,7 @@ from envs.vector_env import RoboVerseVectorEnv
 from roboverse_learn.checks.contract import NotApplicableError
 
 
-class TaskSubject:
+class CheckedTask:
     """A task under test. Close it when it is done with.
 
     Args:
