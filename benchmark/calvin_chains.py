@@ -16,6 +16,8 @@ from typing import Any, override
 
 import numpy as np
 
+from benchmark.protocol import digest
+from benchmark.provenance import file_hash, portable
 from benchmark.runner import PolicyActor
 from envs.core.arguments import parse
 from envs.core.atomic import write_file
@@ -305,7 +307,7 @@ def evaluate(settings: ChainSettings) -> ChainScores:
     Raises:
         ConfigError: The file of results is damaged.
     """
-    label = settings.checkpoint or settings.policy
+    label = _label(settings)
     results = read_results(settings.results)
     done = {int(index): count for index, count in results.get(label, {}).items()}
     chains = all_chains()[: settings.chains]
@@ -324,6 +326,18 @@ def evaluate(settings: ChainSettings) -> ChainScores:
     return ChainScores(
         tuple(done[index] for index in range(len(chains))), tuple(tasks for _, tasks in chains)
     )
+
+
+def _label(settings: ChainSettings) -> str:
+    """Returns under which name results are kept: of a checkpoint, all that decides what it does."""
+    if not settings.checkpoint:
+        return settings.policy
+    from policies.checkpoint import resolve, weights_path
+
+    weights = file_hash(weights_path(resolve(settings.checkpoint)))[:8]
+    seen = ("looks", "action_space", "observation_space", "cameras", "device")
+    facts = {key: getattr(settings, key) for key in seen}
+    return f"{portable(settings.checkpoint)} {weights} {digest(facts)}"
 
 
 def _env(settings: ChainSettings, num_envs: int) -> RoboVerseVectorEnv:

@@ -1,5 +1,6 @@
 """CALVIN's long-horizon evaluation: scores, results that are kept, and chains of the expert."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -93,7 +94,9 @@ def test_a_chain_does_not_depend_on_those_beside_it():
     np.testing.assert_array_equal(*ends)
 
 
-def test_results_are_kept_and_only_missing_chains_are_run(tmp_path, monkeypatch):
+@pytest.fixture
+def ran(monkeypatch):
+    """The chains that were run, without an environment."""
     ran = []
 
     class Runner:
@@ -112,6 +115,10 @@ def test_results_are_kept_and_only_missing_chains_are_run(tmp_path, monkeypatch)
     monkeypatch.setattr(calvin_chains, "ChainRunner", Runner)
     monkeypatch.setattr(calvin_chains, "_env", lambda *_: Env())
     monkeypatch.setattr(calvin_chains, "_actor", lambda *_: None)
+    return ran
+
+
+def test_results_are_kept_and_only_missing_chains_are_run(ran, tmp_path):
     path = tmp_path / "results.json"
     path.write_text(json.dumps({"expert": {"1": 4}, "mine": {"0": 2}}))
     scores = evaluate(ChainSettings(chains=4, results=path))
@@ -120,6 +127,23 @@ def test_results_are_kept_and_only_missing_chains_are_run(tmp_path, monkeypatch)
     assert read_results(path) == {"expert": {"0": 0, "1": 4, "2": 2, "3": 3}, "mine": {"0": 2}}
     evaluate(ChainSettings(chains=4, results=path))
     assert ran == [0, 2, 3]
+
+
+def test_a_checkpoint_with_other_weights_or_another_view_is_run_anew(ran, tmp_path):
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (folder / "config.json").write_text("{}")
+    (folder / "model.safetensors").write_text("weights")
+    settings = ChainSettings(checkpoint=str(folder), chains=2, results=tmp_path / "results.json")
+    for _ in range(2):
+        evaluate(settings)
+    assert ran == [0, 1]
+    evaluate(dataclasses.replace(settings, looks="meshes"))
+    assert ran == [0, 1] * 2
+    (folder / "model.safetensors").write_text("trained further")
+    evaluate(settings)
+    assert ran == [0, 1] * 3
+    assert str(tmp_path) not in (tmp_path / "results.json").read_text(), "results are published"
 
 
 def test_bad_input_is_reported(tmp_path, caplog):
