@@ -13,6 +13,7 @@ for _name, _summary in {
     "throughput": "env.step against a bare mj_step loop; an image against MuJoCo's GL (needs libosmesa6)",
     "dataset": "writing demonstrations and reading batches, against LeRobot",
     "evaluation": "evaluation of an ACT checkpoint on the same episodes, against lerobot-eval",
+    "peers": "a control step against those of ManiSkill 3 and robosuite, where they are installed",
     "mujoco_warp": "simulator=mujoco_warp against bare mujoco_warp: physics and images (needs a GPU)",
     "simulators": "handlers against scripts on the simulator alone",
     "training": "a gradient step of ACT and Diffusion Policy against LeRobot, and the losses (needs a GPU)",

@@ -8,6 +8,7 @@ same random order, one thread each, from the same dataset.
 
 import itertools
 import logging
+import subprocess
 import sys
 import tempfile
 import time
@@ -28,7 +29,8 @@ from roboverse_learn.speed.harness import Goal, Measurement, Settings, in_turns,
 
 FPS, CHUNK_SIZE, TASK = 20, 100, "lift the cube"
 CAMERA = IMAGE_PREFIX + "front"
-WRITE_GOAL, READ_GOAL = Goal(3.0), Goal(10.0)
+WRITE_GOAL, READ_GOAL, BUSY_GOAL = Goal(3.0), Goal(10.0), Goal(0.4)
+_THREADS = _BUSY_PROCESSES = 2
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -36,7 +38,8 @@ class DatasetSettings(Settings):
     """Compares writing and reading a dataset to LeRobot.
 
     Attributes:
-        parts: write, write_streaming, read.
+        parts: write, write_streaming, read, read_busy (two threads beside two processes that compute all the
+            time, against the same without them).
         episodes: Episodes that are written.
         length: Frames of each.
         size: Height and width of a frame, pixels.
@@ -61,6 +64,7 @@ def parts(settings: DatasetSettings) -> Mapping[str, Callable[[], Measurement]]:
         "write": partial(measure_write, settings, "defaults", WRITE_GOAL),
         "write_streaming": partial(measure_write, settings, "streaming", Goal(), streaming=True),
         "read": partial(measure_read, settings),
+        "read_busy": partial(measure_read_busy, settings),
     }
 
 
@@ -124,6 +128,47 @@ def measure_read(settings: DatasetSettings) -> Measurement:
         seconds = in_turns(partial(_take, ours, count), partial(_take, theirs, count), settings.turns)
     name = f"reading a sample, batches of {size}, LeRobot / ours (decoded beforehand in {decoding_s:.2f} s)"
     return measurement(name, seconds, READ_GOAL, units=count * size)
+
+
+def measure_read_busy(settings: DatasetSettings) -> Measurement:
+    """Compares our reader on two threads, beside two processes that compute all the time, to itself alone."""
+    import psutil
+    import torch
+
+    size, count = settings.batch_size, settings.batches
+    before = torch.get_num_threads()
+    torch.set_num_threads(_THREADS)
+    busy = [
+        psutil.Popen([sys.executable, "-c", "while True: pass"], stdout=subprocess.DEVNULL)
+        for _ in range(_BUSY_PROCESSES)
+    ]
+    try:
+        for process in busy:
+            process.suspend()
+        with tempfile.TemporaryDirectory() as scratch:
+            write_ours(Path(scratch) / "dataset", _episodes(settings))
+            resident = ResidentDataset(Path(scratch) / "dataset")
+        order = np.random.default_rng(0).integers(0, len(resident), (count, size))
+
+        def alone() -> None:
+            for indices in order:
+                resident.sample(indices, {"action": range(CHUNK_SIZE)})
+
+        def beside() -> None:
+            for process in busy:
+                process.resume()
+            alone()
+            for process in busy:
+                process.suspend()
+
+        seconds = in_turns(beside, alone, settings.turns)
+    finally:
+        torch.set_num_threads(before)
+        for process in busy:
+            process.kill()
+            process.wait()
+    name = f"reading a sample, {_THREADS} threads, alone / beside {_BUSY_PROCESSES} busy processes"
+    return measurement(name, seconds, BUSY_GOAL, units=count * size)
 
 
 def _take(batches: Any, count: int) -> None:

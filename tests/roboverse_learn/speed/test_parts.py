@@ -210,7 +210,7 @@ def test_both_sides_of_training_have_the_same_loss(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", ["write", "write_streaming", "read"])
+@pytest.mark.parametrize("part", ["write", "write_streaming", "read", "read_busy"])
 def test_dataset_is_compared(part, monkeypatch):
     monkeypatch.setattr("logging.disable", lambda level: None)
     tiny = dataset.DatasetSettings(episodes=1, length=8, size=64, batch_size=2, batches=1)

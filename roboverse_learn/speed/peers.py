@@ -1,0 +1,181 @@
+"""Control steps of ManiSkill's and robosuite's environments over ours: ``roboverse speed peers``.
+
+One environment on one core, a Panda and a cube at 20 Hz: robosuite's Lift and ManiSkill's PickCube against
+our PickCube, with states alone or with an image of one camera at every step. The robot is held where it is
+by each project's own controller (robosuite's default, ManiSkill's and our joint targets). Scenes and physics
+are those of each project, so the ratio is of what a user waits for and not of equal arithmetic. Times are CPU
+time of the process of each side.
+
+Their packages ask for other versions than ours, so each peer may have a Python of its own:
+``roboverse speed peers robosuite=/other/venv/bin/python``.
+"""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from envs.core.errors import MissingExtraError, SimulatorError
+from roboverse_learn.speed.harness import Goal, Measurement, Settings, in_turns, measurement, program
+
+GOALS = {
+    ("maniskill", "state"): Goal(5.0),
+    ("robosuite", "state"): Goal(6.0),
+    ("maniskill", "images"): Goal(10.0),
+    ("robosuite", "images"): Goal(8.0),
+}
+PROGRAM = Path(__file__).with_name("peer_env.py")
+ANSWER = "peer_env: "
+"""What begins a line of that program."""
+
+TASK = "PickCube"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PeersSettings(Settings):
+    """Compares a control step to those of ManiSkill 3 and robosuite.
+
+    Attributes:
+        parts: maniskill_state, robosuite_state, maniskill_images, robosuite_images.
+        maniskill: The Python that has ManiSkill; this one by default.
+        robosuite: The Python that has robosuite and a MuJoCo that it works with; this one by default.
+        size: Height and width of an image, pixels.
+        steps: Control steps of one turn.
+        turns: How often each side is timed.
+        out: JSON file for the measurements.
+    """
+
+    maniskill: str = sys.executable
+    robosuite: str = sys.executable
+    size: int = 128
+    steps: int = 100
+    turns: int = 5
+
+
+def parts(settings: PeersSettings) -> Mapping[str, Callable[[], Measurement]]:
+    """Returns what is measured."""
+    return {f"{peer}_{sees}": partial(measure_peer, settings, peer, sees) for peer, sees in GOALS}
+
+
+def measure_peer(settings: PeersSettings, peer: str, sees: str) -> Measurement:
+    """Compares a step of another project's environment to one of ours.
+
+    Args:
+        settings: How much is timed.
+        peer: ``maniskill`` or ``robosuite``.
+        sees: ``state``, or ``images`` for an image of one camera at every step.
+
+    Raises:
+        MissingExtraError: Its Python has no such package, or cannot make the environment.
+        SimulatorError: It ended while it was timed.
+    """
+    with Peer(getattr(settings, peer), peer, sees, settings.size) as theirs:
+        step, close = _our_step(sees, settings.size)
+        try:
+            seconds = in_turns(
+                lambda: [step() for _ in range(settings.steps)],
+                lambda: theirs.step(settings.steps),
+                settings.turns,
+                clock=lambda: time.process_time() + theirs.cpu_s,
+            )
+        finally:
+            close()
+    shown = "states" if sees == "state" else f"an image of {settings.size}×{settings.size}"
+    name = f"a step with {shown}, {peer} / ours"
+    return measurement(name, seconds, GOALS[peer, sees], units=settings.steps)
+
+
+class Peer:
+    """Another project's environment in a process of its own.
+
+    Args:
+        python: The interpreter that has its packages.
+        name: ``maniskill`` or ``robosuite``.
+        sees: ``state`` or ``images``.
+        size: Height and width of an image, pixels.
+
+    Attributes:
+        cpu_s: CPU time of its steps so far, seconds.
+
+    Raises:
+        MissingExtraError: The environment cannot be made there.
+    """
+
+    def __init__(self, python: str, name: str, sees: str, size: int) -> None:
+        self.cpu_s = 0.0
+        self._name, self._last_words = name, "it says nothing"
+        words = [python, str(PROGRAM), name, sees, str(size)]
+        pipe, merged = subprocess.PIPE, subprocess.STDOUT
+        try:
+            self._process = subprocess.Popen(words, stdin=pipe, stdout=pipe, stderr=merged, text=True)
+        except OSError as error:
+            raise MissingExtraError(f"{name}={python} cannot be run: {error.strerror}.") from error
+        if self._answer() != "ready":
+            self._process.communicate()
+            raise MissingExtraError(
+                f"{name} does not run with {python}: {self._last_words}. Name the Python of an environment "
+                f"in which it does: {name}=<folder>/bin/python"
+            )
+
+    def step(self, count: int) -> None:
+        """Makes control steps and adds their time to ``cpu_s``.
+
+        Raises:
+            SimulatorError: The process ended.
+        """
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{count}\n")
+        self._process.stdin.flush()
+        said = self._answer()
+        if not said:
+            raise SimulatorError(f"{self._name} ended while it was timed: {self._last_words}.")
+        self.cpu_s += float(said)
+
+    def _answer(self) -> str:
+        """Returns the next line of the program, without what the packages print; empty once it has ended."""
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            if line.startswith(ANSWER):
+                return line.removeprefix(ANSWER).strip()
+            self._last_words = line.strip() or self._last_words
+        return ""
+
+    def __enter__(self) -> "Peer":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.communicate()
+
+
+def _our_step(sees: str, size: int) -> tuple[Callable[[], object], Callable[[], object]]:
+    """Returns what makes a step of our environment, and what closes it."""
+    from envs import RoboVerseEnv
+
+    options = {"observation": "state"} if sees == "state" else {"image_size": size, "cameras": ["front"]}
+    env = RoboVerseEnv(TASK, split="test", num_threads=1, **options)
+    env.reset(seed=0)
+    hold = np.array(env.batch.scenario.robots[0].default_qpos, np.float32)
+    left = env.batch.max_episode_steps
+
+    def step() -> None:
+        nonlocal left
+        if not left:
+            env.reset()
+            left = env.batch.max_episode_steps
+        observation, *_ = env.step(hold)
+        if sees == "images":
+            assert observation["pixels"]["front"].shape == (size, size, 3)
+        left -= 1
+
+    return step, env.close
+
+
+if __name__ == "__main__":
+    quiet = {"MUJOCO_GL": "osmesa", "OMP_NUM_THREADS": "1"}
+    sys.exit(program("peers", PeersSettings, parts, one_core=True, environment=quiet))
