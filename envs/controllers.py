@@ -48,6 +48,15 @@ class Controller(ABC):
     def hold(self, state: State) -> np.ndarray:
         """Returns actions (N, A) that keep the robot where it is in ``state``."""
 
+    def of_joint_targets(self, targets: np.ndarray) -> np.ndarray:
+        """Returns the actions (T, A) that a demonstrator's plan means.
+
+        Args:
+            targets: Joint targets in the robot's units, (T, D), or what else the task's planner gives, which
+                are actions already.
+        """
+        return targets
+
     def as_task_actions(self, state: State, actions: np.ndarray) -> np.ndarray:
         """Converts actions (N, A) to actions of the task's own controller with the same effect.
 

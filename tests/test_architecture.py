@@ -25,7 +25,7 @@ LAYERS = (
     ("mjcf",),
     ("kinematics", "convert"),
     ("simulators",),
-    ("controllers", "hand_pose_controller", "operational_space"),
+    ("controllers", "hand_pose_controller", "hand_target_controller", "operational_space"),
     ("tasks",),
     (
         "episode_hash",

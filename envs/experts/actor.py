@@ -28,6 +28,7 @@ class ExpertActor(Actor):
         self._planner = env.task.planner if planner is None else planner
         self._limit, self._seed = env.max_episode_steps, env.protocol_seed
         self._at_once = env.handler.steps_together
+        self._controller = env.controller
 
     @override
     def begin(self, episodes: Sequence[Episode]) -> None:
@@ -47,9 +48,10 @@ class ExpertActor(Actor):
             plans = [self._planner.plan(present.select([row]), rng) for row, rng in enumerate(rngs)]
         for row, plan in zip(going, plans, strict=True):
             episode = episodes[row]
+            actions = self._controller.of_joint_targets(plan)
             if not len(plan) and episode.success and episode.last_action is not None:
-                plan = episode.last_action[None]
-            chunks[row] = plan[: self._limit - episode.length]
+                actions = episode.last_action[None]
+            chunks[row] = actions[: self._limit - episode.length]
         return chunks
 
 

@@ -146,6 +146,8 @@ class CollectConfig:
         path: File of demonstrations, or a folder of them, or of recordings of teleoperation; of files,
             num_demos is the most that is taken.
         replay: How a file's demonstrations become ours: by recorded states, or by controls in our physics.
+        only_corrections: Of recordings of teleoperation in which a policy acted, take the person's part
+            alone: from where the person took over for the last time.
         from_dataset: Folder of a dataset whose demonstrations are augmented, retargeted or rendered again.
         dataset: Folder of the dataset; empty for one named after the configuration. train collects only
             where none is named, and takes any LeRobotDataset v3, also of another robot.
@@ -161,6 +163,7 @@ class CollectConfig:
     checkpoint: str = ""
     path: str = ""
     replay: Replay = "states"
+    only_corrections: bool = False
     from_dataset: str = ""
     dataset: str = ""
     collect: DemonstrationConfig = field(default_factory=DemonstrationConfig)

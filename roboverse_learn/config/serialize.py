@@ -134,7 +134,8 @@ def _checked_options(spec: EnvSpec) -> dict[str, Any]:
         return {}
     task = spec.replace(scenario={}, robot="").make_task()  # it checks the values
     defaults = {item.name: item.default for item in dataclasses.fields(task)}  # pyright: ignore[reportArgumentType]
-    values = {key: getattr(task, key) for key in spec.task_kwargs}
+    defaults.setdefault("action_space", "joints")  # of every task that has none of its own
+    values = {key: getattr(task, key, defaults[key]) for key in spec.task_kwargs}
     return {key: plain(value) for key, value in values.items() if value != defaults[key]}
 
 

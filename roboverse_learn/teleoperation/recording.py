@@ -74,6 +74,12 @@ class Recording:
         """What became of it."""
         return Mark(self.facts["mark"])
 
+    @property
+    def taken_over(self) -> int | None:
+        """The step at which the person took over for the last time; None where no person acted."""
+        began = np.flatnonzero(np.diff(self.interventions.astype(np.int8), prepend=np.int8(0)) == 1)
+        return int(began[-1]) if len(began) else None
+
     def write(self, path: Path) -> None:
         """Writes the file, at once.
 

@@ -63,7 +63,7 @@ class AugmentActor(Actor):
     tail_steps = TAIL_STEPS
 
     def __init__(self, env: RoboVerseVectorEnv, planner: AugmentPlanner, max_retries: int) -> None:
-        self._planner, self._max_retries = planner, max_retries
+        self._planner, self._max_retries, self._controller = planner, max_retries, env.controller
         self._limit, self._seed = env.max_episode_steps, env.protocol_seed
 
     @override
@@ -89,7 +89,7 @@ class AugmentActor(Actor):
         reference, carried, _ = self._planner.roles[progress.stage]
         progress.made_of.append(MadeOf(reference, carried, plan.source))
         progress.stage += 1
-        return plan.targets[:left]
+        return self._controller.of_joint_targets(plan.targets[:left])
 
     def _next_stage(self, progress: Progress, state: State) -> bool:
         """Goes back to where a subtask begins that failed; returns whether there is a next piece."""

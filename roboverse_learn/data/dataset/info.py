@@ -209,5 +209,5 @@ def episode_key(metadata: dict[str, Any]) -> str | None:
     """Returns the key that identifies a pool episode, or None for an episode of no pool."""
     if "episode" not in metadata:
         return None
-    names = ("task", "level", "channels", "split", "episode", "source_episode")
+    names = ("task", "robot", "level", "channels", "split", "episode", "source_episode")
     return json.dumps({name: metadata[name] for name in names if name in metadata}, sort_keys=True)

@@ -37,6 +37,7 @@ class RetargetActor(Actor):
         paths: Sequence[HandPath],
     ) -> None:
         self._planner, self._paths, self._limit = planner, paths, env.max_episode_steps
+        self._controller = env.controller
         self._starts = [State({}, start.objects) for start in starts]
 
     @override
@@ -51,10 +52,10 @@ class RetargetActor(Actor):
             plans = self._planner.plan(states().select(fresh), paths)
             for row, plan in zip(fresh, plans, strict=True):
                 episodes[row].memory = plan
-        return [self._chunk(episode) for episode in episodes]
+        return [self._controller.of_joint_targets(self._chunk(episode)) for episode in episodes]
 
     def _chunk(self, episode: Episode) -> np.ndarray:
-        """Returns the next actions of an episode: its path, then its last target; none gives up."""
+        """Returns the next joint targets of an episode: its path, then its last target; none gives up."""
         plan: RetargetedPath = episode.memory
         left = self._limit - episode.length
         if episode.length < len(plan.targets) + HOLD_STEPS:

@@ -78,6 +78,7 @@ class DemonstrationSource:
         needs: Keys of the configuration that must be given, to what they are, for a message.
         num_demos_is_most: Whether ``num_demos`` is only the most that is taken.
         augments: Whether it takes the keys ``augment.*``.
+        corrects: Whether it takes ``only_corrections``.
         columns: Further columns of its datasets: options of
             :func:`~roboverse_learn.data.dataset.schema.make_features`.
     """
@@ -86,6 +87,7 @@ class DemonstrationSource:
     needs: ClassVar[Mapping[str, str]] = {}
     num_demos_is_most: ClassVar[bool] = False
     augments: ClassVar[bool] = False
+    corrects: ClassVar[bool] = False
     columns: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, config: Any) -> None:
@@ -107,6 +109,11 @@ class DemonstrationSource:
         if config.augment != AugmentConfig() and not cls.augments:
             raise ConfigError(
                 f"Keys augment.* were given, and source={config.source} takes none. Add source=augment."
+            )
+
+        if config.only_corrections and not cls.corrects:
+            raise ConfigError(
+                f"only_corrections=true was given, and source={config.source} has none. Add source=teleop."
             )
 
     @classmethod

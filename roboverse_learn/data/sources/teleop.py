@@ -8,7 +8,7 @@ from typing import Any, ClassVar, override
 import numpy as np
 import torch
 
-from envs.core.errors import DatasetError
+from envs.core.errors import ConfigError, DatasetError
 from envs.state import State
 from roboverse_learn.data.collection.schedule import check_settings
 from roboverse_learn.data.dataset.info import DatasetInfo, is_collected_here, read_info
@@ -33,14 +33,21 @@ class TeleopSource(DemonstrationSource):
     needs: ClassVar = {"path": "<folder>: the recordings of roboverse teleoperate."}
     num_demos_is_most: ClassVar = True
     columns: ClassVar = ("success", "intervention")
+    corrects: ClassVar = True
 
     @override
     def check(self) -> None:
         path = Path(self.config.path)
+        if self.config.only_corrections and self.config.replay != "states":
+            raise ConfigError(
+                "only_corrections=true begins in the middle of a recording, whose state replay="
+                f"{self.config.replay} does not reach. Leave out replay=."
+            )
         for facts in open_recordings(path).values():
             check_settings(path, facts["scene"], scene_of(self.config.env))
         if not self._files():
-            raise DatasetError(f"path={path}: no recording is marked as a success. Steer some more episodes.")
+            what = "success with a correction" if self.config.only_corrections else "success"
+            raise DatasetError(f"path={path}: no recording is marked as a {what}. Steer some more episodes.")
 
     @override
     def prepare(self, dataset: Path, progress: Progress) -> None:
@@ -58,11 +65,13 @@ class TeleopSource(DemonstrationSource):
     @override
     def name_part(self) -> str:
         by = "" if self.config.replay == "states" else f"-by-{self.config.replay}"
-        return f"teleop-{Path(self.config.path).name}{by}"
+        part = "-only-corrections" if self.config.only_corrections else ""
+        return f"teleop-{Path(self.config.path).name}{by}{part}"
 
     @override
     def identity(self) -> dict[str, Any]:
-        return {"source": "teleop", "replay": self.config.replay}
+        part = {"only_corrections": True} if self.config.only_corrections else {}
+        return {"source": "teleop", "replay": self.config.replay} | part
 
     @override
     def candidates(self) -> list[int]:
@@ -71,7 +80,8 @@ class TeleopSource(DemonstrationSource):
     @override
     def arguments(self) -> dict[str, Any]:
         files = {str(episode): str(path) for episode, path in self._files().items()}
-        return super().arguments() | {"replay": self.config.replay, "files": files}
+        part = self.config.only_corrections
+        return super().arguments() | {"replay": self.config.replay, "files": files, "only_corrections": part}
 
     @override
     def advice_for_task(self) -> str:
@@ -80,7 +90,12 @@ class TeleopSource(DemonstrationSource):
     def _files(self) -> dict[int, Path]:
         """Returns the newest success of each episode by its index, in the order of recording."""
         facts = open_recordings(Path(self.config.path)).items()
-        return {int(each["episode"]): path for path, each in facts if each["mark"] == Mark.SUCCESS}
+        found = {int(each["episode"]): path for path, each in facts if each["mark"] == Mark.SUCCESS}
+        if not self.config.only_corrections:
+            return found
+        return {
+            episode: path for episode, path in found.items() if Recording.read(path).taken_over is not None
+        }
 
 
 class TeleopEpisodes(ExpertEpisodes):
@@ -89,22 +104,29 @@ class TeleopEpisodes(ExpertEpisodes):
     Args:
         replay: ``states`` or ``controls``.
         files: Episode of the train split, in words, to its recording.
+        only_corrections: Begin where the person took over for the last time.
         scene: See :class:`~roboverse_learn.data.sources.expert.ExpertEpisodes`.
     """
 
-    def __init__(self, *, replay: Replay, files: Mapping[str, str], **scene: Any) -> None:
+    def __init__(
+        self, *, replay: Replay, files: Mapping[str, str], only_corrections: bool = False, **scene: Any
+    ) -> None:
         super().__init__(**scene)
         self._by: Replay = replay
+        self._only_corrections = only_corrections
         self._files = {int(episode): Path(path) for episode, path in files.items()}
         self._replayer = Replayer(self._env)
 
     @override
     def attempts(self, indices: Sequence[int]) -> Iterator[tuple[int, EpisodeData | None]]:
         recordings = [Recording.read(self._files[index]) for index in indices]
-        demonstrations = [_demonstration(recording) for recording in recordings]
+        firsts = [(each.taken_over or 0) if self._only_corrections else 0 for each in recordings]
+        demonstrations = [
+            _demonstration(recording, first) for recording, first in zip(recordings, firsts, strict=True)
+        ]
         starts = {index: self._start_hash(index) for index in indices}
         outcomes = self._replayer.replay(demonstrations, indices, self._by)
-        for recording, outcome in zip(recordings, outcomes, strict=True):
+        for recording, first, outcome in zip(recordings, firsts, outcomes, strict=True):
             if not outcome.success:
                 yield outcome.episode, None
                 continue
@@ -120,7 +142,7 @@ class TeleopEpisodes(ExpertEpisodes):
             )
             episode.successes = outcome.successes
             steps = np.minimum(
-                np.arange(outcome.length), recording.length - 1
+                first + np.arange(outcome.length), recording.length - 1
             )  # controls are held at the end
             episode.interventions = recording.interventions[steps]
             yield outcome.episode, episode
@@ -131,6 +153,7 @@ class TeleopEpisodes(ExpertEpisodes):
         return self._env.initial_state_hash(0)
 
 
-def _demonstration(recording: Recording) -> Demonstration:
+def _demonstration(recording: Recording, first: int) -> Demonstration:
     states = State.unflatten({key: torch.from_numpy(value) for key, value in recording.states.items()})
-    return Demonstration(name=str(recording.facts["episode"]), states=states, targets=recording.actions)
+    name = str(recording.facts["episode"])
+    return Demonstration(name=name, states=states, targets=recording.actions, first_state=first)
