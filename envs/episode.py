@@ -4,9 +4,10 @@ Shapes: T = control steps, A = action size, D = state size.
 """
 
 from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, override
 
 import numpy as np
 
@@ -115,10 +116,31 @@ class Episode:
         return np.concatenate(joints, axis=1).astype(np.float32)
 
     @cached_property
-    def images(self) -> dict[str, np.ndarray]:
-        """Camera to recorded images before each step, (T, H, W, 3) uint8."""
-        cameras = self._steps[0][0].images if self._steps else ()
-        return {camera: _stack([step.images[camera][row] for step, row in self._steps]) for camera in cameras}
+    def images(self) -> Mapping[str, np.ndarray]:
+        """Camera to recorded images before each step, (T, H, W, 3) uint8, taken from its device when read."""
+        return _Images(self._steps)
+
+
+class _Images(Mapping[str, np.ndarray]):
+    """The images of every camera, which stay on their device until they are read first."""
+
+    def __init__(self, steps: Sequence[tuple[Step, int]]) -> None:
+        self._steps, self._read = steps, dict[str, np.ndarray]()
+        self._cameras = tuple(steps[0][0].images) if steps else ()
+
+    @override
+    def __getitem__(self, camera: str) -> np.ndarray:
+        if camera not in self._read:
+            self._read[camera] = _stack([step.images[camera][row] for step, row in self._steps])
+        return self._read[camera]
+
+    @override
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._cameras)
+
+    @override
+    def __len__(self) -> int:
+        return len(self._cameras)
 
 
 def unflatten(numbers: np.ndarray, columns: Columns) -> dict[str, np.ndarray]:

@@ -76,7 +76,7 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
     from roboverse_learn.data.collection.collect import CollectionProgress
     from roboverse_learn.data.collection.collect import collect as collect_episodes
     from roboverse_learn.data.collection.config import CollectionConfig
-    from roboverse_learn.data.collection.limits import within_machine
+    from roboverse_learn.data.collection.limits import num_encoders, within_machine
     from roboverse_learn.data.collection.schedule import GIVE_UP_AFTER, TooFewSuccessesError
 
     _check_recordable(config)
@@ -103,6 +103,7 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
         features=features,
         robot_type=robot,
         num_workers=workers,
+        num_encoders=num_encoders(config),
         batch_size=config.collect.num_envs,
         settings=source.settings(),
         fewer_ok=source.num_demos_is_most,

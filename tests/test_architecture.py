@@ -21,7 +21,17 @@ MAY_IMPORT = {
 }
 LAYERS = (
     ("core",),
-    ("array_ops", "rotations", "scenario", "state", "robots", "randomization", "compat", "joint_readings"),
+    (
+        "array_ops",
+        "rotations",
+        "scenario",
+        "state",
+        "robots",
+        "randomization",
+        "compat",
+        "joint_readings",
+        "start_warp",
+    ),
     ("mjcf",),
     ("kinematics", "convert"),
     ("simulators",),

@@ -5,8 +5,11 @@ posture and damping with the same weights. The box of the joint limits is met by
 leave it and solving for the others once more, instead of by a QP solver.
 """
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -16,6 +19,11 @@ from envs.kinematics.forward import KinematicChain, Poses, rotation_vector
 from envs.kinematics.waypoints import Path, Waypoint, interpolate
 from envs.rotations import conjugate, from_euler, from_matrix, multiply, to_euler, to_matrix
 from envs.scenario import RobotCfg
+
+if TYPE_CHECKING:
+    from envs.kinematics.path_kernel import PathKernel
+
+logger = logging.getLogger(__name__)
 
 ITERATIONS_PER_STEP = 3
 """Differential steps per control step; a path of 5 cm per step is then followed within 1 mm."""
@@ -98,9 +106,24 @@ class BatchedInverseKinematics:
         change = torch.where(stuck, inside, free)
         return torch.minimum(torch.maximum(change, chain.low - q), chain.high - q)
 
+    def path_kernel(self) -> "PathKernel":
+        """Returns the kernel that takes these steps along whole paths, loaded.
+
+        Raises:
+            RuntimeError: The kernel cannot be compiled.
+        """
+        from envs.kinematics.path_kernel import Costs, PathKernel
+
+        costs = Costs(
+            rest=self.rest, errors=self._weights, damping=DAMPING, posture=POSTURE_COST**2, fixed=_FIXED
+        )
+        return PathKernel(self.chain, costs)
+
 
 class BatchedPathFollower:
     """Turns waypoints into joint targets, for as many paths at once as there are.
+
+    On a GPU one kernel follows all paths (:mod:`envs.kinematics.path_kernel`).
 
     Args:
         robot: The robot; ``ee_site`` follows the paths, the gripper's joints follow ``gripper``.
@@ -176,6 +199,8 @@ class BatchedPathFollower:
     @torch.inference_mode()
     def _follow(self, q: Tensor, pos: Tensor, rot: Tensor) -> Tensor:
         """Returns postures (N, T, K) that reach ``pos`` (N, T, 3) and ``rot`` (N, T, 3, 3) in turn."""
+        if self._kernel is not None:
+            return self._kernel(q, pos, rot, ITERATIONS_PER_STEP)
         out = torch.empty((*pos.shape[:2], q.shape[-1]), dtype=q.dtype, device=q.device)
         for step in range(pos.shape[1]):
             for _ in range(ITERATIONS_PER_STEP):
@@ -183,6 +208,17 @@ class BatchedPathFollower:
             q = q.clamp(self._chain.low, self._chain.high)
             out[:, step] = q
         return out
+
+    @cached_property
+    def _kernel(self) -> "PathKernel | None":
+        """One kernel for whole paths on a GPU; None on a CPU, and where it cannot be compiled."""
+        if self._device.type != "cuda":
+            return None
+        try:
+            return self._ik.path_kernel()
+        except Exception as error:
+            logger.warning("Paths are followed by torch, which is slower: %s", error)
+            return None
 
 
 def _solve(matrix: Tensor, diagonal: Tensor, right: Tensor) -> Tensor:

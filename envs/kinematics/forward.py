@@ -44,6 +44,9 @@ class KinematicChain:
         columns: Which joints of the robot, of its J, the K joints are.
         low: Least position of each of the K joints, (K,).
         high: Largest position, (K,).
+        constants: Of every joint the three matrices that its transform is made of (K, 4, 4), see
+            :class:`envs.kinematics.tree.TreeJoint`; the site in the last joint's frame (4, 4); of every joint
+            axis (K, 3), anchor (K, 3), and 1 for a hinge, 0 for a slide (K,).
 
     Raises:
         ConfigError: if a joint on the way is neither a hinge nor a slide.
@@ -79,6 +82,10 @@ class KinematicChain:
         )
         self._fixed, self._first, self._second = (tensor(part) for part in zip(*transforms, strict=True))
         self._site = tensor(site)
+        self.constants = (
+            *(self._fixed, self._first, self._second, self._site),
+            *(self._axis, self._anchor, self._hinge[:, 0]),
+        )
 
     def __call__(self, qpos: Tensor) -> Poses:
         """Returns the end effectors of the postures ``qpos`` (N, K), float64."""

@@ -29,6 +29,7 @@ from roboverse_learn.data.dataset.info import is_collected_here
 from roboverse_learn.data.dataset.raw import dataset_hash
 from roboverse_learn.data.dataset.schema import INFO_PATH
 from roboverse_learn.system import lock_directory
+from roboverse_learn.training.config import AugmentConfig
 
 log = logging.getLogger(__name__)
 
@@ -57,6 +58,10 @@ def identity(config: TrainRunConfig) -> dict[str, Any]:
             del values[younger]
     if len(config.tasks) == 1:
         values["policy"].pop("tasks", None)
+    augment, usual = values["train"].get("augment", {}), AugmentConfig()
+    for younger in ("hue", "convolution", "overlay", "swap", "swap_camera"):
+        if augment.get(younger) == getattr(usual, younger):
+            del augment[younger]
     return {key: at(values, key) for key in flat_keys(values) if key not in _FREE_KEYS}
 
 

@@ -4,7 +4,6 @@ A time says as much about the machine as about the code. So every figure is the 
 taken in turns in one process.
 """
 
-import json
 import logging
 import os
 import sys
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from envs.core.arguments import run_program
+from envs.core.atomic import write_json
 from envs.core.errors import MissingExtraError, RoboVerseError, unknown_name
 from envs.core.machine import use_one_core
 
@@ -165,7 +165,7 @@ class Settings:
 
     Attributes:
         parts: What is measured, as in parts=[a,b]; all parts by default.
-        out: JSON file for the measurements; nothing is written by default.
+        out: JSON file for the measurements, written anew after each; none by default.
     """
 
     parts: tuple[str, ...] = ()
@@ -206,12 +206,16 @@ def program[S: Settings](
         for part in settings.parts:
             if part not in available:
                 raise unknown_name(f"part of speed {name}", part, available)
-        rows, failed = _measure({part: available[part] for part in settings.parts or available})
+        rows, failed = list[Row](), False
+        for part in settings.parts or available:
+            row, broken = _measure(part, available[part])
+            failed |= broken
+            rows.append(row)
+            sys.stderr.write(f"{'  '.join(_cells(row))}\n")  # now: the rest may take minutes
+            if settings.out is not None:
+                settings.out.parent.mkdir(parents=True, exist_ok=True)
+                write_json(settings.out, {"program": name, "rows": [_record(row) for row in rows]})
         sys.stdout.write(table(rows))
-        if settings.out is not None:
-            settings.out.parent.mkdir(parents=True, exist_ok=True)
-            text = json.dumps({"program": name, "rows": [_record(row) for row in rows]}, indent=2)
-            settings.out.write_text(text + "\n", encoding="utf-8")
         results = [row.result for row in rows if isinstance(row, Measurement)]
         return int(failed or "missed" in results or not results)
 
@@ -222,16 +226,12 @@ type Row = Measurement | tuple[str, str]
 """A measurement, or the name of a part that was not measured and the reason."""
 
 
-def _measure(parts: Mapping[str, Callable[[], Measurement]]) -> tuple[list[Row], bool]:
-    rows: list[Row] = []
-    failed = False
-    for part, measure in parts.items():
-        try:
-            rows.append(measure())
-        except RoboVerseError as error:
-            failed |= not isinstance(error, MissingExtraError)
-            rows.append((part, str(error)))
-    return rows, failed
+def _measure(part: str, measure: Callable[[], Measurement]) -> tuple[Row, bool]:
+    """Returns the row of a part, and whether it failed."""
+    try:
+        return measure(), False
+    except RoboVerseError as error:
+        return (part, str(error)), not isinstance(error, MissingExtraError)
 
 
 def table(rows: Sequence[Row]) -> str:

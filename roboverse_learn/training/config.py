@@ -20,12 +20,24 @@ class AugmentConfig:
         brightness: Largest relative change of brightness, as ``0.2`` for 80 to 120 %.
         contrast: Largest relative change of contrast about the mean of the image.
         saturation: Largest relative change of saturation about the grey image.
+        hue: Largest turn of the hue, as a share of a whole turn.
+        convolution: Share of the samples whose images are mixed, in random proportion, with their convolution
+            by a random 3x3 filter of the same mean and contrast (arXiv:2007.13003, section 3).
+        overlay: Largest opacity of random, smooth colours that are laid over the image.
+        swap: Share of the samples in which ``swap_camera`` shows what it shows in another sample: a policy
+            learns to look at it less.
+        swap_camera: Name of that camera.
     """
 
     shift_px: int = 0
     brightness: float = 0.0
     contrast: float = 0.0
     saturation: float = 0.0
+    hue: float = 0.0
+    convolution: float = 0.0
+    overlay: float = 0.0
+    swap: float = 0.0
+    swap_camera: str = "front"
 
     def __post_init__(self) -> None:
         if self.shift_px < 0:
@@ -34,11 +46,22 @@ class AugmentConfig:
             value = getattr(self, name)
             if not 0.0 <= value < 1.0:
                 raise ConfigError(f"augment.{name} must be from 0 (off) to below 1, given {value}.")
+        for name, most in (("hue", 0.5), ("convolution", 1.0), ("overlay", 1.0), ("swap", 1.0)):
+            if not 0.0 <= getattr(self, name) <= most:
+                raise ConfigError(
+                    f"augment.{name} must be from 0 (off) to {most:g}, given {getattr(self, name)}."
+                )
+
+    @property
+    def recolours(self) -> bool:
+        """Whether colours are changed."""
+        mixed = self.convolution, self.overlay
+        return any((self.brightness, self.contrast, self.saturation, self.hue, *mixed))
 
     @property
     def enabled(self) -> bool:
         """Whether anything is changed at all."""
-        return any((self.shift_px, self.brightness, self.contrast, self.saturation))
+        return self.recolours or any((self.shift_px, self.swap))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import gc
+import time
 from contextlib import closing
 
 import numpy as np
@@ -138,11 +139,26 @@ def test_inverse_kinematics_is_that_of_the_cpu():
     ways = [
         [Waypoint(pos=np.array([0.5, y, 0.1]), yaw=0.3, gripper=0.04, duration_s=1.0)] for y in (0.1, -0.1)
     ]
-    ours, theirs = (
-        BatchedPathFollower(FRANKA, 20.0, device).joint_targets(rest, ways).targets.cpu()
-        for device in ("cuda", "cpu")
-    )
+    followers = [BatchedPathFollower(FRANKA, 20.0, device) for device in ("cuda", "cpu")]
+    assert followers[0]._kernel is not None
+    ours, theirs = (follower.joint_targets(rest, ways).targets.cpu() for follower in followers)
     torch.testing.assert_close(ours, theirs, atol=1e-8, rtol=0)
+    torch.cuda.synchronize()
+
+
+def test_many_paths_take_little_longer_than_one():
+    """A path is a thread: in torch a plan of 100 steps takes 200 ms and more."""
+    follower = BatchedPathFollower(FRANKA, 20.0, "cuda")
+    way = [Waypoint(pos=np.array([0.5, 0.1, 0.1]), yaw=0.3, gripper=0.04, duration_s=5.0)]
+    rest = follower._tensor(np.array([FRANKA.default_qpos] * 512))[:, follower._chain.columns]
+    pos = follower._tensor(np.tile(way[0].pos, (512, 100, 1)))
+    rot = follower._ik.upright.expand(512, 100, 3, 3)
+    follower._follow(rest, pos, rot)
+    torch.cuda.synchronize()
+    started = time.perf_counter()
+    follower._follow(rest, pos, rot)
+    torch.cuda.synchronize()
+    assert time.perf_counter() - started < 0.3
 
 
 def test_experts_succeed_in_an_env():

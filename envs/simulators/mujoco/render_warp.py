@@ -20,7 +20,7 @@ from envs.scenario import SURFACES
 from envs.simulators.mujoco.render import Renderer, RenderJob, Stage, texture_of
 from envs.simulators.mujoco.tracer_parts import tracer_parts
 from envs.simulators.mujoco.warp_launches import Launches
-from envs.simulators.start_warp import start_warp
+from envs.start_warp import start_warp
 
 _LIGHT_FIELDS = (
     "light_type",

@@ -12,7 +12,7 @@ import warp as wp
 from torch import Tensor
 
 from envs.core.errors import SimulatorError
-from envs.simulators.start_warp import start_warp
+from envs.start_warp import start_warp
 
 logger = logging.getLogger(__name__)
 

@@ -10,8 +10,8 @@ from envs.mjcf.link_tree import describe
 from envs.simulators.newton.scene import build
 from envs.simulators.newton.settings import SIMULATOR, NewtonSettings
 from envs.simulators.newton.world import NewtonWorld
-from envs.simulators.start_warp import start_warp
 from envs.simulators.translated_handler import TranslatedHandler
+from envs.start_warp import start_warp
 
 
 class NewtonHandler(TranslatedHandler[NewtonSettings]):

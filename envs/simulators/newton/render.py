@@ -26,7 +26,7 @@ from envs.simulators.mujoco.render_one_by_one import StagedRenderer
 from envs.simulators.newton.shapes import view
 from envs.simulators.newton.surfaces import SurfaceImages, brightened
 from envs.simulators.pybullet.meshes import triangles_of
-from envs.simulators.start_warp import start_warp
+from envs.start_warp import start_warp
 
 BACKGROUND = (0.6, 0.65, 0.7)
 

@@ -26,6 +26,7 @@ class CollectionConfig:
         features: From :func:`~roboverse_learn.data.dataset.schema.make_features`.
         robot_type: Name of the robot.
         num_workers: Processes; 1 collects in this process.
+        num_encoders: Processes that encode and stage what this process collects; with 0 threads do.
         batch_size: Pool episodes that a worker runs at once, such as the number of its environments.
         settings: JSON-able; what continuing the dataset must have in common with its beginning, such as
             task, level, seed. ``source_kwargs`` by default.
@@ -43,6 +44,7 @@ class CollectionConfig:
     features: Mapping[str, Feature]
     robot_type: str | None = None
     num_workers: int = 1
+    num_encoders: int = 0
     batch_size: int = 1
     settings: Mapping[str, Any] | None = None
     encoder: EncoderConfig = field(default_factory=EncoderConfig)

@@ -12,13 +12,15 @@ from dataclasses import replace
 from multiprocessing import active_children, current_process, get_context
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from threading import Lock
 from types import ModuleType
+from typing import Any
 
 from envs.core.errors import DatasetError
 from envs.core.machine import num_cores
 from envs.core.registry import registered_by_hand
 from roboverse_learn.data.collection.config import CollectionConfig
-from roboverse_learn.data.collection.worker import Attempt, run_batch, start, work
+from roboverse_learn.data.collection.worker import Attempt, Stage, encoded_by, run_batch, start, work
 from roboverse_learn.data.dataset.staging import STAGING_DIRECTORY
 
 
@@ -35,9 +37,10 @@ def attempts(config: CollectionConfig, next_batch: Callable[[], list[int]]) -> G
         DatasetError: A source failed, a worker died, or the disk is full.
     """
     if config.num_workers == 1:
-        with contextlib.closing(config.make_source()) as source:
+        with _encoders(config) as stage, contextlib.closing(config.make_source()) as source:
+            threads = config.num_encoders or num_cores()
             while batch := next_batch():
-                yield from together(run_batch(config, source, batch, num_cores()))
+                yield from together(run_batch(config, source, batch, threads, stage))
         return
     yield from _attempts_of_workers(config, next_batch)
 
@@ -65,23 +68,54 @@ def together(attempts: Iterable[Attempt], within_s: float = 1.0) -> Iterator[lis
 def _attempts_of_workers(
     config: CollectionConfig, next_batch: Callable[[], list[int]]
 ) -> Generator[list[Attempt]]:
+    running: set[Future[list[Attempt]]] = set()
+    with _processes(config, config.num_workers) as submit:
+        while True:
+            while len(running) < config.num_workers and (batch := next_batch()):
+                running.add(submit(work, batch))
+            if not running:
+                break
+            done, running = wait(running, return_when=FIRST_COMPLETED)
+            yield [attempt for future in done for attempt in future.result()]
+
+
+@contextlib.contextmanager
+def _encoders(config: CollectionConfig) -> Iterator[Stage | None]:
+    """Starts the processes that encode, if there are to be any; yields what stages an episode in them."""
+    if not config.num_encoders:
+        yield None
+        return
+    with _processes(config, config.num_encoders) as submit:
+        for _ in range(config.num_encoders):  # they start while the simulator does
+            submit(os.getpid)
+        yield encoded_by(submit)
+
+
+@contextlib.contextmanager
+def _processes(config: CollectionConfig, count: int) -> Iterator[Callable[..., Future[Any]]]:
+    """Keeps processes of a collection; yields what submits a call to one of them.
+
+    Raises:
+        DatasetError: One of them died.
+    """
     logs = Path(config.root) / STAGING_DIRECTORY
     logs.mkdir(parents=True, exist_ok=True)
     others, workers = set(active_children()), set[BaseProcess]()
-    running: set[Future[list[Attempt]]] = set()
     initial = (replace(config, candidates=()), logs)
     script = sys.modules["__main__"] if _needs_script(config) else None
-    with ProcessPoolExecutor(config.num_workers, get_context("spawn"), start, initial) as pool:
+    starting = Lock()  # threads may submit, and what surrounds a start is of the whole process
+    with ProcessPoolExecutor(count, get_context("spawn"), start, initial) as pool:
+
+        def submit(function: Callable[..., Any], *args: Any) -> Future[Any]:
+            if len(workers) == count:  # all have started
+                return pool.submit(function, *args)
+            with starting, _starting(count), _script_of_workers(script):
+                future = pool.submit(function, *args)
+            workers.update(set(active_children()) - others)
+            return future
+
         try:
-            while True:
-                while len(running) < config.num_workers and (batch := next_batch()):
-                    with _starting(config.num_workers), _script_of_workers(script):
-                        running.add(pool.submit(work, batch))
-                    workers |= set(active_children()) - others
-                if not running:
-                    break
-                done, running = wait(running, return_when=FIRST_COMPLETED)
-                yield [attempt for future in done for attempt in future.result()]
+            yield submit
         except BrokenProcessPool as error:
             pool.shutdown()
             ended = {str(worker.exitcode) for worker in workers} - {"0", str(-signal.SIGTERM)}

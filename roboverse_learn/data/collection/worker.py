@@ -1,24 +1,32 @@
-"""Worker processes of a collection: simulate, encode, and stage batches of pool episodes."""
+"""Worker processes of a collection: simulate, encode, and stage batches of pool episodes.
+
+Where one process simulates, as on a GPU, others may encode for it: threads would hold up its interpreter.
+"""
 
 import os
 import signal
 import threading
 import traceback
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any
 
 from envs.core.errors import DatasetError, RoboVerseError
 from roboverse_learn.data.collection.config import CollectionConfig
+from roboverse_learn.data.collection.shared_images import Place, shared
 from roboverse_learn.data.dataset.schema import EpisodeData, check_episode
 from roboverse_learn.data.dataset.staging import stage_episode, staged_directory
 from roboverse_learn.data.sources.base import EpisodeSource
 
 Attempt = tuple[int, Path | None]
 """A pool index and its staged folder, or None where the demonstrator failed."""
+
+Stage = Callable[[Path, EpisodeData], Path]
+"""Stages a checked episode as a folder, and returns it."""
 
 _process: dict[str, Any] = {}
 
@@ -60,20 +68,60 @@ def work(indices: Sequence[int]) -> list[Attempt]:
         ) from None
 
 
+def encode(directory: Path, episode: EpisodeData, images: Mapping[str, Place]) -> Path:
+    """Stages an episode in a process that encodes for another.
+
+    Args:
+        directory: See :func:`~roboverse_learn.data.dataset.staging.stage_episode`.
+        episode: A checked episode without its images.
+        images: Where these are.
+    """
+    config: CollectionConfig = _process["config"]
+    whole = replace(episode, images={camera: place.open() for camera, place in images.items()})
+    return stage_episode(directory, whole, config.fps, config.encoder).directory
+
+
+def encoded_by(submit: Callable[..., Future[Path]]) -> Stage:
+    """Returns what stages an episode in a process that encodes, and waits for it.
+
+    Args:
+        submit: Of the executor whose processes encode.
+    """
+
+    def stage(directory: Path, episode: EpisodeData) -> Path:
+        with shared(episode.images) as images:
+            return submit(encode, directory, replace(episode, images={}), images).result()
+
+    return stage
+
+
 def run_batch(
-    config: CollectionConfig, source: EpisodeSource, indices: Sequence[int], threads: int
+    config: CollectionConfig,
+    source: EpisodeSource,
+    indices: Sequence[int],
+    threads: int,
+    stage: Stage | None = None,
 ) -> Iterator[Attempt]:
     """Runs pool episodes and stages the successful ones, in threads beside the simulation.
+
+    Args:
+        config: What to collect.
+        source: Runs the episodes.
+        indices: Which.
+        threads: How many.
+        stage: What each thread does with an episode; encodes it by default.
 
     Raises:
         DatasetError: An episode does not fit the dataset, an index is missing, or the disk is full.
     """
 
-    def stage(index: int, episode: EpisodeData | None) -> Attempt:
+    def attempt(index: int, episode: EpisodeData | None) -> Attempt:
         if episode is None:
             return index, None
         check_episode(episode, config.features)
         directory = staged_directory(Path(config.root), index)
+        if stage is not None:
+            return index, stage(directory, episode)
         return index, stage_episode(directory, episode, config.fps, config.encoder).directory
 
     missing, pending = set(indices), deque[Future[Attempt]]()
@@ -86,7 +134,7 @@ def run_batch(
                     f"{index} with metadata['episode'] = {found!r}. They must be the same, and each once."
                 )
             missing.discard(index)
-            pending.append(pool.submit(stage, index, episode))
+            pending.append(pool.submit(attempt, index, episode))
             while pending and (pending[0].done() or len(pending) > 2 * threads):
                 yield pending.popleft().result()
         while pending:

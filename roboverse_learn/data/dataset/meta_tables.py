@@ -2,7 +2,7 @@
 
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,10 +22,9 @@ def episode_stats(
     staged: StagedEpisode, columns: Mapping[str, np.ndarray], features: Mapping[str, Feature]
 ) -> statistics.Stats:
     """Returns an episode's statistics by feature key."""
-    return {
-        key: staged.image_stats[key] if f["dtype"] == "video" else statistics.column_stats(columns[key])
-        for key, f in features.items()
-    }
+    numeric = {key: columns[key] for key, f in features.items() if f["dtype"] != "video"}
+    found = statistics.column_stats(numeric) | staged.image_stats
+    return {key: found[key] for key in features}
 
 
 def episode_row(
@@ -86,11 +85,11 @@ def num_files(rows: list[dict[str, Any]], prefix: str) -> int:
     return rows[-1][f"{prefix}/chunk_index"] * FILES_PER_CHUNK + rows[-1][f"{prefix}/file_index"] + 1
 
 
-def row_table(row: Mapping[str, Any]) -> "pa.Table":
-    """Builds a one-row table whose column types do not depend on the values."""
+def row_table(rows: Sequence[Mapping[str, Any]]) -> "pa.Table":
+    """Builds a table of rows of the same columns, whose types do not depend on the values."""
     import pyarrow as pa
 
-    return pa.table({name: pa.array([value]) for name, value in row.items()})
+    return pa.table({name: pa.array([row[name] for row in rows]) for name in rows[0]})
 
 
 def tasks_bytes(tasks: list[str]) -> bytes:

@@ -212,7 +212,7 @@ def _column_stats(info: DatasetInfo, episodes: np.ndarray) -> Stats:
     rows = np.concatenate(
         [np.arange(info.episode_starts[e], info.episode_ends[e]) for e in episodes.tolist()]
     )
-    return {key: column_stats(values[rows]) for key, values in columns.items()}
+    return column_stats({key: values[rows] for key, values in columns.items()})
 
 
 def _entry(stats: FeatureStats, entry: int) -> FeatureStats:

@@ -70,7 +70,7 @@ class EpisodeData:
 
     states: np.ndarray
     actions: np.ndarray
-    images: dict[str, np.ndarray]
+    images: Mapping[str, np.ndarray]
     task: str
     raw: dict[str, np.ndarray] = field(default_factory=dict)
     metadata: dict[str, Any] = field(default_factory=dict)

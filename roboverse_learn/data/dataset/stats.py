@@ -22,25 +22,42 @@ IMAGE_FRAME_STRIDE = 4
 IMAGE_GRID = 64
 
 
-def column_stats(values: np.ndarray) -> FeatureStats:
-    """Returns the statistics of one numeric column.
+def column_stats(columns: Mapping[str, np.ndarray]) -> Stats:
+    """Returns the statistics of numeric columns by their keys.
 
     Args:
-        values: (T,) or (T, D).
+        columns: Finite, each (T,) or (T, D).
 
     Returns:
-        Arrays of shape (D,), or (1,) for a column of scalars; float64, ``count`` int64 (1,).
+        Of each, arrays of shape (D,), or (1,) for a column of scalars; float64, ``count`` int64 (1,).
     """
-    rows = np.asarray(values, dtype=np.float64).reshape(len(values), -1)
-    stats = {
-        "min": rows.min(axis=0),
-        "max": rows.max(axis=0),
-        "mean": rows.mean(axis=0),
-        "std": rows.std(axis=0),
-        "count": np.array([len(rows)], dtype=np.int64),
-    }
-    quantiles = np.quantile(rows, list(QUANTILES.values()), axis=0)
-    return stats | dict(zip(QUANTILES, quantiles, strict=True))
+    if not columns:
+        return {}
+    parts = [np.asarray(values, dtype=np.float64).reshape(len(values), -1) for values in columns.values()]
+    rows = np.sort(np.concatenate(parts, axis=1), axis=0)  # once, for all quantiles
+    quantiles = {name: _quantile(rows, quantile) for name, quantile in QUANTILES.items()}
+    stats, start = {}, 0
+    for key, part in zip(columns, parts, strict=True):
+        own = slice(start, start := start + part.shape[1])
+        stats[key] = {
+            "min": rows[0, own].copy(),
+            "max": rows[-1, own].copy(),
+            "mean": part.mean(axis=0),
+            "std": part.std(axis=0),
+            "count": np.array([len(part)], dtype=np.int64),
+            **{name: value[own].copy() for name, value in quantiles.items()},
+        }
+    return stats
+
+
+def _quantile(rows: np.ndarray, quantile: float) -> np.ndarray:
+    """Returns numpy's default quantile, method "linear", of columns that are sorted (T, D)."""
+    place = (len(rows) - 1) * quantile
+    before = int(place)
+    low, high = rows[before], rows[min(before + 1, len(rows) - 1)]
+    share = place - before
+    # From the nearer of both, as numpy does: the same to the last bit.
+    return high - (high - low) * (1 - share) if share >= 0.5 else low + (high - low) * share
 
 
 def image_stats(images: np.ndarray) -> FeatureStats:

@@ -57,12 +57,16 @@ class GrowingTable:
     def append(self, *added: "pa.Table") -> None:
         """Adds episodes, at most :attr:`room`, and writes their file; on failure the table is as before.
 
+        Args:
+            *added: A table for each episode, or tables that have a row for each.
+
         Raises:
             DatasetError: The disk is full.
         """
         import pyarrow as pa
 
-        assert len(added) <= self.room
+        count = len(added) if self._group_per_episode else sum(table.num_rows for table in added)
+        assert count <= self.room
         full = self._count >= EPISODES_PER_FILE
         number = self._number + full
         groups = list(added) if full else [*self._groups, *added]
@@ -71,7 +75,7 @@ class GrowingTable:
             groups = [pa.concat_tables(groups).combine_chunks()]
         write_file(self._path(number), parquet_bytes(groups))
         self._number, self._groups = number, groups
-        self._count = len(added) + (0 if full else self._count)
+        self._count = count + (0 if full else self._count)
 
 
 def parquet_bytes(groups: list["pa.Table"]) -> bytes:

@@ -303,11 +303,11 @@ class DatasetWriter:
                 row_file=self._rows.position(),
             )
             groups.append(to_arrow({key: columns[key] for key in numeric}, numeric))
-            rows.append(row_table(row))
+            rows.append(row)
             frames += staged.length
             total = statistics.merge_stats(total, stats)
         self._data.append(*groups)
-        self._rows.append(*rows)
+        self._rows.append(row_table(rows))
         self._num_episodes, self._num_frames, self._stats = first + len(episodes), frames, total
         self._keys |= {key for staged in episodes if (key := episode_key(staged.metadata))}
         self._write_summary()
@@ -359,12 +359,7 @@ class DatasetWriter:
         """Replaces the averaged quantiles of numeric columns by those of all frames together."""
         if self._num_episodes == 0 or self._stats is None:
             return
-        for key, values in DatasetInfo.open(self.root).read_columns().items():
-            self._stats[key] = {**self._stats[key], **_quantiles(values)}
+        every = statistics.column_stats(DatasetInfo.open(self.root).read_columns())
+        for key, one in every.items():
+            self._stats[key] |= {name: one[name] for name in statistics.QUANTILES}
         write_json(self.root / STATS_PATH, statistics.to_json(self._stats))
-
-
-def _quantiles(values: np.ndarray) -> statistics.FeatureStats:
-    """Returns the exact quantiles of a column."""
-    every = statistics.column_stats(values)
-    return {name: every[name] for name in statistics.QUANTILES}

@@ -5,33 +5,50 @@ Randomness is torch's global generator, which the training loop seeds at every s
 Shapes: B samples, T observations in time, C=3 channels, H, W pixels.
 """
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
+from roboverse_learn.data.dataset.schema import IMAGE_PREFIX
 from roboverse_learn.training.config import AugmentConfig
 
 
-def augment(images: Tensor, config: AugmentConfig) -> Tensor:
-    """Shifts and recolours images; all observations of a sample alike.
+def augment_cameras(images: Mapping[str, Tensor], config: AugmentConfig) -> dict[str, Tensor]:
+    """Returns the augmented images of a batch by the keys of their features; see :func:`augment`."""
+    return {key: augment(each, config, key.removeprefix(IMAGE_PREFIX)) for key, each in images.items()}
+
+
+def augment(images: Tensor, config: AugmentConfig, camera: str = "") -> Tensor:
+    """Swaps, shifts and recolours images; all observations of a sample alike.
 
     Args:
         images: (B, [T,] C, H, W) uint8.
         config: What is changed, and how far.
+        camera: Whose images they are.
 
     Returns:
         The same shape; uint8 if the colours are unchanged, else float32 from 0 to 1.
     """
+    if config.swap and camera == config.swap_camera:
+        images = _swapped(images, config.swap)
     if config.shift_px:
         images = shift(images, _offsets(len(images), config.shift_px, images.device))
-    if not (config.brightness or config.contrast or config.saturation):
+    if not config.recolours:
         return images
     images = images.float().div_(255.0)
+    if config.convolution:
+        images = _convolved(images, config.convolution)
+    if config.overlay:
+        images = torch.lerp(images, _smooth_colours(images), config.overlay * _per_sample(images, torch.rand))
     # Brightness leaves the grey of an image to the two after it, so the order is fixed.
     images = _blend(images, config.brightness, torch.zeros_like)
     images = _blend(images, config.contrast, lambda x: _grey(x).mean(dim=(-1, -2), keepdim=True))
     images = _blend(images, config.saturation, _grey)
+    if config.hue:
+        images = _recoloured(images, _turned_hues(len(images), config.hue, images.device))
     return images.clamp_(0.0, 1.0)
 
 
@@ -62,9 +79,64 @@ def _blend(images: Tensor, strength: float, other: Callable[[Tensor], Tensor]) -
     """Moves each sample away from or towards ``other``, by a factor within ``1 ± strength``."""
     if not strength:
         return images
-    shape = [len(images)] + [1] * (images.ndim - 1)
-    factor = 1.0 + strength * (2.0 * torch.rand(shape, device=images.device) - 1.0)
+    factor = 1.0 + strength * (2.0 * _per_sample(images, torch.rand) - 1.0)
     return torch.lerp(other(images).expand_as(images), images, factor)
+
+
+def _per_sample(images: Tensor, draw: Callable[..., Tensor]) -> Tensor:
+    """Draws a number for each sample, in the shape (B, 1, ...) of its images."""
+    return draw([len(images)] + [1] * (images.ndim - 1), device=images.device)
+
+
+def _swapped(images: Tensor, share: float) -> Tensor:
+    """Gives a share of the samples the images of others."""
+    others = images[torch.randperm(len(images), device=images.device)]
+    return torch.where(_per_sample(images, torch.rand) < share, others, images)
+
+
+def _convolved(images: Tensor, share: float) -> Tensor:
+    """Mixes a share of the samples with their convolution by a random filter, at the same mean and spread."""
+    frames = images.reshape(len(images), -1, *images.shape[-3:])  # (B, T, C, H, W)
+    filters = torch.randn(len(images), 1, 3, 27, device=images.device)
+    padded = functional.pad(frames.flatten(0, 1), (1, 1, 1, 1), mode="replicate")
+    patches = functional.unfold(padded, 3).reshape(*frames.shape[:2], 27, -1)
+    found = (filters @ patches).reshape(images.shape)
+    over = (-3, -2, -1)
+    std, mean = torch.std_mean(images, over, keepdim=True)
+    its_std, its_mean = torch.std_mean(found, over, keepdim=True)
+    found = (found - its_mean) * (std / its_std.clamp(min=1e-6)) + mean
+    weight = _per_sample(images, torch.rand) * (_per_sample(images, torch.rand) < share)
+    return torch.lerp(images, found, weight)
+
+
+def _smooth_colours(images: Tensor) -> Tensor:
+    """Returns random colours (B, [1,] C, H, W) from 0 to 1 that change smoothly, in large and small spots."""
+    total = images.new_zeros(())
+    for spots in (4, 16):
+        drawn = torch.rand(len(images), 3, spots, spots, device=images.device)
+        total = total + functional.interpolate(drawn, images.shape[-2:], mode="bilinear")
+    return (total / 2.0).reshape(len(images), *[1] * (images.ndim - 4), *images.shape[-3:])
+
+
+_TO_YIQ = ((0.299, 0.587, 0.114), (0.5959, -0.2746, -0.3213), (0.2115, -0.5227, 0.3112))
+"""Luma and chroma of NTSC, whose chroma plane a hue is an angle in."""
+
+
+def _turned_hues(num: int, largest: float, device: torch.device) -> Tensor:
+    """Returns matrices (B, 3, 3) that turn the hue of colours by at most ``largest`` of a turn."""
+    angle = 2.0 * math.pi * largest * (2.0 * torch.rand(num, device=device) - 1.0)
+    turn = torch.eye(3, device=device).repeat(num, 1, 1)
+    turn[:, 1, 1] = turn[:, 2, 2] = torch.cos(angle)
+    turn[:, 2, 1] = torch.sin(angle)
+    turn[:, 1, 2] = -turn[:, 2, 1]
+    to_yiq = torch.tensor(_TO_YIQ, device=device)
+    return torch.linalg.inv(to_yiq) @ turn @ to_yiq
+
+
+def _recoloured(images: Tensor, matrices: Tensor) -> Tensor:
+    """Multiplies the colours of every sample by its matrix (B, 3, 3)."""
+    pixels = images.reshape(len(images), -1, 3, images.shape[-2] * images.shape[-1])
+    return (matrices[:, None] @ pixels).reshape(images.shape)
 
 
 def _grey(images: Tensor) -> Tensor:

@@ -23,7 +23,7 @@ from roboverse_learn.data.dataset.sampler import make_sampler
 from roboverse_learn.training import checkpoint
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.device import cpu_threads, resolve_precision
-from roboverse_learn.training.imitation.augment import augment
+from roboverse_learn.training.imitation.augment import augment_cameras
 from roboverse_learn.training.imitation.ema import Ema
 from roboverse_learn.training.imitation.fast_objective import NUM_BATCHES, fast_objective
 from roboverse_learn.training.imitation.gradient_mean import average_gradients, share_weights
@@ -251,8 +251,8 @@ class _Trainer:
         """Returns this process's share of the step's batch, augmented, on the device."""
         batch = self.dataset.sample(self.sampler.next_batch(), self.policy.delta_indices, keys=self.keys)
         if self.config.augment.enabled:
-            images = self.policy.image_keys
-            batch |= {key: augment(batch[key].to(self.policy.device), self.config.augment) for key in images}
+            images = {key: batch[key].to(self.policy.device) for key in self.policy.image_keys}
+            batch |= augment_cameras(images, self.config.augment)
         device = self.policy.device
         return {key: value.to(device, non_blocking=True) for key, value in batch.items()}
 

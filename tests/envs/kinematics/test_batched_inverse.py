@@ -1,7 +1,10 @@
 """Batched inverse kinematics of paths: it reaches them, and equals the single follower."""
 
+import logging
+
 import numpy as np
 import pytest
+import torch
 
 from envs.kinematics.batched_inverse import BatchedPathFollower
 from envs.kinematics.inverse import PathFollower
@@ -53,6 +56,14 @@ def angle_deg(a, b):
     return np.degrees(2 * np.arccos(np.clip(np.abs((a * b).sum(-1)), 0, 1)))
 
 
+@pytest.fixture(scope="module")
+def by_kernel(batched):
+    """Follows paths by what a GPU runs, on the CPU."""
+    follower = BatchedPathFollower(FRANKA, HZ)
+    follower.__dict__["_kernel"] = batched._ik.path_kernel()
+    return follower
+
+
 def test_it_is_where_the_single_follower_is(batched, single):
     """The bound of the design is 2 mm and 1°; the same objective gives a hundredth of it."""
     found = batched.joint_targets(starts(), ways())
@@ -97,3 +108,34 @@ def test_joints_stay_in_their_ranges_when_the_goal_is_out_of_reach(batched):
     assert (targets >= low).all()
     assert (targets <= high).all()
     assert np.isfinite(targets).all()
+
+
+@pytest.mark.slow
+def test_the_kernel_of_a_gpu_follows_the_same_paths(batched, by_kernel):
+    ours, theirs = (way.joint_targets(starts(), ways()) for way in (by_kernel, batched))
+    assert ours.lengths.tolist() == theirs.lengths.tolist()
+    torch.testing.assert_close(ours.targets, theirs.targets, atol=1e-10, rtol=0)
+
+
+@pytest.mark.slow
+def test_the_kernel_of_a_gpu_keeps_joints_in_their_ranges(batched, by_kernel):
+    """Rounding grows tenfold each step beyond: there the arm is stretched, and two ways are as good."""
+    far = [Waypoint(pos=np.array([1.5, 0.8, 0.2]), yaw=0.0, gripper=0.04, duration_s=1.5)]
+    ours, theirs = (way.joint_targets(REST[None], [far]).targets[0] for way in (by_kernel, batched))
+    low, high = torch.tensor([joint.range for joint in FRANKA.joints], dtype=torch.float64).T
+    assert ((ours == low) | (ours == high))[13:18, :7].any(1).all()
+    torch.testing.assert_close(ours[:18], theirs[:18], atol=1e-9, rtol=0)
+    assert ((ours >= low) & (ours <= high)).all()
+
+
+def test_a_kernel_that_cannot_be_compiled_is_said_once(monkeypatch, caplog):
+    follower = BatchedPathFollower(FRANKA, HZ)
+
+    def refuse():
+        raise RuntimeError("no compiler")
+
+    monkeypatch.setattr(follower._ik, "path_kernel", refuse)
+    monkeypatch.setattr(follower, "_device", torch.device("cuda"))
+    with caplog.at_level(logging.WARNING):
+        assert follower._kernel is None and follower._kernel is None
+    assert caplog.messages == ["Paths are followed by torch, which is slower: no compiler"]

@@ -204,3 +204,11 @@ def test_the_saved_configuration_is_yaml_that_a_person_can_read() -> None:
     values = yaml.safe_load((run.folder / CONFIG_FILE).read_text())
     assert list(values) == list(default_values("train"))
     assert default_folder(config()) == run.folder
+
+
+def test_a_run_keeps_its_name_where_younger_augmentation_is_off():
+    recorded = Path(__file__).parents[3] / "results/v2/PickCube/act"
+    assert (recorded / f"{run_name(compose('train', ['recipe=act_v1', 'task=PickCube']))}.json").is_file()
+    quick = ["policy=act", "task=PickCube", "preset=quick"]
+    names = {run_name(compose("train", [*quick, *words])) for words in ([], ["train.augment.hue=0.1"])}
+    assert len(names) == 2

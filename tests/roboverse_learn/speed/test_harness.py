@@ -1,5 +1,6 @@
 """The harness of the speed programs, on a clock that the tests set."""
 
+import contextlib
 import json
 from dataclasses import dataclass
 
@@ -114,6 +115,20 @@ def test_measurements_are_written(tmp_path):
     fast, absent = json.loads(out.read_text())["rows"]
     assert (fast["ratio"], fast["goal"]["limit"], fast["result"]) == (3.0, 2.0, "reached")
     assert absent == {"name": "absent", "not_measured": "pip install it"}
+
+
+def test_an_interrupted_program_keeps_what_it_measured(tmp_path, capsys):
+    def interrupted(settings):
+        def stop():
+            raise KeyboardInterrupt
+
+        return {"fast": parts(settings)["fast"], "slow": stop}
+
+    out = tmp_path / "toy.json"
+    with contextlib.suppress(KeyboardInterrupt):
+        program("toy", Chosen, interrupted, [f"out={out}"])
+    assert [row["name"] for row in json.loads(out.read_text())["rows"]] == ["fast"]
+    assert "fast" in capsys.readouterr().err
 
 
 def test_unknown_part_suggests_nearest(capsys):

@@ -58,7 +58,7 @@ def test_training_in_two_processes_is_compared_to_one():
     ]
     settings = ProcessesSettings(first_step=2, steps=2, turns=1, batch_size=4, words=tuple(small))
     measures = parts_of_processes(settings)
-    assert list(measures) == ["act", "diffusion", "act_shared", "diffusion_shared"]
+    assert list(measures) == ["act", "act_shared", "diffusion", "diffusion_shared"]
     assert is_measured(measures["act"](), "act, 8 samples a step in 2 processes, 4 in one")
     assert is_measured(measures["act_shared"](), "act, 4 samples a step in 2 processes, 4 in one")
 
@@ -66,7 +66,7 @@ def test_training_in_two_processes_is_compared_to_one():
 @pytest.mark.long
 def test_the_error_of_a_training_is_in_the_message():
     settings = ProcessesSettings(turns=1, words=("device=cpu", "dataset=nowhere"))
-    with pytest.raises(SimulatorError, match=r"Training in 2 processes failed: .*nowhere"):
+    with pytest.raises(SimulatorError, match=r"The training measure-act-in-2-of-256 failed: .*nowhere"):
         parts_of_processes(settings)["act"]()
 
 

@@ -56,3 +56,14 @@ def test_the_default_is_a_process_per_core_unless_one_steps_all(machine, caplog,
 def test_a_machine_without_free_memory_still_gets_one(machine):
     machine(8, 0)
     assert fitted("collect.num_workers=8", "collect.num_envs=5") == (1, 1)
+
+
+@pytest.mark.parametrize(
+    ("simulator", "cores", "workers", "encoders"),
+    [("mujoco_warp", 32, 1, 16), ("mujoco_warp", 12, 1, 6), ("mujoco_warp", 2, 1, 0), ("mujoco", 32, 1, 0),
+     ("mujoco_warp", 32, 4, 0)],
+)  # fmt: skip
+def test_processes_encode_for_one_that_steps_all_environments(machine, simulator, cores, workers, encoders):
+    machine(cores, 64 << 30)
+    config = compose("collect", ["task=PickCube", f"simulator={simulator}", f"collect.num_workers={workers}"])
+    assert limits.num_encoders(config) == encoders

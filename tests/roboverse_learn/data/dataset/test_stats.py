@@ -26,11 +26,11 @@ STATE = "observation.state"
 
 
 def one(values):
-    return {"x": column_stats(np.asarray(values, float))}
+    return column_stats({"x": np.asarray(values, float)})
 
 
 def test_a_column_by_hand():
-    stats = column_stats(np.array([[1.0, 10.0], [3.0, 10.0], [5.0, 40.0], [7.0, 40.0]]))
+    stats = one([[1.0, 10.0], [3.0, 10.0], [5.0, 40.0], [7.0, 40.0]])["x"]
     assert set(stats) == set(STATISTICS)
     assert stats["min"].tolist() == [1.0, 10.0] and stats["max"].tolist() == [7.0, 40.0]
     assert stats["mean"].tolist() == [4.0, 25.0]
@@ -43,9 +43,29 @@ def test_a_column_by_hand():
 
 
 def test_a_column_of_scalars_or_bools_has_shape_one():
-    assert {value.shape for value in column_stats(np.arange(5)).values()} == {(1,)}
-    stats = column_stats(np.array([False, False, True, True]))
+    assert {value.shape for value in one(np.arange(5))["x"].values()} == {(1,)}
+    stats = column_stats({"x": np.array([False, False, True, True])})["x"]
     assert (stats["mean"], stats["std"], stats["min"], stats["max"]) == (0.5, 0.5, 0.0, 1.0)
+
+
+def test_columns_do_not_depend_on_those_beside_them():
+    rng = np.random.default_rng(0)
+    values = {"x": rng.normal(size=(90, 9)).astype(np.float32), "y": rng.integers(0, 5, 90)}
+    together = column_stats(values)
+    assert list(together) == ["x", "y"]
+    for key in values:
+        alone = column_stats({key: values[key]})[key]
+        assert {name: value.tolist() for name, value in together[key].items()} == {
+            name: value.tolist() for name, value in alone.items()
+        }
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=40))
+@settings(deadline=None)
+def test_quantiles_are_numpys_to_the_last_bit(values):
+    stats = one(values)["x"]
+    for name, quantile in QUANTILES.items():
+        assert stats[name][0] == np.quantile(values, quantile)
 
 
 columns = st.lists(st.lists(st.floats(-1e3, 1e3, width=32), min_size=1, max_size=12), min_size=1, max_size=6)
@@ -54,7 +74,7 @@ columns = st.lists(st.lists(st.floats(-1e3, 1e3, width=32), min_size=1, max_size
 @given(parts=columns)
 @settings(deadline=None)
 def test_merged_moments_are_those_of_all_frames(parts):
-    whole, merged = column_stats(np.concatenate(parts)), combine(one(part) for part in parts)["x"]
+    whole, merged = one(np.concatenate(parts))["x"], combine(one(part) for part in parts)["x"]
     for name in ("min", "max", "count"):
         np.testing.assert_array_equal(merged[name], whole[name])
     for name in ("mean", "std"):

@@ -75,6 +75,58 @@ def test_saturation_leaves_grey_images():
     torch.testing.assert_close(augment(grey, AugmentConfig(saturation=0.5)), grey.float() / 255)
 
 
+STRONG = (
+    {"hue": 0.2},
+    {"convolution": 1.0},
+    {"overlay": 0.6},
+    {"swap": 0.9, "swap_camera": "side"},
+    {"hue": 0.1, "convolution": 0.5, "overlay": 0.3, "brightness": 0.5, "shift_px": 2},
+)
+
+
+@pytest.mark.parametrize("changes", STRONG, ids=lambda changes: "-".join(changes))
+@pytest.mark.parametrize("times", [(), (3,)], ids=["one", "several"])
+def test_strong_augmentation_changes_every_observation_of_a_sample_alike(changes, times):
+    torch.manual_seed(0)
+    frame = torch.randint(0, 256, (4, *[1] * len(times), 3, 16, 20), dtype=torch.uint8)
+    images = frame.expand(4, *times, 3, 16, 20)
+    changed = augment(images, AugmentConfig(**changes), "side")
+    assert changed.shape == images.shape
+    assert not changed.equal(images if changed.dtype is torch.uint8 else images.float() / 255)
+    if times:
+        torch.testing.assert_close(changed[:, 0], changed[:, 2])
+    assert changed.min() >= 0 and changed.max() <= (255 if changed.dtype is torch.uint8 else 1)
+
+
+def test_a_turn_of_the_hue_leaves_grey_and_luma():
+    torch.manual_seed(0)
+    images = torch.randint(80, 160, (64, 3, 8, 8), dtype=torch.uint8)
+    luma = torch.tensor([0.299, 0.587, 0.114]).reshape(3, 1, 1)
+    turned = augment(images, AugmentConfig(hue=0.1))
+    torch.testing.assert_close((turned * luma).sum(1), (images / 255 * luma).sum(1), atol=1e-3, rtol=0)
+    assert (turned - images / 255).abs().mean() > 0.01
+    grey = torch.full((2, 3, 8, 8), 128, dtype=torch.uint8)
+    torch.testing.assert_close(augment(grey, AugmentConfig(hue=0.5)), grey / 255, atol=1e-3, rtol=0)
+
+
+def test_a_random_filter_keeps_mean_and_contrast():
+    torch.manual_seed(0)
+    images = torch.randint(100, 156, (16, 3, 24, 24), dtype=torch.uint8)
+    mixed = augment(images, AugmentConfig(convolution=1.0))
+    torch.testing.assert_close(mixed.mean((1, 2, 3)), (images / 255).mean((1, 2, 3)), atol=1e-4, rtol=0)
+    assert (mixed.std((1, 2, 3)) < 1.01 * (images / 255).std((1, 2, 3))).all()
+
+
+def test_one_camera_shows_other_samples_in_a_share_of_them():
+    torch.manual_seed(0)
+    images = torch.arange(200, dtype=torch.uint8).reshape(200, 1, 1, 1).expand(200, 3, 4, 4)
+    config = AugmentConfig(swap=0.5)
+    assert augment(images, config, "wrist") is images
+    swapped = augment(images, config, "front")
+    assert swapped.dtype is torch.uint8 and 60 < int((swapped != images)[:, 0, 0, 0].sum()) < 140
+    assert (swapped == swapped[:, :1, :1, :1]).all()  # whole images
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -94,7 +146,12 @@ def test_train_config_is_checked(changes, message):
 
 @pytest.mark.parametrize(
     ("changes", "message"),
-    [({"shift_px": -1}, "augment.shift_px"), ({"contrast": 1.0}, "augment.contrast must be from 0")],
+    [
+        ({"shift_px": -1}, "augment.shift_px"),
+        ({"contrast": 1.0}, "augment.contrast must be from 0"),
+        ({"hue": 0.6}, "augment.hue must be from 0 .off. to 0.5, given 0.6"),
+        ({"swap": -0.1}, "augment.swap"),
+    ],
 )
 def test_augment_config_is_checked(changes, message):
     with pytest.raises(ConfigError, match=message):

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from envs.simulators import start_warp
+from envs import start_warp
 
 
 @pytest.mark.slow
@@ -16,7 +16,7 @@ def test_rendering_prints_nothing():
         "env = EnvSpec(task='PickCube', image_size=16).make(1)\n"
         "observation, _ = env.reset(seed=0)\n"
         "assert observation['pixels']['front'].shape == (1, 16, 16, 3)\n"
-        "from envs.simulators.start_warp import start_warp\n"
+        "from envs.start_warp import start_warp\n"
         "start_warp()"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
