@@ -33,6 +33,8 @@ class MtActConfig:
         num_buckets: Of ``scratch``: rows of the table that parts of words are hashed into.
         swap_wordings: Train each sample under a random instruction of its task, so that the wording of an
             episode says nothing of its scene. Only where all instructions of a task mean the same.
+        bank_wordings: With ``swap_wordings``: also under the known wordings of its task's bank, which no
+            demonstration needs to have.
         word_dropout: Of ``scratch``: share of the words that training hides, sampled for every sample.
         vision_backbone: ``keypoints``, a few convolutions, or three stages of a ResNet, with group
             normalization; both end in keypoints by spatial softmax, one network per camera.
@@ -61,6 +63,7 @@ class MtActConfig:
     max_words: int = 32
     num_buckets: int = 4096
     swap_wordings: bool = False
+    bank_wordings: bool = False
     word_dropout: float = 0.0
     vision_backbone: Backbone = "keypoints"
     conv_channels: tuple[int, ...] = (32, 64, 128)
@@ -99,6 +102,8 @@ class MtActConfig:
                 raise PolicyError(f"policy.{name} must be {least} or more, given {getattr(self, name)}.")
         if self.head not in ("regression", "flow"):
             raise PolicyError(f"policy.head must be regression or flow, given '{self.head}'.")
+        if self.bank_wordings and not self.swap_wordings:
+            raise PolicyError("policy.bank_wordings=true needs policy.swap_wordings=true, which draws them.")
         if not self.word_dropout < 1.0:
             raise PolicyError(f"policy.word_dropout must be below 1, given {self.word_dropout}.")
         if not self.text_encoder:

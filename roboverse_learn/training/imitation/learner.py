@@ -9,6 +9,7 @@ from envs.core.errors import ConfigError
 from policies.base import listed
 from policies.learned_tasks import TASK_INDEX
 from roboverse_learn.training.imitation.estimate import estimate_training_s, plain_stats
+from roboverse_learn.training.imitation.wordings import with_bank_wordings
 from roboverse_learn.training.learners import Demonstrations, Learner
 from roboverse_learn.training.reporter import Reporter, TrainResult
 
@@ -82,6 +83,8 @@ class ImitationLearner(Learner):
         )
         instructions: Any = getattr(data, "instructions", None)
         if instructions is not None:
+            if getattr(self.config.policy, "bank_wordings", False):
+                instructions = with_bank_wordings(instructions)
             policy.learn_instructions(instructions)
         settings = policy.training_config(self.config.train)
         return train(policy, data, settings, run_dir, seed=seed, reporter=reporter)

@@ -9,6 +9,7 @@ from benchmark.results import read_result
 from envs.core.errors import ConfigError, PolicyError, UnknownNameError
 from envs.tasks.suites import suite_tasks
 from policies.checkpoint import learned_tasks
+from policies.mtact.policy import MtActPolicy
 from roboverse_learn import cli
 from roboverse_learn.collect import dataset_folder
 from roboverse_learn.commands.collected import joined_hash, of_task
@@ -108,17 +109,23 @@ def test_a_dataset_of_one_task_is_none_of_several(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_merged_dataset_is_learned_by_the_tasks_that_its_episodes_name(tmp_path):
+def test_a_merged_dataset_is_learned_by_the_tasks_that_its_episodes_name(tmp_path, monkeypatch):
     root = tmp_path / "merged"
     with DatasetWriter(root, fps=20, features=FEATURES) as writer:
         for index, task in enumerate(("StackCube", "PickCube")):
             episode = make_episode(index, task=f"do {task}")
             episode.metadata["task"] = task
             writer.add_episode(episode)
-    learner = learner_of(compose("train", ["policy=mtact", LIST, f"dataset={root}", *TINY]), "cpu")
+    heard, learn = [], MtActPolicy.learn_instructions
+    monkeypatch.setattr(
+        MtActPolicy, "learn_instructions", lambda self, given: heard.append(given) or learn(self, given)
+    )
+    words = ["policy=mtact", LIST, f"dataset={root}", *TINY, "swap_wordings=true", "bank_wordings=true"]
+    learner = learner_of(compose("train", words), "cpu")
     learner.check()
     result = learner.learn(tmp_path / "run", str(root), 0, Reporter())
     assert learned_tasks(result.checkpoint) == ("StackCube", "PickCube")
+    assert heard[-1].texts[:2] == ("do StackCube", "do PickCube") and len(heard[-1].texts) > 200
     row = read_metrics(tmp_path / "run")[-1]
     assert row["loss"] == pytest.approx((row["l1_loss/StackCube"] + row["l1_loss/PickCube"]) / 2, rel=1e-4)
 
