@@ -70,16 +70,21 @@ def _smooth_normals(mesh: TexturedMesh, facing: np.ndarray) -> np.ndarray:
     """Returns a normal for each corner of each triangle, (F, 3, 3): the mean round it, within a crease."""
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    around: list[list[int]] = [[] for _ in mesh.vertices]
-    for face, indices in enumerate(mesh.faces.tolist()):
-        for index in indices:
-            around[index].append(face)
-    out = np.empty_like(corners)
-    for face, indices in enumerate(mesh.faces.tolist()):
-        for corner, index in enumerate(indices):
-            others = np.array(around[index])
-            near = others[facing[others] @ facing[face] >= CREASE_COS]
-            out[face, corner] = (area[near, None] * facing[near]).sum(0) if len(near) else facing[face]
+    at = mesh.faces.ravel()  # vertex of each corner, (3F,)
+    by_vertex = np.argsort(at, kind="stable")
+    counts = np.bincount(at, minlength=len(mesh.vertices))
+    # Every pair of a corner and a triangle round its vertex, corner by corner.
+    pairs = counts[at]
+    corner = np.repeat(np.arange(len(at)), pairs)
+    place = np.arange(pairs.sum()) - np.repeat(np.cumsum(pairs) - pairs, pairs)
+    other = by_vertex[np.repeat((np.cumsum(counts) - counts)[at], pairs) + place] // 3
+    near = np.einsum("pd,pd->p", facing[other], facing[corner // 3]) >= CREASE_COS
+    corner, other = corner[near], other[near]
+    out = np.zeros((len(at), 3))
+    np.add.at(out, corner, area[other, None] * facing[other])
+    out = out.reshape(corners.shape)
+    alone = ~out.any(-1)
+    out[alone] = np.repeat(facing[:, None], 3, axis=1)[alone]
     return _unit(out)
 
 

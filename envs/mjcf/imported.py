@@ -271,4 +271,4 @@ def read_image(path: Path) -> Image.Image:
 
 def _save(image: Image.Image, file: Path) -> None:
     with atomic_path(file, keep_suffix=True) as partial:
-        image.save(partial, "PNG")
+        image.save(partial, "PNG", compress_level=1)  # a fifth of the time, for a quarter more bytes

@@ -48,10 +48,14 @@ class TexturedMesh:
         scale = float(np.abs(self.vertices).max(initial=1e-9))
         steps = np.full(points.shape[1], scale * 1e-6)
         steps[3:] = 1e-6
-        _, first, inverse = np.unique(
-            np.round(points / steps), axis=0, return_index=True, return_inverse=True
-        )
-        faces = inverse.reshape(-1)[self.faces].astype(np.int32)
+        rounded = np.round(points / steps)
+        order = np.lexsort(rounded.T[::-1])  # as np.unique sorts rows, but faster
+        begins = np.ones(len(order), bool)
+        begins[1:] = (rounded[order[1:]] != rounded[order[:-1]]).any(1)
+        first = order[begins]
+        inverse = np.empty(len(order), np.int32)
+        inverse[order] = np.cumsum(begins) - 1
+        faces = inverse[self.faces]
         uv = None if self.uv is None else self.uv[first]
         return TexturedMesh(self.vertices[first], _proper(faces), uv)
 
