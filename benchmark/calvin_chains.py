@@ -5,23 +5,24 @@ instruction at most, prints what their evaluation prints, and keeps each chain's
 it goes on. ``checkpoint=<folder>`` evaluates a trained policy.
 """
 
-import json
 import logging
+import shlex
 import sys
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, override
 
 import numpy as np
 
+from benchmark.chain_results import ChainResults
 from benchmark.protocol import digest
 from benchmark.provenance import file_hash, portable
 from benchmark.runner import PolicyActor
 from envs.core.arguments import parse
-from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, RoboVerseError
+from envs.experts.record import git_sha
 from envs.randomization import channel_rng
 from envs.rollout import Actor, Episode
 from envs.spec import EnvSpec
@@ -40,6 +41,9 @@ _COMMAND = "python -m benchmark.calvin_chains"
 
 ENV_TASK = Entry("D", "open_drawer").name
 """Any task of the scene: what counts is checked here."""
+
+PROTOCOL_SEED = 0
+"""Seeds the expert's, or the policy's, random numbers."""
 
 
 @dataclass(slots=True, eq=False)
@@ -260,7 +264,8 @@ class ChainSettings:
     Attributes:
         policy: ``expert``; empty takes ``checkpoint``.
         checkpoint: Folder of a trained policy.
-        chains: How many of the protocol's 1,000 chains, from the first.
+        chains: How many of the protocol's 1,000 chains.
+        first: Index of the first of them.
         num_envs: Environments stepped at once.
         looks: What is rendered for a policy; see :class:`~envs.tasks.calvin.task.CalvinTask`.
         action_space: ``joints`` or ``native``, as the policy was trained; the expert's are joints.
@@ -273,6 +278,7 @@ class ChainSettings:
     policy: str = "expert"
     checkpoint: str = ""
     chains: int = NUM_CHAINS
+    first: int = 0
     num_envs: int = 4
     looks: str = "boxes"
     action_space: str = "joints"
@@ -288,43 +294,48 @@ def main(argv: Sequence[str] | None = None) -> int:
     logging.basicConfig(format="%(message)s", level=logging.INFO, stream=sys.stdout)
     try:
         settings = parse(_COMMAND, ChainSettings, words)
-        if not 1 <= settings.chains <= NUM_CHAINS:
-            raise ConfigError(f"chains is from 1 to {NUM_CHAINS}, given {settings.chains}.")
+        if not 1 <= settings.chains <= NUM_CHAINS - settings.first <= NUM_CHAINS:
+            raise ConfigError(
+                f"first and chains name some of the {NUM_CHAINS} chains, counted from 0: chains is from 1 to "
+                f"{NUM_CHAINS}, given {settings.chains}, first={settings.first}."
+            )
         if not settings.checkpoint and settings.action_space != "joints":
             raise ConfigError("The expert of chains acts in joints. Leave out action_space=native.")
         if settings.policy != "expert" and not settings.checkpoint:
             raise ConfigError(f"policy is expert, or give checkpoint=<folder>; given {settings.policy}.")
-        logger.info("%s", evaluate(settings).text())
+        logger.info("%s", evaluate(settings, words).text())
     except RoboVerseError as error:
         logger.error("error: %s", error)
         return 2
     return 0
 
 
-def evaluate(settings: ChainSettings) -> ChainScores:
+def evaluate(settings: ChainSettings, command: Sequence[str] = ()) -> ChainScores:
     """Runs the chains that have no result yet, keeps their results, and returns all scores.
+
+    Args:
+        settings: Which.
+        command: Words of the command, kept beside the results.
 
     Raises:
         ConfigError: The file of results is damaged.
     """
-    label = _label(settings)
-    results = read_results(settings.results)
-    done = {int(index): count for index, count in results.get(label, {}).items()}
-    chains = all_chains()[: settings.chains]
-    missing = [(index, chain) for index, chain in enumerate(chains) if index not in done]
+    words = shlex.join(str(portable(word)) for word in command)
+    run = {"command": f"{_COMMAND} {words}".strip(), "git_sha": git_sha(), "seed": PROTOCOL_SEED}
+    results = ChainResults(settings.results, _label(settings), run)
+    indices = range(settings.first, settings.first + settings.chains)
+    missing = [index for index in indices if index not in results.done]
     if missing:
         env = _env(settings, min(settings.num_envs, len(missing)))
         try:
-            for index, count in ChainRunner(env, _actor(settings, env)).run(missing):
-                done[index] = count
-                logger.info(
-                    "%d: %d of %d (%d of %d chains)", index, count, CHAIN_LENGTH, len(done), len(chains)
-                )
-                _write(settings.results, {**results, label: {str(key): done[key] for key in sorted(done)}})
+            chains = [(index, all_chains()[index]) for index in missing]
+            for place, (index, count) in enumerate(ChainRunner(env, _actor(settings, env)).run(chains), 1):
+                results.add(index, count)
+                logger.info("%d: %d of %d (%d of %d chains)", index, count, CHAIN_LENGTH, place, len(missing))
         finally:
             env.close()
     return ChainScores(
-        tuple(done[index] for index in range(len(chains))), tuple(tasks for _, tasks in chains)
+        tuple(results.done[index] for index in indices), tuple(all_chains()[index][1] for index in indices)
     )
 
 
@@ -344,7 +355,9 @@ def _env(settings: ChainSettings, num_envs: int) -> RoboVerseVectorEnv:
     kwargs = {key: getattr(settings, key) for key in ("looks", "action_space", "observation_space")}
     spec = EnvSpec(task=ENV_TASK, task_kwargs=kwargs, cameras=settings.cameras)
     observation = "pixels" if settings.checkpoint else "state"
-    return spec.make(num_envs, split="test", observation=observation, num_threads=1)
+    return spec.make(
+        num_envs, split="test", observation=observation, num_threads=1, protocol_seed=PROTOCOL_SEED
+    )
 
 
 def _actor(settings: ChainSettings, env: RoboVerseVectorEnv) -> Actor:
@@ -353,27 +366,6 @@ def _actor(settings: ChainSettings, env: RoboVerseVectorEnv) -> Actor:
     from policies import load
 
     return PolicyActor(load(settings.checkpoint, settings.device), env, env.protocol_seed, "chains")
-
-
-def read_results(path: Path) -> dict[str, dict[str, int]]:
-    """Returns results by policy and chain; none if there is no file.
-
-    Raises:
-        ConfigError: The file is damaged.
-    """
-    if not path.is_file():
-        return {}
-    try:
-        results = json.loads(path.read_text(encoding="utf-8"))
-        assert all(isinstance(rows, dict) for rows in results.values())
-    except (ValueError, AssertionError, AttributeError) as error:
-        raise ConfigError(f"{path} has no results of chains. Restore it, or remove it.") from error
-    return results
-
-
-def _write(path: Path, results: Mapping[str, Mapping[str, int]]) -> None:
-    lines = [f" {json.dumps(label)}: {json.dumps(rows)}" for label, rows in sorted(results.items())]
-    write_file(path, ("{\n" + ",\n".join(lines) + "\n}\n").encode())
 
 
 if __name__ == "__main__":

@@ -9,7 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from benchmark.calvin_chains import ChainScores, read_results
+from benchmark.calvin_chains import ChainScores
+from benchmark.chain_results import read_results
 from envs.core.atomic import write_file
 from envs.experts.counts import read_rows
 from envs.tasks.calvin.catalogue import Entry, task_facts
@@ -85,7 +86,7 @@ asked in, and plans again after a miss. It pushes as CALVIN's rule allows: it ca
 desk."""  # noqa: E501
 
 
-def page(rows: Mapping[str, Mapping[str, Any]], chains: Mapping[str, int]) -> str:
+def page(rows: Mapping[str, Mapping[str, Any]], chains: Mapping[int, int]) -> str:
     """Returns the page in Markdown.
 
     Args:
@@ -94,8 +95,8 @@ def page(rows: Mapping[str, Mapping[str, Any]], chains: Mapping[str, int]) -> st
     """
     parts = [TEXT.rstrip()]
     if chains:
-        order = sorted(chains, key=int)
-        tasks = tuple(all_chains()[int(index)][1] for index in order)
+        order = sorted(chains)
+        tasks = tuple(all_chains()[index][1] for index in order)
         scores = ChainScores(tuple(chains[index] for index in order), tasks)
         rates = " | ".join(f"{100 * rate:.1f} %" for rate in scores.rates)
         parts.append(

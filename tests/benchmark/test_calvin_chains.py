@@ -14,9 +14,10 @@ from benchmark.calvin_chains import (
     ChainSettings,
     evaluate,
     main,
-    read_results,
 )
+from benchmark.chain_results import read_results, read_runs
 from envs.core.errors import ConfigError
+from envs.experts.record import git_sha
 from envs.spec import EnvSpec
 from envs.tasks.calvin import memory
 from envs.tasks.calvin.sequences import all_chains
@@ -120,13 +121,25 @@ def ran(monkeypatch):
 
 def test_results_are_kept_and_only_missing_chains_are_run(ran, tmp_path):
     path = tmp_path / "results.json"
-    path.write_text(json.dumps({"expert": {"1": 4}, "mine": {"0": 2}}))
-    scores = evaluate(ChainSettings(chains=4, results=path))
+    old = {"command": "before", "git_sha": None, "seed": 0, "solved": {"1": 4}}
+    path.write_text(json.dumps({"expert": [old], "mine": [{"solved": {"0": 2}}]}))
+    scores = evaluate(ChainSettings(chains=4, results=path), ["chains=4"])
     assert ran == [0, 2, 3] and scores.completed == (0, 4, 2, 3)
     assert scores.chains[0] == all_chains()[0][1]
-    assert read_results(path) == {"expert": {"0": 0, "1": 4, "2": 2, "3": 3}, "mine": {"0": 2}}
-    evaluate(ChainSettings(chains=4, results=path))
+    assert read_results(path) == {"expert": {0: 0, 1: 4, 2: 2, 3: 3}, "mine": {0: 2}}
+    assert evaluate(ChainSettings(chains=2, first=2, results=path)).completed == (2, 3)
     assert ran == [0, 2, 3]
+
+
+def test_results_say_by_which_command_commit_and_seed_they_were_made(ran, tmp_path):
+    path = tmp_path / "results.json"
+    for _ in range(2):
+        evaluate(ChainSettings(chains=2, results=path), ["chains=2", f"results={path}"])
+    evaluate(ChainSettings(chains=1, first=7, results=path), ["first=7", "chains=1"])
+    first, second = read_runs(path)["expert"]
+    assert first["command"] == "python -m benchmark.calvin_chains chains=2 results=.../results.json"
+    assert first["solved"] == {"0": 0, "1": 1} and second["solved"] == {"7": 1}
+    assert first["git_sha"] == git_sha() and first["seed"] == 0
 
 
 def test_a_checkpoint_with_other_weights_or_another_view_is_run_anew(ran, tmp_path):
@@ -148,8 +161,9 @@ def test_a_checkpoint_with_other_weights_or_another_view_is_run_anew(ran, tmp_pa
 
 def test_bad_input_is_reported(tmp_path, caplog):
     path = tmp_path / "results.json"
-    path.write_text('{"expert": [1, 2')
-    with pytest.raises(ConfigError, match="has no results of chains"):
-        read_results(path)
+    for text in ('{"expert": [1, 2', '{"expert": {"0": 5}}', '{"expert": [{"command": "no chains"}]}'):
+        path.write_text(text)
+        with pytest.raises(ConfigError, match="has no results of chains"):
+            read_results(path)
     assert main(["chains=2000"]) == 2 and "from 1 to 1000, given 2000" in caplog.text
     assert main(["policy=nobody"]) == 2 and "checkpoint=<folder>" in caplog.text
