@@ -8,9 +8,9 @@ it goes on. ``checkpoint=<folder>`` evaluates a trained policy.
 import logging
 import shlex
 import sys
-from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, override
 
@@ -20,11 +20,12 @@ from benchmark.chain_results import ChainResults
 from benchmark.protocol import digest
 from benchmark.provenance import file_hash, portable
 from benchmark.runner import PolicyActor
+from envs.batched_env import StepResult
 from envs.core.arguments import parse
 from envs.core.errors import ConfigError, RoboVerseError
 from envs.experts.record import git_sha
 from envs.randomization import channel_rng
-from envs.rollout import Actor, Episode
+from envs.rollout import Actor, Episode, rollout
 from envs.spec import EnvSpec
 from envs.state import State
 from envs.tasks.calvin import memory
@@ -46,153 +47,76 @@ PROTOCOL_SEED = 0
 """Seeds the expert's, or the policy's, random numbers."""
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(slots=True)
 class _Running:
     """A chain in an environment.
 
     Attributes:
-        index: Its index among the protocol's.
         tasks: Its tasks.
-        slot: What an actor sees of it.
-        done: How many tasks are solved.
+        done: How many of them are solved.
         steps: Control steps of the present task.
     """
 
-    index: int
     tasks: tuple[str, ...]
-    slot: Episode
     done: int = 0
     steps: int = 0
-    plan: deque[np.ndarray] = field(default_factory=deque)
-
-    @property
-    def task(self) -> str:
-        return self.tasks[self.done]
 
 
-class ChainExpert(Actor):
-    """The expert of whichever task a chain is at.
+class ChainEnv:
+    """Environments of scene D whose episodes are chains: an instruction starts where the last one ended.
 
     Args:
-        env: The environment.
+        env: The environments.
+        chains: The chain of each index.
     """
 
-    def __init__(self, env: RoboVerseVectorEnv) -> None:
-        self._env = env
-        self._planners: dict[str, WaypointPlanner] = {}
-        self.tasks: dict[int, str] = {}
+    max_episode_steps = CHAIN_LENGTH * STEPS_PER_TASK
 
-    @override
-    def begin(self, episodes: Sequence[Episode]) -> None:
-        for episode in episodes:
-            episode.memory = channel_rng(self._env.protocol_seed, "expert", episode.episode)
+    def __init__(self, env: RoboVerseVectorEnv, chains: Mapping[int, Chain]) -> None:
+        self._env, self._chains = env, chains
+        self._running: dict[int, _Running] = {}  # by environment
 
-    @override
-    def act(self, episodes: Sequence[Episode], states: Callable[[], State]) -> list[np.ndarray]:
-        present = states()
-        return [
-            self._planner(self.tasks[episode.env_id]).plan(present.select([row]), episode.memory)
-            for row, episode in enumerate(episodes)
-        ]
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._env, name)
 
-    def _planner(self, task: str) -> WaypointPlanner:
-        if task not in self._planners:
-            from envs.tasks.calvin.expert import plan
+    def task_of(self, env_id: int) -> str:
+        """Returns the task that the chain of an environment is at."""
+        chain = self._running[env_id]
+        return chain.tasks[chain.done]
 
-            robot = self._env.task.robot
+    def reset_envs(self, env_ids: np.ndarray, episodes: np.ndarray) -> None:
+        """Starts the chains of these indices in these environments."""
+        chains = [self._chains[index] for index in episodes.tolist()]
+        states = protocol_state(self._env.scenario, [symbols for symbols, _ in chains])
+        self._env.reset_envs(env_ids, np.repeat(self._env.split_indices[:1], len(env_ids)), states)
+        for env_id, (_, tasks) in zip(env_ids.tolist(), chains, strict=True):
+            self._running[env_id] = _Running(tasks)
+            self._instruct(env_id)
 
-            def expert(state: State, rng: np.random.Generator):
-                return plan("D", task, robot, state, rng)
-
-            self._planners[task] = WaypointPlanner(self._env.scenario, expert)
-        return self._planners[task]
-
-
-class ChainRunner:
-    """Runs chains in the environments of scene D.
-
-    Args:
-        env: Its environments.
-        actor: Chooses actions: a :class:`ChainExpert`, or a policy's.
-    """
-
-    def __init__(self, env: RoboVerseVectorEnv, actor: Actor) -> None:
-        self._env, self._actor = env, actor
-        self._running: list[_Running] = []  # by environment
-        self._free = list(range(env.num_envs))
-
-    def run(self, chains: Sequence[tuple[int, Chain]]) -> Iterator[tuple[int, int]]:
-        """Yields the index of each chain as it ends, and how many of its tasks were solved in a row."""
-        waiting = deque(chains)
-        while waiting or self._running:
-            if waiting and self._free:
-                count = min(len(waiting), len(self._free))
-                self._begin([waiting.popleft() for _ in range(count)])
-            self._plan()
-            over = [chain for chain in self._running if not chain.plan]
-            self._step([chain for chain in self._running if chain.plan])
-            over += [c for c in self._running if c.done == len(c.tasks) or c.steps >= STEPS_PER_TASK]
-            for chain in {id(chain): chain for chain in over}.values():
-                self._running.remove(chain)
-                self._free = sorted([*self._free, chain.slot.env_id])
-                yield chain.index, chain.done
-
-    def _begin(self, chains: Sequence[tuple[int, Chain]]) -> None:
-        ids, self._free = self._free[: len(chains)], self._free[len(chains) :]
-        begun = []
-        for position, (env_id, (index, (_, tasks))) in enumerate(zip(ids, chains, strict=True)):
-            history = deque[Any](maxlen=self._actor.n_obs_steps)
-            slot = Episode(position=position, episode=index, env_id=env_id, observations=history, _columns={})
-            begun.append(_Running(index, tasks, slot))
-        states = protocol_state(self._env.scenario, [symbols for _, (symbols, _) in chains])
-        self._env.reset_envs(ids, np.repeat(self._env.split_indices[:1], len(ids)), states)
-        for chain in begun:
-            self._instruct(chain)
-        self._running = sorted(self._running + begun, key=lambda chain: chain.slot.env_id)
-
-    def _instruct(self, chain: _Running) -> None:
-        """Gives a chain's environment the instruction of its present task, and its actor a fresh start."""
-        chain.steps = 0
-        chain.plan.clear()
-        chain.slot.observations.clear()
-        self._env.set_instruction(chain.slot.env_id, task_facts()[chain.task].instruction)
-        if isinstance(self._actor, ChainExpert):
-            self._actor.tasks[chain.slot.env_id] = chain.task
-        if chain.done == 0:
-            self._actor.begin([chain.slot])
-
-    def _plan(self) -> None:
-        asking = [chain for chain in self._running if not chain.plan]
-        history = self._actor.n_obs_steps
-        seeing = self._running if history > 1 else asking
-        if history and seeing:
-            observation = self._env.observe(_ids(seeing))
-            for row, chain in enumerate(seeing):
-                chain.slot.observations.append({key: value[row] for key, value in observation.items()})
-        if asking:
-            chunks = self._actor.act(
-                [chain.slot for chain in asking], lambda: self._env.get_states(_ids(asking))
-            )
-            for chain, chunk in zip(asking, chunks, strict=True):
-                chain.plan.extend(chunk)
-
-    def _step(self, chains: Sequence[_Running]) -> None:
-        if not chains:
-            return
-        ids = _ids(chains)
-        self._env.step_envs(ids, np.stack([chain.plan.popleft() for chain in chains]))
-        states = self._env.get_states(ids)
-        solved = []
-        for row, chain in enumerate(chains):
+    def step_envs(self, env_ids: np.ndarray, actions: np.ndarray) -> StepResult:
+        """Steps these environments; ``success`` says where the step solved a task of the chain."""
+        self._env.step_envs(env_ids, actions)
+        states = self._env.get_states(env_ids)
+        chains = [self._running[env_id] for env_id in env_ids.tolist()]
+        success = np.array(
+            [
+                bool(met(task_facts()[self.task_of(env_id)].rule, states.select([row]))[0])
+                for row, env_id in enumerate(env_ids.tolist())
+            ]
+        )
+        self._remember(env_ids, states, np.flatnonzero(success).tolist())
+        for chain, env_id, solved in zip(chains, env_ids.tolist(), success, strict=True):
             chain.steps += 1
-            if bool(met(task_facts()[chain.task].rule, states.select([row]))[0]):
-                solved.append(row)
-        self._remember(ids, states, solved)
-        for row in solved:
-            chain = chains[row]
-            chain.done += 1
-            if chain.done < len(chain.tasks):
-                self._instruct(chain)
+            if solved:
+                chain.done, chain.steps = chain.done + 1, 0
+                if chain.done < len(chain.tasks):
+                    self._instruct(env_id)
+        complete = np.array([chain.done == len(chain.tasks) for chain in chains])
+        late = np.array([chain.steps >= STEPS_PER_TASK for chain in chains])
+        return StepResult(success.astype(np.float32), complete, late, success)
+
+    def _instruct(self, env_id: int) -> None:
+        self._env.set_instruction(env_id, task_facts()[self.task_of(env_id)].instruction)
 
     def _remember(self, ids: np.ndarray, states: State, solved: list[int]) -> None:
         """Makes present states starts where a task was solved, and notes lights where they changed."""
@@ -210,8 +134,60 @@ class ChainRunner:
             self._env.handler.set_poses(moved, ids[changed])
 
 
-def _ids(chains: Sequence[_Running]) -> np.ndarray:
-    return np.array([chain.slot.env_id for chain in chains])
+class ChainExpert(Actor):
+    """The expert of whichever task a chain is at.
+
+    Args:
+        env: The environment.
+    """
+
+    def __init__(self, env: ChainEnv) -> None:
+        self._env = env
+        self._planners: dict[str, WaypointPlanner] = {}
+
+    @override
+    def begin(self, episodes: Sequence[Episode]) -> None:
+        for episode in episodes:
+            episode.memory = channel_rng(self._env.protocol_seed, "expert", episode.episode)
+
+    @override
+    def act(self, episodes: Sequence[Episode], states: Callable[[], State]) -> list[np.ndarray]:
+        present = states()
+        return [
+            self._planner(self._env.task_of(episode.env_id)).plan(present.select([row]), episode.memory)
+            for row, episode in enumerate(episodes)
+        ]
+
+    def _planner(self, task: str) -> WaypointPlanner:
+        if task not in self._planners:
+            from envs.tasks.calvin.expert import plan
+
+            robot = self._env.task.robot
+
+            def expert(state: State, rng: np.random.Generator):
+                return plan("D", task, robot, state, rng)
+
+            self._planners[task] = WaypointPlanner(self._env.scenario, expert)
+        return self._planners[task]
+
+
+def run_chains(env: ChainEnv, actor: Actor, indices: Iterable[int]) -> Iterator[tuple[int, int]]:
+    """Yields the index of each chain as it ends, and how many of its tasks were solved in a row.
+
+    Args:
+        env: The environments.
+        actor: Chooses actions: a :class:`ChainExpert`, or a policy's.
+        indices: Which chains.
+    """
+
+    def start_afresh(episode: Episode) -> None:
+        """Drops what was planned and seen for an instruction that is solved."""
+        if episode.success:
+            episode.plan.clear()
+            episode.observations.clear()
+
+    for episode in rollout(env, actor, indices, on_step=start_afresh):
+        yield episode.episode, int(episode.successes.sum())
 
 
 @dataclass(frozen=True, slots=True)
@@ -328,8 +304,9 @@ def evaluate(settings: ChainSettings, command: Sequence[str] = ()) -> ChainScore
     if missing:
         env = _env(settings, min(settings.num_envs, len(missing)))
         try:
-            chains = [(index, all_chains()[index]) for index in missing]
-            for place, (index, count) in enumerate(ChainRunner(env, _actor(settings, env)).run(chains), 1):
+            chains_env = ChainEnv(env, {index: all_chains()[index] for index in missing})
+            chains = run_chains(chains_env, _actor(settings, chains_env), missing)
+            for place, (index, count) in enumerate(chains, 1):
                 results.add(index, count)
                 logger.info("%d: %d of %d (%d of %d chains)", index, count, CHAIN_LENGTH, place, len(missing))
         finally:
@@ -360,7 +337,7 @@ def _env(settings: ChainSettings, num_envs: int) -> RoboVerseVectorEnv:
     )
 
 
-def _actor(settings: ChainSettings, env: RoboVerseVectorEnv) -> Actor:
+def _actor(settings: ChainSettings, env: ChainEnv) -> Actor:
     if not settings.checkpoint:
         return ChainExpert(env)
     from policies import load

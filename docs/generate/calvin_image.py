@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from benchmark.calvin_chains import ENV_TASK, ChainExpert, ChainRunner
+from benchmark.calvin_chains import ENV_TASK, ChainEnv, ChainExpert, run_chains
 from envs.core.errors import RoboVerseError
 from envs.spec import EnvSpec
 from envs.tasks.calvin.catalogue import SCENES
@@ -53,7 +53,8 @@ def chain() -> np.ndarray:
         begin(env_id, instruction)
 
     env.set_instruction = shown
-    for _, solved in ChainRunner(env, ChainExpert(env)).run([(CHAIN, all_chains()[CHAIN])]):
+    chains = ChainEnv(env, {CHAIN: all_chains()[CHAIN]})
+    for _, solved in run_chains(chains, ChainExpert(chains), [CHAIN]):
         logger.info("%d of 5 solved: %s", solved, ", ".join(all_chains()[CHAIN][1]))
         images.append(env.image(0))
     env.close()

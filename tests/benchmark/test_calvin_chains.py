@@ -8,12 +8,13 @@ import pytest
 
 from benchmark import calvin_chains
 from benchmark.calvin_chains import (
+    ChainEnv,
     ChainExpert,
-    ChainRunner,
     ChainScores,
     ChainSettings,
     evaluate,
     main,
+    run_chains,
 )
 from benchmark.chain_results import read_results, read_runs
 from envs.core.errors import ConfigError
@@ -66,7 +67,8 @@ def test_the_expert_solves_a_chain_and_each_instruction_starts_where_the_last_en
 
     made.set_instruction = set_instruction
     try:
-        assert list(ChainRunner(made, ChainExpert(made)).run([(3, (SYMBOLS, FIVE))])) == [(3, 5)]
+        chains = ChainEnv(made, {3: (SYMBOLS, FIVE)})
+        assert list(run_chains(chains, ChainExpert(chains), [3])) == [(3, 5)]
     finally:
         made.close()
     assert instructions[:3] == [
@@ -81,12 +83,12 @@ def test_the_expert_solves_a_chain_and_each_instruction_starts_where_the_last_en
 
 @pytest.mark.slow
 def test_a_chain_does_not_depend_on_those_beside_it():
-    chains = [(0, (SYMBOLS, FIVE[:1])), (1, (SYMBOLS, ("turn_on_led",)))]
+    both = {0: (SYMBOLS, FIVE[:1]), 1: (SYMBOLS, ("turn_on_led",))}
     ends = []
-    for number, asked in ((2, chains), (1, chains[:1])):
+    for number, indices in ((2, [0, 1]), (1, [0])):
         made = env(number)
-        results, end = ChainRunner(made, ChainExpert(made)).run(asked), None
-        for index, count in results:
+        chains, end = ChainEnv(made, both), None
+        for index, count in run_chains(chains, ChainExpert(chains), indices):
             assert count == 1
             if index == 0:
                 end = made.get_states([0])
@@ -100,20 +102,16 @@ def ran(monkeypatch):
     """The chains that were run, without an environment."""
     ran = []
 
-    class Runner:
-        def __init__(self, *_):
-            pass
-
-        def run(self, chains):
-            for index, _ in chains:
-                ran.append(index)
-                yield index, index % 6
+    def run(_env, _actor, indices):
+        for index in indices:
+            ran.append(index)
+            yield index, index % 6
 
     class Env:
         def close(self):
             pass
 
-    monkeypatch.setattr(calvin_chains, "ChainRunner", Runner)
+    monkeypatch.setattr(calvin_chains, "run_chains", run)
     monkeypatch.setattr(calvin_chains, "_env", lambda *_: Env())
     monkeypatch.setattr(calvin_chains, "_actor", lambda *_: None)
     return ran

@@ -6,7 +6,7 @@ Poses are those of LIBERO's problems (``libero/envs/problems/*.py``, code MIT): 
 """
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from envs.core.errors import unknown_name
@@ -63,32 +63,27 @@ class Arena:
     table_friction: Vec3 = (1.0, 0.005, 0.0001)
 
 
+_KITCHEN = Arena(
+    "libero_kitchen_tabletop_base_style.xml",
+    workspace=(0.0, 0.0, 0.90),
+    top_z_m=0.90,
+    fixture_z_m=-0.04,
+    base=(-0.66, 0.0, MOUNT_TOP_M),
+    mounted=True,
+    camera_pos=(0.6586131746834771, 0.0, 1.6103500240372423),
+    camera_rot=_DOWN,
+    floor="gray_ceramic_tile.png",
+    wall="yellow_linen_wall_texture.png",
+    has_table=True,
+)
+
 ARENAS = {
-    "kitchen": Arena(
-        "libero_kitchen_tabletop_base_style.xml",
-        workspace=(0.0, 0.0, 0.90),
-        top_z_m=0.90,
-        fixture_z_m=-0.04,
-        base=(-0.66, 0.0, MOUNT_TOP_M),
-        mounted=True,
-        camera_pos=(0.6586131746834771, 0.0, 1.6103500240372423),
-        camera_rot=_DOWN,
-        floor="gray_ceramic_tile.png",
-        wall="yellow_linen_wall_texture.png",
-        has_table=True,
-    ),
-    "table": Arena(
-        "libero_tabletop_base_style.xml",
-        workspace=(0.0, 0.0, 0.90),
-        top_z_m=0.90,
-        fixture_z_m=-0.04,
-        base=(-0.66, 0.0, MOUNT_TOP_M),
-        mounted=True,
-        camera_pos=(0.6586131746834771, 0.0, 1.6103500240372423),
-        camera_rot=_DOWN,
+    "kitchen": _KITCHEN,
+    "table": replace(
+        _KITCHEN,
+        file="libero_tabletop_base_style.xml",
         floor="light-gray-floor-tile.png",
         wall="light-gray-plaster.png",
-        has_table=True,
         table_friction=(0.6, 0.005, 0.0001),
     ),
     "study": Arena(
