@@ -41,7 +41,7 @@ def test_a_run_is_reported_with_its_device_commit_and_result(tmp_path, code):
 
 @pytest.mark.slow
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU here")
-def test_without_a_gpu_it_says_so_and_runs_nothing(tmp_path):
+def test_without_a_gpu_nothing_runs_and_the_reason_is_printed(tmp_path):
     done = run(str(tmp_path / "report.txt"), PYTHON=sys.executable)
     assert done.returncode == 1 and "sees no GPU here" in done.stderr
     assert not (tmp_path / "report.txt").exists()

@@ -16,7 +16,7 @@ def video(path: Path, length: int, grey: int) -> Path:
     return path
 
 
-def test_videos_stand_side_by_side_and_the_shorter_one_waits(tmp_path: Path) -> None:
+def test_videos_are_side_by_side_and_the_shorter_one_holds_its_last_frame(tmp_path: Path) -> None:
     videos = [
         video(tmp_path / "level0-test-3-success.mp4", 2, 200),
         video(tmp_path / "level3-test-5-failure.mp4", 5, 50),

@@ -178,7 +178,7 @@ class ReadingExpert(Baseline):
 
 
 @pytest.mark.slow
-def test_in_the_simulator_the_score_tells_a_reader_from_one_that_does_not_read():
+def test_in_the_simulator_the_score_separates_a_policy_that_reads_from_one_that_does_not():
     protocol = Protocol(levels=(0,), splits=("test",), episodes=1, instructions=("known", "wrong"))
 
     def make(cell):

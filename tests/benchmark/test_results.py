@@ -155,7 +155,7 @@ def test_a_damaged_file_reads_as_it_was_or_not_at_all(written, data):
 
 @PROPERTY
 @given(cut=st.floats(0, 0.999))
-def test_a_truncated_file_says_so(written, cut):
+def test_a_truncated_file_is_an_error(written, cut):
     path, _ = written
     whole = path.read_bytes().rstrip()
     short = path.parent / "short.json"

@@ -16,7 +16,7 @@ BELOW = {("jaco", task) for task in ("NutAssembly", "NutAssemblySquare", "PickCu
 """Robot and task of fewer than nine successes in ten episodes; the page says so."""
 
 
-def test_experts_succeed_on_every_robot_but_where_the_page_says_so():
+def test_experts_succeed_on_every_robot_but_those_that_the_page_names():
     assert len(CELLS) >= 24
     low = {(c["robot"], c["task"]) for c in CELLS if c["num_successes"] < 0.9 * c["num_episodes"]}
     assert low == BELOW

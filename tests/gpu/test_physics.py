@@ -105,7 +105,7 @@ def test_unused_torch_graph_is_freed_before_a_capture(gpu):
     assert values.numpy().tolist() == [2.0] * 4
 
 
-def test_others_stand_still_to_the_bit(gpu):
+def test_other_environments_stay_bit_identical(gpu):
     gpu.set_states(moving(starts()))
     before = everything(gpu)
     gpu.step(5, [0])

@@ -29,7 +29,7 @@ def test_a_policy_without_an_axis_has_no_bars():
     assert axis_chart([]) is None
 
 
-def test_level_0_stands_beside_the_axes_and_no_other_level():
+def test_level_0_is_shown_beside_the_axes_and_no_other_level():
     (only,) = bars(row(cell(level=0), cell(level=3), cell("camera"), cell("camera", split="train")))
     assert set(only["cells"]) == {"level 0", "camera"}
     assert only["cells"]["camera"]["split"] == "test"

@@ -140,7 +140,7 @@ def test_a_run_that_is_repeated_does_not_replace_the_first(publish, tmp_path):
     assert kinds(tmp_path) == {"first": "entry", "again": "study"}
 
 
-def test_more_seeds_and_then_more_episodes_stand_for_an_entry(publish, tmp_path):
+def test_an_entry_shows_the_runs_with_most_seeds_then_most_episodes(publish, tmp_path):
     publish(run="few", protocol=Protocol(episodes=4))
     publish(run="many", protocol=TEN, created="2026-04-01T00:00:00Z")
     assert kinds(tmp_path) == {"few": "study", "many": "entry"}

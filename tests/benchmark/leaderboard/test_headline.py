@@ -105,7 +105,7 @@ def test_the_protocols_are_apart(publish, tmp_path):
         {"config": {"policy": {}, "run": {"simulator": "sapien", "renderer": "sapien", "train": {}}}},
     ],
 )
-def test_what_says_something_else_is_in_no_ranking(publish, tmp_path, change):
+def test_results_that_are_not_comparable_are_in_no_ranking(publish, tmp_path, change):
     publish()
     publish(policy="diffusion", **change)
     board = leaderboard.build(tmp_path)

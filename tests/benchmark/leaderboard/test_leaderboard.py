@@ -49,7 +49,7 @@ def test_seeds_that_the_clock_stopped_are_one_row(publish, tmp_path):
     assert found == {"act": [0, 1, 3], "act, 20000 steps": [2]}
 
 
-def test_sections_of_a_task_stand_together(publish, tmp_path):
+def test_sections_of_a_task_are_adjacent(publish, tmp_path):
     for task, simulator, horizon in (
         ("PickCube", "sapien", 200),
         ("CloseBox", "sapien", 50),

@@ -68,7 +68,7 @@ def test_overview_shows_the_row_with_most_test_episodes(publish, tmp_path, bette
         {"config": {"policy": {}, "source": "augment"}},
     ],
 )
-def test_what_says_something_else_stays_out(publish, tmp_path, change):
+def test_results_that_are_not_comparable_are_left_out(publish, tmp_path, change):
     publish(task="CloseBox")
     publish(task="StackCube")
     publish(policy="diffusion", **change)

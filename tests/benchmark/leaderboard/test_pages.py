@@ -131,7 +131,7 @@ def test_studies_are_on_their_own_page(publish, tmp_path):
     assert "1 study" in "".join(board.text) and "foreign checkpoint" in "".join(studies.text)
 
 
-def test_a_folder_of_studies_alone_says_so(publish, tmp_path):
+def test_a_folder_of_studies_alone_is_reported(publish, tmp_path):
     publish(recipe="")
     written = pages(tmp_path)
     for kind in ("html", "markdown"):

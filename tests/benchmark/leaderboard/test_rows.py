@@ -27,7 +27,7 @@ def test_row_labels_name_the_setting_that_differs(publish, tmp_path):
     }
 
 
-def test_what_was_tested_on_single_channels_too_says_so(publish, tmp_path):
+def test_an_evaluation_of_single_channels_is_marked(publish, tmp_path):
     publish(run="levels", protocol=Protocol(episodes=10))
     publish(run="channels", protocol=Protocol(episodes=10, only=("camera", "lighting")))
     assert {row["label"] for row in rows(tmp_path)} == {"act", "act, tested on single channels too"}

@@ -30,7 +30,7 @@ def test_a_bolted_root_has_none():
     assert (model.nq, model.nv) == (2, 2)
 
 
-def test_masses_are_replaced_where_the_robot_says_so():
+def test_masses_are_replaced_by_those_of_the_robot():
     model = model_of()
     trunk = model.body("walker/trunk")
     assert trunk.mass[0] == MASS_KG

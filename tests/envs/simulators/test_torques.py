@@ -69,7 +69,7 @@ def test_a_torque_is_none_until_one_is_given(simulator: str) -> None:
         assert not handler.get_states().robots["ant"].joint_target.any()
 
 
-def test_a_simulator_of_positions_alone_says_so() -> None:
+def test_a_simulator_of_positions_alone_is_refused() -> None:
     pytest.importorskip("pybullet")
     scene = TASKS.get("control/cartpole")().scenario
     said = "drives joints to positions, and 'slider_to_cart' is driven by a torque. .*simulator=mujoco"

@@ -137,7 +137,7 @@ def test_a_changed_scene_keeps_both_robots():
     assert task.scenario.robots == task.robots and len(task.controller.names) == 18
 
 
-def test_what_takes_one_robot_says_so():
+def test_several_robots_are_refused_where_one_is_needed():
     with pytest.raises(ConfigError, match="franka_left and franka_right act together"):
         make_task("TwoRobotPickCube", robot="ur5e")
     with pytest.raises(ConfigError, match="A channel that changes starts takes a task of one robot"):

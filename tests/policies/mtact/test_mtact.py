@@ -317,7 +317,7 @@ def test_a_resnet_takes_the_place_of_the_keypoint_network():
 
 
 @pytest.mark.slow
-def test_lerobots_commands_know_the_processor_step_once_they_know_the_policy_type():
+def test_lerobots_commands_get_the_processor_step_with_the_policy_type():
     code = (
         "import policies.mtact.configuration_multitask_act\n"
         "from lerobot.processor import ProcessorStepRegistry\n"

@@ -232,7 +232,7 @@ class TestSource:
         assert not source.is_hub_name("runs/PickCube/act")
         assert not source.is_hub_name("/runs/PickCube")
 
-    def test_without_a_network_the_sentence_says_so(self, monkeypatch, tmp_path):
+    def test_without_a_network_the_error_names_the_network(self, monkeypatch, tmp_path):
         monkeypatch.setattr("huggingface_hub.constants.HF_HUB_OFFLINE", True)
         monkeypatch.setenv("HF_HUB_CACHE", str(tmp_path))
         with pytest.raises(PolicyError, match=r"'nobody/nothing' is no folder here, and the Hugging"):
@@ -356,7 +356,7 @@ def test_a_cameras_new_name_is_saved_and_mapped(tmp_path):
         loaded.see(["wrist"], {})
 
 
-def test_a_preset_of_lerobot_decides_the_optimizer_or_says_so(vqbet):
+def test_a_preset_of_lerobot_decides_the_optimizer_or_is_an_error(vqbet):
     from roboverse_learn.training.config import TrainConfig
 
     vqbet._preset = True

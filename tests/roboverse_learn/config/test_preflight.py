@@ -112,7 +112,7 @@ def test_what_is_there_is_taken(tmp_path: Path, images: Path) -> None:
     check_scenario_files(EnvSpec(scenario=wood), {"materials": ""})
 
 
-def test_every_library_must_know_a_material(images: Path) -> None:
+def test_a_material_must_be_in_every_library(images: Path) -> None:
     both = {"materials": f"+{images}", "evaluate.materials": ""}
     with pytest.raises(
         ConfigError,

@@ -25,7 +25,7 @@ def config(folder: Path, *words: str) -> CollectConfig:
 
 
 @pytest.mark.slow
-def test_a_dataset_is_made_in_the_changed_scene_and_says_so(tmp_path: Path) -> None:
+def test_a_dataset_of_a_changed_scene_records_the_change(tmp_path: Path) -> None:
     changed = config(tmp_path, SLOW, "scenario.cameras.front.fovy_deg=40")
     summary = collect_dataset(changed)
     info = DatasetInfo.open(summary.root)

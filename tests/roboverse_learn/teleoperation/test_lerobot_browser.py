@@ -92,7 +92,7 @@ def test_the_hand_follows_the_person_and_leaves_episodes_to_lerobot(tmp_path):
         teleop.disconnect()
 
 
-def test_a_command_that_nobody_opens_ends_with_the_reason(tmp_path):
+def test_a_page_that_nobody_opens_is_an_error(tmp_path):
     robot = RoboVerseRobot(RoboVerseRobotConfig(image_size=32, calibration_dir=tmp_path))
     options = RoboVerseBrowserConfig(port=0, wait_s=0.2, calibration_dir=tmp_path)
     teleop = make_teleoperator_from_config(options)

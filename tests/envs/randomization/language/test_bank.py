@@ -78,7 +78,7 @@ def test_new_words_are_in_no_train_wording_of_a_task_of_their_source(banks):
             assert all(words(text) <= known for text in bank.new_frame), name
 
 
-def test_new_words_stand_in_known_frames_and_the_other_way_round(banks):
+def test_new_words_are_in_known_frames_and_known_words_in_new_frames(banks):
     frames = load_grammar().train_frames
     patterns = [re.compile(re.escape(frame).replace(r"\{x\}", "(.+)")) for frame in frames if frame != "{x}"]
     for text in banks["PickCube"].new_frame:

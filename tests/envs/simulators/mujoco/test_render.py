@@ -261,7 +261,7 @@ def test_simplified_meshes_look_like_the_full_ones(handler):
     assert (theirs["segmentation"] == ours["segmentation"]).mean() > 0.99
 
 
-def test_a_simulator_that_was_not_launched_says_so():
+def test_a_simulator_that_was_not_launched_is_an_error():
     handler = MujocoHandler(SCENARIO, 1)
     with pytest.raises(SimulatorError, match=r"does not run: call launch\(\) first"):
         handler.step(1)

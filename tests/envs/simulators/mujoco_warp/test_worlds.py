@@ -136,6 +136,6 @@ def test_what_it_has_no_code_for_is_said():
         put_model(spec.compile())
 
 
-def test_a_simulator_that_was_not_launched_says_so():
+def test_a_simulator_that_was_not_launched_is_an_error():
     with pytest.raises(SimulatorError, match=r"does not run: call launch\(\) first"):
         MujocoWarpHandler(scene(), 1).step(1)

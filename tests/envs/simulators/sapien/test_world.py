@@ -169,7 +169,7 @@ SHAPES = {
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_shapes_stand_as_high_as_they_are(shape):
+def test_shapes_rest_at_their_height(shape):
     size, height = SHAPES[shape]
     bench = Bench(resting(shape, size, height))
     bench.put()

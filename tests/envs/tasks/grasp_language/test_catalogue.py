@@ -19,7 +19,7 @@ def test_few_are_among_many_and_unseen_are_in_neither():
     assert set(in_scene("unseen")) - named["unseen"] <= named["many"], "what lies beside them is known"
 
 
-def test_no_two_objects_have_the_same_words_and_all_stand_on_unit_quaternions():
+def test_no_two_objects_have_the_same_words_and_all_have_unit_quaternions():
     items = groceries().values()
     assert len({item.words for item in items}) == len(items)
     assert all(abs(sum(part**2 for part in item.rest) - 1.0) < 1e-6 for item in items)

@@ -196,7 +196,7 @@ def test_an_object_cut_in_half_is_named_with_its_line(copy):
     refused(r"The MJCF file .*milk\.xml cannot be read: .*line \d+")
 
 
-def test_a_suite_goes_on_without_a_damaged_task_and_says_so(copy, monkeypatch, caplog):
+def test_a_suite_goes_on_without_a_damaged_task_and_reports_it(copy, monkeypatch, caplog):
     copy.edit(GOAL, "(And (Inside milk_1 basket_1))")
     monkeypatch.setitem(SUITES._entries, "two", SUITES.entry("paper").__class__("two", (MILK, BUTTER)))
     with caplog.at_level(logging.WARNING):

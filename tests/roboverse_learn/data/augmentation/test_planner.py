@@ -53,7 +53,7 @@ def test_hand_reaches_a_moved_cube_as_the_source_reached_its_own(task, found):
     assert plan.source == 0
 
 
-def test_cube_that_is_held_otherwise_comes_to_the_same_place(task, found):
+def test_cube_that_is_held_otherwise_reaches_the_same_place(task, found):
     """The hand holds the cube 1 cm beside: it ends 1 cm beside, too."""
     one = found.sources[:1]
     planner, reader = AugmentPlanner(task, one, EXACT), HandReader.of(task)

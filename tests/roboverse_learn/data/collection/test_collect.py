@@ -307,7 +307,7 @@ def test_two_collections_at_once_share_one_dataset(tmp_path, undisturbed):
     assert (here.num_episodes, here.num_attempts, len(seen)) == (9, 12, 1)
 
 
-def test_who_waits_says_so(tmp_path, caplog):
+def test_a_collection_that_waits_reports_it(tmp_path, caplog):
     """The lock is the process's: a thread of ours that holds it makes a collection wait as another would."""
     root = tmp_path / "d"
     writer = DatasetWriter(root, fps=FPS, features=FEATURES, robot_type="franka")

@@ -57,7 +57,7 @@ def test_states_of_another_robot_are_refused():
         HandPathReader(ROBOTS.get("ur5e")).read(states((0, 0, 0), 0.0, [FRANKA.default_qpos]))
 
 
-def test_an_offset_start_comes_to_the_path_before_the_gripper_acts():
+def test_an_offset_start_reaches_the_path_before_the_gripper_acts():
     pos = [[0.1 * step, 0.0, 0.0] for step in range(9)]
     start = Pose(np.array([[0.0, 0.05, 0.0]]), from_yaw(np.array([0.2])))
     path = path_of(pos, first_act=4)
