@@ -337,7 +337,7 @@ def _env(settings: ChainSettings, num_envs: int) -> RoboVerseVectorEnv:
     )
 
 
-def _actor(settings: ChainSettings, env: ChainEnv) -> Actor:
+def _actor(settings: ChainSettings, env: Any) -> Actor:
     if not settings.checkpoint:
         return ChainExpert(env)
     from policies import load
