@@ -134,9 +134,15 @@ def test_other_json_files_are_refused(tmp_path):
     assert not (tmp_path / "parity.md").exists()
 
 
-def test_command_writes_summary_and_page(tmp_path, dataset, capsys):
-    words = [f"dataset={dataset}", "episodes=1", "by=[states]", f"out={tmp_path}"]
+def test_command_writes_summary_and_page_into_the_folder_that_is_named(
+    tmp_path, dataset, capsys, monkeypatch
+):
+    (working := tmp_path / "working").mkdir()
+    monkeypatch.chdir(working)
+    words = [f"dataset={dataset}", "episodes=1", "by=[states]", "out=../out"]
     assert main(["replay", *words]) == 0
+    assert not list(working.iterdir())
+    tmp_path /= "out"
     shown = capsys.readouterr().out
     assert "PickCube, mujoco to mujoco, 1 episodes" in shown
     assert "by states: 100.0 % success" in shown
