@@ -6,6 +6,10 @@ few µs, and hundreds of steps follow each other: their launches take far longer
 Shapes: N paths, T control steps, K joints between the world and the end effector. All numbers are float64.
 """
 
+# Kernels are in Warp's dialect: types are values, and its stubs lack operators of vectors and matrices.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+# pyright: reportCallIssue=false, reportArgumentType=false
+
 import functools
 from dataclasses import dataclass
 from typing import Any

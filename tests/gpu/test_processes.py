@@ -47,7 +47,7 @@ def finish(folder: Path, **started: subprocess.Popen) -> None:
 
 
 def losses(run: Path) -> dict[int, float]:
-    return {row["step"]: row["loss"] for row in read_metrics(run)}
+    return {int(row["step"]): row["loss"] for row in read_metrics(run)}
 
 
 def test_two_gpus_with_recorded_losses_take_the_steps_of_one(tmp_path):
@@ -89,7 +89,8 @@ def test_two_gpus_learn_as_one_and_a_killed_process_changes_nothing(tmp_path, po
         time.sleep(0.01)
     for rank in (0, 1):
         assert started.pop(f"lost{rank}").wait() != 0
-        assert SAVE_EVERY <= int(last_checkpoint(tmp_path / f"lost{rank}").name) < LONG
+        last = last_checkpoint(tmp_path / f"lost{rank}")
+        assert last is not None and SAVE_EVERY <= int(last.name) < LONG
     finish(tmp_path, **{f"lost{rank}": start(tmp_path, words, f"lost{rank}") for rank in (0, 1)}, **started)
 
     one, two = (losses(tmp_path / run) for run in ("on1", "on2"))

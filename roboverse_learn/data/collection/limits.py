@@ -16,6 +16,9 @@ LEAST_CORES = 8
 MOST_ENCODERS = 16
 """Processes that encode; 16 cores take 250 episodes a second, of two cameras, 90 frames and 128 pixels."""
 
+EPISODES_OF_ENCODER = 16
+"""Episodes that are worth the start of a process, which is a second or two."""
+
 _STATE_BYTES = 2 << 20
 """Memory of one environment's simulation."""
 
@@ -53,7 +56,9 @@ def num_encoders(config: CollectConfig) -> int:
     from envs.simulators import HANDLERS
 
     together = HANDLERS.get(config.env.simulator).steps_together and config.collect.num_workers == 1
-    return min(num_cores() // 2, MOST_ENCODERS) if together and num_cores() >= LEAST_CORES else 0
+    if not together or num_cores() < LEAST_CORES:
+        return 0
+    return min(num_cores() // 2, MOST_ENCODERS, config.collect.num_demos // EPISODES_OF_ENCODER)
 
 
 def _bytes_of_env(config: CollectConfig) -> int:

@@ -59,11 +59,15 @@ def test_a_machine_without_free_memory_still_gets_one(machine):
 
 
 @pytest.mark.parametrize(
-    ("simulator", "cores", "workers", "encoders"),
-    [("mujoco_warp", 32, 1, 16), ("mujoco_warp", 12, 1, 6), ("mujoco_warp", 2, 1, 0), ("mujoco", 32, 1, 0),
-     ("mujoco_warp", 32, 4, 0)],
+    ("simulator", "cores", "workers", "demos", "encoders"),
+    [("mujoco_warp", 32, 1, 1000, 16), ("mujoco_warp", 12, 1, 1000, 6), ("mujoco_warp", 32, 1, 50, 3),
+     ("mujoco_warp", 32, 1, 10, 0), ("mujoco_warp", 2, 1, 1000, 0), ("mujoco", 32, 1, 1000, 0),
+     ("mujoco_warp", 32, 4, 1000, 0)],
 )  # fmt: skip
-def test_processes_encode_for_one_that_steps_all_environments(machine, simulator, cores, workers, encoders):
+def test_processes_encode_for_one_that_steps_all_environments(
+    machine, simulator, cores, workers, demos, encoders
+):  # fmt: skip
     machine(cores, 64 << 30)
-    config = compose("collect", ["task=PickCube", f"simulator={simulator}", f"collect.num_workers={workers}"])
+    words = [f"simulator={simulator}", f"collect.num_workers={workers}", f"num_demos={demos}"]
+    config = compose("collect", ["task=PickCube", *words])
     assert limits.num_encoders(config) == encoders
