@@ -45,7 +45,8 @@ def teleoperate(config: TeleoperateConfig) -> Any:
         rows, kept = steering.book.rows(), steering.book.kept
         table = episodes_table(rows, expert_quality(steering.env, rows))
     dataset = render(config, folder) if config.render and kept else None
-    return teleoperation_report(table, folder, dataset, figures, collect_words(config, folder))
+    again = collect_words(config, folder) if kept else ""
+    return teleoperation_report(table, folder, dataset, figures, again)
 
 
 def with_checkpoint(config: TeleoperateConfig) -> TeleoperateConfig:

@@ -218,7 +218,8 @@ def _train_along(config: TrainRunConfig, device: str) -> None:
 def _duration(seconds: float) -> str:
     """A duration for people."""
     if seconds < 5400:
-        return f"{max(1, round(seconds / 60))} minutes"
+        minutes = max(1, round(seconds / 60))
+        return f"{minutes} minute{'s' * (minutes > 1)}"
     return f"{seconds / 3600:.0f} hours" if seconds < 172_800 else f"{seconds / 86_400:.1f} days"
 
 

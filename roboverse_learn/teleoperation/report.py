@@ -66,7 +66,15 @@ def episodes_table(rows: Sequence[Mapping[str, Any]], expert: Quality | None) ->
 def teleoperation_report(
     table: Table, folder: Path, dataset: "CollectionSummary | None", figures: "Figures | None", again: str
 ) -> Group:
-    """Returns the table, how time was kept, and where everything is."""
+    """Returns the table, how time was kept, and where everything is.
+
+    Args:
+        table: See :func:`episodes_table`.
+        folder: The recordings.
+        dataset: What was rendered of them; None where nothing was.
+        figures: How time was kept; None without a page.
+        again: The command that renders them again; empty where there is no success to render.
+    """
     lines = []
     if figures is not None and figures.images:
         lines.append(
@@ -76,7 +84,8 @@ def teleoperation_report(
     lines.append(f"recordings  {folder}")
     if dataset is not None:
         lines.append(f"dataset     {dataset.root} ({dataset.num_episodes} episodes)")
-    lines.append(f"Render them again, with other looks: {again}")
+    if again:
+        lines.append(f"Render them again, with other looks: {again}")
     return Group(table, Text("\n".join(lines)))
 
 

@@ -25,7 +25,7 @@ def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("teleoperation")
     words = [*SMALL, "actor=expert", "num_demos=2", f"datasets_dir={folder}", f"dataset={folder / 'level0'}"]
     report = teleoperate(compose("teleoperate", words))
-    assert report is not None
+    assert "roboverse collect source=teleop path=" in str(report.renderables[-1])
     return folder
 
 

@@ -55,7 +55,7 @@ def test_a_short_run_of_an_agent_begins(policy: str, caplog: pytest.LogCaptureFi
     with caplog.at_level("INFO"):
         refuse_long_run(learner_of(small(policy), "cpu"))
     assert f"Timing policy={policy} on this machine." in caplog.messages
-    assert caplog.messages[-1] == "Training will take about 1 minutes."
+    assert caplog.messages[-1] == "Training will take about 1 minute."
 
 
 @pytest.mark.parametrize("policy", sweep(SMALL, {"fasttd3"}))
