@@ -21,8 +21,8 @@ from benchmark.protocol import digest
 from benchmark.provenance import file_hash, portable
 from benchmark.runner import PolicyActor
 from envs.batched_env import StepResult
-from envs.core.arguments import parse
-from envs.core.errors import ConfigError, RoboVerseError
+from envs.core.arguments import run_program
+from envs.core.errors import ConfigError
 from envs.experts.record import git_sha
 from envs.randomization import channel_rng
 from envs.rollout import Actor, Episode, rollout
@@ -264,26 +264,27 @@ class ChainSettings:
     results: Path = Path("results/calvin_chains.json")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Runs the chains that have no result yet; returns the exit code."""
-    words = sys.argv[1:] if argv is None else argv
-    logging.basicConfig(format="%(message)s", level=logging.INFO, stream=sys.stdout)
-    try:
-        settings = parse(_COMMAND, ChainSettings, words)
-        if not 1 <= settings.chains <= NUM_CHAINS - settings.first <= NUM_CHAINS:
-            raise ConfigError(
-                f"first and chains name some of the {NUM_CHAINS} chains, counted from 0: chains is from 1 to "
-                f"{NUM_CHAINS}, given {settings.chains}, first={settings.first}."
-            )
-        if not settings.checkpoint and settings.action_space != "joints":
-            raise ConfigError("The expert of chains acts in joints. Leave out action_space=native.")
-        if settings.policy != "expert" and not settings.checkpoint:
-            raise ConfigError(f"policy is expert, or give checkpoint=<folder>; given {settings.policy}.")
-        logger.info("%s", evaluate(settings, words).text())
-    except RoboVerseError as error:
-        logger.error("error: %s", error)
-        return 2
-    return 0
+    given = sys.argv[1:] if words is None else words
+
+    def run(settings: ChainSettings) -> None:
+        _check(settings)
+        logger.info("%s", evaluate(settings, given).text())
+
+    return run_program(_COMMAND, ChainSettings, run, given)
+
+
+def _check(settings: ChainSettings) -> None:
+    if not 1 <= settings.chains <= NUM_CHAINS - settings.first <= NUM_CHAINS:
+        raise ConfigError(
+            f"first and chains name some of the {NUM_CHAINS} chains, counted from 0: chains is from 1 to "
+            f"{NUM_CHAINS}, given {settings.chains}, first={settings.first}."
+        )
+    if not settings.checkpoint and settings.action_space != "joints":
+        raise ConfigError("The expert of chains acts in joints. Leave out action_space=native.")
+    if settings.policy != "expert" and not settings.checkpoint:
+        raise ConfigError(f"policy is expert, or give checkpoint=<folder>; given {settings.policy}.")
 
 
 def evaluate(settings: ChainSettings, command: Sequence[str] = ()) -> ChainScores:

@@ -6,13 +6,14 @@
 
 import logging
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from benchmark.calvin_chains import ENV_TASK, ChainEnv, ChainExpert, run_chains
-from envs.core.errors import RoboVerseError
+from envs.core.arguments import NoSettings, run_program
 from envs.spec import EnvSpec
 from envs.tasks.calvin.catalogue import SCENES
 from envs.tasks.calvin.sequences import all_chains
@@ -61,15 +62,13 @@ def chain() -> np.ndarray:
     return np.hstack(images[1:])
 
 
-def main() -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Writes the image; returns the exit code."""
-    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
-    try:
-        Image.fromarray(np.vstack([scenes(), chain()])).save(OUT, quality=85)
-    except RoboVerseError as error:
-        logger.error("error: %s", error)
-        return 2
-    return 0
+    return run_program("python -m docs.generate.calvin_image", NoSettings, _draw, words)
+
+
+def _draw(_: NoSettings) -> None:
+    Image.fromarray(np.vstack([scenes(), chain()])).save(OUT, quality=85)
 
 
 if __name__ == "__main__":

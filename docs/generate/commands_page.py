@@ -4,7 +4,6 @@
 fields are the keys and whose docstrings are their help.
 """
 
-import logging
 import re
 import sys
 from collections.abc import Iterable, Sequence
@@ -13,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import policies
-from envs.core.arguments import parse
-from envs.core.errors import RoboVerseError
+from envs.core.arguments import run_program
 from roboverse_learn.checks.contract import Contract
 from roboverse_learn.checks.policies import POLICY_CONTRACTS
 from roboverse_learn.checks.robots import ROBOT_CONTRACTS
@@ -24,8 +22,6 @@ from roboverse_learn.config.scenario_overrides import SECTION
 from roboverse_learn.config.schema import COMMANDS
 from roboverse_learn.dataset import InfoConfig, MergeConfig
 from roboverse_learn.speed import PROGRAMS
-
-logger = logging.getLogger(__name__)
 
 PAGE = """\
 # Commands
@@ -151,16 +147,13 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(lines)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Writes the reference of commands; returns the exit code."""
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
-    try:
-        args = parse("python -m docs.generate.commands_page", PageSettings, argv)
-        args.out.write_text(page(), encoding="utf-8")
-    except RoboVerseError as error:
-        logger.error("%s", error)
-        return 2
-    return 0
+    return run_program("python -m docs.generate.commands_page", PageSettings, _write, words)
+
+
+def _write(settings: PageSettings) -> None:
+    settings.out.write_text(page(), encoding="utf-8")
 
 
 if __name__ == "__main__":

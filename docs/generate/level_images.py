@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from envs.core.arguments import parse
-from envs.core.errors import ConfigError, RoboVerseError
+from envs.core.arguments import run_program
+from envs.core.errors import ConfigError
 from envs.randomization.channels import CHANNELS
 from envs.randomization.levels import LEVEL_CHANNELS, LEVELS
 from envs.randomization.materials import MaterialLibrary
@@ -175,32 +175,29 @@ class GallerySettings:
     image_size: int = 256
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Draws the levels, the library of materials, or both; returns the exit code."""
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
-    try:
-        args = parse("python -m docs.generate.level_images", GallerySettings, argv)
-        if args.out is None and args.materials is None and args.axes is None:
-            raise ConfigError(
-                "There is nothing to render: give out=<file>, axes=<file>, materials=<file>, or several."
+    return run_program("python -m docs.generate.level_images", GallerySettings, _draw_all, words)
+
+
+def _draw_all(args: GallerySettings) -> None:
+    if args.out is None and args.materials is None and args.axes is None:
+        raise ConfigError(
+            "There is nothing to render: give out=<file>, axes=<file>, materials=<file>, or several."
+        )
+    if args.materials is not None:
+        library = MaterialLibrary.from_folder(args.folder) if args.folder else MaterialLibrary.built_in()
+        save(draw_materials(library), args.materials)
+    for path, draw in ((args.out, draw_levels), (args.axes, draw_axes)):
+        if path is not None:
+            image = draw(
+                args.task,
+                split=args.split,
+                num_draws=args.draws,
+                image_size=args.image_size,
+                renderer=args.renderer,
             )
-        if args.materials is not None:
-            library = MaterialLibrary.from_folder(args.folder) if args.folder else MaterialLibrary.built_in()
-            save(draw_materials(library), args.materials)
-        for path, draw in ((args.out, draw_levels), (args.axes, draw_axes)):
-            if path is not None:
-                image = draw(
-                    args.task,
-                    split=args.split,
-                    num_draws=args.draws,
-                    image_size=args.image_size,
-                    renderer=args.renderer,
-                )
-                save(image, path)
-    except RoboVerseError as error:
-        logger.error("%s", error)
-        return 2
-    return 0
+            save(image, path)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 ``python -m docs.generate.rollouts_gif`` writes ``docs/rollouts.gif``.
 """
 
-import logging
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,11 +11,9 @@ from pathlib import Path
 from PIL import Image, ImageSequence
 
 from benchmark.gifs import write_gif
-from envs.core.arguments import parse
+from envs.core.arguments import run_program
 from envs.core.atomic import atomic_path
-from envs.core.errors import ConfigError, RoboVerseError
-
-logger = logging.getLogger(__name__)
+from envs.core.errors import ConfigError
 
 COLOURS = 64
 
@@ -77,17 +74,14 @@ def reduce(path: Path) -> None:
         first.save(temporary, format="GIF", save_all=True, append_images=others, loop=0, duration=duration_ms)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Writes the GIF; returns the exit code."""
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
-    try:
-        settings = parse("python -m docs.generate.rollouts_gif", GifSettings, argv)
-        write_gif(settings.out, videos(settings))
-        reduce(settings.out)
-    except RoboVerseError as error:
-        logger.error("%s", error)
-        return 2
-    return 0
+    return run_program("python -m docs.generate.rollouts_gif", GifSettings, _write, words)
+
+
+def _write(settings: GifSettings) -> None:
+    write_gif(settings.out, videos(settings))
+    reduce(settings.out)
 
 
 if __name__ == "__main__":

@@ -132,14 +132,12 @@ class GallerySettings:
 
 def main(words: Sequence[str] | None = None) -> int:
     """Draws the image; returns the exit code."""
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
     return run_program("python -m docs.generate.simulator_images", GallerySettings, _draw, words)
 
 
-def _draw(given: GallerySettings) -> int:
+def _draw(given: GallerySettings) -> None:
     chosen = given.renderers or names(given.simulator)
     save(draw(given.task, chosen, simulator=given.simulator, image_size=given.image_size), given.out)
-    return 0
 
 
 if __name__ == "__main__":

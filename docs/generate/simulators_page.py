@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from envs.core.arguments import parse
-from envs.core.errors import MissingExtraError, RoboVerseError, SimulatorError
+from envs.core.arguments import run_program
+from envs.core.errors import MissingExtraError, SimulatorError
 from envs.core.registry import Registry
 from envs.simulators import HANDLERS, RENDERERS
 
@@ -183,21 +183,18 @@ def measure(names: Sequence[str], speeds: dict[str, dict[str, float]]) -> None:
                     logger.warning("Left out %s: %s", name, error)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Writes the page of simulators and renderers; returns the exit code."""
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
-    try:
-        args = parse("python -m docs.generate.simulators_page", PageSettings, argv)
-        facts = args.out.with_suffix(".json")
-        speeds = json.loads(facts.read_text()) if facts.is_file() else {}
-        if args.measure:
-            measure(args.measure, speeds)
-            facts.write_text(json.dumps(speeds, indent=1, sort_keys=True) + "\n")
-        args.out.write_text(page(speeds), encoding="utf-8")
-    except RoboVerseError as error:
-        logger.error("%s", error)
-        return 2
-    return 0
+    return run_program("python -m docs.generate.simulators_page", PageSettings, _write, words)
+
+
+def _write(settings: PageSettings) -> None:
+    facts = settings.out.with_suffix(".json")
+    speeds = json.loads(facts.read_text()) if facts.is_file() else {}
+    if settings.measure:
+        measure(settings.measure, speeds)
+        facts.write_text(json.dumps(speeds, indent=1, sort_keys=True) + "\n")
+    settings.out.write_text(page(speeds), encoding="utf-8")
 
 
 if __name__ == "__main__":

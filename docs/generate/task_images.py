@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from envs.core.arguments import parse
-from envs.core.errors import ConfigError, RoboVerseError
+from envs.core.arguments import run_program
+from envs.core.errors import ConfigError
 from envs.core.registry import Entry
 from envs.experts.record import ExpertRecord, read_records
 from envs.tasks import TASKS
@@ -303,22 +303,19 @@ class GallerySettings:
     renderer: str = "warp"
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Writes the page of tasks and the images that it lacks; returns the exit code."""
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
-    try:
-        args = parse("python -m docs.generate.task_images", GallerySettings, argv)
-        for name in args.redraw:
-            TASKS.entry(name)
-        write(args.out / "tasks.md", page().encode())
-        for name in TASKS.names():
-            path = args.out / image_path(name)
-            if name in args.redraw or (is_drawn(TASKS.entry(name)) and not path.is_file()):
-                write(path, encode(draw_strip(name, renderer=args.renderer)))
-    except RoboVerseError as error:
-        logger.error("%s", error)
-        return 2
-    return 0
+    return run_program("python -m docs.generate.task_images", GallerySettings, _write_all, words)
+
+
+def _write_all(args: GallerySettings) -> None:
+    for name in args.redraw:
+        TASKS.entry(name)
+    write(args.out / "tasks.md", page().encode())
+    for name in TASKS.names():
+        path = args.out / image_path(name)
+        if name in args.redraw or (is_drawn(TASKS.entry(name)) and not path.is_file()):
+            write(path, encode(draw_strip(name, renderer=args.renderer)))
 
 
 if __name__ == "__main__":

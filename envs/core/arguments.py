@@ -1,6 +1,7 @@
 """Command-line arguments, ``key=value``, as the fields of a dataclass: for programs run as ``python -m``."""
 
 import inspect
+import logging
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
@@ -18,15 +19,17 @@ class NoSettings:
 
 
 def run_program[T](
-    command: str, settings: type[T], run: Callable[[T], int], words: Sequence[str] | None = None
+    command: str, settings: type[T], run: Callable[[T], int | None], words: Sequence[str] | None = None
 ) -> int:
-    """Runs a program with the settings that its words give; see :func:`parse`.
+    """Runs a program with the settings that its words give; see :func:`parse`. Its log is printed.
 
     Returns:
-        Its exit code; 2, after one line that says what to do, for an error that the user can correct.
+        Its exit code, 0 for None; 2, after one line that says what to do, for an error that the user can
+        correct.
     """
+    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
     try:
-        return run(parse(command, settings, words))
+        return run(parse(command, settings, words)) or 0
     except RoboVerseError as error:
         sys.stderr.write(f"error: {error}\n")
         return 2

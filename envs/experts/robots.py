@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from envs.core.arguments import parse
+from envs.core.arguments import run_program
 from envs.core.atomic import write_json
-from envs.core.errors import ConfigError, RoboVerseError
+from envs.core.errors import ConfigError
 from envs.experts.check import check_expert
 from envs.experts.record import git_sha
 from envs.robots import ROBOTS
@@ -121,31 +121,28 @@ def _is_done(cell: dict[str, Any], episodes: int) -> bool:
     return "refused" in cell or cell["num_episodes"] >= episodes
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Completes the table; returns the exit code."""
-    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
-    try:
-        settings = parse(_COMMAND, RobotsSettings, argv)
-        robots = settings.robots or tuple(ROBOTS.names("arm"))
+    return run_program(_COMMAND, RobotsSettings, _complete, words)
+
+
+def _complete(settings: RobotsSettings) -> None:
+    robots = settings.robots or tuple(ROBOTS.names("arm"))
+    for robot in robots:
+        ROBOTS.entry(robot)
+    for task in settings.tasks:
+        TASKS.entry(task)
+    cells = {(cell["robot"], cell["task"]): cell for cell in read_table(settings.out)}
+    for task in settings.tasks:
         for robot in robots:
-            ROBOTS.entry(robot)
-        for task in settings.tasks:
-            TASKS.entry(task)
-        cells = {(cell["robot"], cell["task"]): cell for cell in read_table(settings.out)}
-        for task in settings.tasks:
-            for robot in robots:
-                if (robot, task) in cells and _is_done(cells[robot, task], settings.episodes):
-                    continue
-                cells[robot, task] = measure(robot, task, settings)
-                settings.out.parent.mkdir(parents=True, exist_ok=True)
-                ordered = [cells[key] for key in sorted(cells)]
-                write_json(settings.out, {"schema_version": _SCHEMA, "command": _COMMAND, "cells": ordered})
-                logger.info("%s %s: %s", robot, task, _shown(cells[robot, task]))
-        logger.info("%s", as_text([cells[key] for key in sorted(cells)]))
-    except RoboVerseError as error:
-        logger.error("%s", error)
-        return 2
-    return 0
+            if (robot, task) in cells and _is_done(cells[robot, task], settings.episodes):
+                continue
+            cells[robot, task] = measure(robot, task, settings)
+            settings.out.parent.mkdir(parents=True, exist_ok=True)
+            ordered = [cells[key] for key in sorted(cells)]
+            write_json(settings.out, {"schema_version": _SCHEMA, "command": _COMMAND, "cells": ordered})
+            logger.info("%s %s: %s", robot, task, _shown(cells[robot, task]))
+    logger.info("%s", as_text([cells[key] for key in sorted(cells)]))
 
 
 if __name__ == "__main__":

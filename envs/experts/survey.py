@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from envs.core.arguments import parse
+from envs.core.arguments import run_program
 from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, RoboVerseError
 from envs.experts.actor import expert_episodes
@@ -59,19 +59,18 @@ class SurveySettings:
     again: bool = False
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Surveys the tasks that have the words; returns the exit code."""
-    words = sys.argv[1:] if argv is None else argv
-    logging.basicConfig(format="%(message)s", level=logging.INFO, stream=sys.stdout)
-    try:
-        settings = parse(_COMMAND, SurveySettings, words)
-        names = [name for name in TASKS if all(word.lower() in name.lower() for word in settings.words)]
-        if not names:
-            raise ConfigError(f"No task has the words {' and '.join(settings.words)} in its name.")
-    except RoboVerseError as error:
-        logger.error("error: %s", error)
-        return 2
-    command = shlex.join([*_COMMAND.split(), *words])
+    given = sys.argv[1:] if words is None else words
+    command = shlex.join([*_COMMAND.split(), *given])
+    return run_program(_COMMAND, SurveySettings, lambda settings: _survey_all(settings, command), given)
+
+
+def _survey_all(settings: SurveySettings, command: str) -> int:
+    """Surveys the tasks that have the words; returns 1 where one failed."""
+    names = [name for name in TASKS if all(word.lower() in name.lower() for word in settings.words)]
+    if not names:
+        raise ConfigError(f"No task has the words {' and '.join(settings.words)} in its name.")
     failed = 0
     for place, name in enumerate(names, 1):
         rows = read_rows(settings.results)

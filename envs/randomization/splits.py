@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from envs.core.arguments import parse
-from envs.core.errors import ConfigError, RoboVerseError, unknown_name
+from envs.core.arguments import run_program
+from envs.core.errors import ConfigError, unknown_name
 from envs.randomization import procedural
 from envs.randomization.cameras import CAMERA_POSES
 from envs.randomization.materials import MaterialLibrary
@@ -267,17 +267,16 @@ class FreezeSettings:
     path: Path = FOLDER / f"{VERSION}.json"
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Freezes or checks the split of :data:`VERSION`; returns the exit code."""
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
-    try:
-        path = parse("python -m envs.randomization.splits", FreezeSettings, argv).path
-        written = freeze(path)
-    except RoboVerseError as error:
-        logger.error("%s", error)
-        return 2
-    logger.info("%s: %s", path, "written" if written else "unchanged, its lists and digest are right")
-    return 0
+    return run_program("python -m envs.randomization.splits", FreezeSettings, _freeze, words)
+
+
+def _freeze(settings: FreezeSettings) -> None:
+    written = freeze(settings.path)
+    logger.info(
+        "%s: %s", settings.path, "written" if written else "unchanged, its lists and digest are right"
+    )
 
 
 if __name__ == "__main__":

@@ -157,11 +157,11 @@ def test_a_checkpoint_with_other_weights_or_another_view_is_run_anew(ran, tmp_pa
     assert str(tmp_path) not in (tmp_path / "results.json").read_text(), "results are published"
 
 
-def test_bad_input_is_reported(tmp_path, caplog):
+def test_bad_input_is_reported(tmp_path, capsys):
     path = tmp_path / "results.json"
     for text in ('{"expert": [1, 2', '{"expert": {"0": 5}}', '{"expert": [{"command": "no chains"}]}'):
         path.write_text(text)
         with pytest.raises(ConfigError, match="has no results of chains"):
             read_results(path)
-    assert main(["chains=2000"]) == 2 and "from 1 to 1000, given 2000" in caplog.text
-    assert main(["policy=nobody"]) == 2 and "checkpoint=<folder>" in caplog.text
+    assert main(["chains=2000"]) == 2 and "from 1 to 1000, given 2000" in capsys.readouterr().err
+    assert main(["policy=nobody"]) == 2 and "checkpoint=<folder>" in capsys.readouterr().err

@@ -25,9 +25,9 @@ def test_command_line_renders_a_folder(tmp_path):
     assert [entry.name for entry in out.parent.iterdir()] == ["materials.png"]
 
 
-def test_a_bad_folder_exits_2_and_writes_nothing(tmp_path, caplog):
+def test_a_bad_folder_exits_2_and_writes_nothing(tmp_path, capsys):
     assert gallery.main([f"materials={tmp_path / 'a.png'}", f"folder={tmp_path / 'none'}"]) == 2
-    assert "No folder of materials" in caplog.text
+    assert "No folder of materials" in capsys.readouterr().err
     assert not (tmp_path / "a.png").exists()
 
 
@@ -90,9 +90,9 @@ def test_axes_are_rows_too(monkeypatch, tmp_path):
     assert {(40 * row, 9, 0) for row in range(len(gallery.AXES))} <= colors
 
 
-def test_nothing_to_draw_is_a_usage_error(caplog):
+def test_nothing_to_draw_is_a_usage_error(capsys):
     assert gallery.main([]) == 2
-    assert "give out=<file>, axes=<file>, materials=<file>, or several" in caplog.text
+    assert "give out=<file>, axes=<file>, materials=<file>, or several" in capsys.readouterr().err
 
 
 def test_the_built_in_sheet_shows_every_material():

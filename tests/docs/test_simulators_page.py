@@ -45,7 +45,7 @@ def test_speeds_are_multiples_of_the_defaults():
     assert rows["gl"].endswith("| 0.5 × |")
 
 
-def test_a_speed_is_measured_and_kept_beside_the_page(tmp_path, monkeypatch, caplog):
+def test_a_speed_is_measured_and_kept_beside_the_page(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(page, "control_step_ms", lambda name: 1.0 + len(name))
     monkeypatch.setattr(page, "image_ms", lambda name: 2.0)
     out = tmp_path / "simulators.md"
@@ -55,6 +55,6 @@ def test_a_speed_is_measured_and_kept_beside_the_page(tmp_path, monkeypatch, cap
         "image_ms": {"warp": 2.0},
     }
     assert page.main([f"out={out}", "measure=[mujocco]"]) == 2
-    assert "Did you mean 'mujoco'?" in caplog.text
+    assert "Did you mean 'mujoco'?" in capsys.readouterr().err
     with pytest.raises(UnknownNameError, match="Unknown simulator 'wrap'"):
         page.measure(["wrap"], {})

@@ -115,9 +115,9 @@ def test_only_missing_images_are_rendered(tmp_path, monkeypatch):
     assert drawn == [("PickCube", "gl")]
 
 
-def test_an_unknown_task_exits_2_and_writes_nothing(tmp_path, caplog):
+def test_an_unknown_task_exits_2_and_writes_nothing(tmp_path, capsys):
     assert gallery.main([f"out={tmp_path}", "redraw=[PickCub]"]) == 2
-    assert "Unknown task 'PickCub'. Did you mean 'PickCube'?" in caplog.text
+    assert "Unknown task 'PickCub'. Did you mean 'PickCube'?" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 

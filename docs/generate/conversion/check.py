@@ -239,7 +239,6 @@ class CheckSettings:
 
 def main(words: Sequence[str] | None = None) -> int:
     """Checks robots; the exit code is 1 where a robot that MuJoCo can read fails."""
-    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
     return run_program(_COMMAND, CheckSettings, _check_all, words)
 
 

@@ -38,9 +38,9 @@ def test_a_task_that_fails_is_named_and_the_others_go_on(tmp_path, monkeypatch):
     assert rows["PickCube"]["error"] == "no cube." and rows["StackCube"]["expert"] == 1.0
 
 
-def test_words_that_no_task_has_are_refused(tmp_path, caplog):
+def test_words_that_no_task_has_are_refused(tmp_path, capsys):
     assert survey.main(["words=[submarine]", f"results={tmp_path / 'a.json'}"]) == 2
-    assert "No task has the words submarine in its name." in caplog.text
+    assert "No task has the words submarine in its name." in capsys.readouterr().err
 
 
 def test_a_damaged_file_of_results_is_named(tmp_path):
