@@ -1,9 +1,10 @@
 """Settings of Octo."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from envs.core.errors import PolicyError
+from policies.zoo.config import PeftConfig
 
 TRAINED = ("full", "head")
 
@@ -20,6 +21,7 @@ class OctoConfig:
         chunk_size: Actions that it predicts, of which all are executed; another number than the checkpoint's
             4, or actions of another width, begin with a new head.
         trained: full trains everything but the text encoder; head trains the diffusion head alone.
+        peft: Training of adapters in place of the network; the diffusion head is trained in full beside them.
     """
 
     path: str = ""
@@ -28,10 +30,13 @@ class OctoConfig:
     window: int = 1
     chunk_size: int = 4
     trained: Literal["full", "head"] = "full"
+    peft: PeftConfig = field(default_factory=PeftConfig)
 
     def __post_init__(self) -> None:
         if self.trained not in TRAINED:
             raise PolicyError(f"policy.trained is {' or '.join(TRAINED)}, given {self.trained}.")
+        if self.trained == "head" and self.peft.method_type:
+            raise PolicyError("policy.trained=head trains no adapters: leave it out, or leave out peft.*")
         for name in ("window", "chunk_size"):
             if getattr(self, name) < 1:
                 raise PolicyError(f"policy.{name} must be at least 1, given {getattr(self, name)}.")

@@ -28,8 +28,9 @@ from policies.octo.diffusion import DiffusionHead
 from policies.octo.flax_names import from_flax
 from policies.octo.network import Octo
 from policies.octo.sizes import OctoSizes, sizes_of
+from policies.zoo import adapters
 from policies.zoo.config import IMAGE_PREFIX, full_rename_map
-from policies.zoo.source import local_folder
+from policies.zoo.source import base_name, local_folder
 from policies.zoo.weights import load_tensors, read_tensors, unique_tensors
 
 CONVERTED = "flax.safetensors"
@@ -54,7 +55,7 @@ class OctoPolicy(ImitationPolicy):
     instructions: tuple[str, ...] = ()
     trained = "full"
 
-    def __init__(self, model: Octo, tokenizer: Any, content: Mapping[str, Any]) -> None:
+    def __init__(self, model: Any, tokenizer: Any, content: Mapping[str, Any]) -> None:
         self.model, self.tokenizer, self.content = model, tokenizer, dict(content)
         self.cameras: dict[str, str] = dict(content["cameras"])
         self._image_shapes = {
@@ -89,12 +90,9 @@ class OctoPolicy(ImitationPolicy):
         model, sizes = _read_model(folder, content), sizes_of(content)
         if config.window > sizes.max_horizon:
             raise PolicyError(
-                f"policy.window={config.window} is more than the {sizes.max_horizon} observations "
-                "of this Octo."
+                f"policy.window={config.window} is more than the {sizes.max_horizon} observations of Octo."
             )
-        wanted = replace(sizes, action_dim=outputs[ACTION].shape[0], chunk_size=config.chunk_size)
-        if wanted != sizes:  # its authors begin a new head for new actions, too
-            model.head, model.sizes = DiffusionHead(wanted), wanted
+        _set_sizes(model, replace(sizes, action_dim=outputs[ACTION].shape[0], chunk_size=config.chunk_size))
         cameras = _cameras(config, sizes, list(seen))
         of_action = stats[ACTION]
         numbers = {
@@ -107,11 +105,19 @@ class OctoPolicy(ImitationPolicy):
             "window_size": config.window,
             "input_features": {key: {"type": "VISUAL", "shape": list(seen[key])} for key in cameras.values()},
         }
+        if config.peft.method_type:
+            base, parts = base_name(config.path), ("text_encoder", "head")
+            model = adapters.wrap_own(model, config.peft, base, what="Octo", without=parts, in_full=parts[1:])
         policy = cls(model.to(device).eval(), _read_tokenizer(folder), {**content, **own})
         policy.trained = config.trained
         return policy
 
     # --- what it takes and gives ----------------------------------------------------------------
+
+    @property
+    def network(self) -> Octo:
+        """The network, without adapters around it."""
+        return adapters.base_network(self.model)
 
     @property
     @override
@@ -126,12 +132,12 @@ class OctoPolicy(ImitationPolicy):
     @property
     @override
     def n_action_steps(self) -> int:
-        return self.model.sizes.chunk_size
+        return self.network.sizes.chunk_size
 
     @property
     @override
     def shapes(self) -> Mapping[str, tuple[int, ...]]:
-        return {**self._image_shapes, ACTION: (self.model.sizes.action_dim,)}
+        return {**self._image_shapes, ACTION: (self.network.sizes.action_dim,)}
 
     @property
     @override
@@ -174,7 +180,7 @@ class OctoPolicy(ImitationPolicy):
             images = batch[key].to(self.device, non_blocking=True)
             images = images.float() / 255.0 if images.dtype is torch.uint8 else images.float()
             images = images if images.ndim == 5 else images.unsqueeze(1)
-            size = self.model.sizes.cameras[name]
+            size = self.network.sizes.cameras[name]
             resized = nn.functional.interpolate(
                 images.flatten(0, 1), (size, size), mode="bilinear", antialias=True
             )
@@ -198,11 +204,11 @@ class OctoPolicy(ImitationPolicy):
         else:
             texts = [""] * count
         if new := [text for text in dict.fromkeys(texts) if text not in self._known]:
-            length = self.model.sizes.text_tokens
+            length = self.network.sizes.text_tokens
             found = self.tokenizer(
                 new, padding="max_length", truncation=True, max_length=length, return_tensors="pt"
             )
-            vectors = self.model.words(
+            vectors = self.network.words(
                 found["input_ids"].to(self.device), found["attention_mask"].to(self.device)
             )
             self._known |= dict(zip(new, vectors.clone(), strict=True))
@@ -215,12 +221,12 @@ class OctoPolicy(ImitationPolicy):
     @override
     def predict(self, batch: dict[str, Any], generators: Sequence[torch.Generator] | None) -> Tensor:
         readout = self._readout(batch)[:, -1]
-        head = self.model.head
+        head = self.network.head
         shape = (1 + head.steps, head.numbers)
         each = [None] * len(readout) if generators is None else generators
         noise = torch.stack([torch.randn(shape, generator=generator) for generator in each], 1)
         actions = head.sample(readout, list(noise.to(self.device)))
-        return actions.unflatten(-1, (self.model.sizes.chunk_size, -1))
+        return actions.unflatten(-1, (self.network.sizes.chunk_size, -1))
 
     def _readout(self, batch: Mapping[str, Any]) -> Tensor:
         images = {name: batch[name] for name in self.cameras}
@@ -238,17 +244,17 @@ class OctoPolicy(ImitationPolicy):
     def delta_indices(self) -> dict[str, list[int]]:
         before = list(range(1 - self.window, 1))
         images = {key: before for key in self.image_keys} if self.window > 1 else {}
-        return {**images, ACTION: [*before, *range(1, self.model.sizes.chunk_size)]}
+        return {**images, ACTION: [*before, *range(1, self.network.sizes.chunk_size)]}
 
     @override
     def parameter_groups(self) -> list[tuple[list[nn.Parameter], float]]:
-        module = self.model.head if self.trained == "head" else self.model
+        module = self.network.head if self.trained == "head" else self.model
         return [([each for each in module.parameters() if each.requires_grad], 1.0)]
 
     @override
     def begin_training(self) -> None:
         self.model.train()
-        self.model.text_encoder.eval()
+        self.network.text_encoder.eval()
 
     @override
     def learn_instructions(self, instructions: Instructions) -> None:
@@ -257,12 +263,12 @@ class OctoPolicy(ImitationPolicy):
     @override
     def loss(self, batch: dict[str, Any]) -> Loss:
         """Returns the squared error of the noise, summed over an action's numbers as its authors do."""
-        sizes = self.model.sizes
+        sizes = self.network.sizes
         readout = self._readout(batch)
         actions = batch[ACTION].unfold(1, sizes.chunk_size, 1).transpose(2, 3)  # (n, T, H, A)
         flat = actions.flatten(2).flatten(0, 1)
         time = torch.randint(0, sizes.diffusion_steps, (len(flat), 1), device=self.device)
-        errors = self.model.head.errors(readout.flatten(0, 1), flat, torch.randn_like(flat), time)
+        errors = self.network.head.errors(readout.flatten(0, 1), flat, torch.randn_like(flat), time)
         counts = torch.ones_like(actions)
         if f"{ACTION}_is_pad" in batch:
             counts = counts * ~batch[f"{ACTION}_is_pad"].unfold(1, sizes.chunk_size, 1)[..., None]
@@ -278,9 +284,21 @@ class OctoPolicy(ImitationPolicy):
 
     # --- checkpoints ----------------------------------------------------------------------------
 
+    @property
+    def has_adapters(self) -> bool:
+        """Whether adapters and the head are trained and saved, and not the network."""
+        return hasattr(self.model, "peft_config")
+
+    @override
+    def state_dict(self) -> dict[str, Tensor]:
+        return adapters.state(self.model) if self.has_adapters else super().state_dict()
+
     @override
     def load_state_dict(self, tensors: Mapping[str, Tensor], path: Path) -> None:
-        load_tensors(self.model, tensors, path)
+        if self.has_adapters:
+            adapters.load_state(self.model, tensors, path)
+        else:
+            load_tensors(self.model, tensors, path)
         self._known.clear()
 
     @override
@@ -288,7 +306,7 @@ class OctoPolicy(ImitationPolicy):
         from safetensors.torch import save_file
 
         tensors = self.state_dict() if weights is None else weights
-        sizes = self.model.sizes
+        sizes = self.network.sizes
         content = json.loads(json.dumps(self.content))
         content["model"]["heads"]["action"]["kwargs"] |= {
             "action_dim": sizes.action_dim, "action_horizon": sizes.chunk_size
@@ -304,7 +322,10 @@ class OctoPolicy(ImitationPolicy):
         with atomic_directory(directory) as staging:
             self.tokenizer.save_pretrained(staging)
             (staging / checkpoint.CONFIG).write_text(json.dumps(content, indent=2), encoding="utf-8")
-            save_file(unique_tensors(tensors), staging / checkpoint.WEIGHTS, metadata={"format": "pt"})
+            if self.has_adapters:
+                adapters.save(self.model, staging, tensors, Path(directory))
+            else:
+                save_file(unique_tensors(tensors), staging / checkpoint.WEIGHTS, metadata={"format": "pt"})
             checkpoint.write_hashes(staging)
 
     @classmethod
@@ -317,7 +338,13 @@ class OctoPolicy(ImitationPolicy):
                 f"'{folder}' is an Octo as it was published, whose actions are those of the robots that it "
                 f"learned. Fine-tune it first: roboverse train policy=octo policy.path={folder} task=<name>."
             )
-        model = _read_model(folder, content)
+        if (folder / checkpoint.ADAPTERS).is_file():
+            base = local_folder(adapters.find_base(folder))
+            plain = _read_model(base, checkpoint.read_json(base / checkpoint.CONFIG))
+            _set_sizes(plain, sizes_of(content))
+            model = adapters.wrap_from(plain, folder)
+        else:
+            model = _read_model(folder, content)
         return cls(model.to(device).eval(), _read_tokenizer(folder), content)
 
 
@@ -342,6 +369,12 @@ def _cameras(config: OctoConfig, sizes: OctoSizes, keys: Sequence[str]) -> dict[
     if not given:
         raise PolicyError("Octo sees images, and the dataset has no camera.")
     return given
+
+
+def _set_sizes(model: Octo, wanted: OctoSizes) -> None:
+    """Gives a network a new head where its actions are others; its authors begin a new one for them, too."""
+    if wanted != model.sizes:
+        model.head, model.sizes = DiffusionHead(wanted), wanted
 
 
 def _read_model(folder: Path, content: Mapping[str, Any]) -> Octo:

@@ -26,8 +26,8 @@ from policies.openvla.config import OpenVlaConfig
 from policies.openvla.network import OpenVla, from_timm, pixels_of, to_timm
 from policies.openvla.tokens import ActionScale, ActionTokens, norm_stats, padded, prompt_tokens
 from policies.zoo import adapters
-from policies.zoo.config import IMAGE_PREFIX, PeftConfig, full_rename_map
-from policies.zoo.source import is_hub_name, local_folder
+from policies.zoo.config import IMAGE_PREFIX, full_rename_map
+from policies.zoo.source import base_name, local_folder
 from policies.zoo.weights import load_tensors, read_tensors, unique_tensors
 
 logger = logging.getLogger(__name__)
@@ -89,8 +89,8 @@ class OpenVlaPolicy(ImitationPolicy):
             **model.settings.get("norm_stats", {}), config.unnorm_key: norm_stats(stats)
         }  # fmt: skip
         if config.peft.method_type:
-            base = config.path if is_hub_name(config.path) else str(folder.resolve())
-            model = _with_adapters(model, config.peft, base)
+            base = base_name(config.path)
+            model = adapters.wrap_own(model, config.peft, base, what="OpenVLA", without=["lm_head"])
         return cls(model.to(device).eval(), _read_tokenizer(folder), image_key, config.unnorm_key)
 
     # --- what it takes and gives ----------------------------------------------------------------
@@ -323,29 +323,3 @@ def _read_tokenizer(folder: Path) -> Any:
             f"'{folder}' has no tokenizer ({' or '.join(_TOKENIZER)}). Copy it there from openvla-7b."
         )
     return AutoTokenizer.from_pretrained(str(folder))
-
-
-def _with_adapters(model: Any, config: PeftConfig, base: str) -> Any:
-    """Adds adapters; all-linear is every linear layer but the last, as peft has it for its own models."""
-    from peft import LoraConfig, get_peft_model
-
-    if config.method_type.upper() != "LORA":
-        raise PolicyError(f"OpenVLA is adapted by peft.method_type=LORA, given {config.method_type}.")
-    targets = config.target_modules or "all-linear"
-    if targets == "all-linear":
-        linear = [name for name, each in model.named_modules() if isinstance(each, nn.Linear)]
-        targets = [name for name in linear if not name.endswith("lm_head")]
-    name, _, revision = base.partition("@") if is_hub_name(base) else (base, "", "")
-    model.name_or_path = name  # where peft looks for it
-    lora = LoraConfig(
-        r=config.r,
-        lora_alpha=config.lora_alpha or min(config.r, 16),
-        target_modules=targets,
-        modules_to_save=config.full_training_modules,
-        init_lora_weights=config.init_type or "gaussian",
-        revision=revision or None,
-    )
-    try:
-        return get_peft_model(model, lora)
-    except ValueError as error:
-        raise PolicyError(f"peft.* does not fit OpenVLA: {error}") from error

@@ -1,12 +1,12 @@
 """Adapters of the package peft, such as LoRA, in LeRobot's form of a checkpoint."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from torch import Tensor
+from torch import Tensor, nn
 
 from envs.core.errors import MissingExtraError, PolicyError
 from policies import checkpoint
@@ -53,6 +53,54 @@ def wrap(model: Any, config: PeftConfig, base: str) -> Any:
         ) from error
     wrapped.peft_config[wrapped.active_adapter].revision = revision or None
     return wrapped
+
+
+def wrap_own(
+    model: Any,
+    config: PeftConfig,
+    base: str,
+    *,
+    what: str,
+    without: Collection[str],
+    in_full: Sequence[str] = (),
+) -> Any:
+    """Adds LoRA to a network of ours, which is frozen but for what is trained in full.
+
+    By default every linear layer gets an adapter, as peft's ``all-linear`` has it for its own models.
+
+    Args:
+        model: The network, with its weights.
+        config: ``peft.*``.
+        base: Folder or hub name of the network.
+        what: Its name, for messages.
+        without: Names of modules whose layers get none by default.
+        in_full: Modules that are trained in full beside those that ``config`` names.
+
+    Raises:
+        PolicyError: if the method is another one, or peft refuses the configuration.
+    """
+    from peft import LoraConfig, get_peft_model
+
+    if config.method_type.upper() != "LORA":
+        raise PolicyError(f"{what} is adapted by peft.method_type=LORA, given {config.method_type}.")
+    targets = config.target_modules or "all-linear"
+    if targets == "all-linear":
+        linear = [name for name, each in model.named_modules() if isinstance(each, nn.Linear)]
+        targets = [name for name in linear if not {*name.split(".")} & {*without}]
+    name, _, revision = base.partition("@") if is_hub_name(base) else (base, "", "")
+    model.name_or_path = name  # where peft looks for it
+    lora = LoraConfig(
+        r=config.r,
+        lora_alpha=config.lora_alpha or min(config.r, 16),
+        target_modules=targets,
+        modules_to_save=[*in_full, *(config.full_training_modules or [])] or None,
+        init_lora_weights=config.init_type or "gaussian",
+        revision=revision or None,
+    )
+    try:
+        return get_peft_model(model, lora)
+    except ValueError as error:
+        raise PolicyError(f"peft.* does not fit {what}: {error}") from error
 
 
 def base_network(model: Any) -> Any:

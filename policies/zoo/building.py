@@ -23,7 +23,7 @@ from policies.zoo import adapters
 from policies.zoo.assets import carried, read_assets, tokenizer_from
 from policies.zoo.config import LeRobotConfig
 from policies.zoo.preflight import NEEDS_NOTHING, check_packages
-from policies.zoo.source import is_hub_name, local_folder
+from policies.zoo.source import local_folder
 from policies.zoo.types import EXTRA, type_names
 from policies.zoo.weights import load_tensors, read_tensors
 
@@ -50,11 +50,6 @@ class Read:
     tensors: dict[str, Tensor]
     assets: dict[str, str]
     adapters: bool = False
-
-
-def base_name(path: str) -> str:
-    """Returns what adapters remember of their model: its hub name, or its absolute folder."""
-    return path if is_hub_name(path) else str(local_folder(path).resolve())
 
 
 def read_base(config: LeRobotConfig, device: str) -> Read:

@@ -29,6 +29,7 @@ from policies.zoo.blocks import BlockwiseObjective
 from policies.zoo.config import LeRobotConfig, full_rename_map
 from policies.zoo.features import keep_cameras, matched_inputs, statistics
 from policies.zoo.preflight import NEEDS_NOTHING, check_lerobot
+from policies.zoo.source import base_name
 from policies.zoo.types import type_names
 
 logger = logging.getLogger(__name__)
@@ -96,7 +97,7 @@ class LeRobotZooPolicy(LeRobotPolicy):
             model.config, folder, own_stats, assets, rename, device, tokenizer=config.tokenizer
         )
         if config.peft.method_type:
-            model = adapters.wrap(model, config.peft, building.base_name(config.path))
+            model = adapters.wrap(model, config.peft, base_name(config.path))
         policy = cls(model.to(device).eval(), processors, assets, rename)
         policy._preset = config.use_policy_training_preset
         return policy

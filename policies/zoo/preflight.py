@@ -98,7 +98,7 @@ def check_octo(config: "OctoConfig", features: Mapping[str, Any]) -> None:
         PolicyError: if the checkpoint is not there, or is not converted.
     """
     del features
-    check_packages("Octo", "transformers")
+    check_packages("Octo", "transformers", *(["peft"] if config.peft.method_type else []))
     if config.path:
         from policies.octo.sizes import sizes_of
 

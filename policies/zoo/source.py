@@ -93,3 +93,8 @@ def _hub_bytes(name: str, revision: str | None) -> int:
 
     files = HfApi().model_info(name, revision=revision, files_metadata=True).siblings or []
     return sum(each.size or 0 for each in files if any(fnmatch(each.rfilename, p) for p in _WANTED))
+
+
+def base_name(path: str) -> str:
+    """Returns what adapters remember of their model: its hub name, or its absolute folder."""
+    return path if is_hub_name(path) else str(local_folder(path).resolve())

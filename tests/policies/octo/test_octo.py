@@ -11,6 +11,7 @@ import torch
 import policies
 from envs.core.errors import PolicyError
 from policies.octo.config import OctoConfig
+from policies.zoo.config import PeftConfig
 from tests.policies.examples import FEATURES, IMAGE, SIZE, generators, stats
 from tests.policies.octo import tiny
 from tests.policies.training_steps import batch, steps
@@ -24,7 +25,8 @@ pytestmark = [
         for kind in ("UserWarning", "FutureWarning", "DeprecationWarning", "RuntimeWarning")
     ),
     pytest.mark.skipif(
-        find_spec("transformers") is None, reason="Octo needs the extra vla: uv pip install -e '.[vla]'"
+        find_spec("transformers") is None or find_spec("peft") is None,
+        reason="Octo needs the extra vla: uv pip install -e '.[vla]'",
     ),
 ]
 
@@ -77,6 +79,26 @@ def test_the_head_alone_is_trained(converted):
     before = snapshot(policy)
     steps(policy, WORDS, count=2)
     assert {key.split(".")[0] for key in changed(policy, before)} == {"head"}
+
+
+def test_adapters_and_the_head_are_trained_and_saved_alone(converted, tmp_path):
+    policy = create(converted, peft=PeftConfig(method_type="LORA", r=2))
+    before = snapshot(policy)
+    losses = steps(policy, WORDS, lr=1e-2, count=20)
+    assert losses[-1] < losses[0]
+    changes = changed(policy, before)
+    assert any("lora_" in key and ".transformer.blocks." in key for key in changes)
+    assert all("lora_" in key or ".head.modules_to_save." in key for key in changes)
+    assert not any("text_encoder" in key for key in changes)
+    seen = observation(policy)
+    expected = policy.act(seen, generators(2))
+    policy.save(tmp_path / "saved")
+    shutil.move(tmp_path / "saved", tmp_path / "moved")
+    assert not (tmp_path / "moved" / "model.safetensors").exists()
+    loaded = policies.load(tmp_path / "moved")
+    np.testing.assert_array_equal(loaded.act(seen, generators(2)), expected)
+    loaded.save(tmp_path / "again")
+    np.testing.assert_array_equal(policies.load(tmp_path / "again").act(seen, generators(2)), expected)
 
 
 def test_the_checkpoints_own_head_stays_where_its_actions_fit(converted):
@@ -136,6 +158,7 @@ def test_the_command_evaluates_it(converted, tmp_path, monkeypatch):
     [
         ({"path": ""}, "policy=octo fine-tunes a published checkpoint"),
         ({"window": 4}, "policy.window=4 is more than the 3 observations"),
+        ({"trained": "head", "peft": PeftConfig(method_type="LORA")}, "trained=head trains no adapters"),
         ({"primary": "side"}, "policy.primary=side is no camera of the dataset, which has"),
     ],
 )
