@@ -1,5 +1,7 @@
 """From recordings to a dataset: rendered afterwards, at any level, as often as wanted."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -77,6 +79,34 @@ def test_recorded_controls_succeed_in_physics(place):
     assert summary.num_episodes == 2
     info = DatasetInfo.open(place / "controls")
     assert info.read_columns()[INTERVENTION_KEY].all()
+
+
+@pytest.mark.slow
+def test_corrections_alone_begin_where_the_person_took_over(place, tmp_path):
+    by_person, corrected = recordings(place)[:2]
+    acted = corrected.interventions.copy()
+    acted[:20] = acted[25:30] = False  # the policy twice: a hand-back and a second correction
+    dataclasses.replace(corrected, interventions=acted).write(tmp_path / "000000.teleop.safetensors")
+    alone = dataclasses.replace(by_person, interventions=np.zeros_like(by_person.interventions))
+    alone.write(tmp_path / "000001.teleop.safetensors")
+    words = [*SMALL, "source=teleop", f"path={tmp_path}", "num_workers=1", f"dataset={tmp_path / 'part'}"]
+    summary = collect_dataset(compose("collect", [*words, "only_corrections=true"]))
+    assert summary.num_episodes == 1, "an episode that the policy solved alone corrects nothing"
+    columns = DatasetInfo.open(tmp_path / "part").read_columns()
+    np.testing.assert_array_equal(columns[ACTION_KEY], corrected.actions[30:])
+    assert columns[INTERVENTION_KEY].all()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["source=expert"], "only_corrections=true was given, and source=expert has none"),
+        (["source=teleop", "replay=controls", "path=recordings"], "begins in the middle of a recording"),
+    ],
+)
+def test_corrections_are_of_recordings_by_states(words, message, tmp_path):
+    with pytest.raises(ConfigError, match=message):
+        collect_dataset(compose("collect", [*SMALL, "only_corrections=true", *words, f"dataset={tmp_path}"]))
 
 
 @pytest.mark.slow
