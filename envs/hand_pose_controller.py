@@ -75,8 +75,8 @@ class HandPoseController(HandDeltaController):
         now = ik.chain(q)
         pos = now.pos + self.delta_m * given[:, :3]
         rot = _turns(self.delta_rad * given[:, 3:6]) @ now.rot
-        for _ in range(_ITERATIONS):
-            q = q + ik.change(q, ik.chain(q), pos, rot)
+        for step in range(_ITERATIONS):
+            q = q + ik.change(q, ik.chain(q) if step else now, pos, rot)
         way = (q - start) * given[:, :6].ne(0.0).any(1, keepdim=True)
         posture[:, ik.chain.columns] = start + way * self._share(start - joints[:, ik.chain.columns], way)
         if self._fingers:

@@ -26,6 +26,7 @@ class TeleoperateConfig:
         limit_s: Simulated seconds after which an episode is kept apart as a failure.
         view_size: Height and width of the page's images, pixels.
         view_cameras: Cameras that the page offers; empty takes all of the task's, and shows the first.
+        view_shadows: Whether the page's images have shadows; by default where the machine has several cores.
         host: Address to listen at; 0.0.0.0 lets other machines in, all who have the page's address.
         port: Port to listen at; 0 takes any that is free.
         cert: PEM file of a certificate, for https, which phones demand before they give their orientation.
@@ -46,6 +47,7 @@ class TeleoperateConfig:
     limit_s: float = 60.0
     view_size: int = 256
     view_cameras: tuple[str, ...] = ()
+    view_shadows: bool | None = None
     host: str = "127.0.0.1"
     port: int = 8080
     cert: str = ""

@@ -1,10 +1,12 @@
 """Teleoperation on one core, server and client together: ``roboverse speed teleoperation``.
 
-A client of the websocket moves the hand at every control step while images come as fast as they are rendered.
+A client of the websocket moves the hand as often as the page does while images come as fast as they are
+rendered, without shadows, as on every machine of one core.
 Goals are absolute: a person notices a delay, whatever the machine. The baseline is the image in a plain loop.
 """
 
 import asyncio
+import itertools
 import json
 import math
 import struct
@@ -15,6 +17,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +30,9 @@ DELAY = Goal(0.080, at_least=False, absolute=True)
 INTERVAL = Goal(1 / 15, at_least=False, absolute=True)
 LATENESS = Goal(0.050, at_least=False, absolute=True)
 """A control step of 20 Hz."""
+
+SEND_S = 0.033
+"""Time between motions that are sent (``page/page.js``)."""
 
 IMAGES = 20
 """Images of the baseline."""
@@ -52,7 +58,7 @@ class Played:
     """What a client saw of an episode, and what the same image costs in a plain loop.
 
     Attributes:
-        delay_s: From sending a motion to the arrival of the first image that shows it, median.
+        delay_s: From sending a motion to the arrival of the first image with its effect, median.
         interval_s: Between images, mean.
         image_s: Rendering an image alone, median.
         figures: How the server kept time.
@@ -119,27 +125,60 @@ async def _steer(steering: Steering, seconds: float) -> tuple[list[float], float
         async with http.ws_connect(f"{url}ws") as socket:
             await socket.send_str(json.dumps({"type": "join", "client": "speed"}))
             await socket.send_str(json.dumps({"type": "press", "button": "start"}))
-            sent, delays, arrivals, seen = {}, [], [], 0
-            began = time.perf_counter()
-            while (now := time.perf_counter()) - began < seconds:
-                message = await socket.receive(10.0)
-                if message.type is aiohttp.WSMsgType.BINARY:
-                    now = time.perf_counter()
-                    (size,) = struct.unpack_from("<I", message.data)
-                    header = json.loads(message.data[4 : 4 + size])
-                    seen = header["frame"]
-                    arrivals.append(now)
-                    if header["seq"] in sent:
-                        delays.append(now - sent[header["seq"]])
-                    sent = {seq: at for seq, at in sent.items() if seq > header["seq"]}
-                seq = len(arrivals) + int(1e3 * (now - began))
-                sent[seq] = now
-                rate = [0.1 * math.sin(now), 0.1 * math.cos(now), 0.0, 0.0, 0.0, 0.0]
-                move = {"type": "move", "seq": seq, "rate": rate, "device": "script", "seen": seen}
-                await socket.send_str(json.dumps(move))
+            client = _Client(socket)
+            sender = asyncio.create_task(client.send(seconds))
+            await client.receive(seconds)
+            await sender
         figures = conductor.figures()
-    warm = arrivals[3:]
-    return delays, (warm[-1] - warm[0]) / (len(warm) - 1), figures
+    warm = client.arrivals[3:]
+    return client.delays, (warm[-1] - warm[0]) / (len(warm) - 1), figures
+
+
+class _Client:
+    """What the page does: it sends a motion every 33 ms, and says which image it has seen.
+
+    Args:
+        socket: A websocket that has joined.
+
+    Attributes:
+        delays: Of each motion that an image showed, s.
+        arrivals: When the images came, s.
+    """
+
+    def __init__(self, socket: Any) -> None:
+        self._socket, self._sent, self._seen = socket, {}, 0
+        self.delays: list[float] = []
+        self.arrivals: list[float] = []
+
+    async def send(self, seconds: float) -> None:
+        """Sends motions, each with a number of its own."""
+        began = time.perf_counter()
+        for seq in itertools.count(1):
+            now = time.perf_counter()
+            if now - began > seconds:
+                return
+            self._sent[seq] = now
+            rate = [0.1 * math.sin(now), 0.1 * math.cos(now), 0.0, 0.0, 0.0, 0.0]
+            move = {"type": "move", "seq": seq, "rate": rate, "device": "script", "seen": self._seen}
+            await self._socket.send_str(json.dumps(move))
+            await asyncio.sleep(max(0.0, began + seq * SEND_S - time.perf_counter()))
+
+    async def receive(self, seconds: float) -> None:
+        """Notes when images come, and which motions they are the first to show."""
+        import aiohttp
+
+        began = time.perf_counter()
+        while time.perf_counter() - began < seconds:
+            message = await self._socket.receive(10.0)
+            if message.type is not aiohttp.WSMsgType.BINARY:
+                continue
+            now = time.perf_counter()
+            (size,) = struct.unpack_from("<I", message.data)
+            header = json.loads(message.data[4 : 4 + size])
+            self._seen = header["frame"]
+            self.arrivals.append(now)
+            shown = [seq for seq in self._sent if seq <= header["seq"]]
+            self.delays += [now - self._sent.pop(seq) for seq in shown]
 
 
 if __name__ == "__main__":

@@ -23,6 +23,9 @@ JPEG_QUALITY = 80
 _STATUS_S = 0.5
 """Seconds after which a status is repeated, even where nothing has changed."""
 
+_MOVING_S = 0.1
+"""Least seconds between two statuses of a session: a page's figures need no more."""
+
 _KEPT = 20_000
 """Times that are kept for the figures of a run."""
 
@@ -160,7 +163,7 @@ class Conductor:
                 for session in self._sessions:
                     session.tick()
                 changed = [
-                    session.version != seen[index] or now - sent_at[index] > _STATUS_S
+                    now - sent_at[index] >= (_STATUS_S if session.version == seen[index] else _MOVING_S)
                     for index, session in enumerate(self._sessions)
                 ]
                 statuses = [

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from envs.core.errors import ConfigError
+from envs.core.machine import num_cores
 from envs.vector_env import RoboVerseVectorEnv
 from roboverse_learn.config.teleoperate_config import TeleoperateConfig
 from roboverse_learn.teleoperation.conductor import Conductor, Figures
@@ -67,7 +68,10 @@ def prepared(config: TeleoperateConfig, recordings: Path) -> Iterator[Steering]:
         folder = RecordingFolder(recordings, scene_of(env.env_spec))
         stack.callback(folder.close)
         book = EpisodeBook(folder, pool_of(env, corrects=bool(config.checkpoint)), config.num_demos)
-        stations = [Station(env, index, drawing) for index in people]
+        # What a policy observes has its shadows; a page leaves them out where one core does everything.
+        usual = num_cores() > 1 if config.view_shadows is None else config.view_shadows
+        shadows = bool(config.checkpoint) or usual
+        stations = [Station(env, index, drawing, shadows=shadows) for index in people]
         drivers = [_driver(config, env) for _ in people]
         sessions = [
             Session(station, book, limit_s=config.limit_s, driver=driver)

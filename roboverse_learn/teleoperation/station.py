@@ -1,6 +1,7 @@
 """One environment of a batch, whose hand is steered."""
 
 import threading
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy as np
 from envs.core.errors import ConfigError
 from envs.hand_pose_controller import HandPoseController
 from envs.rotations import from_matrix
-from envs.scenario import CameraCfg, RobotCfg
+from envs.scenario import CameraCfg, LightCfg, RobotCfg
 from envs.state import State
 from envs.vector_env import RoboVerseVectorEnv
 from roboverse_learn.teleoperation.recording import scene_of
@@ -36,6 +37,7 @@ class Station:
         env: Environments of the train split; see :func:`check_steerable`.
         env_id: Which of them.
         drawing: Held while something is rendered, where several threads render.
+        shadows: Whether images have shadows, which are a third of what an image costs.
 
     Attributes:
         env_id: See above.
@@ -50,8 +52,16 @@ class Station:
 
     state: State
 
-    def __init__(self, env: RoboVerseVectorEnv, env_id: int, drawing: "threading.Lock | None" = None) -> None:
+    def __init__(
+        self,
+        env: RoboVerseVectorEnv,
+        env_id: int,
+        drawing: "threading.Lock | None" = None,
+        *,
+        shadows: bool = True,
+    ) -> None:
         self._env, self.env_id, self._drawing = env, env_id, drawing or threading.Lock()
+        self._shadows = shadows
         self.robot: RobotCfg = env.scenario.robots[0]
         self.controller = HandPoseController(self.robot)
         self.control_hz = float(env.control_hz)
@@ -73,8 +83,12 @@ class Station:
     def start(self, episode: int) -> None:
         """Starts an episode of the train split."""
         self._env.reset_envs([self.env_id], [episode])
-        placed = self._env.randomizer.appearance(episode).cameras
-        self._looking = {camera.name: camera for camera in self._env.scenario.cameras} | dict(placed)
+        looks = self._env.randomizer.appearance(episode)
+        self._looking = {camera.name: camera for camera in self._env.scenario.cameras} | dict(looks.cameras)
+        if not self._shadows:
+            lights = looks.lights or self._env.scenario.appearance.lights or (LightCfg(),)
+            plain = tuple(replace(light, cast_shadow=False) for light in lights)
+            self._env.handler.set_appearance(replace(looks, lights=plain), self.env_id)
         self._read()
 
     def actions_of(self, hand_action: np.ndarray) -> np.ndarray:
