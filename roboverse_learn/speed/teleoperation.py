@@ -34,6 +34,9 @@ LATENESS = Goal(0.050, at_least=False, absolute=True)
 SEND_S = 0.033
 """Time between motions that are sent (``page/page.js``)."""
 
+WARM_UP = 3
+"""First images whose intervals do not count."""
+
 IMAGES = 20
 """Images of the baseline."""
 
@@ -126,11 +129,11 @@ async def _steer(steering: Steering, seconds: float) -> tuple[list[float], float
             await socket.send_str(json.dumps({"type": "join", "client": "speed"}))
             await socket.send_str(json.dumps({"type": "press", "button": "start"}))
             client = _Client(socket)
-            sender = asyncio.create_task(client.send(seconds))
+            sender = asyncio.create_task(client.send())
             await client.receive(seconds)
-            await sender
+            sender.cancel()
         figures = conductor.figures()
-    warm = client.arrivals[3:]
+    warm = client.arrivals[WARM_UP:]
     return client.delays, (warm[-1] - warm[0]) / (len(warm) - 1), figures
 
 
@@ -150,13 +153,11 @@ class _Client:
         self.delays: list[float] = []
         self.arrivals: list[float] = []
 
-    async def send(self, seconds: float) -> None:
-        """Sends motions, each with a number of its own."""
+    async def send(self) -> None:
+        """Sends motions, each with a number of its own, until it is cancelled."""
         began = time.perf_counter()
         for seq in itertools.count(1):
             now = time.perf_counter()
-            if now - began > seconds:
-                return
             self._sent[seq] = now
             rate = [0.1 * math.sin(now), 0.1 * math.cos(now), 0.0, 0.0, 0.0, 0.0]
             move = {"type": "move", "seq": seq, "rate": rate, "device": "script", "seen": self._seen}
@@ -168,7 +169,7 @@ class _Client:
         import aiohttp
 
         began = time.perf_counter()
-        while time.perf_counter() - began < seconds:
+        while time.perf_counter() - began < seconds or len(self.arrivals) <= WARM_UP + 1:
             message = await self._socket.receive(10.0)
             if message.type is not aiohttp.WSMsgType.BINARY:
                 continue
