@@ -37,7 +37,9 @@ def options(checked: CheckedTask) -> str:
     require(not bare, f"{named} has no default of {', '.join(bare)}. Give every option one.")
     lacking = sorted(cls.__abstractmethods__)
     require(not lacking, f"{named} lacks {', '.join(lacking)}. Define it as envs.tasks.base.Task says.")
-    one, other = (cls(**checked.spec.task_kwargs) for _ in range(2))
+    known = [item.name for item in items]  # action_space=hand is no field
+    given = {key: value for key, value in checked.spec.task_kwargs.items() if key in known}
+    one, other = (cls(**given) for _ in range(2))
     try:
         same = one == other and hash(one) == hash(other)
     except TypeError as error:
