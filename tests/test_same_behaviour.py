@@ -31,6 +31,7 @@ def found(called="a1", **data):
         (found(loss=1.0, keys=["a=1", "b=2"], more=3), "same: 2 facts, 1 more are new"),
         (found(loss=2.0, keys=["a=1", "b=2"]), "DIFFERS in 1 of 2 facts: loss"),
         (found(loss=1.0), "DIFFERS in 1 of 2 facts: keys is gone"),
+        (found(loss=1.0, words=["a=1", "b=2"]), "DIFFERS in 1 of 2 facts, 1 more are new: keys is now words"),
         (found(loss=1.0, keys=["a=1", "c=3"]), "DIFFERS in 1 of 2 facts: keys (-b=2 +c=3)"),
         (found(loss=1.0, keys=["b=2", "a=1"]), "DIFFERS in 1 of 2 facts: keys (another order)"),
         (found("b2", loss=1.0, keys=["a=1", "b=2"]), "DIFFERS in names alone: dataset; 2 facts"),
