@@ -42,6 +42,7 @@ class SurveySettings:
 
     Attributes:
         words: Words that a task's name has, all of them.
+        tasks: Registered names, of which those are surveyed that have the words; all by default.
         episodes: Starts that its expert is counted in, of the test split; 0 counts none.
         num_envs: Environments stepped at once.
         results: File of results.
@@ -51,6 +52,7 @@ class SurveySettings:
     """
 
     words: tuple[str, ...] = ()
+    tasks: tuple[str, ...] = ()
     episodes: int = 20
     num_envs: int = 4
     results: Path = Path("results/tasks.json")
@@ -68,7 +70,8 @@ def main(words: Sequence[str] | None = None) -> int:
 
 def _survey_all(settings: SurveySettings, command: str) -> int:
     """Surveys the tasks that have the words; returns 1 where one failed."""
-    names = [name for name in TASKS if all(word.lower() in name.lower() for word in settings.words)]
+    named = [TASKS.entry(name).name for name in settings.tasks] or list(TASKS)
+    names = [name for name in named if all(word.lower() in name.lower() for word in settings.words)]
     if not names:
         raise ConfigError(f"No task has the words {' and '.join(settings.words)} in its name.")
     failed = 0

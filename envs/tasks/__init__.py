@@ -35,6 +35,7 @@ _HUMANOID = _origin("HumanoidBench", "arXiv:2403.10506", "MIT; Unitree's H1 is B
 _ISAAC_LAB = _origin("Isaac Lab", "arXiv:2301.04195", "BSD 3-Clause; the ant's shapes are Gymnasium's, MIT")
 _SO101 = _origin("LeRobot's SO-101", "arXiv:2506.01844", "own scenes; the arm's dimensions are Apache-2.0")
 _TASK_ZOO = _origin("robosuite task zoo", "arXiv:2210.11339", "MIT")
+_MIMICGEN = _origin("RoboVerse: after MimicGen", "arXiv:2310.17596", "own primitives; ranges and rules alone")
 _METAWORLD = _origin("Meta-World 3", "arXiv:1910.10897", "MIT", family="Meta-World")
 
 
@@ -114,6 +115,14 @@ for _name, _target, _summary in (
     _add(_name, f"task_zoo.{_target}:{_name}", _summary, _TASK_ZOO, "tabletop")
 for _name, _entry in zoo.entries().items():
     _add(_name, f"task_zoo.multitask:{_name}", _entry.instructions[0], _TASK_ZOO, "tabletop")
+
+for _name, _target, _summary in (
+    ("Threading", "threading", "put a needle through a ring on a stand"),
+    ("ThreePieceAssembly", "three_pieces", "put a block into a frame, and a second one into the first"),
+    ("Coffee", "coffee", "put a pod into a coffee machine and shut its lid"),
+    ("MugCleanup", "mug_cleanup", "stand a mug in a drawer that is pulled open and pushed shut"),
+):
+    _add(_name, f"assembly.{_target}:{_name}", _summary, _MIMICGEN, "tabletop")
 
 for _name, _target, _summary in (
     ("stand", "locomotion:Stand", "stand upright and keep still for 20 s"),

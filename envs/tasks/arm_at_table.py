@@ -67,7 +67,7 @@ class ArmAtTable(Task):
 
     def __post_init__(self) -> None:
         for item in fields(self):
-            _check_option(f"task_kwargs.{item.name}", getattr(self, item.name), item.default)
+            check_option(f"task_kwargs.{item.name}", getattr(self, item.name), item.default)
 
     @property
     @override
@@ -141,7 +141,7 @@ class ArmAtTable(Task):
         return [way(up, hand_yaw(self.arm(state)), GRASP_OPEN_M, rise_s, pitch=self.down_pitch_rad)]
 
 
-def _check_option(key: str, value: Any, default: Any) -> None:
+def check_option(key: str, value: Any, default: Any) -> None:
     """Checks a size, a range or a switch of a task against its default.
 
     Raises:

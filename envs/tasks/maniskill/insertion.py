@@ -69,7 +69,7 @@ def insertion_way(
     ahead = -float(left @ axis)  # of where it is lined up
     off = float(np.linalg.norm(left + ahead * axis))
     lined = off < where.exact_m and max(abs(spin), abs(droop)) < where.exact_rad
-    if lined or ahead > 1.5 * FAR_M:
+    if lined or (ahead > 1.5 * FAR_M and off < FAR_M):
         return [at(0.0, 0.4 + (where.back_m - ahead) / where.speed_m_s, 0.2)]
     if off < FAR_M:
         return [at(-where.back_m, 0.3, 0.25)]

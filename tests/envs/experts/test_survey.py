@@ -38,6 +38,15 @@ def test_a_task_that_fails_is_named_and_the_others_go_on(tmp_path, monkeypatch):
     assert rows["PickCube"]["error"] == "no cube." and rows["StackCube"]["expert"] == 1.0
 
 
+def test_named_tasks_are_surveyed_and_no_others(tmp_path, monkeypatch, capsys):
+    results = tmp_path / "tasks.json"
+    monkeypatch.setattr(survey, "survey", lambda name, settings: {"episodes": settings.episodes})
+    assert survey.main(["tasks=[StackCube,PickCube]", f"results={results}"]) == 0
+    assert list(json.loads(results.read_text())) == ["PickCube", "StackCube"]
+    assert survey.main(["tasks=[PickCub]", f"results={results}"]) == 2
+    assert "Did you mean 'PickCube'?" in capsys.readouterr().err
+
+
 def test_words_that_no_task_has_are_refused(tmp_path, capsys):
     assert survey.main(["words=[submarine]", f"results={tmp_path / 'a.json'}"]) == 2
     assert "No task has the words submarine in its name." in capsys.readouterr().err
