@@ -17,6 +17,7 @@ from envs.core.errors import DatasetError
 from envs.scenario import RobotCfg
 from envs.state import EntityState
 from envs.tasks.base import Task
+from envs.tasks.robosuite.pick_place import BIN_1
 from roboverse_learn.data.importers.demonstration import (
     Demonstration,
     DemonstrationFile,
@@ -34,11 +35,15 @@ from roboverse_learn.data.importers.retarget import Poses, Retargeter, robot_of_
 from roboverse_learn.data.sources.importer import FileSource
 
 _NUTS = {"SquareNut0": "square_nut", "RoundNut0": "round_nut"}
+_GOODS = {"Milk0": "milk", "Bread0": "bread", "Cereal0": "cereal", "Can0": "can"}
+_SINGLE = ("PickPlaceMilk", "PickPlaceBread", "PickPlaceCereal", "PickPlaceCan")
 
 SCENES = {
     "NutAssembly": Scene("NutAssembly", _NUTS, also=("NutAssemblySquare", "NutAssemblyRound")),
     "NutAssemblySquare": Scene("NutAssemblySquare", _NUTS),
     "NutAssemblyRound": Scene("NutAssemblyRound", _NUTS),
+    "PickPlace": Scene("PickPlace", _GOODS, also=_SINGLE),
+    **{name: Scene(name, _GOODS) for name in _SINGLE},
     "Lift": Scene(
         "PickCube",
         {"cube": "cube"},
@@ -183,9 +188,8 @@ class _Motion(NamedTuple):
             mujoco.mj_kinematics(model, data)
             pos[row] = site.xpos
             mujoco.mju_mat2Quat(rot[row], site.xmat)
-        table = data.site("table_top").xpos[2]
         still = Poses(base.xpos[None].copy(), base.xquat[None].copy())
-        return cls(model, qpos, qvel, still, Poses(pos, rot), float(table))
+        return cls(model, qpos, qvel, still, Poses(pos, rot), _table_m(model, data))
 
     def panda(self, robot: RobotCfg) -> np.ndarray:
         """Returns the joints of a Panda in our order: its second finger counts the other way."""
@@ -226,6 +230,14 @@ class _Motion(NamedTuple):
     def _address(self, name: str) -> int:
         names = (name, name.replace("gripper0_", "gripper0_right_"))
         return int(_first(self.model.joint, names).qposadr[0])
+
+
+def _table_m(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    """Returns the height of what carries the objects: the table's top, or the lower side of the bins."""
+    names = [model.site(index).name for index in range(model.nsite)]
+    if "table_top" in names:
+        return float(data.site("table_top").xpos[2])
+    return float(data.body("bin1").xpos[2]) - BIN_1[2]
 
 
 def _first(find: Any, names: tuple[str, ...]) -> Any:

@@ -111,6 +111,7 @@ def test_a_sawyer_closes_the_box_with_our_arm():
         ("lift", "PickCube", {"variant": "lift"}, False),
         ("lift", "Lift", {}, True),
         ("stack", "Stack", {}, True),
+        ("pick-place", "PickPlace", {}, True),
     ],
 )
 def test_robosuites_recorded_states(name, task, kwargs, passes):
