@@ -14,10 +14,15 @@ def test_the_page_is_what_the_results_say():
 
 
 def test_each_task_is_named_with_its_rate_and_the_chains_with_their_length():
-    rows = {"calvin/D/open_drawer": {"expert": 0.75, "episodes": 20}, "calvin/A/open_drawer": {"expert": 1.0}}
+    rows = {
+        "calvin/D/open_drawer": {"expert": 0.75, "episodes": 20},
+        "calvin/A/open_drawer": {"expert": 1.0, "episodes": 10},
+    }
     text = calvin_page.page(rows, {0: 5, 7: 2})
     assert "| calvin/D/open_drawer | pull the handle to open the drawer | 75 % | 20 |" in text
     assert "1 of 34 tasks are counted in scene D; the expert reaches 80 % in 0 of them." in text
     assert "in 2 of the chains: average length **3.50** of 5." in text
     assert "| chains | 100.0 % | 100.0 % | 50.0 % | 50.0 % | 50.0 % |" in text
     assert all(f"| calvin/D/{task} |" in text for task in task_facts())
+    assert "it reaches 80 % in 1 of 1 in A:" in text
+    assert "| open_drawer | 100 % |" in text and "| close_drawer | not counted |" in text

@@ -18,3 +18,14 @@ def test_each_task_is_named_with_its_rate():
     assert f"| {name} | turn on the stove | 95 % | 20 |" in text
     assert "1 of 130 tasks are counted; the expert reaches 80 % in 1 of them." in text
     assert all(f"| {other} |" in text for other in entries())
+
+
+def test_libero_pro_is_summed_up_by_suite():
+    rows = {
+        "libero_pro/goal_swap/turn_on_the_stove": {"expert": 1.0, "episodes": 20},
+        "libero_pro/goal_swap/put_the_bowl_on_the_plate": {"expert": 0.6, "episodes": 5},
+    }
+    text = libero_page.page(rows)
+    assert "| libero_pro/goal_swap | 2 of 10 | 1 | 80 % | 5 to 20 |" in text
+    assert "| libero_pro/10_task | 0 of 10 | 0 |  |  |" in text
+    assert "### LIBERO-PRO" not in libero_page.page({}), "nothing is counted"

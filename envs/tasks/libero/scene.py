@@ -28,6 +28,9 @@ ARENA, MOUNT = "arena", "mount"
 OBJECT_FACES, FIXTURE_FACES = 1500, 3000
 """Triangles of one object and of one fixture."""
 
+IMAGE_SIZE = 256
+"""Pixels along a side of the image of a simplified mesh: a millimetre of an object 10 cm wide has two."""
+
 _FAMILIES = ("stable_hope_objects", "stable_scanned_objects", "turbosquid_objects", "articulated_objects")
 ALWAYS_THERE = "scenes/libero_kitchen_tabletop_base_style.xml"
 """A file of the assets, by which their folder is found."""
@@ -98,7 +101,8 @@ def scene_of(entry: Entry) -> Scene:
         source = asset_of(category)
         if source is None:
             raise problem.error(name, f"the installed assets have no '{category}', which '{name}' is")
-        path = imported(source, max_faces=OBJECT_FACES if free else FIXTURE_FACES, free=free)
+        faces = OBJECT_FACES if free else FIXTURE_FACES
+        path = imported(source, max_faces=faces, image_size=IMAGE_SIZE, free=free)
         parts[name] = parts_of(path)
         pos, rot = _rest_pose(problem, arena, name, source)
         objects.append(
