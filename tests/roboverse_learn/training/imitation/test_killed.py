@@ -55,9 +55,9 @@ run(Path(sys.argv[1]), Waits(int(sys.argv[2])))
 """
 
 
-def kill(folder: Path, kills: int) -> list[int]:
+def kill(folder: Path, kills: int, seed: int) -> list[int]:
     """Kills runs that resume from each other with SIGKILL; returns the step that each had logged."""
-    rng, reached, seen = random.Random(0), [], 0
+    rng, reached, seen = random.Random(seed), [], 0
     for number in range(kills):
         wanted, log = STEPS * (number + 1) // (kills + 1), folder.with_suffix(".log")
         program = imported_process.FIND_TESTS + WAITING
@@ -74,21 +74,30 @@ def kill(folder: Path, kills: int) -> list[int]:
     return reached
 
 
+@pytest.fixture(scope="module")
+def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that was left alone."""
+    folder = tmp_path_factory.mktemp("straight")
+    run(folder)
+    return folder
+
+
 @pytest.mark.long
-def test_a_run_killed_twice_ends_as_one_that_was_left_alone(tmp_path):
-    reached = kill(tmp_path / "killed", kills=2)
-    run(tmp_path / "straight")
+@pytest.mark.parametrize("seed", range(25))
+def test_a_run_killed_twice_ends_as_one_that_was_left_alone(tmp_path, straight, seed):
+    """Of all seeds, 50 kills."""
+    reached = kill(tmp_path / "killed", kills=2, seed=seed)
     assert reached == sorted(reached) and reached[-1] < STEPS
     newest = last_checkpoint(tmp_path / "killed")
     assert newest is not None and int(newest.name) % 6 == 0
 
     run(tmp_path / "killed")
-    assert losses(tmp_path / "killed") == losses(tmp_path / "straight")
-    straight, killed = (
-        tmp_path / name / "checkpoints/last/pretrained_model" for name in ("straight", "killed")
+    assert losses(tmp_path / "killed") == losses(straight)
+    whole, resumed = (
+        folder / "checkpoints/last/pretrained_model" for folder in (straight, tmp_path / "killed")
     )
     for name in ("model.safetensors", "config.json"):
-        assert (killed / name).read_bytes() == (straight / name).read_bytes()
+        assert (resumed / name).read_bytes() == (whole / name).read_bytes()
     # A killed save may leave a hidden folder; a listed checkpoint is whole.
     for folder in (tmp_path / "killed" / "checkpoints").glob("[0-9]*"):
         assert policies.load(folder).name == "act"
