@@ -8,9 +8,11 @@ and every process sees its GPU as the first: so each finds its loss in the compi
 """
 
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
+import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -95,7 +97,8 @@ class Trainings:
 
     def __init__(self, settings: ProcessesSettings) -> None:
         self.settings = settings
-        self._folder = tempfile.TemporaryDirectory()
+        self._folder = Path(tempfile.mkdtemp())
+        weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
         self._known: dict[Side, np.ndarray] = {}
         self._on_cpu = "device=cpu" in settings.words
 
@@ -140,7 +143,7 @@ class Trainings:
 
     def _run(self, key: Side, purpose: str = "measure") -> Path:
         policy, processes, batch = key
-        return Path(self._folder.name) / f"{purpose}-{policy}-in-{processes}-of-{batch}"
+        return self._folder / f"{purpose}-{policy}-in-{processes}-of-{batch}"
 
     @cached_property
     def _dataset(self) -> str:
@@ -151,7 +154,7 @@ class Trainings:
         from roboverse_learn.collect import collect_dataset
         from roboverse_learn.config.compose import compose
 
-        config = compose("train", [*self._words(POLICIES[0]), f"datasets_dir={self._folder.name}"])
+        config = compose("train", [*self._words(POLICIES[0]), f"datasets_dir={self._folder}"])
         return f"dataset={collect_dataset(config).root}"
 
     def _words(self, policy: str) -> list[str]:
