@@ -8,10 +8,11 @@ where the hand has to be.
 Position actuators as :mod:`envs.robots.franka` has them: gains of 4000 N·m/rad for the joints near the base
 and 2000 for those of the wrist, damping of a tenth.
 
-Kinova's motors are weak and its wrist is light: damping kd turns the whole force F of a motor round once a
-joint is F / kd faster than it should be, and a physics step dt at that force changes its speed by F dt / I.
-Where that is more than 2 F / kd the joint chatters. So its joints get a rotor inertia of I = kd dt / 2 with
-dt = 2 ms: 0.4 and 0.2 kg·m², as of a rotor of 4e-5 or 2e-5 kg·m² behind a gear of 1:100.
+The motors of Kinova's arms, Gen3 and Jaco, are weak and their wrists are light: damping kd turns the whole
+force F of a motor round once a joint is F / kd faster than it should be, and a physics step dt at that force
+changes its speed by F dt / I. Where that is more than 2 F / kd the joint chatters. So their joints get a
+rotor inertia of I = kd dt / 2 with dt = 2 ms: 0.4 and 0.2 kg·m², as of a rotor of 4e-5 or 2e-5 kg·m² behind
+a gear of 1:100.
 """
 
 from collections.abc import Sequence
@@ -129,4 +130,5 @@ JACO = _arm(
     ],
     (30.5, 30.5, 30.5, 30.5, 30.5, 6.8, 6.8),
     (3.192, 3.68, 0.0, 1.17, 0.05, 3.76, 3.142),
+    rotor_inertia=(0.4, 0.2),
 )

@@ -10,7 +10,7 @@ from envs.robots import ROBOTS
 from envs.scenario import ScenarioCfg
 from envs.tasks.tabletop import CONTROL_20_HZ
 
-ARMS = ("iiwa", "ur5e", "sawyer_panda", "kinova3")
+ARMS = ("iiwa", "ur5e", "sawyer_panda", "kinova3", "jaco")
 
 
 @pytest.mark.slow
@@ -35,8 +35,9 @@ def test_an_arm_comes_to_rest_after_a_jump_of_its_targets(name):
         assert error < 0.003, f"{name}, wrist turned by {turned}: {error:.3f} rad off after 1.2 s"
 
 
-def test_rotor_inertia_of_kinova_keeps_a_saturated_damper_stable():
-    for joint in (ROBOTS.get("kinova3").joints[index] for index in ROBOTS.get("kinova3").arm):
+@pytest.mark.parametrize("name", ["kinova3", "jaco"])
+def test_rotor_inertia_of_kinovas_arms_keeps_a_saturated_damper_stable(name):
+    for joint in (ROBOTS.get(name).joints[index] for index in ROBOTS.get(name).arm):
         assert joint.armature is not None
         assert joint.armature >= 0.5 * joint.kd * CONTROL_20_HZ.timestep_s
 
