@@ -1,4 +1,4 @@
-"""The table of robots on the page is that of the results, and says where a robot falls short."""
+"""The table of robots on the page is that of the results."""
 
 from pathlib import Path
 
@@ -12,11 +12,6 @@ def test_the_page_shows_the_measured_table():
     assert as_text(CELLS) in (ROOT / "docs/howto/add_a_robot.md").read_text(encoding="utf-8")
 
 
-BELOW = {("jaco", task) for task in ("NutAssembly", "NutAssemblySquare", "PickCube")}
-"""Robot and task of fewer than nine successes in ten episodes; the page says so."""
-
-
-def test_experts_succeed_on_every_robot_but_those_that_the_page_names():
+def test_experts_succeed_on_every_robot_in_nine_of_ten_episodes():
     assert len(CELLS) >= 24
-    low = {(c["robot"], c["task"]) for c in CELLS if c["num_successes"] < 0.9 * c["num_episodes"]}
-    assert low == BELOW
+    assert all(c["num_successes"] >= 0.9 * c["num_episodes"] for c in CELLS)
