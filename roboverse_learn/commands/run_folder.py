@@ -53,8 +53,14 @@ _STREAMS = ("training", "collection")
 def identity(config: TrainRunConfig) -> dict[str, Any]:
     """Returns the flat keys and values that decide what a run learns."""
     values = {key: value for key, value in to_values(config).items() if key not in _FREE}
-    for younger in ("simulator_settings", "scenario", "recipe", "robot"):  # without it a run keeps its name
-        if not values[younger]:
+    for younger in (
+        "simulator_settings",
+        "scenario",
+        "recipe",
+        "robot",
+        "only_corrections",
+    ):  # without it a run keeps its name
+        if younger in values and not values[younger]:
             del values[younger]
     if len(config.tasks) == 1:
         values["policy"].pop("tasks", None)

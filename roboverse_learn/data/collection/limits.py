@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+import os
 
 from envs.core.machine import num_cores
 from roboverse_learn.config.schema import CollectConfig
@@ -56,7 +57,7 @@ def num_encoders(config: CollectConfig) -> int:
     from envs.simulators import HANDLERS
 
     together = HANDLERS.get(config.env.simulator).steps_together and config.collect.num_workers == 1
-    if not together or num_cores() < LEAST_CORES:
+    if not together or num_cores() < LEAST_CORES or not hasattr(os, "memfd_create"):
         return 0
     return min(num_cores() // 2, MOST_ENCODERS, config.collect.num_demos // EPISODES_OF_ENCODER)
 

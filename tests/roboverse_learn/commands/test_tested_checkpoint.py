@@ -63,14 +63,14 @@ def images(tmp_path: Path) -> Path:
     return folder
 
 
-def tested(checkpoint: Path, *words: str) -> TestedCheckpoint:
+def to_test(checkpoint: Path, *words: str) -> TestedCheckpoint:
     return checkpoint_to_test(
         compose("evaluate", [f"checkpoint={checkpoint}", "preset=quick", "device=cpu", *words])
     )
 
 
 def test_checkpoint_is_identified_by_its_run(run: Path) -> None:
-    found = tested(run)
+    found = to_test(run)
     assert found.run == run.name
     assert (found.env.task, found.env.simulator, found.env.renderer, found.env.image_size) == (
         *("PickCube", "mujoco", "warp"),
@@ -86,13 +86,13 @@ def test_a_run_of_a_gpu_is_evaluated_where_there_is_none(run: Path) -> None:
     config = run / "config.yaml"
     config.write_text(config.read_text().replace("device: cpu", "device: cuda:7"))
     assert "device: cuda:7" in config.read_text()
-    assert tested(run).device == "cpu"
+    assert to_test(run).device == "cpu"
 
 
 def test_run_folder_means_its_last_checkpoint(run: Path) -> None:
     last = run / "checkpoints/000200/pretrained_model"
-    assert tested(run).checkpoint.resolve() == tested(last).checkpoint.resolve() == last.resolve()
-    assert tested(run).run == tested(last).run
+    assert to_test(run).checkpoint.resolve() == to_test(last).checkpoint.resolve() == last.resolve()
+    assert to_test(run).run == to_test(last).run
 
 
 @pytest.mark.slow
@@ -113,17 +113,17 @@ def test_run_folder_means_its_last_checkpoint(run: Path) -> None:
     ids=" ".join,
 )
 def test_different_evaluations_have_different_results_files(run: Path, words: list[str]) -> None:
-    changed = tested(run, *words).run
+    changed = to_test(run, *words).run
     assert changed != run.name and changed.startswith(f"{run.name}-")
     assert Path(changed).name == changed  # it is the name of a file
 
 
 def test_other_materials_have_a_results_file_of_their_own(run: Path, images: Path) -> None:
-    name = tested(run, f"materials=+{images}").run
+    name = to_test(run, f"materials=+{images}").run
     assert re.fullmatch(rf"{run.name}-\+images-[0-9a-f]{{8}}", name)
-    assert name != tested(run, f"materials={images}").run
+    assert name != to_test(run, f"materials={images}").run
     (images / "0.png").write_bytes((images / "1.png").read_bytes())
-    assert tested(run, f"materials=+{images}").run != name
+    assert to_test(run, f"materials=+{images}").run != name
 
 
 @pytest.mark.parametrize(
@@ -138,20 +138,20 @@ def test_other_materials_have_a_results_file_of_their_own(run: Path, images: Pat
 )
 def test_another_scene_of_a_checkpoint_without_a_run_is_in_its_name(tmp_path: Path, word: str) -> None:
     folder = write_checkpoint(tmp_path / "their run/model")
-    usual, other = (tested(folder, "task=PickCube", *words).run for words in ([], [word]))
+    usual, other = (to_test(folder, "task=PickCube", *words).run for words in ([], [word]))
     assert other.startswith(f"{usual}-") and Path(other).name == other
 
 
 def test_other_materials_of_a_checkpoint_without_a_run_are_in_its_name(tmp_path: Path, images: Path) -> None:
     folder = write_checkpoint(tmp_path / "their run/model")
-    usual, other = (tested(folder, "task=PickCube", *w).run for w in ([], [f"materials={images}"]))
+    usual, other = (to_test(folder, "task=PickCube", *w).run for w in ([], [f"materials={images}"]))
     assert other.startswith(f"{usual}-images-")
 
 
 def test_settings_of_a_simulator_are_checked_against_that_of_the_demonstrations(run: Path) -> None:
-    assert tested(run, "simulator_settings.impratio=5").env.simulator_settings == {"impratio": 5}
+    assert to_test(run, "simulator_settings.impratio=5").env.simulator_settings == {"impratio": 5}
     with pytest.raises(UnknownNameError, match=r"setting of simulator=mujoco 'impratoi'.*'impratio'"):
-        tested(run, "simulator_settings.impratoi=5")
+        to_test(run, "simulator_settings.impratoi=5")
 
 
 @pytest.fixture
@@ -164,13 +164,13 @@ def slow_run(run: Path) -> Path:
 
 
 def test_the_scene_of_the_demonstrations_is_that_of_the_evaluation(slow_run: Path) -> None:
-    found = tested(slow_run)
+    found = to_test(slow_run)
     assert found.env.scenario == {"physics": {"decimation": 50}, "room": None}
     assert found.run == slow_run.name
 
 
 def test_evaluation_overrides_have_precedence(slow_run: Path, caplog: pytest.LogCaptureFixture) -> None:
-    found = tested(slow_run, "scenario.cameras.front.fovy_deg=30")
+    found = to_test(slow_run, "scenario.cameras.front.fovy_deg=30")
     assert found.env.scenario["physics"] == {"decimation": 50}
     assert found.env.scenario["cameras"] == {"front": {"fovy_deg": 30}}
     assert found.run.startswith(f"{slow_run.name}-scenario-")
@@ -181,35 +181,37 @@ def test_a_light_of_the_demonstrations_can_be_changed_for_an_evaluation(run: Pat
     values = yaml.safe_load((run / "config.yaml").read_text())
     values["scenario"] = {"appearance": {"lights": [{"intensity": 0.25}, {"kind": "area"}]}}
     (run / "config.yaml").write_text(yaml.safe_dump(values))
-    first, second = tested(run, "scenario.appearance.lights.1.intensity=0.5").env.scenario["appearance"][
+    first, second = to_test(run, "scenario.appearance.lights.1.intensity=0.5").env.scenario["appearance"][
         "lights"
     ]
     assert (first["intensity"], second["kind"], second["intensity"]) == (0.25, "area", 0.5)
 
 
 def test_different_control_rate_warns(slow_run: Path, caplog: pytest.LogCaptureFixture) -> None:
-    assert tested(slow_run, "scenario.physics.decimation=25").env.scenario == {"room": None}  # the task's own
+    assert to_test(slow_run, "scenario.physics.decimation=25").env.scenario == {
+        "room": None
+    }  # the task's own
     assert "learned at 10 control steps per second and is evaluated at 20" in caplog.text
 
 
 def test_unknown_camera_of_the_demonstrations_is_refused(run: Path) -> None:
     with pytest.raises(UnknownNameError, match=r"key of scenario\.cameras 'fromt'.*Did you mean 'front'"):
-        tested(run, "scenario.cameras.fromt.fovy_deg=30")
+        to_test(run, "scenario.cameras.fromt.fovy_deg=30")
 
 
 @pytest.mark.parametrize("words", [["num_envs=3"], ["videos=0"], ["results_dir=elsewhere"]], ids=" ".join)
 def test_what_decides_no_episode_does_not_change_the_name(run: Path, words: list[str]) -> None:
-    assert tested(run, *words).run == run.name
+    assert to_test(run, *words).run == run.name
 
 
 def test_an_earlier_checkpoint_has_a_results_file_of_its_own(run: Path) -> None:
-    earlier = tested(run / "checkpoints/000100")
+    earlier = to_test(run / "checkpoints/000100")
     assert earlier.run == f"{run.name}-step100"
     assert step_of(earlier.checkpoint) == 100
 
 
 def test_a_checkpoint_without_a_run_names_its_images(tmp_path: Path) -> None:
-    found = tested(write_checkpoint(tmp_path / "their run/model"), "task=PickCube")
+    found = to_test(write_checkpoint(tmp_path / "their run/model"), "task=PickCube")
     assert (found.env.image_size, found.env.simulator, found.env.renderer) == (128, "mujoco", "warp")
     assert (found.training.level, found.training.dataset_hash, found.training.demonstrations) == (
         None,
@@ -223,7 +225,7 @@ def test_a_checkpoint_without_a_run_names_its_images(tmp_path: Path) -> None:
 def test_an_agent_without_a_run_sees_no_images(tmp_path: Path, name: str) -> None:
     content = {"type": name, "config": {}, "observation": {"observation.environment_state": 51}}
     folder = write_checkpoint(tmp_path / "their run/model", content)
-    found = tested(folder, "task=humanoid/walk", "simulator=newton")
+    found = to_test(folder, "task=humanoid/walk", "simulator=newton")
     assert (found.env.task, found.env.simulator, found.env.cameras) == ("humanoid/walk", "newton", ())
     assert found.env.image_size == 256
 
@@ -231,13 +233,13 @@ def test_an_agent_without_a_run_sees_no_images(tmp_path: Path, name: str) -> Non
 def test_an_agent_without_a_run_names_its_cameras(tmp_path: Path) -> None:
     seen = {"observation.images.wrist": 64, "observation.images.front": 64}
     folder = write_checkpoint(tmp_path / "model", {"type": "tdmpc2", "config": {}, "observation": seen})
-    found = tested(folder, "task=PickCube")
+    found = to_test(folder, "task=PickCube")
     assert (found.env.cameras, found.env.image_size) == (("wrist", "front"), 64)
 
 
 def test_two_checkpoints_without_a_run_do_not_share_a_results_file(tmp_path: Path) -> None:
     names = {
-        tested(write_checkpoint(tmp_path / str(n) / "run/model", weights=bytes([n])), "task=PickCube").run
+        to_test(write_checkpoint(tmp_path / str(n) / "run/model", weights=bytes([n])), "task=PickCube").run
         for n in range(3)
     }
     assert len(names) == 3
@@ -245,7 +247,7 @@ def test_two_checkpoints_without_a_run_do_not_share_a_results_file(tmp_path: Pat
 
 def test_a_checkpoint_without_a_run_needs_a_task(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"is in no run folder.*add task=<name>"):
-        tested(write_checkpoint(tmp_path / "model"))
+        to_test(write_checkpoint(tmp_path / "model"))
 
 
 def test_images_of_two_sizes_need_a_word(tmp_path: Path) -> None:
@@ -254,8 +256,8 @@ def test_images_of_two_sizes_need_a_word(tmp_path: Path) -> None:
     }
     folder = write_checkpoint(tmp_path / "model", ACT | {"input_features": images})
     with pytest.raises(ConfigError, match=r"sizes \[64, 128\]: add image_size=<pixels>"):
-        tested(folder, "task=PickCube")
-    assert tested(folder, "task=PickCube", "image_size=64").env.image_size == 64
+        to_test(folder, "task=PickCube")
+    assert to_test(folder, "task=PickCube", "image_size=64").env.image_size == 64
 
 
 def _drop(name: str) -> Callable[[Path], Any]:
@@ -279,13 +281,13 @@ def test_a_broken_checkpoint_is_named_before_anything_starts(
     folder = write_checkpoint(tmp_path / "model")
     damage(folder)
     with pytest.raises(PolicyError) as error:
-        tested(folder, "task=PickCube")
+        to_test(folder, "task=PickCube")
     assert said in str(error.value) and str(folder) in str(error.value)
 
 
 def test_a_folder_that_does_not_exist_is_named(tmp_path: Path) -> None:
     with pytest.raises(PolicyError, match="nowhere' does not exist"):
-        tested(tmp_path / "nowhere")
+        to_test(tmp_path / "nowhere")
 
 
 def test_the_protocol_follows_from_the_words() -> None:

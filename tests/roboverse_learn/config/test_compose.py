@@ -114,6 +114,7 @@ CHOSEN = {
     "policy.compile": False,
     "policy.cuda_graphs": False,
     "policy.bf16": False,
+    "view_shadows": True,
 }
 
 
@@ -160,10 +161,13 @@ def test_every_key_can_be_set_and_survives_the_saved_configuration(
     beside = {
         "source": "path=recorded.h5",
         "path": "source=robosuite",
+        "only_corrections": "source=teleop",
+        "policy.bank_wordings": "policy.swap_wordings=true",
         "cert": "key=k.pem",
         "key": "cert=c.pem",
     }
     words += [beside[key]] if key in beside else []
+    words += ["path=recorded"] if key == "only_corrections" else []
     augments = command in ("collect", "train") and key.startswith(("augment.", "from_dataset"))
     words += ["source=augment", "task=PickCube", "from=datasets/few"] if augments else []
     of_a_table = command == "sweep" and key in ("tasks", "levels", "seeds", "policies")
@@ -232,7 +236,7 @@ def test_command_line_overrides_yaml_overrides_dataclass() -> None:
     quick = yaml.safe_load((configs_folder() / "preset" / "quick.yaml").read_text())["collect"]["num_demos"]
     assert default != quick
     assert compose("train", []).collect.num_demos == default
-    assert compose("train", ["preset=quick"]).collect.num_demos == quick
+    assert compose("train", ["preset=quick", "policy=diffusion"]).collect.num_demos == quick
     assert compose("train", ["preset=quick", "num_demos=7"]).collect.num_demos == 7
     assert compose("train", ["num_demos=7", "preset=quick", "num_demos=8"]).collect.num_demos == 8
 

@@ -98,7 +98,7 @@ def test_what_is_no_demonstration_is_refused(tmp_path, folder, pick_env, lift_en
         find_files(RobosuiteFile, folder)
     with pytest.raises(DatasetError, match="not a complete HDF5 file"):
         judge(**given(folder / "b.h5"), env=pick_env)
-    file = write_robosuite(tmp_path / "lift.hdf5", lifted, env="PickPlace")
+    file = write_robosuite(tmp_path / "lift.hdf5", lifted, env="Juggle")
     with pytest.raises(DatasetError, match="no registered task is the same"):
         judge(**given(file, source="robosuite"), env=lift_env)
 
