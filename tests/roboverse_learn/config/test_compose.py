@@ -158,16 +158,9 @@ def test_every_key_can_be_set_and_survives_the_saved_configuration(
 ) -> None:
     value = another(key, at(default_values(command, policy), key))
     words = [*REQUIRED.get(command, []), *([f"policy={policy}"] if command == "train" else [])]
-    beside = {
-        "source": "path=recorded.h5",
-        "path": "source=robosuite",
-        "only_corrections": "source=teleop",
-        "policy.bank_wordings": "policy.swap_wordings=true",
-        "cert": "key=k.pem",
-        "key": "cert=c.pem",
-    }
-    words += [beside[key]] if key in beside else []
-    words += ["path=recorded"] if key == "only_corrections" else []
+    beside = {"source": "path=recorded.h5", "path": "source=robosuite", "cert": "key=k.pem", "key": "cert=c.pem"}
+    beside |= {"only_corrections": "source=teleop path=r", "policy.bank_wordings": "policy.swap_wordings=true"}
+    words += beside.get(key, "").split()
     augments = command in ("collect", "train") and key.startswith(("augment.", "from_dataset"))
     words += ["source=augment", "task=PickCube", "from=datasets/few"] if augments else []
     of_a_table = command == "sweep" and key in ("tasks", "levels", "seeds", "policies")
@@ -233,10 +226,12 @@ def test_numbers_arrive_as_they_were_typed(seed: int, lr: float, levels: set[int
 
 def test_command_line_overrides_yaml_overrides_dataclass() -> None:
     default = default_values("train")["collect"]["num_demos"]
-    quick = yaml.safe_load((configs_folder() / "preset" / "quick.yaml").read_text())["collect"]["num_demos"]
+    quick = yaml.safe_load((configs_folder() / "policy_preset" / "quick_act.yaml").read_text())["collect"][
+        "num_demos"
+    ]
     assert default != quick
     assert compose("train", []).collect.num_demos == default
-    assert compose("train", ["preset=quick", "policy=diffusion"]).collect.num_demos == quick
+    assert compose("train", ["preset=quick"]).collect.num_demos == quick
     assert compose("train", ["preset=quick", "num_demos=7"]).collect.num_demos == 7
     assert compose("train", ["num_demos=7", "preset=quick", "num_demos=8"]).collect.num_demos == 8
 
