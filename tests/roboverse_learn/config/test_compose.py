@@ -158,8 +158,9 @@ def test_every_key_can_be_set_and_survives_the_saved_configuration(
 ) -> None:
     value = another(key, at(default_values(command, policy), key))
     words = [*REQUIRED.get(command, []), *([f"policy={policy}"] if command == "train" else [])]
-    beside = {"source": "path=recorded.h5", "path": "source=robosuite", "cert": "key=k.pem", "key": "cert=c.pem"}
-    beside |= {"only_corrections": "source=teleop path=r", "policy.bank_wordings": "policy.swap_wordings=true"}
+    beside = {"source": "path=r.h5", "path": "source=robosuite", "cert": "key=k.pem", "key": "cert=c.pem"}
+    beside["only_corrections"] = "source=teleop path=r"
+    beside["policy.bank_wordings"] = "policy.swap_wordings=true"
     words += beside.get(key, "").split()
     augments = command in ("collect", "train") and key.startswith(("augment.", "from_dataset"))
     words += ["source=augment", "task=PickCube", "from=datasets/few"] if augments else []
