@@ -73,7 +73,7 @@ class CorrectionStudy:
 
     def __init__(self, settings: StudySettings, more: Sequence[str] = ()) -> None:
         self._settings, self._more = settings, tuple(more)
-        compose("train", [*self._words(), *more])  # a wrong word is told before the first collection
+        compose("train", [*self._words(), *more])  # a wrong word fails before the first collection
 
     def run(self) -> list[tuple[int, float, float]]:
         """Does what is missing; returns per round its demonstrations, and successes in % of both policies."""

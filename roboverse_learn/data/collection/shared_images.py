@@ -50,5 +50,7 @@ def shared(images: Mapping[str, np.ndarray]) -> Iterator[dict[str, Place]]:
                     left = left[os.write(file, left) :]
                 places[camera] = Place(f"/proc/{os.getpid()}/fd/{file}", values.shape)
             else:
-                raise OSError("Files without a name need Linux; collect with num_encoders=0.")
+                raise OSError(
+                    "Images are shared with processes on Linux alone; elsewhere threads encode them."
+                )
         yield places
