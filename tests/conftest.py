@@ -5,11 +5,15 @@ import os
 import re
 import signal
 import sys
+from collections.abc import Generator
+from multiprocessing import forkserver
+from typing import Any
 
 import pytest
 from xdist.remote import Producer
 from xdist.scheduler import LoadFileScheduling
 
+from envs.core.machine import scheduling_kept
 from tests import imported_process
 
 os.environ.setdefault("HF_HUB_OFFLINE", "1")
@@ -25,6 +29,20 @@ def pytest_configure() -> None:
     """Lets a test be interrupted where a shell began all of them in its background, which ignores Ctrl-C."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_fixture_setup() -> Generator[None, Any, Any]:
+    """Keeps LeRobot's encoder, where it writes in a fixture, from making all later tests real-time."""
+    with scheduling_kept():
+        return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call() -> Generator[None, Any, Any]:
+    """Keeps LeRobot's encoder, where it writes in a test, from making all later tests real-time."""
+    with scheduling_kept():
+        return (yield)
 
 
 ON_REQUEST = {"long", "gpu"}
@@ -50,6 +68,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 @pytest.fixture
 def forked_workers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Forks the workers of a collection, for tests of something else: new interpreters import for seconds."""
+    # A pool blocks SIGINT while its workers start: a fork server that began there would pass that on to all.
+    forkserver.ensure_running()
     monkeypatch.setattr(
         "roboverse_learn.data.collection.pool.get_context", lambda _: imported_process.CONTEXT
     )

@@ -27,6 +27,7 @@ CALLS = {
             "wait4",
         ),
         *("waitpid", "WNOHANG", "O_DIRECTORY", "O_NOFOLLOW", "O_CLOEXEC", "O_DIRECT", "memfd_create", "sync"),
+        *("sched_getscheduler", "sched_setscheduler", "sched_getparam", "sched_setparam", "sched_param"),
         *("startfile", "O_BINARY", "copy_file_range", "fdatasync", "posix_fadvise", "pipe2"),
     },
     "signal": {

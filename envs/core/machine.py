@@ -1,6 +1,8 @@
 """CPU cores and memory available to this process, on every operating system."""
 
+import contextlib
 import os
+from collections.abc import Iterator
 
 
 def num_cores() -> int:
@@ -12,6 +14,25 @@ def use_one_core() -> None:
     """Keeps this process on the first of its cores, where the system can."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+
+
+@contextlib.contextmanager
+def scheduling_kept() -> Iterator[None]:
+    """Gives the calling thread its scheduling policy back, where the system has such policies.
+
+    SVT-AV1, LeRobot's default video encoder, makes the thread of a root user that calls it real-time for
+    good (``SCHED_FIFO``, priority 99). Processes that this thread starts inherit that, and as many busy ones
+    as there are cores leave nothing to any other process.
+    """
+    if hasattr(os, "sched_getscheduler"):
+        policy, param = os.sched_getscheduler(0), os.sched_getparam(0)
+        try:
+            yield
+        finally:
+            if os.sched_getscheduler(0) != policy:
+                os.sched_setscheduler(0, policy, param)
+    else:
+        yield
 
 
 _WAIT_SETTINGS = ("OMP_WAIT_POLICY", "GOMP_SPINCOUNT", "KMP_BLOCKTIME")

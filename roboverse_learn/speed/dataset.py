@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from envs.core.errors import DatasetError
+from envs.core.machine import scheduling_kept
 from roboverse_learn.data.dataset.reader import ResidentDataset
 from roboverse_learn.data.dataset.schema import IMAGE_PREFIX, EpisodeData, make_features
 from roboverse_learn.data.dataset.video import EncoderConfig
@@ -238,12 +239,13 @@ def write_lerobot(root: Path, episodes: Sequence[EpisodeData], **options: Any) -
     for feature in features.values():
         feature["shape"] = tuple(feature["shape"])
     dataset = LeRobotDataset.create("roboverse/speed", fps=FPS, features=features, root=root, **options)
-    for episode in episodes:
-        for t in range(episode.length):
-            frame = {"observation.state": episode.states[t], "action": episode.actions[t], "task": TASK}
-            dataset.add_frame(frame | {CAMERA: episode.images["front"][t]})
-        dataset.save_episode()
-    dataset.finalize()
+    with scheduling_kept():
+        for episode in episodes:
+            for t in range(episode.length):
+                frame = {"observation.state": episode.states[t], "action": episode.actions[t], "task": TASK}
+                dataset.add_frame(frame | {CAMERA: episode.images["front"][t]})
+            dataset.save_episode()
+        dataset.finalize()
 
 
 if __name__ == "__main__":

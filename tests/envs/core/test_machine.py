@@ -7,10 +7,9 @@ import sys
 
 import pytest
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(sys.platform != "linux", reason="only GNU's runtime prints its spin count"),
-]
+from envs.core.machine import scheduling_kept
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="Linux's scheduler, GNU's runtime")
 _LIBRARIES = """
 import ctypes, importlib.util, pathlib
 import roboverse_learn
@@ -19,6 +18,7 @@ ctypes.CDLL(str(next(torch.glob("lib/libgomp*"))))  # reads the environment; tor
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("given", "spins"),
     [({}, 5000), ({"GOMP_SPINCOUNT": "1234"}, 1234), ({"OMP_WAIT_POLICY": "ACTIVE"}, 30_000_000_000)],
@@ -35,3 +35,11 @@ def test_waiting_threads_of_torch_sleep_unless_the_user_has_set_otherwise(given,
     found = re.search(r"GOMP_SPINCOUNT = '(\d+)'", done.stderr)
     assert found, done.stderr
     assert int(found[1]) == spins
+
+
+def test_a_thread_keeps_its_scheduling_whatever_a_library_sets():
+    before = os.sched_getscheduler(0)
+    with pytest.raises(ValueError, match="of the library"), scheduling_kept():
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+        raise ValueError("of the library")
+    assert os.sched_getscheduler(0) == before != os.SCHED_BATCH

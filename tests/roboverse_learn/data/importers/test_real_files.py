@@ -123,10 +123,10 @@ def test_robosuites_recorded_states(name, task, kwargs, passes):
             assert height[-1] - height.min() == pytest.approx(0.085, abs=2e-3)
 
 
-def test_no_task_of_ours_is_robosuites_pick_place():
+def test_robosuites_pick_place_is_refused_for_pick_cube_and_the_tasks_it_fits_are_named():
     from envs.core.errors import DatasetError
     from envs.tasks import TASKS
 
     path = real("robosuite_demos/panda_pick-place_demo.hdf5")
-    with pytest.raises(DatasetError, match="'PickPlace', and no registered task is the same"):
+    with pytest.raises(DatasetError, match=r"'PickPlace', which is not PickCube.* Give task=PickPlace or "):
         SOURCES.get("robosuite").file_type(path, TASKS.get("PickCube")())
