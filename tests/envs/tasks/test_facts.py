@@ -1,5 +1,7 @@
 """What listings show of a task without importing it, and what all tasks of a family share."""
 
+from dataclasses import dataclass
+
 import pytest
 
 from envs.core.errors import MissingExtraError
@@ -7,15 +9,28 @@ from envs.robots import ROBOTS
 from envs.tasks import TASKS
 
 
-def installed():
-    """Yields each task whose packages are installed, by its name."""
+@dataclass(frozen=True)
+class Facts:
+    """What one task says of itself."""
+
+    only_robot: str | None
+    first_robot: str
+    horizon: int
+
+
+@pytest.fixture(scope="module")
+def facts() -> dict[str, Facts]:
+    """Returns the facts of each task whose packages are installed, by its name."""
+    found = {}
     for name in TASKS:
         try:
             task = TASKS.get(name)()
-            _ = task.scenario  # LIBERO's tasks read their files only now
+            robots = task.scenario.robots  # LIBERO's tasks read their files only now
         except MissingExtraError:
             continue
-        yield name, task
+        only = task.robot.name if len(task.robots) == 1 else None
+        found[name] = Facts(only, robots[0].name, task.max_episode_steps)
+    return found
 
 
 def test_every_task_names_source_paper_and_licence():
@@ -26,18 +41,18 @@ def test_every_task_names_source_paper_and_licence():
 
 
 @pytest.mark.slow
-def test_every_robot_of_a_task_is_registered_under_its_name():
-    alone = {task.robot.name for _, task in installed() if len(task.robots) == 1}
+def test_every_robot_of_a_task_is_registered_under_its_name(facts):
+    alone = {task.only_robot for task in facts.values()} - {None}
     assert alone <= {*ROBOTS, "franka_wiper"}  # its sponge is a tool of one task
     assert all(ROBOTS.get(name).name == name and ROBOTS.entry(name).summary for name in ROBOTS)
 
 
-def test_tasks_of_a_family_share_robot_and_horizon():
+@pytest.mark.slow
+def test_tasks_of_a_family_share_robot_and_horizon(facts):
     families = {}
-    for name, task in installed():
+    for name, task in facts.items():
         info = TASKS.entry(name).info
         if "family" in info:
-            facts = (task.scenario.robots[0].name, task.max_episode_steps)
-            families.setdefault(info["family"], set()).add(facts)
+            families.setdefault(info["family"], set()).add((task.first_robot, task.horizon))
     assert families
-    assert all(len(facts) == 1 for facts in families.values()), families
+    assert all(len(shared) == 1 for shared in families.values()), families
