@@ -20,16 +20,6 @@ MOST_NAMES_CHARACTERS = 1500
 """A family whose names are longer than this in all is counted; its names are listed on request."""
 
 
-def tasks_in_short() -> str:
-    """Returns names and summaries, a family of tasks in one paragraph."""
-    alone, families = _grouped()
-    width = max(len(entry.name) for entry in alone)
-    lines = [f"  {entry.name:<{width}}  {entry.summary}" for entry in alone]
-    for name, members in families.items():
-        lines += [f"  {name}, {len(members)} tasks:", _names(members)]
-    return "\n".join(lines)
-
-
 def tasks_with(words: Sequence[str], datasets_dir: Path) -> str:
     """Returns a table of the tasks that have all of some words: in their name, their words or their source.
 

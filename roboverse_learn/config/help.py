@@ -11,6 +11,8 @@ from typing import Any
 import policies
 from envs.core.errors import unknown_name
 from envs.spec import EnvSpec
+from envs.tasks import TASKS
+from envs.tasks.suites import PAPER, SUITES, suite_tasks
 from roboverse_learn.config.compose import preset_names
 from roboverse_learn.config.keys import at, flat_keys, typed_key
 from roboverse_learn.config.scenario_overrides import SECTION, scenario_keys
@@ -149,10 +151,10 @@ def usage(command: str) -> str:
 
 
 def listing(datasets_dir: str | None = None, kinds: Sequence[str] = (), words: Sequence[str] = ()) -> str:
-    """Returns what has a name; with a folder of datasets, with all facts of the tasks.
+    """Returns what has a name; with a folder of datasets, also the names and all facts of the tasks.
 
     Args:
-        datasets_dir: Where demonstrations are counted, or None for names and summaries alone.
+        datasets_dir: Where demonstrations are counted, or None for a help text: of what is many, the number.
         kinds: Some of :data:`KINDS`; empty is all.
         words: Words that a listed task has, in its name, its words or its source.
     """
@@ -198,14 +200,21 @@ KINDS = (
 )
 """Sections of ``roboverse list``, in order."""
 
+_MANY = {"tasks": (TASKS.names, PAPER[:3]), "suites": (SUITES.names, ("paper", "libero", "metaworld"))}
+"""Kinds of which a help text gives the number and a few names."""
+
 
 def _named(kind: str, datasets_dir: str | None, words: Sequence[str] = ()) -> str:
     """Returns the lines of one kind, without its heading."""
+    if kind in _MANY and datasets_dir is None:
+        names, examples = _MANY[kind]
+        return f"  {len(names())} in all, such as {', '.join(examples)}. Their names: roboverse list {kind}"
     if kind == "tasks":
-        tasks = importlib.import_module("roboverse_learn.commands.task_list")
-        if words:
-            return tasks.tasks_with(words, Path(datasets_dir or "datasets"))
-        return tasks.tasks_in_short() if datasets_dir is None else tasks.tasks_in_detail(Path(datasets_dir))
+        tasks, folder = (
+            importlib.import_module("roboverse_learn.commands.task_list"),
+            Path(datasets_dir or ""),
+        )
+        return tasks.tasks_with(words, folder) if words else tasks.tasks_in_detail(folder)
     if kind == "suites":
         return _rows(list(_suites()))
     if kind == "policies":
@@ -227,10 +236,8 @@ def _named(kind: str, datasets_dir: str | None, words: Sequence[str] = ()) -> st
 
 def _suites() -> Iterator[tuple[str, str]]:
     """Yields each suite with the number of its tasks."""
-    suites = importlib.import_module("envs.tasks.suites")
-    for name in suites.SUITES:
-        tasks, summary = suites.suite_tasks(name), suites.SUITES.entry(name).summary
-        yield name, f"{len(tasks):>3} tasks  {summary}"
+    for name in SUITES:
+        yield name, f"{len(suite_tasks(name)):>3} tasks  {SUITES.entry(name).summary}"
 
 
 def _levels() -> Iterator[tuple[str, str]]:

@@ -259,7 +259,6 @@ def test_help_lists_what_there_is_with_defaults(words: list[str], capsys: pytest
     for heading in ("Usage", "Commands", "Tasks", "Policies", "Simulators", "Renderers", "Robots", "Presets"):
         assert f"{heading}:" in said
     for name in (
-        "PickCube",
         *policies.names(),
         *preset_names(),
         "mujoco",

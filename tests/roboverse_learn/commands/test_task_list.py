@@ -6,6 +6,7 @@ import pytest
 
 from envs.experts.record import ExpertRecord, SplitRecord
 from envs.tasks import TASKS
+from envs.tasks.suites import SUITES
 from roboverse_learn import cli
 from roboverse_learn.commands import task_list
 
@@ -47,13 +48,24 @@ def test_every_fact_of_a_task_is_in_its_row(tmp_path, monkeypatch):
 
 
 def test_every_task_is_named_once_and_families_are_paragraphs(tmp_path):
-    for text in (task_list.tasks_in_short(), task_list.tasks_in_detail(tmp_path)):
-        words = text.split()
-        for name in TASKS:
-            assert words.count(name) == 1 or name.startswith(("libero/", "libero_pro/")), name
-        assert "roboverse list tasks libero-90" in text
-        paragraph = [line for line in text.splitlines() if line.startswith("    ") and len(line.split()) > 1]
-        assert max(map(len, paragraph)) <= task_list.WIDTH
+    text = task_list.tasks_in_detail(tmp_path)
+    words = text.split()
+    for name in TASKS:
+        assert words.count(name) == 1 or name.startswith(("libero/", "libero_pro/")), name
+    assert "roboverse list tasks libero-90" in text
+    paragraph = [line for line in text.splitlines() if line.startswith("    ") and len(line.split()) > 1]
+    assert max(map(len, paragraph)) <= task_list.WIDTH
+
+
+@pytest.mark.parametrize("words", [["--help"], ["train", "--help"], ["evaluate", "--help"]])
+def test_a_help_text_counts_tasks_and_suites(words, capsys):
+    assert cli.main(words) == 0
+    said = capsys.readouterr().out
+    tasks, _, rest = said.partition("\nTasks:\n")[2].partition("\nSuites:\n")
+    assert tasks.startswith(f"  {len(TASKS.names())} in all, such as PickCube, StackCube, CloseBox. ")
+    assert tasks.endswith("roboverse list tasks") and "\n" not in tasks
+    assert rest.startswith(f"  {len(SUITES.names())} in all, such as paper, libero, metaworld. ")
+    assert "libero_pro/10_lan" not in said
 
 
 def test_the_command_counts_in_the_folder_it_is_given(tmp_path, capsys):
