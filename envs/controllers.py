@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import override
+from typing import Literal, override
 
 import numpy as np
 import torch
@@ -16,6 +16,9 @@ from envs.scenario import Quat, RobotCfg, Vec3
 from envs.simulators.base import EnvIds, Handler
 from envs.state import State
 
+Held = Literal["state", "zero", "last"]
+"""An entry of an action that holds still: the present reading of that name, 0, or the last action's."""
+
 
 class Controller(ABC):
     """Applies actions.
@@ -24,11 +27,14 @@ class Controller(ABC):
         names: What each entry of an action is, A of them.
         low: Least value of each entry, (A,) float32.
         high: Largest value of each entry, (A,) float32.
+        held: What each entry is in an action that holds still; empty where it follows from nothing that a
+            policy observes.
     """
 
     names: tuple[str, ...]
     low: np.ndarray
     high: np.ndarray
+    held: tuple[Held, ...] = ()
 
     @abstractmethod
     def apply(self, handler: Handler, actions: np.ndarray | Tensor, env_ids: EnvIds = None) -> None:
@@ -103,6 +109,8 @@ class JoinedController(TargetController):
         self.names = tuple(f"{robot}/{name}" for robot, part in parts.items() for name in part.names)
         self.low = np.concatenate([part.low for part in parts.values()])
         self.high = np.concatenate([part.high for part in parts.values()])
+        if all(part.held for part in parts.values()):
+            self.held = tuple(held for part in parts.values() for held in part.held)
         ends = np.cumsum([len(part.names) for part in parts.values()]).tolist()
         columns = [slice(start, end) for start, end in zip([0, *ends], ends, strict=False)]
         self._parts = list(zip(parts.values(), columns, strict=True))
@@ -147,6 +155,9 @@ class JointPositionController(TargetController):
         self.names = self._readings.names
         limits = self._readings.limits([joint.range for joint in joints])
         self.low, self.high = (np.array(ends, np.float32) for ends in limits)
+        # A finger that squeezes is not where its target is, which would let go of what it holds.
+        if all(joint.drive == "position" for joint in joints):
+            self.held = tuple("last" if joint.name in robot.gripper_joints else "state" for joint in joints)
         self._robot, self._driven = robot.name, list(robot.driven)
 
     @override
@@ -183,6 +194,7 @@ class HandDeltaController(TargetController):
     def __init__(self, robot: RobotCfg, delta_m: float = 0.05, delta_rad: float = 0.2) -> None:
         self.names = ("x", "y", "z", "yaw", *(["gripper"] if robot.gripper_joints else []))
         self.low, self.high = -np.ones(len(self.names), np.float32), np.ones(len(self.names), np.float32)
+        self.held = (*["zero"] * 4, *["last"] * len(self.names[4:]))
         self._robot, self._delta_m, self._delta_rad = robot, delta_m, delta_rad
         self._driven = list(robot.driven)
         self._fingers = list(robot.fingers)
@@ -274,6 +286,8 @@ class NormalizedPositionController(Controller):
         joints = [robot.joints[index] for index in robot.driven]
         self.names = tuple(joint.name for joint in joints)
         self.low, self.high = -np.ones(len(joints), np.float32), np.ones(len(joints), np.float32)
+        if all(joint.drive == "position" for joint in joints):
+            self.held = ("last",) * len(joints)
         limits = torch.tensor([joint.target_range or joint.range for joint in joints], dtype=torch.float64)
         self._robot, self._middle, self._half = robot.name, limits.mean(1), (limits[:, 1] - limits[:, 0]) / 2
 
@@ -306,6 +320,7 @@ class OffsetPositionController(Controller):
         self._arm = [i for i, joint in enumerate(robot.joints) if joint.name not in robot.gripper_joints]
         self.names = tuple(robot.joints[index].name for index in self._arm)
         self.low, self.high = -np.ones(len(self._arm), np.float32), np.ones(len(self._arm), np.float32)
+        self.held = ("last",) * len(self._arm)
         self._robot, self._scale = robot.name, scale_rad
         self._rest = torch.tensor(robot.default_qpos, dtype=torch.float64)
 
@@ -343,6 +358,7 @@ class PulledHandController(Controller):
     ) -> None:
         self.names = ("x", "y", "z", "gripper")
         self.low, self.high = -np.ones(4, np.float32), np.ones(4, np.float32)
+        self.held = ("zero", "zero", "zero", "last")
         self._robot, self._target, self._step_m = robot.name, target, step_m
         self._bounds = np.array([low, high])
         self._rot = torch.tensor(rot, dtype=torch.float64)

@@ -130,6 +130,7 @@ class OperationalSpaceController(Controller):
             )
         self.names = _NAMES if fingers else _NAMES[:-1]
         self.low, self.high = -np.ones(len(self.names), np.float32), np.ones(len(self.names), np.float32)
+        self.held = ("zero",) * len(self.names)
         self._robot, self._arm, self._fingers = robot, list(arm), list(fingers)
         self._driven = list(robot.driven)
         self._rest = np.array(robot.default_qpos)[self._arm]

@@ -28,7 +28,7 @@ def wrong_instructions(task: Task) -> tuple[str, ...]:
     benchmark = [name for name in TASKS if _BENCHMARK in TASKS.entry(name).tags and name != task.name]
     is_of_it = task.name in TASKS and _BENCHMARK in TASKS.entry(task.name).tags
     for names in (benchmark if is_of_it else [], _of_origin(task), benchmark):
-        others = tuple(text for text in _words_of(names) if not _might_be_same(task, text))
+        others = tuple(text for text in _words_of(names) if not might_be_same(task, text))
         if others:
             return others
     raise ConfigError(
@@ -57,7 +57,7 @@ def _words_of(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _might_be_same(task: Task, instruction: str) -> bool:
+def might_be_same(task: Task, instruction: str) -> bool:
     """Returns whether an instruction shares a verb and a noun with one of the task's, or is among them."""
     grammar = load_grammar()
     other = grammar.meaning(instruction)

@@ -35,6 +35,9 @@ class MtActConfig:
             episode says nothing of its scene. Only where all instructions of a task mean the same.
         bank_wordings: With ``swap_wordings``: also under the known wordings of its task's bank, which no
             demonstration needs to have.
+        wrong_instructions: Share of the samples that training shows an instruction that is wrong in their
+            scene, of another task or of none, with actions that hold still; so that a policy does nothing
+            when it is asked for something else.
         word_dropout: Of ``scratch``: share of the words that training hides, sampled for every sample.
         vision_backbone: ``keypoints``, a few convolutions, or three stages of a ResNet, with group
             normalization; both end in keypoints by spatial softmax, one network per camera.
@@ -64,6 +67,7 @@ class MtActConfig:
     num_buckets: int = 4096
     swap_wordings: bool = False
     bank_wordings: bool = False
+    wrong_instructions: float = 0.0
     word_dropout: float = 0.0
     vision_backbone: Backbone = "keypoints"
     conv_channels: tuple[int, ...] = (32, 64, 128)
@@ -104,15 +108,17 @@ class MtActConfig:
             raise PolicyError(f"policy.head must be regression or flow, given '{self.head}'.")
         if self.bank_wordings and not self.swap_wordings:
             raise PolicyError("policy.bank_wordings=true needs policy.swap_wordings=true, which draws them.")
-        if not self.word_dropout < 1.0:
-            raise PolicyError(f"policy.word_dropout must be below 1, given {self.word_dropout}.")
+        for name in ("word_dropout", "wrong_instructions"):
+            if not getattr(self, name) < 1.0:
+                raise PolicyError(f"policy.{name} must be below 1, given {getattr(self, name)}.")
         if not self.text_encoder:
             raise PolicyError("policy.text_encoder must be scratch or the folder of a model, given ''.")
 
 
 _LEAST = {
     **dict.fromkeys(("num_inference_steps", "max_words", "n_keypoints", "tokens_per_camera"), 1),
-    **dict.fromkeys(("text_layers", "n_encoder_layers", "word_dropout", "state_noise"), 0),
+    **dict.fromkeys(("text_layers", "n_encoder_layers", "state_noise"), 0),
+    **dict.fromkeys(("word_dropout", "wrong_instructions"), 0),
     "n_decoder_layers": 1,
     "num_buckets": 2,
 }

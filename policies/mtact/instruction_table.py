@@ -4,7 +4,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from policies.learned_tasks import Instructions
+from policies.learned_tasks import UNRELATED, Instructions
 
 
 class InstructionTable(nn.Module):
@@ -15,7 +15,7 @@ class InstructionTable(nn.Module):
     Attributes:
         names: The tasks.
         language: Numbers of the instructions (N, ...).
-        task: Which of N instructions is of which of M tasks, one-hot float32 (N, M).
+        task: Which of N instructions is of which of M tasks, one-hot float32 (N, M); 0 of an unrelated one.
         is_state: Entries of the state that an instruction's task has, bool (N, J).
         is_action: Entries of an action that it has, bool (N, A).
     """
@@ -51,7 +51,8 @@ class InstructionTable(nn.Module):
         }
         self.names = tuple(task.name for task in tasks)
         self.register_buffer("language", language, persistent=False)
-        self.register_buffer("task", functional.one_hot(index, len(tasks)).float(), persistent=False)
+        of_task = functional.one_hot(index - UNRELATED, len(tasks) + 1)[:, 1:]
+        self.register_buffer("task", of_task.float(), persistent=False)
         for name, (own, size) in sizes.items():
             is_own = torch.arange(size, device=device) < torch.tensor(own, device=device)[index, None]
             self.register_buffer(name, is_own, persistent=False)

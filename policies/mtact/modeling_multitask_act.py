@@ -18,6 +18,7 @@ from policies.mtact.decoders import FlowDecoder, RegressionDecoder
 from policies.mtact.instruction_table import InstructionTable
 from policies.mtact.sentence import VectorEncoder, WordsEncoder
 from policies.mtact.vision import FilmKeypointBackbone, FilmResNet
+from policies.mtact.wrong_instructions import WrongInstructions
 
 SENTENCE = "observation.sentence"
 """Key of sentence vectors (B, D) that are known already, in place of ``observation.language``."""
@@ -31,6 +32,7 @@ class MultitaskActPolicy(ChunkPolicy):
 
     Attributes:
         table: Instructions of the dataset that it is trained on, which its loss looks up by their index.
+        wrong: What training asks wrongly for a share of the samples; None where that is 0.
     """
 
     config_class: Any = MultitaskActConfig
@@ -40,6 +42,7 @@ class MultitaskActPolicy(ChunkPolicy):
         config.validate_features()
         super().__init__(config, MultitaskAct(config))
         self.table = InstructionTable()
+        self.wrong: WrongInstructions | None = None
 
     @torch.no_grad()
     def predict_action_chunk(self, batch: dict[str, Tensor], **_: Any) -> Tensor:

@@ -20,7 +20,8 @@ from policies.mtact.configuration_multitask_act import SHARED, MultitaskActConfi
 from policies.mtact.inputs_step import INPUTS_STEP, MtActInputsStep
 from policies.mtact.modeling_multitask_act import SENTENCE, MultitaskActPolicy
 from policies.mtact.processor_multitask_act import make_multitask_act_pre_post_processors
-from policies.objective import Loss
+from policies.mtact.wrong_instructions import WrongInstructions
+from policies.objective import Loss, Normalizer, normalizer_step
 from policies.packed_convolutions import packed
 from policies.swap_modules import replace_modules
 
@@ -43,6 +44,7 @@ class MtActPolicy(LeRobotPolicy):
     _mask_padding = False
     _state_noise = 0.0
     _swap_wordings = False
+    _wrong_share = 0.0
 
     def __init__(self, model: Any, processors: Processors) -> None:
         super().__init__(model, processors)
@@ -69,7 +71,7 @@ class MtActPolicy(LeRobotPolicy):
     def create(cls, features: Any, stats: Any, config: MtActConfig, device: str) -> "MtActPolicy":
         policy = super().create(features, stats, config, device)
         policy._mask_padding, policy._state_noise = config.mask_padding, config.state_noise
-        policy._swap_wordings = config.swap_wordings
+        policy._swap_wordings, policy._wrong_share = config.swap_wordings, config.wrong_instructions
         if config.text_encoder != "scratch":  # a checkpoint carries it, and need not say where it lay
             policy.model.config.text_encoder = Path(config.text_encoder).name
         task = LearnedTask(name="", state_size=policy._size(OBS_STATE), action_size=policy._size(ACTION))
@@ -87,6 +89,11 @@ class MtActPolicy(LeRobotPolicy):
                 )
         language = self._inputs_step.encode(instructions.texts).to(self.device)
         self.model.table.fill(instructions, language, self._size(OBS_STATE), self._size(ACTION))
+        if self._wrong_share:
+            normalizer = Normalizer(normalizer_step(self.preprocessor), self.device)
+            self.model.wrong = WrongInstructions(
+                self._wrong_share, instructions, normalizer, self._size(ACTION), self.device
+            )
         self.model.config.tasks = {
             task.name: {"state": task.state_size, "action": task.action_size}
             for task in instructions.tasks
@@ -151,6 +158,14 @@ class MtActPolicy(LeRobotPolicy):
 
     # --- learning -------------------------------------------------------------------------------
 
+    @property
+    @override
+    def delta_indices(self) -> dict[str, list[int]]:
+        deltas = super().delta_indices
+        if self._wrong_share:  # the action before the chunk, which a gripper that holds still keeps
+            deltas[ACTION] = [-1, *deltas[ACTION]]
+        return deltas
+
     @override
     def begin_training(self) -> None:
         if self.model.config.vision_backbone == "keypoints":
@@ -174,29 +189,52 @@ class MtActPolicy(LeRobotPolicy):
             return {OBS_LANGUAGE: language[index]}
         return {SENTENCE: self.model.model.sentence(language).index_select(0, index)}
 
+    def _asked_wrongly(self, batch: dict[str, Tensor], asked: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Returns instructions (B,), actions (B, T, A) and whether each sample's instruction is wrong (B,).
+
+        Args:
+            batch: As :attr:`delta_indices` has it, with the action before the chunk.
+            asked: The right instructions (B,).
+        """
+        wrong, actions = self.model.wrong, batch[ACTION]
+        task = self.model.table.task[batch[TASK_INDEX].flatten()].argmax(1)
+        is_wrong, drawn = wrong.draw(task)
+        still = wrong.still(task, batch[OBS_STATE], actions[:, 0])
+        actions = torch.where(is_wrong[:, None, None], still[:, None], actions[:, 1:])
+        return torch.where(is_wrong, drawn, asked), actions, is_wrong
+
     @override
     def loss(self, batch: dict[str, Tensor]) -> Loss:
         """Returns the mean error of the samples, and that of each task where there are several.
 
         The error of a sample is the mean over the entries that its task has, so that no task counts more for
-        having more joints.
+        having more joints. Samples with a wrong instruction are in no task's.
         """
         table, index = self.model.table, batch[TASK_INDEX].flatten()
         state = batch[OBS_STATE]
         if self._state_noise:
             state = state + self._state_noise * torch.randn_like(state)
-        words = self._words_of(table.reworded(index) if self._swap_wordings else index)
-        seen = {**batch, **words, OBS_STATE: state * table.is_state[index]}
+        asked = table.reworded(index) if self._swap_wordings else index
+        actions, is_wrong = batch[ACTION], None
+        if self.model.wrong is not None:
+            asked, actions, is_wrong = self._asked_wrongly(batch, asked)
+        seen = {**batch, **self._words_of(asked), OBS_STATE: state * table.is_state[index]}
         is_own = table.is_action[index]
-        errors = self.model.model.errors(self.model.inputs(seen), batch[ACTION], is_own)
+        errors = self.model.model.errors(self.model.inputs(seen), actions, is_own)
         counts = is_own[:, None].expand_as(errors)
         if self._mask_padding:
-            counts = counts & ~batch["action_is_pad"].unsqueeze(-1)
+            is_pad = batch["action_is_pad"]
+            if is_wrong is not None:  # holding still has no end
+                is_pad = is_pad[:, 1:] & ~is_wrong[:, None]
+            counts = counts & ~is_pad.unsqueeze(-1)
         of_samples = (errors * counts).sum((1, 2)) / counts.sum((1, 2)).clamp_min(1)
         loss, term = of_samples.mean(), self.model.model.decoder.term
         terms = {term: loss}
+        of_tasks = table.task[index]
+        if is_wrong is not None:
+            terms[f"{term}/still"] = (of_samples * is_wrong).sum() / is_wrong.sum().clamp_min(1)
+            of_tasks = of_tasks * ~is_wrong[:, None]
         if len(table.names) > 1:
-            of_tasks = table.task[index]
             means = (of_samples @ of_tasks) / of_tasks.sum(0).clamp_min(1.0)
             terms |= {f"{term}/{name}": mean for name, mean in zip(table.names, means, strict=True)}
         return loss, {name: value.detach() for name, value in terms.items()}

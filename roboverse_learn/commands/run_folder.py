@@ -64,6 +64,8 @@ def identity(config: TrainRunConfig) -> dict[str, Any]:
             del values[younger]
     if len(config.tasks) == 1:
         values["policy"].pop("tasks", None)
+    if not values["policy"].get("wrong_instructions", True):
+        del values["policy"]["wrong_instructions"]
     augment, usual = values["train"].get("augment", {}), AugmentConfig()
     for younger in ("hue", "convolution", "overlay", "swap", "swap_camera"):
         if augment.get(younger) == getattr(usual, younger):

@@ -152,11 +152,22 @@ def _instructions(infos: Sequence[DatasetInfo], groups: Sequence[_Group], tasks:
         first = next(group.name for group in groups if group.part == k)
         texts += info.tasks
         task_of += [tasks.index(own.get(text, first)) for text in info.tasks]
-    sizes = {group.name: [infos[group.part].shapes[key][0] for key in _PADDED] for group in groups}
-    learned = tuple(
-        LearnedTask(name=name, state_size=sizes[name][0], action_size=sizes[name][1]) for name in tasks
-    )
+    of_tasks = {group.name: infos[group.part] for group in groups}
+    learned = tuple(_learned_task(name, of_tasks[name]) for name in tasks)
     return Instructions(texts=tuple(texts), tasks=learned, task_of=tuple(task_of))
+
+
+def _learned_task(name: str, info: DatasetInfo) -> LearnedTask:
+    (state,), (action,) = (info.shapes[key] for key in _PADDED)
+    names = [info.features[key].get("names") for key in _PADDED]
+    state_names, action_names = (tuple(map(str, each)) if isinstance(each, list) else () for each in names)
+    return LearnedTask(
+        name=name,
+        state_size=state,
+        action_size=action,
+        state_names=state_names,
+        action_names=action_names,
+    )
 
 
 def _joined_info(

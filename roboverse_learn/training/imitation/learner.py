@@ -8,12 +8,15 @@ import policies
 from envs.core.errors import ConfigError
 from policies.base import listed
 from policies.learned_tasks import TASK_INDEX
+from roboverse_learn.commands.collected import of_task
 from roboverse_learn.training.imitation.estimate import estimate_training_s, plain_stats
 from roboverse_learn.training.imitation.wordings import with_bank_wordings
+from roboverse_learn.training.imitation.wrong_wordings import still_of, with_wrong_instructions
 from roboverse_learn.training.learners import Demonstrations, Learner
 from roboverse_learn.training.reporter import Reporter, TrainResult
 
 if TYPE_CHECKING:
+    from envs.tasks.base import Task
     from roboverse_learn.data.dataset.mixture import Mixture
     from roboverse_learn.data.dataset.reader import ResidentDataset
 
@@ -33,6 +36,9 @@ class ImitationLearner(Learner):
         config = self.config
         if check := policies.check_of(config.policy_name):
             check(config.policy, dataset_layout(config)[0])
+        if self._asks_wrongly:
+            for task in self._tasks().values():
+                still_of(task)
         if len(config.tasks) == 1:
             return
         if config.source != "expert":
@@ -42,6 +48,13 @@ class ImitationLearner(Learner):
             )
         if config.dataset:
             self._check_demonstrated()
+
+    @property
+    def _asks_wrongly(self) -> bool:
+        return bool(getattr(self.config.policy, "wrong_instructions", 0.0))
+
+    def _tasks(self) -> "dict[str, Task]":
+        return {name: of_task(self.config, name).env.make_task() for name in self.config.tasks}
 
     def _check_demonstrated(self) -> None:
         """Checks that a given dataset names all tasks of the run."""
@@ -85,6 +98,8 @@ class ImitationLearner(Learner):
         if instructions is not None:
             if getattr(self.config.policy, "bank_wordings", False):
                 instructions = with_bank_wordings(instructions)
+            if self._asks_wrongly:
+                instructions = with_wrong_instructions(instructions, self._tasks())
             policy.learn_instructions(instructions)
         settings = policy.training_config(self.config.train)
         return train(policy, data, settings, run_dir, seed=seed, reporter=reporter)

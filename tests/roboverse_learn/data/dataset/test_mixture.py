@@ -44,10 +44,13 @@ def test_frames_are_those_of_each_dataset_padded_with_zeros(folders, mixture):
 
 def test_instructions_are_counted_over_all_datasets_and_each_is_of_its_task(mixture):
     instructions = mixture.instructions
+    states = ("q0", "q1", "q2", "q3")
     assert instructions.texts == (*TEXTS["Right"], *TEXTS["Left"]) == mixture.info.tasks
     assert instructions.tasks == (
-        LearnedTask(name="Right", state_size=4, action_size=3),
-        LearnedTask(name="Left", state_size=4, action_size=2),
+        LearnedTask(
+            name="Right", state_size=4, action_size=3, state_names=states, action_names=("a0", "a1", "a2")
+        ),
+        LearnedTask(name="Left", state_size=4, action_size=2, state_names=states, action_names=("a0", "a1")),
     )
     assert instructions.task_of == (0, 0, 1)
 

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 import policies
+from policies.learned_tasks import UNRELATED, ZERO, Instructions
 from policies.mtact.config import MtActConfig
 from roboverse_learn.data.dataset.mixture import Mixture
 from roboverse_learn.training.config import TrainConfig
@@ -114,11 +115,35 @@ def test_each_task_has_its_curve(result, head):
         assert row["loss"] == pytest.approx(np.mean(means), rel=1e-4)
 
 
-def test_a_resumed_run_has_the_same_losses(mixture, tmp_path):
+def make_wrong(mixture, share: float):
+    """Returns a policy that is asked to sweep for a share of the samples, and then gives actions of 0."""
+    policy = make(mixture, replace(CONFIG, wrong_instructions=share))
+    own, num = mixture.instructions, len(mixture.instructions.texts)
+    tasks = tuple(replace(task, still=(ZERO,) * task.action_size) for task in own.tasks)
+    texts = (*own.texts, "sweep the stairs", "please walk")
+    wrong = ((num, num + 1),) * len(tasks)
+    policy.learn_instructions(
+        Instructions(texts=texts, tasks=tasks, task_of=(*own.task_of, UNRELATED, UNRELATED), wrong=wrong)
+    )
+    return policy
+
+
+def test_wrong_instructions_are_not_followed_and_right_ones_are(mixture, tmp_path):
+    result = train(make_wrong(mixture, 0.25), mixture, TRAIN, tmp_path)
+    policy = policies.load(result.checkpoint)
+    for task, (text, *_) in TEXTS.items():
+        still, _ = acted(policy, task, "sweep the stairs")
+        assert np.abs(still[:, 0]).mean() < 0.15, "the actions of 1 and -1 are not done"
+        assert error_of(policy, task, text) < 0.25
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_a_resumed_run_has_the_same_losses(mixture, tmp_path, share):
     config = replace(TRAIN, save_every=3, log_every=1, schedule="constant")
 
     def run(folder, steps):
-        train(make(mixture), mixture, replace(config, steps=steps), folder)
+        policy = make_wrong(mixture, share) if share else make(mixture)
+        train(policy, mixture, replace(config, steps=steps), folder)
         return [row["loss"] for row in read_metrics(folder)]
 
     straight = run(tmp_path / "straight", 6)
