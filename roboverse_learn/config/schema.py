@@ -4,6 +4,7 @@ Values come from here, then from the YAML deltas in ``configs/``, then from the 
 module is data only; :mod:`roboverse_learn.config.compose` reads words and files.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
@@ -46,14 +47,17 @@ def _not_negative(**values: float) -> None:
             raise ConfigError(f"{key} must be 0 or more, given {value}.")
 
 
-def _within_split(split: str, **counts: int) -> None:
-    """Checks that a split has enough episodes."""
-    size = len(load_split(split).episodes)
-    for key, count in counts.items():
-        if count > size:
-            raise ConfigError(
-                f"{key} must be at most {size:,}, the {split} split's episodes, given {count:,}."
-            )
+def _within_splits(splits: Sequence[Split], key: str, count: int) -> None:
+    """Checks that every split has enough episodes; the message is of the smallest one."""
+    sizes = {split: len(load_split(split).episodes) for split in splits}
+    smallest = min(sizes, key=lambda split: sizes[split])
+    if count <= sizes[smallest]:
+        return
+    other = "".join(f" or splits=[{split}]" for split in splits if count <= sizes[split])
+    raise ConfigError(
+        f"{key} must be at most {sizes[smallest]:,}, the {smallest} split's episodes, given {count:,}. "
+        f"Give {key}={sizes[smallest]}{other}."
+    )
 
 
 def _levels(*levels: int) -> None:
@@ -126,8 +130,7 @@ class EvaluationConfig:
             raise ConfigError("evaluate needs a split and a level, as in splits=[test] levels=[0,1,2,3].")
         check_instruction_tests(self.instructions, self.levels, self.width)
         _not_negative(videos=self.videos, protocol_seed=self.protocol_seed)
-        for split in self.splits:
-            _within_split(split, episodes=self.episodes)
+        _within_splits(self.splits, "episodes", self.episodes)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -174,7 +177,7 @@ class CollectConfig:
         source.check_keys(self)
         check_suite(self.suite, dataset=self.dataset)
         if not source.num_demos_is_most:
-            _within_split("train", num_demos=self.collect.num_demos)
+            _within_splits(("train",), "num_demos", self.collect.num_demos)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -106,7 +106,12 @@ def failure(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         (["evaluate", "checkpoint=x", "levels=[]"], "evaluate needs a split and a level"),
         (
             ["evaluate", "checkpoint=x", "episodes=5000"],
-            "episodes must be at most 1,000, the test split's episodes, given 5,000.",
+            "episodes must be at most 1,000, the test split's episodes, given 5,000. "
+            "Give episodes=1000 or splits=[train].",
+        ),
+        (
+            ["evaluate", "checkpoint=x", "episodes=100000"],  # of two splits, the one that allows fewer
+            "must be at most 1,000, the test split's episodes, given 100,000. Give episodes=1000.",
         ),
         (["train", "splits=[train]", "episodes=9001"], "episodes must be at most 9,000, the train split's"),
         (["leaderboard", "task=PickCube"], "Unknown key 'task' of leaderboard. Valid: prune_videos, results"),
