@@ -74,4 +74,6 @@ def _left_out(parts: Sequence[str]) -> str:
     again = len(keys) - len(set(keys))
     if not again:
         return ""
-    return f"\nleft out: {again} of the {len(keys)} episodes given; each task, level and index is kept once"
+    return (
+        f"\nleft out: {again} of the {len(keys)} episodes given, which are there already: each is kept once"
+    )

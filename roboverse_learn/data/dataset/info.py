@@ -205,9 +205,19 @@ def read_episodes(root: Path, *, with_stats: bool = False) -> list[dict[str, Any
     return rows
 
 
+_IDENTITY = (
+    *("task", "task_kwargs", "robot", "scenario", "simulator", "simulator_settings", "renderer"),
+    *("level", "channels", "split", "protocol_seed", "episode", "source_episode"),
+    *("source", "policy", "weights", "sources", "file_sha256", "demonstration"),
+)
+"""Metadata in which episodes of one pool index differ: their environment, and who demonstrated."""
+
+
 def episode_key(metadata: dict[str, Any]) -> str | None:
     """Returns the key that identifies a pool episode, or None for an episode of no pool."""
     if "episode" not in metadata:
         return None
-    names = ("task", "robot", "level", "channels", "split", "episode", "source_episode")
-    return json.dumps({name: metadata[name] for name in names if name in metadata}, sort_keys=True)
+    own = {name: metadata[name] for name in _IDENTITY if metadata.get(name) not in (None, "", {})}
+    if own.get("source") == "rerender":  # its first look is the recorded episode itself
+        del own["source"]
+    return json.dumps(own, sort_keys=True)

@@ -71,11 +71,11 @@ def _indices(info: DatasetInfo) -> range:
     return range(info.num_episodes)
 
 
-def _order(info: DatasetInfo, index: int) -> tuple[str, str, str, int]:
+def _order(info: DatasetInfo, index: int) -> tuple[str, str, str, int, str]:
     """Returns what merged episodes are sorted by."""
     metadata = info.episode_metadata[index]
-    words = (str(metadata.get(name, "")) for name in ("task", "level", "split"))
-    return (*words, int(metadata["episode"]))  # type: ignore[return-value]
+    task, level, split = (str(metadata.get(name, "")) for name in ("task", "level", "split"))
+    return task, level, split, int(metadata["episode"]), str(episode_key(metadata))
 
 
 def _is_in_all(key: str, infos: Sequence[DatasetInfo]) -> bool:

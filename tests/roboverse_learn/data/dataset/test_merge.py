@@ -8,10 +8,12 @@ from roboverse_learn.data.dataset.merge import merge
 from tests.roboverse_learn.data.synthetic_episodes import FEATURES, FPS, make_episode
 
 
-def write(root, indices):
+def write(root, indices, **facts):
     with DatasetWriter(root, fps=FPS, features=FEATURES, robot_type="franka") as writer:
         for index in indices:
-            writer.add_episode(make_episode(index, task=f"task {index % 2}"))
+            episode = make_episode(index, task=f"task {index % 2}")
+            episode.metadata |= facts
+            writer.add_episode(episode)
     return root
 
 
@@ -24,6 +26,28 @@ def test_the_result_does_not_depend_on_the_parts(tmp_path, open_with_lerobot):
     assert (merged.root / "meta/stats.json").read_text() == (whole / "meta/stats.json").read_text()
     dataset = open_with_lerobot(merged.root)
     assert [int(dataset[i]["index"]) for i in range(len(dataset))] == list(range(merged.num_frames))
+
+
+@pytest.mark.parametrize(
+    "facts",
+    [
+        {"simulator": "sapien"},
+        {"simulator_settings": {"njmax": 768}},
+        {"robot": "iiwa"},
+        {"renderer": "gl"},
+        {"task_kwargs": {"variant": "lift"}},
+        {"scenario": {"room": None}},
+        {"source": "teleop", "file_sha256": "5e"},
+        {"source": "policy", "policy": "ppo", "weights": "7a"},
+    ],
+    ids=lambda facts: next(iter(facts)),
+)
+def test_episodes_of_one_index_and_another_environment_or_demonstrator_are_all_kept(tmp_path, facts):
+    usual = {"simulator": "mujoco", "renderer": "warp", "task_kwargs": {}}
+    parts = [write(tmp_path / "a", [0, 1], **usual), write(tmp_path / "b", [1, 0], **(usual | facts))]
+    for order, out in ((parts, "ab"), (parts[::-1], "ba"), ([*parts, *parts], "ab")):
+        assert merge(order, tmp_path / out).num_episodes == 4
+    assert dataset_hash(tmp_path / "ab") == dataset_hash(tmp_path / "ba")
 
 
 def test_a_killed_merge_is_completed(tmp_path, monkeypatch):
