@@ -157,7 +157,7 @@ class Wipe(RobosuiteTask):
     def _summary(self, state: State) -> tuple[Array, Array, Array]:
         """Returns the share wiped off (N,), the middle of the rest (N, 3), and its radius (N,)."""
         places, left = self.dirt(state), self.left(state)
-        weight = left * 1.0
+        weight = left * constant((1.0,), places)
         count = weight.sum(-1)
         centre = (places * weight[..., None]).sum(1) / (count + 1e-9)[:, None]
         off = norm(places - centre[:, None]) * weight

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 
+import psutil
 import pytest
 
 from roboverse_learn import cli, doctor, extras
@@ -59,6 +60,24 @@ def test_a_process_that_crashes_or_hangs_is_a_reason(monkeypatch, program, reaso
     started = time.monotonic()
     assert reason in doctor._guarded(lambda: doctor._in_process("render", "warp"))["failed"]
     assert time.monotonic() - started < 30
+
+
+@pytest.mark.parametrize("percent", [97.0, 3.0])
+def test_a_speed_that_takes_too_long_is_no_failure_on_a_busy_machine(monkeypatch, percent):
+    real = subprocess.run
+    monkeypatch.setattr(doctor, "_PROBE_LIMIT_S", 0.1)
+    monkeypatch.setattr(psutil, "cpu_percent", lambda interval: percent)
+    monkeypatch.setattr(
+        doctor.subprocess,
+        "run",
+        lambda _, **how: real([sys.executable, "-c", "import time; time.sleep(60)"], **how),
+    )
+    said = doctor.as_text({"speed": doctor.speed()})
+    assert ("machine is busy" in said and "other programs use 97 % of the processor" in said) == (
+        percent > 50
+    )
+    assert said.count("slow no answer within 0.1 s") == (2 if percent > 50 else 0)
+    assert said.count("failed no answer within 0.1 s") == (0 if percent > 50 else 2)
 
 
 def test_the_default_renderer_and_the_videos_work_here():
