@@ -194,7 +194,7 @@ class HandDeltaController(TargetController):
     def __init__(self, robot: RobotCfg, delta_m: float = 0.05, delta_rad: float = 0.2) -> None:
         self.names = ("x", "y", "z", "yaw", *(["gripper"] if robot.gripper_joints else []))
         self.low, self.high = -np.ones(len(self.names), np.float32), np.ones(len(self.names), np.float32)
-        self.held = (*["zero"] * 4, *["last"] * len(self.names[4:]))
+        self.held = ("zero",) * 4 + ("last",) * len(self.names[4:])
         self._robot, self._delta_m, self._delta_rad = robot, delta_m, delta_rad
         self._driven = list(robot.driven)
         self._fingers = list(robot.fingers)

@@ -39,7 +39,7 @@ class HandPoseController(HandDeltaController):
         super().__init__(robot, delta_m, delta_rad)
         self.names = ("x", "y", "z", "roll", "pitch", "yaw", *self.names[4:])
         self.low, self.high = -np.ones(len(self.names), np.float32), np.ones(len(self.names), np.float32)
-        self.held = (*["zero"] * 6, *["last"] * len(self.names[6:]))
+        self.held = ("zero",) * 6 + ("last",) * len(self.names[6:])
         self.delta_m, self.delta_rad, self._lead_rad = delta_m, delta_rad, lead_rad
 
     @override

@@ -36,7 +36,7 @@ class HandTargetController(HandPoseController):
         super().__init__(robot)
         self.names = NAMES
         self.low, self.high = (np.array(limits, np.float32) for limits in LIMITS)
-        self.held = (*["state"] * 9, "last")
+        self.held = ("state",) * 9 + ("last",)
 
     @override
     def moved_targets(self, joints: Tensor, targets: Tensor, actions: np.ndarray | Tensor) -> Tensor:
