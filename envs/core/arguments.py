@@ -4,7 +4,7 @@ import inspect
 import logging
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 from types import NoneType, UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
@@ -39,7 +39,8 @@ def parse[T](command: str, settings: type[T], words: Sequence[str] | None = None
     """Parses arguments into settings; a field without an argument keeps its default.
 
     Values are written as on every command line: ``task=PickCube``, ``record=true``,
-    ``redraw=[PickCube,CloseBox]``. ``--help`` prints the settings' docstring and ends the program.
+    ``redraw=[PickCube,CloseBox]``. ``--help`` prints the settings' docstring and those of the dataclasses
+    that they inherit from, and ends the program.
 
     Args:
         command: What is run, such as ``"python -m envs.experts.check"``.
@@ -53,7 +54,8 @@ def parse[T](command: str, settings: type[T], words: Sequence[str] | None = None
     """
     words = sys.argv[1:] if words is None else words
     if {"-h", "--help", "help"} & set(words):
-        sys.stdout.write(f"{command} key=value …\n\n{inspect.getdoc(settings)}\n")
+        about = [inspect.cleandoc(cls.__doc__ or "") for cls in settings.__mro__ if is_dataclass(cls)]
+        sys.stdout.write("\n\n".join([f"{command} key=value …", *about]) + "\n")
         raise SystemExit(0)
     kinds = {name: kind for name, kind in get_type_hints(settings).items() if name in _names(settings)}
     values: dict[str, Any] = {}

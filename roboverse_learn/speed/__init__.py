@@ -3,11 +3,15 @@
 import subprocess
 import sys
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from envs.core.registry import Registry
 
-PROGRAMS: Registry[str] = Registry("speed program")
-"""Names to modules; each runs as a process, so that threads and GL are set before a simulator is imported."""
+if TYPE_CHECKING:
+    from roboverse_learn.speed.harness import Program
+
+PROGRAMS: "Registry[type[Program]]" = Registry("speed program")
+"""Each runs as a process, so that threads and GL are set before a simulator is imported."""
 
 for _name, _summary in {
     "throughput": "env.step against a bare mj_step loop; an image against MuJoCo's GL (needs libosmesa6)",
@@ -24,7 +28,8 @@ for _name, _summary in {
     "teleoperation": "teleoperation on one core: command to image, images, lateness of control steps",
     "startup": "roboverse list, --help and a first image, against an empty Python program",
 }.items():
-    PROGRAMS.add(_name, f"roboverse_learn.speed.{_name}", summary=_summary)
+    _class = _name.title().replace("_", "")
+    PROGRAMS.add(_name, f"roboverse_learn.speed.{_name}:{_class}", summary=_summary)
 
 
 def run(name: str, words: Sequence[str] = ()) -> int:
@@ -32,13 +37,13 @@ def run(name: str, words: Sequence[str] = ()) -> int:
 
     Args:
         name: Registered program.
-        words: Its settings, ``key=value``.
+        words: Its keys, ``key=value``.
 
     Returns:
-        Its exit code: 1 if a goal was missed or something could not be measured, 2 for wrong settings.
+        Its exit code: 1 if a goal was missed or something could not be measured, 2 for wrong keys.
 
     Raises:
         UnknownNameError: if there is no such program.
     """
-    module = str(PROGRAMS.entry(name).target)
-    return subprocess.run([sys.executable, "-m", module, *words], check=False).returncode
+    PROGRAMS.entry(name)
+    return subprocess.run([sys.executable, "-m", __name__, name, *words], check=False).returncode

@@ -6,27 +6,17 @@ CPU neither is compiled, and the sizes are small. The replay buffer is compared 
 ``SliceSampler`` over the same episodes.
 """
 
-import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, cast, override
 
 import torch
 
 from envs.core.errors import MissingExtraError
 from envs.core.extras import install_command
-from roboverse_learn.speed.harness import (
-    Call,
-    Goal,
-    Measurement,
-    Settings,
-    cuda_wait,
-    in_turns,
-    measurement,
-    program,
-    repeat,
-)
+from roboverse_learn.speed import harness
+from roboverse_learn.speed.harness import NO_GOAL, Call, DeviceProgram, Goal, Measurement, Parts, scaled
 
 OBSERVATION, OBSERVED, ACTIONS, EPISODE = "observation.environment_state", 51, 19, 1000
 STEPS, ENVS, SEQUENCES, HORIZON = 100_000, 100, 256, 4
@@ -35,87 +25,72 @@ GOAL = 2.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Scale:
-    """Sizes and repetitions of a measurement."""
-
-    model_size: Any  # size of TD-MPC2
-    sequences: int  # its sequences per update
-    plan_envs: int  # environments that are planned for at once
-    fasttd3_steps: int  # steps per update of FastTD3
-    fasttd3_dim: int  # width of its critics
-    updates: int  # timed calls of one turn
-    turns: int  # how often each side is timed
-
-
-GPU = Scale(
-    model_size=5, sequences=256, plan_envs=64, fasttd3_steps=32_768, fasttd3_dim=1024, updates=50, turns=5
-)
-CPU = Scale(model_size=1, sequences=4, plan_envs=1, fasttd3_steps=64, fasttd3_dim=64, updates=2, turns=2)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class AgentsSettings(Settings):
+class Agents(DeviceProgram):
     """Compares updates and planning to plain torch, and the replay buffer to TorchRL's.
 
     Attributes:
         parts: tdmpc2_update, tdmpc2_planning, fasttd3_update, replay.
-        device: ``auto``, ``cpu``, ``cuda``.
-        out: JSON file for the measurements.
+        model_size: Size of TD-MPC2.
+        sequences: Its sequences per update.
+        plan_envs: Environments that are planned for at once.
+        fasttd3_steps: Steps per update of FastTD3.
+        fasttd3_dim: Width of its critics.
+        updates: Timed calls of one turn; a replayed batch is small, so 50 times as many are sampled.
+        turns: How often each side is timed.
+        compile: Whether our side is compiled, which is recorded on a GPU too; None does so on a GPU.
     """
 
-    device: str = "auto"
+    model_size: int = scaled(gpu=5, cpu=1)
+    sequences: int = scaled(gpu=256, cpu=4)
+    plan_envs: int = scaled(gpu=64, cpu=1)
+    fasttd3_steps: int = scaled(gpu=32_768, cpu=64)
+    fasttd3_dim: int = scaled(gpu=1024, cpu=64)
+    updates: int = scaled(gpu=50, cpu=2)
+    turns: int = scaled(gpu=5, cpu=2)
+    compile: bool | None = None
+
+    @override
+    def measurements(self) -> Parts:
+        torch.set_float32_matmul_precision("high")
+        sized = self.sized()
+        size, goal = f"size {sized.model_size}", Goal(GOAL, applies=sized.device == "cuda")
+        update = f"TD-MPC2, update, {size}, batch {sized.sequences}"
+        planning = f"TD-MPC2, planning for {sized.plan_envs} envs, {size}"
+        fasttd3 = f"FastTD3, update, batch {sized.fasttd3_steps:,}"
+        return {
+            "tdmpc2_update": partial(sized.against_torch, update, tdmpc2_update, goal),
+            "tdmpc2_planning": partial(sized.against_torch, planning, tdmpc2_planning),
+            "fasttd3_update": partial(sized.against_torch, fasttd3, fasttd3_update),
+            "replay": sized.replay,
+        }
+
+    def against_torch(self, name: str, make: Callable[..., Call], goal: Goal = NO_GOAL) -> Measurement:
+        """Compares calls of what ``make`` returns, compiled and recorded, to those in plain torch."""
+        device, on_gpu = self.device, self.device == "cuda"
+        compile = on_gpu if self.compile is None else self.compile
+        ours = make(self, compile=compile, cuda_graphs=compile and on_gpu)
+        plain = make(self, compile=False, cuda_graphs=False)
+        name = f"{name} on {device}, plain torch / ours"
+        return harness.compare(name, ours, plain, goal, turns=self.turns, calls=self.updates, device=device)
+
+    def replay(self) -> Measurement:
+        """Compares batches of both replay buffers, sampled by one thread."""
+        from roboverse_learn.training.device import cpu_threads
+
+        device, turns, calls = self.device, 5 * self.turns, 50 * self.updates
+        name = f"replay, {SEQUENCES} sequences of {HORIZON} on {device}, TorchRL's SliceSampler / ours"
+        with cpu_threads(1, device):
+            ours, theirs = (make(OBSERVED, ACTIONS, device) for make in (our_sequences, torchrl_slices))
+            return harness.compare(name, ours, theirs, turns=turns, calls=calls, device=device)
 
 
-def parts(settings: AgentsSettings) -> Mapping[str, Callable[[], Measurement]]:
-    """Returns what is measured."""
-    from roboverse_learn.training.device import resolve_device
-
-    device = resolve_device(settings.device)
-    torch.set_float32_matmul_precision("high")
-    return measurements(GPU if device == "cuda" else CPU, device, compiled=device == "cuda")
-
-
-def measurements(scale: Scale, device: str, *, compiled: bool) -> Mapping[str, Callable[[], Measurement]]:
-    """Returns the measurements by name.
-
-    Args:
-        scale: How much.
-        device: Torch device.
-        compiled: Compile our side, and record it as CUDA graphs on a GPU.
-    """
-    size, goal = f"size {scale.model_size}", Goal(GOAL, applies=device == "cuda")
-    against_torch = {
-        "tdmpc2_update": (f"TD-MPC2, update, {size}, batch {scale.sequences}", tdmpc2_update, goal),
-        "tdmpc2_planning": (
-            f"TD-MPC2, planning for {scale.plan_envs} envs, {size}",
-            tdmpc2_planning,
-            Goal(),
-        ),
-        "fasttd3_update": (f"FastTD3, update, batch {scale.fasttd3_steps:,}", fasttd3_update, Goal()),
-    }
-
-    def compare(name: str, make: Callable[..., Call], goal: Goal) -> Measurement:
-        sides = (make(scale, device, compiled=compiled), make(scale, device))
-        return _compare(f"{name} on {device}, plain torch / ours", scale, device, sides, goal)
-
-    found = {part: partial(compare, *named) for part, named in against_torch.items()}
-    return {**found, "replay": partial(measure_replay, scale, device)}
-
-
-def _compare(name: str, scale: Scale, device: str, sides: tuple[Call, Call], goal: Goal) -> Measurement:
-    ours, baseline = (repeat(side, scale.updates) for side in sides)
-    seconds = in_turns(ours, baseline, scale.turns, wait=cuda_wait(device))
-    return measurement(name, seconds, goal, units=scale.updates)
-
-
-def tdmpc2_update(scale: Scale, device: str, *, compiled: bool = False) -> Call:
+def tdmpc2_update(scale: Agents, **form: Any) -> Call:
     """Returns an update of a fresh TD-MPC2 on a fixed batch."""
     from policies.tdmpc2.update import Sequences, Updater
 
-    policy = _tdmpc2(scale, device)
-    graphs = compiled and device == "cuda"
-    updater = Updater(policy.config, policy.model, [policy.discount], compile=compiled, cuda_graphs=graphs)
-    horizon, batch = policy.config.horizon, scale.sequences
+    policy = _tdmpc2(scale)
+    updater = Updater(policy.config, policy.model, [policy.discount], **form)
+    horizon, batch, device = policy.config.horizon, scale.sequences, scale.device
     given = Sequences(
         torch.randn(horizon + 1, batch, OBSERVED, device=device),
         torch.rand(horizon, batch, ACTIONS, device=device) * 2 - 1,
@@ -126,41 +101,36 @@ def tdmpc2_update(scale: Scale, device: str, *, compiled: bool = False) -> Call:
     return partial(updater.update, given)
 
 
-def tdmpc2_planning(scale: Scale, device: str, *, compiled: bool = False) -> Call:
+def tdmpc2_planning(scale: Agents, **form: Any) -> Call:
     """Returns the choice of actions in several environments at once."""
     from policies.tdmpc2.agent import Tdmpc2Agent
 
-    policy = _tdmpc2(scale, device)
-    graphs = compiled and device == "cuda"
-    agent = Tdmpc2Agent(
-        policy.config, policy.model, policy.discount, scale.plan_envs, compile=compiled, cuda_graphs=graphs
-    )
-    seen = torch.randn(scale.plan_envs, OBSERVED, device=device)
-    first = torch.zeros(scale.plan_envs, dtype=torch.bool, device=device)
+    policy = _tdmpc2(scale)
+    agent = Tdmpc2Agent(policy.config, policy.model, policy.discount, scale.plan_envs, **form)
+    seen = torch.randn(scale.plan_envs, OBSERVED, device=scale.device)
+    first = torch.zeros(scale.plan_envs, dtype=torch.bool, device=scale.device)
     return partial(agent.act, seen, first)
 
 
-def _tdmpc2(scale: Scale, device: str) -> Any:
+def _tdmpc2(scale: Agents) -> Any:
     from policies.tdmpc2.config import Tdmpc2Config
     from policies.tdmpc2.policy import Tdmpc2Policy
 
-    config = Tdmpc2Config(model_size=scale.model_size)
-    return Tdmpc2Policy.create(config, {OBSERVATION: OBSERVED}, ACTIONS, EPISODE, device)
+    config = Tdmpc2Config(model_size=cast(Any, scale.model_size))
+    return Tdmpc2Policy.create(config, {OBSERVATION: OBSERVED}, ACTIONS, EPISODE, scale.device)
 
 
-def fasttd3_update(scale: Scale, device: str, *, compiled: bool = False) -> Call:
+def fasttd3_update(scale: Agents, **form: Any) -> Call:
     """Returns an update of a fresh FastTD3; every second one updates the actor."""
     from policies.fasttd3.config import FastTd3Config
     from policies.fasttd3.policy import FastTd3Policy
     from policies.fasttd3.update import Updater
 
+    batch, device = scale.fasttd3_steps, scale.device
     config = FastTd3Config(critic_dim=scale.fasttd3_dim, actor_dim=scale.fasttd3_dim // 2)
     policy = FastTd3Policy.create(config, {OBSERVATION: OBSERVED}, ACTIONS, device)
-    on_gpu = compiled and device == "cuda"
-    updater = Updater(
-        config, policy.actor, policy.critics, policy.norm, compile=compiled, cuda_graphs=on_gpu, bf16=on_gpu
-    )
-    batch = scale.fasttd3_steps
+    bf16 = form["cuda_graphs"]
+    updater = Updater(config, policy.actor, policy.critics, policy.norm, **form, bf16=bf16)
     given = (
         torch.randn(batch, OBSERVED, device=device),
         torch.rand(batch, ACTIONS, device=device) * 2 - 1,
@@ -169,25 +139,6 @@ def fasttd3_update(scale: Scale, device: str, *, compiled: bool = False) -> Call
         torch.randn(batch, OBSERVED, device=device),
     )
     return partial(updater.update, *given)
-
-
-def measure_replay(scale: Scale, device: str) -> Measurement:
-    """Compares batches of both replay buffers, sampled by one thread.
-
-    Args:
-        scale: How often; a batch is small, so 50 times as many are sampled as there are updates.
-        device: Torch device.
-    """
-    from roboverse_learn.training.device import cpu_threads
-
-    count, turns = 50 * scale.updates, 5 * scale.turns
-    with cpu_threads(1, device):
-        ours, theirs = (
-            repeat(make(OBSERVED, ACTIONS, device), count) for make in (our_sequences, torchrl_slices)
-        )
-        seconds = in_turns(ours, theirs, turns, wait=cuda_wait(device))
-    name = f"replay, {SEQUENCES} sequences of {HORIZON} on {device}, TorchRL's SliceSampler / ours"
-    return measurement(name, seconds, Goal(), units=count)
 
 
 def our_sequences(observed: int, actions: int, device: str) -> Callable[[], Any]:
@@ -235,7 +186,3 @@ def torchrl_slices(observed: int, actions: int, device: str) -> Callable[[], Any
     }
     buffer.extend(TensorDict(fields, batch_size=[STEPS]).to(device))
     return buffer.sample
-
-
-if __name__ == "__main__":
-    sys.exit(program("agents", AgentsSettings, parts))

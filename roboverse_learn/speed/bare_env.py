@@ -4,20 +4,20 @@ It has the same scene, actions, size of the observation and length of the episod
 success, and the simplest reward. Shapes: N environments.
 """
 
-from typing import Any
-
 import torch
 from torch import Tensor
 
 from envs.controllers import HandDeltaController
-from envs.torch_env import EnvStep, EpisodeStatistics
-from roboverse_learn.speed.mujoco_warp import make_handler, put_physics
+from envs.torch_env import EnvStep
+from roboverse_learn.speed.mujoco_warp import put_physics
+from roboverse_learn.speed.simulators import launched
 
 _HORIZON = 100
+_STATE = ("qpos", "qvel", "ctrl", "mocap_pos")
 
 
 class BareEnv:
-    """See :class:`~envs.torch_env.TorchEnv`.
+    """What PPO needs of a :class:`~envs.torch_env.TorchEnv`; every episode starts from the env's own state.
 
     Args:
         num_envs: N.
@@ -30,38 +30,28 @@ class BareEnv:
         import mujoco_warp as mjw
 
         # Our handler compiles the model and samples the initial states; it does not step.
-        handler, scenario = make_handler(num_envs, device)
+        handler = launched("mujoco_warp", num_envs, settings={"device": device})
         self._on, self.num_envs, self.device = handler.on, num_envs, handler.on.torch
-        model = handler.physics_model
         self._model, self._data = put_physics(handler)
         self._graph = self._on.capture(lambda: mjw.step(self._model, self._data))
-        views = {name: self._on.tensor(getattr(self._data, name)) for name in (*_STATE, "site_xpos")}
-        self._views: dict[str, Tensor] = views
+        self._views = {name: self._on.tensor(getattr(self._data, name)) for name in (*_STATE, "site_xpos")}
         self._start = {name: getattr(handler.views, name).clone() for name in _STATE}
+        scenario, model = handler.scenario, handler.physics_model
         handler.close()
-        limits = torch.from_numpy(model.actuator_ctrlrange.T.copy()).to(views["ctrl"])
-        self._low, self._high, self._decimation = limits[0], limits[1], scenario.physics.decimation
-        robot = scenario.robots[0]
+        self._low, self._high = torch.from_numpy(model.actuator_ctrlrange.T.copy()).to(self._views["ctrl"])
+        robot, self._decimation = scenario.robots[0], scenario.physics.decimation
         self._controller = HandDeltaController(robot)
         self._hand = model.site(f"{robot.name}/{robot.ee_site}").id
         self.elapsed_steps = torch.zeros(num_envs, dtype=torch.long, device=self.device)
         self.observation_size = self.reset().shape[-1]
 
-    def seed(self, seed: int) -> None:
-        """Does nothing: every environment always starts from its own state."""
-        del seed
-
     def reset(self, mask: Tensor | None = None) -> Tensor:
         """Starts new episodes everywhere, or where ``mask`` (N,) says so."""
-        for name, view in self._views.items():
-            if name in self._start:
-                start = self._start[name]
-                chosen = start if mask is None else torch.where(_beside(mask, start), start, view)
-                view.copy_(chosen)
-        if mask is None:
-            self.elapsed_steps.zero_()
-        else:
-            self.elapsed_steps[mask] = 0
+        over = torch.ones_like(self.elapsed_steps, dtype=torch.bool) if mask is None else mask
+        for name, start in self._start.items():
+            view = self._views[name]
+            view.copy_(torch.where(over.view(-1, *[1] * (start.ndim - 1)), start, view))
+        self.elapsed_steps[over] = 0
         return self._observe()
 
     def step(self, actions: Tensor) -> EnvStep:
@@ -82,22 +72,8 @@ class BareEnv:
         """Sets a random elapsed time in every environment."""
         self.elapsed_steps = torch.randint(_HORIZON, (self.num_envs,), device=self.device)
 
-    def pop_statistics(self) -> EpisodeStatistics:
-        """Returns empty statistics."""
-        return EpisodeStatistics(0, float("nan"), float("nan"), float("nan"))
-
-    def close(self) -> None:
-        """Does nothing."""
-
     def _observe(self) -> Tensor:
-        views: Any = self._views
+        views = self._views
         gap = views["qpos"][:, 7:9].sum(-1, keepdim=True)
         parts = (views["qpos"], views["qvel"], views["ctrl"], views["mocap_pos"][:, 0], gap)
         return torch.cat((*parts, views["site_xpos"][:, self._hand]), -1)
-
-
-_STATE = ("qpos", "qvel", "ctrl", "mocap_pos")
-
-
-def _beside(mask: Tensor, values: Tensor) -> Tensor:
-    return mask.view(-1, *[1] * (values.ndim - 1))

@@ -6,36 +6,39 @@ our codec settings. Batches are those of an ACT training step: images, state, a 
 same random order, one thread each, from the same dataset.
 """
 
+import contextlib
 import itertools
 import logging
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, override
 
 import numpy as np
 
 from envs.core.errors import DatasetError
 from envs.core.machine import scheduling_kept
 from roboverse_learn.data.dataset.reader import ResidentDataset
-from roboverse_learn.data.dataset.schema import IMAGE_PREFIX, EpisodeData, make_features
+from roboverse_learn.data.dataset.schema import EpisodeData
 from roboverse_learn.data.dataset.video import EncoderConfig
 from roboverse_learn.data.dataset.writer import DatasetWriter
-from roboverse_learn.speed.harness import Goal, Measurement, Settings, in_turns, measurement, program
+from roboverse_learn.speed.harness import NO_GOAL, Goal, Measurement, Parts, Program, compare
+from roboverse_learn.speed.training import CAMERA, plain_features
+from roboverse_learn.training.device import cpu_threads
 
-FPS, CHUNK_SIZE, TASK = 20, 100, "lift the cube"
-CAMERA = IMAGE_PREFIX + "front"
+FPS, TASK = 20, "lift the cube"
+CHUNK = {"action": range(100)}
 WRITE_GOAL, READ_GOAL, BUSY_GOAL = Goal(3.0), Goal(10.0), Goal(0.4)
 _THREADS = _BUSY_PROCESSES = 2
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class DatasetSettings(Settings):
+class Dataset(Program):
     """Compares writing and reading a dataset to LeRobot.
 
     Attributes:
@@ -47,7 +50,6 @@ class DatasetSettings(Settings):
         batch_size: Frames of a batch that is read.
         batches: Batches of one turn.
         turns: How often each side is timed, after one turn that warms up.
-        out: JSON file for the measurements.
     """
 
     episodes: int = 3
@@ -57,134 +59,116 @@ class DatasetSettings(Settings):
     batches: int = 20
     turns: int = 1
 
+    @override
+    def measurements(self) -> Parts:
+        logging.disable(logging.WARNING)  # of the encoders
+        return {
+            "write": self.write,
+            "write_streaming": self.write_streaming,
+            "read": self.read,
+            "read_busy": self.read_busy,
+        }
 
-def parts(settings: DatasetSettings) -> Mapping[str, Callable[[], Measurement]]:
-    """Returns what is measured."""
-    logging.disable(logging.WARNING)  # of the encoders
-    return {
-        "write": partial(measure_write, settings, "defaults", WRITE_GOAL),
-        "write_streaming": partial(measure_write, settings, "streaming", Goal(), streaming=True),
-        "read": partial(measure_read, settings),
-        "read_busy": partial(measure_read_busy, settings),
-    }
+    def write(self, encoder: str = "defaults", goal: Goal = WRITE_GOAL, **options: Any) -> Measurement:
+        """Compares both writers, LeRobot's with these options, on the same frames, in seconds per frame."""
+        episodes, num_frames = self._synthetic_episodes(), self.episodes * self.length
+        with tempfile.TemporaryDirectory() as scratch:
+            folders = (Path(scratch) / str(number) for number in itertools.count())
 
+            def ours() -> None:
+                write_ours(next(folders), episodes)
 
-def measure_write(
-    settings: DatasetSettings, name: str, goal: Goal, *, streaming: bool = False
-) -> Measurement:
-    """Compares both writers on the same frames, in seconds per frame.
+            def theirs() -> None:
+                write_lerobot(next(folders), episodes, **options)
 
-    Args:
-        settings: How much is written.
-        name: Of LeRobot's encoder.
-        goal: Of the speed-up.
-        streaming: Whether LeRobot takes its streaming encoder, with our codec settings.
-    """
-    from lerobot.configs.video import RGBEncoderConfig
+            name = f"writing a frame, LeRobot ({encoder}) / ours"
+            return compare(name, ours, theirs, goal, turns=self.turns, units=num_frames)
 
-    options: dict[str, Any] = {}
-    if streaming:
+    def write_streaming(self) -> Measurement:
+        """Compares both writers, LeRobot's with its streaming encoder and our codec settings."""
+        from lerobot.configs.video import RGBEncoderConfig
+
         ours = EncoderConfig()
         codec = RGBEncoderConfig(vcodec="h264", preset=ours.preset, crf=ours.crf, g=ours.gop_size)
         # The queue holds an episode: a full one drops frames.
         options = {"streaming_encoding": True, "encoder_queue_maxsize": 10_000, "rgb_encoder": codec}
-    episodes = _episodes(settings)
-    with tempfile.TemporaryDirectory() as scratch:
-        folders = (Path(scratch) / str(number) for number in itertools.count())
-        seconds = in_turns(
-            lambda: write_ours(next(folders), episodes),
-            lambda: write_lerobot(next(folders), episodes, **options),
-            settings.turns,
-        )
-    num_frames = settings.episodes * settings.length
-    return measurement(f"writing a frame, LeRobot ({name}) / ours", seconds, goal, units=num_frames)
+        return self.write("streaming", NO_GOAL, **options)
 
+    def read(self) -> Measurement:
+        """Compares both readers on the same batches of one dataset, in seconds per sample.
 
-def measure_read(settings: DatasetSettings) -> Measurement:
-    """Compares both readers on the same batches of one dataset, in seconds per sample.
+        Raises:
+            DatasetError: if the two read different values.
+        """
+        import torch
+        from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-    Raises:
-        DatasetError: if the two read different values.
-    """
-    import torch
-    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+        with cpu_threads(1), tempfile.TemporaryDirectory() as scratch:
+            root = Path(scratch) / "dataset"
+            write_ours(root, self._synthetic_episodes())
+            started = time.perf_counter()
+            resident = ResidentDataset(root)
+            decoding_s = time.perf_counter() - started
+            shape = (1 + (self.turns + 1) * self.batches, self.batch_size)
+            order = np.random.default_rng(0).integers(0, len(resident), shape)
+            stamps = {key: [step / FPS for step in steps] for key, steps in CHUNK.items()}
+            stock = LeRobotDataset(
+                "roboverse/speed", root=root, video_backend="pyav", delta_timestamps=stamps, return_uint8=True
+            )
+            theirs = iter(torch.utils.data.DataLoader(stock, batch_sampler=order.tolist(), num_workers=0))
+            ours = (resident.sample(indices, CHUNK) for indices in order)
+            first, their_first = next(ours), next(theirs)
+            for key, values in first.items():
+                if not values.equal(their_first[key]):
+                    raise DatasetError(f"The readers disagree on '{key}'. Do not compare their speed.")
+            size, sides = self.batch_size, (partial(next, ours), partial(next, theirs))
+            what = f"reading a sample, batches of {size}, LeRobot / ours"
+            name = f"{what} (decoded beforehand in {decoding_s:.2f} s)"
+            return compare(name, *sides, READ_GOAL, turns=self.turns, calls=self.batches, units=size)
 
-    torch.set_num_threads(1)
-    size, count = settings.batch_size, settings.batches
-    with tempfile.TemporaryDirectory() as scratch:
-        root = Path(scratch) / "dataset"
-        write_ours(root, _episodes(settings))
-        started = time.perf_counter()
-        resident = ResidentDataset(root)
-        decoding_s = time.perf_counter() - started
-        shape = (1 + (settings.turns + 1) * count, size)
-        order = np.random.default_rng(0).integers(0, len(resident), shape)
-        stamps = {"action": [i / FPS for i in range(CHUNK_SIZE)]}
-        stock = LeRobotDataset(
-            "roboverse/speed", root=root, video_backend="pyav", delta_timestamps=stamps, return_uint8=True
-        )
-        theirs = iter(torch.utils.data.DataLoader(stock, batch_sampler=order.tolist(), num_workers=0))
-        ours = (resident.sample(indices, {"action": range(CHUNK_SIZE)}) for indices in order)
-        _check_equal(next(ours), next(theirs))
-        seconds = in_turns(partial(_take, ours, count), partial(_take, theirs, count), settings.turns)
-    name = f"reading a sample, batches of {size}, LeRobot / ours (decoded beforehand in {decoding_s:.2f} s)"
-    return measurement(name, seconds, READ_GOAL, units=count * size)
-
-
-def measure_read_busy(settings: DatasetSettings) -> Measurement:
-    """Compares our reader on two threads, beside two processes that compute all the time, to itself alone."""
-    import psutil
-    import torch
-
-    size, count = settings.batch_size, settings.batches
-    before = torch.get_num_threads()
-    torch.set_num_threads(_THREADS)
-    busy = [
-        psutil.Popen([sys.executable, "-c", "while True: pass"], stdout=subprocess.DEVNULL)
-        for _ in range(_BUSY_PROCESSES)
-    ]
-    try:
-        for process in busy:
-            process.suspend()
+    def read_busy(self) -> Measurement:
+        """Compares our reader on two threads beside two processes that compute all the time to it alone."""
         with tempfile.TemporaryDirectory() as scratch:
-            write_ours(Path(scratch) / "dataset", _episodes(settings))
+            write_ours(Path(scratch) / "dataset", self._synthetic_episodes())
             resident = ResidentDataset(Path(scratch) / "dataset")
-        order = np.random.default_rng(0).integers(0, len(resident), (count, size))
+        shape = (self.batches, self.batch_size)
+        order = np.random.default_rng(0).integers(0, len(resident), shape)
 
         def alone() -> None:
             for indices in order:
-                resident.sample(indices, {"action": range(CHUNK_SIZE)})
+                resident.sample(indices, CHUNK)
 
-        def beside() -> None:
-            for process in busy:
-                process.resume()
-            alone()
-            for process in busy:
-                process.suspend()
+        with cpu_threads(_THREADS), _suspended(_BUSY_PROCESSES) as busy:
 
-        seconds = in_turns(beside, alone, settings.turns)
+            def beside() -> None:
+                for process in busy:
+                    process.resume()
+                alone()
+                for process in busy:
+                    process.suspend()
+
+            name = f"reading a sample, {_THREADS} threads, alone / beside {_BUSY_PROCESSES} busy processes"
+            return compare(name, beside, alone, BUSY_GOAL, turns=self.turns, units=order.size)
+
+    def _synthetic_episodes(self) -> list[EpisodeData]:
+        return [synthetic_episode(index, self.length, self.size) for index in range(self.episodes)]
+
+
+@contextlib.contextmanager
+def _suspended(count: int) -> Iterator[list[Any]]:
+    """Yields processes that compute all the time once they are resumed."""
+    import psutil
+
+    command = [sys.executable, "-c", "while True: pass"]
+    processes = [psutil.Popen(command, stdout=subprocess.DEVNULL) for _ in range(count)]
+    try:
+        for process in processes:
+            process.suspend()
+        yield processes
     finally:
-        torch.set_num_threads(before)
-        for process in busy:
+        for process in processes:
             process.kill()
             process.wait()
-    name = f"reading a sample, {_THREADS} threads, alone / beside {_BUSY_PROCESSES} busy processes"
-    return measurement(name, seconds, BUSY_GOAL, units=count * size)
-
-
-def _take(batches: Any, count: int) -> None:
-    for _ in itertools.islice(batches, count):
-        pass
-
-
-def _check_equal(ours: dict[str, Any], theirs: dict[str, Any]) -> None:
-    for key, values in ours.items():
-        if not values.equal(theirs[key]):
-            raise DatasetError(f"The readers disagree on '{key}'. Do not compare their speed.")
-
-
-def _episodes(settings: DatasetSettings) -> list[EpisodeData]:
-    return [synthetic_episode(i, settings.length, settings.size) for i in range(settings.episodes)]
 
 
 def synthetic_episode(index: int, length: int, size: int) -> EpisodeData:
@@ -218,15 +202,11 @@ def synthetic_episode(index: int, length: int, size: int) -> EpisodeData:
     )
 
 
-def _features(episode: EpisodeData) -> dict[str, Any]:
-    height, width = episode.images["front"].shape[1:3]
-    states, actions = ([f"{letter}{i}" for i in range(9)] for letter in "qu")
-    return make_features(states, actions, {"front": (height, width)})
-
-
 def write_ours(root: Path, episodes: Sequence[EpisodeData]) -> None:
     """Writes with our writer."""
-    with DatasetWriter(root, fps=FPS, features=_features(episodes[0])) as writer:
+    with DatasetWriter(
+        root, fps=FPS, features=plain_features(episodes[0].images["front"].shape[1])
+    ) as writer:
         for episode in episodes:
             writer.add_episode(episode)
 
@@ -235,7 +215,7 @@ def write_lerobot(root: Path, episodes: Sequence[EpisodeData], **options: Any) -
     """Writes with LeRobot's writer."""
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-    features = _features(episodes[0])
+    features = plain_features(episodes[0].images["front"].shape[1])
     for feature in features.values():
         feature["shape"] = tuple(feature["shape"])
     dataset = LeRobotDataset.create("roboverse/speed", fps=FPS, features=features, root=root, **options)
@@ -246,7 +226,3 @@ def write_lerobot(root: Path, episodes: Sequence[EpisodeData], **options: Any) -
                 dataset.add_frame(frame | {CAMERA: episode.images["front"][t]})
             dataset.save_episode()
         dataset.finalize()
-
-
-if __name__ == "__main__":
-    sys.exit(program("dataset", DatasetSettings, parts))

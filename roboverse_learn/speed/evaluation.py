@@ -6,31 +6,39 @@ observation of every step, so every image is rendered. The clock is that of the 
 time that passes, less what other programs take.
 """
 
-import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, override
 
 from envs.core.errors import SimulatorError
-from roboverse_learn.speed.harness import Goal, Measurement, Settings, in_turns, measurement, program
+from roboverse_learn.speed.harness import Goal, Measurement, Parts, Program, compare
 
 TASK, LEVEL, SPLIT, SEED, NUM_EPISODES, TURNS = "PickCube", 0, "test", 0, 4, 3
 GOAL = Goal(5.0)
 
 
-def parts(_: Settings) -> Mapping[str, Callable[[], Measurement]]:
-    """Returns what is measured."""
-    return {"act": measure_evaluation}
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Evaluation(Program):
+    """Compares the evaluation of an ACT checkpoint to lerobot-eval.
+
+    Attributes:
+        parts: act.
+    """
+
+    one_core: ClassVar = True
+    environment: ClassVar = {"HF_HUB_OFFLINE": "1", "TQDM_DISABLE": "1"}
+
+    @override
+    def measurements(self) -> Parts:
+        return {"act": evaluation}
 
 
-def measure_evaluation(num_episodes: int = NUM_EPISODES, turns: int = TURNS) -> Measurement:
-    """Compares both, in seconds per episode; the checkpoint is loaded and the env built beforehand.
+def evaluation(num_episodes: int = NUM_EPISODES, turns: int = TURNS) -> Measurement:
+    """Compares both, in seconds per episode; all of an evaluation run at once.
 
-    Args:
-        num_episodes: Episodes of one evaluation, all at once.
-        turns: How often each is timed.
+    The checkpoint is loaded and the env built beforehand.
 
     Raises:
         SimulatorError: The two did not run the same episodes.
@@ -39,51 +47,41 @@ def measure_evaluation(num_episodes: int = NUM_EPISODES, turns: int = TURNS) -> 
     from lerobot.envs.factory import make_env_pre_post_processors
     from lerobot.scripts.lerobot_eval import eval_policy
 
-    import policies
     from benchmark.runner import evaluate_cell
     from envs.lerobot.env import RoboVerseEnvConfig
 
-    config, policy = _quick_policy()
-    with tempfile.TemporaryDirectory() as folder:
-        policy.save(Path(folder) / "pretrained_model")
-        policy = policies.load(folder)
-    env_config = RoboVerseEnvConfig(
-        task=TASK, level=LEVEL, split=SPLIT, image_size=config.env.image_size, cameras=config.env.cameras
-    )
+    size, cameras, policy = _quick_policy()
+    env_config = RoboVerseEnvConfig(task=TASK, level=LEVEL, split=SPLIT, image_size=size, cameras=cameras)
     env: Any
     (env,) = env_config.create_envs(num_episodes)[env_config.type].values()
     before, after = make_env_pre_post_processors(env_cfg=env_config, policy_cfg=policy.model.config)
     steps = (before, after, policy.preprocessor, policy.postprocessor)
-    begun: list[int] = []  # the episodes of LeRobot's side, which runs first in the warm-up turn
-    records: list[Any] = []
-    reset = env.reset
-
-    def noted_reset(**options: Any) -> Any:
-        result = reset(**options)
-        begun[:] = env.episodes.tolist()
-        return result
+    seeds = list(range(SEED, SEED + num_episodes))
+    env.reset(seed=seeds)  # as LeRobot's side does
+    episodes = env.episodes.tolist()
+    ran: dict[str, list[int]] = {}
 
     @torch.no_grad()
     def theirs() -> None:
-        env.reset = noted_reset
-        eval_policy(env, policy.model, *steps, num_episodes, start_seed=SEED)
-        env.reset = reset
+        found = eval_policy(env, policy.model, *steps, num_episodes, start_seed=SEED)
+        ran["LeRobot"] = [episode["seed"] for episode in found["per_episode"]]
 
     def ours() -> None:
-        records[:] = evaluate_cell(policy, env, begun, split=SPLIT, level=LEVEL, seed=SEED, policy_name="act")
+        records = evaluate_cell(policy, env, episodes, split=SPLIT, level=LEVEL, seed=SEED, policy_name="act")
+        ran["ours"] = [record.episode for record in records if record.length >= 50]
 
     def check() -> None:
-        if [record.episode for record in records] != begun or any(record.length < 50 for record in records):
+        if ran != {"LeRobot": seeds, "ours": episodes}:
             raise SimulatorError("The two evaluations are not of the same episodes: do not compare them.")
 
-    seconds = in_turns(ours, theirs, turns, clock=time.process_time, after=check)
+    name, clock = f"evaluation of ACT, {size}×{size}, LeRobot / ours", time.process_time
+    found = compare(name, ours, theirs, GOAL, turns=turns, units=num_episodes, clock=clock, after=check)
     env.close()
-    name = f"evaluation of ACT, {config.env.image_size}×{config.env.image_size}, LeRobot / ours"
-    return measurement(name, seconds, GOAL, units=num_episodes)
+    return found
 
 
-def _quick_policy() -> tuple[Any, Any]:
-    """Returns the configuration of ``preset=quick`` and its untrained policy."""
+def _quick_policy() -> tuple[int, tuple[str, ...], Any]:
+    """Returns image size, cameras and the untrained policy of ``preset=quick``, saved and loaded again."""
     import policies
     from roboverse_learn.commands.dataset_layout import dataset_layout
     from roboverse_learn.config.compose import compose
@@ -91,9 +89,7 @@ def _quick_policy() -> tuple[Any, Any]:
 
     config = compose("train", ["policy=act", f"task={TASK}", "preset=quick"])
     features, _, _ = dataset_layout(config)
-    return config, policies.create("act", features, plain_stats(features), config.policy)
-
-
-if __name__ == "__main__":
-    quiet = {"HF_HUB_OFFLINE": "1", "TQDM_DISABLE": "1"}
-    sys.exit(program("evaluation", Settings, parts, one_core=True, environment=quiet))
+    policy = policies.create("act", features, plain_stats(features), config.policy)
+    with tempfile.TemporaryDirectory() as folder:
+        policy.save(Path(folder) / "pretrained_model")
+        return config.env.image_size, config.env.cameras, policies.load(folder)

@@ -4,23 +4,21 @@ A time says as much about the machine as about the code. So every figure is the 
 taken in turns in one process.
 """
 
-import logging
 import os
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from envs.core.arguments import run_program
 from envs.core.atomic import write_json
-from envs.core.errors import MissingExtraError, RoboVerseError, unknown_name
+from envs.core.errors import MissingExtraError, RoboVerseError, SimulatorError, unknown_name
 from envs.core.machine import use_one_core
-
-log = logging.getLogger(__name__)
 
 type Call = Callable[[], object]
 
@@ -51,6 +49,9 @@ class Goal:
         return f"{'≥' if self.at_least else '≤'} {self.limit:.2f}{unit}{where}"
 
 
+NO_GOAL = Goal()
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Measurement:
     """Two times of one run.
@@ -79,159 +80,171 @@ class Measurement:
         return "reached" if (value >= goal.limit if goal.at_least else value <= goal.limit) else "missed"
 
 
-def in_turns(
+def compare(
+    name: str,
     ours: Call,
     baseline: Call,
-    turns: int,
+    goal: Goal = NO_GOAL,
     *,
+    turns: int,
+    calls: int = 1,
+    units: int = 1,
+    device: str = "cpu",
     clock: Callable[[], float] = time.perf_counter,
     before: Call | None = None,
     after: Call | None = None,
-    wait: Call | None = None,
-) -> np.ndarray:
+) -> Measurement:
     """Times two calls alternately, so that a machine that slows down slows both.
 
     The side that runs first alternates. One more turn, whose times are dropped, warms both up; the baseline
     runs first in it.
 
     Args:
+        name: What is compared.
         ours: Our side.
         baseline: What it is compared with.
+        goal: What the ratio is held against.
         turns: How often each is timed.
+        calls: Calls of each side in a turn.
+        units: Steps, frames or images of one call; the times are those of one.
+        device: Torch device, whose kernels are waited for before and after the calls of a side.
         clock: Returns seconds.
         before: Called before every turn, not timed.
         after: Called after every turn, not timed, such as a check that both computed the same.
-        wait: Waits for what was launched, before and after each call.
-
-    Returns:
-        Seconds of ours and of the baseline, (turns, 2).
     """
     seconds = np.zeros((turns + 1, 2))
-    pause = wait or (lambda: None)
+    wait = cuda_wait(device)
     for turn in range(turns + 1):
         if before is not None:
             before()
         for side in ((1, 0), (0, 1))[turn % 2]:
-            pause()
+            call = (ours, baseline)[side]
+            wait()
             started = clock()
-            (ours, baseline)[side]()
-            pause()
+            for _ in range(calls):
+                call()
+            wait()
             seconds[turn, side] = clock() - started
         if after is not None:
             after()
-    return seconds[1:]
+    return measurement(name, seconds[1:], goal, units=calls * units)
 
 
 def measurement(name: str, seconds: np.ndarray, goal: Goal, *, units: int = 1) -> Measurement:
-    """Returns the medians of the times of :func:`in_turns`.
-
-    Args:
-        name: What was compared.
-        seconds: Times of ours and of the baseline, (turns, 2).
-        goal: Its direction decides which ratio is meant.
-        units: Steps, frames or images of one call; the times are those of one.
-    """
+    """Returns the medians of times of ours and of the baseline, (turns, 2), each of so many units."""
     ours, baseline = seconds.T / units
     ratios = baseline / ours if goal.at_least and not goal.absolute else ours / baseline
-    return Measurement(
-        name=name,
-        ours_s=float(np.median(ours)),
-        baseline_s=float(np.median(baseline)),
-        ratio=float(np.median(ratios)),
-        goal=goal,
-    )
+    times = {"ours_s": float(np.median(ours)), "baseline_s": float(np.median(baseline))}
+    return Measurement(name=name, **times, ratio=float(np.median(ratios)), goal=goal)
 
 
-def repeat(call: Call, count: int) -> Call:
-    """Returns a call that makes ``count`` calls."""
-
-    def run() -> None:
-        for _ in range(count):
-            call()
-
-    return run
+def require_same_physics(gap: float, limit: float = 1e-5) -> None:
+    """Raises a :class:`SimulatorError` if the joints of two sides ended further apart than so many rad."""
+    if not gap <= limit:  # NaN is not <=
+        raise SimulatorError(f"The joints ended {gap:.2g} apart: this is not the same physics.")
 
 
-def cuda_wait(device: str) -> Call | None:
-    """Returns what waits for the kernels of a Torch device; None on a CPU."""
+def cuda_wait(device: str) -> Call:
+    """Returns what waits for the kernels of a Torch device; on a CPU it does nothing."""
+    if not device.startswith("cuda"):
+        return lambda: None
     import torch
 
-    return torch.cuda.synchronize if device.startswith("cuda") else None
+    return partial(torch.cuda.synchronize, device)
+
+
+type Parts = Mapping[str, Callable[[], Measurement]]
+"""What is measured, by the names that ``parts=[...]`` takes; each is called once."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Settings:
-    """Settings of every speed program.
+class Program:
+    """Keys of every speed program.
 
     Attributes:
         parts: What is measured, as in parts=[a,b]; all parts by default.
         out: JSON file for the measurements, written anew after each; none by default.
     """
 
+    one_core: ClassVar[bool] = False
+    """Whether it runs on one core."""
+    environment: ClassVar[Mapping[str, str]] = {}
+    """Environment variables that it sets where they are not set already."""
+
     parts: tuple[str, ...] = ()
     out: Path | None = None
 
+    def measurements(self) -> Parts:
+        """Returns all that can be measured."""
+        raise NotImplementedError
 
-def program[S: Settings](
-    name: str,
-    settings_class: type[S],
-    parts: Callable[[S], Mapping[str, Callable[[], Measurement]]],
-    words: Sequence[str] | None = None,
-    *,
-    one_core: bool = False,
-    environment: Mapping[str, str] | None = None,
-) -> int:
-    """Runs a speed program: reads its settings, measures its parts, prints one table.
 
-    Args:
-        name: Of the program, as in ``roboverse speed <name>``.
-        settings_class: Settings that its ``key=value`` words give.
-        parts: Returns the measurements by name; each is called once.
-        words: The words; those of this process by default.
-        one_core: Run on one core.
-        environment: Environment variables, where they are not set already.
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DeviceProgram(Program):
+    """Keys of a speed program for a GPU; on a CPU small sizes show that it works.
 
-    Returns:
-        1 if a goal is missed, a part failed or nothing was measured; 2 for wrong settings; else 0. A part
-        whose optional package is absent is reported as not measured.
+    Attributes:
+        device: ``auto``, ``cpu``, ``cuda``, ``cuda:1``. A size that is 0 becomes what suits the device.
     """
 
-    def run(settings: S) -> int:
-        logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
-        for key, value in (environment or {}).items():
+    device: str = "auto"
+
+    def sized(self) -> Self:
+        """Returns a copy with the device that is there, and with its sizes."""
+        from roboverse_learn.training.device import resolve_device
+
+        device = resolve_device(self.device)
+        sizes = {item.name: item.metadata[device] for item in fields(self) if item.metadata}
+        return replace(self, device=device, **{key: getattr(self, key) or sizes[key] for key in sizes})
+
+
+def scaled(gpu: int, cpu: int) -> Any:
+    """Returns the field of a size of a :class:`DeviceProgram`: 0, or what suits the device."""
+    return field(default=0, metadata={"cuda": gpu, "cpu": cpu})
+
+
+def program(name: str, kind: type[Program], words: Sequence[str] | None = None) -> int:
+    """Runs ``roboverse speed <name>``: reads its keys, measures its parts, prints one table.
+
+    Args:
+        name: Of the program.
+        kind: The program, whose fields are its keys.
+        words: Its keys, as in ``parts=[a]``; those of this process by default.
+
+    Returns:
+        1 if a goal is missed, a part failed or nothing was measured; 2 for wrong keys; else 0. A part whose
+        optional package is absent is reported as not measured.
+    """
+
+    def run(chosen: Program) -> int:
+        for key, value in chosen.environment.items():
             os.environ.setdefault(key, value)
-        if one_core:
+        if chosen.one_core:
             use_one_core()
-        available = parts(settings)
-        for part in settings.parts:
+        available = chosen.measurements()
+        for part in chosen.parts:
             if part not in available:
                 raise unknown_name(f"part of speed {name}", part, available)
         rows, failed = list[Row](), False
-        for part in settings.parts or available:
-            row, broken = _measure(part, available[part])
-            failed |= broken
-            rows.append(row)
-            sys.stderr.write(f"{'  '.join(_cells(row))}\n")  # now: the rest may take minutes
-            if settings.out is not None:
-                settings.out.parent.mkdir(parents=True, exist_ok=True)
-                write_json(settings.out, {"program": name, "rows": [_record(row) for row in rows]})
+        for part in chosen.parts or available:
+            try:
+                rows.append(available[part]())
+            except RoboVerseError as error:
+                rows.append((part, str(error)))
+                failed |= not isinstance(error, MissingExtraError)
+            sys.stderr.write(f"{'  '.join(_cells(rows[-1]))}\n")  # now: the rest may take minutes
+            if chosen.out is not None:
+                chosen.out.parent.mkdir(parents=True, exist_ok=True)
+                write_json(chosen.out, {"program": name, "rows": [_record(row) for row in rows]})
         sys.stdout.write(table(rows))
         results = [row.result for row in rows if isinstance(row, Measurement)]
         return int(failed or "missed" in results or not results)
 
-    return run_program(f"roboverse speed {name}", settings_class, run, words)
+    return run_program(f"roboverse speed {name}", kind, run, words)
 
 
 type Row = Measurement | tuple[str, str]
 """A measurement, or the name of a part that was not measured and the reason."""
-
-
-def _measure(part: str, measure: Callable[[], Measurement]) -> tuple[Row, bool]:
-    """Returns the row of a part, and whether it failed."""
-    try:
-        return measure(), False
-    except RoboVerseError as error:
-        return (part, str(error)), not isinstance(error, MissingExtraError)
 
 
 def table(rows: Sequence[Row]) -> str:
@@ -253,9 +266,8 @@ def _cells(row: Row) -> tuple[str, ...]:
 
 
 def _time(seconds: float) -> str:
-    scale, unit = next(
-        ((scale, unit) for scale, unit in ((1.0, "s"), (1e3, "ms")) if seconds * scale >= 1.0), (1e6, "µs")
-    )
+    units = ((1.0, "s"), (1e3, "ms"), (1e6, "µs"))
+    scale, unit = next((item for item in units if seconds * item[0] >= 1.0), units[-1])
     return f"{seconds * scale:.3g} {unit}" if seconds * scale < 1000 else f"{seconds * scale:.0f} {unit}"
 
 

@@ -10,18 +10,20 @@ Their packages ask for other versions than ours, so each peer may have a Python 
 ``roboverse speed peers robosuite=/other/venv/bin/python``.
 """
 
+import itertools
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import ClassVar, override
 
 import numpy as np
 
 from envs.core.errors import MissingExtraError, SimulatorError
-from roboverse_learn.speed.harness import Goal, Measurement, Settings, in_turns, measurement, program
+from roboverse_learn.speed.harness import Goal, Measurement, Parts, Program, compare
 
 GOALS = {
     ("maniskill", "state"): Goal(5.0),
@@ -37,7 +39,7 @@ TASK = "PickCube"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class PeersSettings(Settings):
+class Peers(Program):
     """Compares a control step to those of ManiSkill 3 and robosuite.
 
     Attributes:
@@ -47,8 +49,10 @@ class PeersSettings(Settings):
         size: Height and width of an image, pixels.
         steps: Control steps of one turn.
         turns: How often each side is timed.
-        out: JSON file for the measurements.
     """
+
+    one_core: ClassVar = True
+    environment: ClassVar = {"MUJOCO_GL": "osmesa", "OMP_NUM_THREADS": "1"}
 
     maniskill: str = sys.executable
     robosuite: str = sys.executable
@@ -56,48 +60,38 @@ class PeersSettings(Settings):
     steps: int = 100
     turns: int = 5
 
+    @override
+    def measurements(self) -> Parts:
+        return {f"{peer}_{sees}": partial(self.step, peer, sees) for peer, sees in GOALS}
 
-def parts(settings: PeersSettings) -> Mapping[str, Callable[[], Measurement]]:
-    """Returns what is measured."""
-    return {f"{peer}_{sees}": partial(measure_peer, settings, peer, sees) for peer, sees in GOALS}
+    def step(self, peer: str, sees: str) -> Measurement:
+        """Compares a step of another project's environment to one of ours; both see states or images.
 
+        Raises:
+            MissingExtraError: Its Python has no such package, or cannot make the environment.
+            SimulatorError: It ended while it was timed.
+        """
+        shown = "states" if sees == "state" else f"an image of {self.size}×{self.size}"
+        name, goal = f"a step with {shown}, {peer} / ours", GOALS[peer, sees]
+        with Peer(getattr(self, peer), peer, sees, self.size) as theirs:
+            step, close = _our_step(sees, self.size)
 
-def measure_peer(settings: PeersSettings, peer: str, sees: str) -> Measurement:
-    """Compares a step of another project's environment to one of ours.
+            def ours() -> None:
+                for _ in range(self.steps):
+                    step()
 
-    Args:
-        settings: How much is timed.
-        peer: ``maniskill`` or ``robosuite``.
-        sees: ``state``, or ``images`` for an image of one camera at every step.
+            def cpu_s() -> float:
+                return time.process_time() + theirs.cpu_s
 
-    Raises:
-        MissingExtraError: Its Python has no such package, or cannot make the environment.
-        SimulatorError: It ended while it was timed.
-    """
-    with Peer(getattr(settings, peer), peer, sees, settings.size) as theirs:
-        step, close = _our_step(sees, settings.size)
-        try:
-            seconds = in_turns(
-                lambda: [step() for _ in range(settings.steps)],
-                lambda: theirs.step(settings.steps),
-                settings.turns,
-                clock=lambda: time.process_time() + theirs.cpu_s,
-            )
-        finally:
-            close()
-    shown = "states" if sees == "state" else f"an image of {settings.size}×{settings.size}"
-    name = f"a step with {shown}, {peer} / ours"
-    return measurement(name, seconds, GOALS[peer, sees], units=settings.steps)
+            try:
+                other = partial(theirs.step, self.steps)
+                return compare(name, ours, other, goal, turns=self.turns, units=self.steps, clock=cpu_s)
+            finally:
+                close()
 
 
 class Peer:
-    """Another project's environment in a process of its own.
-
-    Args:
-        python: The interpreter that has its packages.
-        name: ``maniskill`` or ``robosuite``.
-        sees: ``state`` or ``images``.
-        size: Height and width of an image, pixels.
+    """Another project's environment in a process of its own, with the Python that has its packages.
 
     Attributes:
         cpu_s: CPU time of its steps so far, seconds.
@@ -161,21 +155,13 @@ def _our_step(sees: str, size: int) -> tuple[Callable[[], object], Callable[[], 
     env = RoboVerseEnv(TASK, split="test", num_threads=1, **options)
     env.reset(seed=0)
     hold = np.array(env.batch.scenario.robots[0].default_qpos, np.float32)
-    left = env.batch.max_episode_steps
+    numbers = itertools.count()
 
     def step() -> None:
-        nonlocal left
-        if not left:
+        if next(numbers) % env.batch.max_episode_steps == 0:
             env.reset()
-            left = env.batch.max_episode_steps
         observation, *_ = env.step(hold)
         if sees == "images":
             assert observation["pixels"]["front"].shape == (size, size, 3)
-        left -= 1
 
     return step, env.close
-
-
-if __name__ == "__main__":
-    quiet = {"MUJOCO_GL": "osmesa", "OMP_NUM_THREADS": "1"}
-    sys.exit(program("peers", PeersSettings, parts, one_core=True, environment=quiet))

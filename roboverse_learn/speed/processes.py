@@ -7,21 +7,22 @@ the first steps, in which kernels are still chosen, are not counted. All losses 
 and every process sees its GPU as the first: so each finds its loss in the compiler's cache.
 """
 
+import atexit
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
-import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cache, partial
 from pathlib import Path
+from subprocess import DEVNULL, Popen
+from typing import NamedTuple, override
 
 import numpy as np
 
 from envs.core.errors import SimulatorError
-from roboverse_learn.speed.harness import Goal, Measurement, Settings, measurement, program
+from roboverse_learn.speed.harness import Goal, Measurement, Parts, Program, measurement
 from roboverse_learn.speed.one_training import FAILED
 
 POLICIES = ("act", "diffusion")
@@ -31,14 +32,17 @@ SAME_BATCH_EACH = Goal(0.95)
 SAME_BATCH_IN_ALL = Goal(0.85)
 """Efficiency where the processes share the batch of one."""
 
-PARTS = tuple(f"{policy}{'_shared' * shared}" for policy in POLICIES for shared in (False, True))
 
-type Side = tuple[str, int, int]
-"""A policy, how many processes train it, and their samples of a step together."""
+class Side(NamedTuple):
+    """A policy, how many processes train it, and their samples of a step together."""
+
+    policy: str
+    processes: int
+    batch: int
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class ProcessesSettings(Settings):
+class Processes(Program):
     """Compares training in several processes, a GPU each, to training in one.
 
     Attributes:
@@ -49,7 +53,6 @@ class ProcessesSettings(Settings):
         steps: Gradient steps of a round.
         turns: Rounds of each training.
         words: Further words of ``roboverse train``, as in words=[dataset=mine,image_size=96].
-        out: JSON file for the measurements; it grows with each.
     """
 
     num_processes: int = 2
@@ -59,143 +62,117 @@ class ProcessesSettings(Settings):
     turns: int = 2
     words: tuple[str, ...] = ()
 
+    @override
+    def measurements(self) -> Parts:
+        return {part: partial(self.efficiency, side) for part, side in self.sides().items()}
 
-def parts(settings: ProcessesSettings) -> Mapping[str, Callable[[], Measurement]]:
-    """Returns what is measured."""
-    trainings = Trainings(settings)
-    return {part: partial(measure, part, trainings) for part in PARTS}
+    def sides(self) -> dict[str, Side]:
+        """Returns what is trained in several processes, by part."""
+        count, batch = self.num_processes, self.batch_size
+        return {
+            f"{policy}{suffix}": Side(policy, count, together)
+            for policy in POLICIES
+            for suffix, together in (("", count * batch), ("_shared", batch))
+        }
 
-
-def measure(part: str, trainings: "Trainings") -> Measurement:
-    """Compares the seconds of a sample per process: several at once, and one alone.
-
-    Args:
-        part: Of :data:`PARTS`. In those that are shared, several processes share the batch of one; in the
-            others each takes as large a batch.
-        trainings: Measures them.
-
-    Raises:
-        SimulatorError: Training ended with an error, whose last lines the message has.
-    """
-    policy, _, shared = part.partition("_")
-    count, batch = trainings.settings.num_processes, trainings.settings.batch_size
-    together = batch if shared else count * batch
-    sides = ((count, together), (1, batch))
-    seconds = np.stack(
-        [trainings.step_s(policy, processes, size) * processes / size for processes, size in sides], axis=1
-    )
-    title = f"{policy}, {together} samples a step in {count} processes, {batch} in one: efficiency"
-    return measurement(title, seconds, SAME_BATCH_IN_ALL if shared else SAME_BATCH_EACH)
-
-
-class Trainings:
-    """The trainings that are compared, each of which is run once.
-
-    Args:
-        settings: How much.
-    """
-
-    def __init__(self, settings: ProcessesSettings) -> None:
-        self.settings = settings
-        self._folder = Path(tempfile.mkdtemp())
-        weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
-        self._known: dict[Side, np.ndarray] = {}
-        self._on_cpu = "device=cpu" in settings.words
-
-    def step_s(self, policy: str, processes: int, batch: int) -> np.ndarray:
-        """Returns the seconds of a gradient step in each round, by the training's own clock, (turns,).
+    def efficiency(self, side: Side) -> Measurement:
+        """Compares the seconds of a sample per process: several at once, and one alone.
 
         Raises:
             SimulatorError: Training ended with an error, whose last lines the message has.
         """
-        from roboverse_learn.training.metrics import read_metrics
+        policy, count, together = side
+        alone = Side(policy, 1, self.batch_size)
+        seconds = [step_s(self, each) * each.processes / each.batch for each in (side, alone)]
+        name = f"{policy}, {together} samples a step in {count} processes, {alone.batch} in one: efficiency"
+        goal = SAME_BATCH_IN_ALL if together == alone.batch else SAME_BATCH_EACH
+        return measurement(name, np.stack(seconds, axis=1), goal)
 
-        key = policy, processes, batch
-        if key not in self._known:
-            assert self._compiled
-            settings = self.settings
-            rounds = [settings.first_step + settings.steps * turn for turn in range(settings.turns + 1)]
-            run = self._run(key)
-            launch = ["torch.distributed.run", "--standalone", f"--nproc_per_node={processes}", "-m"]
-            launch[1:1] = [] if self._on_cpu else ["--virtual-local-rank"]
-            self._wait({run: self._start(launch, key, run, rounds[-1])})
-            elapsed = {row["step"]: row["elapsed_s"] for row in read_metrics(run)}
-            self._known[key] = np.diff([elapsed[step] for step in rounds]) / settings.steps
-        return self._known[key]
+    @property
+    def on_cpu(self) -> bool:
+        """Whether the words say so."""
+        return "device=cpu" in self.words
 
-    @cached_property
-    def _compiled(self) -> bool:
-        """True once every loss that is needed is in the compiler's cache."""
-        count, batch = self.settings.num_processes, self.settings.batch_size
-        needed: dict[Side, None] = {}
-        for part in self.settings.parts or PARTS:
-            policy, _, shared = part.partition("_")
-            needed |= dict.fromkeys([(policy, 1, batch), *([(policy, 1, batch // count)] if shared else [])])
-        if not self._on_cpu:
-            runs = {self._run(key, "compile"): key for key in needed}
-            self._wait(
-                {
-                    run: self._start([], key, run, 1, {"CUDA_VISIBLE_DEVICES": str(place % count)})
-                    for place, (run, key) in enumerate(runs.items())
-                }
-            )
-        return True
+    def words_of(self, policy: str) -> list[str]:
+        """Returns the words of every training of a policy."""
+        return [f"policy={policy}", "task=PickCube", "preset=gpu", "num_demos=20", *self.words]
 
-    def _run(self, key: Side, purpose: str = "measure") -> Path:
-        policy, processes, batch = key
-        return self._folder / f"{purpose}-{policy}-in-{processes}-of-{batch}"
-
-    @cached_property
-    def _dataset(self) -> str:
-        """The dataset of all trainings; it is collected if the words name none."""
-        given = [word for word in self.settings.words if word.startswith("dataset=")]
-        if given:
-            return given[-1]
-        from roboverse_learn.collect import collect_dataset
-        from roboverse_learn.config.compose import compose
-
-        config = compose("train", [*self._words(POLICIES[0]), f"datasets_dir={self._folder}"])
-        return f"dataset={collect_dataset(config).root}"
-
-    def _words(self, policy: str) -> list[str]:
-        return [f"policy={policy}", "task=PickCube", "preset=gpu", "num_demos=20", *self.settings.words]
-
-    def _start(
-        self,
-        launch: list[str],
-        key: Side,
-        run: Path,
-        steps: int,
-        env: Mapping[str, str] | None = None,
-    ) -> subprocess.Popen[bytes]:
-        """Starts a training without a time limit."""
-        policy, _, batch = key
-        words = [*self._words(policy), self._dataset, f"run={run}", f"train.batch_size={batch}"]
-        words += [f"train.steps={steps}", f"train.save_every={steps}", "train.time_limit_s=null"]
-        words += [f"train.log_every={np.gcd(self.settings.first_step, self.settings.steps)}"]
-        modules = [*launch, "roboverse_learn.speed.one_training"]
-        own = {"ACCELERATE_USE_CPU": "true"} if self._on_cpu else {}
+    def start(self, run: Path, side: Side, steps: int, launcher: Sequence[str] = (), gpu: str = "") -> Popen:
+        """Starts a training without a time limit, on one GPU if it is named."""
+        words = [*self.words_of(side.policy), dataset(self), f"run={run}"]
+        words += [f"train.batch_size={side.batch}", "train.time_limit_s=null"]
+        words += [f"train.steps={steps}", f"train.save_every={steps}"]
+        words += [f"train.log_every={np.gcd(self.first_step, self.steps)}"]
+        command = [sys.executable, "-m", *launcher, "roboverse_learn.speed.one_training", *words]
+        own = {"ACCELERATE_USE_CPU": "true"} if self.on_cpu else {}
+        own |= {"CUDA_VISIBLE_DEVICES": gpu} if gpu else {}
         with run.with_suffix(".log").open("w") as log:
-            return subprocess.Popen(
-                [sys.executable, "-m", *modules, *words],
-                env=os.environ | own | dict(env or {}),
-                stdout=subprocess.DEVNULL,
-                stderr=log,
-            )
-
-    def _wait(self, started: Mapping[Path, subprocess.Popen[bytes]]) -> None:
-        """Waits for trainings by their runs.
-
-        Raises:
-            SimulatorError: One ended with an error.
-        """
-        for run, training in started.items():
-            if training.wait():
-                text = run.with_suffix(".log").read_text()
-                said = [line for line in text.splitlines() if line.startswith(FAILED)]
-                why = said[0].removeprefix(FAILED) if said else text.strip()[-2000:]
-                raise SimulatorError(f"The training {run.name} failed: {why}")
+            return Popen(command, env=os.environ | own, stdout=DEVNULL, stderr=log)
 
 
-if __name__ == "__main__":
-    sys.exit(program("processes", ProcessesSettings, parts))
+@cache
+def step_s(settings: Processes, side: Side) -> np.ndarray:
+    """Returns the seconds of a gradient step in each round, by the training's own clock, (turns,)."""
+    from roboverse_learn.training.metrics import read_metrics
+
+    if not settings.on_cpu:
+        compile_losses(settings)
+    rounds = [settings.first_step + settings.steps * turn for turn in range(settings.turns + 1)]
+    launcher = ["torch.distributed.run", "--standalone", f"--nproc_per_node={side.processes}", "-m"]
+    if not settings.on_cpu:
+        launcher.insert(1, "--virtual-local-rank")
+    run = scratch(settings) / f"measure-{side.policy}-in-{side.processes}-of-{side.batch}"
+    wait({run: settings.start(run, side, rounds[-1], launcher)})
+    elapsed = {row["step"]: row["elapsed_s"] for row in read_metrics(run)}
+    return np.diff([elapsed[step] for step in rounds]) / settings.steps
+
+
+@cache
+def compile_losses(settings: Processes) -> None:
+    """Puts every loss that is needed into the compiler's cache, spread over the GPUs."""
+    needed = dict[tuple[str, int], None]()
+    for part, side in settings.sides().items():
+        if not settings.parts or part in settings.parts:
+            batches = (settings.batch_size, side.batch // side.processes)
+            needed |= dict.fromkeys((side.policy, batch) for batch in batches)
+    started = {}
+    for place, (policy, batch) in enumerate(needed):
+        run = scratch(settings) / f"compile-{policy}-of-{batch}"
+        gpu = str(place % settings.num_processes)
+        started[run] = settings.start(run, Side(policy, 1, batch), 1, gpu=gpu)
+    wait(started)
+
+
+@cache
+def dataset(settings: Processes) -> str:
+    """Returns the word for the dataset of all trainings, which is collected if the words name none."""
+    given = [word for word in settings.words if word.startswith("dataset=")]
+    if given:
+        return given[-1]
+    from roboverse_learn.collect import collect_dataset
+    from roboverse_learn.config.compose import compose
+
+    config = compose("train", [*settings.words_of(POLICIES[0]), f"datasets_dir={scratch(settings)}"])
+    return f"dataset={collect_dataset(config).root}"
+
+
+@cache
+def scratch(_: Processes) -> Path:
+    """Returns a folder for the runs, which is removed when this process ends."""
+    folder = tempfile.mkdtemp()
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
+
+
+def wait(started: Mapping[Path, Popen]) -> None:
+    """Waits for trainings by their runs.
+
+    Raises:
+        SimulatorError: One ended with an error.
+    """
+    for run, training in started.items():
+        if training.wait():
+            text = run.with_suffix(".log").read_text()
+            said = [line for line in text.splitlines() if line.startswith(FAILED)]
+            why = said[0].removeprefix(FAILED) if said else text.strip()[-2000:]
+            raise SimulatorError(f"The training {run.name} failed: {why}")

@@ -6,34 +6,36 @@ joints, the pose of the hand, and the pose and velocity of the cube once per con
 own conventions. Times are processor time, which a busy machine hardly changes.
 """
 
-import sys
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from time import process_time
+from typing import Any, override
 
 import mujoco
 import numpy as np
 
-from envs.core.errors import SimulatorError
-from roboverse_learn.speed.harness import Goal, Measurement, Settings, in_turns, measurement, program
+from roboverse_learn.speed import harness
+from roboverse_learn.speed.harness import Call, Goal, Measurement, Parts, Program, compare
 
 TASK = "PickCube"
 GOAL = Goal(1.15, at_least=False)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class SimulatorsSettings(Settings):
+class Simulators(Program):
     """Compares handlers to scripts on the simulator alone.
 
     Attributes:
         parts: mujoco, sapien, pybullet.
         turns: How often each side is timed.
-        out: JSON file for the measurements.
     """
 
     turns: int = 11
+
+    @override
+    def measurements(self) -> Parts:
+        return {name: partial(overhead, name, self.turns) for name in SCRIPTS}
 
 
 type Script = tuple[Callable[[np.ndarray, int], object], Callable[[], np.ndarray]]
@@ -121,67 +123,67 @@ SCRIPTS: dict[str, Callable[[Any, Any], Script]] = {
 """Simulators to their scripts; each makes one physics step from the state that the handler was set to."""
 
 
-def parts(settings: SimulatorsSettings) -> Mapping[str, Callable[[], Measurement]]:
-    """Returns what is measured."""
-    return {name: partial(measure_overhead, name, turns=settings.turns) for name in SCRIPTS}
-
-
-def measure_overhead(simulator: str, *, turns: int = 11, control_steps: int = 20) -> Measurement:
+def overhead(simulator: str, turns: int, control_steps: int = 20) -> Measurement:
     """Compares control steps of one environment to a script over the same scene.
-
-    Args:
-        simulator: One of :data:`SCRIPTS`.
-        turns: How often each side is timed.
-        control_steps: Control steps of one turn.
 
     Raises:
         MissingExtraError: if the simulator is not installed.
         SimulatorError: The two did not end in the same state.
     """
+    handler, scene = (launched(simulator, renderer="warp", num_threads=1) for _ in range(2))
+    robot, decimation = handler.scenario.robots[0], handler.scenario.physics.decimation
+    states = handler.get_states()
+    start = states.robots[robot.name].joint_pos.numpy()
+    low, high = np.array([joint.range for joint in robot.joints]).T
+    targets = [np.clip(start + 0.05 * np.sin(0.3 * step), low, high) for step in range(control_steps)]
+    layout = next(item for item in scene.layout.robots if item.name == robot.name)
+    script: list[Any] = []
+
+    def begin() -> None:
+        handler.set_states(states)
+        scene.set_states(states)
+        handler.step(1)  # rebuilds what a set state invalidates, outside the timed part
+        script[:] = SCRIPTS[simulator](scene, layout)
+
+    def theirs() -> None:
+        for target in targets:
+            script[0](target[0], decimation)
+
+    def check() -> None:
+        joints = handler.get_states().robots[robot.name].joint_pos[0].numpy()
+        harness.require_same_physics(np.abs(np.sort(joints) - np.sort(script[1]())).max())
+
+    name = f"{simulator}: control step of {TASK}, handler / script on the simulator alone"
+    ours, units = controlled(handler, targets), control_steps
+    with handler, scene:
+        return compare(
+            name, ours, theirs, GOAL, turns=turns, units=units, clock=process_time, before=begin, after=check
+        )
+
+
+def launched(
+    simulator: str, num_envs: int = 1, image_size: int | None = None, settings: Any = None, **options: Any
+) -> Any:
+    """Returns a handler with one camera, the task's own or of a size, at the task's initial states."""
     from envs.simulators import HANDLERS
     from envs.tasks import TASKS
 
     task = TASKS.get(TASK)()
-    scenario = task.scenario
-    states = task.initial_state([np.random.default_rng(0)])
-    robot, decimation = scenario.robots[0].name, scenario.physics.decimation
-    start = states.robots[robot].joint_pos.numpy()
-    low, high = np.array([joint.range for joint in scenario.robots[0].joints]).T
-    targets = [np.clip(start + 0.05 * np.sin(0.3 * step), low, high) for step in range(control_steps)]
-    build: Any = HANDLERS.get(simulator)
-    handler, scene = (build(scenario, 1, renderer="warp", num_threads=1) for _ in range(2))
-    with handler, scene:
-        for one in (handler, scene):
-            one.launch()
-        layout = next(item for item in scene.layout.robots if item.name == robot)
-        script: list[Any] = []
-
-        def begin() -> None:
-            handler.set_states(states)
-            scene.set_states(states)
-            handler.step(1)  # rebuilds what a set state invalidates, outside the timed part
-            script[:] = SCRIPTS[simulator](scene, layout)
-
-        def ours() -> None:
-            for target in targets:
-                handler.set_joint_targets({robot: target})
-                handler.step(decimation)
-                handler.get_states()
-
-        def theirs() -> None:
-            for target in targets:
-                script[0](target[0], decimation)
-
-        def check() -> None:
-            joints = handler.get_states().robots[robot].joint_pos[0].numpy()
-            gap = np.abs(np.sort(joints) - np.sort(script[1]())).max()
-            if not gap <= 1e-5:
-                raise SimulatorError(f"The joints ended {gap:.2g} apart: this is not the same physics.")
-
-        seconds = in_turns(ours, theirs, turns, clock=time.process_time, before=begin, after=check)
-    name = f"{simulator}: control step of {TASK}, handler / script on the simulator alone"
-    return measurement(name, seconds, GOAL, units=control_steps)
+    scenario = task.scenario.seen_by(image_size=image_size).tuned(simulator, settings or {})
+    handler: Any = HANDLERS.get(simulator)(scenario, num_envs, **options)
+    handler.launch()
+    handler.set_states(task.initial_state([np.random.default_rng(index) for index in range(num_envs)]))
+    return handler
 
 
-if __name__ == "__main__":
-    sys.exit(program("simulators", SimulatorsSettings, parts))
+def controlled(handler: Any, targets: Sequence[Any]) -> Call:
+    """Returns control steps of a handler's first robot: each sets a target, steps and returns the states."""
+    robot, decimation = handler.scenario.robots[0].name, handler.scenario.physics.decimation
+
+    def control() -> None:
+        for target in targets:
+            handler.set_joint_targets({robot: target})
+            handler.step(decimation)
+            handler.get_states()
+
+    return control

@@ -2,16 +2,17 @@
 
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
+from typing import override
 
-from roboverse_learn.speed.harness import Goal, Measurement, Settings, in_turns, measurement, program
+from roboverse_learn.speed.harness import Goal, Measurement, Parts, Program, compare
 
 TURNS = 5
 GOAL = Goal(1.0, at_least=False, absolute=True)
 IMAGE_GOAL = Goal(2.5, at_least=False, absolute=True)
 
-_FIRST_IMAGE = """
+FIRST_IMAGE = """
 import envs
 
 env = envs.make_vec("PickCube", num_envs=1, image_size=128)
@@ -20,32 +21,31 @@ assert observation["pixels"]["front"].shape == (1, 128, 128, 3)
 """
 
 
-def parts(_: Settings) -> Mapping[str, Callable[[], Measurement]]:
-    """Returns the programs that are timed."""
-    commands = {word: partial(startup, word) for word in ("list", "--help")}
-    return commands | {"first_image": first_image}
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Startup(Program):
+    """Compares fresh processes to a Python program that ends at once.
 
-
-def startup(word: str, turns: int = TURNS) -> Measurement:
-    """Compares ``roboverse <word>`` to a Python program that ends at once."""
-    ours, empty = (partial(_run, *words) for words in (("-m", "roboverse_learn.cli", word), ("-c", "")))
-    return measurement(f"roboverse {word} / an empty Python program", in_turns(ours, empty, turns), GOAL)
-
-
-def first_image(turns: int = TURNS) -> Measurement:
-    """Compares a fresh program that makes an image of PickCube to a Python program that ends at once.
-
-    The first turn, which is not timed, compiles the renderer's kernels and simplifies meshes where a machine
-    has not done so before; both are kept on disk.
+    Attributes:
+        parts: list, --help, first_image. The first turn of an image, which is not timed, compiles the
+            renderer's kernels and simplifies meshes where a machine has not done so before; both are kept
+            on disk.
     """
-    ours, empty = partial(_run, "-c", _FIRST_IMAGE), partial(_run, "-c", "")
-    name = "a fresh process to its first image, 128×128 / an empty Python program"
-    return measurement(name, in_turns(ours, empty, turns), IMAGE_GOAL)
+
+    @override
+    def measurements(self) -> Parts:
+        image = "a fresh process to its first image, 128×128"
+        commands = {
+            word: partial(started, f"roboverse {word}", "-m", "roboverse_learn.cli", word)
+            for word in ("list", "--help")
+        }
+        return commands | {"first_image": partial(started, image, "-c", FIRST_IMAGE, goal=IMAGE_GOAL)}
+
+
+def started(name: str, *words: str, goal: Goal = GOAL) -> Measurement:
+    """Compares Python with these words to an empty program."""
+    ours, empty = (partial(_run, *each) for each in (words, ("-c", "")))
+    return compare(f"{name} / an empty Python program", ours, empty, goal, turns=TURNS)
 
 
 def _run(*words: str) -> None:
     subprocess.run([sys.executable, *words], check=True, stdout=subprocess.DEVNULL)
-
-
-if __name__ == "__main__":
-    sys.exit(program("startup", Settings, parts))

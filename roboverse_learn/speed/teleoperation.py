@@ -10,20 +10,18 @@ import itertools
 import json
 import math
 import struct
-import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import ClassVar, override
 
 import numpy as np
 
 from roboverse_learn.config.teleoperate_config import TeleoperateConfig
-from roboverse_learn.speed.harness import Goal, Measurement, Settings, program
-from roboverse_learn.teleoperation.conductor import Figures
+from roboverse_learn.speed.harness import Goal, Measurement, Parts, Program, measurement
 from roboverse_learn.teleoperation.run import Steering, conducted, prepared
 
 DELAY = Goal(0.080, at_least=False, absolute=True)
@@ -42,145 +40,96 @@ IMAGES = 20
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class TeleoperationSettings(Settings):
-    """Settings of ``roboverse speed teleoperation``.
+class Teleoperation(Program):
+    """Measures delays of teleoperation, all in one episode.
 
     Attributes:
+        parts: delay, interval, lateness.
         task: Registered task.
         view_size: Height and width of the images, pixels.
         seconds: Duration of the episode.
     """
 
+    one_core: ClassVar = True
+
     task: str = "PickCube"
     view_size: int = 256
     seconds: float = 10.0
 
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Played:
-    """What a client saw of an episode, and what the same image costs in a plain loop.
-
-    Attributes:
-        delay_s: From sending a motion to the arrival of the first image with its effect, median.
-        interval_s: Between images, mean.
-        image_s: Rendering an image alone, median.
-        figures: How the server kept time.
-    """
-
-    delay_s: float
-    interval_s: float
-    image_s: float
-    figures: Figures
+    @override
+    def measurements(self) -> Parts:
+        size = f"at {self.view_size}²"
+        return {
+            "delay": partial(_measured, self, "delay", f"command to image {size}", DELAY),
+            "interval": partial(_measured, self, "interval", f"between images {size}", INTERVAL),
+            "lateness": partial(_measured, self, "lateness", "lateness of a control step, 95 %", LATENESS),
+        }
 
 
-def parts(settings: TeleoperationSettings) -> Mapping[str, Callable[[], Measurement]]:
-    """Returns what is measured, all of it in one episode."""
-    size = f"at {settings.view_size}²"
-    return {
-        "delay": partial(_measured, settings, f"command to image {size}", "delay", DELAY),
-        "interval": partial(_measured, settings, f"between images {size}", "interval", INTERVAL),
-        "lateness": partial(_measured, settings, "lateness of a control step, 95 %", "lateness", LATENESS),
-    }
-
-
-def _measured(settings: TeleoperationSettings, name: str, what: str, goal: Goal) -> Measurement:
-    played = play(settings.task, settings.view_size, settings.seconds)
-    late_s = max(played.figures.late_ms[1], 1e-3) / 1e3
-    ours = {"delay": played.delay_s, "interval": played.interval_s, "lateness": late_s}[what]
-    return Measurement(
-        name=f"{name} / an image alone",
-        ours_s=ours,
-        baseline_s=played.image_s,
-        ratio=ours / played.image_s,
-        goal=goal,
-    )
+def _measured(settings: Teleoperation, part: str, name: str, goal: Goal) -> Measurement:
+    seconds = play(settings)
+    return measurement(f"{name} / an image alone", np.array([[seconds[part], seconds["image"]]]), goal)
 
 
 @cache
-def play(task: str, view_size: int, seconds: float) -> Played:
-    """Steers an episode over a websocket, and renders its images in a plain loop before."""
+def play(settings: Teleoperation) -> Mapping[str, float]:
+    """Steers an episode over a websocket, and renders its images in a plain loop before.
+
+    Returns:
+        Seconds: ``image``, rendering one alone, median; ``delay``, from sending a motion to the arrival of
+        the first image with its effect, median; ``interval`` between images, mean; ``lateness`` of a control
+        step, 95th percentile.
+    """
     from envs.spec import EnvSpec
 
-    config = TeleoperateConfig(env=EnvSpec(task=task), view_size=view_size, limit_s=2 * seconds)
+    spec, limit_s = EnvSpec(task=settings.task), 2 * settings.seconds
+    config = TeleoperateConfig(env=spec, view_size=settings.view_size, limit_s=limit_s)
     with tempfile.TemporaryDirectory() as folder, prepared(config, Path(folder)) as steering:
-        steering.env.handler.render(steering.env.camera_names[:1])
-        images = [_timed(steering) for _ in range(IMAGES)]
-        delays, interval, figures = asyncio.run(_steer(steering, seconds))
-    return Played(
-        delay_s=float(np.median(delays)),
-        interval_s=interval,
-        image_s=float(np.median(images)),
-        figures=figures,
-    )
+        times = [time.perf_counter()]
+        for _ in range(1 + IMAGES):
+            steering.env.handler.render(steering.env.camera_names[:1])
+            times.append(time.perf_counter())
+        played = asyncio.run(_steer(steering, settings.seconds))
+    return {"image": float(np.median(np.diff(times)[1:])), **played}
 
 
-def _timed(steering: Steering) -> float:
-    began = time.perf_counter()
-    steering.env.handler.render(steering.env.camera_names[:1])
-    return time.perf_counter() - began
-
-
-async def _steer(steering: Steering, seconds: float) -> tuple[list[float], float, Figures]:
-    """Returns the delays, the time between images, and the server's figures."""
+async def _steer(steering: Steering, seconds: float) -> Mapping[str, float]:
+    """Does what the page does, and returns what :func:`play` does but the time of an image."""
     import aiohttp
+
+    sent: dict[int, float] = {}  # when each motion was sent that no image has shown yet
+    delays, arrivals, seen = list[float](), list[float](), 0
+
+    async def move(socket: aiohttp.ClientWebSocketResponse) -> None:
+        """Sends motions until it is cancelled, each with a number of its own and the image that was seen."""
+        began = time.perf_counter()
+        for seq in itertools.count(1):
+            sent[seq] = now = time.perf_counter()
+            rate = [0.1 * math.sin(now), 0.1 * math.cos(now), 0.0, 0.0, 0.0, 0.0]
+            motion = {"type": "move", "seq": seq, "rate": rate, "device": "script", "seen": seen}
+            await socket.send_json(motion)
+            await asyncio.sleep(max(0.0, began + seq * SEND_S - time.perf_counter()))
 
     async with conducted(steering, "127.0.0.1", 0) as (conductor, url), aiohttp.ClientSession() as http:
         async with http.ws_connect(f"{url}ws") as socket:
-            await socket.send_str(json.dumps({"type": "join", "client": "speed"}))
-            await socket.send_str(json.dumps({"type": "press", "button": "start"}))
-            client = _Client(socket)
-            sender = asyncio.create_task(client.send())
-            await client.receive(seconds)
-            sender.cancel()
-        figures = conductor.figures()
-    warm = client.arrivals[WARM_UP:]
-    return client.delays, (warm[-1] - warm[0]) / (len(warm) - 1), figures
-
-
-class _Client:
-    """What the page does: it sends a motion every 33 ms, and says which image it has seen.
-
-    Args:
-        socket: A websocket that has joined.
-
-    Attributes:
-        delays: Of each motion that an image showed, s.
-        arrivals: When the images came, s.
-    """
-
-    def __init__(self, socket: Any) -> None:
-        self._socket, self._sent, self._seen = socket, {}, 0
-        self.delays: list[float] = []
-        self.arrivals: list[float] = []
-
-    async def send(self) -> None:
-        """Sends motions, each with a number of its own, until it is cancelled."""
-        began = time.perf_counter()
-        for seq in itertools.count(1):
-            now = time.perf_counter()
-            self._sent[seq] = now
-            rate = [0.1 * math.sin(now), 0.1 * math.cos(now), 0.0, 0.0, 0.0, 0.0]
-            move = {"type": "move", "seq": seq, "rate": rate, "device": "script", "seen": self._seen}
-            await self._socket.send_str(json.dumps(move))
-            await asyncio.sleep(max(0.0, began + seq * SEND_S - time.perf_counter()))
-
-    async def receive(self, seconds: float) -> None:
-        """Notes when images come, and which motions they are the first to show."""
-        import aiohttp
-
-        began = time.perf_counter()
-        while time.perf_counter() - began < seconds or len(self.arrivals) <= WARM_UP + 1:
-            message = await self._socket.receive(10.0)
-            if message.type is not aiohttp.WSMsgType.BINARY:
-                continue
-            now = time.perf_counter()
-            (size,) = struct.unpack_from("<I", message.data)
-            header = json.loads(message.data[4 : 4 + size])
-            self._seen = header["frame"]
-            self.arrivals.append(now)
-            shown = [seq for seq in self._sent if seq <= header["seq"]]
-            self.delays += [now - self._sent.pop(seq) for seq in shown]
-
-
-if __name__ == "__main__":
-    sys.exit(program("teleoperation", TeleoperationSettings, parts, one_core=True))
+            await socket.send_json({"type": "join", "client": "speed"})
+            await socket.send_json({"type": "press", "button": "start"})
+            mover = asyncio.create_task(move(socket))
+            began = time.perf_counter()
+            while time.perf_counter() - began < seconds or len(arrivals) <= WARM_UP + 1:
+                message = await socket.receive(10.0)
+                if message.type is not aiohttp.WSMsgType.BINARY:
+                    continue
+                arrivals.append(time.perf_counter())
+                (size,) = struct.unpack_from("<I", message.data)
+                header = json.loads(message.data[4 : 4 + size])
+                seen = header["frame"]
+                shown = [seq for seq in sent if seq <= header["seq"]]
+                delays += [arrivals[-1] - sent.pop(seq) for seq in shown]
+            mover.cancel()
+        late_ms = conductor.figures().late_ms[1]
+    return {
+        "delay": float(np.median(delays)),
+        "interval": float(np.diff(arrivals[WARM_UP:]).mean()),
+        "lateness": max(late_ms, 1e-3) / 1e3,
+    }

@@ -7,234 +7,212 @@ already, so the cost of its loader is left out, in its favor.
 """
 
 import itertools
-import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar, override
 
 import torch
 
 from envs.core.errors import SimulatorError
-from roboverse_learn.speed.harness import (
-    Goal,
-    Measurement,
-    Settings,
-    cuda_wait,
-    in_turns,
-    measurement,
-    program,
-    repeat,
-)
+from roboverse_learn.data.dataset.schema import IMAGE_PREFIX, make_features
+from roboverse_learn.speed.harness import DeviceProgram, Goal, Measurement, Parts, compare, scaled
 
-POLICIES = ("act", "diffusion")
-CAMERA = "observation.images.front"
-GOAL = 2.0
-SAME_LOSS = 0.02
-"""Largest relative difference of the losses: bf16 has 8 bits, and compiled kernels round differently."""
+CAMERA = f"{IMAGE_PREFIX}front"
+
+type Side = Callable[[], Any]
+"""Makes the next gradient step; returns its loss."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Scale:
-    """Sizes and repetitions of a measurement."""
+class GradientSteps(DeviceProgram):
+    """Keys of a speed program that compares gradient steps.
 
-    batch_size: int  # samples of a step
-    image_size: int  # pixels a side
-    num_frames: int  # frames that batches are gathered from
-    steps: int  # timed steps of one turn
-    turns: int  # how often each side is timed
-    compared: int  # steps whose losses are compared
+    Attributes:
+        batch_size: Samples of a step.
+        image_size: Pixels a side.
+        num_frames: Frames that batches are gathered from.
+        steps: Timed steps of one turn.
+        turns: How often each side is timed.
+        compared: Steps whose losses are compared.
+    """
 
+    instruction: ClassVar[str] = ""
+    """Of every frame, where the policy reads one."""
+    same_loss: ClassVar[float]
+    """Largest relative difference of the losses."""
 
-GPU = Scale(batch_size=256, image_size=256, num_frames=4000, steps=10, turns=5, compared=20)
-CPU = Scale(batch_size=2, image_size=64, num_frames=16, steps=1, turns=2, compared=3)
+    batch_size: int = scaled(gpu=256, cpu=2)
+    image_size: int = scaled(gpu=256, cpu=64)
+    num_frames: int = scaled(gpu=4000, cpu=16)
+    steps: int = scaled(gpu=10, cpu=1)
+    turns: int = scaled(gpu=5, cpu=2)
+    compared: int = scaled(gpu=20, cpu=3)
+
+    def our_step(self, policy: Any, *, compile: bool, cuda_graphs: bool = False) -> Side:
+        """Returns a step of :mod:`roboverse_learn.training.imitation.train`."""
+        from policies.compilation import compile_objective
+        from policies.cuda_graphs import RecordedObjective
+        from roboverse_learn.training.config import TrainConfig
+        from roboverse_learn.training.imitation.train import make_optimizer
+
+        batch, numbers = self.batches(policy), itertools.count()
+        policy.begin_training()
+        objective = policy.objective()
+        if compile:
+            compile_objective(objective)
+        if cuda_graphs:
+            objective = RecordedObjective(objective, batch(0), "bf16")
+        config = policy.training_config(TrainConfig())
+        optimizer = make_optimizer(policy, config)
+
+        def take() -> Any:
+            number = next(numbers)
+            torch.manual_seed(number)
+            with torch.autocast(policy.device.type, torch.bfloat16):
+                loss, _terms = objective(batch(number))
+            _update(loss, policy, optimizer, config.grad_clip)
+            return loss.detach().clone()
+
+        return take
+
+    def lerobot_step(self, policy: Any, optimizer: Any, grad_clip: float, *, bf16: bool = True) -> Side:
+        """Returns the step of ``lerobot.scripts.lerobot_train.update_policy``, in bf16 or in fp32."""
+        batch, numbers = self.batches(policy), itertools.count()
+        policy.model.train()
+
+        def take() -> Any:
+            number = next(numbers)
+            torch.manual_seed(number)
+            given = batch(number)
+            given[CAMERA] = given[CAMERA].float() / 255.0  # as its dataset returns images
+            given = policy.preprocessor(given)
+            with _tf32():
+                with torch.autocast(policy.device.type, torch.bfloat16, enabled=bf16):
+                    loss, _terms = policy.model.forward(given)
+                _update(loss, policy, optimizer, grad_clip)
+            loss.item()
+            return loss.detach()
+
+        return take
+
+    def batches(self, policy: Any) -> Callable[[int], dict[str, Any]]:
+        """Returns what gathers the batch of a step from random frames, as a resident dataset does.
+
+        The frames are on the policy's device; the same step has the same batch.
+        """
+        generator = torch.Generator().manual_seed(0)
+        count, size, device = self.num_frames, self.image_size, policy.device
+        coarse = torch.rand(count, 3, 8, 8, generator=generator)
+        images = torch.nn.functional.interpolate(coarse, (size, size), mode="bilinear")
+        frames = {
+            CAMERA: (255 * images).to(torch.uint8).to(device),
+            "observation.state": torch.rand(count, 9, generator=generator).to(device),
+            "action": torch.rand(count, 9, generator=generator).to(device),
+        }
+        words = {"task": [self.instruction] * self.batch_size} if self.instruction else {}
+
+        def batch(step: int) -> dict[str, Any]:
+            draws = torch.Generator().manual_seed(step)
+            rows = torch.randint(count, (self.batch_size,), generator=draws)
+            found: dict[str, Any] = dict(words)
+            for key, values in frames.items():
+                index = rows
+                if key in policy.delta_indices:
+                    window = torch.tensor(policy.delta_indices[key])
+                    index = (rows[:, None] + window).clamp(0, count - 1)
+                    found[f"{key}_is_pad"] = torch.zeros(index.shape, dtype=torch.bool, device=device)
+                found[key] = values[index.to(device)]
+            return found
+
+        return batch
+
+    def losses_apart(self, sides: tuple[Side, Side]) -> float:
+        """Returns the largest relative difference of the losses of the first steps.
+
+        Raises:
+            SimulatorError: It exceeds :attr:`same_loss`.
+        """
+        losses = [[float(take()) for take in sides] for _ in range(self.compared)]
+        apart = max(abs(ours - theirs) / abs(theirs) for ours, theirs in losses)
+        if not apart <= self.same_loss:  # NaN is not <=
+            raise SimulatorError(f"The losses differ by {apart:.1%}: the two do not train the same network.")
+        return apart
+
+    def compared_steps(self, name: str, sides: tuple[Side, Side], goal: Goal) -> Measurement:
+        """Compares the steps of both sides."""
+        return compare(name, *sides, goal, turns=self.turns, calls=self.steps, device=self.device)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class TrainingSettings(Settings):
+class Training(GradientSteps):
     """Compares a gradient step to LeRobot's, and the losses of the first steps.
 
     Attributes:
         parts: act, diffusion.
-        device: ``auto``, ``cpu``, ``cuda``.
         cuda_graphs: Whether our side replays CUDA graphs on a GPU, as with ``preset=gpu``.
-        out: JSON file for the measurements.
     """
 
-    device: str = "auto"
+    same_loss: ClassVar = 0.02  # bf16 has 8 bits, and compiled kernels round differently
+
     cuda_graphs: bool = True
 
+    @override
+    def measurements(self) -> Parts:
+        sized = self.sized()
+        return {name: partial(sized.step, name) for name in ("act", "diffusion")}
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Compilation:
-    """Whether our side is compiled, and whether it replays CUDA graphs."""
+    def step(self, name: str) -> Measurement:
+        """Compares the steps of one policy, each side training a network of its own.
 
-    enabled: bool
-    cuda_graphs: bool = False
+        Raises:
+            SimulatorError: if the losses of the first steps differ too much.
+        """
+        import policies
+        from roboverse_learn.training.imitation.estimate import plain_stats
 
+        size, on_gpu, is_act = self.image_size, self.device == "cuda", name == "act"
+        features = plain_features(size)
+        norm = {"backbone_norm": "frozen"} if is_act else {}  # as LeRobot trains
 
-def parts(settings: TrainingSettings) -> Mapping[str, Callable[[], Measurement]]:
-    """Returns what is measured."""
-    from roboverse_learn.training.device import resolve_device
+        def sides(**changes: Any) -> tuple[Side, Side]:
+            config = policies.config_class(name)(**norm, **changes)
+            stats = plain_stats(features)
+            first, second = (policies.create(name, features, stats, config, self.device) for _ in range(2))
+            optimizer = torch.optim.AdamW(second.model.parameters(), lr=1e-4, weight_decay=1e-4)
+            ours = self.our_step(first, compile=on_gpu, cuda_graphs=on_gpu and self.cuda_graphs)
+            return ours, self.lerobot_step(second, optimizer, 10.0)
 
-    device = resolve_device(settings.device)
-    on_gpu = device == "cuda"
-    compilation = Compilation(enabled=on_gpu, cuda_graphs=on_gpu and settings.cuda_graphs)
-    scale = GPU if on_gpu else CPU
-    return {name: partial(measure, name, scale, device, compilation) for name in POLICIES}
-
-
-class Frames:
-    """Random frames on a device, and batches of them, as a resident dataset returns them.
-
-    Args:
-        scale: How many, and how large.
-        windows: Frames relative to a sample's own, by key, as a policy reads them.
-        device: Torch device.
-    """
-
-    def __init__(self, scale: Scale, windows: Mapping[str, list[int]], device: str) -> None:
-        generator = torch.Generator().manual_seed(0)
-        size = scale.image_size
-        coarse = torch.rand(scale.num_frames, 3, 8, 8, generator=generator)
-        images = torch.nn.functional.interpolate(coarse, (size, size), mode="bilinear")
-        self._frames = {
-            CAMERA: (255 * images).to(torch.uint8).to(device),
-            "observation.state": torch.rand(scale.num_frames, 9, generator=generator).to(device),
-            "action": torch.rand(scale.num_frames, 9, generator=generator).to(device),
-        }
-        self._windows, self._scale, self._device = windows, scale, device
-
-    def batch(self, step: int) -> dict[str, Any]:
-        """Returns the batch of a step; the same step has the same batch."""
-        generator = torch.Generator().manual_seed(step)
-        rows = torch.randint(self._scale.num_frames, (self._scale.batch_size,), generator=generator)
-        batch = {}
-        for key, frames in self._frames.items():
-            index = rows
-            if key in self._windows:
-                window = torch.tensor(self._windows[key])
-                index = (rows[:, None] + window).clamp(0, self._scale.num_frames - 1)
-                batch[f"{key}_is_pad"] = torch.zeros(index.shape, dtype=torch.bool, device=self._device)
-            batch[key] = frames[index.to(self._device)]
-        return batch
+        # Without dropout: compiled code samples it in another order than the noise of ACT's style variable,
+        # and the losses of the first step would differ by 4 %.
+        apart = self.losses_apart(sides(dropout=0.0) if is_act else sides())
+        title = (
+            f"training step of {name}, batch {self.batch_size}, {size}×{size}, bf16 on {self.device}, "
+            f"LeRobot / ours (losses differ by {apart:.2%})"
+        )
+        return self.compared_steps(title, sides(), Goal(2.0, applies=on_gpu))
 
 
-type Side = Callable[[int], Any]
-"""Makes the step of a number; returns its loss."""
+def plain_features(image_size: int) -> Any:
+    """Returns the features of a dataset with one camera, nine joints and nine targets."""
+    joints = [str(number) for number in range(9)]
+    return make_features(joints, joints, {"front": (image_size, image_size)})
 
 
-def measure(name: str, scale: Scale, device: str, compilation: Compilation) -> Measurement:
-    """Compares the steps of one policy, each side training a network of its own.
-
-    Args:
-        name: Policy.
-        scale: How much.
-        device: Torch device.
-        compilation: Of our side.
-
-    Raises:
-        SimulatorError: if the losses of the first steps differ by more than :data:`SAME_LOSS`.
-    """
-    apart = _losses_apart(name, scale, device, compilation)
-    if not apart <= SAME_LOSS:
-        raise SimulatorError(f"The losses differ by {apart:.1%}: the two do not train the same network.")
-    sides = _sides(name, scale, device, compilation, {})
-    ours, theirs = (repeat(partial(_next, side, itertools.count()), scale.steps) for side in sides)
-    seconds = in_turns(ours, theirs, scale.turns, wait=cuda_wait(device))
-    title = (
-        f"training step of {name}, batch {scale.batch_size}, {scale.image_size}×{scale.image_size}, bf16 on "
-        f"{device}, LeRobot / ours (losses differ by {apart:.2%})"
-    )
-    return measurement(title, seconds, Goal(GOAL, applies=device == "cuda"), units=scale.steps)
+@contextmanager
+def _tf32() -> Iterator[None]:
+    """While it lasts, fp32 matrices are multiplied in tf32 on a GPU, as ``lerobot-train`` sets it."""
+    before = torch.get_float32_matmul_precision()
+    torch.set_float32_matmul_precision("high")
+    try:
+        yield
+    finally:
+        torch.set_float32_matmul_precision(before)
 
 
-def _next(side: Side, steps: itertools.count) -> None:
-    side(next(steps))
-
-
-def _losses_apart(name: str, scale: Scale, device: str, compilation: Compilation) -> float:
-    """Returns the largest relative difference of the losses of the first steps.
-
-    Without dropout: compiled code samples it in another order than the noise of ACT's style variable, and
-    the losses of the first step would differ by 4 %.
-    """
-    sides = _sides(name, scale, device, compilation, {"dropout": 0.0} if name == "act" else {})
-    losses = [[float(take(step)) for take in sides] for step in range(scale.compared)]
-    return max(abs(ours - theirs) / abs(theirs) for ours, theirs in losses)
-
-
-def _sides(
-    name: str, scale: Scale, device: str, compilation: Compilation, changes: Mapping[str, Any]
-) -> tuple[Side, Side]:
-    """Returns our step and LeRobot's, each with a network and frames of its own, from the same weights."""
-    import policies
-    from roboverse_learn.training.imitation.estimate import plain_stats
-
-    norms = {"backbone_norm": "frozen"} if name == "act" else {}  # as LeRobot trains
-    config = policies.config_class(name)(**norms, **changes)
-    size = (scale.image_size, scale.image_size, 3)
-    vector = {"dtype": "float32", "shape": (9,), "names": None}
-    image = {"dtype": "video", "shape": size, "names": ["height", "width", "channels"]}
-    features = {CAMERA: image, "observation.state": vector, "action": vector}
-
-    def side(make: Callable[[Any, Frames, Compilation], Side]) -> Side:
-        policy = policies.create(name, features, plain_stats(features), config, device)
-        return make(policy, Frames(scale, policy.delta_indices, device), compilation)
-
-    return side(_our_step), side(_lerobot_step)
-
-
-def _our_step(policy: Any, frames: Frames, compilation: Compilation) -> Side:
-    """Returns a step of :mod:`roboverse_learn.training.imitation.train`."""
-    from policies.compilation import compile_objective
-    from policies.cuda_graphs import RecordedObjective
-    from roboverse_learn.training.config import TrainConfig
-    from roboverse_learn.training.imitation.train import make_optimizer
-
-    policy.begin_training()
-    objective = policy.objective()
-    if compilation.enabled:
-        compile_objective(objective)
-    if compilation.cuda_graphs:
-        objective = RecordedObjective(objective, frames.batch(0), "bf16")
-    optimizer = make_optimizer(policy, TrainConfig())
-
-    def take(step: int) -> Any:
-        torch.manual_seed(step)
-        with torch.autocast(policy.device.type, torch.bfloat16):
-            loss, _terms = objective(frames.batch(step))
-        _update(loss, policy, optimizer)
-        return loss.detach().clone()
-
-    return take
-
-
-def _lerobot_step(policy: Any, frames: Frames, _compilation: Compilation) -> Side:
-    """Returns the step of ``lerobot.scripts.lerobot_train.update_policy``, in bf16."""
-    policy.model.train()
-    optimizer = torch.optim.AdamW(policy.model.parameters(), lr=1e-4, weight_decay=1e-4)
-
-    def take(step: int) -> Any:
-        torch.manual_seed(step)
-        batch = frames.batch(step)
-        batch[CAMERA] = batch[CAMERA].float() / 255.0  # as its dataset returns images
-        batch = policy.preprocessor(batch)
-        with torch.autocast(policy.device.type, torch.bfloat16):
-            loss, _terms = policy.model.forward(batch)
-        _update(loss, policy, optimizer)
-        loss.item()
-        return loss.detach()
-
-    return take
-
-
-def _update(loss: Any, policy: Any, optimizer: Any) -> None:
+def _update(loss: Any, policy: Any, optimizer: Any, grad_clip: float) -> None:
     loss.backward()
-    torch.nn.utils.clip_grad_norm_(policy.model.parameters(), 10.0)
+    torch.nn.utils.clip_grad_norm_(policy.model.parameters(), grad_clip)
     optimizer.step()
     optimizer.zero_grad()
-
-
-if __name__ == "__main__":
-    sys.exit(program("training", TrainingSettings, parts))

@@ -277,9 +277,9 @@ def test_the_main_command_trains_a_vla_and_then_its_adapters(tmp_path, monkeypat
 
 @pytest.mark.parametrize("name", ["full", "lora"])
 def test_a_step_is_compared_to_lerobots_on_the_same_losses(name):
-    from roboverse_learn.speed.vla import measure
+    from roboverse_learn.speed.vla import Vla
 
-    found = measure(name, "cpu", bf16=True)
+    found = Vla(device="cpu").sized().step(name, bf16=True)
     assert found.ours_s > 0 < found.baseline_s and f"SmolVLA ({name})" in found.name
 
 

@@ -6,9 +6,20 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+import torch
 
 from envs.core.errors import MissingExtraError, SimulatorError
-from roboverse_learn.speed.harness import Goal, Measurement, Settings, in_turns, measurement, program, table
+from roboverse_learn.speed.harness import (
+    DeviceProgram,
+    Goal,
+    Measurement,
+    Program,
+    compare,
+    measurement,
+    program,
+    scaled,
+    table,
+)
 
 
 class Clock:
@@ -30,18 +41,25 @@ class Clock:
 
 def test_sides_alternate_and_the_first_turn_is_dropped():
     clock, calls = Clock(), []
-    seconds = in_turns(clock.takes(9, 1, 2), clock.takes(9, 3, 4), 2, clock=clock)
-    assert seconds.tolist() == [[1, 3], [2, 4]]
+    found = compare("a", clock.takes(9, 1, 2), clock.takes(9, 3, 4), turns=2, clock=clock)
+    assert (found.ours_s, found.baseline_s, found.ratio) == (1.5, 3.5, 2.5)  # 3 / 1 and 4 / 2
     note = {name: (lambda name=name: calls.append(name)) for name in ("ours", "theirs", "before", "after")}
-    in_turns(note["ours"], note["theirs"], 1, before=note["before"], after=note["after"])
+    compare("a", note["ours"], note["theirs"], turns=1, before=note["before"], after=note["after"])
     assert calls == ["before", "theirs", "ours", "after", "before", "ours", "theirs", "after"]
 
 
-def test_kernels_are_waited_for_within_the_timed_part():
-    clock = Clock()
-    assert in_turns(lambda: None, lambda: None, 1, clock=clock, wait=clock.takes(*range(8))) == pytest.approx(
-        np.array([[5.0, 7.0]])
-    )
+def test_kernels_are_waited_for_within_the_timed_part(monkeypatch):
+    clock, idle = Clock(), lambda: None
+    waits = clock.takes(*range(8))
+    monkeypatch.setattr(torch.cuda, "synchronize", lambda device: waits())
+    found = compare("a", idle, idle, turns=1, clock=clock, device="cuda:1")
+    assert (found.ours_s, found.baseline_s) == (5.0, 7.0)
+
+
+def test_times_are_those_of_one_unit():
+    clock, seconds = Clock(), [4.0] * 6
+    found = compare("a", clock.takes(*seconds), clock.takes(*seconds), turns=1, calls=3, units=2, clock=clock)
+    assert (found.ours_s, found.baseline_s) == (2.0, 2.0)
 
 
 @pytest.mark.parametrize(
@@ -77,21 +95,45 @@ def test_table_is_aligned():
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Chosen(Settings):
-    """Settings of this test."""
+class Toy(Program):
+    """A program of this test.
+
+    Attributes:
+        ratio: What it finds.
+    """
 
     ratio: float = 3.0
 
+    def measurements(self):
+        def fail(error):
+            raise error
 
-def parts(settings):
-    def fail(error):
-        raise error
+        return {
+            "fast": lambda: one("fast", self.ratio),
+            "absent": lambda: fail(MissingExtraError("pip install it")),
+            "broken": lambda: fail(SimulatorError("not the same physics")),
+        }
 
-    return {
-        "fast": lambda: one("fast", settings.ratio),
-        "absent": lambda: fail(MissingExtraError("pip install it")),
-        "broken": lambda: fail(SimulatorError("not the same physics")),
-    }
+
+def test_help_has_the_keys_of_every_program(capsys):
+    with pytest.raises(SystemExit):
+        program("toy", Toy, ["--help"])
+    said = capsys.readouterr().out
+    assert said.startswith("roboverse speed toy key=value")
+    assert said.index("    ratio: What") < said.index("    parts: What") < said.index("    out: JSON")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SizedToy(DeviceProgram):
+    """A program of this test."""
+
+    envs: int = scaled(gpu=8, cpu=2)
+    turns: int = scaled(gpu=5, cpu=3)
+
+
+def test_sizes_that_are_not_given_suit_the_device():
+    sized = SizedToy(device="cpu", turns=7).sized()
+    assert (sized.envs, sized.turns, sized.device) == (2, 7, "cpu")
 
 
 @pytest.mark.parametrize(
@@ -105,32 +147,33 @@ def parts(settings):
     ],
 )
 def test_exit_code(words, code, capsys):
-    assert program("toy", Chosen, parts, words) == code
+    assert program("toy", Toy, words) == code
     assert ("not measured: not the same physics" in capsys.readouterr().out) == (not words)
 
 
 def test_measurements_are_written(tmp_path):
     out = tmp_path / "not yet there" / "toy.json"
-    assert program("toy", Chosen, parts, ["parts=[fast,absent]", f"out={out}"]) == 0
+    assert program("toy", Toy, ["parts=[fast,absent]", f"out={out}"]) == 0
     fast, absent = json.loads(out.read_text())["rows"]
     assert (fast["ratio"], fast["goal"]["limit"], fast["result"]) == (3.0, 2.0, "reached")
     assert absent == {"name": "absent", "not_measured": "pip install it"}
 
 
 def test_an_interrupted_program_keeps_what_it_measured(tmp_path, capsys):
-    def interrupted(settings):
-        def stop():
-            raise KeyboardInterrupt
+    class Interrupted(Toy):
+        def measurements(self):
+            def stop():
+                raise KeyboardInterrupt
 
-        return {"fast": parts(settings)["fast"], "slow": stop}
+            return {"fast": lambda: one("fast", 3.0), "slow": stop}
 
     out = tmp_path / "toy.json"
     with contextlib.suppress(KeyboardInterrupt):
-        program("toy", Chosen, interrupted, [f"out={out}"])
+        program("toy", Interrupted, [f"out={out}"])
     assert [row["name"] for row in json.loads(out.read_text())["rows"]] == ["fast"]
     assert "fast" in capsys.readouterr().err
 
 
 def test_unknown_part_suggests_nearest(capsys):
-    assert program("toy", Chosen, parts, ["parts=[fats]"]) == 2
+    assert program("toy", Toy, ["parts=[fats]"]) == 2
     assert "Unknown part of speed toy 'fats'. Did you mean 'fast'?" in capsys.readouterr().err

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from envs.core.errors import MissingExtraError, SimulatorError
-from roboverse_learn.speed.peers import Peer, PeersSettings, measure_peer, parts
+from roboverse_learn.speed.peers import Peer, Peers
 
 pytestmark = pytest.mark.slow
 
@@ -45,7 +45,7 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 @pytest.mark.parametrize("sees", ["state", "images"])
 def test_a_step_of_another_project_is_compared_to_ours(installed, sees):
     installed()
-    found = measure_peer(PeersSettings(steps=2, turns=1, size=16), "robosuite", sees)
+    found = Peers(steps=2, turns=1, size=16).step("robosuite", sees)
     assert found.name.startswith("a step with ") and found.name.endswith("robosuite / ours")
     assert found.ours_s > 0 < found.baseline_s
     assert found.ratio == pytest.approx(found.baseline_s / found.ours_s)
@@ -64,9 +64,9 @@ def test_a_package_that_is_absent_is_named_with_the_key_to_use(tmp_path, monkeyp
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     (tmp_path / "mani_skill.py").write_text("raise ImportError('no mani_skill here')")
     with pytest.raises(MissingExtraError, match=r"no mani_skill here.*maniskill=<folder>/bin/python"):
-        parts(PeersSettings())["maniskill_state"]()
+        Peers().step("maniskill", "state")
     with pytest.raises(MissingExtraError, match="robosuite=/no/python cannot be run: No such file"):
-        parts(PeersSettings(robosuite="/no/python"))["robosuite_state"]()
+        Peers(robosuite="/no/python").step("robosuite", "state")
 
 
 def test_images_of_another_size_are_refused(installed):
