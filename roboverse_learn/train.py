@@ -81,6 +81,8 @@ def train_run(config: TrainRunConfig) -> TrainedRun | None:
     for each in materials.values():
         check_materials(each)
     check_scenario_files(config.env, materials)
+    if few := learner.too_few_steps():
+        log.warning("%s", few)
     refuse_long_run(learner)
     if config.train.wandb:
         check_wandb()

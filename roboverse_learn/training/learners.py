@@ -4,6 +4,7 @@ A policy's entry in :data:`policies.POLICIES` names its learner: a name in :data
 ``"module:Class"`` of a :class:`Learner` elsewhere.
 """
 
+import logging
 import os
 from collections.abc import Mapping
 from dataclasses import replace
@@ -17,6 +18,8 @@ from envs.core.registry import Registry
 if TYPE_CHECKING:
     from roboverse_learn.config.schema import TrainRunConfig
     from roboverse_learn.training.reporter import Reporter, TrainResult
+
+log = logging.getLogger(__name__)
 
 LEARNERS: "Registry[type[Learner]]" = Registry("learner")
 LEARNERS.add("imitation", "roboverse_learn.training.imitation.learner:ImitationLearner")
@@ -47,6 +50,10 @@ class Learner:
             MissingExtraError: if a package that it needs is not installed.
             ConfigError: if the task cannot be learned so, as one without a reward.
         """
+
+    def too_few_steps(self) -> str:
+        """Says why the steps of the run are too few to learn anything; empty where they are not."""
+        return ""
 
     def estimate_s(self) -> float:
         """Measures how many seconds training will take on this machine."""
@@ -104,7 +111,14 @@ class AgentLearner(Learner):
         """See :meth:`Learner.learn`."""
         env = self.open_env(seed)
         try:
-            return self.run(self.make_agent(env, seed), env, run_dir, seed, reporter)
+            agent = self.make_agent(env, seed)
+            steps, first_steps = self.config.train.steps, getattr(agent, "first_steps", 0)
+            if steps < first_steps:
+                log.warning(
+                    "train.steps=%d end before the first update, which comes after %d steps of the "
+                    "environments: nothing is learned. Give more steps.", steps, first_steps
+                )  # fmt: skip
+            return self.run(agent, env, run_dir, seed, reporter)
         finally:
             env.close()
 

@@ -72,6 +72,17 @@ class ImitationLearner(Learner):
             )
 
     @override
+    def too_few_steps(self) -> str:
+        config = self.config.train
+        if config.steps > config.warmup_steps:
+            return ""
+        return (
+            f"train.steps={config.steps} are all warm-up (train.warmup_steps={config.warmup_steps}): "
+            "training ends while the learning rate still rises to train.lr, and the policy learns little. "
+            "Give more steps, or a shorter warm-up."
+        )
+
+    @override
     def estimate_s(self) -> float:
         from roboverse_learn.commands.dataset_layout import dataset_layout
 

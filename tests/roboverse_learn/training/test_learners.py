@@ -65,3 +65,33 @@ def test_agents_refuse_several_processes(act_learner, monkeypatch: pytest.Monkey
     monkeypatch.setenv("WORLD_SIZE", "2")
     with pytest.raises(ConfigError, match="policy=act learns in one process; start it without `accelerate"):
         learner_of(compose("train", []), "cpu")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["train.steps=50"], "train.steps=50 are all warm-up (train.warmup_steps=100)"),
+        (["train.steps=100"], "train.steps=100 are all warm-up"),
+        (["train.steps=101"], ""),
+        (["train.steps=50", "train.warmup_steps=5"], ""),
+        (["train.steps=1", "train.warmup_steps=0"], ""),
+    ],
+)
+def test_a_run_that_is_all_warm_up_says_so_at_its_start(words, said, caplog, monkeypatch):
+    def stop(learner):
+        raise ConfigError("far enough")
+
+    monkeypatch.setattr(command, "refuse_long_run", stop)
+    with pytest.raises(ConfigError, match="far enough"):
+        command.train(compose("train", ["device=cpu", "preset=quick", *words]))
+    assert caplog.text.count("all warm-up") == bool(said) and said in caplog.text
+
+
+@pytest.mark.parametrize(("steps", "told"), [(999, True), (1000, False)])
+def test_an_agent_whose_steps_end_before_its_first_update_says_so(steps, told, caplog, tmp_path, monkeypatch):
+    learner = Agent(compose("train", ["policy=tdmpc2", f"train.steps={steps}"]), "cpu")
+    monkeypatch.setattr(learner, "open_env", lambda seed: SimpleNamespace(close=lambda: None))
+    monkeypatch.setattr(learner, "make_agent", lambda env, seed: SimpleNamespace(first_steps=1000))
+    monkeypatch.setattr(learner, "run", lambda *_: None)
+    learner.learn(tmp_path, None, 0, Reporter())
+    assert ("train.steps=999 end before the first update, which comes after 1000" in caplog.text) == told
