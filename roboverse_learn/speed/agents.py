@@ -84,13 +84,13 @@ class Agents(DeviceProgram):
             return harness.compare(name, ours, theirs, turns=turns, calls=calls, device=device)
 
 
-def tdmpc2_update(scale: Agents, **form: Any) -> Call:
+def tdmpc2_update(sizes: Agents, **form: Any) -> Call:
     """Returns an update of a fresh TD-MPC2 on a fixed batch."""
     from policies.tdmpc2.update import Sequences, Updater
 
-    policy = _tdmpc2(scale)
+    policy = _tdmpc2(sizes)
     updater = Updater(policy.config, policy.model, [policy.discount], **form)
-    horizon, batch, device = policy.config.horizon, scale.sequences, scale.device
+    horizon, batch, device = policy.config.horizon, sizes.sequences, sizes.device
     given = Sequences(
         torch.randn(horizon + 1, batch, OBSERVED, device=device),
         torch.rand(horizon, batch, ACTIONS, device=device) * 2 - 1,
@@ -101,33 +101,33 @@ def tdmpc2_update(scale: Agents, **form: Any) -> Call:
     return partial(updater.update, given)
 
 
-def tdmpc2_planning(scale: Agents, **form: Any) -> Call:
+def tdmpc2_planning(sizes: Agents, **form: Any) -> Call:
     """Returns the choice of actions in several environments at once."""
     from policies.tdmpc2.agent import Tdmpc2Agent
 
-    policy = _tdmpc2(scale)
-    agent = Tdmpc2Agent(policy.config, policy.model, policy.discount, scale.plan_envs, **form)
-    seen = torch.randn(scale.plan_envs, OBSERVED, device=scale.device)
-    first = torch.zeros(scale.plan_envs, dtype=torch.bool, device=scale.device)
+    policy = _tdmpc2(sizes)
+    agent = Tdmpc2Agent(policy.config, policy.model, policy.discount, sizes.plan_envs, **form)
+    seen = torch.randn(sizes.plan_envs, OBSERVED, device=sizes.device)
+    first = torch.zeros(sizes.plan_envs, dtype=torch.bool, device=sizes.device)
     return partial(agent.act, seen, first)
 
 
-def _tdmpc2(scale: Agents) -> Any:
+def _tdmpc2(sizes: Agents) -> Any:
     from policies.tdmpc2.config import Tdmpc2Config
     from policies.tdmpc2.policy import Tdmpc2Policy
 
-    config = Tdmpc2Config(model_size=cast(Any, scale.model_size))
-    return Tdmpc2Policy.create(config, {OBSERVATION: OBSERVED}, ACTIONS, EPISODE, scale.device)
+    config = Tdmpc2Config(model_size=cast(Any, sizes.model_size))
+    return Tdmpc2Policy.create(config, {OBSERVATION: OBSERVED}, ACTIONS, EPISODE, sizes.device)
 
 
-def fasttd3_update(scale: Agents, **form: Any) -> Call:
+def fasttd3_update(sizes: Agents, **form: Any) -> Call:
     """Returns an update of a fresh FastTD3; every second one updates the actor."""
     from policies.fasttd3.config import FastTd3Config
     from policies.fasttd3.policy import FastTd3Policy
     from policies.fasttd3.update import Updater
 
-    batch, device = scale.fasttd3_steps, scale.device
-    config = FastTd3Config(critic_dim=scale.fasttd3_dim, actor_dim=scale.fasttd3_dim // 2)
+    batch, device = sizes.fasttd3_steps, sizes.device
+    config = FastTd3Config(critic_dim=sizes.fasttd3_dim, actor_dim=sizes.fasttd3_dim // 2)
     policy = FastTd3Policy.create(config, {OBSERVATION: OBSERVED}, ACTIONS, device)
     bf16 = form["cuda_graphs"]
     updater = Updater(config, policy.actor, policy.critics, policy.norm, **form, bf16=bf16)

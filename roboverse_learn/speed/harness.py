@@ -80,6 +80,10 @@ class Measurement:
         return "reached" if (value >= goal.limit if goal.at_least else value <= goal.limit) else "missed"
 
 
+def nothing() -> None:
+    """Does nothing."""
+
+
 def compare(
     name: str,
     ours: Call,
@@ -91,8 +95,8 @@ def compare(
     units: int = 1,
     device: str = "cpu",
     clock: Callable[[], float] = time.perf_counter,
-    before: Call | None = None,
-    after: Call | None = None,
+    before: Call = nothing,
+    after: Call = nothing,
 ) -> Measurement:
     """Times two calls alternately, so that a machine that slows down slows both.
 
@@ -115,8 +119,7 @@ def compare(
     seconds = np.zeros((turns + 1, 2))
     wait = cuda_wait(device)
     for turn in range(turns + 1):
-        if before is not None:
-            before()
+        before()
         for side in ((1, 0), (0, 1))[turn % 2]:
             call = (ours, baseline)[side]
             wait()
@@ -125,8 +128,7 @@ def compare(
                 call()
             wait()
             seconds[turn, side] = clock() - started
-        if after is not None:
-            after()
+        after()
     return measurement(name, seconds[1:], goal, units=calls * units)
 
 
@@ -147,7 +149,7 @@ def require_same_physics(gap: float, limit: float = 1e-5) -> None:
 def cuda_wait(device: str) -> Call:
     """Returns what waits for the kernels of a Torch device; on a CPU it does nothing."""
     if not device.startswith("cuda"):
-        return lambda: None
+        return nothing
     import torch
 
     return partial(torch.cuda.synchronize, device)

@@ -94,11 +94,8 @@ class MujocoWarp(DeviceProgram):
         """Compares RGB images as torch tensors to the bare tracer, which leaves packed pixels in its buffer.
 
         Ours includes the poses of the bodies, the appearance of each env, and unpacking. Both render one
-        camera.
-
-        Args:
-            image_size: Pixels a side.
-            simplified: Whether the bare tracer renders our simplified meshes too, or the robot's own.
+        camera, square images of so many pixels a side. The bare tracer renders our simplified meshes too, or
+        the robot's own.
 
         Returns:
             Seconds per image of all envs.

@@ -42,12 +42,9 @@ class Throughput(Program):
     def step(self, *, num_steps: int = 100, visuals: bool = True) -> Measurement:
         """Compares ``env.step`` of one env with state observations to a bare ``mj_step`` loop.
 
-        Both take the same actions from the same states, and must end in the same state.
-
-        Args:
-            num_steps: Control steps per turn.
-            visuals: Whether the loop steps the scene as it is, or what the env steps: the scene without what
-                is only seen, which takes a tenth less time.
+        Both take the same actions from the same states, and must end in the same state. The loop steps the
+        scene as it is, or without ``visuals`` what the env steps: the scene without what is only seen, which
+        takes a tenth less time.
 
         Raises:
             SimulatorError: The two did not end in the same state.
