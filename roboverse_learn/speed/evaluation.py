@@ -15,7 +15,7 @@ from typing import Any, ClassVar, override
 from envs.core.errors import SimulatorError
 from roboverse_learn.speed.harness import Goal, Measurement, Parts, Program, compare
 
-TASK, LEVEL, SPLIT, SEED, NUM_EPISODES, TURNS = "PickCube", 0, "test", 0, 4, 3
+TASK, LEVEL, SPLIT, SEED = "PickCube", 0, "test", 0
 GOAL = Goal(5.0)
 
 
@@ -25,59 +25,65 @@ class Evaluation(Program):
 
     Attributes:
         parts: act.
+        num_episodes: Episodes of one evaluation, all at once.
+        turns: How often each side is timed.
     """
 
     one_core: ClassVar = True
     environment: ClassVar = {"HF_HUB_OFFLINE": "1", "TQDM_DISABLE": "1"}
 
+    num_episodes: int = 4
+    turns: int = 3
+
     @override
     def measurements(self) -> Parts:
-        return {"act": evaluation}
+        return {"act": self.act}
 
+    def act(self) -> Measurement:
+        """Compares both, in seconds per episode; the checkpoint is loaded and the env built beforehand.
 
-def evaluation(num_episodes: int = NUM_EPISODES, turns: int = TURNS) -> Measurement:
-    """Compares both, in seconds per episode; all of an evaluation run at once.
+        Raises:
+            SimulatorError: The two did not run the same episodes.
+        """
+        import torch
+        from lerobot.envs.factory import make_env_pre_post_processors
+        from lerobot.scripts.lerobot_eval import eval_policy
 
-    The checkpoint is loaded and the env built beforehand.
+        from benchmark.runner import evaluate_cell
+        from envs.lerobot.env import RoboVerseEnvConfig
 
-    Raises:
-        SimulatorError: The two did not run the same episodes.
-    """
-    import torch
-    from lerobot.envs.factory import make_env_pre_post_processors
-    from lerobot.scripts.lerobot_eval import eval_policy
+        size, cameras, policy = _quick_policy()
+        env_config = RoboVerseEnvConfig(task=TASK, level=LEVEL, split=SPLIT, image_size=size, cameras=cameras)
+        env: Any
+        (env,) = env_config.create_envs(self.num_episodes)[env_config.type].values()
+        before, after = make_env_pre_post_processors(env_cfg=env_config, policy_cfg=policy.model.config)
+        steps = (before, after, policy.preprocessor, policy.postprocessor)
+        seeds = list(range(SEED, SEED + self.num_episodes))
+        env.reset(seed=seeds)  # as LeRobot's side does
+        episodes = env.episodes.tolist()
+        ran: dict[str, list[int]] = {}
 
-    from benchmark.runner import evaluate_cell
-    from envs.lerobot.env import RoboVerseEnvConfig
+        @torch.no_grad()
+        def theirs() -> None:
+            found = eval_policy(env, policy.model, *steps, self.num_episodes, start_seed=SEED)
+            ran["LeRobot"] = [episode["seed"] for episode in found["per_episode"]]
 
-    size, cameras, policy = _quick_policy()
-    env_config = RoboVerseEnvConfig(task=TASK, level=LEVEL, split=SPLIT, image_size=size, cameras=cameras)
-    env: Any
-    (env,) = env_config.create_envs(num_episodes)[env_config.type].values()
-    before, after = make_env_pre_post_processors(env_cfg=env_config, policy_cfg=policy.model.config)
-    steps = (before, after, policy.preprocessor, policy.postprocessor)
-    seeds = list(range(SEED, SEED + num_episodes))
-    env.reset(seed=seeds)  # as LeRobot's side does
-    episodes = env.episodes.tolist()
-    ran: dict[str, list[int]] = {}
+        def ours() -> None:
+            records = evaluate_cell(
+                policy, env, episodes, split=SPLIT, level=LEVEL, seed=SEED, policy_name="act"
+            )
+            ran["ours"] = [record.episode for record in records if record.length >= 50]
 
-    @torch.no_grad()
-    def theirs() -> None:
-        found = eval_policy(env, policy.model, *steps, num_episodes, start_seed=SEED)
-        ran["LeRobot"] = [episode["seed"] for episode in found["per_episode"]]
+        def check() -> None:
+            if ran != {"LeRobot": seeds, "ours": episodes}:
+                raise SimulatorError("The two evaluations are not of the same episodes: do not compare them.")
 
-    def ours() -> None:
-        records = evaluate_cell(policy, env, episodes, split=SPLIT, level=LEVEL, seed=SEED, policy_name="act")
-        ran["ours"] = [record.episode for record in records if record.length >= 50]
-
-    def check() -> None:
-        if ran != {"LeRobot": seeds, "ours": episodes}:
-            raise SimulatorError("The two evaluations are not of the same episodes: do not compare them.")
-
-    name, clock = f"evaluation of ACT, {size}×{size}, LeRobot / ours", time.process_time
-    found = compare(name, ours, theirs, GOAL, turns=turns, units=num_episodes, clock=clock, after=check)
-    env.close()
-    return found
+        name, clock = f"evaluation of ACT, {size}×{size}, LeRobot / ours", time.process_time
+        found = compare(
+            name, ours, theirs, GOAL, turns=self.turns, units=self.num_episodes, clock=clock, after=check
+        )
+        env.close()
+        return found
 
 
 def _quick_policy() -> tuple[int, tuple[str, ...], Any]:

@@ -53,7 +53,7 @@ class Rl(DeviceProgram):
         spec = EnvSpec(task=TASK, simulator="mujoco_warp", simulator_settings={"device": self.device})
         return spec.make_torch(self.num_envs, split="train", seed=0)
 
-    def throughput(self, **changes: Any) -> Measurement:
+    def throughput(self) -> Measurement:
         """Compares steps of PPO by ``rsl_rl``, updates included, on our env and on one on bare mujoco_warp.
 
         Returns:
@@ -61,7 +61,7 @@ class Rl(DeviceProgram):
         """
         from roboverse_learn.speed.bare_env import BareEnv
 
-        config, env = PpoConfig(num_envs=self.num_envs, **changes), self.make_env()
+        config, env = PpoConfig(num_envs=self.num_envs), self.make_env()
         ours, bare = (_learning(each, config) for each in (env, BareEnv(self.num_envs, self.device)))
         where, calls = str(env.device), self.rollouts * config.num_steps
         name = f"a step of PPO, {self.num_envs} envs on {where}, bare mujoco_warp / ours"

@@ -1,5 +1,6 @@
 """Each part of the speed programs, as small as it gets, on a CPU. No ratio is asserted."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -10,37 +11,69 @@ from roboverse_learn.speed import agents, simulators
 from roboverse_learn.speed.agents import Agents
 from roboverse_learn.speed.bare_env import BareEnv
 from roboverse_learn.speed.dataset import Dataset
-from roboverse_learn.speed.evaluation import evaluation
-from roboverse_learn.speed.harness import Measurement
+from roboverse_learn.speed.evaluation import Evaluation
+from roboverse_learn.speed.harness import Measurement, Program
 from roboverse_learn.speed.mujoco_warp import MujocoWarp
 from roboverse_learn.speed.processes import Processes
 from roboverse_learn.speed.rl import Rl
+from roboverse_learn.speed.simulators import Simulators
 from roboverse_learn.speed.startup import Startup
 from roboverse_learn.speed.teleoperation import Teleoperation
 from roboverse_learn.speed.throughput import Throughput
 from roboverse_learn.speed.training import Training
-from tests.sweeps import sweep
 
 pytestmark = pytest.mark.slow
 
 
-def is_measured(found: Measurement, *texts: str) -> bool:
-    return (
-        found.ours_s > 0 < found.baseline_s and found.ratio > 0 and all(text in found.name for text in texts)
-    )
+SMALL = dict(device="cpu", turns=1)
+WARP = MujocoWarp(**SMALL, physics_envs=2, control_steps=1, render_envs=2, images=1)
+RL = Rl(**SMALL, num_envs=2, rollouts=1, steps=1)
+TRAINING = Training(**SMALL, batch_size=2, image_size=32, num_frames=8, steps=1, compared=2)
+AGENTS = Agents(**SMALL, model_size=1, sequences=2, plan_envs=1, fasttd3_steps=8, fasttd3_dim=16, updates=1)
 
 
-@pytest.mark.parametrize(("part", "text"), [("list", "roboverse list"), ("first_image", "image, 128×128")])
-def test_startup_is_measured(part, text, monkeypatch):
+def rows(program: Program, texts: dict[str, str], *marks: pytest.MarkDecorator) -> list:
+    """Returns parameters: a program, a part of it, and what its row says."""
+    name = type(program).__name__
+    return [
+        pytest.param(program, part, text, marks=marks, id=f"{name}-{part}") for part, text in texts.items()
+    ]
+
+
+def is_measured(found: Measurement, text: str = "") -> bool:
+    return found.ours_s > 0 < found.baseline_s and found.ratio > 0 and text in found.name
+
+
+@pytest.mark.parametrize(
+    ("program", "part", "text"),
+    [
+        *rows(Startup(), {"list": "roboverse list", "first_image": "first image, 128×128"}),
+        *rows(Evaluation(num_episodes=1, turns=1), {"act": "evaluation of ACT, 64×64, LeRobot / ours"}),
+        *rows(Throughput(turns=1), {"step": "mj_step loop", "step_without_visuals": "without visuals"}),
+        *rows(Simulators(turns=1), {name: f"{name}: control step" for name in simulators.SCRIPTS}),
+        *rows(WARP, {"physics": "2 envs on cpu, bare mujoco_warp / ours"}),
+        *rows(AGENTS, {"fasttd3_update": "FastTD3, update, batch 8 on cpu, plain torch / ours"}),
+        *rows(AGENTS, {"tdmpc2_update": "on cpu", "tdmpc2_planning": "for 1 envs"}, pytest.mark.long),
+        *rows(TRAINING, {"act": "step of act, batch 2, 32×32, bf16 on cpu"}, pytest.mark.long),
+        *rows(TRAINING, {"diffusion": "step of diffusion, batch 2, 32×32"}, pytest.mark.long),
+        *rows(
+            Dataset(episodes=1, length=8, size=64, batch_size=2, batches=1),
+            {"write": "(defaults)", "write_streaming": "(streaming)", "read": "of 2", "read_busy": "busy"},
+        ),
+        *rows(
+            Teleoperation(view_size=32, seconds=2.0),
+            {"delay": "image at 32²", "interval": "between images", "lateness": "lateness of a control step"},
+        ),
+    ],
+)
+def test_a_part_is_measured(program, part, text, monkeypatch):
+    monkeypatch.setattr("logging.disable", lambda level: None)
     monkeypatch.setattr("roboverse_learn.speed.startup.TURNS", 1)
-    assert is_measured(Startup().measurements()[part](), text)
-
-
-def test_teleoperation_is_measured_over_its_websocket():
-    measures = Teleoperation(view_size=32, seconds=2.0).measurements()
-    assert is_measured(measures["delay"](), "command to image at 32²")
-    assert is_measured(measures["interval"](), "between images")
-    assert is_measured(measures["lateness"](), "lateness of a control step")
+    try:
+        found = program.measurements()[part]()
+    except MissingExtraError as error:
+        pytest.skip(str(error))
+    assert is_measured(found, text)
 
 
 @pytest.mark.long
@@ -63,15 +96,6 @@ def test_the_error_of_a_training_is_in_the_message():
         settings.measurements()["act"]()
 
 
-def test_evaluation_runs_the_episodes_of_lerobot_eval():
-    assert is_measured(evaluation(num_episodes=1, turns=1), "evaluation of ACT, 64×64, LeRobot / ours")
-
-
-@pytest.mark.parametrize("visuals", [True, False])
-def test_env_step_is_compared_on_the_same_physics(visuals):
-    assert is_measured(Throughput(turns=1).step(num_steps=10, visuals=visuals), "mj_step loop")
-
-
 def test_render_needs_osmesa(monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "egl")
     with pytest.raises(SimulatorError, match="MUJOCO_GL is not 'osmesa'"):
@@ -80,15 +104,6 @@ def test_render_needs_osmesa(monkeypatch):
     monkeypatch.setattr("ctypes.util.find_library", lambda name: None)
     with pytest.raises(SimulatorError, match=r"libOSMesa is not installed.*apt-get install libosmesa6"):
         Throughput(turns=1).render()
-
-
-@pytest.mark.parametrize("name", simulators.SCRIPTS)
-def test_handler_ends_where_the_script_ends(name):
-    try:
-        found = simulators.overhead(name, turns=1, control_steps=3)
-    except MissingExtraError as error:
-        pytest.skip(str(error))
-    assert is_measured(found, f"{name}: control step")
 
 
 def test_other_physics_is_not_compared(monkeypatch):
@@ -101,36 +116,17 @@ def test_other_physics_is_not_compared(monkeypatch):
         simulators.overhead("mujoco", turns=1, control_steps=3)
 
 
-WARP = MujocoWarp(device="cpu", physics_envs=2, control_steps=1, render_envs=2, images=1, turns=1)
-
-
-def test_warp_physics_ends_where_bare_physics_ends():
-    assert is_measured(WARP.physics(), "2 envs on cpu, bare mujoco_warp / ours")
-
-
 @pytest.mark.parametrize(("simplified", "goal"), [(True, 0.9), (False, 2.0)])
 def test_warp_images_are_compared(simplified, goal):
     found = WARP.render(16, simplified=simplified)
     assert is_measured(found, "RGB 16×16, 2 envs on cpu") and found.goal.limit == goal
 
 
-def tiny_agents(**keys) -> Agents:
-    sizes = dict(model_size=1, sequences=2, plan_envs=1, fasttd3_steps=8, fasttd3_dim=16, updates=1, turns=1)
-    return Agents(device="cpu", **sizes, **keys)
-
-
-@pytest.mark.parametrize(
-    "part", sweep(["tdmpc2_update", "tdmpc2_planning", "fasttd3_update"], {"fasttd3_update"})
-)
-def test_agents_are_compared_with_plain_torch(part):
-    assert is_measured(tiny_agents().measurements()[part](), "on cpu, plain torch / ours")
-
-
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning")  # of the compiler
 @pytest.mark.parametrize("part", ["tdmpc2_update", "fasttd3_update"])
 def test_agents_are_compiled_on_a_cpu_too(part):
-    assert is_measured(tiny_agents(compile=True).measurements()[part]())
+    assert is_measured(replace(AGENTS, compile=True).measurements()[part]())
 
 
 def test_replay_batches_have_one_size_and_are_of_one_episode(monkeypatch):
@@ -140,16 +136,13 @@ def test_replay_batches_have_one_size_and_are_of_one_episode(monkeypatch):
     assert ours.actions.numel() == theirs["action"].numel() == 256 * 4 * 2
     episodes = theirs["episode"].view(256, 4)
     assert (episodes == episodes[:, :1]).all()
-    assert is_measured(tiny_agents().replay(), "replay, 256 sequences of 4 on cpu")
+    assert is_measured(AGENTS.replay(), "replay, 256 sequences of 4 on cpu")
 
 
 def test_missing_torchrl_names_the_extra(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "torchrl.data", None)
     with pytest.raises(MissingExtraError, match=r"parts=\[replay\] compares .*roboverse-learn\[torchrl\]"):
         agents.torchrl_slices(3, 2, "cpu")
-
-
-RL = Rl(device="cpu", num_envs=2, rollouts=1, turns=1, steps=1)
 
 
 def test_bare_env_looks_like_ours_and_restarts():
@@ -170,8 +163,7 @@ def test_bare_env_looks_like_ours_and_restarts():
 @pytest.mark.long
 def test_steps_of_ppo_are_compared():
     pytest.importorskip("rsl_rl")
-    found = RL.throughput(num_steps=2, num_minibatches=1, num_epochs=1, hidden_dims=(8,))
-    assert is_measured(found, "2 envs on cpu, bare mujoco_warp / ours")
+    assert is_measured(RL.throughput(), "2 envs on cpu, bare mujoco_warp / ours")
 
 
 @pytest.mark.parametrize(
@@ -183,28 +175,9 @@ def test_adapter_contains_the_step_of_the_env(name, module):
     assert is_measured(found, name) and found.ratio > 0.99
 
 
-SIZES = dict(batch_size=2, image_size=32, num_frames=8, steps=1, turns=1, compared=2)
-TRAINING = Training(device="cpu", **SIZES)
-
-
 def test_batch_of_a_step_is_fixed():
     batch = TRAINING.batches(SimpleNamespace(delta_indices={"action": [0, 1, 2]}, device="cpu"))
     first, again, other = batch(3), batch(3), batch(4)
     assert first["action"].shape == (2, 3, 9) and first["action_is_pad"].shape == (2, 3)
     assert all(first[key].equal(again[key]) for key in first)
     assert not first["observation.state"].equal(other["observation.state"])
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["act", "diffusion"])
-def test_both_sides_of_training_have_the_same_loss(name):
-    found = TRAINING.step(name)
-    assert is_measured(found, f"training step of {name}, batch 2, 32×32, bf16 on cpu")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("part", ["write", "write_streaming", "read", "read_busy"])
-def test_dataset_is_compared(part, monkeypatch):
-    monkeypatch.setattr("logging.disable", lambda level: None)
-    tiny = Dataset(episodes=1, length=8, size=64, batch_size=2, batches=1)
-    assert is_measured(tiny.measurements()[part]())
