@@ -17,12 +17,12 @@ from typing import Any, override
 import numpy as np
 
 from benchmark.chain_results import ChainResults
-from benchmark.protocol import digest
-from benchmark.provenance import file_hash, portable
+from benchmark.provenance import portable
 from benchmark.runner import PolicyActor
 from envs.batched_env import StepResult
 from envs.core.arguments import run_program
 from envs.core.errors import ConfigError
+from envs.core.fingerprint import digest, file_hash
 from envs.experts.record import git_sha
 from envs.randomization import channel_rng
 from envs.rollout import Actor, Episode, rollout

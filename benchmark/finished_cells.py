@@ -10,9 +10,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmark.protocol import Cell, fingerprint
+from benchmark.protocol import Cell
 from benchmark.records import EpisodeRecord
 from envs.core.atomic import write_file
+from envs.core.fingerprint import fingerprint
 
 log = logging.getLogger(__name__)
 

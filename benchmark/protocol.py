@@ -3,13 +3,12 @@
 A protocol is frozen and versioned. Two results are of one protocol when their hashes agree.
 """
 
-import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 from envs.core.errors import ConfigError, unknown_name
+from envs.core.fingerprint import fingerprint
 from envs.randomization.levels import LEVELS, channels_of
 from envs.randomization.splits import SPLITS
 
@@ -206,21 +205,6 @@ def episodes(split_indices: "Sequence[int] | np.ndarray", num_episodes: int) -> 
             f"Set episodes to at most {len(split_indices)}."
         )
     return [int(index) for index in split_indices[:num_episodes]]
-
-
-def canonical_json(values: Any) -> str:
-    """Returns the one JSON text of ``values``: sorted keys, no spaces, no NaN."""
-    return json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
-
-
-def fingerprint(values: Any) -> str:
-    """Returns the SHA-256 of the canonical JSON, 64 hexadecimal digits."""
-    return hashlib.sha256(canonical_json(values).encode()).hexdigest()
-
-
-def digest(values: Any) -> str:
-    """Returns the first 8 digits of the fingerprint: what names files."""
-    return fingerprint(values)[:8]
 
 
 def check_instruction_test(name: str) -> None:

@@ -3,7 +3,6 @@
 A result is published, so host names and folders of a machine are left out of it.
 """
 
-import hashlib
 import os
 import platform
 import shlex
@@ -141,9 +140,3 @@ def _portable(text: str) -> str:
     path = Path(value)
     inside = path.is_relative_to(Path.cwd())
     return key + separator + (str(path.relative_to(Path.cwd())) if inside else f".../{path.name}")
-
-
-def file_hash(path: Path) -> str:
-    """Returns the SHA-256 of a file, such as a checkpoint's ``model.safetensors``."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()

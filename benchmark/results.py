@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from benchmark.instruction_scores import instruction_scores
-from benchmark.protocol import Protocol, fingerprint
+from benchmark.protocol import Protocol
 from benchmark.records import Checkpoint, EpisodeRecord, Git, Machine, Result
 from envs.core.atomic import write_file
 from envs.core.errors import ResultError, RoboVerseError
+from envs.core.fingerprint import fingerprint
 from envs.spec import EnvSpec
 
 SCHEMA_VERSION = 2

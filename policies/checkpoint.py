@@ -1,12 +1,12 @@
 """Reading a LeRobot pretrained folder: only JSON and safetensors, checked before anything is built."""
 
-import hashlib
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from envs.core.errors import PolicyError
+from envs.core.fingerprint import file_hash
 
 if TYPE_CHECKING:
     import torch
@@ -196,13 +196,8 @@ def policy_label(directory: Path) -> str:
 
 def write_hashes(directory: Path) -> None:
     """Writes the SHA-256 of each safetensors file of a pretrained folder into the file ``sha256.json``."""
-    hashes = {path.name: _sha256(path) for path in sorted(directory.glob("*.safetensors"))}
+    hashes = {path.name: file_hash(path) for path in sorted(directory.glob("*.safetensors"))}
     (directory / HASHES).write_text(json.dumps(hashes, indent=2), encoding="utf-8")
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _check_hash(path: Path) -> None:
@@ -211,7 +206,7 @@ def _check_hash(path: Path) -> None:
     if not hashes.is_file():
         return
     saved = read_json(hashes).get(path.name)
-    if saved is not None and saved != (found := _sha256(path)):
+    if saved is not None and saved != (found := file_hash(path)):
         raise PolicyError(
             f"'{path}' is damaged, or was changed after it was saved: its SHA-256 is {found[:16]}…, and "
             f"{HASHES} says {str(saved)[:16]}…. Name another checkpoint, or train again. If you changed it "

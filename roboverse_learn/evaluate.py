@@ -160,8 +160,8 @@ def evaluate_policy(policy: "Policy | FunctionPolicy", config: EvaluateConfig) -
 
 def _recorded(checkpoint: Path | None) -> "Checkpoint":
     """Returns a checkpoint as a result records it."""
-    from benchmark.provenance import file_hash
     from benchmark.records import Checkpoint
+    from envs.core.fingerprint import file_hash
     from policies.checkpoint import weights_path
 
     if checkpoint is None:

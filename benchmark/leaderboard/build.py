@@ -33,13 +33,14 @@ from benchmark.leaderboard.rows import (
     row_key,
 )
 from benchmark.leaderboard.suites_section import read_suites, suite_sections, without_section
-from benchmark.protocol import Cell, canonical_json, digest
+from benchmark.protocol import Cell
 from benchmark.records import EpisodeRecord, Result
 from benchmark.results import read_result, result_path
 from benchmark.statistics import compare, holm
 from benchmark.suites import FOLDER
 from envs.core.atomic import write_file
 from envs.core.errors import ResultError
+from envs.core.fingerprint import canonical_json, digest
 
 SCHEMA_VERSION = 2
 JSON_NAME, MARKDOWN_NAME, HTML_NAME = "leaderboard.json", "leaderboard.md", "leaderboard.html"

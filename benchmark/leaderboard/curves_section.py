@@ -13,8 +13,8 @@ import numpy as np
 
 from benchmark.leaderboard.rows import Entry, name_rows, policy_label, row_key
 from benchmark.learning_curves import over_seeds, read_curve
-from benchmark.protocol import canonical_json
 from benchmark.records import Result
+from envs.core.fingerprint import canonical_json
 
 _NOT_LEARNED_FROM = ("training_steps", "training_time_s", "protocol_hash", "tested_alone")
 """Fields that distinguish results without affecting learning."""

@@ -13,7 +13,7 @@ from benchmark.leaderboard.curve_chart import thousands
 from benchmark.leaderboard.legend import legend_below
 from benchmark.leaderboard.plots import COLORS, new_figure, save_figure
 from benchmark.leaderboard.rows import Entry, name_rows, policy_label, row_key
-from benchmark.protocol import canonical_json
+from envs.core.fingerprint import canonical_json
 
 type Line = dict[str, Any]
 

@@ -15,8 +15,8 @@ from typing import Any
 
 from benchmark.leaderboard.recipe_settings import learned_settings
 from benchmark.leaderboard.rows import demonstrated_by, policy_and_backend, trained_with, training_length
-from benchmark.protocol import canonical_json, digest
 from benchmark.records import Result
+from envs.core.fingerprint import canonical_json, digest
 
 ENTRY, STUDY, BASELINE = "entry", "study", "baseline"
 

@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from benchmark.protocol import fingerprint
+from envs.core.fingerprint import fingerprint
 
 KEYWORD = "drawn of"
 _CODE = ("plots.py", "legend.py")

@@ -5,7 +5,7 @@ from dataclasses import asdict
 from typing import Any
 
 import policies
-from benchmark.protocol import canonical_json
+from envs.core.fingerprint import canonical_json
 
 _FREE = {
     *("train.steps", "train.time_limit_s"),  # the checkpoint has the training time

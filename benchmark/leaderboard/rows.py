@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from benchmark.leaderboard.recipe_settings import differing, learned_settings, said
-from benchmark.protocol import Cell, canonical_json
+from benchmark.protocol import Cell
 from benchmark.records import EpisodeRecord, Result
 from benchmark.results import video_dir
 from benchmark.statistics import iqm, iqm_of_strata, mean_of_rates, rate_of_runs, stratified_bootstrap
+from envs.core.fingerprint import canonical_json
 
 Entry = tuple[str, Result]
 """A results file's path, relative to the folder of results, and what it holds."""

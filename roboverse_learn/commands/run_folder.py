@@ -19,9 +19,9 @@ import numpy as np
 from filelock import BaseFileLock
 
 import policies
-from benchmark.protocol import digest
 from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, LockedError, RoboVerseError
+from envs.core.fingerprint import digest
 from roboverse_learn.config.keys import at, flat_keys
 from roboverse_learn.config.schema import TrainRunConfig
 from roboverse_learn.config.serialize import from_values, to_values

@@ -158,8 +158,7 @@ def _each_task[T](suite: str, do: Callable[[str], T]) -> tuple[dict[str, T], dic
 
 def _run_name(config: EvaluateConfig) -> str:
     """Returns the name of a suite's evaluation: the run or baseline, and a hash of what is evaluated."""
-    from benchmark.protocol import digest
-    from benchmark.provenance import file_hash
+    from envs.core.fingerprint import digest, file_hash
     from policies.checkpoint import weights_path
     from roboverse_learn.commands.foreign_checkpoint import open_checkpoint
     from roboverse_learn.commands.run_folder import run_of

@@ -215,7 +215,7 @@ def _changes_in_name(trained: TrainRunConfig, env: EnvSpec) -> list[str]:
 
 def _checkpoint_without_run(checkpoint: Path, config: EvaluateConfig) -> TestedCheckpoint:
     """Returns a checkpoint of no run of this project, such as one of ``lerobot-train``."""
-    from benchmark.provenance import file_hash
+    from envs.core.fingerprint import file_hash
     from policies.checkpoint import CONFIG, policy_type, read_json, seen_cameras, weights_path
     from roboverse_learn.commands.foreign_checkpoint import ANY_SIZE, seen_env
     from roboverse_learn.config.serialize import to_values

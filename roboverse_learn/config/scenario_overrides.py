@@ -5,8 +5,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from benchmark.protocol import digest
 from envs.core.errors import ConfigError
+from envs.core.fingerprint import digest
 from envs.spec import EnvSpec
 
 SECTION = "scenario"

@@ -41,7 +41,7 @@ def find_policy(config: TeleoperateConfig) -> TestedCheckpoint:
 def load_driver(config: TeleoperateConfig, env: RoboVerseVectorEnv) -> "PolicyDriver":
     """Returns the policy of the checkpoint of a configuration, with its weights in memory once more."""
     import policies
-    from benchmark.provenance import file_hash
+    from envs.core.fingerprint import file_hash
     from policies.checkpoint import policy_type, resolve, weights_path
     from roboverse_learn.training.device import resolve_device
 

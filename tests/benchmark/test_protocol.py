@@ -2,7 +2,7 @@ from typing import Any
 
 import pytest
 
-from benchmark.protocol import Cell, Protocol, canonical_json
+from benchmark.protocol import Cell, Protocol
 from envs.core.errors import ConfigError, RoboVerseError
 
 
@@ -49,12 +49,6 @@ def test_a_width_is_written_only_where_there_is_one():
     assert Protocol.from_json(protocol.to_json()) == protocol
     with pytest.raises(ConfigError, match=r"width must be between 0 and 1, given 10: 0\.1 ends a cell"):
         Protocol(width=10)
-
-
-def test_canonical_json_has_one_form():
-    assert canonical_json({"b": 1, "a": [1.5, None]}) == '{"a":[1.5,null],"b":1}'
-    with pytest.raises(ValueError, match="not JSON compliant"):
-        canonical_json({"a": float("nan")})
 
 
 def test_episodes_are_the_first_of_the_split():

@@ -76,11 +76,6 @@ def test_machine_has_no_name():
     assert machine.cpu_count >= 1
 
 
-def test_file_hash(tmp_path):
-    (tmp_path / "f").write_bytes(b"abc")
-    assert provenance.file_hash(tmp_path / "f").startswith("ba7816bf8f01cfea")
-
-
 @pytest.mark.slow
 def test_importing_the_benchmark_is_light():
     """Heavy packages are imported where they are used, so that commands start quickly."""

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from benchmark.protocol import Protocol, fingerprint
+from benchmark.protocol import Protocol
 from benchmark.records import Checkpoint, Git, Machine
 from benchmark.results import read_result, result_path, write_result
 from envs.core.errors import ResultError, WriteError
+from envs.core.fingerprint import fingerprint
 
 PROPERTY = settings(
     deadline=None,

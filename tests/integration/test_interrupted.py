@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmark.provenance import file_hash
 from benchmark.records import EpisodeRecord
 from benchmark.results import read_result
+from envs.core.fingerprint import file_hash
 from policies.checkpoint import WEIGHTS
 from roboverse_learn.commands.run_folder import read_facts
 from roboverse_learn.training.metrics import read_metrics

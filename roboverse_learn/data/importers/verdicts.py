@@ -1,6 +1,5 @@
 """Verdicts on demonstrations: whether they can be read, and pass our checker by states and by controls."""
 
-import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -9,6 +8,7 @@ from typing import Any
 
 from envs.core.atomic import write_json
 from envs.core.errors import ConfigError, DatasetError, SimulatorError
+from envs.core.fingerprint import file_hash
 from envs.vector_env import RoboVerseVectorEnv
 from roboverse_learn.data.dataset.damage import read_json
 from roboverse_learn.data.importers.demonstration import Demonstration, DemonstrationFile
@@ -266,11 +266,7 @@ def _relative(file: Path, path: Path) -> str:
 
 def _hashes(files: Sequence[Path], path: Path) -> dict[str, str]:
     """Returns the SHA-256 of each file's content."""
-    hashes = {}
-    for file in files:
-        with open(file, "rb") as content:
-            hashes[_relative(file, path)] = hashlib.file_digest(content, "sha256").hexdigest()
-    return hashes
+    return {_relative(file, path): file_hash(file) for file in files}
 
 
 def known_summary(

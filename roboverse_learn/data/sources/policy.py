@@ -75,7 +75,7 @@ def find_demonstrator(checkpoint: str, task: str) -> Demonstrator:
         ConfigError: Its policy learned from demonstrations itself, or sees images.
     """
     import policies
-    from benchmark.provenance import file_hash
+    from envs.core.fingerprint import file_hash
     from policies.checkpoint import WEIGHTS, check_learned, policy_type, resolve, seen_cameras
 
     folder = resolve(checkpoint)

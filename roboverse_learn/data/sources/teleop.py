@@ -1,6 +1,5 @@
 """Demonstrations of a person: recorded states, rendered with any camera, renderer and level."""
 
-import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, override
@@ -9,6 +8,7 @@ import numpy as np
 import torch
 
 from envs.core.errors import ConfigError, DatasetError
+from envs.core.fingerprint import file_hash
 from envs.state import State
 from roboverse_learn.data.collection.schedule import check_settings
 from roboverse_learn.data.dataset.info import DatasetInfo, is_collected_here, read_info
@@ -137,7 +137,7 @@ class TeleopEpisodes(ExpertEpisodes):
                 replay=self._by,
                 initial_state_hash=starts[outcome.episode],
                 file=file.name,
-                file_sha256=hashlib.sha256(file.read_bytes()).hexdigest(),
+                file_sha256=file_hash(file),
                 **{key: recording.facts[key] for key in _FACTS if key in recording.facts},
             )
             episode.successes = outcome.successes
