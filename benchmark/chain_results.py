@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from envs.core.atomic import write_file
-from envs.core.errors import ConfigError
+from envs.core.json_file import read_kept
 
 
 class ChainResults:
@@ -53,15 +53,7 @@ def read_runs(path: Path) -> dict[str, list[dict[str, Any]]]:
     Raises:
         ConfigError: The file is damaged.
     """
-    if not path.is_file():
-        return {}
-    try:
-        runs = json.loads(path.read_text(encoding="utf-8"))
-        for items in runs.values():
-            _solved(items)
-    except (ValueError, AttributeError, KeyError, TypeError) as error:
-        raise ConfigError(f"{path} has no results of chains. Restore it, or remove it.") from error
-    return runs
+    return read_kept(path, _checked, "has no results of chains", "Restore it, or remove it.") or {}
 
 
 def read_results(path: Path) -> dict[str, dict[int, int]]:
@@ -71,6 +63,12 @@ def read_results(path: Path) -> dict[str, dict[int, int]]:
         ConfigError: The file is damaged.
     """
     return {label: _solved(runs) for label, runs in read_runs(path).items()}
+
+
+def _checked(runs: dict[str, list[dict[str, Any]]]) -> dict[str, list[dict[str, Any]]]:
+    for items in runs.values():
+        _solved(items)
+    return runs
 
 
 def _solved(runs: list[dict[str, Any]]) -> dict[int, int]:

@@ -4,11 +4,10 @@ The file is ``results/tasks.json`` of a checkout, and a copy of it in an install
 imported here, so that listings may read it.
 """
 
-import json
 from pathlib import Path
 from typing import Any
 
-from envs.core.errors import ConfigError
+from envs.core.json_file import read_kept
 
 CHECKOUT, PACKAGED = (
     Path(__file__).parents[2] / "results" / "tasks.json",
@@ -27,14 +26,12 @@ def read_rows(path: Path) -> dict[str, dict[str, Any]]:
     Raises:
         ConfigError: The file is damaged.
     """
-    if not path.is_file():
-        return {}
-    try:
-        rows = json.loads(path.read_text(encoding="utf-8"))
-        if not all(isinstance(row, dict) for row in rows.values()):
-            raise ValueError("a row is no object")
-    except (ValueError, AttributeError) as error:
-        raise ConfigError(f"{path} has no rows of tasks ({error}). Restore it, or remove it.") from error
+    return read_kept(path, _checked, "has no rows of tasks", "Restore it, or remove it.") or {}
+
+
+def _checked(rows: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    if not all(isinstance(row, dict) for row in rows.values()):
+        raise ValueError("a row is no object")
     return rows
 
 

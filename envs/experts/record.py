@@ -9,9 +9,10 @@ import subprocess
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from envs.core.atomic import write_file
-from envs.core.errors import ConfigError
+from envs.core.json_file import read_kept
 
 RECORDS = Path(__file__).parents[1] / "tasks" / "experts.json"
 """The file, part of the package."""
@@ -57,23 +58,19 @@ def read_records(path: Path = RECORDS) -> dict[str, ExpertRecord]:
     Raises:
         ConfigError: The file is damaged.
     """
-    if not path.is_file():
-        return {}
-    try:
-        raw = json.loads(path.read_text(encoding="utf-8"))
-        return {
-            task: ExpertRecord(
-                {split: SplitRecord(**values) for split, values in record["splits"].items()},
-                record["command"],
-                record["git_sha"],
-            )
-            for task, record in raw.items()
-        }
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ConfigError(
-            f"{path} does not say how often experts succeed ({type(error).__name__}: {error}). "
-            "Restore it, or measure again: python -m envs.experts.check task=<task> record=true"
-        ) from error
+    remedy = "Restore it, or measure again: python -m envs.experts.check task=<task> record=true"
+    return read_kept(path, _parsed, "does not say how often experts succeed", remedy) or {}
+
+
+def _parsed(raw: dict[str, Any]) -> dict[str, ExpertRecord]:
+    return {
+        task: ExpertRecord(
+            {split: SplitRecord(**values) for split, values in record["splits"].items()},
+            record["command"],
+            record["git_sha"],
+        )
+        for task, record in raw.items()
+    }
 
 
 def write_record(task: str, record: ExpertRecord, path: Path = RECORDS) -> None:

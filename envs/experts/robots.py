@@ -5,7 +5,6 @@ and writes ``results/robots.json`` after every cell; run again, it measures what
 cannot do a task is recorded with the reason.
 """
 
-import json
 import logging
 import sys
 from collections.abc import Sequence
@@ -16,6 +15,7 @@ from typing import Any
 from envs.core.arguments import run_program
 from envs.core.atomic import write_json
 from envs.core.errors import ConfigError
+from envs.core.json_file import read_kept
 from envs.experts.check import check_expert
 from envs.experts.record import git_sha
 from envs.robots import ROBOTS
@@ -88,17 +88,13 @@ def read_table(path: Path) -> list[dict[str, Any]]:
     Raises:
         ConfigError: The file is damaged, or of another schema.
     """
-    if not path.is_file():
-        return []
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-        if document["schema_version"] != _SCHEMA:
-            raise ValueError(f"its schema_version is {document['schema_version']}, not {_SCHEMA}")
-        return list(document["cells"])
-    except (ValueError, KeyError, TypeError) as error:
-        raise ConfigError(
-            f"'{path}' is no table of robots: {error}. Remove it, or give out=<file>."
-        ) from error
+    return read_kept(path, _cells, "is no table of robots", "Remove it, or give out=<file>.") or []
+
+
+def _cells(document: dict[str, Any]) -> list[dict[str, Any]]:
+    if document["schema_version"] != _SCHEMA:
+        raise ValueError(f"its schema_version is {document['schema_version']}, not {_SCHEMA}")
+    return list(document["cells"])
 
 
 def as_text(cells: Sequence[dict[str, Any]]) -> str:

@@ -159,10 +159,10 @@ def chains_from(symbols: Symbols, count: int, seed: int) -> list[tuple[str, ...]
     return found
 
 
-def drawn_chains(count: int = NUM_CHAINS) -> list[Chain]:
-    """Draws the protocol's chains by the authors' rule; a thousand take minutes."""
+def drawn_chains() -> list[Chain]:
+    """Draws the protocol's chains by the authors' rule, which takes a minute."""
     starts = start_symbols()
-    shares = [len(part) for part in np.array_split(range(count), len(starts))]
+    shares = [len(part) for part in np.array_split(range(NUM_CHAINS), len(starts))]
     found = [
         (start, chain)
         for seed, (start, share) in enumerate(zip(starts, shares, strict=True))

@@ -9,6 +9,7 @@ from envs.tasks.calvin.sequences import (
     all_chains,
     chain_is_valid,
     chains_from,
+    drawn_chains,
     fnv1,
     start_seed,
     start_symbols,
@@ -85,6 +86,11 @@ def test_the_protocols_chains_are_kept_in_the_package_and_valid():
     counts = np.unique([str(sorted(symbols.items())) for symbols, _ in chains], return_counts=True)[1]
     assert len(counts) == 192
     assert set(counts.tolist()) == {5, 6}
+
+
+@pytest.mark.long
+def test_the_kept_chains_are_those_that_the_authors_rule_draws():
+    assert drawn_chains() == list(all_chains())
 
 
 @pytest.mark.slow
