@@ -23,7 +23,7 @@ from envs.batched_env import StepResult
 from envs.core.arguments import run_program
 from envs.core.errors import ConfigError
 from envs.core.fingerprint import digest, file_hash
-from envs.experts.record import git_sha
+from envs.core.git import git_sha
 from envs.randomization import channel_rng
 from envs.rollout import Actor, Episode, rollout
 from envs.spec import EnvSpec

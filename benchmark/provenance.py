@@ -6,7 +6,6 @@ A result is published, so host names and folders of a machine are left out of it
 import os
 import platform
 import shlex
-import subprocess
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmark.records import Git, Machine
+from envs.core.git import git, is_tracked
 from envs.core.machine import num_cores
 
 PACKAGES = (
@@ -69,27 +69,13 @@ def git_state(folder: Path | None = None) -> Git | None:
         folder: A folder of the checkout; the one of this file when None.
     """
     here = folder or Path(__file__).parent
-    top = _git(here, "rev-parse", "--show-toplevel")
-    sha = _git(here, "rev-parse", "HEAD")
+    top = git(here, "rev-parse", "--show-toplevel")
+    sha = git(here, "rev-parse", "HEAD")
     # An installed wheel can lie inside somebody else's checkout, whose commit says nothing of it.
-    if not sha or top is None or (folder is None and not _tracks(here, Path(__file__).name)):
+    if not sha or top is None or (folder is None and not is_tracked(Path(__file__))):
         return None
-    changes = _git(here, "status", "--porcelain", "--untracked-files=no", "--", top, _NO_RESULTS)
+    changes = git(here, "status", "--porcelain", "--untracked-files=no", "--", top, _NO_RESULTS)
     return Git(sha=sha, dirty=bool(changes))
-
-
-def _tracks(folder: Path, name: str) -> bool:
-    return bool(_git(folder, "ls-files", name))
-
-
-def _git(folder: Path, *arguments: str) -> str | None:
-    try:
-        done = subprocess.run(
-            ["git", "-C", str(folder), *arguments], capture_output=True, text=True, timeout=30, check=True
-        )
-    except (OSError, subprocess.SubprocessError):
-        return None
-    return done.stdout.strip()
 
 
 def machine(device: str = "cpu") -> Machine:

@@ -86,6 +86,11 @@ def to_euler(q: np.ndarray) -> np.ndarray:
     return np.stack([yaw, pitch, roll], axis=-1)
 
 
+def wrapped(angle: Array) -> Array:
+    """Returns the angles (...,) of the same turns in [-π, π); a float is one, too."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
 def yaw_of(q: Array) -> Array:
     """Returns the heading (...,) in radians: the angle of the turned x axis about z."""
     w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]

@@ -16,8 +16,9 @@ import numpy as np
 
 from envs.core.arguments import parse
 from envs.core.errors import ConfigError, RoboVerseError, unknown_name
+from envs.core.git import git_sha
 from envs.experts.actor import expert_episodes
-from envs.experts.record import RECORDS, ExpertRecord, SplitRecord, git_sha, write_record
+from envs.experts.record import RECORDS, ExpertRecord, SplitRecord, write_record
 from envs.joint_readings import target_readings
 from envs.randomization.splits import SPLITS
 from envs.rollout import Episode

@@ -5,7 +5,6 @@ pages read the file without importing anything heavy.
 """
 
 import json
-import subprocess
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -78,25 +77,3 @@ def write_record(task: str, record: ExpertRecord, path: Path = RECORDS) -> None:
     records = {**read_records(path), task: record}
     text = json.dumps({name: asdict(records[name]) for name in sorted(records)}, indent=1) + "\n"
     write_file(path, text.encode())
-
-
-def git_sha(folder: Path | None = None) -> str | None:
-    """Returns the commit of the checkout that holds ``folder`` (that of this file by default).
-
-    It ends in ``+`` if tracked files differ from the commit; it is None outside a checkout.
-    """
-    here = folder or Path(__file__).parent
-    if folder is None and _git(here, "ls-files", "--error-unmatch", "record.py") is None:
-        return None  # an installed package inside somebody else's checkout
-    sha = _git(here, "rev-parse", "HEAD")
-    return None if sha is None else sha + "+" * bool(_git(here, "status", "--porcelain", "-uno"))
-
-
-def _git(folder: Path, *words: str) -> str | None:
-    try:
-        done = subprocess.run(
-            ["git", "-C", str(folder), *words], capture_output=True, text=True, check=False, timeout=20
-        )
-    except (OSError, subprocess.TimeoutExpired):
-        return None
-    return done.stdout.strip() if done.returncode == 0 else None

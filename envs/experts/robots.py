@@ -15,9 +15,9 @@ from typing import Any
 from envs.core.arguments import run_program
 from envs.core.atomic import write_json
 from envs.core.errors import ConfigError
+from envs.core.git import git_sha
 from envs.core.json_file import read_kept
 from envs.experts.check import check_expert
-from envs.experts.record import git_sha
 from envs.robots import ROBOTS
 from envs.spec import EnvSpec
 from envs.tasks import TASKS

@@ -21,9 +21,9 @@ from PIL import Image
 from envs.core.arguments import run_program
 from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, RoboVerseError
+from envs.core.git import git_sha
 from envs.experts.actor import expert_episodes
 from envs.experts.counts import read_rows
-from envs.experts.record import git_sha
 from envs.spec import EnvSpec
 from envs.tasks import TASKS
 from envs.vector_env import RoboVerseVectorEnv

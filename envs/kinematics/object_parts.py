@@ -115,12 +115,6 @@ class ObjectParts:
             raise unknown_name("site", name, self.sites)
         return self.sites[name]
 
-    def joint_of(self, part: int) -> PartJoint | None:
-        """Returns the joint that moves a part: its own, or the next one above it."""
-        while part >= 0 and self.parts[part].joint is None:
-            part = self.parts[part].parent
-        return self.parts[part].joint if part >= 0 else None
-
     def part_pose(self, entity: EntityState, part: int) -> tuple[Tensor, Tensor]:
         """Returns positions (N, 3) and orientations (N, 4) of a part in the world."""
         chain = [part]

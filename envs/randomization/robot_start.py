@@ -5,7 +5,6 @@ the hand most, are drawn from the cells of a grid, and every tenth cell is held 
 posture of a test episode occurs in no training episode.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, override
 
@@ -47,12 +46,6 @@ def cells(split: str, num_joints: int = 2) -> tuple[tuple[int, ...], ...]:
     if num_joints == 1:
         return divided([(row,) for row in range(rows)], split)
     return divided([(i, (3 * (i + 1) + j) % columns) for i in range(rows) for j in range(columns)], split)
-
-
-def cell_of(offsets: Sequence[float] | np.ndarray) -> tuple[int, ...]:
-    """Returns the cell that the offsets of an arm's joints are in."""
-    shares = [(offset / BOUND_RAD + 1.0) / 2.0 for offset in offsets[:2]]
-    return tuple(min(int(share * count), count - 1) for share, count in zip(shares, CELLS, strict=False))
 
 
 @dataclass(frozen=True, slots=True)

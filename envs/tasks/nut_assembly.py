@@ -14,9 +14,10 @@ import torch
 from torch import Tensor
 
 from envs.kinematics.waypoints import Waypoint, approach, correction_s, miss
-from envs.rotations import from_yaw, rotate, yaw_of
+from envs.rotations import from_yaw, rotate, wrapped, yaw_of
 from envs.scenario import GeomCfg, ObjectCfg, RobotCfg, ScenarioCfg, TableCfg
 from envs.state import EntityState, State
+from envs.tasks.arm_at_table import above
 from envs.tasks.base import Task
 from envs.tasks.parameters import interval, parameter
 from envs.tasks.robosuite.scene import UPRIGHT_PITCH_RAD, panda, pedestal
@@ -31,6 +32,7 @@ from envs.tasks.tabletop import (
     finger_gap,
     hand_yaw,
     nearness,
+    point_on,
     target_gap,
     wrist_camera,
 )
@@ -239,7 +241,7 @@ class NutAssembly(Task):
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
         robot = state.robots[self.robot.name]
         hand = ee_pos(robot)[0].numpy()
-        away = _way(_higher(hand, CARRY_HEIGHT_M), hand_yaw(robot), GRASP_OPEN_M, 0.5)
+        away = _way(above(hand, CARRY_HEIGHT_M), hand_yaw(robot), GRASP_OPEN_M, 0.5)
         for nut in self.nuts:
             if not bool(self._is_done(state, nut)[0]):
                 body = state.objects[nut.name]
@@ -296,10 +298,12 @@ class NutAssembly(Task):
         handle[2] = max(handle[2], NUT_HALF_HEIGHT_M)
         turn = _grasp_turn(float(yaw_of(body.rot[0].numpy())))
         # The approach first misses: the next motion demonstrates the correction.
-        above = handle + np.array([*rng.normal(0.0, self.approach_noise_m, 2), rng.uniform(0.06, 0.09)])
+        over_handle = handle + np.array([*rng.normal(0.0, self.approach_noise_m, 2), rng.uniform(0.06, 0.09)])
         hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
         return [
-            *approach(_way(above, turn, hold, 0.7 + 0.4 * abs(turn - hand_yaw(robot))), rng, self.detour_m),
+            *approach(
+                _way(over_handle, turn, hold, 0.7 + 0.4 * abs(turn - hand_yaw(robot))), rng, self.detour_m
+            ),
             _way(handle, turn, hold, 0.5, hold_s=0.1),
             _way(handle, turn, grip, 0.3),
             _way(np.array([*handle[:2], CARRY_HEIGHT_M]), turn, grip, 0.7),
@@ -310,7 +314,7 @@ class NutAssembly(Task):
     ) -> list[Waypoint]:
         """Returns the way to bring the nut in the hand over its peg, to lower it and to let go."""
         hand, now = ee_pos(robot)[0].numpy(), hand_yaw(robot)
-        turn = float(np.clip(now + _wrapped(np.pi - float(yaw_of(body.rot[0].numpy()))), *YAW_RANGE_RAD))
+        turn = float(np.clip(now + wrapped(np.pi - float(yaw_of(body.rot[0].numpy()))), *YAW_RANGE_RAD))
         spin, offset = turn - now, hand - body.pos[0].numpy()
         in_hand = rotate(from_yaw(spin), offset)  # from the nut to the hand, when the hand has turned
         over = np.array([*peg[:2], CARRY_HEIGHT_M]) + in_hand
@@ -325,7 +329,7 @@ class NutAssembly(Task):
             _way(over, turn, grip, max(0.4, correction_s(aside)), hold_s=0.1),
             _way(low, turn, grip, 0.8, hold_s=0.1),
             _way(low, turn, hold, 0.3),
-            _way(_higher(low, CARRY_HEIGHT_M), turn, hold, 0.6),
+            _way(above(low, CARRY_HEIGHT_M), turn, hold, 0.6),
         ]
 
 
@@ -367,11 +371,7 @@ class NutAssemblyRound(NutAssembly):
 
 def _on_handle(body: EntityState, along_m: float) -> Tensor:
     """Returns the point of the nut's handle at ``along_m`` from its centre, (N, 3)."""
-    return body.pos + rotate(body.rot, body.pos.new_tensor([along_m, 0.0, 0.0]).expand_as(body.pos))
-
-
-def _higher(pos: np.ndarray, height_m: float) -> np.ndarray:
-    return pos + np.array([0.0, 0.0, height_m])
+    return point_on(body, (along_m, 0.0, 0.0))
 
 
 def _way(pos: np.ndarray, yaw: float, gripper: float, duration_s: float, hold_s: float = 0.0) -> Waypoint:
@@ -381,10 +381,6 @@ def _way(pos: np.ndarray, yaw: float, gripper: float, duration_s: float, hold_s:
     )
 
 
-def _wrapped(angle: float) -> float:
-    return float((angle + np.pi) % (2 * np.pi) - np.pi)
-
-
 def _grasp_turn(handle_yaw: float) -> float:
     """Returns the turn of the hand to take a handle that points along ``handle_yaw`` from the nut.
 
@@ -392,5 +388,5 @@ def _grasp_turn(handle_yaw: float) -> float:
     the hand at turn 0 if the wrist can come from there, and else turned round by (almost) π.
     """
     low, high = YAW_RANGE_RAD
-    turn = _wrapped(handle_yaw - np.pi)
-    return turn if low <= turn <= high else float(np.clip(_wrapped(handle_yaw), low, high))
+    turn = float(wrapped(handle_yaw - np.pi))
+    return turn if low <= turn <= high else float(np.clip(wrapped(handle_yaw), low, high))

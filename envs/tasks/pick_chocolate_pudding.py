@@ -72,9 +72,6 @@ LIBERO_BOX = ((-0.06108, -0.06108, -0.06949 - 0.01), CONTAIN_HALF_M)
 ROBOVERSE_BOX = ((-0.08, -0.08, -0.11), (0.08, 0.08, 0.05))
 """Box of the paper's code, along the world's axes (snapshot of June 2025)."""
 
-PUDDING_HALF_M = np.array([0.0401, 0.02316, 0.01371])
-"""Half sizes along the pudding's own axes."""
-
 HAND_HALF_M = (0.033, 0.106)
 """Half depth and half width of the hand above the fingers, seen from above."""
 

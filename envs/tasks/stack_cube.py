@@ -19,6 +19,7 @@ from envs.kinematics.waypoints import Waypoint, approach, correction_s, grasp_ya
 from envs.rotations import from_yaw, yaw_of
 from envs.scenario import GeomCfg, ObjectCfg, Rgba, RobotCfg, ScenarioCfg, TableCfg
 from envs.state import EntityState, State
+from envs.tasks.arm_at_table import above
 from envs.tasks.base import Task
 from envs.tasks.parameters import parameter
 from envs.tasks.tabletop import (
@@ -174,16 +175,16 @@ class StackCube(Task):
         start, base = a.pos[0].numpy(), b.pos[0].numpy()
         yaw = _clear_yaw(float(yaw_of(a.rot[0].numpy())), base[:2] - start[:2], 6 * self.cube_half_size_m)
         hand = ee_pos(robot)[0].numpy()
-        up = Waypoint(pos=_higher(hand, 0.08), yaw=hand_yaw(robot), gripper=GRASP_OPEN_M, duration_s=0.5)
+        up = Waypoint(pos=above(hand, 0.08), yaw=hand_yaw(robot), gripper=GRASP_OPEN_M, duration_s=0.5)
         if bool(self._on_top(state)[0]):
             return [up]
         # Both ends first miss: the next motion demonstrates the correction.
-        above = start + np.array([*rng.normal(0.0, self.approach_noise_m, 2), rng.uniform(0.07, 0.1)])
-        place = _higher(base, 2 * self.cube_half_size_m)
+        over_cube = start + np.array([*rng.normal(0.0, self.approach_noise_m, 2), rng.uniform(0.07, 0.1)])
+        place = above(base, 2 * self.cube_half_size_m)
         hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
         turn_s = 0.65 + 0.2 * abs(yaw - hand_yaw(robot))
-        come = approach(Waypoint(pos=above, yaw=yaw, gripper=hold, duration_s=turn_s), rng, self.detour_m)
-        over = _higher(place, self.carry_height_m)
+        come = approach(Waypoint(pos=over_cube, yaw=yaw, gripper=hold, duration_s=turn_s), rng, self.detour_m)
+        over = above(place, self.carry_height_m)
         aside = rng.normal(0.0, miss(rng, often_m=self.approach_noise_m, seldom_m=self.detour_m), 2)
         near, back = over + np.array([*aside, 0.0]), correction_s(aside)
         lift = np.array([*start[:2], near[2]])
@@ -197,11 +198,11 @@ class StackCube(Task):
             Waypoint(pos=lift, yaw=yaw, gripper=grip, duration_s=0.5),
             Waypoint(pos=near, yaw=yaw, gripper=grip, duration_s=carry),
             *([Waypoint(pos=over, yaw=yaw, gripper=grip, duration_s=back)] if back > 0.16 else []),
-            Waypoint(pos=_higher(place, 0.001), yaw=yaw, gripper=grip, duration_s=0.5, hold_s=0.15),
+            Waypoint(pos=above(place, 0.001), yaw=yaw, gripper=grip, duration_s=0.5, hold_s=0.15),
             Waypoint(pos=place, yaw=yaw, gripper=hold, duration_s=0.3),
-            Waypoint(pos=_higher(place, 0.1), yaw=yaw, gripper=hold, duration_s=0.5),
+            Waypoint(pos=above(place, 0.1), yaw=yaw, gripper=hold, duration_s=0.5),
         ]
-        low = hand[2] < above[2] - 0.02
+        low = hand[2] < over_cube[2] - 0.02
         return [*([up] if low else []), *grasp, *stack]
 
     def _cube(self, name: str, rgba: Rgba, y: float) -> ObjectCfg:
@@ -244,10 +245,6 @@ class StackCube(Task):
         if robot.joint_target is None:
             return apart
         return apart | (target_gap(robot, self.robot) >= gap - 0.001)
-
-
-def _higher(pos: np.ndarray, height_m: float) -> np.ndarray:
-    return pos + np.array([0.0, 0.0, height_m])
 
 
 def _clear_yaw(cube_yaw: float, to_other: np.ndarray, near_m: float = 0.12) -> float:

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 from torch import Tensor
 
-from envs.array_ops import largest, norm, tanh
+from envs.array_ops import Array, constant, largest, norm, tanh
 from envs.core.errors import ConfigError
 from envs.robots import ROBOTS
 from envs.robots.franka import FRANKA
-from envs.rotations import rotate, yaw_of
-from envs.scenario import Appearance, CameraCfg, LightCfg, PhysicsCfg, RobotCfg, SurfaceMaterial
+from envs.rotations import rotate, wrapped, yaw_of
+from envs.scenario import Appearance, CameraCfg, LightCfg, PhysicsCfg, RobotCfg, SurfaceMaterial, Vec3
 from envs.state import EntityState
 from envs.tasks.robot_columns import columns_of
 
@@ -85,11 +85,16 @@ def ee_pos(robot: EntityState) -> Tensor:
     return robot.ee_pos
 
 
+def point_on(entity: EntityState, place: Vec3) -> Array:
+    """Returns a point of an entity, given in its frame, in the world, m, (N, 3)."""
+    return entity.pos + rotate(entity.rot, constant(place, entity.pos))
+
+
 def hand_yaw(robot: EntityState) -> float:
     """Returns the turn about z of a robot's downward hand, as in a waypoint, of a state of one row, rad."""
     assert robot.ee_rot is not None, "a simulator gives every robot's end effector"
     turn = float(yaw_of(robot.ee_rot[0])) - np.pi / 2  # at turn 0 the hand's x axis points along world y
-    return float((turn + np.pi) % (2 * np.pi) - np.pi)
+    return float(wrapped(turn))
 
 
 def hand_pitch(robot: EntityState) -> float:

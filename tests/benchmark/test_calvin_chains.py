@@ -18,7 +18,7 @@ from benchmark.calvin_chains import (
 )
 from benchmark.chain_results import read_results, read_runs
 from envs.core.errors import ConfigError
-from envs.experts.record import git_sha
+from envs.core.git import git_sha
 from envs.spec import EnvSpec
 from envs.tasks.calvin import memory
 from envs.tasks.calvin.sequences import all_chains

@@ -71,3 +71,14 @@ def test_matrix_round_trips_to_its_quaternion(kind):
     back = r.from_matrix(r.to_matrix(given))
     assert type(back) is type(given)
     np.testing.assert_allclose(back, q, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", [float, np.array, torch.tensor])
+def test_an_angle_is_wrapped_to_half_a_turn_either_way(kind):
+    for angle, wrapped in (
+        (0.5, 0.5),
+        (np.pi, -np.pi),
+        (-np.pi - 0.1, np.pi - 0.1),
+        (14.0, 14.0 - 4 * np.pi),
+    ):
+        assert float(r.wrapped(kind(angle))) == pytest.approx(wrapped, abs=1e-5)

@@ -11,9 +11,6 @@ from envs.mjcf.link_tree import Frame, compose
 Z_FROM_X = np.array([0.5**0.5, 0.0, -(0.5**0.5), 0.0])
 """Turns the x axis, along which PhysX's cylinders, capsules and planes point, to MuJoCo's z."""
 
-MAX_HULL_VERTICES = 255
-"""PhysX's limit of a convex mesh."""
-
 SPHERE_POINTS = 128
 """Vertices of the hull that an ellipsoid becomes."""
 
@@ -23,11 +20,6 @@ _SHAPES = mujoco.mjtGeom
 def pose_of(frame: Frame) -> Pose:
     """Returns a frame as SAPIEN's."""
     return Pose(frame[0].astype(np.float32), frame[1].astype(np.float32))
-
-
-def frame_of(pose: Pose) -> Frame:
-    """Returns SAPIEN's pose as a frame."""
-    return np.asarray(pose.p, np.float64), np.asarray(pose.q, np.float64)
 
 
 class ShapeFactory:

@@ -16,7 +16,7 @@ from envs.array_ops import Array, concatenate, constant
 from envs.kinematics.waypoints import Waypoint, grasp_yaw
 from envs.rotations import rotate
 from envs.scenario import CameraCfg, GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg, Quat, Rgba, Vec3
-from envs.state import EntityState, State
+from envs.state import State
 from envs.tasks.arm_at_table import heading, point
 from envs.tasks.assembly.lowering import Lowering, lowering_way
 from envs.tasks.assembly.ranges import Range, RangedTask, Ranges
@@ -32,6 +32,7 @@ from envs.tasks.tabletop import (
     hand_yaw,
     is_held,
     nearness,
+    point_on,
 )
 
 POD_RADIUS_M, POD_HALF_M = 0.02, 0.012
@@ -137,8 +138,7 @@ class Coffee(RangedTask):
 
     def holder(self, state: State) -> Array:
         """Returns the middle of the holder, m, (N, 3)."""
-        item: EntityState = state.objects["machine"]
-        return item.pos + rotate(item.rot, constant(HOLDER_M, item.pos))
+        return point_on(state.objects["machine"], HOLDER_M)
 
     def pod_inside(self, state: State) -> Array:
         """Returns whether the pod is in the holder, (N,)."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from envs.kinematics.waypoints import Waypoint, correction_s, miss
-from envs.rotations import from_yaw, rotate
+from envs.rotations import from_yaw, rotate, wrapped
 from envs.state import State
 from envs.tasks.arm_at_table import ArmAtTable, heading, point, travel_s
 from envs.tasks.tabletop import GRASP_CLOSED_M, ee_pos
@@ -44,7 +44,7 @@ def lowering_way(task: ArmAtTable, state: State, where: Lowering, rng: np.random
     """
     item, now = state.objects[where.item], task.commanded(state)
     hand, place = ee_pos(task.arm(state))[0].numpy(), point(item)
-    spin = float((where.yaw - heading(item) + np.pi) % (2 * np.pi) - np.pi)
+    spin = float(wrapped(where.yaw - heading(item)))
     in_hand = rotate(from_yaw(spin), hand - place)
 
     def at(over_m: float, duration_s: float, hold_s: float = 0.0) -> Waypoint:

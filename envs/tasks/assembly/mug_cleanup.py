@@ -12,7 +12,7 @@ from typing import ClassVar, override
 import numpy as np
 from torch import Tensor
 
-from envs.array_ops import Array, concatenate, constant
+from envs.array_ops import Array, concatenate
 from envs.kinematics.waypoints import Waypoint, grasp_yaw
 from envs.rotations import conjugate, rotate, uprightness
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Quat, Rgba, Vec3
@@ -23,7 +23,7 @@ from envs.tasks.robosuite.scene import pedestal
 from envs.tasks.skills.from_above import drag, push, put, take
 from envs.tasks.skills.hands import FINGER_HALF_M
 from envs.tasks.skills.moves import Hand
-from envs.tasks.tabletop import FRONT_CAMERA, ee_pos, hand_yaw
+from envs.tasks.tabletop import FRONT_CAMERA, ee_pos, hand_yaw, point_on
 from envs.tasks.task_zoo import parts
 
 RADIUS_M, WALL_M, HEIGHT_M = 0.032, 0.0025, 0.056
@@ -173,5 +173,4 @@ class MugCleanup(RangedTask):
 
     def _at(self, state: State, place: Vec3) -> np.ndarray:
         """Returns a point of the cabinet's frame in the world, m, (3,), in a state of one row."""
-        chest = state.objects["cabinet"]
-        return (chest.pos + rotate(chest.rot, constant(place, chest.pos)))[0].numpy().copy()
+        return point_on(state.objects["cabinet"], place)[0].numpy().copy()

@@ -11,11 +11,11 @@ from typing import ClassVar, override
 import numpy as np
 from torch import Tensor
 
-from envs.array_ops import Array, concatenate, constant
+from envs.array_ops import Array, concatenate
 from envs.kinematics.waypoints import Waypoint, approach, miss
-from envs.rotations import conjugate, rotate
+from envs.rotations import conjugate, rotate, wrapped
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Quat, Rgba, Vec3
-from envs.state import EntityState, State
+from envs.state import State
 from envs.tasks.arm_at_table import EASY_REACH_M, above, heading
 from envs.tasks.assembly.ranges import Range, RangedTask, Ranges
 from envs.tasks.maniskill.insertion import Insertion, insertion_way
@@ -29,6 +29,7 @@ from envs.tasks.tabletop import (
     hand_yaw,
     is_held,
     nearness,
+    point_on,
 )
 
 NEEDLE_HALF_M, NEEDLE_THICK_M, HANDLE_M = 0.06, 0.005, 0.02
@@ -131,13 +132,11 @@ class Threading(RangedTask):
 
     def ring(self, state: State) -> Array:
         """Returns the middle of the ring, m, (N, 3)."""
-        stand: EntityState = state.objects["tripod"]
-        return stand.pos + rotate(stand.rot, constant((0.0, 0.0, RING_Z_M), stand.pos))
+        return point_on(state.objects["tripod"], (0.0, 0.0, RING_Z_M))
 
     def handle(self, state: State) -> Array:
         """Returns the middle of the needle's handle, m, (N, 3)."""
-        item: EntityState = state.objects["needle"]
-        return item.pos + rotate(item.rot, constant((-GRIP_M, 0.0, 0.0), item.pos))
+        return point_on(state.objects["needle"], (-GRIP_M, 0.0, 0.0))
 
     @override
     def success(self, state: State) -> Tensor:
@@ -195,7 +194,7 @@ class Threading(RangedTask):
         Of both ways to hold it, and both through the ring, the hand takes those that turn it least.
         """
         pointing = heading(state.objects["needle"])
-        grasps = [_wrapped(pointing + grasp) for grasp in (0.0, np.pi)]
+        grasps = [float(wrapped(pointing + grasp)) for grasp in (0.0, np.pi)]
         ways = [(turn, *self._line(state, turn)) for turn in grasps]
         turn, line, _ = min(ways, key=lambda way: max(abs(way[0]), way[2]))
         return turn, line
@@ -211,7 +210,7 @@ class Threading(RangedTask):
         for line in (axis, axis + np.pi):
             behind = ring - (READY_M + GRIP_M) * np.array([np.cos(line), np.sin(line), 0.0])
             far = max(0.0, float(np.linalg.norm((behind - base)[:2])) - EASY_REACH_M)
-            ways.append((line, abs(turn + _wrapped(line - pointing)) + FAR_RAD_M * far))
+            ways.append((line, abs(turn + wrapped(line - pointing)) + FAR_RAD_M * far))
         return min(ways, key=lambda way: way[1])
 
     def _thread(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
@@ -226,7 +225,3 @@ class Threading(RangedTask):
             exact_rad=EXACT_RAD,
         )
         return insertion_way(self, state, where, rng)
-
-
-def _wrapped(angle: float) -> float:
-    return float((angle + np.pi) % (2 * np.pi) - np.pi)

@@ -7,7 +7,6 @@ the one between our fingertips; CALVIN's fingers are 4.5 cm longer.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
 from typing import override
 
 import numpy as np
@@ -15,11 +14,11 @@ import torch
 from torch import Tensor
 
 from envs.hand_pose_controller import HandPoseController
-from envs.kinematics.forward import KinematicChain
 from envs.kinematics.waypoints import Waypoint, interpolate
-from envs.rotations import conjugate, from_euler, from_matrix, multiply, to_euler, to_matrix
+from envs.rotations import conjugate, from_euler, from_matrix, multiply, to_euler, to_matrix, wrapped
 from envs.scenario import RobotCfg, ScenarioCfg
 from envs.state import EntityState, State
+from envs.tasks.arm_at_table import chain_at_rest
 from envs.tasks.waypoint_planner import Expert
 
 MAX_REL_POS_M, MAX_REL_ORN_RAD = 0.02, 0.05
@@ -136,7 +135,7 @@ class RelativeCartesianPlanner:
         waypoints = self._expert(state, rng)
         if not waypoints:
             return np.zeros((0, 7), np.float32)
-        chain, rest = _chain(self._robot)
+        chain, rest = chain_at_rest(self._robot)
         robot = state.robots[self._robot.name]
         assert robot.joint_target is not None, "a simulator gives every robot's targets"
         posture = robot.joint_pos[:1].to(torch.float64, copy=True)
@@ -149,7 +148,7 @@ class RelativeCartesianPlanner:
         path = interpolate(first, self._slowed(first, waypoints), self._control_hz)
         rots = torch.from_numpy(to_matrix(multiply(from_euler(np.vstack([first.turn, path.turn])), rest)))
         euler = euler_of(tcp_rotation(rots)).numpy()
-        turned = (np.diff(euler, axis=0) + np.pi) % (2 * np.pi) - np.pi
+        turned = wrapped(np.diff(euler, axis=0))
         moved = np.diff(np.vstack([first.pos, path.pos]), axis=0)
         gripper = np.where(path.gripper > 0.02, 1.0, -1.0)[:, None]
         actions = np.hstack([moved / MAX_REL_POS_M, turned / MAX_REL_ORN_RAD, gripper])
@@ -165,11 +164,3 @@ class RelativeCartesianPlanner:
             slowed.append(replace(waypoint, duration_s=max(waypoint.duration_s, float(needed))))
             last = waypoint
         return slowed
-
-
-@lru_cache(maxsize=4)
-def _chain(robot: RobotCfg) -> tuple[KinematicChain, np.ndarray]:
-    """Returns a robot's forward kinematics, and the orientation (4,) of its hand at rest."""
-    chain = KinematicChain(robot)
-    rest = torch.tensor([robot.default_qpos], dtype=torch.float64)
-    return chain, from_matrix(chain(rest[:, chain.columns]).rot[0].numpy())

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from envs.controllers import Controller, NormalizedPositionController
 from envs.robots.cartpole import CARTPOLE
+from envs.rotations import wrapped
 from envs.scenario import CameraCfg, ScenarioCfg
 from envs.state import EntityState, State
 from envs.tasks.base import Task
@@ -93,7 +94,7 @@ class Cartpole(Task):
         robot = state.robots[CARTPOLE.name]
         lost = self.failure(state).to(robot.joint_pos.dtype)
         cart_speed, pole_speed = robot.joint_vel.abs().unbind(-1)
-        angle = torch.remainder(robot.joint_pos[:, 1] + pi, 2 * pi) - pi
+        angle = wrapped(robot.joint_pos[:, 1])
         reward = (1.0 - lost) - 2.0 * lost - angle**2 - 0.01 * cart_speed - 0.005 * pole_speed
         return STEP_S * reward
 

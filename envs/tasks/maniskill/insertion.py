@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from envs.kinematics.waypoints import Waypoint, correction_s, miss
-from envs.rotations import from_yaw, rotate
+from envs.rotations import from_yaw, rotate, wrapped
 from envs.state import State
 from envs.tasks.arm_at_table import ArmAtTable, heading, point, travel_s
 from envs.tasks.tabletop import GRASP_CLOSED_M, ee_pos
@@ -46,7 +46,7 @@ def insertion_way(
     """
     item, now = state.objects[where.item], task.commanded(state)
     hand = ee_pos(task.arm(state))[0].numpy()
-    spin = float((where.line - heading(item) + np.pi) % (2 * np.pi) - np.pi)
+    spin = float(wrapped(where.line - heading(item)))
     droop = float(rotate(item.rot[0].numpy(), np.array([1.0, 0.0, 0.0]))[2])
     in_hand = rotate(from_yaw(spin), hand - point(item))
     axis = np.array([np.cos(where.line), np.sin(where.line), 0.0])

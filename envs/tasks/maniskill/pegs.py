@@ -29,6 +29,7 @@ from envs.tasks.tabletop import (
     hand_yaw,
     is_held,
     nearness,
+    point_on,
 )
 
 PEG_HALF_LENGTH_M, PEG_HALF_WIDTH_M = 0.12, 0.025
@@ -52,7 +53,7 @@ def peg(half_length_m: float, half_width_m: float, head: Rgba, tail: Rgba) -> Ob
 
 def on_peg(item: EntityState, along_m: float) -> Tensor:
     """Returns the point of a peg so far from its middle towards its head, (N, 3), m."""
-    return item.pos + rotate(item.rot, constant((along_m, 0.0, 0.0), item.pos))
+    return point_on(item, (along_m, 0.0, 0.0))
 
 
 @dataclass(frozen=True, kw_only=True)

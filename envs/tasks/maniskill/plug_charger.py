@@ -10,7 +10,7 @@ from typing import ClassVar, override
 import numpy as np
 from torch import Tensor
 
-from envs.array_ops import Array, concatenate, constant, norm
+from envs.array_ops import Array, concatenate, norm
 from envs.kinematics.waypoints import Waypoint, approach, miss
 from envs.rotations import conjugate, rotate
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Rgba
@@ -26,6 +26,7 @@ from envs.tasks.tabletop import (
     hand_yaw,
     is_held,
     nearness,
+    point_on,
 )
 
 HEIGHT_M = 0.1
@@ -200,8 +201,7 @@ class PlugCharger(ArmAtTable):
 
     def _body(self, state: State) -> Array:
         """Returns the middle of the charger's body, (N, 3), m."""
-        item = state.objects["charger"]
-        return item.pos + rotate(item.rot, constant((-self.base_half_size_m[0], 0.0, 0.0), item.pos))
+        return point_on(state.objects["charger"], (-self.base_half_size_m[0], 0.0, 0.0))
 
     def _left(self, state: State) -> tuple[Array, Array]:
         """Returns the charger's place in the receptacle's frame, (N, 3), m, and the cosine of half its turn.

@@ -35,6 +35,7 @@ from envs.tasks.tabletop import (
     flat_distance,
     is_held,
     nearness,
+    point_on,
 )
 
 GRIP_M = 0.03
@@ -124,7 +125,7 @@ class PullCubeTool(ArmAtTable):
     def reward(self, state: State) -> Tensor:
         """Returns ManiSkill's stages: 2 for reach, 2 for grasp, 1.5 for the hook's place, 3 for the pull."""
         tool, robot = state.objects["tool"], self.arm(state)
-        grip = tool.pos + rotate(tool.rot, constant((GRIP_M, 0.0, 0.0), tool.pos))
+        grip = point_on(tool, (GRIP_M, 0.0, 0.0))
         held = is_held(robot, grip, GRASP_REACH_M, self.width_m, cfg=self.robot)
         local = self._cube_in_tool(state)
         placed = nearness(norm(local - constant((*self._hooked, 0.0), local)), 3.0)

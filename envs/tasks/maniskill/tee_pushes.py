@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from envs.rotations import wrapped
+
 BARS = (((0.0, -0.0375), (0.1, 0.025)), ((0.0, 0.0625), (0.025, 0.075)))
 """Middle and half size of the T's two bars in its frame, m; the frame is in its centre of mass."""
 
@@ -138,7 +140,7 @@ def moves(pos: np.ndarray, yaw: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 def miss(places: np.ndarray, turns: np.ndarray, goal: np.ndarray, goal_yaw: float) -> np.ndarray:
     """Returns how far poses (..., 2) and (...,) are from the goal, m."""
-    off = (turns - goal_yaw + np.pi) % (2 * np.pi) - np.pi
+    off = wrapped(turns - goal_yaw)
     return np.sqrt(np.square(places - goal).sum(-1) + np.square(LENGTH_M * off))
 
 

@@ -19,7 +19,7 @@ from envs.state import State
 from envs.tasks.arm_at_table import Start, above, travel_s
 from envs.tasks.arms import DOWN, Hand, in_world, pointing
 from envs.tasks.arms_planner import Phase
-from envs.tasks.robosuite.two_arms import TwoArms, part
+from envs.tasks.robosuite.two_arms import TwoArms
 from envs.tasks.tabletop import (
     DENSITY_KG_M3,
     GRASP_CLOSED_M,
@@ -27,6 +27,7 @@ from envs.tasks.tabletop import (
     distance,
     ee_pos,
     nearness,
+    point_on,
 )
 
 HALF_M, WALL_M = 0.07, 0.01
@@ -107,7 +108,7 @@ class TwoArmLift(TwoArms):
         risen = at_least(pot.pos[:, 2] - HALF_M - 0.05, 0.0)
         total = 10.0 * level * (risen - at_least(risen - 0.15, 0.0))
         for index, handle in enumerate(HANDLES):
-            place = part(pot, handle)
+            place = point_on(pot, handle)
             total = total + 0.5 * nearness(distance(self._hand(state, index), place), 10.0)
             total = total + 0.25 * self.grasps(state, index, place, 2 * BAR_M)
         return total / 3.0
@@ -116,7 +117,7 @@ class TwoArmLift(TwoArms):
     def observe(self, state: State) -> Tensor:
         """Returns the pot's pose, its handles, end effectors, and ways between them, (N, 25)."""
         pot, hands = state.objects["pot"], [self._hand(state, index) for index in (0, 1)]
-        handles = [part(pot, handle) for handle in HANDLES]
+        handles = [point_on(pot, handle) for handle in HANDLES]
         ways = [handle - hand for handle, hand in zip(handles, hands, strict=True)]
         return concatenate((pot.pos, pot.rot, *handles, *hands, *ways))
 

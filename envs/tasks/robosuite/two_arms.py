@@ -4,10 +4,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from envs.array_ops import Array, constant
-from envs.rotations import rotate
-from envs.scenario import CameraCfg, ObjectCfg, RobotCfg, TableCfg, Vec3
-from envs.state import EntityState, State
+from envs.array_ops import Array
+from envs.scenario import CameraCfg, ObjectCfg, RobotCfg, TableCfg
+from envs.state import State
 from envs.tasks.arms import ArmsAtTable, facing
 from envs.tasks.robosuite.scene import TABLE_HEIGHT_M, UPRIGHT_PITCH_RAD, panda, pedestal
 from envs.tasks.tabletop import FRONT_CAMERA, is_held
@@ -48,8 +47,3 @@ class TwoArms(ArmsAtTable):
         """Returns whether a robot's fingers hold something that wide at a place (N, 3), (N,)."""
         robot = self.robots[index]
         return is_held(state.robots[robot.name], place, GRASP_REACH_M, width_m, cfg=robot)
-
-
-def part(entity: EntityState, place: Vec3) -> Array:
-    """Returns a point of an entity, given in its frame, in the world, m, (N, 3)."""
-    return entity.pos + rotate(entity.rot, constant(place, entity.pos))

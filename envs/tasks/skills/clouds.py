@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import torch
 
 from envs.kinematics.object_parts import ObjectParts
 from envs.rotations import rotate
@@ -121,8 +120,3 @@ class Heights:
         """Returns the least height at which something passes from one place (2,) to another."""
         count = max(2, int(np.linalg.norm(end - start) / 0.02) + 1)
         return float(self.rest(np.linspace(start, end, count), underside).max())
-
-
-def one_row(state_entity: EntityState) -> EntityState:
-    """Returns the first row of an entity's state."""
-    return state_entity.select(torch.tensor([0]))

@@ -7,7 +7,7 @@ import torch
 
 from envs.kinematics.object_parts import ObjectParts, PartBox
 from envs.kinematics.waypoints import Waypoint
-from envs.rotations import rotate, to_matrix
+from envs.rotations import rotate, to_matrix, wrapped
 from envs.state import EntityState
 from envs.tasks.skills.clouds import Heights
 from envs.tasks.skills.hands import FINGER_HALF_M, TIP_BELOW_M, hand_underside
@@ -172,7 +172,7 @@ def turn_knob(
     now = float(entity.joint_pos[0, joint.column])
     turn = rotate(parts.part_pose(entity, part)[1][0].numpy(), joint.axis)[2] * (to - now)
     yaw = float(np.arctan2(axes[1, across], axes[0, across])) - np.pi / 2
-    yaws = [(yaw + half + np.pi) % (2 * np.pi) - np.pi for half in (0.0, np.pi)]
+    yaws = [wrapped(yaw + half) for half in (0.0, np.pi)]
     yaw = min(yaws, key=lambda value: max(abs(value), abs(value + turn)))
     top = pos[2] + half_along(parts, entity, box, np.array([0.0, 0.0, 1.0]))
     grip = np.array([pos[0], pos[1], top - 0.014])
@@ -202,7 +202,7 @@ def _across(direction: np.ndarray) -> dict[str, float]:
     """Returns the turn of a hand that points in a level direction, and whose fingers close vertically."""
     angle = float(np.arctan2(direction[1], direction[0]))
     choices = [(angle - np.pi / 2, np.pi / 2), (angle + np.pi / 2, -np.pi / 2)]
-    yaw, roll = min(((_wrapped(yaw), roll) for yaw, roll in choices), key=lambda choice: abs(choice[0]))
+    yaw, roll = min(((float(wrapped(yaw)), roll) for yaw, roll in choices), key=lambda choice: abs(choice[0]))
     return {"yaw": yaw, "roll": roll, "pitch": 0.0}
 
 
@@ -210,9 +210,7 @@ def _down_and_to(direction: np.ndarray) -> dict[str, float]:
     """Returns the turn of a hand that points down and to a level direction, and whose fingers close level."""
     angle = float(np.arctan2(direction[1], direction[0]))
     choices = [(angle - np.pi, PUSH_PITCH), (angle, -PUSH_PITCH)]
-    yaw, pitch = min(((_wrapped(yaw), pitch) for yaw, pitch in choices), key=lambda choice: abs(choice[0]))
+    yaw, pitch = min(
+        ((float(wrapped(yaw)), pitch) for yaw, pitch in choices), key=lambda choice: abs(choice[0])
+    )
     return {"yaw": yaw, "pitch": pitch, "roll": 0.0}
-
-
-def _wrapped(angle: float) -> float:
-    return float((angle + np.pi) % (2 * np.pi) - np.pi)

@@ -44,9 +44,6 @@ BAR_OPENING_M = 0.022
 DROP_M = 0.085
 """Height of the grip site where the hand lets go of the hammer."""
 
-BEFORE_M = 0.155
-"""Distance of the place in the open drawer from the cabinet's origin."""
-
 TRAVEL_M = 0.22
 
 

@@ -21,7 +21,7 @@ from envs.tasks.robosuite.scene import panda, pedestal
 from envs.tasks.skills.from_above import push, put, take
 from envs.tasks.skills.hands import FINGER_HALF_M
 from envs.tasks.skills.moves import Hand
-from envs.tasks.tabletop import ee_pos, hand_yaw
+from envs.tasks.tabletop import ee_pos, hand_yaw, point_on
 from envs.tasks.task_zoo import parts
 from envs.tasks.task_zoo.parts import INSET_M, TABLE_HEIGHT_M, TABLE_X_M
 
@@ -227,7 +227,7 @@ class KitchenTask(parts.ZooTask):
         pot = state.objects["pot"]
         turn = grasp_yaw(heading(pot), np.pi)
         x, y, z = parts.POT_HANDLE_M
-        grip = parts.part_of(pot, (x, side * y, z))[0].numpy().copy()
+        grip = point_on(pot, (x, side * y, z))[0].numpy().copy()
         way = take(hand, yaw, grip, turn, TRAVEL_M, rng)
         held = replace(hand, pos=way[-1].pos)
         place = np.array([to[0], to[1] + side * y, floor_m + parts.POT_BOTTOM_M + z + 0.004])

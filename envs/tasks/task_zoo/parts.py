@@ -6,8 +6,6 @@ Sizes and masses are those of ``models/*``; frames too, but for heights, which a
 import math
 from typing import ClassVar
 
-from envs.array_ops import Array, constant
-from envs.rotations import rotate
 from envs.scenario import (
     CameraCfg,
     GeomCfg,
@@ -20,7 +18,6 @@ from envs.scenario import (
     TableCfg,
     Vec3,
 )
-from envs.state import EntityState
 from envs.tasks.robosuite.scene import RobosuiteTask, panda
 
 TABLE_HEIGHT_M = 0.9
@@ -53,7 +50,6 @@ POT_BOTTOM_M = 0.0025
 POT_HANDLE_M: Vec3 = (0.0, 0.06, 0.077)
 """Middle of a handle in the pot's frame; the other one is opposite."""
 
-POT_TOP_M = 0.087
 _SLIPPERY = (0.005, 0.005, 0.0001)
 
 DRAWER_FLOOR_M = 0.044
@@ -217,8 +213,3 @@ def serving_region() -> ObjectCfg:
     """Returns the red plate that marks where food is served."""
     plate = GeomCfg(shape="box", size=(0.07, 0.10, 5e-4), rgba=RED_WOOD)
     return ObjectCfg(name="region", geoms=(plate,), kind="marker")
-
-
-def part_of(entity: EntityState, place: Vec3) -> Array:
-    """Returns a point of an entity, given in its frame, in the world, m, (N, 3)."""
-    return entity.pos + rotate(entity.rot, constant(place, entity.pos))

@@ -17,7 +17,7 @@ from envs.tasks.arm_at_table import Start, heading, point
 from envs.tasks.robosuite.scene import pedestal
 from envs.tasks.skills.from_above import PUSH_M_S, put, take
 from envs.tasks.skills.moves import Hand, at_height
-from envs.tasks.tabletop import GRASP_CLOSED_M, GRASP_OPEN_M, ee_pos, flat_distance, hand_yaw
+from envs.tasks.tabletop import GRASP_CLOSED_M, GRASP_OPEN_M, ee_pos, flat_distance, hand_yaw, point_on
 from envs.tasks.task_zoo import parts
 from envs.tasks.task_zoo.parts import TABLE_X_M
 
@@ -135,7 +135,7 @@ class ToolUse(parts.ZooTask):
     def _pull(self, state: State, hand: Hand, yaw: float, rng: np.random.Generator) -> list[Waypoint]:
         """Returns the way that takes the tool, sets its hook behind the cube, pulls, and frees the cube."""
         tool, cube = state.objects["tool"], point(state.objects["cube"])
-        grip = parts.part_of(tool, (GRIP_M, 0.0, 0.008))[0].numpy().copy()
+        grip = point_on(tool, (GRIP_M, 0.0, 0.008))[0].numpy().copy()
         turn = grasp_yaw(heading(tool), np.pi)
         way = take(hand, yaw, grip, turn, TRAVEL_M, rng)
         x = cube[0] + CUBE_HALF_M[1] + BEHIND_M + HOOK_HALF_M - HOOK_X_M + GRIP_M

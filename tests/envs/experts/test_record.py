@@ -1,14 +1,13 @@
 """The file of success rates of experts."""
 
 import json
-import subprocess
 
 import pytest
 
 from envs.core.errors import ConfigError
 from envs.experts import check
 from envs.experts.check import ExpertReport
-from envs.experts.record import RECORDS, ExpertRecord, SplitRecord, git_sha, read_records, write_record
+from envs.experts.record import RECORDS, ExpertRecord, SplitRecord, read_records, write_record
 from envs.tasks import TASKS
 
 RECORD = ExpertRecord({"train": SplitRecord(50, 0.98, 42.5)}, "python -m envs.experts.check", "abc")
@@ -61,20 +60,3 @@ def test_check_records_both_splits_and_its_command(tmp_path, monkeypatch):
     before = RECORDS.read_bytes() if RECORDS.is_file() else None
     assert check.main(["task=PickCube", "episodes=50"]) == 0
     assert (RECORDS.read_bytes() if RECORDS.is_file() else None) == before
-
-
-def test_git_sha_is_marked_when_files_differ(tmp_path):
-    assert git_sha(tmp_path) is None
-
-    def git(*words):
-        who = ("-c", "user.name=a", "-c", "user.email=a@b.c", "-c", "commit.gpgsign=false")
-        subprocess.run(["git", "-C", tmp_path, *who, *words], check=True, capture_output=True)
-
-    git("init")
-    (tmp_path / "a").write_text("1")
-    git("add", "a")
-    git("commit", "-m", "one")
-    clean = git_sha(tmp_path)
-    assert len(clean) == 40
-    (tmp_path / "a").write_text("2")
-    assert git_sha(tmp_path) == clean + "+"

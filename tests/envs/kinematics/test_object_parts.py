@@ -53,7 +53,6 @@ def test_parts_joints_and_boxes_are_read(path):
     ]
     halves = [box.half for box in parts.boxes]
     np.testing.assert_allclose(halves, [(0.1,) * 3, (0.01, 0.01, 0.06), (0.02,) * 3])
-    assert parts.joint_of(3) is parts.joints[1] and parts.joint_of(1) is None
     assert parts.joints[1].limits == (0.0, 0.1)
 
 

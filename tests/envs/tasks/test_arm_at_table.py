@@ -5,11 +5,12 @@ import pytest
 import torch
 
 from envs.kinematics.inverse import PathFollower
-from envs.rotations import from_euler, multiply
+from envs.rotations import from_euler, from_yaw, multiply
+from envs.state import EntityState
 from envs.tasks.arm_at_table import EASY_REACH_M, tip_to_reach, way
 from envs.tasks.maniskill.push_and_pull import PushCube
 from envs.tasks.robosuite.cubes import Lift
-from envs.tasks.tabletop import hand_pitch, hand_yaw, is_held
+from envs.tasks.tabletop import hand_pitch, hand_yaw, is_held, point_on
 from tests.envs.tasks.table_states import grip, starts, vector
 
 DOWN = np.array([0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0])
@@ -73,3 +74,11 @@ def test_a_low_hand_rises_and_a_high_one_does_not():
     (up,) = task.rise(state, 0.2)
     np.testing.assert_allclose(up.pos, [0.1, 0.2, 0.21])
     assert up.pitch == task.down_pitch_rad and up.gripper == 0.04
+
+
+def test_a_point_of_an_object_moves_and_turns_with_it():
+    entity = EntityState.at_rest(
+        np.array([[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]]), from_yaw(np.array([np.pi / 2, 0.0]))
+    )
+    found = point_on(entity, (0.1, 0.2, 0.3)).numpy()
+    np.testing.assert_allclose(found, [[0.8, 2.1, 3.3], [0.1, 0.2, 0.3]], atol=1e-12)

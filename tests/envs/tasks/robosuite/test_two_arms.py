@@ -11,7 +11,8 @@ from envs.mjcf.model import build_model
 from envs.rotations import from_matrix, from_yaw, to_matrix
 from envs.tasks.robosuite.two_arm_lift import HANDLES, TwoArmLift
 from envs.tasks.robosuite.two_arm_peg_in_hole import HOLE_POS, PLATE_POS, TwoArmPegInHole
-from envs.tasks.robosuite.two_arms import AT_TABLE, part
+from envs.tasks.robosuite.two_arms import AT_TABLE
+from envs.tasks.tabletop import point_on
 from tests.envs.tasks.table_states import assert_fills, put, vector
 
 LIFT, PEG = TwoArmLift(), TwoArmPegInHole()
@@ -49,7 +50,7 @@ def test_the_pot_has_robosuites_mass_and_its_handles_point_at_the_robots():
     handles = 2 * (0.11 * 0.02 * 0.02 + 2 * 0.02 * 0.09 * 0.02)
     assert model.body("pot").mass[0] == pytest.approx(1000 * (shell + handles))
     state = starts(LIFT, 1000)
-    first, second = (part(state.objects["pot"], handle)[:, 1] for handle in HANDLES)
+    first, second = (point_on(state.objects["pot"], handle)[:, 1] for handle in HANDLES)
     assert (first < second).all()
     assert_fills(state.objects["pot"].pos[:, 0], -0.03, 0.03)
 
@@ -66,14 +67,14 @@ def test_each_hand_is_rewarded_for_its_own_handle_and_a_tilted_pot_is_not():
     put(state, "pot", (0.0, 0.0, 0.07), math.pi)
     rewards = [float(LIFT.reward(state)[0])]
     for name, handle in zip((LEFT, RIGHT), HANDLES, strict=True):
-        grip(state, name, part(state.objects["pot"], handle), 0.02)
+        grip(state, name, point_on(state.objects["pot"], handle), 0.02)
         rewards.append(float(LIFT.reward(state)[0]))
     assert rewards == sorted(rewards)
     # Both handles reached and grasped: 2 * (0.5 + 0.25) of 3.
     assert rewards[-1] == pytest.approx(0.5)
     put(state, "pot", (0.0, 0.0, 0.07 + 0.15), math.pi)
     for name, handle in zip((LEFT, RIGHT), HANDLES, strict=True):
-        grip(state, name, part(state.objects["pot"], handle), 0.02)
+        grip(state, name, point_on(state.objects["pot"], handle), 0.02)
     assert float(LIFT.reward(state)[0]) == pytest.approx((1.5 + 1.0) / 3)
     tilt = from_matrix(np.array([[1.0, 0.0, 0.0], [0.0, 0.8, -0.6], [0.0, 0.6, 0.8]]))  # 37 degrees
     state.objects["pot"].rot = torch.from_numpy(tilt)[None]
