@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, fields
 from lerobot.configs import NormalizationMode, PreTrainedConfig
 
 from policies.act.config import ActConfig
-from policies.chunk_policy import ChunkConfig
+from policies.lerobot_chunk_model import ChunkConfig
 
 
 @PreTrainedConfig.register_subclass("keypoint_act")

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from policies.act.configuration_keypoint_act import KeypointActConfig
-from policies.chunk_policy import ChunkPolicy
+from policies.lerobot_chunk_model import ChunkPolicy
 
 _NORM_GROUPS = 8
 

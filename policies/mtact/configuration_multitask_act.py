@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, fields
 from lerobot.configs import NormalizationMode, PreTrainedConfig
 
 import policies.mtact.inputs_step  # noqa: F401 (LeRobot's commands read a checkpoint's processors by name)
-from policies.chunk_policy import ChunkConfig
+from policies.lerobot_chunk_model import ChunkConfig
 from policies.mtact.config import MtActConfig
 
 

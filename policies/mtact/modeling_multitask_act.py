@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from envs.core.errors import PolicyError
 from policies.act.modeling_keypoint_act import Block
-from policies.chunk_policy import ChunkPolicy
+from policies.lerobot_chunk_model import ChunkPolicy
 from policies.mtact.configuration_multitask_act import MultitaskActConfig
 from policies.mtact.decoders import FlowDecoder, RegressionDecoder
 from policies.mtact.instruction_table import InstructionTable

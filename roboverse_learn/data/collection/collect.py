@@ -3,7 +3,8 @@
 Workers (:mod:`roboverse_learn.data.collection.worker`) run the simulator, encode, and stage finished
 episodes. This process alone commits, in the order of the candidates. So the dataset is the first
 ``num_episodes`` successes of the candidate list, whatever the number of workers, and a kill loses only
-episodes that run: staged ones are committed when the same call runs again.
+episodes that run: :mod:`roboverse_learn.data.collection.schedule` finds what earlier runs left, and commits
+staged ones when the same call runs again.
 """
 
 import contextlib

@@ -1,6 +1,7 @@
-"""What our own chunk-predicting policies share as LeRobot's commands use them.
+"""What our own models that predict chunks share as LeRobot's commands use them.
 
-A policy type has a :class:`ChunkConfig` and a :class:`ChunkPolicy`; its network is a module of its own.
+``lerobot-train`` and ``lerobot-eval`` execute chunks by this; elsewhere :mod:`policies.imitation` does. A
+policy type has a :class:`ChunkConfig` and a :class:`ChunkPolicy`; its network is a module of its own.
 """
 
 from collections import deque
