@@ -16,7 +16,8 @@ def read(
 ) -> mujoco.MjSpec:
     """Reads a file, but none of what drives or watches its bodies, and only the named sites.
 
-    Equality constraints, and the sites that they tie, stay where ``equalities`` says so. The scene sets the
+    Equality constraints, and the sites that they tie, stay where ``equalities`` says so. A mesh of another
+    package is named as an asset is, ``package:path``. The scene sets the
     options of simulation and rendering; those of the file are dropped, or MuJoCo would warn of each
     difference when it is attached.
 
@@ -29,6 +30,9 @@ def read(
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:  # its message has lines, some of them empty
         raise ConfigError(f"'{reference}' is no MJCF file: {' '.join(str(error).split())}") from error
+    for mesh in spec.meshes:
+        if ":" in mesh.file:  # of another package, as in "robosuite:models/…"
+            mesh.file = str(resolve(mesh.file))
     visual, ours = spec.visual, scene.visual
     parts = ((visual.map, ours.map), (visual.quality, ours.quality), (visual.global_, ours.global_))
     for own, other in ((spec.option, scene.option), *parts):

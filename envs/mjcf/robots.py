@@ -16,6 +16,9 @@ ROOT_JOINT = "root"
 GRIPPER_PREFIX = "gripper/"
 """Prefix of the names of a gripper's joints and sites."""
 
+TIE_SOLREF, TIE_SOLIMP = (0.005, 1.0), (0.95, 0.99, 0.001, 0.5, 2.0)
+"""Stiffness of the ties of joints that follow others: that of the loops of Menagerie's 2F-85."""
+
 TOOL_BODY = "tool"
 """Body of a robot's tool."""
 
@@ -65,6 +68,7 @@ def add_robot(spec: mujoco.MjSpec, robot: RobotCfg, simplify: bool) -> None:
     if arm.site(robot.ee_site) is None:
         _add_site_at_body(arm, robot)
     _set_joints(arm, robot, gripper_in_degrees)
+    _tie_joints(arm, robot)
     _refuse_undeclared_joints(arm, robot)
     if not robot.fixed_base:
         _free_base(arm, robot.root)
@@ -181,6 +185,31 @@ def _set_joints(spec: mujoco.MjSpec, robot: RobotCfg, gripper_in_degrees: bool) 
         actuator.ctrllimited = actuator.forcelimited = 1
         actuator.ctrlrange = cfg.target_range or cfg.range
         actuator.forcerange = (-cfg.force_limit, cfg.force_limit)
+
+
+def _tie_joints(spec: mujoco.MjSpec, robot: RobotCfg) -> None:
+    """Ties each joint that follows another one to it.
+
+    Raises:
+        ConfigError: The other one is none of its joints that are driven.
+    """
+    leaders = [robot.joint_names[index] for index in robot.driven]
+    for cfg in robot.joints:
+        if cfg.follows is None:
+            continue
+        leader, ratio = cfg.follows
+        if leader not in leaders:
+            raise unknown_name(f"driven joint that '{cfg.name}' of '{robot.name}' follows", leader, leaders)
+        tie = spec.add_equality(
+            name=f"{cfg.name}_follows",
+            type=mujoco.mjtEq.mjEQ_JOINT,
+            objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            name1=cfg.name,
+            name2=leader,
+            solref=TIE_SOLREF,
+            solimp=TIE_SOLIMP,
+        )
+        tie.data[:5] = (0.0, ratio, 0.0, 0.0, 0.0)
 
 
 def _refuse_undeclared_joints(spec: mujoco.MjSpec, robot: RobotCfg) -> None:

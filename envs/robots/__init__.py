@@ -1,15 +1,47 @@
-"""Robots: one file each, constants with their sources, no logic."""
+"""Robots: one file each, constants with their sources, no logic.
+
+Arms of :data:`ARMS` carry the Franka hand, and as ``<arm>_<gripper>`` each of :data:`GRIPPERS`. A
+further arm or gripper is one row.
+"""
+
+from typing import NamedTuple
 
 from envs.core.registry import Registry
-from envs.scenario import RobotCfg
+from envs.scenario import GripperCfg, RobotCfg
 
 ROBOTS: Registry[RobotCfg] = Registry("robot", group="roboverse.robots")
-ROBOTS.add(
-    "franka",
-    "envs.robots.franka:FRANKA",
-    tags={"arm"},
-    summary="Franka Emika Panda, 7 joints, with its parallel gripper",
-)
+GRIPPERS: Registry[GripperCfg] = Registry("gripper")
+GRIPPERS.add("2f85", "envs.robots.robotiq_2f85:ROBOTIQ_2F85", summary="the Robotiq 2F-85")
+
+
+class _Arm(NamedTuple):
+    """An arm: its name with the Franka hand, its target, and what it is."""
+
+    name: str
+    target: str
+    summary: str
+
+
+ARMS = {
+    "franka": _Arm("franka", "franka:FRANKA", "Franka Emika Panda, 7 joints"),
+    "iiwa": _Arm("iiwa", "robosuite_arms:IIWA", "KUKA LBR iiwa 14, 7 joints"),
+    "ur5e": _Arm("ur5e", "robosuite_arms:UR5E", "Universal Robots UR5e, 6 joints"),
+    "sawyer": _Arm("sawyer_panda", "robosuite_arms:SAWYER_PANDA", "Rethink Sawyer, 7 joints"),
+    "kinova3": _Arm("kinova3", "robosuite_arms:KINOVA3", "Kinova Gen3, 7 joints"),
+    "jaco": _Arm("jaco", "robosuite_arms:JACO", "Kinova Jaco, 7 joints"),
+}
+"""Arms that take any gripper."""
+
+for _name, _arm in ARMS.items():
+    _hand = f"{_arm.summary}, with the Franka hand"
+    ROBOTS.add(_arm.name, f"envs.robots.{_arm.target}", tags={"arm"}, summary=_hand)
+    for _gripper in GRIPPERS:
+        ROBOTS.add(
+            f"{_name}_{_gripper}",
+            f"envs.robots.with_grippers:{_name.upper()}_{_gripper.upper()}",
+            tags={"arm"},
+            summary=f"{_arm.summary}, with {GRIPPERS.entry(_gripper).summary}",
+        )
 ROBOTS.add(
     "franka_stick", "envs.robots.franka:FRANKA_STICK", summary="Franka Emika Panda with a stick as its hand"
 )
@@ -17,15 +49,6 @@ ROBOTS.add("h1", "envs.robots.h1:H1", extra="humanoid", summary="Unitree H1, a h
 ROBOTS.add(
     "sawyer", "envs.robots.sawyer:SAWYER", extra="metaworld", summary="Rethink Sawyer with a parallel gripper"
 )
-for _name, _summary in (
-    ("iiwa", "KUKA LBR iiwa 14, 7 joints"),
-    ("ur5e", "Universal Robots UR5e, 6 joints"),
-    ("sawyer_panda", "Rethink Sawyer, 7 joints"),
-    ("kinova3", "Kinova Gen3, 7 joints"),
-    ("jaco", "Kinova Jaco, 7 joints"),
-):
-    _target = f"envs.robots.robosuite_arms:{_name.upper()}"
-    ROBOTS.add(_name, _target, tags={"arm"}, summary=f"{_summary}, with the Franka hand")
 ROBOTS.add(
     "so101",
     "envs.robots.so101:SO101",

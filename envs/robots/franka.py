@@ -32,15 +32,13 @@ FRANKA = RobotCfg(
     name="franka",
     mjcf="robosuite:models/assets/robots/panda/robot.xml",
     root="base",
-    joints=(
-        *(
-            JointCfg(name=f"joint{i + 1}", kp=kp, kd=kd, force_limit=force, range=limits, default=rest)
-            for i, (kp, kd, force, limits, rest) in enumerate(_ARM)
-        ),
-        *PANDA_FINGERS,
+    joints=tuple(
+        JointCfg(name=f"joint{i + 1}", kp=kp, kd=kd, force_limit=force, range=limits, default=rest)
+        for i, (kp, kd, force, limits, rest) in enumerate(_ARM)
     ),
-    **PANDA_HAND,
-)
+    gripper_mount="right_hand",
+    ee_site="right_hand",
+).with_gripper(PANDA_HAND, "franka")
 
 _TORQUE_LIMITS = (80.0, 80.0, 80.0, 80.0, 80.0, 12.0, 12.0)
 """``ctrlrange`` of the motors, N·m, in robosuite's file."""

@@ -1,11 +1,11 @@
-"""The Franka hand from robosuite's MJCF, as the gripper of any arm whose flange is called ``right_hand``.
+"""The Franka hand from robosuite's MJCF.
 
 Its site ``grip_site`` has the same axes on every arm: fingers open along x, z points forward.
 """
 
 from typing import Any
 
-from envs.scenario import JointCfg
+from envs.scenario import GripperCfg, JointCfg
 
 _FINGER: dict[str, Any] = {
     "kp": 1000.0,
@@ -24,11 +24,10 @@ PANDA_FINGERS = (
 )
 """Both fingers: metres from closed, each drives one."""
 
-PANDA_HAND: dict[str, Any] = {
-    "gripper_mjcf": "robosuite:models/assets/grippers/panda_gripper.xml",
-    "gripper_root": "right_gripper",
-    "gripper_mount": "right_hand",
-    "ee_site": "gripper/grip_site",
-    "gripper_joints": tuple(joint.name for joint in PANDA_FINGERS),
-}
-"""Fields of a :class:`~envs.scenario.RobotCfg` that carries the hand."""
+PANDA_HAND = GripperCfg(
+    mjcf="robosuite:models/assets/grippers/panda_gripper.xml",
+    root="right_gripper",
+    ee_site="gripper/grip_site",
+    joints=PANDA_FINGERS,
+    gripper_joints=tuple(joint.name for joint in PANDA_FINGERS),
+)

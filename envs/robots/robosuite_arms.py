@@ -1,4 +1,4 @@
-"""Arms of robosuite's wheel with the Franka hand: KUKA iiwa, UR5e, Rethink Sawyer, Kinova Gen3 and Jaco.
+"""Arms of robosuite's wheel, with the Franka hand: KUKA iiwa, UR5e, Rethink Sawyer, Kinova Gen3 and Jaco.
 
 Kinematics, masses, meshes and joint ranges are robosuite's (``models/assets/robots/<arm>/robot.xml``); a
 joint without limits there gets two turns. Force limits are the ranges of the file's torque motors. Rest
@@ -18,7 +18,7 @@ a gear of 1:100.
 from collections.abc import Sequence
 from math import pi
 
-from envs.robots.panda_hand import PANDA_FINGERS, PANDA_HAND
+from envs.robots.panda_hand import PANDA_HAND
 from envs.scenario import JointCfg, RobotCfg
 
 _ENDLESS = (-2 * pi, 2 * pi)
@@ -57,26 +57,24 @@ def _arm(
         name=name,
         mjcf=f"robosuite:models/assets/robots/{file}/robot.xml",
         root="base",
-        joints=(
-            *(
-                JointCfg(
-                    name=joint,
-                    kp=4000.0 if index < wrist else 2000.0,
-                    kd=400.0 if index < wrist else 200.0,
-                    force_limit=force,
-                    range=between,
-                    default=angle,
-                    armature=rotor_inertia[index >= wrist],
-                )
-                for index, (joint, between, force, angle) in enumerate(
-                    zip(joints, limits, forces_n_m, rest, strict=True)
-                )
-            ),
-            *PANDA_FINGERS,
+        joints=tuple(
+            JointCfg(
+                name=joint,
+                kp=4000.0 if index < wrist else 2000.0,
+                kd=400.0 if index < wrist else 200.0,
+                force_limit=force,
+                range=between,
+                default=angle,
+                armature=rotor_inertia[index >= wrist],
+            )
+            for index, (joint, between, force, angle) in enumerate(
+                zip(joints, limits, forces_n_m, rest, strict=True)
+            )
         ),
+        gripper_mount="right_hand",
+        ee_site="right_hand",
         hollow_meshes=hollow_meshes,
-        **PANDA_HAND,
-    )
+    ).with_gripper(PANDA_HAND, name)
 
 
 IIWA = _arm(

@@ -12,7 +12,7 @@ from envs.core.errors import ConfigError, unknown_name
 from envs.scenario.lighting import LightingCfg
 from envs.scenario.looks import SURFACES, Appearance, CameraCfg, LightCfg, SensorCfg, SurfaceMaterial
 from envs.scenario.objects import GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg
-from envs.scenario.robots import BodyCfg, JointCfg, ReadingCfg, RobotCfg, SiteCfg
+from envs.scenario.robots import BodyCfg, GripperCfg, JointCfg, ReadingCfg, RobotCfg, SiteCfg
 from envs.scenario.units import IDENTITY, Quat, Rgba, Vec3
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "BodyCfg",
     "CameraCfg",
     "GeomCfg",
+    "GripperCfg",
     "JointCfg",
     "LightCfg",
     "LightingCfg",

@@ -54,6 +54,8 @@ class JointCfg:
         drive: What a target is: a ``position``, or a ``torque`` in N·m (a force in N), which needs no ``kp``
             and a ``target_range``. A torque's rest is 0.
         reading: How datasets and policies read it; None is its position, rad (m), by its name.
+        follows: A driven joint and a ratio: this one is tied to the ratio times the other's position, as bars
+            of a closed loop are. It is not driven itself.
     """
 
     name: str
@@ -70,8 +72,11 @@ class JointCfg:
     target_range: tuple[float, float] | None = None
     drive: Literal["position", "torque"] = "position"
     reading: ReadingCfg | None = None
+    follows: tuple[str, float] | None = None
 
     def __post_init__(self) -> None:
+        if self.follows is not None and self.driven:
+            raise ConfigError(f"Joint '{self.name}' follows '{self.follows[0]}', so it needs driven=False.")
         if self.drive == "torque" and (self.target_range is None or self.kp):
             raise ConfigError(
                 f"Joint '{self.name}' is driven by a torque, so it needs a target_range (N·m) and kp=0."
@@ -118,6 +123,32 @@ class SiteCfg:
     name: str
     body: str
     pos: Vec3
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class GripperCfg:
+    """A gripper that any arm with a ``gripper_mount`` takes; see :meth:`RobotCfg.with_gripper`.
+
+    Names of its joints and of its site begin with ``gripper/``. Its site's fingers open along x, and z points
+    forward.
+
+    Attributes:
+        mjcf: Asset reference of its file.
+        root: Body of the file that is attached.
+        ee_site: Site between the fingertips.
+        joints: Its joints; one that is not driven comes after those that are.
+        gripper_joints: Names of those that a command opens and closes.
+        range: Closed and open position of each of them; see :class:`RobotCfg`.
+        opening_m: Distance between the fingertips when open, m; see :class:`RobotCfg`.
+    """
+
+    mjcf: AssetRef
+    root: str
+    ee_site: str
+    joints: tuple[JointCfg, ...]
+    gripper_joints: tuple[str, ...]
+    range: tuple[tuple[float, float], ...] = ()
+    opening_m: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -233,6 +264,26 @@ class RobotCfg:
         return shut + share * (wide - shut)
 
     def with_home(self, qpos: Sequence[float]) -> "RobotCfg":
-        """Returns this robot with other rest positions, one per joint."""
-        joints = (replace(joint, default=rest) for joint, rest in zip(self.joints, qpos, strict=True))
-        return replace(self, joints=tuple(joints))
+        """Returns this robot with other rest positions, one per joint.
+
+        A joint that follows another one rests where that one's position puts it.
+        """
+        at = dict(zip(self.joint_names, qpos, strict=True))
+        for joint in self.joints:
+            if joint.follows is not None:
+                at[joint.name] = joint.follows[1] * at[joint.follows[0]]
+        return replace(self, joints=tuple(replace(joint, default=at[joint.name]) for joint in self.joints))
+
+    def with_gripper(self, gripper: GripperCfg, name: str) -> "RobotCfg":
+        """Returns this arm, called ``name``, with a gripper in place of the one that it has, if any."""
+        return replace(
+            self,
+            name=name,
+            joints=(*(self.joints[index] for index in self.arm), *gripper.joints),
+            gripper_mjcf=gripper.mjcf,
+            gripper_root=gripper.root,
+            ee_site=gripper.ee_site,
+            gripper_joints=gripper.gripper_joints,
+            gripper_range=gripper.range,
+            gripper_opening_m=gripper.opening_m,
+        )

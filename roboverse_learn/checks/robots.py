@@ -19,6 +19,7 @@ _PHYSICS = PhysicsCfg(timestep_s=0.002, decimation=25)
 
 _STAND_S, _STEP_S = 2.0, 1.5
 _SAG_RAD, _MISSED_RAD = 0.05, 0.05
+_TIED_RAD = 1e-6
 _SHARE, _GRIPPER_SHARE = 0.1, 0.4
 """Share of its range that a joint of the arm, and one of the gripper, is commanded to move."""
 
@@ -109,9 +110,21 @@ def joints(checked: CheckedRobot) -> str:
             not drives or (joint.kp > 0.0 and joint.force_limit > 0.0),
             f"'{joint.name}' is driven by position and needs kp and force_limit above 0.",
         )
+        led = joint.default if joint.follows is None else _led(robot, joint.follows)
+        require(
+            abs(led - joint.default) < _TIED_RAD,
+            f"default of '{joint.name}' is {joint.default:g}, and what it follows puts it at {led:g}.",
+        )
     foreign = set(robot.gripper_joints) - set(robot.joint_names)
     require(not foreign, f"gripper_joints names {sorted(foreign)}, which are none of its joints.")
     return f"{counted(len(robot.joints), 'joint')}, {len(robot.driven)} driven"
+
+
+def _led(robot: RobotCfg, follows: tuple[str, float]) -> float:
+    """Returns where a joint rests that follows another one."""
+    leader, ratio = follows
+    require(leader in robot.joint_names, f"a joint follows '{leader}', which is none of its joints.")
+    return ratio * robot.joints[robot.joint_names.index(leader)].default
 
 
 @contract("joints")

@@ -6,9 +6,13 @@ from envs.core.errors import MissingExtraError
 from envs.robots import ROBOTS
 from roboverse_learn.checks.contract import NotApplicableError
 from roboverse_learn.checks.robots import ROBOT_CONTRACTS, CheckedRobot
+from tests.sweeps import sweep
+
+ALWAYS = [name for name in ROBOTS.names() if not name.endswith("_2f85")] + ["ur5e_2f85"]
+"""Of the arms that carry the second gripper, one."""
 
 
-@pytest.fixture(scope="module", params=ROBOTS.names())
+@pytest.fixture(scope="module", params=sweep(ROBOTS.names(), ALWAYS))
 def checked(request):
     checked = CheckedRobot(request.param)
     try:

@@ -79,6 +79,6 @@ def test_columns_of_neighbouring_joints_are_read_without_a_copy():
 def test_the_wrist_camera_is_on_the_robots_own_hand():
     assert wrist_camera(FRANKA) == WRIST_CAMERA
     assert wrist_camera(ROBOTS.get("iiwa")).mount == "iiwa/right_hand"
-    message = "'cartpole' has no wrist camera: give its RobotCfg a camera_mount.*task: franka, iiwa, jaco"
+    message = "'cartpole' has no wrist camera: give its RobotCfg a camera_mount.*: franka, franka_2f85, iiwa"
     with pytest.raises(ConfigError, match=message):
         wrist_camera(ROBOTS.get("cartpole"))

@@ -33,6 +33,12 @@ def with_joint(index, **changes):
             "'joint3' is driven by position and needs kp and force_limit",
         ),
         (with_joint(1, name="joint1"), "joints", "The joint 'joint1' is named twice"),
+        (
+            with_joint(8, driven=False, follows=("gripper/finger_joint1", 0.5)),
+            "joints",
+            "default of 'gripper/finger_joint2' is 0.04, and what it follows puts it at 0.02",
+        ),
+        (with_joint(8, driven=False, follows=("thumb", 1.0)), "joints", "follows 'thumb', which is none of"),
         (replace(FRANKA, gripper_joints=("thumb",)), "joints", r"gripper_joints names \['thumb'\]"),
         (with_joint(3, name="elbow"), "scene", "elbow"),
         (replace(FRANKA, ee_site="nose"), "scene", "nose"),
