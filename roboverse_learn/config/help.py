@@ -53,7 +53,7 @@ EXAMPLES = {
     ),
     "teleoperate": (
         "roboverse teleoperate task=PickCube num_demos=20",
-        "roboverse teleoperate task=StackCube host=0.0.0.0 operators=2 cert=cert.pem key=key.pem",
+        "roboverse teleoperate task=StackCube host=0.0.0.0 operators=2 https=true",
         "roboverse teleoperate checkpoint=runs/PickCube/act/<run>   (a policy acts until you take over)",
     ),
     "sweep": (

@@ -29,7 +29,9 @@ class TeleoperateConfig:
         view_shadows: Whether the page's images have shadows; by default where the machine has several cores.
         host: Address to listen at; 0.0.0.0 lets other machines in, all who have the page's address.
         port: Port to listen at; 0 takes any that is free.
-        cert: PEM file of a certificate, for https, which phones demand before they give their orientation.
+        https: Serve the page over https, which phones and headsets demand before they steer, with ``cert`` or
+            with a self-signed certificate, which the program openssl makes once.
+        cert: PEM file of a certificate, for https.
         key: PEM file of the certificate's key.
         actor: ``person`` opens the page; ``expert`` lets the task's expert steer the hand without one.
         checkpoint: Folder of a run or checkpoint: its policy acts until the person takes over.
@@ -50,6 +52,7 @@ class TeleoperateConfig:
     view_shadows: bool | None = None
     host: str = "127.0.0.1"
     port: int = 8080
+    https: bool = False
     cert: str = ""
     key: str = ""
     actor: Literal["person", "expert"] = "person"

@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import logging
-import socket
+import ssl
 import threading
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass, field
@@ -14,6 +14,7 @@ from envs.core.errors import ConfigError
 from envs.core.machine import num_cores
 from envs.vector_env import RoboVerseVectorEnv
 from roboverse_learn.config.teleoperate_config import TeleoperateConfig
+from roboverse_learn.teleoperation.certificate import addresses, tls_of
 from roboverse_learn.teleoperation.conductor import Conductor, Figures
 from roboverse_learn.teleoperation.episode_book import EpisodeBook
 from roboverse_learn.teleoperation.recording import RecordingFolder, scene_of
@@ -149,8 +150,9 @@ def steer_by_page(steering: Steering, config: TeleoperateConfig) -> Figures:
 
 
 async def _serve(steering: Steering, config: TeleoperateConfig) -> Figures:
-    async with conducted(steering, config.host, config.port, config.cert, config.key) as (conductor, url):
-        for host in _addresses(config.host):
+    context = tls_of(config.host, config.cert, config.key, https=config.https)
+    async with conducted(steering, config.host, config.port, context) as (conductor, url):
+        for host in addresses(config.host):
             log.info("Open %s in a browser. Ctrl+C ends it.", url.replace(config.host, host, 1))
         try:
             while not conductor.is_over:
@@ -167,16 +169,15 @@ async def _serve(steering: Steering, config: TeleoperateConfig) -> Figures:
 
 @contextlib.asynccontextmanager
 async def conducted(
-    steering: Steering, host: str, port: int, cert: str = "", key: str = ""
+    steering: Steering, host: str, port: int, context: ssl.SSLContext | None = None
 ) -> AsyncIterator[tuple[Conductor, str]]:
     """Runs the sessions behind a server; yields what ticks them, and the page's address.
 
     Raises:
-        ConfigError: The port is taken, or the certificate is none.
+        ConfigError: The port is taken.
     """
-    from roboverse_learn.teleoperation.server import TeleoperationServer, tls
+    from roboverse_learn.teleoperation.server import TeleoperationServer
 
-    context = tls(cert, key) if cert else None
     server = TeleoperationServer(steering.sessions, page_facts(steering))
     sent = -1
 
@@ -214,13 +215,3 @@ def page_facts(steering: Steering) -> dict[str, Any]:
         "delta_m": station.controller.delta_m,
         "delta_rad": station.controller.delta_rad,
     }
-
-
-def _addresses(host: str) -> list[str]:
-    """Returns the addresses under which other machines may find this one."""
-    if host not in ("0.0.0.0", "::"):
-        return [host]
-    with contextlib.suppress(OSError):
-        found = socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)
-        return list(dict.fromkeys(["127.0.0.1", *(str(entry[4][0]) for entry in found)]))
-    return ["127.0.0.1"]

@@ -306,22 +306,6 @@ def encode_frame(frame: Frame, number: int) -> bytes:
     return b"".join((struct.pack("<I", len(header)), header, *frame.jpegs.values()))
 
 
-def tls(cert: str, key: str) -> ssl.SSLContext:
-    """Returns the context of a certificate.
-
-    Raises:
-        ConfigError: A file is missing, or is none.
-    """
-    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
-    try:
-        context.load_cert_chain(cert, key)
-    except (OSError, ssl.SSLError) as error:
-        raise ConfigError(
-            f"cert={cert} key={key}: {error}. Give a certificate and its key, as PEM files."
-        ) from error
-    return context
-
-
 async def _close(socket: web.WebSocketResponse, code: int, why: str) -> None:
     with contextlib.suppress(ConnectionError, asyncio.TimeoutError):
         await socket.close(code=code, message=why.encode()[:120])

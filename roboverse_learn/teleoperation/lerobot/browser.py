@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import ssl
 import threading
 import time
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from lerobot.teleoperators import TeleoperatorConfig
 from envs.core.errors import ConfigError
 from envs.lerobot.robot import RoboVerseRobot
 from envs.lerobot.teleoperators import SceneTeleoperator, held
+from roboverse_learn.teleoperation.certificate import addresses, tls_of
 from roboverse_learn.teleoperation.conductor import Frame, encode_jpeg
 from roboverse_learn.teleoperation.lerobot.lent_session import LentSession
 from roboverse_learn.teleoperation.server import TeleoperationServer
@@ -32,17 +34,23 @@ class RoboVerseBrowserConfig(TeleoperatorConfig):
         host: Address on which the page is served.
         port: Its port; 0 is a free one.
         token: First part of the page's path; random where empty.
+        https: Serve the page over https, for phones and headsets, with a self-signed certificate or ``cert``.
+        cert: PEM file of a certificate, for https.
+        key: PEM file of its key.
         wait_s: Seconds for which the command waits until somebody has opened the page; 0 does not wait.
     """
 
     host: str = "127.0.0.1"
     port: int = 8080
     token: str = ""
+    https: bool = False
+    cert: str = ""
+    key: str = ""
     wait_s: float = 300.0
 
 
 class RoboVerseBrowser(SceneTeleoperator):
-    """The hand follows keyboard, mouse, touch, gamepad or phone of whoever has the page open.
+    """The hand follows keyboard, mouse, touch, gamepad, phone or headset of whoever has the page open.
 
     The page is served from when the robot is connected, and the command waits there for the person.
     """
@@ -77,8 +85,11 @@ class RoboVerseBrowser(SceneTeleoperator):
         check_steerable(robot.env)
         options, self._session = self._options, LentSession(robot)
         server = TeleoperationServer([self._session], self._session.page_facts(robot.images), options.token)
-        self._page = _Page(server, options.host, options.port)
-        logger.info("Open http://%s:%d/%s/ in a browser.", options.host, self._page.port, server.token)
+        context = tls_of(options.host, options.cert, options.key, https=options.https)
+        self._page = _Page(server, options.host, options.port, context)
+        scheme = "https" if context else "http"
+        for host in addresses(options.host):
+            logger.info("Open %s://%s:%d/%s/ in a browser.", scheme, host, self._page.port, server.token)
         self._show(robot)
         until = time.monotonic() + options.wait_s
         while not self._session.connected and options.wait_s:
@@ -107,6 +118,7 @@ class _Page:
         server: The server.
         host: Its address.
         port: Its port; 0 is a free one.
+        context: Of a certificate, for https.
 
     Attributes:
         port: The port on which it listens.
@@ -115,9 +127,11 @@ class _Page:
         ConfigError: The port is taken.
     """
 
-    def __init__(self, server: TeleoperationServer, host: str, port: int) -> None:
+    def __init__(
+        self, server: TeleoperationServer, host: str, port: int, context: ssl.SSLContext | None
+    ) -> None:
         self.server, self.port = server, port
-        self._address = (host, port)
+        self._address, self._context = (host, port), context
         self._ready, self._stop = threading.Event(), threading.Event()
         self._error: BaseException | None = None
         self._thread = threading.Thread(
@@ -130,7 +144,7 @@ class _Page:
 
     async def _serve(self) -> None:
         try:
-            self.port = await self.server.start(*self._address)
+            self.port = await self.server.start(*self._address, self._context)
         except BaseException as error:
             self._error = error
             return

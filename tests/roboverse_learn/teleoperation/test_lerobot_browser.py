@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import shutil
 import socket
 import threading
 
@@ -27,16 +28,18 @@ def free_port():
 class Person:
     """A browser in a thread of its own: it joins, and steers the hand along +x until it is stopped."""
 
-    def __init__(self, port):
+    def __init__(self, port, scheme):
         self.client, self.stop, self.moved = None, threading.Event(), threading.Event()
-        self._thread = threading.Thread(target=lambda: asyncio.run(self._live(port)), daemon=True)
+        self._thread = threading.Thread(
+            target=lambda: asyncio.run(self._live(f"{scheme}://127.0.0.1:{port}/word/ws")), daemon=True
+        )
         self._thread.start()
 
-    async def _live(self, port):
+    async def _live(self, url):
         async with aiohttp.ClientSession() as session:
             while True:  # the page is served once the robot is connected
                 try:
-                    socket = await session.ws_connect(f"http://127.0.0.1:{port}/word/ws")
+                    socket = await session.ws_connect(url, ssl=False)
                     break
                 except aiohttp.ClientError:
                     await asyncio.sleep(0.05)
@@ -50,6 +53,7 @@ class Person:
                 with contextlib.suppress(TimeoutError):
                     await self.client.read(0.2)
             await socket.close()
+        await asyncio.sleep(0.25)  # a session of aiohttp does not wait for the end of TLS
 
     def leave(self):
         self.stop.set()
@@ -60,16 +64,22 @@ def hand_x(robot):
     return float(next(iter(robot.env.get_states([0]).robots.values())).ee_pos[0, 0])
 
 
-def test_the_hand_follows_the_person_and_leaves_episodes_to_lerobot(tmp_path):
+def test_the_hand_follows_the_person_and_leaves_episodes_to_lerobot(tmp_path, monkeypatch, caplog):
     robot = RoboVerseRobot(RoboVerseRobotConfig(image_size=32, calibration_dir=tmp_path))
     port = free_port()
-    options = RoboVerseBrowserConfig(port=port, token="word", wait_s=60.0, calibration_dir=tmp_path)
+    https = shutil.which("openssl") is not None  # phones and headsets steer by https alone
+    options = RoboVerseBrowserConfig(
+        port=port, token="word", wait_s=60.0, calibration_dir=tmp_path, https=https
+    )
     teleop = make_teleoperator_from_config(options)
-    person = Person(port)
+    monkeypatch.setenv("ROBOVERSE_CACHE", str(tmp_path))
+    caplog.set_level("INFO")
+    person = Person(port, scheme := "https" if https else "http")
     teleop.connect()
     try:
         robot.connect()  # returns as soon as the person is there
         person.moved.wait(20)
+        assert f"Open {scheme}://127.0.0.1:{port}/word/ in a browser." in caplog.text
         first, start = robot.episode, hand_x(robot)
         for _ in range(30):
             robot.get_observation()

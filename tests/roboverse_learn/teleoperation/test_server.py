@@ -5,10 +5,7 @@ import contextlib
 import io
 import json
 import os
-import shutil
 import socket
-import ssl
-import subprocess
 import threading
 
 import aiohttp
@@ -18,7 +15,7 @@ from envs.core.errors import ConfigError
 from envs.spec import EnvSpec
 from roboverse_learn.teleoperation.conductor import Conductor
 from roboverse_learn.teleoperation.recording import Mark
-from roboverse_learn.teleoperation.server import FRAMES_ON_THE_WAY, TeleoperationServer, tls
+from roboverse_learn.teleoperation.server import FRAMES_ON_THE_WAY, TeleoperationServer
 from roboverse_learn.teleoperation.session import Phase
 from tests.roboverse_learn.teleoperation.scripted_client import Client, Follower, play
 
@@ -255,7 +252,7 @@ def test_a_browser_that_does_not_answer_gets_few_frames_and_the_newest_later(mak
     run(body)
 
 
-def test_a_taken_port_and_a_missing_certificate_are_reported(make_session):
+def test_a_taken_port_is_reported(make_session):
     async def body():
         with socket.socket() as taken:
             taken.bind(("127.0.0.1", 0))
@@ -264,31 +261,6 @@ def test_a_taken_port_and_a_missing_certificate_are_reported(make_session):
             server = TeleoperationServer([make_session()], {})
             with pytest.raises(ConfigError, match=f"port={port}: .*Choose another port"):
                 await server.start("127.0.0.1", port)
-
-    run(body)
-    with pytest.raises(ConfigError, match="Give a certificate and its key, as PEM files"):
-        tls("none.pem", "none.key")
-
-
-@pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl makes a certificate")
-def test_a_certificate_makes_it_https(make_session, tmp_path):
-    files = [str(tmp_path / name) for name in ("cert.pem", "key.pem")]
-    words = ["req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=robot"]
-    subprocess.run(
-        ["openssl", *words, "-out", files[0], "-keyout", files[1]], check=True, capture_output=True
-    )
-
-    async def body():
-        server = TeleoperationServer([make_session()], {})
-        port = await server.start("127.0.0.1", 0, tls(*files))
-        try:
-            trusted = ssl.create_default_context(cafile=files[0])
-            trusted.check_hostname = False
-            url = f"https://127.0.0.1:{port}/{server.token}/"
-            async with aiohttp.ClientSession() as http, http.get(url, ssl=trusted) as answer:
-                assert answer.status == 200
-        finally:
-            await server.stop()
 
     run(body)
 
