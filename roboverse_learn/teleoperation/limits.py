@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 MESSAGES_PER_S, MESSAGE_BURST = 120.0, 240
-"""Messages of one browser per second, and at once; our page sends at most 40 per second."""
+"""Messages of one browser per second, and at once; our page sends at most 60 per second."""
 
 MAX_CONNECTIONS = 64
 SILENCE_S = 10.0

@@ -33,7 +33,7 @@ MAX_NAME = 40
 MAX_CAMERAS = 4
 """Cameras that a page shows at once."""
 
-DEVICES = ("keyboard", "mouse", "touch", "gamepad", "phone", "script", "expert")
+DEVICES = ("keyboard", "mouse", "touch", "gamepad", "phone", "webxr", "script", "expert")
 
 STILL = (0.0,) * 6
 

@@ -1,4 +1,4 @@
-// Devices: keyboard, mouse, touch, gamepad and a phone's orientation become one motion of the hand.
+// Devices: keyboard, mouse, touch, gamepad, a phone's orientation and headset.js become one motion of the hand.
 //
 // Motions are in the frame of the first image: right, away, up, and turns about these three axes (the right-hand
 // rule). The server takes those of the world, whose z points up: world() turns one into the other.
@@ -87,6 +87,16 @@ export class Inputs {
     this.close(!this.closed);
   }
 
+  // How far the hand moves for a motion of the person's, by the speed that is chosen: 1 as the page is opened.
+  scale() {
+    return Number(at("speed").value) / 0.3;
+  }
+
+  follow(motion, device) {
+    motion.forEach((value, entry) => { this.shift[entry] += value; });
+    if (motion.some(Boolean)) this.device = device;
+  }
+
   describeSpeed() {
     const { delta_m: step = 0.05, control_hz: hz = 20 } = this.facts();
     at("speed-text").textContent = `${Math.round(100 * at("speed").value * step * hz)} cm/s`;
@@ -120,7 +130,7 @@ export class Inputs {
     canvas.addEventListener("pointermove", (event) => {
       if (!event.buttons || !this.running()) return;
       this.device = event.pointerType === "mouse" ? "mouse" : "touch";
-      const scale = DRAG_M_PER_PX * Number(at("speed").value) / 0.3;
+      const scale = DRAG_M_PER_PX * this.scale();
       this.shift[0] += scale * event.movementX;
       this.shift[event.buttons & 2 ? 2 : 1] -= scale * event.movementY;
     });

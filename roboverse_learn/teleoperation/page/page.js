@@ -1,4 +1,5 @@
-// The page: connection, images, status and buttons. What moves the hand is in inputs.js.
+// The page: connection, images, status and buttons. What moves the hand is in inputs.js and headset.js.
+import { Headset } from "./headset.js";
 import { Inputs } from "./inputs.js";
 
 const SEND_MS = 33;
@@ -9,10 +10,16 @@ const at = (id) => document.getElementById(id);
 const client = sessionStorage.client ??= [...crypto.getRandomValues(new Uint8Array(12))]
   .map((byte) => byte.toString(16).padStart(2, "0")).join("");
 
-let socket = null, retries = 0, sequence = 0, seenFrame = 0, sentAt = 0, lastSent = "";
+let socket = null, retries = 0, sequence = 0, seenFrame = 0, sentAt = 0, polledAt = 0, lastSent = "";
 let facts = {}, status = {}, known = "";
 const sendTimes = new Map(), frameTimes = [], delays = [];
-const inputs = new Inputs({ press, view: () => status.view_yaw ?? 0, facts: () => facts, running: () => status.phase === "running" });
+const running = () => status.phase === "running" && socket?.readyState === WebSocket.OPEN;
+const inputs = new Inputs({ press, view: () => status.view_yaw ?? 0, facts: () => facts, running });
+const headset = new Headset({
+  inputs, press, running, cycle, facts: () => facts, drives: () => Boolean(status.driver),
+  images: () => [...document.querySelectorAll("#views canvas")],
+  lines: () => [["phase", "clock", "light", "progress"].map((id) => at(id).textContent).join(" · "), at("note").textContent],
+});
 
 at("operator").value = localStorage.operator ?? "";
 at("operator").addEventListener("change", () => {
@@ -152,8 +159,20 @@ function transmit(early = false) {
   sendTimes.set(sequence, now);
   send({ type: "move", seq: sequence, ...move, seen: seenFrame });
 }
-setInterval(() => { inputs.poll(); transmit(); }, SEND_MS);
-document.addEventListener("visibilitychange", () => { if (document.hidden) { inputs.release(); press("pause"); } });
+// A headset's frames call it too: browsers slow down the timers of a page that is not looked at.
+function cycle() {
+  const now = performance.now();
+  if (now - polledAt < 0.8 * SEND_MS) return;
+  polledAt = now;
+  inputs.poll();
+  transmit();
+}
+setInterval(cycle, SEND_MS);
+document.addEventListener("visibilitychange", () => {
+  if (!document.hidden || headset.session) return;
+  inputs.release();
+  press("pause");
+});
 
 // -- status ----------------------------------------------------------------------------------------
 
