@@ -10,12 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from envs.core.errors import ConfigError
+from envs.core.plain_values import flat, plain
 from envs.tasks import TASKS
 from envs.tasks.base import Task
 from policies.base import Observation, Policy
 from roboverse_learn.commands.called_with import called_with
 from roboverse_learn.commands.outcomes import Evaluation, TrainedRun
 from roboverse_learn.config.compose import compose
+from roboverse_learn.config.keys import MAPS
 from roboverse_learn.config.words import as_text
 from roboverse_learn.evaluate import evaluate_all, evaluate_policy
 
@@ -184,6 +186,4 @@ _IN_THIS_PROCESS: set[str] = set()
 
 def _words(given: Mapping[str, Any]) -> list[str]:
     """Returns settings as the words that a result's command shows."""
-    from roboverse_learn.config.compose import flat
-
-    return [f"{key}={as_text(value)}" for key, value in flat(given).items()]
+    return [f"{key}={as_text(plain(value))}" for key, value in flat(given, leaves=MAPS).items()]

@@ -10,7 +10,7 @@ import importlib
 import logging
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,9 @@ HELP = ("-h", "--help", "help")
 # A full disk, a spent quota, a limit on the size of files, a folder that may not be written.
 _MENDABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EROFS)
 _IN_THE_WAY = (errno.ENOTDIR, errno.EEXIST)
+
+_OF_WORDS = ("assets", "dataset")
+"""Commands whose function takes the words themselves."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -83,11 +86,19 @@ def _dispatch(words: list[str]) -> int:
         command = "speed"
     if command not in help_texts.SUMMARIES:
         raise unknown_name("command", command, help_texts.SUMMARIES, "Start with: roboverse --help")
-    if command in _OF_WORDS:
-        return _OF_WORDS[command](rest)
-    if any(word in HELP for word in rest) or (command == "sweep" and not rest):
+    if command == "speed":
+        return _speed(rest)
+    asks = rest[:1] if command == "dataset" else rest  # its actions have help of their own
+    if any(word in HELP for word in asks) or (command in ("dataset", "sweep") and not rest):
         chosen = [word.removeprefix("policy=") for word in rest if word.startswith("policy=")]
         print(help_texts.command_help(command, (chosen or ["act"])[-1]))
+        return 0
+    if command == "list":
+        print(help_texts.list_command(rest))
+        return 0
+    if command in _OF_WORDS:
+        _start_logging()
+        print(_function(command)(rest))
         return 0
     config = _read(command, rest)
     _start_logging()
@@ -148,15 +159,20 @@ def _read(command: str, words: list[str]) -> Any:
 
 
 def _run(command: str, config: Any) -> int:
-    """Calls the command's module, which has its name; heavy imports begin here.
+    """Calls a command and prints what it returns.
 
     Returns:
         The exit code: 1 where what it returns says that not all is ``ok``.
     """
-    module = importlib.import_module(f"roboverse_learn.{command}")
-    report = (module.convert_robot if command == "convert" else getattr(module, command))(config)
+    report = _function(command)(config)
     _show(report)
     return 0 if getattr(report, "ok", True) else 1
+
+
+def _function(command: str) -> Callable[[Any], Any]:
+    """Returns the function of a command, from the module of its name; heavy imports begin here."""
+    module = importlib.import_module(f"roboverse_learn.{command}")
+    return module.convert_robot if command == "convert" else getattr(module, command)
 
 
 def _speed(words: list[str]) -> int:
@@ -181,34 +197,6 @@ def _speed(words: list[str]) -> int:
             f"{', '.join(PROGRAMS.names())}."
         )
     return max(run(name, settings) for name in names or PROGRAMS.names())
-
-
-def _assets(words: list[str]) -> int:
-    from roboverse_learn.assets import assets
-
-    if any(word in HELP for word in words):
-        print(help_texts.usage("assets"))
-        return 0
-    _start_logging()
-    print(assets(words))
-    return 0
-
-
-def _dataset(words: list[str]) -> int:
-    from roboverse_learn.dataset import dataset
-
-    print(help_texts.usage("dataset") if not words or words[0] in HELP else dataset(words))
-    return 0
-
-
-def _list(words: list[str]) -> int:
-    wants_help = any(word in HELP for word in words)
-    print(help_texts.usage("list") if wants_help else help_texts.list_command(words))
-    return 0
-
-
-_OF_WORDS = {"assets": _assets, "dataset": _dataset, "list": _list, "speed": _speed}
-"""Commands that take words, not keys alone."""
 
 
 def _show(report: Any) -> None:

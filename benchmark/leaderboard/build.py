@@ -23,7 +23,7 @@ from benchmark.leaderboard.entries import STUDY, BoardEntry, classify, is_foreig
 from benchmark.leaderboard.headline import headline
 from benchmark.leaderboard.instructions_table import instructions_table, without_instruction_tests
 from benchmark.leaderboard.overview import overview
-from benchmark.leaderboard.recipe_settings import completed, flat
+from benchmark.leaderboard.recipe_settings import completed
 from benchmark.leaderboard.rows import (
     Entry,
     build_row,
@@ -41,6 +41,7 @@ from benchmark.suites import FOLDER
 from envs.core.atomic import write_file
 from envs.core.errors import ResultError
 from envs.core.fingerprint import canonical_json, digest
+from envs.core.plain_values import flat
 
 SCHEMA_VERSION = 2
 JSON_NAME, MARKDOWN_NAME, HTML_NAME = "leaderboard.json", "leaderboard.md", "leaderboard.html"

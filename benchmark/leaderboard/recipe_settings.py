@@ -6,6 +6,7 @@ from typing import Any
 
 import policies
 from envs.core.fingerprint import canonical_json
+from envs.core.plain_values import flat
 
 _FREE = {
     *("train.steps", "train.time_limit_s"),  # the checkpoint has the training time
@@ -50,17 +51,6 @@ def learned_settings(policy: Any, train: Any) -> dict[str, Any]:
         key: values for key, values in (("policy", policy), ("train", train)) if isinstance(values, Mapping)
     }  # a result may lack them
     return {key: value for key, value in flat(settings).items() if key not in _FREE}
-
-
-def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Returns nested values by dotted key."""
-    return {
-        key: inner
-        for name, value in values.items()
-        for key, inner in (
-            flat(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {f"{prefix}{name}": value}
-        ).items()
-    }
 
 
 def differing(settings: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -1,6 +1,6 @@
 """Converts frozen data to plain values of JSON and YAML."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -15,3 +15,13 @@ def plain(value: Any) -> Any:
     if isinstance(value, tuple | list):
         return [plain(item) for item in value]
     return str(value) if isinstance(value, Path) else value
+
+
+def flat(values: Mapping[str, Any], prefix: str = "", leaves: Collection[str] = ()) -> dict[str, Any]:
+    """Returns nested values by dotted key; the mappings at the keys ``leaves`` are values themselves."""
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        key = f"{prefix}{name}"
+        nested = isinstance(value, Mapping) and key not in leaves
+        found |= flat(value, f"{key}.", leaves) if nested else {key: value}
+    return found

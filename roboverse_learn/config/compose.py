@@ -24,7 +24,7 @@ from typing import Any
 
 import policies
 from envs.core.errors import ConfigError, unknown_name
-from envs.core.plain_values import plain
+from envs.core.plain_values import flat, plain
 from envs.scenario.changes import merged
 from envs.spec import EnvSpec
 from envs.tasks.protocols import PROTOCOLS
@@ -37,7 +37,6 @@ from roboverse_learn.config.keys import (
     at,
     flat_keys,
     full_key,
-    in_open_section,
     open_section,
     own_key,
     split_word,
@@ -86,7 +85,7 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
         ConfigError: A value is of the wrong kind or out of range, or a word is not ``key=value``.
     """
     pairs = [_split(word) for word in words]
-    read = flat(given or {})
+    read = {key: plain(value) for key, value in flat(given or {}, leaves=MAPS).items()}
     typed = dict(pairs) | {key: value for key, value in read.items() if isinstance(value, str)}
     saved = _saved_values(typed.get("run", "")) if command == "train" else {}
     recipe, of_recipe = _recipe(command, typed.get("recipe", ""))
@@ -97,10 +96,9 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
         if name not in names and (command, name) != ("check", _NO_POLICY):
             raise unknown_name(kind, name, names, OF_YOUR_OWN if kind == "policy" else "")
     defaults = default_values(command, policy)
-    keys = [full_key(command, own_key(policy, key), flat_keys(defaults)) for key, _ in pairs]
-    read = {
-        full_key(command, own_key(policy, key), flat_keys(defaults)): value for key, value in read.items()
-    }
+    known = flat_keys(defaults)
+    keys = [full_key(command, own_key(policy, key), known) for key, _ in pairs]
+    read = {full_key(command, own_key(policy, key), known): value for key, value in read.items()}
     check_beside(recipe or str(saved.get("recipe", "")), chosen, policy, [*keys, *read])
     values = merged(copy.deepcopy(_composed(command, policy, preset)), of_recipe)
     if saved.get("policy_name") == policy:
@@ -280,7 +278,7 @@ def _value(word: str, text: str, command: str, key: str, default: Any) -> Any:
     example = "" if default is None else f", such as {key}={str(default).lower()}"
     takes = "Write a list in brackets, such as [1,2]." if isinstance(default, list) else ""
     takes = takes or f"{key} takes one value{example}."
-    if in_open_section(key):
+    if open_section(key):
         takes = "Write a list in brackets, such as [1,2], and text with other signs in quotes."
     try:
         override = _parsed(text)
@@ -290,7 +288,7 @@ def _value(word: str, text: str, command: str, key: str, default: Any) -> Any:
         runs = f" For a run with each of them: roboverse sweep {word}" if command == "train" else ""
         raise ConfigError(f"'{word}' gives several values. {takes}{runs}")
     value = override.value()
-    if isinstance(value, dict) and not in_open_section(key):
+    if isinstance(value, dict) and not open_section(key):
         raise ConfigError(f"'{word}' gives keys of its own. {takes}")
     return _in_list(value, default)
 
@@ -325,29 +323,11 @@ def _in_list(value: Any, default: Any) -> Any:
     return [value] if isinstance(default, list) and one else value
 
 
-def flat(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Returns nested values by dotted key, as plain values."""
-    values: dict[str, Any] = {}
-    for name, value in given.items():
-        if isinstance(value, Mapping) and f"{prefix}{name}" not in MAPS:
-            values |= flat(value, f"{prefix}{name}.")
-        else:
-            values[f"{prefix}{name}"] = plain(value)
-    return values
-
-
 def _put(values: dict[str, Any], key: str, value: Any) -> None:
     """Puts the value of a dotted key into nested values; keys of an open section are merged."""
-    if section := open_section(key):
-        parts = key.removeprefix(f"{section}.").split(".")
-        for part in reversed(parts):
-            value = {part: value}
-        *outer, section = section.split(".")
-        for part in outer:
-            values = values[part]
-        values[section] = merged(values[section], value)
-        return
-    section, *parts = key.split(".")
-    while parts:
-        values, section = values[section], parts.pop(0)
-    values[section] = value
+    section = open_section(key)
+    for part in reversed(key.removeprefix(f"{section}.").split(".") if section else ()):
+        value = {part: value}
+    outer, _, name = (section or key).rpartition(".")
+    holder = at(values, outer) if outer else values
+    holder[name] = merged(holder[name], value) if section else value

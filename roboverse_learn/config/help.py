@@ -18,6 +18,7 @@ from roboverse_learn.config.keys import at, flat_keys, typed_key
 from roboverse_learn.config.scenario_overrides import SECTION, scenario_keys
 from roboverse_learn.config.schema import COMMANDS, baselines
 from roboverse_learn.config.serialize import default_values
+from roboverse_learn.config.words import as_text
 
 SUMMARIES = {
     "train": "collect what is missing, train, evaluate over the levels, write the leaderboard",
@@ -130,24 +131,18 @@ def command_help(command: str, policy: str = "act") -> str:
     """Returns the text of ``roboverse <command> --help``.
 
     Args:
-        command: A command that takes keys.
+        command: Name of the command.
         policy: The policy whose keys are listed.
     """
     examples = "\n".join(f"  {line}" for line in EXAMPLES[command])
-    parts = [
-        f"roboverse {command}: {SUMMARIES[command]}.",
-        f"Usage: roboverse {command} [key=value ...]\n{examples}",
-    ]
+    about = f"roboverse {command}: {SUMMARIES[command]}."
+    if command not in COMMANDS:  # it takes words
+        return f"{about}\n\nUsage:\n{examples}"
+    parts = [about, f"Usage: roboverse {command} [key=value ...]\n{examples}"]
     if command not in ("leaderboard", "convert", "export", "doctor", "new"):
         parts.append(listing())
     parts.append(f"Keys, with their defaults:\n{_rows(key_rows(command, policy=policy))}")
     return "\n\n".join(parts)
-
-
-def usage(command: str) -> str:
-    """Returns the text of ``roboverse <command> --help`` of a command that takes words."""
-    examples = "\n".join(f"  {line}" for line in EXAMPLES[command])
-    return f"roboverse {command}: {SUMMARIES[command]}.\n\nUsage:\n{examples}"
 
 
 def listing(datasets_dir: str | None = None, kinds: Sequence[str] = (), words: Sequence[str] = ()) -> str:
@@ -306,12 +301,8 @@ def documented(cls: type) -> Iterator[tuple[str, str]]:
 
 
 def _shown(value: Any) -> str:
-    """Returns a value as it is typed."""
-    if isinstance(value, list):
-        return "[" + ",".join(_shown(item) for item in value) + "]"
-    if value is None or isinstance(value, bool):
-        return {None: "null", True: "true", False: "false"}[value]
-    return str(value)
+    """Returns a value as it is typed: a text by itself needs no quotes."""
+    return value if isinstance(value, str) else as_text(value)
 
 
 def _rows(rows: list[tuple[str, str]]) -> str:

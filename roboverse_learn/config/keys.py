@@ -1,12 +1,12 @@
 """Keys of the command line: dotted, in full or by their last part where only one key ends so."""
 
-import difflib
 import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 import policies
 from envs.core.errors import ConfigError, UnknownNameError, suggest
+from envs.core.plain_values import flat
 from roboverse_learn.config.scenario_overrides import SECTION, scenario_keys
 
 _WORD = re.compile(r"(?P<key>[A-Za-z_]\w*(?:\.\w+)*)=(?P<value>.*)", re.DOTALL)
@@ -35,11 +35,7 @@ MAPS = ("rename_map", "policy.rename_map")
 
 def flat_keys(values: Mapping[str, Any], prefix: str = "") -> list[str]:
     """Returns the dotted key of every leaf; an open section is a leaf."""
-    keys: list[str] = []
-    for name, value in values.items():
-        nested = isinstance(value, Mapping) and f"{prefix}{name}" not in (*OPEN, *MAPS)
-        keys += flat_keys(value, f"{prefix}{name}.") if nested else [f"{prefix}{name}"]
-    return keys
+    return list(flat(values, prefix, (*OPEN, *MAPS)))
 
 
 def at(values: Mapping[str, Any], key: str) -> Any:
@@ -48,11 +44,6 @@ def at(values: Mapping[str, Any], key: str) -> Any:
     for part in key.split("."):
         value = value.get(part) if isinstance(value, Mapping) else None
     return value
-
-
-def in_open_section(key: str) -> bool:
-    """Whether a dotted key is inside an open section."""
-    return bool(open_section(key))
 
 
 def open_section(key: str) -> str:
@@ -104,7 +95,7 @@ def full_key(command: str, key: str, keys: Iterable[str]) -> str:
         raise ConfigError(f"'{key}' has keys of its own: give each by its name, as in {key}.{OPEN[key]}.")
     if key in (FROM, _TYPED[FROM]) and _TYPED[FROM] in names:
         return FROM
-    if key in names or (in_open_section(key) and open_section(key) in names):
+    if key in names or open_section(key) in names:
         return key
     matches = [full for full in names if full.endswith(f".{key}")]
     if len(matches) > 1:
@@ -123,10 +114,9 @@ def unknown_key(command: str, key: str, keys: Iterable[str]) -> UnknownNameError
         valid = sorted({f"{full.partition('.')[0]}.*" if "." in full else full for full in names})
     known = [*names, *scenario_keys()] if SECTION in names else names
     by_part = {full.rpartition(".")[2]: full for full in reversed(known)} | {full: full for full in known}
-    close = difflib.get_close_matches(key, by_part, n=1)
-    nearest = f" Did you mean '{by_part[close[0]]}'?" if close else ""
+    hint = _of_other_policies(key) or suggest(key, by_part)
     return UnknownNameError(
-        f"Unknown key '{key}' of {command}.{_of_other_policies(key) or nearest} Valid: {', '.join(valid)}. "
+        f"Unknown key '{key}' of {command}.{hint} Valid: {', '.join(valid)}. "
         f"See them all with: roboverse {command} --help"
     )
 
