@@ -107,11 +107,9 @@ def _environment(command: str, values: dict[str, Any], *, checks_task: bool = Tr
         scenario = checked_scenario(spec.task, spec.task_kwargs, spec.scenario, robot=robot)
     elif robot:
         _check_names("robot", [robot])
-    if not checks_task:
-        return {key: getattr(spec, key) for key in given} if partial else spec
     if partial:  # not shortened: a change back to the task's own value counts after training with another
         return {key: getattr(spec, key) for key in given}
-    return spec.replace(scenario=scenario, task_kwargs=options, robot=robot)
+    return spec.replace(scenario=scenario, task_kwargs=options, robot=robot) if checks_task else spec
 
 
 def _check_names(kind: str, names: Iterable[str]) -> None:
