@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from envs.core.plain_values import plain
+from envs.core.plain_values import flat, plain
 
 
 @dataclass(frozen=True)
@@ -27,3 +27,10 @@ def test_data_of_any_depth_is_plain():
         "folder": "a/b",
         "absent": None,
     }
+
+
+def test_nested_values_have_dotted_keys_and_a_leaf_stays_whole():
+    nested = {"a": {"b": {"c": 1}, "d": {}}, "e": [2]}
+    assert flat(nested) == {"a.b.c": 1, "e": [2]}
+    assert flat(nested, "x.") == {"x.a.b.c": 1, "x.e": [2]}
+    assert flat(nested, leaves=("a.b", "a.d")) == {"a.b": {"c": 1}, "a.d": {}, "e": [2]}
