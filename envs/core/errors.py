@@ -64,15 +64,15 @@ MOST_LISTED = 60
 """Valid names that a message lists; of more it names the nearest."""
 
 
-def suggest(given: str, valid: Iterable[str] | Mapping[str, str]) -> str:
+def suggest(given: str, valid: Iterable[str], meant: Mapping[str, str] | None = None) -> str:
     """Returns ``" Did you mean 'x'?"`` for the nearest valid name, or an empty string.
 
     Args:
         given: What was given.
-        valid: Every valid name; of a mapping, the value of the nearest one is suggested.
+        valid: Every valid name.
+        meant: What is suggested for each of them; the name itself by default.
     """
-    meant = valid if isinstance(valid, Mapping) else {name: name for name in valid}
-    lowered = {name.lower(): own for name, own in meant.items()}
+    lowered = {name.lower(): (meant or {}).get(name, name) for name in valid}
     close = difflib.get_close_matches(given.lower(), lowered, n=1)
     return f" Did you mean '{lowered[close[0]]}'?" if close else ""
 

@@ -114,7 +114,7 @@ def unknown_key(command: str, key: str, keys: Iterable[str]) -> UnknownNameError
         valid = sorted({f"{full.partition('.')[0]}.*" if "." in full else full for full in names})
     known = [*names, *scenario_keys()] if SECTION in names else names
     by_part = {full.rpartition(".")[2]: full for full in reversed(known)} | {full: full for full in known}
-    hint = _of_other_policies(key) or suggest(key, by_part)
+    hint = _of_other_policies(key) or suggest(key, by_part, by_part)
     return UnknownNameError(
         f"Unknown key '{key}' of {command}.{hint} Valid: {', '.join(valid)}. "
         f"See them all with: roboverse {command} --help"

@@ -91,7 +91,7 @@ def test_a_registry_imports_late_and_explains():
 def test_suggestions_ignore_case():
     assert suggest("pickcube", ["PickCube", "StackCube"]) == " Did you mean 'PickCube'?"
     assert suggest("zzz", ["PickCube"]) == ""
-    assert suggest("STPES", {"steps": "train.steps"}) == " Did you mean 'train.steps'?"
+    assert suggest("STPES", ["steps"], {"steps": "train.steps"}) == " Did you mean 'train.steps'?"
 
 
 def test_assets_say_what_is_missing():
