@@ -110,21 +110,17 @@ def joints(checked: CheckedRobot) -> str:
             not drives or (joint.kp > 0.0 and joint.force_limit > 0.0),
             f"'{joint.name}' is driven by position and needs kp and force_limit above 0.",
         )
-        led = joint.default if joint.follows is None else _led(robot, joint.follows)
+        leader = joint.follows[0] if joint.follows else joint.name
+        require(leader in robot.joint_names, f"a joint follows '{leader}', which is none of its joints.")
+    for joint, tied in zip(robot.joints, robot.with_home(robot.default_qpos).joints, strict=True):
         require(
-            abs(led - joint.default) < _TIED_RAD,
-            f"default of '{joint.name}' is {joint.default:g}, and what it follows puts it at {led:g}.",
+            abs(tied.default - joint.default) < _TIED_RAD,
+            f"default of '{joint.name}' is {joint.default:g}, and what it follows puts it at "
+            f"{tied.default:g}.",
         )
     foreign = set(robot.gripper_joints) - set(robot.joint_names)
     require(not foreign, f"gripper_joints names {sorted(foreign)}, which are none of its joints.")
     return f"{counted(len(robot.joints), 'joint')}, {len(robot.driven)} driven"
-
-
-def _led(robot: RobotCfg, follows: tuple[str, float]) -> float:
-    """Returns where a joint rests that follows another one."""
-    leader, ratio = follows
-    require(leader in robot.joint_names, f"a joint follows '{leader}', which is none of its joints.")
-    return ratio * robot.joints[robot.joint_names.index(leader)].default
 
 
 @contract("joints")

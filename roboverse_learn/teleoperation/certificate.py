@@ -19,6 +19,7 @@ from pathlib import Path
 
 from envs.core.assets import cache_dir
 from envs.core.errors import ConfigError
+from envs.core.fingerprint import digest
 
 DAYS = 365
 """Days for which a self-signed certificate holds; it is made again on its last."""
@@ -84,7 +85,7 @@ def self_signed(names: Sequence[str], folder: Path) -> Path:
             "https=true makes a certificate with the program openssl, and there is none. "
             f"Install it, or do without: {OWN_FILES}"
         )
-    file = folder / f"{hashlib.sha256(','.join(names).encode()).hexdigest()[:16]}.pem"
+    file = folder / f"{digest(list(names))}.pem"
     try:
         if file.is_file() and _holds(openssl, file):
             file.chmod(0o600)

@@ -109,6 +109,14 @@ async def enter(page):
     assert await page.value("xr.session !== null && xr.frames.length === 1")
 
 
+@contextlib.asynccontextmanager
+async def worn(book, folder):
+    """Yields the session of a page that a headset shows, the page, and who wears the headset."""
+    async with served(book, folder) as (session, url, file), node.opened(url, folder, file) as page:
+        await enter(page)
+        yield session, page, Person(page)
+
+
 async def steer(page, person, session, follower):
     """Plays the present episode with the controller."""
     episode, view_yaw = session.episode, session.station.view_yaw("front")
@@ -130,12 +138,7 @@ async def steer(page, person, session, follower):
 
 def test_a_headset_plays_a_whole_pick_cube_over_https(folder, book, pick_cube, tmp_path):
     async def body():
-        async with (
-            served(book, tmp_path) as (session, url, file),
-            node.opened(url, tmp_path, file) as page,
-        ):
-            person = Person(page)
-            await enter(page)
+        async with worn(book, tmp_path) as (session, page, person):
             await steer(page, person, session, Follower(pick_cube))
             await page.until("at('progress').textContent.startsWith('1 of 2')")
             drawn = await page.value("xr.calls.webgl.filter(([name]) => name === 'drawArrays').length")
@@ -152,12 +155,8 @@ def test_a_headset_plays_a_whole_pick_cube_over_https(folder, book, pick_cube, t
 
 def test_the_hand_goes_where_the_controller_does_and_rests_when_it_is_let_go_or_lost(book, tmp_path):
     async def body():
-        async with (
-            served(book, tmp_path) as (session, url, file),
-            node.opened(url, tmp_path, file) as page,
-        ):
-            person, yaw = Person(page), session.station.view_yaw("front")
-            await enter(page)
+        async with worn(book, tmp_path) as (session, page, person):
+            yaw = session.station.view_yaw("front")
             await person.frame(SQUEEZE)
             await person.move([0.0, 0.0, 0.1, 0, 0, 0], yaw)
             assert session.step == 0, "nothing moves before start"
@@ -218,12 +217,8 @@ def test_the_hand_goes_where_the_controller_does_and_rests_when_it_is_let_go_or_
 
 def test_the_buttons_of_a_controller_and_the_end_of_the_session(book, tmp_path):
     async def body():
-        async with (
-            served(book, tmp_path) as (session, url, file),
-            node.opened(url, tmp_path, file) as page,
-        ):
-            person, yaw = Person(page), session.station.view_yaw("front")
-            await enter(page)
+        async with worn(book, tmp_path) as (session, page, person):
+            yaw = session.station.view_yaw("front")
             await person.tap(LOWER)
             await page.until("document.body.dataset.phase === 'running'")
             await person.frame(SQUEEZE)
@@ -247,12 +242,7 @@ def test_the_buttons_of_a_controller_and_the_end_of_the_session(book, tmp_path):
 
 def test_a_headset_taken_off_pauses_and_a_refused_session_is_reported(book, tmp_path):
     async def body():
-        async with (
-            served(book, tmp_path) as (session, url, file),
-            node.opened(url, tmp_path, file) as page,
-        ):
-            person = Person(page)
-            await enter(page)
+        async with worn(book, tmp_path) as (session, page, person):
             # Some browsers call the page hidden while its session is shown.
             await page.value("(page.hidden = true, page.fire('visibilitychange'))")
             await person.tap(LOWER)
