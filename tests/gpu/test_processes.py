@@ -36,13 +36,14 @@ def start(folder: Path, words, run: str, count: int = 2) -> subprocess.Popen:
     with (folder / f"{run}.log").open("a") as log:
         return subprocess.Popen(
             [sys.executable, "-m", *launch, str(script), *words, f"run={folder / run}"],
-            cwd=folder, stdout=log, stderr=log,
+            cwd=folder, env=os.environ | {"PYTHONFAULTHANDLER": "1"}, stdout=log, stderr=log,
         )  # fmt: skip
 
 
 def finish(folder: Path, **started: subprocess.Popen) -> None:
     for run, process in started.items():
-        assert process.wait() == 0, (folder / f"{run}.log").read_text()[-3000:]
+        # Long enough for the stacks of a process that a signal ended, above the launcher's own words.
+        assert process.wait() == 0, (folder / f"{run}.log").read_text()[-12000:]
         assert "goes on without" not in (folder / f"{run}.log").read_text()
 
 
