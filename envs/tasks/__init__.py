@@ -97,6 +97,7 @@ for _name, _target, _summary in (
     ("PickPlaceCereal", "pick_place", "put a cereal box into its compartment of the other bin"),
     ("PickPlace", "pick_place_all", "put milk, bread, cereal and a can each into its compartment"),
     ("Wipe", "wipe", "wipe a line of dirt off the table"),
+    ("ToolHang", "tool_hang", "put a hook frame into a stand and hang a wrench on the hook"),
     ("TwoArmLift", "two_arm_lift", "lift a pot by both of its handles with two arms"),
     (
         "TwoArmTransport",

@@ -168,6 +168,8 @@ class Wipe(RobosuiteTask):
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
         places = self.dirt(state)[0].numpy()[self.left(state)[0].numpy()]
         tip, yaw = ee_pos(self.arm(state))[0].numpy().copy(), hand_yaw(self.arm(state))
+        if not len(places):  # the last step of its plan wiped the last marker
+            return [down(tip, yaw, 0.0, 0.5)]
         line = [*places[:-1:EVERY], places[-1]]
         if np.linalg.norm(line[-1][:2] - tip[:2]) < np.linalg.norm(line[0][:2] - tip[:2]):
             line.reverse()

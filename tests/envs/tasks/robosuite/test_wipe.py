@@ -80,3 +80,12 @@ def test_each_environment_remembers_its_own_dirt():
     remembered(task, state)
     left = task.left(state)
     assert left[0].all() and not left[1, 50]
+
+
+def test_the_expert_stays_when_nothing_is_left():
+    """The last step of a plan may wipe the last marker, before the next plan is asked for."""
+    task, state = started()
+    for name in MARKERS:
+        state.objects[name].pos[:, 2] = WIPED_Z_M
+    (way,) = task.expert(state, np.random.default_rng(0))
+    assert np.allclose(way.pos, [0.0, 0.0, 0.3])
