@@ -18,7 +18,7 @@ from roboverse_learn.commands.called_with import called_with
 from roboverse_learn.commands.outcomes import Evaluation, TrainedRun
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.keys import MAPS
-from roboverse_learn.config.words import as_text
+from roboverse_learn.config.value_text import as_text
 from roboverse_learn.evaluate import evaluate_all, evaluate_policy
 
 if TYPE_CHECKING:

@@ -35,7 +35,7 @@ from roboverse_learn.config.recipes import find_recipes, read_recipe, runs_in_or
 from roboverse_learn.config.schema import CollectConfig, SweepConfig, TrainRunConfig
 from roboverse_learn.config.serialize import to_values
 from roboverse_learn.config.suite_check import check_suite
-from roboverse_learn.config.words import as_text
+from roboverse_learn.config.value_text import as_text
 
 log = logging.getLogger(__name__)
 

@@ -18,7 +18,7 @@ from roboverse_learn.config.keys import at, flat_keys, typed_key
 from roboverse_learn.config.scenario_overrides import SECTION, scenario_keys
 from roboverse_learn.config.schema import COMMANDS, baselines
 from roboverse_learn.config.serialize import default_values
-from roboverse_learn.config.words import as_text
+from roboverse_learn.config.value_text import as_text
 
 SUMMARIES = {
     "train": "collect what is missing, train, evaluate over the levels, write the leaderboard",
