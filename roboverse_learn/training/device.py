@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import torch
 
 from envs.core.errors import ConfigError
-from envs.core.machine import num_cores
+from envs.core.machine import keep_freed_memory, num_cores
 from roboverse_learn.training.config import Precision
 
 
@@ -59,6 +59,8 @@ def cpu_threads(num_threads: int, device: str = "cpu") -> Iterator[None]:
             other than they work (two batches' images: 2 ms by one, 100 ms by 32 on two busy cores).
         device: Type of the device that computes.
     """
+    if device == "cpu":
+        keep_freed_memory()
     before = torch.get_num_threads()
     torch.set_num_threads(num_threads or (1 if device == "cuda" else _own_threads()))
     try:
