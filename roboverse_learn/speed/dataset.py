@@ -35,6 +35,8 @@ FPS, TASK = 20, "lift the cube"
 CHUNK = {"action": range(100)}
 WRITE_GOAL, READ_GOAL, BUSY_GOAL = Goal(3.0), Goal(10.0), Goal(0.4)
 _THREADS = _BUSY_PROCESSES = 2
+_BUSY_TIMES = 50
+"""As many batches beside busy processes: a turn must last for many time slices of the system's scheduler."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -131,7 +133,7 @@ class Dataset(Program):
         with tempfile.TemporaryDirectory() as scratch:
             write_ours(Path(scratch) / "dataset", self._synthetic_episodes())
             resident = ResidentDataset(Path(scratch) / "dataset")
-        shape = (self.batches, self.batch_size)
+        shape = (_BUSY_TIMES * self.batches, self.batch_size)
         order = np.random.default_rng(0).integers(0, len(resident), shape)
 
         def alone() -> None:
