@@ -29,11 +29,15 @@ class Replayer:
     """
 
     def __init__(self, env: RoboVerseVectorEnv) -> None:
-        robot = env.scenario.robots[0]
-        if tuple(env.controller.names) != robot.joint_names:
+        robots = env.scenario.robots
+        names = robots[0].joint_names
+        if len(robots) > 1:
+            names = tuple(f"{robot.name}/{name}" for robot in robots for name in robot.joint_names)
+        if tuple(env.controller.names) != names:
             raise ConfigError(
                 f"Demonstrations cannot be replayed in {env.task.name}: its actions are "
-                f"{', '.join(env.controller.names)}, not the joint targets of '{robot.name}'."
+                f"{', '.join(env.controller.names)}, not the joint targets of "
+                f"{' and '.join(repr(robot.name) for robot in robots)}."
             )
         self._env = env
 

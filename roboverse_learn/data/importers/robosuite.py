@@ -8,16 +8,16 @@ closes the gripper when positive. The attribute ``model_file`` holds the XML, or
 import json
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, override
+from typing import Any, ClassVar, override
 
-import mujoco
 import numpy as np
 
 from envs.core.errors import DatasetError
+from envs.robots.franka import FRANKA
 from envs.scenario import RobotCfg
-from envs.state import EntityState
+from envs.state import EntityState, State
 from envs.tasks.base import Task
-from envs.tasks.robosuite.pick_place import BIN_1
+from envs.tasks.robosuite.two_arm_transport import BIN_HEIGHT_M, WALL_M
 from roboverse_learn.data.importers.demonstration import (
     Demonstration,
     DemonstrationFile,
@@ -32,10 +32,12 @@ from roboverse_learn.data.importers.demonstration import (
 )
 from roboverse_learn.data.importers.hdf5 import READ_ERRORS, open_hdf5
 from roboverse_learn.data.importers.retarget import Poses, Retargeter, robot_of_scene, set_fingers
+from roboverse_learn.data.importers.robosuite_motion import Fixture, Motion, compile_motion
 from roboverse_learn.data.sources.importer import FileSource
 
 _NUTS = {"SquareNut0": "square_nut", "RoundNut0": "round_nut"}
 _GOODS = {"Milk0": "milk", "Bread0": "bread", "Cereal0": "cereal", "Can0": "can"}
+_LOAD = {"payload": "payload", "trash": "trash", "transport_start_bin_lid": "lid"}
 _SINGLE = ("PickPlaceMilk", "PickPlaceBread", "PickPlaceCereal", "PickPlaceCan")
 
 SCENES = {
@@ -44,6 +46,12 @@ SCENES = {
     "NutAssemblyRound": Scene("NutAssemblyRound", _NUTS),
     "PickPlace": Scene("PickPlace", _GOODS, also=_SINGLE),
     **{name: Scene(name, _GOODS) for name in _SINGLE},
+    "ToolHang": Scene("ToolHang", {"stand": "stand", "frame": "frame", "tool": "tool"}),
+    "Door": Scene("Door", {}),
+    "TwoArmLift": Scene("TwoArmLift", {"pot": "pot"}),
+    "TwoArmHandover": Scene("TwoArmHandover", {"hammer": "hammer"}),
+    "TwoArmPegInHole": Scene("TwoArmPegInHole", {}),
+    "TwoArmTransport": Scene("TwoArmTransport", _LOAD),
     "Lift": Scene(
         "PickCube",
         {"cube": "cube"},
@@ -60,16 +68,20 @@ SCENES = {
     ),
 }
 
-PANDA = "Panda"
-GRIP_SITES = ("gripper0_grip_site", "gripper0_right_grip_site")
-"""The point between the fingertips, by the names of robosuite 1.0 and 1.5."""
+_FLOOR_M = (WALL_M - BIN_HEIGHT_M) / 2
+FIXTURES: dict[str, dict[str, Fixture]] = {
+    "Door": {"door": Fixture("Door", joints=("Door_hinge", "Door_latch_joint"))},
+    "TwoArmTransport": {
+        f"{name}_{part}": Fixture(f"transport_{name}_bin", (0.0, 0.0, up_m))
+        for name in ("start", "target", "trash")
+        for part, up_m in (("floor", _FLOOR_M), ("walls", 0.0))
+    },
+}
+"""What is bolted down in an episode of ours, but elsewhere in each."""
 
-BASES = ("robot0_link0", "robot0_base")
+PANDA = "Panda"
 SAME_BASE_M = 2e-3
 """Bases nearer than this are the same: robosuite moved its own by 1 mm between 1.0 and 1.5."""
-
-_MOVING_TAGS = ("body", "joint", "freejoint", "inertial", "geom", "site")
-"""Elements of a model's worldbody that are needed; no others of a foreign file are compiled."""
 
 
 class RobosuiteFile(DemonstrationFile):
@@ -88,12 +100,17 @@ class RobosuiteFile(DemonstrationFile):
             attributes = {key: str(value) for key, value in group.attrs.items()}
         except READ_ERRORS as error:
             raise DatasetError(f"'{path}' holds no demonstrations of robosuite ({error}).") from error
-        environment, self._source = _described(path, attributes)
+        environment, self._sources = _described(path, attributes)
         self._scene = check_scene(path, environment, SCENES, task)
+        self._fixtures = FIXTURES.get(environment, {})
         scenario = task.scenario
-        self._robot, self._hz = scenario.robots[0], scenario.physics.control_hz
-        self._scene_robot = robot_of_scene(task)
-        self._objects = {item.name for item in scenario.objects}
+        self._robots, self._hz = scenario.robots, scenario.physics.control_hz
+        if len(self._sources) != len(self._robots):
+            raise DatasetError(
+                f"'{path}' moves {len(self._sources)} robots; in {task.name} there are {len(self._robots)}."
+            )
+        self._scene_robot = robot_of_scene(task) if len(self._robots) == 1 else self._robots[0]
+        self._objects = {item.name: item.joint_names for item in scenario.objects}
         self._retargeter: Retargeter | None = None
 
     @override
@@ -107,48 +124,75 @@ class RobosuiteFile(DemonstrationFile):
 
     def _read(self, name: str) -> Demonstration:
         group = self._file["data"][name]
-        model = _compile(_model_xml(self.path, str(group.attrs["model_file"])))
+        model = compile_motion(_model_xml(self.path, str(group.attrs["model_file"])))
         states = array(group["states"][:], (None, 1 + model.nq + model.nv), "states")
         actions = array(group["actions"][:], (None, None), "actions")
         if len(states) < 2 or not len(states) - 1 <= len(actions) <= len(states):
             raise DatasetError(f"It has {len(states)} states and {len(actions)} actions.")
         self._check_rate(states[:, 0])
-        motion = _Motion.of(model, states)
-        height = motion.table_m
-        placement = place_base(motion.base.pos[0], motion.base.rot[0], self._scene_robot, height)
-        joint_pos, facts = self._joint_pos(motion, placement)
-        targets = servo_targets(self._robot, joint_pos, self._hz)
-        set_fingers(self._robot, targets, (actions[: len(targets), -1] <= 0).astype(np.float64))
+        motion = Motion.of(model, states, len(self._robots))
+        base = motion.bases[0]
+        placement = place_base(base.pos[0], base.rot[0], self._scene_robot, motion.table_m)
+        objects = self._placed(motion, placement)
+        entities, targets, facts = dict[str, EntityState](), list[np.ndarray](), dict[str, Any]()
+        for index, robot in enumerate(self._robots):
+            joint_pos, facts = self._joint_pos(motion, placement, index)
+            ahead = servo_targets(robot, joint_pos, self._hz)
+            if robot.gripper_joints:  # each robot's part of an action ends with its gripper
+                last = (index + 1) * actions.shape[1] // len(self._robots) - 1
+                set_fingers(robot, ahead, (actions[: len(ahead), last] <= 0).astype(np.float64))
+            speed = velocities(joint_pos, self._hz)
+            one = assemble(robot, joint_pos, ahead, objects, joint_vel=speed)
+            entities |= one.robots
+            targets.append(ahead)
+        return Demonstration(
+            name=name,
+            states=State(entities, objects),
+            targets=np.concatenate(targets, axis=1),
+            facts=facts | ({"differs": self._scene.note} if self._scene.note else {}),
+        )
+
+    def _placed(self, motion: Motion, placement: Placement) -> dict[str, EntityState]:
+        """Returns the moments of the scene's objects, free ones and those that are bolted down."""
         objects = {
             ours: motion.free_body(theirs, placement)
             for theirs, ours in self._scene.objects.items()
             if ours in self._objects
         }
-        speed = velocities(joint_pos, self._hz)
-        return Demonstration(
-            name=name,
-            states=assemble(self._robot, joint_pos, targets, objects, joint_vel=speed),
-            targets=targets,
-            facts=facts | ({"differs": self._scene.note} if self._scene.note else {}),
-        )
+        for ours, fixture in self._fixtures.items():
+            own = fixture.joints[: len(self._objects[ours])]
+            for joint in fixture.joints:
+                if motion.has_joint(joint) != (joint in own):
+                    has = "has" if joint not in own else "lacks"
+                    raise DatasetError(f"Its {ours} {has} the joint '{joint}': the task's options differ.")
+            objects[ours] = motion.fixture(fixture._replace(joints=own), placement)
+        return objects
 
     def _check_rate(self, times: np.ndarray) -> None:
         recorded_hz = 1.0 / float(np.median(np.diff(times)))
         if abs(recorded_hz - self._hz) > 0.01 * self._hz:
             raise DatasetError(f"It was recorded at {recorded_hz:.1f} Hz; the task runs at {self._hz:g} Hz.")
 
-    def _joint_pos(self, motion: "_Motion", placement: Placement) -> tuple[np.ndarray, dict[str, Any]]:
-        """Returns joint positions (R, J) of our robot: the recorded ones, or those that follow the hand."""
-        facts = {"robot": self._source, "targets": "from states"}
-        miss = np.abs(placement.pos(motion.base.pos[0]) - np.asarray(self._robot.pos)).max()
-        if self._source == PANDA and self._robot.name == "franka" and miss < SAME_BASE_M:
-            return motion.panda(self._robot), facts
+    def _joint_pos(
+        self, motion: Motion, placement: Placement, index: int
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Returns joint positions (R, J) of one of our robots: those recorded, or what follows the hand."""
+        robot, source, base = self._robots[index], self._sources[index], motion.bases[index]
+        facts = {"robot": source, "targets": "from states"}
+        miss = np.abs(placement.pos(base.pos[0]) - np.asarray(robot.pos)).max()
+        if source == PANDA and _is_panda(robot) and miss < SAME_BASE_M:
+            return motion.panda(robot, index), facts
+        if len(self._robots) > 1:
+            raise DatasetError(
+                f"Its robot {index} is a {source}, {1000 * miss:.0f} mm from where '{robot.name}' stands. "
+                "Of several robots, Pandas that stand where ours do can be imported."
+            )
         if self._retargeter is None:
-            self._retargeter = Retargeter(self._robot)
-        hand = motion.hand
+            self._retargeter = Retargeter(robot)
+        hand = motion.hands[index]
         done = self._retargeter.follow(Poses(placement.pos(hand.pos), placement.rot(hand.rot)))
         shares = motion.opening()
-        set_fingers(self._robot, done.joint_pos, shares)
+        set_fingers(robot, done.joint_pos, shares)
         return done.joint_pos, facts | {
             "targets": "retargeted",
             "max_error_m": round(done.max_error_m, 6),
@@ -165,93 +209,8 @@ class RobosuiteSource(FileSource):
     file_type: ClassVar = RobosuiteFile
 
 
-class _Motion(NamedTuple):
-    """Poses of the recorded model, in its own world, at R moments."""
-
-    model: mujoco.MjModel
-    qpos: np.ndarray
-    qvel: np.ndarray
-    base: Poses
-    hand: Poses
-    table_m: float
-
-    @classmethod
-    def of(cls, model: mujoco.MjModel, states: np.ndarray) -> "_Motion":
-        """Plays the recorded joint positions."""
-        data = mujoco.MjData(model)
-        qpos, qvel = states[:, 1 : 1 + model.nq], states[:, 1 + model.nq :]
-        site = _first(data.site, GRIP_SITES)
-        base = _first(data.body, BASES)
-        pos, rot = np.empty((len(qpos), 3)), np.empty((len(qpos), 4))
-        for row, values in enumerate(qpos):
-            data.qpos[:] = values
-            mujoco.mj_kinematics(model, data)
-            pos[row] = site.xpos
-            mujoco.mju_mat2Quat(rot[row], site.xmat)
-        still = Poses(base.xpos[None].copy(), base.xquat[None].copy())
-        return cls(model, qpos, qvel, still, Poses(pos, rot), _table_m(model, data))
-
-    def panda(self, robot: RobotCfg) -> np.ndarray:
-        """Returns the joints of a Panda in our order: its second finger counts the other way."""
-        out = np.empty((len(self.qpos), len(robot.joints)))
-        for index, joint in enumerate(robot.joints):
-            name = f"robot0_{joint.name}"
-            if joint.name in robot.gripper_joints:
-                name = joint.name.replace("gripper/", "gripper0_")
-            values = self.qpos[:, self._address(name)]
-            out[:, index] = -values if joint.flip else values
-        return out
-
-    def opening(self) -> np.ndarray:
-        """Returns how far the gripper is open, 0 to 1, (R,), by the ranges of its joints."""
-        names = [self.model.joint(index).name for index in range(self.model.njnt)]
-        shares = []
-        for name in (name for name in names if name.startswith("gripper0_")):
-            joint = self.model.joint(name)
-            shut, wide = sorted(joint.range, key=abs)
-            shares.append((self.qpos[:, joint.qposadr[0]] - shut) / (wide - shut))
-        if not shares:
-            raise DatasetError("Its robot has no gripper.")
-        return np.clip(np.mean(shares, axis=0), 0.0, 1.0)
-
-    def free_body(self, name: str, placement: Placement) -> EntityState:
-        """Returns one free body's moments."""
-        body = self.model.body(name)
-        if body.jntnum[0] != 1 or body.dofnum[0] != 6:
-            raise DatasetError(f"Its '{name}' does not move freely.")
-        position, speed = self.model.jnt_qposadr[body.jntadr[0]], body.dofadr[0]
-        return placement.entity(
-            self.qpos[:, position : position + 3],
-            self.qpos[:, position + 3 : position + 7],
-            lin_vel=self.qvel[:, speed : speed + 3],
-            ang_vel=self.qvel[:, speed + 3 : speed + 6],
-        )
-
-    def _address(self, name: str) -> int:
-        names = (name, name.replace("gripper0_", "gripper0_right_"))
-        return int(_first(self.model.joint, names).qposadr[0])
-
-
-def _table_m(model: mujoco.MjModel, data: mujoco.MjData) -> float:
-    """Returns the height of what carries the objects: the table's top, or the lower side of the bins."""
-    names = [model.site(index).name for index in range(model.nsite)]
-    if "table_top" in names:
-        return float(data.site("table_top").xpos[2])
-    return float(data.body("bin1").xpos[2]) - BIN_1[2]
-
-
-def _first(find: Any, names: tuple[str, ...]) -> Any:
-    """Returns the first of these names that a model has."""
-    for name in names:
-        try:
-            return find(name)
-        except KeyError:
-            continue
-    raise KeyError(f"the model has no {' or '.join(names)}")
-
-
-def _described(path: Path, attributes: dict[str, str]) -> tuple[str, str]:
-    """Returns the environment and the robot that the attributes of a file name."""
+def _described(path: Path, attributes: dict[str, str]) -> tuple[str, tuple[str, ...]]:
+    """Returns the environment and the robots that the attributes of a file name."""
     try:
         info = json.loads(attributes.get("env_info") or attributes.get("env_args") or "{}")
         kwargs = info.get("env_kwargs", info)
@@ -263,9 +222,12 @@ def _described(path: Path, attributes: dict[str, str]) -> tuple[str, str]:
             "attribute 'env' or 'env_args', as robosuite writes them."
         ) from error
     names = [robots] if isinstance(robots, str) else list(robots)
-    if len(names) != 1:
-        raise DatasetError(f"'{path}' moves {len(names)} robots; one can be imported.")
-    return environment, str(names[0])
+    return environment, tuple(str(name) for name in names)
+
+
+def _is_panda(robot: RobotCfg) -> bool:
+    """Returns whether a robot of ours has a Panda's arm, and its hand or none."""
+    return robot.joint_names == FRANKA.joint_names[: len(robot.joints)]
 
 
 def _number(name: str) -> tuple[int, str]:
@@ -286,26 +248,3 @@ def _model_xml(path: Path, given: str) -> str:
         if file.is_file():
             return file.read_text(encoding="utf-8")
     raise DatasetError(f"Its model '{name}' is neither in '{path.parent / 'models'}' nor beside the file.")
-
-
-def _compile(xml: str) -> mujoco.MjModel:
-    """Compiles what moves of a recorded model: its meshes and images lie on another machine."""
-    root = ElementTree.fromstring(xml)
-    for child in list(root):
-        if child.tag not in ("compiler", "worldbody"):
-            root.remove(child)
-    compiler = root.find("compiler")
-    if compiler is None:
-        compiler = ElementTree.SubElement(root, "compiler")
-    for key in ("meshdir", "texturedir", "assetdir"):
-        compiler.attrib.pop(key, None)
-    compiler.attrib |= {"boundmass": "1e-4", "boundinertia": "1e-8"}  # of bodies whose meshes are dropped
-    for parent in list(root.iter()):
-        for child in list(parent):
-            mesh = child.tag == "geom" and (child.get("mesh") or child.get("type") == "mesh")
-            if mesh or (parent is not root and child.tag not in _MOVING_TAGS):
-                parent.remove(child)
-            else:
-                for key in ("material", "class", "childclass"):
-                    child.attrib.pop(key, None)
-    return mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))

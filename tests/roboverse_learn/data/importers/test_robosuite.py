@@ -104,7 +104,10 @@ def test_a_damaged_episode_spoils_no_other(file, damage, says):
         ({"env": "Stack"}, "Give task=StackCube"),
         ({"env": ""}, "does not say which environment"),
         ({"env_info": "{"}, "does not say which environment"),
-        ({"env_info": json.dumps({"robots": ["Panda", "Sawyer"]})}, "moves 2 robots; one can be imported"),
+        (
+            {"env_info": json.dumps({"robots": ["Panda", "Sawyer"]})},
+            "moves 2 robots; in PickCube there are 1",
+        ),
     ],
 )
 def test_a_file_of_something_else_is_refused(file, attributes, says):
