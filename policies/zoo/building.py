@@ -22,7 +22,7 @@ from policies.lerobot_policy import Processors
 from policies.zoo import adapters
 from policies.zoo.assets import carried, read_assets, tokenizer_from
 from policies.zoo.config import LeRobotConfig
-from policies.zoo.preflight import NEEDS_NOTHING, check_packages
+from policies.zoo.preflight import check_type_packages
 from policies.zoo.source import local_folder
 from policies.zoo.types import EXTRA, type_names
 from policies.zoo.weights import load_tensors, read_tensors
@@ -132,8 +132,7 @@ def build(
         MissingExtraError: if a package is not installed.
         PolicyError: if a backbone is not found, or the weights do not fit.
     """
-    if config.type not in NEEDS_NOTHING:
-        check_packages(f"LeRobot's {config.type}", "transformers")
+    check_type_packages(config.type)
     what = f"policy=lerobot type={config.type} cannot be made"
     with _readable(what), carried(config, assets, weights=tensors is None):
         model = get_policy_class(config.type)(config)

@@ -18,6 +18,12 @@ if TYPE_CHECKING:
 NEEDS_NOTHING = ("act", "diffusion", "vqbet")
 """Types that LeRobot itself suffices for."""
 
+_BESIDE_TRANSFORMERS: Mapping[str, tuple[str, ...]] = {
+    "groot": ("diffusers", "tree"),
+    "wall_x": ("peft", "torchdiffeq", "qwen_vl_utils"),
+}
+"""Modules that a type imports when its network or processor is made, after demonstrations are collected."""
+
 _STATE = "observation.state"
 
 
@@ -32,6 +38,16 @@ def check_packages(what: str, *packages: str) -> None:
             f"{what} needs {' and '.join(missing)}: pip install 'roboverse-learn[{EXTRA}]', or in a checkout "
             f"uv pip install -c constraints.txt --override overrides.txt -e '.[{EXTRA}]'."
         )
+
+
+def check_type_packages(name: str) -> None:
+    """Checks that what a type of LeRobot imports is installed, without importing it.
+
+    Raises:
+        MissingExtraError: if a package is not.
+    """
+    if name not in NEEDS_NOTHING:
+        check_packages(f"LeRobot's {name}", "transformers", *_BESIDE_TRANSFORMERS.get(name, ()))
 
 
 def check_lerobot(config: LeRobotConfig, features: Mapping[str, Any]) -> None:
@@ -56,8 +72,7 @@ def check_lerobot(config: LeRobotConfig, features: Mapping[str, Any]) -> None:
         check_settings(name, config.settings)
     if not name:
         return  # which making the policy says
-    if name not in NEEDS_NOTHING:
-        check_packages(f"LeRobot's {name}", "transformers")
+    check_type_packages(name)
     if config.peft.method_type:
         check_packages("peft.*", "peft")
     if content is not None:

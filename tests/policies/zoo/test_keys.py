@@ -281,6 +281,20 @@ class TestPreflight:
             self.check("type=smolvla")
         self.check("type=vqbet")  # which needs none
 
+    @pytest.mark.parametrize(
+        ("type_name", "absent"),
+        [("groot", "tree"), ("groot", "diffusers"), ("wall_x", "torchdiffeq"), ("wall_x", "qwen_vl_utils"),
+         ("wall_x", "peft")],
+    )  # fmt: skip
+    def test_a_package_that_only_one_type_needs_is_named(self, type_name, absent, monkeypatch):
+        monkeypatch.setattr(preflight, "find_spec", lambda name: None if name == absent else name)
+        with pytest.raises(
+            MissingExtraError,
+            match=rf"LeRobot's {type_name} needs {absent}: pip install 'roboverse-learn\[vla",
+        ):
+            self.check(f"type={type_name}")
+        self.check("type=smolvla")  # which needs it not
+
     def test_the_cameras_of_the_checkpoint_are_those_of_the_task(self, foreign, monkeypatch):
         monkeypatch.setattr(preflight, "find_spec", lambda name: name)
         with pytest.raises(
