@@ -33,7 +33,7 @@ def test_every_suite_names_registered_tasks_once(suite):
         ("libero_90", 90),
         ("libero", 130),
         ("maniskill", 15),
-        ("robosuite", 16),
+        ("robosuite", 17),
         ("metaworld", 50),
     ],
 )
