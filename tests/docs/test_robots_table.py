@@ -13,5 +13,10 @@ def test_the_page_shows_the_measured_table():
 
 
 def test_experts_succeed_on_every_robot_in_nine_of_ten_episodes():
-    assert len(CELLS) >= 24
-    assert all(c["num_successes"] >= 0.9 * c["num_episodes"] for c in CELLS)
+    counted = [cell for cell in CELLS if "refused" not in cell]
+    assert len(counted) >= 83
+    assert all(cell["num_successes"] >= 0.9 * cell["num_episodes"] for cell in counted)
+
+
+def test_a_robot_that_cannot_do_a_task_says_what_it_lacks():
+    assert all(" mm " in cell["refused"] for cell in CELLS if "refused" in cell)
