@@ -1,7 +1,8 @@
 """Objects: rigid, articulated, fixed, or visual only, as frozen data."""
 
+import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Self
 
 from envs.core.errors import ConfigError, unknown_name
 from envs.scenario.units import IDENTITY, AssetRef, Quat, Rgba, Vec3
@@ -53,6 +54,40 @@ class GeomCfg:
             raise ConfigError(
                 f"A mesh, and nothing else, names its file; given {self.shape} with {self.mesh}."
             )
+
+    @classmethod
+    def box(
+        cls,
+        half: Vec3,
+        pos: Vec3,
+        rgba: Rgba,
+        density_kg_m3: float,
+        *,
+        rot: Quat = IDENTITY,
+        friction: Vec3 = (1.0, 0.005, 0.0001),
+        collides: bool = True,
+    ) -> Self:
+        """Returns a box with the mass of its volume.
+
+        Args:
+            half: Half its sizes, m.
+            pos: Position in the link, m.
+            rgba: Colour and opacity.
+            density_kg_m3: Density.
+            rot: Orientation in the link, wxyz.
+            friction: Sliding, torsional and rolling friction coefficients.
+            collides: Whether it collides.
+        """
+        return cls(
+            shape="box",
+            size=half,
+            pos=pos,
+            rot=rot,
+            rgba=rgba,
+            mass_kg=8.0 * math.prod(half) * density_kg_m3,
+            friction=friction,
+            collides=collides,
+        )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

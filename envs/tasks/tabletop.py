@@ -87,7 +87,12 @@ def ee_pos(robot: EntityState) -> Tensor:
 
 def point_on(entity: EntityState, place: Vec3) -> Array:
     """Returns a point of an entity, given in its frame, in the world, m, (N, 3)."""
-    return entity.pos + rotate(entity.rot, constant(place, entity.pos))
+    return entity.pos + direction_of(entity, place)
+
+
+def direction_of(entity: EntityState, direction: Vec3) -> Array:
+    """Returns a direction of an entity, given in its frame, in the world, (N, 3)."""
+    return rotate(entity.rot, constant(direction, entity.pos))
 
 
 def hand_yaw(robot: EntityState) -> float:

@@ -55,23 +55,12 @@ _SMOOTH: Vec3 = (0.3, 0.005, 0.0001)
 _SIDES = 8
 
 
-def _box(half: Vec3, pos: Vec3, rgba: Rgba, density: float, **other: object) -> GeomCfg:
-    return GeomCfg(
-        shape="box",
-        size=half,
-        pos=pos,
-        rgba=rgba,
-        mass_kg=8.0 * math.prod(half) * density,
-        **other,  # type: ignore[arg-type]
-    )
-
-
 def needle() -> ObjectCfg:
     """Returns the needle: it points along x, and its handle is behind."""
     bar = (NEEDLE_HALF_M, NEEDLE_THICK_M, NEEDLE_THICK_M)
     geoms = (
-        _box(bar, (0.0, 0.0, 0.0), _BLUE, 300.0, friction=_SMOOTH),
-        _box((HANDLE_M, HANDLE_M, HANDLE_M), (-GRIP_M, 0.0, 0.0), _BLUE, 300.0),
+        GeomCfg.box(bar, (0.0, 0.0, 0.0), _BLUE, 300.0, friction=_SMOOTH),
+        GeomCfg.box((HANDLE_M, HANDLE_M, HANDLE_M), (-GRIP_M, 0.0, 0.0), _BLUE, 300.0),
     )
     return ObjectCfg(name="needle", geoms=geoms, pos=(0.0, 0.0, HANDLE_M))
 
@@ -86,12 +75,12 @@ def tripod() -> ObjectCfg:
         rot: Quat = (math.cos(angle / 2.0), math.sin(angle / 2.0), 0.0, 0.0)
         pos = (0.0, -middle * math.sin(angle), RING_Z_M + middle * math.cos(angle))
         ring.append(
-            _box((RING_DEEP_M, half_side, RING_WALL_M), pos, _YELLOW, 500.0, rot=rot, friction=_SMOOTH)
+            GeomCfg.box((RING_DEEP_M, half_side, RING_WALL_M), pos, _YELLOW, 500.0, rot=rot, friction=_SMOOTH)
         )
     post = (RING_Z_M - RING_INNER_M - 2 * RING_WALL_M - 0.01) / 2.0
     stand = (
-        _box((0.05, 0.05, 0.005), (0.0, 0.0, 0.005), _GREY, 2000.0),
-        _box((0.005, 0.005, post), (0.0, 0.0, 0.01 + post), _GREY, 1000.0),
+        GeomCfg.box((0.05, 0.05, 0.005), (0.0, 0.0, 0.005), _GREY, 2000.0),
+        GeomCfg.box((0.005, 0.005, post), (0.0, 0.0, 0.01 + post), _GREY, 1000.0),
     )
     return ObjectCfg(name="tripod", geoms=(*stand, *ring))
 

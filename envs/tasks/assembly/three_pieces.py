@@ -5,7 +5,6 @@ tongue. Its rule: each of both is within 2 cm of the one below along x and y, le
 at its height, within 2 cm.
 """
 
-import math
 from dataclasses import dataclass, replace
 from typing import ClassVar, override
 
@@ -60,10 +59,6 @@ _DENSITY = 400.0
 _BLOCKS = ("piece_1", "piece_2")
 
 
-def _box(half: Vec3, pos: Vec3, rgba: Rgba, density: float = _DENSITY) -> GeomCfg:
-    return GeomCfg(shape="box", size=half, pos=pos, rgba=rgba, mass_kg=8.0 * math.prod(half) * density)
-
-
 def pieces() -> tuple[ObjectCfg, ...]:
     """Returns frame, block with a groove along x, and block with a tongue along x."""
     bar = (FRAME_M - HOLE_M) / 2
@@ -73,17 +68,18 @@ def pieces() -> tuple[ObjectCfg, ...]:
         walls.append(((HOLE_M, bar, FRAME_Z_M), (0.0, sign * (HOLE_M + bar), 0.0)))
     base = ObjectCfg(
         name="base",
-        geoms=tuple(_box(half, pos, _WOOD, 1200.0) for half, pos in walls),
+        geoms=tuple(GeomCfg.box(half, pos, _WOOD, 1200.0) for half, pos in walls),
         pos=(0.0, 0.0, FRAME_Z_M),
     )
     cheek = (FOOT_M, CHEEK_M, CHEEK_Z_M)
-    first = [_box((FOOT_M, FOOT_M, FOOT_Z_M), (0.0, 0.0, 0.0), _RED)]
+    first = [GeomCfg.box((FOOT_M, FOOT_M, FOOT_Z_M), (0.0, 0.0, 0.0), _RED, _DENSITY)]
     first += [
-        _box(cheek, (0.0, sign * (FOOT_M - CHEEK_M), FOOT_Z_M + CHEEK_Z_M), _RED) for sign in (-1.0, 1.0)
+        GeomCfg.box(cheek, (0.0, sign * (FOOT_M - CHEEK_M), FOOT_Z_M + CHEEK_Z_M), _RED, _DENSITY)
+        for sign in (-1.0, 1.0)
     ]
     second = (
-        _box(TONGUE_M, (0.0, 0.0, -TONGUE_M[2]), _YELLOW),
-        _box(HEAD_M, (0.0, 0.0, HEAD_M[2]), _YELLOW),
+        GeomCfg.box(TONGUE_M, (0.0, 0.0, -TONGUE_M[2]), _YELLOW, _DENSITY),
+        GeomCfg.box(HEAD_M, (0.0, 0.0, HEAD_M[2]), _YELLOW, _DENSITY),
     )
     return (
         base,

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.array_ops import Array, constant
+from envs.array_ops import Array
 from envs.rotations import multiply, rotate
 from envs.scenario import GeomCfg, ObjectCfg, Quat, Rgba, Vec3
 from envs.state import EntityState
 from envs.tasks.arm_at_table import Start
+from envs.tasks.tabletop import direction_of
 
 _WOOD: Rgba = (0.72, 0.55, 0.36, 1.0)
 _METAL: Rgba = (0.5, 0.5, 0.52, 1.0)
@@ -116,7 +117,7 @@ class Hammer:
 
 def axis_of(hammer: EntityState) -> Array:
     """Returns where handles point, to the head, (N, 3)."""
-    return rotate(hammer.rot, constant((0.0, 0.0, 1.0), hammer.pos))
+    return direction_of(hammer, (0.0, 0.0, 1.0))
 
 
 def along(hammer: EntityState, place_m: float) -> np.ndarray:

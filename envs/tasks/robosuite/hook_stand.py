@@ -90,7 +90,9 @@ class Ring:
             angle = math.pi - index * 2 * math.pi / _SIDES
             x, y = self.radius_m * math.cos(angle), self.radius_m * math.sin(angle)
             rot: Quat = (math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2))
-            blocks.append(_box(half, (middle_m + x, y, 0.0), _STEEL, 2000.0, rot=rot, friction=_STICKY))
+            blocks.append(
+                GeomCfg.box(half, (middle_m + x, y, 0.0), _STEEL, 2000.0, rot=rot, friction=_STICKY)
+            )
         return tuple(blocks)
 
 
@@ -106,40 +108,17 @@ RING_ENDS: tuple[Vec3, Vec3] = (
 """Middles of the ring's outer and inner block."""
 
 
-def _box(
-    half: Vec3,
-    pos: Vec3,
-    rgba: Rgba,
-    density: float,
-    *,
-    rot: Quat = (1.0, 0.0, 0.0, 0.0),
-    friction: Vec3 = (1.0, 0.005, 0.0001),
-    collides: bool = True,
-) -> GeomCfg:
-    mass = 8.0 * math.prod(half) * density
-    return GeomCfg(
-        shape="box",
-        size=half,
-        pos=pos,
-        rot=rot,
-        rgba=rgba,
-        mass_kg=mass,
-        friction=friction,
-        collides=collides,
-    )
-
-
 def stand() -> ObjectCfg:
     """Returns the stand; its origin is at half its height."""
     quarter: Quat = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
     wall = (_WALL_M / 2, _OUTER_M / 2, STAND_HALF_M[2] - BASE_M / 2)
-    geoms = [_box((STAND_HALF_M[0], STAND_HALF_M[1], BASE_M / 2), BASE_POS, _BRASS, 50000.0)]
+    geoms = [GeomCfg.box((STAND_HALF_M[0], STAND_HALF_M[1], BASE_M / 2), BASE_POS, _BRASS, 50000.0)]
     for index, place in enumerate(WALLS):
         rot = (1.0, 0.0, 0.0, 0.0) if index % 2 else quarter
-        geoms.append(_box(wall, place, _BRASS, 50000.0, rot=rot))
+        geoms.append(GeomCfg.box(wall, place, _BRASS, 50000.0, rot=rot))
     hole = 0.35 * (_OUTER_M - _WALL_M)
     rim = (*SOCKET_M, SOCKET_TOP_M - _WALL_M / 2)
-    geoms.append(_box((hole, hole, _WALL_M / 2), rim, _GREEN, 0.0, collides=False))
+    geoms.append(GeomCfg.box((hole, hole, _WALL_M / 2), rim, _GREEN, 0.0, collides=False))
     return ObjectCfg(name="stand", geoms=tuple(geoms), pos=(0.0, 0.0, STAND_HALF_M[2]))
 
 
@@ -155,8 +134,8 @@ def frame() -> ObjectCfg:
         mass_kg=2 * math.pi * _TIP_RADIUS_M**2 * _TIP_HALF_M * dense,
     )
     geoms = [
-        _box((half, half, (ROD_M - THICK_M) / 2), (ROD_X_M, 0.0, -half), _BRASS, dense),
-        _box(GRIP_HALF_M, GRIP_POS, _BLACK, dense),
+        GeomCfg.box((half, half, (ROD_M - THICK_M) / 2), (ROD_X_M, 0.0, -half), _BRASS, dense),
+        GeomCfg.box(GRIP_HALF_M, GRIP_POS, _BLACK, dense),
         tip,
     ]
     count = 10
@@ -164,9 +143,9 @@ def frame() -> ObjectCfg:
         share = (index + 0.5) / count
         wide = _TIP_RADIUS_M + share * (_POINT_RADIUS_M - _TIP_RADIUS_M)
         place = (ROD_X_M, 0.0, point_z - share * _POINT_M)
-        geoms.append(_box((wide, wide, _POINT_M / count / 2), place, _STEEL, dense))
-    bar = _box((FRAME_M / 2, half, half), (0.0, 0.0, BAR_Z_M), _BRASS, dense)
-    prong = _box((half, half, PRONG_M / 2), (PRONG[0], 0.0, (ROD_M + PRONG_M) / 2), _BRASS, dense)
+        geoms.append(GeomCfg.box((wide, wide, _POINT_M / count / 2), place, _STEEL, dense))
+    bar = GeomCfg.box((FRAME_M / 2, half, half), (0.0, 0.0, BAR_Z_M), _BRASS, dense)
+    prong = GeomCfg.box((half, half, PRONG_M / 2), (PRONG[0], 0.0, (ROD_M + PRONG_M) / 2), _BRASS, dense)
     return ObjectCfg(
         name="frame",
         geoms=(*geoms, prong),
@@ -182,8 +161,8 @@ def tool(robot: str) -> ObjectCfg:
     Args:
         robot: The robot whose touch it feels.
     """
-    handle = _box(HANDLE_HALF_M, (0.0, 0.0, 0.0), _STEEL, 2000.0, friction=_STICKY)
-    grip = _box(TOOL_GRIP_HALF_M, (0.0, 0.0, 0.0), _BLACK, 2000.0)
+    handle = GeomCfg.box(HANDLE_HALF_M, (0.0, 0.0, 0.0), _STEEL, 2000.0, friction=_STICKY)
+    grip = GeomCfg.box(TOOL_GRIP_HALF_M, (0.0, 0.0, 0.0), _BLACK, 2000.0)
     return ObjectCfg(
         name="tool",
         geoms=(handle, grip, *OTHER_RING.geoms(OTHER_RING.middle_m)),

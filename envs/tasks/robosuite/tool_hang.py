@@ -11,16 +11,16 @@ from typing import ClassVar, override
 import numpy as np
 from torch import Tensor
 
-from envs.array_ops import Array, concatenate, constant, norm
+from envs.array_ops import Array, concatenate, norm
 from envs.kinematics.waypoints import Waypoint
-from envs.rotations import from_matrix, rotate, uprightness
-from envs.scenario import CameraCfg, ObjectCfg, Vec3
-from envs.state import EntityState, State
+from envs.rotations import from_matrix, uprightness
+from envs.scenario import CameraCfg, ObjectCfg
+from envs.state import State
 from envs.tasks.arm_at_table import Start
 from envs.tasks.robosuite import hanging
 from envs.tasks.robosuite import hook_stand as parts
 from envs.tasks.robosuite.scene import RobosuiteTask, pedestal
-from envs.tasks.tabletop import FRONT_CAMERA, distance, ee_pos, is_held, nearness, point_on
+from envs.tasks.tabletop import FRONT_CAMERA, direction_of, distance, ee_pos, is_held, nearness, point_on
 
 STAND_M = (-0.08, 0.0)
 FRAME_M, TOOL_M = (-0.04, -0.24), (0.04, -0.2)
@@ -83,7 +83,7 @@ class ToolHang(RobosuiteTask):
         stand, frame = state.objects["stand"], state.objects["frame"]
         upright = uprightness(stand.rot) > np.cos(self.most_lean_rad)
         near = distance(point_on(frame, parts.TIP), point_on(stand, parts.BASE_POS)) < self.near_m
-        mount, rod = point_on(frame, parts.MOUNT), _along(frame, (0.0, 0.0, 1.0))
+        mount, rod = point_on(frame, parts.MOUNT), direction_of(frame, (0.0, 0.0, 1.0))
         walls = [point_on(stand, place) - mount for place in parts.WALLS]
         between = _opposite(walls[0], walls[2], rod) & _opposite(walls[1], walls[3], rod)
         return upright & near & between
@@ -91,7 +91,7 @@ class ToolHang(RobosuiteTask):
     def hung(self, state: State) -> Array:
         """Returns whether the wrench hangs on the frame's bar by its ring, and by nothing else, (N,)."""
         frame, tool = state.objects["frame"], state.objects["tool"]
-        end, bar = point_on(frame, parts.HOOK_END), _along(frame, (1.0, 0.0, 0.0))
+        end, bar = point_on(frame, parts.HOOK_END), direction_of(frame, (1.0, 0.0, 0.0))
         to_ring = point_on(tool, parts.RING_POS) - end
         ahead = (to_ring * bar).sum(-1)
         near = norm(to_ring - ahead[:, None] * bar) < parts.RING.inner_m - parts.THICK_M / 2
@@ -172,11 +172,6 @@ def _lying(heading_rad: float) -> np.ndarray:
     sine, cosine = float(np.sin(heading_rad)), float(np.cos(heading_rad))
     axes = np.array([[sine, 0.0, cosine], [-cosine, 0.0, sine], [0.0, -1.0, 0.0]])
     return from_matrix(axes)
-
-
-def _along(entity: EntityState, direction: Vec3) -> Array:
-    """Returns a direction of an entity's frame in the world, (N, 3)."""
-    return rotate(entity.rot, constant(direction, entity.pos))
 
 
 def _opposite(one: Array, other: Array, line: Array) -> Array:

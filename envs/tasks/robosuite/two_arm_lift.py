@@ -45,21 +45,20 @@ _COLORS: tuple[Rgba, Rgba] = ((0.15, 0.5, 0.15, 1.0), (0.1, 0.2, 0.6, 1.0))
 _TURNED: Quat = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
 
 
-def _box(half: Vec3, pos: Vec3, rgba: Rgba, rot: Quat = (1.0, 0.0, 0.0, 0.0)) -> GeomCfg:
-    mass = 8.0 * math.prod(half) * DENSITY_KG_M3
-    return GeomCfg(shape="box", size=half, pos=pos, rot=rot, rgba=rgba, mass_kg=mass)
-
-
 def _pot() -> ObjectCfg:
     off, wall = HALF_M - WALL_M / 2, (WALL_M / 2, HALF_M, HALF_M)
-    geoms = [_box((HALF_M, HALF_M, WALL_M / 2), (0.0, 0.0, -off), _WOOD)]
-    geoms += [_box(wall, (sign * off, 0.0, 0.0), _WOOD) for sign in (-1.0, 1.0)]
-    geoms += [_box(wall, (0.0, sign * off, 0.0), _WOOD, _TURNED) for sign in (-1.0, 1.0)]
+    geoms = [GeomCfg.box((HALF_M, HALF_M, WALL_M / 2), (0.0, 0.0, -off), _WOOD, DENSITY_KG_M3)]
+    geoms += [GeomCfg.box(wall, (sign * off, 0.0, 0.0), _WOOD, DENSITY_KG_M3) for sign in (-1.0, 1.0)]
+    geoms += [
+        GeomCfg.box(wall, (0.0, sign * off, 0.0), _WOOD, DENSITY_KG_M3, rot=_TURNED) for sign in (-1.0, 1.0)
+    ]
     for sign, rgba in zip((1.0, -1.0), _COLORS, strict=True):
         bar = (HANDLE_M / 2 + BAR_M, BAR_M, BAR_M)
-        geoms.append(_box(bar, (0.0, sign * (HALF_M + HANDLE_M), HANDLE_Z_M), rgba))
+        geoms.append(GeomCfg.box(bar, (0.0, sign * (HALF_M + HANDLE_M), HANDLE_Z_M), rgba, DENSITY_KG_M3))
         side, y = (BAR_M, HANDLE_M / 2, BAR_M), sign * (HALF_M + HANDLE_M / 2)
-        geoms += [_box(side, (x, y, HANDLE_Z_M), rgba) for x in (-HANDLE_M / 2, HANDLE_M / 2)]
+        geoms += [
+            GeomCfg.box(side, (x, y, HANDLE_Z_M), rgba, DENSITY_KG_M3) for x in (-HANDLE_M / 2, HANDLE_M / 2)
+        ]
     return ObjectCfg(name="pot", geoms=tuple(geoms), pos=(0.0, 0.0, HALF_M))
 
 
