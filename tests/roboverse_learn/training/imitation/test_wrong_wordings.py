@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from envs.core.errors import ConfigError
+from envs.core.errors import ConfigError, MissingExtraError
 from envs.randomization.language import load_grammar
 from envs.spec import EnvSpec
 from policies.learned_tasks import LAST, UNRELATED, ZERO, Instructions, LearnedTask
@@ -19,7 +19,12 @@ NAMES = ("PickCube", "StackCube", "MoveSliderLeft")
 
 
 def task_of(name: str, **kwargs):
-    return EnvSpec(task=name, task_kwargs=kwargs).make_task()
+    task = EnvSpec(task=name, task_kwargs=kwargs).make_task()
+    try:
+        assert task.scenario.robots, name
+    except MissingExtraError as error:
+        pytest.skip(str(error))
+    return task
 
 
 def learned(task) -> LearnedTask:
