@@ -40,9 +40,12 @@ class KeyNormalizer(nn.Module):
         """Normalizes a batch; images in bytes become float32 from 0 to 1 first."""
         out = {}
         for key, value in batch.items():
-            value = value.float() / 255.0 if value.dtype is torch.uint8 else value
+            is_own = value.dtype is torch.uint8  # then a new tensor, which may be changed in place
+            value = value.float().div_(255.0) if is_own else value
             if key in self.offsets:
-                value = (value - self._shift(key)) / self._scale(key) + self.offsets[key]
+                shift, offset = self._shift(key), self.offsets[key]
+                value = (value.sub_(shift) if is_own else value - shift).div_(self._scale(key))
+                value = value.add_(offset) if offset else value
             out[key] = value
         return out
 

@@ -101,7 +101,7 @@ class KeypointAct(nn.Module):
         memory = torch.cat(tokens, 1) + self.positions
         for block in self.encoder:
             memory = block(memory)
-        decoded = self.queries.expand(len(state), -1, -1)
+        decoded = self.queries.unsqueeze(0)
         for block in self.decoder:
             decoded = block(decoded, memory)
         return self.action_head(self.norm(decoded)), (None, None)
@@ -161,8 +161,8 @@ class Attention(nn.Module):
         )
 
     def forward(self, tokens: Tensor, memory: Tensor) -> Tensor:
-        """Returns what the tokens attend to, (B, T, D)."""
-        query = self._split(self.query(tokens))
+        """Returns what the tokens attend to, (B, T, D); tokens (1, T, D) are the same for every sample."""
+        query = self._split(self.query(tokens)).expand(len(memory), -1, -1, -1)
         key, value = map(self._split, self.key_value(memory).chunk(2, -1))
         attended = functional.scaled_dot_product_attention(query, key, value)
         return self.out(attended.transpose(1, 2).flatten(2))
@@ -211,7 +211,10 @@ class DecoderBlock(nn.Module):
         self.feedforward = _feedforward(dim, feedforward)
 
     def forward(self, tokens: Tensor, memory: Tensor) -> Tensor:
-        """Returns the tokens (B, T, D) of the next layer; ``memory`` is (B, S, D)."""
+        """Returns the tokens (B, T, D) of the next layer.
+
+        ``memory`` is (B, S, D); of tokens that are the same for every sample one suffices, (1, T, D).
+        """
         if self.self_norm is not None and self.self_attention is not None:
             normed = self.self_norm(tokens)
             tokens = tokens + self.self_attention(normed, normed)

@@ -65,10 +65,10 @@ def shift(images: Tensor, offsets: Tensor) -> Tensor:
     height, width = images.shape[-2:]
     rows = (torch.arange(height, device=images.device) + offsets[:, :1]).clamp_(0, height - 1)  # (B, H)
     columns = (torch.arange(width, device=images.device) + offsets[:, 1:]).clamp_(0, width - 1)  # (B, W)
-    shape = [len(images)] + [1] * (images.ndim - 3)
-    rows = rows.reshape(*shape, height, 1).expand_as(images)
-    columns = columns.reshape(*shape, 1, width).expand_as(images)
-    return images.gather(-2, rows).gather(-1, columns)
+    sources = rows[:, :, None] * width + columns[:, None, :]  # (B, H, W)
+    pixels = images.flatten(-2)
+    sources = sources.reshape(len(images), *[1] * (images.ndim - 3), height * width).expand_as(pixels)
+    return pixels.gather(-1, sources).view_as(images)
 
 
 def _offsets(num: int, largest: int, device: torch.device) -> Tensor:

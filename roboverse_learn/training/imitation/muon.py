@@ -44,7 +44,7 @@ class MuonAdamW(torch.optim.AdamW):
             if not group.get("muon"):
                 continue
             matrices = [matrix for matrix in group["params"] if matrix.grad is not None]
-            updates = orthogonalized([self._momentum(matrix) for matrix in matrices])
+            updates = orthogonalized(self._momenta(matrices))
             for matrix, update in zip(matrices, updates, strict=True):
                 scale = _RMS * max(matrix.shape) ** 0.5
                 matrix.mul_(1.0 - group["lr"] * group["weight_decay"])
@@ -52,47 +52,70 @@ class MuonAdamW(torch.optim.AdamW):
                 matrix.grad = None  # AdamW passes over parameters without a gradient
         return super().step(closure)
 
-    def _momentum(self, matrix: Tensor) -> Tensor:
-        """Returns the look-ahead momentum of a matrix, and updates what it is made of."""
-        state, gradient = self.state[matrix], matrix.grad
-        assert gradient is not None, "matrices without a gradient are passed over"
-        if not state:
-            state["step"] = torch.zeros(())  # AdamW expects one when it is loaded
-            state["exp_avg"] = torch.zeros_like(matrix)
-        state["step"] += 1
-        state["exp_avg"].lerp_(gradient, 1.0 - MOMENTUM)
-        return gradient.lerp(state["exp_avg"], MOMENTUM)
+    def _momenta(self, matrices: Sequence[Tensor]) -> list[Tensor]:
+        """Returns the look-ahead momenta of matrices, and updates what they are made of."""
+        gradients, averages = [], []
+        for matrix in matrices:
+            state, gradient = self.state[matrix], matrix.grad
+            assert gradient is not None, "matrices without a gradient are passed over"
+            if not state:
+                state["step"] = torch.zeros(())  # AdamW expects one when it is loaded
+                state["exp_avg"] = torch.zeros_like(matrix)
+            state["step"] += 1
+            gradients.append(gradient)
+            averages.append(state["exp_avg"])
+        if not gradients:
+            return []
+        torch._foreach_lerp_(averages, gradients, 1.0 - MOMENTUM)  # pyright: ignore[reportPrivateImportUsage]
+        return list(torch._foreach_lerp(gradients, averages, MOMENTUM))  # pyright: ignore[reportPrivateImportUsage]
 
 
 def orthogonalized(matrices: Sequence[Tensor]) -> list[Tensor]:
     """Returns the approximately nearest semi-orthogonal matrix of each matrix (rows, columns).
 
     The Newton-Schulz iteration multiplies a matrix by polynomials of its Gram matrix. They commute, so they
-    are collected on the smaller side, for all matrices of one size together.
+    are collected on the smaller side, for all matrices of one size together. Few large calls leave little to
+    do between them, where a processor's other threads would wait.
     """
-    wide = [(x.T if x.shape[0] > x.shape[1] else x) for x in matrices]
-    wide = [x / (x.norm() + 1e-7) for x in wide]
-    of_size: dict[int, list[int]] = defaultdict(list)
-    for index, x in enumerate(wide):
-        of_size[x.shape[0]].append(index)
-    results = list(wide)
-    for indices in of_size.values():
-        factors = _polynomial(torch.stack([wide[index] @ wide[index].T for index in indices]))
-        for index, factor in zip(indices, factors, strict=True):
-            results[index] = factor @ wide[index]
-    return [
-        result.T if matrix.shape[0] > matrix.shape[1] else result
-        for matrix, result in zip(matrices, results, strict=True)
-    ]
+    of_shape: dict[tuple[int, int], list[int]] = defaultdict(list)
+    for index, matrix in enumerate(matrices):
+        of_shape[matrix.shape[0], matrix.shape[1]].append(index)
+    stacks = {shape: _normalized(torch.stack([matrices[i] for i in of_shape[shape]])) for shape in of_shape}
+    of_size: dict[int, list[tuple[int, int]]] = defaultdict(list)
+    for shape in stacks:
+        of_size[min(shape)].append(shape)
+    results: dict[int, Tensor] = {}
+    for shapes in of_size.values():
+        factors = _polynomial(torch.cat([_gram(stacks[shape]) for shape in shapes]))
+        parts = factors.split([len(stacks[shape]) for shape in shapes])
+        for shape, factor in zip(shapes, parts, strict=True):
+            x = stacks[shape]
+            update = x @ factor if _is_tall(x) else factor @ x
+            results |= zip(of_shape[shape], update, strict=True)
+    return [results[index] for index in range(len(matrices))]
+
+
+def _normalized(x: Tensor) -> Tensor:
+    """Divides matrices (N, rows, columns) in place by their norms."""
+    return x.div_(torch.linalg.vector_norm(x, dim=(1, 2), keepdim=True) + 1e-7)
+
+
+def _gram(x: Tensor) -> Tensor:
+    """Returns the Gram matrices of the smaller side of matrices (N, rows, columns)."""
+    return x.mT @ x if _is_tall(x) else x @ x.mT
+
+
+def _is_tall(x: Tensor) -> bool:
+    return x.shape[-2] > x.shape[-1]
 
 
 def _polynomial(gram: Tensor) -> Tensor:
     """Returns the product (N, d, d) of the iteration's polynomials of Gram matrices (N, d, d)."""
     a, b, c = _COEFFICIENTS
-    identity = torch.eye(gram.shape[-1], device=gram.device, dtype=gram.dtype)
-    product = identity.expand_as(gram)
+    product = gram
     for i in range(_ITERATIONS):
-        factor = torch.baddbmm(a * identity + b * gram, gram, gram, alpha=c)
+        factor = torch.baddbmm(gram, gram, gram, beta=b, alpha=c)
+        factor.diagonal(dim1=-2, dim2=-1).add_(a)
         product = factor if i == 0 else product @ factor
         if i < _ITERATIONS - 1:
             gram = gram @ (factor @ factor)

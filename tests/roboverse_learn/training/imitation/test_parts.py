@@ -54,6 +54,14 @@ def test_shift_moves_whole_pixels_and_repeats_the_border():
     assert moved[0, 0].tolist() == [[3, 3, 4], [6, 6, 7], [6, 6, 7]]
 
 
+def test_shift_of_images_wider_than_high_moves_each_sample_by_its_own_offset():
+    images = torch.randint(0, 256, (2, 3, 1, 4, 7), generator=torch.Generator().manual_seed(0))
+    moved = shift(images, torch.tensor([[2, 0], [0, -3]]))
+    assert moved[0, :, :, :2].equal(images[0, :, :, 2:])
+    assert moved[1, :, :, :, 3:].equal(images[1, :, :, :, :4])
+    assert (moved[1, :, :, :, :3] == images[1, :, :, :, :1]).all()
+
+
 def test_augmentation_changes_every_observation_of_a_sample_alike():
     torch.manual_seed(0)
     frame = torch.randint(0, 256, (4, 1, 3, 16, 16), dtype=torch.uint8)
