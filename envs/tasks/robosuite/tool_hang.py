@@ -5,6 +5,7 @@ are robosuite's. It asks whether bar and ring touch; here they do where each tou
 reward is 1 for success alone, ours counts how far the task has come.
 """
 
+import math
 from dataclasses import dataclass, replace
 from typing import ClassVar, override
 
@@ -28,6 +29,9 @@ FRAME_M, TOOL_M = (-0.04, -0.24), (0.04, -0.2)
 
 FRAME_RAD, TOOL_RAD = -2 * np.pi / 3, -np.pi / 2 - np.pi / 9
 """Middles of the headings of the lying rod's upper end, and of the wrench."""
+
+CAMERA_AZIMUTH_RAD = math.radians(-60.0)
+"""Azimuth of the cameras, from +x: from the front, the hanging wrench is seen end-on."""
 
 GRASP_REACH_M = 0.03
 LINED_UP_M = parts.SOCKET_TOP_M - parts.SOCKET_FLOOR_M + hanging.OVER_M
@@ -53,7 +57,17 @@ class ToolHang(RobosuiteTask):
         "assemble the stand and hang the tool on its hook",
     )
     max_episode_steps: ClassVar[int] = 1000
-    camera: ClassVar[CameraCfg] = replace(FRONT_CAMERA, look_at=(-0.08, -0.07, 0.15), fovy_deg=30.0)
+    camera: ClassVar[CameraCfg] = replace(
+        FRONT_CAMERA,
+        pos=(
+            round(FRONT_CAMERA.pos[0] * math.cos(CAMERA_AZIMUTH_RAD), 9),
+            round(FRONT_CAMERA.pos[0] * math.sin(CAMERA_AZIMUTH_RAD), 9),
+            FRONT_CAMERA.pos[2],
+        ),
+        look_at=(-0.06, -0.08, 0.15),
+        fovy_deg=27.0,
+        orbit_yaw_rad=CAMERA_AZIMUTH_RAD,
+    )
 
     spawn_half_size_m: float = 0.02
     yaw_half_rad: float = np.pi / 18

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from envs.compat.mujoco4 import repair_robosuite
+from envs.randomization.cameras import place_camera
 from envs.rotations import from_matrix, from_yaw, multiply, rotate
 from envs.tasks.robosuite import hook_stand as parts
 from envs.tasks.robosuite.tool_hang import ToolHang
@@ -199,3 +200,11 @@ def test_reward_by_hand():
     near = sum(1 - np.tanh(5 * float((a - b).norm())) for a, b in ((tool, hand), (ring, frame)))
     assert TASK.reward(state).item() == pytest.approx(0.13 * (3 + near))
     assert TASK.reward(starts(TASK)).item() < 0.2
+
+
+def test_the_camera_sees_the_hung_wrench_from_the_side():
+    """The bar points at the robot, along x; the line of sight is at least 45 degrees from it."""
+    camera = TASK.scenario.cameras[0]
+    sight = np.subtract(camera.look_at, camera.pos)
+    assert abs(sight[0]) < np.sin(np.pi / 4) * np.linalg.norm(sight)
+    assert np.allclose(camera.pos, place_camera(camera, "az+000-pol60").pos, atol=1e-3)
