@@ -23,10 +23,12 @@ def is_tracked(file: Path) -> bool:
 def git_sha(folder: Path | None = None) -> str | None:
     """Returns the commit of the checkout that holds ``folder`` (that of this code by default).
 
-    It ends in ``+`` if tracked files differ from the commit; it is None outside a checkout.
+    It ends in ``+`` if tracked files differ from the commit, but for those in ``results/``: a run writes them,
+    and none of them decides what it does. It is None outside a checkout.
     """
     if folder is None and not is_tracked(Path(__file__)):
         return None
     here = folder or Path(__file__).parent
     sha = git(here, "rev-parse", "HEAD")
-    return None if sha is None else sha + "+" * bool(git(here, "status", "--porcelain", "-uno"))
+    changed = git(here, "status", "--porcelain", "-uno", "--", ":/", ":(top,exclude)results")
+    return None if sha is None else sha + "+" * bool(changed)

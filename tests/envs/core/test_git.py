@@ -13,11 +13,15 @@ def test_git_sha_is_marked_when_files_differ(tmp_path):
         subprocess.run(["git", "-C", tmp_path, *who, *words], check=True, capture_output=True)
 
     run("init")
-    (tmp_path / "a").write_text("1")
-    run("add", "a")
+    (tmp_path / "results").mkdir()
+    for name in ("a", "results/tasks.json"):
+        (tmp_path / name).write_text("1")
+    run("add", "a", "results")
     run("commit", "-m", "one")
     clean = git_sha(tmp_path)
     assert len(clean) == 40
+    (tmp_path / "results/tasks.json").write_text("2")
+    assert git_sha(tmp_path) == git_sha(tmp_path / "results") == clean
     (tmp_path / "a").write_text("2")
     assert git_sha(tmp_path) == clean + "+"
 
