@@ -1,6 +1,8 @@
 """Overview of all tasks: success at every level of policies trained at each level."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 type Table = dict[str, Any]
@@ -13,7 +15,8 @@ def overview(sections: Iterable[Mapping[str, Any]]) -> list[Table]:
 
     It holds policies that learned from demonstrations of the expert in the tasks' own scenes and were tested
     where they were trained. Of several rows of a policy and training level it shows the one with the most
-    test episodes, then most demonstrations, then most gradient steps, then the newest: never the best.
+    test episodes, then most demonstrations, then most gradient steps, then that of the recipe with the most
+    runs, then the newest: never the best.
 
     Args:
         sections: Those of :func:`benchmark.leaderboard.build`.
@@ -31,14 +34,21 @@ def overview(sections: Iterable[Mapping[str, Any]]) -> list[Table]:
             places.setdefault(tuple(section[key] for key in _PLACE), []).append(section)
     tables = []
     for place, found in places.items():
-        rows = [row for section in found for row in _rows(section)]
+        made = Counter(
+            row["recipe"]
+            for section in found
+            for row in section["rows"]
+            for _ in row["runs"]
+            if row["recipe"]
+        )
+        rows = [row for section in found for row in _rows(section, made)]
         if len({row["task"] for row in rows}) > 1:
             tables.append(dict(zip(_PLACE, place, strict=True)) | _table(rows))
     return sorted(tables, key=lambda table: -len(table["rows"]))
 
 
-def _rows(section: Mapping[str, Any]) -> list[Table]:
-    """Returns one row per policy of a task."""
+def _rows(section: Mapping[str, Any], made: Mapping[str, int]) -> list[Table]:
+    """Returns one row per policy of a task; ``made`` has the number of runs of each recipe."""
     found: dict[tuple[str, int], list[Mapping[str, Any]]] = {}
     for row in section["rows"]:
         here = (
@@ -51,15 +61,16 @@ def _rows(section: Mapping[str, Any]) -> list[Table]:
     place = {"task": section["task"], "section": section["id"]}
     by_policy: dict[str, Table] = {}
     for (policy, level), rows in sorted(found.items()):
-        shown = max(rows, key=_weight)
+        shown = max(rows, key=partial(_weight, made))
         own = by_policy.setdefault(policy, place | {"policy": policy, "trained": {}, "trainings": {}})
         own["trained"][str(level)], own["trainings"][str(level)] = _tested(shown), _training(shown)
     return list(by_policy.values())
 
 
-def _weight(row: Mapping[str, Any]) -> tuple[Any, ...]:
+def _weight(made: Mapping[str, int], row: Mapping[str, Any]) -> tuple[Any, ...]:
     episodes = sum(cell["episodes"] for cell in _tested(row).values())
-    return episodes, row["demonstrations"], _steps(row), max(run["created"] for run in row["runs"])
+    newest = max(run["created"] for run in row["runs"])
+    return episodes, row["demonstrations"], _steps(row), made.get(row["recipe"], 0), newest
 
 
 def _steps(row: Mapping[str, Any]) -> int:

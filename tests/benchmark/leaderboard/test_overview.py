@@ -46,6 +46,7 @@ def test_rows_are_tasks_and_policies_by_the_level_they_were_trained_at(publish, 
         ({"protocol": TEN}, {"protocol": Protocol(episodes=8), "demonstrations": 900}),
         ({"demonstrations": 200}, {"checkpoint": Checkpoint(step=9000, hash="ab" * 32)}),
         ({"checkpoint": Checkpoint(step=9000, hash="ab" * 32)}, {"created": "2026-05-01T12:00:00Z"}),
+        ({}, {"recipe": "act_rare", "created": "2026-05-01T12:00:00Z"}),
         ({"created": "2026-05-01T12:00:00Z"}, {}),
     ],
 )
