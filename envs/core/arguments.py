@@ -71,6 +71,19 @@ def parse[T](command: str, settings: type[T], words: Sequence[str] | None = None
     return settings(**values)
 
 
+def read_names(key: str, text: str) -> tuple[str, ...]:
+    """Returns the items of a list, ``[A,B]`` or ``A,B``.
+
+    Raises:
+        ConfigError: if a bracket is missing.
+    """
+    listed = text.startswith("[") and text.endswith("]")
+    if text.startswith("[") != listed:
+        raise ConfigError(f"The value of '{key}={text}' cannot be read: a list is [A,B].")
+    items = [item.strip() for item in (text[1:-1] if listed else text).split(",")]
+    return tuple(item for item in items if item)
+
+
 def _names(settings: type) -> set[str]:
     return {field.name for field in fields(settings)}
 
@@ -82,11 +95,7 @@ def _value(key: str, text: str, kind: Any) -> Any:
             return None
         kind = next(option for option in get_args(kind) if option is not NoneType)
     if get_origin(kind) is tuple:
-        listed = text.startswith("[") and text.endswith("]")
-        if text.startswith("[") != listed:
-            raise ConfigError(f"The value of '{key}={text}' cannot be read: a list is [A,B].")
-        items = [item.strip() for item in (text[1:-1] if listed else text).split(",")]
-        return tuple(_value(key, item, get_args(kind)[0]) for item in items if item)
+        return tuple(_value(key, item, get_args(kind)[0]) for item in read_names(key, text))
     text = text.strip("'\"")
     if kind is bool:
         if text.lower() not in _BOOLEANS:

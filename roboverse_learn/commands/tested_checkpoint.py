@@ -132,6 +132,7 @@ def checkpoint_to_test(config: EvaluateConfig) -> TestedCheckpoint:
     trained = read_config(folder)
     env = _changed_env(trained.env, config.env)
     _warn_of_control_rate(trained, env)
+    _warn_of_joints(trained, env)
     # The device of the evaluation, not of training: what a GPU trained can be evaluated anywhere.
     tested = checkpoint_of_run(folder, replace(trained, device=config.device), checkpoint)
     parts = _changes_in_name(trained, env)
@@ -344,6 +345,23 @@ def _warn_of_control_rate(trained: TrainRunConfig, env: EnvSpec) -> None:
             "The policy learned at %g control steps per second and is evaluated at %g. "
             "Leave out scenario.physics to evaluate it as it learned.",
             *(before, now),
+        )
+
+
+def _warn_of_joints(trained: TrainRunConfig, env: EnvSpec) -> None:
+    """Warns where a policy that learned joints of one robot is to move those of another one.
+
+    Of a dataset that was given, the robot is not known.
+    """
+    if env.robot == trained.env.robot or trained.dataset or trained.tasks:
+        return
+    before, now = trained.env.make_task(), env.make_task()
+    joints = {name for robot in now.robots for name in robot.reading_names}
+    if before.robot.name != now.robot.name and not joints.isdisjoint(now.controller.names):
+        log.warning(
+            "The policy learned joints of '%s' and moves those of '%s', which mean other postures. Train with "
+            "task_kwargs.action_space=hand, whose numbers are of the hand.",
+            *(before.robot.name, now.robot.name),
         )
 
 

@@ -12,7 +12,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from envs.core.arguments import read_names
 from envs.core.errors import ConfigError
+from envs.robots import ROBOTS
 from roboverse_learn.data.check_program import run_check
 from roboverse_learn.data.dataset.recorded_scene import recorded_spec
 from roboverse_learn.data.dataset.recording import read_recordings
@@ -91,9 +93,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _print_table(config: Any, count: int, own: Mapping[str, str]) -> None:
-    robots = [name for name in own["robots"].split(",") if name]
+    robots = read_names("robots", own["robots"])
     if not robots:
         raise ConfigError("Name the robots that follow, as in robots=iiwa,ur5e.")
+    for robot in robots:
+        ROBOTS.entry(robot)  # before a table begins
     logger.info("| %s | kept | CPU-s each | largest miss, mm | failed |", config.env.task)
     logger.info("|---|---|---|---|---|")
     for robot in robots:

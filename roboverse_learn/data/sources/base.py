@@ -79,6 +79,7 @@ class DemonstrationSource:
         num_demos_is_most: Whether ``num_demos`` is only the most that is taken.
         augments: Whether it takes the keys ``augment.*``.
         corrects: Whether it takes ``only_corrections``.
+        demonstrates: What demonstrates, for the report.
         columns: Further columns of its datasets: options of
             :func:`~roboverse_learn.data.dataset.schema.make_features`.
     """
@@ -88,6 +89,7 @@ class DemonstrationSource:
     num_demos_is_most: ClassVar[bool] = False
     augments: ClassVar[bool] = False
     corrects: ClassVar[bool] = False
+    demonstrates: ClassVar[str] = "the expert"
     columns: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, config: Any) -> None:
@@ -183,7 +185,7 @@ class DemonstrationSource:
     def outcome(self, num_kept: int, num_attempts: int) -> str:
         """Says how often the demonstrator succeeded, for the report."""
         share = 100 * num_kept / max(num_attempts, 1)
-        return f"the expert succeeded in {share:.1f} % of {num_attempts} episodes"
+        return f"{self.demonstrates} succeeded in {share:.1f} % of {num_attempts} episodes"
 
     def finish(self, dataset: Path) -> Any:
         """Adds the source's own data to a complete dataset; returns it for the report, or None."""

@@ -102,6 +102,7 @@ class PolicySource(DemonstrationSource):
         "checkpoint": "<folder>: that of a run of a policy that was trained by reinforcement learning, as in "
         "checkpoint=runs/PickCube/ppo/<run>."
     }
+    demonstrates: ClassVar = "the policy"
 
     @classmethod
     @override

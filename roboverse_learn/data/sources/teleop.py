@@ -84,6 +84,10 @@ class TeleopSource(DemonstrationSource):
         return super().arguments() | {"replay": self.config.replay, "files": files, "only_corrections": part}
 
     @override
+    def outcome(self, num_kept: int, num_attempts: int) -> str:
+        return f"{num_kept} of {num_attempts} recordings show a success"
+
+    @override
     def advice_for_task(self) -> str:
         return "Recordings are replayed exactly with replay=states."
 

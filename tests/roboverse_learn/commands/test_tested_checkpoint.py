@@ -194,6 +194,20 @@ def test_different_control_rate_warns(slow_run: Path, caplog: pytest.LogCaptureF
     assert "learned at 10 control steps per second and is evaluated at 20" in caplog.text
 
 
+@pytest.mark.parametrize(
+    ("trained", "evaluated", "warns"),
+    [({}, "iiwa", True), ({"task_kwargs": {"action_space": "hand"}}, "iiwa", False), ({}, "franka", False)],
+)
+def test_joints_of_another_robot_warn(
+    run: Path, caplog: pytest.LogCaptureFixture, trained: dict[str, Any], evaluated: str, warns: bool
+) -> None:
+    values = yaml.safe_load((run / "config.yaml").read_text())
+    (run / "config.yaml").write_text(yaml.safe_dump(values | trained))
+    assert to_test(run, f"robot={evaluated}").env.robot == evaluated
+    said = "The policy learned joints of 'franka' and moves those of 'iiwa'"
+    assert (said in caplog.text) == warns == bool(caplog.records)
+
+
 def test_unknown_camera_of_the_demonstrations_is_refused(run: Path) -> None:
     with pytest.raises(UnknownNameError, match=r"key of scenario\.cameras 'fromt'.*Did you mean 'front'"):
         to_test(run, "scenario.cameras.fromt.fovy_deg=30")

@@ -76,7 +76,7 @@ def test_the_same_recordings_are_rendered_at_another_level(place):
 @pytest.mark.slow
 def test_recorded_controls_succeed_in_physics(place):
     summary = collected(place, "controls", "replay=controls")
-    assert summary.num_episodes == 2
+    assert (summary.num_episodes, summary.outcome) == (2, "2 of 2 recordings show a success")
     info = DatasetInfo.open(place / "controls")
     assert info.read_columns()[INTERVENTION_KEY].all()
 

@@ -65,6 +65,7 @@ def test_a_dataset_is_collected_of_its_successes(checkpoint, easy, tmp_path):
     config = compose("collect", [*words, "collect.num_envs=4", f"datasets_dir={tmp_path}"])
     summary = collect_dataset(config)
     assert summary.num_episodes == 2 and summary.num_attempts > 2
+    assert summary.outcome.startswith("the policy succeeded in ")
     weights = find_demonstrator(str(checkpoint), "PickCube").weights
     assert dataset_folder(config).name == f"level0-mujoco-warp-32px-2demos-ppo-{weights[:8]}"
     contents = [json.loads(path.read_text()) for path in dataset_folder(config).rglob("*.json")]

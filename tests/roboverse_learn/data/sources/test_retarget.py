@@ -108,10 +108,17 @@ def test_folder_names_dataset_and_robot(demos):
 def test_check_prints_a_row_for_each_robot(demos, caplog):
     with caplog.at_level("INFO"):
         words = [f"from={demos}", "task=PickCube", "episodes=2"]
-        assert check.main([*words, "robots=ur5e"]) == 0
+        assert check.main([*words, "robots=[ur5e]"]) == 0
         assert check.main(words) == 2
     assert "| ur5e | 2 of 2 (100 %) |" in caplog.text
     assert "Name the robots that follow, as in robots=iiwa,ur5e." in caplog.text
+
+
+def test_check_begins_no_table_where_a_robot_is_unknown(tmp_path, caplog):
+    with caplog.at_level("INFO"):
+        assert check.main([f"from={tmp_path}", "task=PickCube", "robots=[ur5e,iiwaa]"]) == 2
+    assert "Unknown robot 'iiwaa'. Did you mean 'iiwa'?" in caplog.text
+    assert "| PickCube |" not in caplog.text
 
 
 @pytest.mark.slow
