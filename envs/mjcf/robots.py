@@ -72,6 +72,7 @@ def add_robot(spec: mujoco.MjSpec, robot: RobotCfg, simplify: bool) -> None:
     _refuse_undeclared_joints(arm, robot)
     if not robot.fixed_base:
         _free_base(arm, robot.root)
+    _keep_apart(arm, robot)
     frame = spec.worldbody.add_frame(pos=robot.pos, quat=robot.rot)
     frame.attach_body(arm.body(robot.root), f"{robot.name}/", "")
 
@@ -104,6 +105,13 @@ def _replace_body(spec: mujoco.MjSpec, robot: RobotCfg, cfg: BodyCfg) -> None:
     name = f"{cfg.name}_hull"
     spec.add_mesh(name=name, uservert=np.ravel(cfg.hull))
     body.add_geom(type=SHAPES["mesh"], meshname=name, group=HIDDEN_GROUP)
+
+
+def _keep_apart(spec: mujoco.MjSpec, robot: RobotCfg) -> None:
+    """Excludes the pairs of bodies that never touch from the tests for contacts."""
+    for names in robot.apart:
+        one, other = (_body_of(spec, robot, name).name for name in names)
+        spec.add_exclude(bodyname1=one, bodyname2=other)
 
 
 def _free_base(spec: mujoco.MjSpec, root: str) -> None:

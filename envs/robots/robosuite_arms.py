@@ -37,6 +37,7 @@ def _arm(
     rest: Sequence[float],
     *,
     hollow_meshes: bool = False,
+    apart: tuple[tuple[str, str], ...] = (),
     rotor_inertia: tuple[float | None, float | None] = (None, None),
 ) -> RobotCfg:
     """Returns an arm; its last three joints are those of the wrist.
@@ -49,6 +50,7 @@ def _arm(
         forces_n_m: Their force limits.
         rest: Their rest positions, rad.
         hollow_meshes: See :class:`~envs.scenario.RobotCfg`.
+        apart: Likewise.
         rotor_inertia: Armature of the joints near the base and of those of the wrist, kg·m²; None keeps the
             file's.
     """
@@ -74,6 +76,7 @@ def _arm(
         gripper_mount="right_hand",
         ee_site="right_hand",
         hollow_meshes=hollow_meshes,
+        apart=apart,
     ).with_gripper(PANDA_HAND, name)
 
 
@@ -106,6 +109,8 @@ SAWYER_PANDA = _arm(
     (80.0, 80.0, 40.0, 40.0, 9.0, 9.0, 9.0),
     (0.0, -1.18, 0.0, 2.18, 0.0, 0.57, -1.57),
     hollow_meshes=True,
+    # The cylinder round the base and the sphere of the first link touch in one point, and rub.
+    apart=(("right_arm_base_link", "right_l0"),),
 )
 
 KINOVA3 = _arm(

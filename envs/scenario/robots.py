@@ -173,6 +173,8 @@ class RobotCfg:
         camera_mount: Body that carries the wrist camera; None is ``gripper_mount``.
         hollow_meshes: Whether the file's meshes are surfaces without a volume, which MuJoCo refuses unless
             this is set; masses are the file's all the same.
+        apart: Pairs of bodies of the file that never touch each other. MuJoCo tests a bolted base against its
+            first link, unlike other neighbours.
         bodies: What replaces masses and shapes of the file.
         sites: Places that the file lacks.
         pos: Base position in the world, m; of a free base at rest.
@@ -199,6 +201,7 @@ class RobotCfg:
     gripper_opening_m: float | None = None
     camera_mount: str | None = None
     hollow_meshes: bool = False
+    apart: tuple[tuple[str, str], ...] = ()
     bodies: tuple[BodyCfg, ...] = ()
     sites: tuple[SiteCfg, ...] = ()
     pos: Vec3 = (0.0, 0.0, 0.0)

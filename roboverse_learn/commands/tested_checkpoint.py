@@ -353,14 +353,14 @@ def _warn_of_joints(trained: TrainRunConfig, env: EnvSpec) -> None:
 
     Of a dataset that was given, the robot is not known.
     """
-    if env.robot == trained.env.robot or trained.dataset or trained.tasks:
+    if env.robot == trained.env.robot or trained.dataset:
         return
     before, now = trained.env.make_task(), env.make_task()
     joints = {name for robot in now.robots for name in robot.reading_names}
     if before.robot.name != now.robot.name and not joints.isdisjoint(now.controller.names):
         log.warning(
-            "The policy learned joints of '%s' and moves those of '%s', which mean other postures. Train with "
-            "task_kwargs.action_space=hand, whose numbers are of the hand.",
+            "The policy learned joints of '%s' and moves those of '%s', whose numbers mean other postures. "
+            "Train with task_kwargs.action_space=hand, whose numbers are of the hand.",
             *(before.robot.name, now.robot.name),
         )
 

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from envs.core.errors import UnknownNameError
 from envs.mjcf.layout import layout_of
 from envs.mjcf.model import build_model
 from envs.robots import ROBOTS
@@ -50,3 +51,33 @@ def test_rotor_inertia_of_kinovas_arms_keeps_a_saturated_damper_stable(name):
 def test_kinovas_elbow_stays_on_one_side():
     low, high = ROBOTS.get("kinova3").joints[3].range
     assert 0.0 < low < high
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("height_m", [0.0, 0.2, 0.5])
+def test_sawyers_first_link_does_not_rub_on_its_base(height_m):
+    """Their shapes touch in a point, or miss each other by a rounding error, wherever the base is."""
+    robot = replace(ROBOTS.get("sawyer_panda"), pos=(0.0, 0.0, height_m))
+    scenario = ScenarioCfg(robots=(robot,), table=None, room=None, physics=CONTROL_20_HZ)
+    model = build_model(scenario)
+    data, qpos = mujoco.MjData(model), layout_of(model, scenario).robots[0].qpos
+    data.qpos[qpos] = robot.default_qpos
+    data.ctrl[:] = np.array(robot.default_qpos)[list(robot.driven)]
+    data.ctrl[0] += 0.1
+    for _ in range(600):
+        mujoco.mj_step(model, data)
+        assert "sawyer_panda/right_l0" not in touched(model, data)
+    assert data.qpos[qpos[0]] == pytest.approx(robot.default_qpos[0] + 0.1, abs=1e-5)
+
+
+def touched(model, data):
+    geoms = data.contact.geom[: data.ncon].ravel()
+    return {model.body(model.geom_bodyid[geom]).name for geom in geoms}
+
+
+def test_bodies_that_are_apart_are_of_the_robots_file():
+    robot = replace(ROBOTS.get("sawyer_panda"), apart=(("right_arm_base_link", "right_l9"),))
+    with pytest.raises(
+        UnknownNameError, match=r"body of robot 'sawyer_panda' 'right_l9'.*Did you mean 'right_l"
+    ):
+        build_model(ScenarioCfg(robots=(robot,), table=None, room=None))
