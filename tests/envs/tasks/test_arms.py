@@ -9,6 +9,7 @@ import torch
 from envs.controllers import HandDeltaController, JoinedController, JointPositionController
 from envs.core.errors import ConfigError
 from envs.kinematics.waypoints import Waypoint, interpolate
+from envs.robots import ROBOTS
 from envs.rotations import from_yaw, rotate
 from envs.scenario import ScenarioCfg
 from envs.simulators.mujoco.handler import MujocoHandler
@@ -179,3 +180,30 @@ def test_fingers_are_exchanged_where_that_turns_less():
 def test_a_point_of_an_entity_turns_with_it():
     entity = EntityState.at_rest(np.array([1.0, 0.0, 0.5]), from_yaw(np.array([np.pi / 2])))
     np.testing.assert_allclose(in_world(entity, (0.1, 0.0, 0.2)), [1.0, 0.1, 0.7], atol=1e-9)
+
+
+class TwoGrippers(TwoRobotPickCube):
+    """Hands with four joints more than the Franka's, five of which follow the one that is driven."""
+
+    own_robots = tuple(
+        dataclasses.replace(ROBOTS.get("iiwa_2f85"), name=each.name, pos=each.pos, rot=each.rot)
+        for each in (LEFT, RIGHT)
+    )
+
+
+@pytest.mark.slow
+def test_two_2f85_hand_over_a_cube():
+    task = TwoGrippers()
+    assert len(task.state_names) == 2 * 13 and len(task.controller.names) == 2 * 8
+    with MujocoHandler(task.scenario, 2, num_threads=1) as handler:
+        handler.launch()
+        rngs = [np.random.default_rng(row) for row in range(2)]
+        handler.set_states(task.initial_state(rngs))
+        solved = torch.zeros(2, dtype=torch.bool)
+        plans = task.planner.plan_batch(handler.get_states(), rngs)
+        assert [plan.shape[1] for plan in plans] == [16, 16]
+        for step in range(max(map(len, plans))):
+            now = np.stack([plan[min(step, len(plan) - 1)] for plan in plans])
+            task.controller.advance(handler, torch.from_numpy(now), 25)
+            solved |= task.success(handler.get_states())
+        assert solved.all()
