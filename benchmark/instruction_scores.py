@@ -4,13 +4,16 @@ Both rates count success in the task itself, also where it was not asked for. Wi
 switched instruction a policy that reads does not succeed, so its difference is near its success rate; one
 that ignores the instruction has a difference of 0. With another wording of the right one a policy that
 understands it has a difference of 0.
+
+:func:`wording_gaps` compares wordings of the train split with held-out ones: what new frames and new words
+cost, whatever a wording unlike the task's own sentences costs.
 """
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, TypedDict
 
-from benchmark.protocol import Cell
+from benchmark.protocol import HELD_OUT, KNOWN, Cell
 from benchmark.records import EpisodeRecord
 from benchmark.statistics import mcnemar, paired_difference
 from envs.core.errors import ResultError
@@ -47,15 +50,44 @@ class InstructionScore:
         return asdict(self)
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class WordingGap:
+    """Known wordings against held-out ones, on the same episodes.
+
+    Attributes:
+        wording: One of :data:`~benchmark.protocol.HELD_OUT`.
+        split: ``"train"`` or ``"test"``.
+        episodes: Number of episodes, each run twice.
+        known_rate: Success rate with wordings of the train split.
+        held_out_rate: Success rate with held-out ones.
+        difference: ``known_rate - held_out_rate``.
+        ci_low: Lower end of its 95 % interval; see :func:`~benchmark.statistics.paired_difference`.
+        ci_high: Upper end.
+        p_value: Exact McNemar test, two-sided.
+    """
+
+    wording: str
+    split: str
+    episodes: int
+    known_rate: float
+    held_out_rate: float
+    difference: float
+    ci_low: float
+    ci_high: float
+    p_value: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Returns plain JSON values."""
+        return asdict(self)
+
+
 def instruction_scores(records: Iterable[EpisodeRecord]) -> tuple[InstructionScore, ...]:
     """Returns the scores of every instruction test of one evaluation, in the order of its cells.
 
     Raises:
         ResultError: An episode of a test has no twin with the right instruction, or began in another state.
     """
-    by_cell: dict[Cell, dict[int, EpisodeRecord]] = {}
-    for record in records:
-        by_cell.setdefault(record.cell, {})[record.episode] = record
+    by_cell = _by_cell(records)
     return tuple(
         _score(cell, members, by_cell.get(cell.right, {}))
         for cell, members in by_cell.items()
@@ -63,29 +95,82 @@ def instruction_scores(records: Iterable[EpisodeRecord]) -> tuple[InstructionSco
     )
 
 
-def _score(
-    cell: Cell, tested: Mapping[int, EpisodeRecord], right: Mapping[int, EpisodeRecord]
-) -> InstructionScore:
-    for episode, record in tested.items():
-        twin = right.get(episode)
-        if twin is None or twin.initial_state_hash != record.initial_state_hash:
-            raise ResultError(
-                f"Episode {episode} of {cell} has no twin at level 0 that begins in the same state. Evaluate "
-                "both."
-            )
-    pairs = [(right[episode].success, record.success) for episode, record in tested.items()]
-    only_right, only_test = pairs.count((True, False)), pairs.count((False, True))
-    both, neither = pairs.count((True, True)), pairs.count((False, False))
-    difference, low, high = paired_difference(both, only_right, only_test, neither)
+def wording_gaps(records: Iterable[EpisodeRecord]) -> tuple[WordingGap, ...]:
+    """Returns what held-out wordings cost, by kind and split, in the order of the cells.
+
+    There is none without the test ``known``. Records of several tasks give the gap over all of them.
+
+    Raises:
+        ResultError: An episode has no twin with a known wording, or began in another state.
+    """
+    by_cell = _by_cell(records)
+    return tuple(
+        _gap(cell, members, known)
+        for cell, members in by_cell.items()
+        if cell.instruction_test in HELD_OUT and (known := by_cell.get(cell.tested_as(KNOWN)))
+    )
+
+
+class _Difference(TypedDict):
+    difference: float
+    ci_low: float
+    ci_high: float
+    p_value: float
+
+
+_Episodes = Mapping[tuple[str, int], EpisodeRecord]
+"""Records by task and episode."""
+
+
+def _by_cell(records: Iterable[EpisodeRecord]) -> dict[Cell, dict[tuple[str, int], EpisodeRecord]]:
+    by_cell: dict[Cell, dict[tuple[str, int], EpisodeRecord]] = {}
+    for record in records:
+        by_cell.setdefault(record.cell, {})[record.task, record.episode] = record
+    return by_cell
+
+
+def _score(cell: Cell, tested: _Episodes, right: _Episodes) -> InstructionScore:
     assert cell.instruction_test is not None
+    right_rate, test_rate, difference = _compared(cell, tested, right, "at level 0")
     return InstructionScore(
         instruction_test=cell.instruction_test,
         split=cell.split,
-        episodes=len(pairs),
-        right_rate=(both + only_right) / len(pairs),
-        test_rate=(both + only_test) / len(pairs),
-        difference=difference,
-        ci_low=low,
-        ci_high=high,
-        p_value=mcnemar(only_right, only_test),
+        episodes=len(tested),
+        right_rate=right_rate,
+        test_rate=test_rate,
+        **difference,
     )
+
+
+def _gap(cell: Cell, tested: _Episodes, known: _Episodes) -> WordingGap:
+    assert cell.instruction_test is not None
+    known_rate, held_out_rate, difference = _compared(cell, tested, known, "with a known wording")
+    return WordingGap(
+        wording=cell.instruction_test,
+        split=cell.split,
+        episodes=len(tested),
+        known_rate=known_rate,
+        held_out_rate=held_out_rate,
+        **difference,
+    )
+
+
+def _compared(
+    cell: Cell, tested: _Episodes, others: _Episodes, where: str
+) -> tuple[float, float, _Difference]:
+    """Returns the success rate of the others, that of the tested, and their difference."""
+    for key, record in tested.items():
+        twin = others.get(key)
+        if twin is None or twin.initial_state_hash != record.initial_state_hash:
+            raise ResultError(
+                f"Episode {record.episode} of {cell} has no twin {where} that begins in the same state. "
+                "Evaluate both."
+            )
+    pairs = [(others[key].success, record.success) for key, record in tested.items()]
+    only_other, only_tested = pairs.count((True, False)), pairs.count((False, True))
+    both, neither = pairs.count((True, True)), pairs.count((False, False))
+    difference, low, high = paired_difference(both, only_other, only_tested, neither)
+    found = _Difference(
+        difference=difference, ci_low=low, ci_high=high, p_value=mcnemar(only_other, only_tested)
+    )
+    return (both + only_other) / len(pairs), (both + only_tested) / len(pairs), found

@@ -31,6 +31,9 @@ under the others.
 NOT_ASKED = ("wrong", "empty", "switched")
 """Tests in which a policy that reads its instruction does not do the task."""
 
+KNOWN, HELD_OUT = "known", ("new_frame", "new_words")
+"""The test of known wordings, and those of held-out ones, which are compared with it."""
+
 VERSION = "v2"
 """The version that this code evaluates: changed whenever an episode of it would change."""
 
@@ -84,7 +87,11 @@ class Cell:
     @property
     def right(self) -> "Cell":
         """The cell with the task's own instruction, whose episodes begin as this one's."""
-        return replace(self, instruction_test=None)
+        return self.tested_as(None)
+
+    def tested_as(self, instruction_test: str | None) -> "Cell":
+        """Returns the cell of another instruction test, whose episodes begin as this one's."""
+        return replace(self, instruction_test=instruction_test)
 
     def __str__(self) -> str:
         return f"{self.condition}, {self.split} split"

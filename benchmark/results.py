@@ -13,7 +13,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, NoReturn
 
-from benchmark.instruction_scores import instruction_scores
+from benchmark.instruction_scores import instruction_scores, wording_gaps
 from benchmark.protocol import Protocol
 from benchmark.records import Checkpoint, EpisodeRecord, Git, Machine, Result
 from envs.core.atomic import write_file
@@ -151,6 +151,8 @@ def _to_document(result: Result) -> dict[str, Any]:
     document["cells"] = [summary.to_json() for summary in result.cells()]
     if result.protocol.instructions:
         document["instruction_scores"] = [score.to_json() for score in instruction_scores(records)]
+        if gaps := wording_gaps(records):
+            document["wording_gaps"] = [gap.to_json() for gap in gaps]
     document["records"] = [_row(record) for record in records]
     try:
         return document | {"digest": _digest(document)}
@@ -209,6 +211,8 @@ def _from_document(path: Path, document: dict[str, Any]) -> Result:
         result = _build(_upgraded(document), protocol)
         _check_cells(document["cells"], result)
         _check_scores(document.get("instruction_scores", []), result)
+        if "wording_gaps" in document:  # files before it have the records alone
+            _check_gaps(document["wording_gaps"], result)
     except RoboVerseError as error:
         raise ResultError(f"Results file '{path}': {error} {_AGAIN}") from error
     if document["digest"] != _digest(document):
@@ -270,14 +274,23 @@ def _check_cells(cells: list[dict[str, Any]], result: Result) -> None:
 def _check_scores(scores: list[dict[str, Any]], result: Result) -> None:
     """Checks that the file's scores of instructions follow from its records."""
     own = [score.to_json() for score in instruction_scores(result.records)]
-    if len(scores) != len(own):
-        raise ResultError(f"it has {len(scores)} scores of instructions, and its records make {len(own)}.")
-    for score, expected in zip(scores, own, strict=True):
+    _check_all(scores, own, "scores of instructions", "instruction test", "instruction_test")
+
+
+def _check_gaps(gaps: list[dict[str, Any]], result: Result) -> None:
+    """Checks that the file's gaps between wordings follow from its records."""
+    own = [gap.to_json() for gap in wording_gaps(result.records)]
+    _check_all(gaps, own, "gaps between wordings", "gap to the wording", "wording")
+
+
+def _check_all(given: list[dict[str, Any]], own: list[dict[str, Any]], what: str, of: str, by: str) -> None:
+    if len(given) != len(own):
+        raise ResultError(f"it has {len(given)} {what}, and its records make {len(own)}.")
+    for score, expected in zip(given, own, strict=True):
         for key, value in expected.items():
             if not _agrees(score[key], value):
                 raise ResultError(
-                    f"{key} of the instruction test '{expected['instruction_test']}' is {score[key]}; its "
-                    f"records give {value}."
+                    f"{key} of the {of} '{expected[by]}' is {score[key]}; its records give {value}."
                 )
 
 

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from benchmark.instruction_scores import instruction_scores
+from benchmark.instruction_scores import instruction_scores, wording_gaps
 from benchmark.leaderboard.rows import Entry, policy_label, training_length
-from benchmark.protocol import INSTRUCTION_TESTS, NOT_ASKED
+from benchmark.protocol import HELD_OUT, INSTRUCTION_TESTS, NOT_ASKED
 from benchmark.records import Result
 
 _SPLIT = "test"
@@ -23,8 +23,10 @@ def without_instruction_tests(result: Result) -> Result:
 def instructions_table(results: Sequence[Entry]) -> list[dict[str, Any]]:
     """Returns a row for each run with instruction tests on the test split, ordered by task and policy.
 
-    A row has the run, ``right``, the success rate with the task's own words, and ``scores`` by test; see
-    :class:`~benchmark.instruction_scores.InstructionScore`.
+    A row has the run, ``right``, the success rate with the task's own words, ``scores`` by test and
+    ``gaps`` by kind of held-out wording, where known ones were tested, too; see
+    :class:`~benchmark.instruction_scores.InstructionScore` and
+    :class:`~benchmark.instruction_scores.WordingGap`.
     """
     rows = [_row(path, result) for path, result in results if result.protocol.instructions]
     return sorted(
@@ -44,12 +46,14 @@ def instructions_view(table: Sequence[Mapping[str, Any]], latest: str | None) ->
     for name, tests in groups.items():
         columns = [test for test in tests if test in tested]
         rows = [row for row in table if any(test in row["scores"] for test in columns)]
-        tables[name] = {"columns": columns, "rows": rows}
+        gaps = [kind for kind in HELD_OUT if kind in columns and any(kind in row["gaps"] for row in rows)]
+        tables[name] = {"columns": columns, "gaps": gaps, "rows": rows}
     return {"tables": tables, "tasks": [], "latest": latest}
 
 
 def _row(path: str, result: Result) -> dict[str, Any]:
     scores = [score for score in instruction_scores(result.records) if score.split == _SPLIT]
+    gaps = {gap.wording: gap.to_json() for gap in wording_gaps(result.records) if gap.split == _SPLIT}
     return {
         "path": path,
         "run": result.run,
@@ -67,4 +71,5 @@ def _row(path: str, result: Result) -> dict[str, Any]:
         "episodes": scores[0].episodes if scores else 0,
         "right": scores[0].right_rate if scores else None,
         "scores": {score.instruction_test: score.to_json() for score in scores},
+        "gaps": gaps,
     }

@@ -11,6 +11,7 @@ from rich.text import Text
 from roboverse_learn.progress import clock
 
 if TYPE_CHECKING:
+    from benchmark.instruction_scores import InstructionScore, WordingGap
     from benchmark.records import CellSummary
     from benchmark.suites import SuiteCell
     from roboverse_learn.commands.outcomes import Evaluation, TrainedRun
@@ -136,16 +137,45 @@ def instruction_table(evaluation: "Evaluation") -> Table:
     for column in ("instruction", "split", "right instruction", "this one", "difference"):
         table.add_column(column, justify="left" if column in ("instruction", "split") else "right")
     for score in instruction_scores(result.records):
-        rates = (f"{100 * rate:.0f} %" for rate in (score.right_rate, score.test_rate))
-        difference = f"{100 * score.difference:+.0f} [{100 * score.ci_low:.0f}, {100 * score.ci_high:.0f}]"
-        table.add_row(score.instruction_test.replace("_", " "), score.split, *rates, difference)
+        words = (score.instruction_test.replace("_", " "), score.split)
+        table.add_row(*words, *_compared(score.right_rate, score.test_rate, score))
     return table
 
 
+def wording_table(evaluations: Sequence["Evaluation"]) -> Table | None:
+    """Success with known and with held-out wordings, by task and over all; None where neither was tested."""
+    from benchmark.instruction_scores import wording_gaps
+
+    rows = [(each.result.env.task, wording_gaps(each.result.records)) for each in evaluations]
+    rows = [(task, gaps) for task, gaps in rows if gaps]
+    if not rows:
+        return None
+    if len(rows) > 1:
+        records = [record for each in evaluations for record in each.result.records]
+        rows.append(("all", wording_gaps(records)))
+    title = f"{evaluations[0].result.policy}: success with known wordings and with held-out ones"
+    table = Table(title=title, title_justify="left")
+    for column in ("task", "held out", "split", "known", "held out", "difference"):
+        table.add_column(column, justify="left" if len(table.columns) < 3 else "right")
+    for task, gaps in rows:
+        for gap in gaps:
+            words = (gap.wording.replace("_", " "), gap.split)
+            table.add_row(task, *words, *_compared(gap.known_rate, gap.held_out_rate, gap))
+    return table
+
+
+def _compared(one: float, other: float, score: "InstructionScore | WordingGap") -> tuple[str, str, str]:
+    """Two success rates and their difference: ``90 %``, ``75 %``, ``+15 [8, 22]``."""
+    interval = f"[{100 * score.ci_low:.0f}, {100 * score.ci_high:.0f}]"
+    return f"{100 * one:.0f} %", f"{100 * other:.0f} %", f"{100 * score.difference:+.0f} {interval}"
+
+
 def _tables(evaluations: Sequence["Evaluation"]) -> list[Table]:
-    """The table of success of every task, and the table of its instruction tests, if there are any."""
+    """The table of success of every task, those of its instruction tests, and that of held-out wordings."""
     tested = [each for each in evaluations if each.result.protocol.instructions]
-    return [*map(success_table, evaluations), *map(instruction_table, tested)]
+    worded = wording_table(tested)
+    tables = [*map(success_table, evaluations), *map(instruction_table, tested)]
+    return tables if worded is None else [*tables, worded]
 
 
 def rate_text(cell: "CellSummary | SuiteCell") -> str:

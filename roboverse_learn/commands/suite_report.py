@@ -7,7 +7,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from roboverse_learn.commands.report import board_paths, path_table, rate_text
+from roboverse_learn.commands.report import board_paths, path_table, rate_text, wording_table
 from roboverse_learn.commands.suite import SuiteCollection, SuiteEvaluation
 
 
@@ -33,7 +33,7 @@ def suite_collection_report(suite: SuiteCollection) -> SuiteReport:
 
 
 def suite_evaluation_report(suite: SuiteEvaluation, board: Mapping[str, Path]) -> SuiteReport:
-    """Success of each task on every cell, their mean with its interval, and where the results are."""
+    """Success of each task on every cell, their mean, what held-out wordings cost, and where results are."""
     first = next(iter(suite.evaluations.values())).result
     cells = [each.cell for each in suite.cells]
     episodes = first.protocol.episodes
@@ -47,8 +47,10 @@ def suite_evaluation_report(suite: SuiteEvaluation, board: Mapping[str, Path]) -
         table.add_row(task, *(rate_text(by_cell[cell]) for cell in cells))
     table.add_section()
     table.add_row(f"mean of {len(suite.evaluations)} tasks", *(rate_text(each) for each in suite.cells))
+    worded = wording_table([*suite.evaluations.values()])
+    tables = [table] if worded is None else [table, worded]
     written = {"suite": suite.path} | board_paths(board)
-    return _with_failures(suite.failed, table, path_table(written))
+    return _with_failures(suite.failed, *tables, path_table(written))
 
 
 def _with_failures(failed: Mapping[str, str], *parts: Table) -> SuiteReport:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from benchmark.instruction_scores import instruction_scores
+from benchmark.instruction_scores import instruction_scores, wording_gaps
 from benchmark.protocol import Protocol
 from benchmark.statistics import paired_difference, wilson
 from envs.core.errors import ResultError
@@ -78,3 +78,49 @@ def test_an_episode_without_its_twin_is_an_error(records):
     other = replace(right, initial_state_hash="f" * 16)
     with pytest.raises(ResultError, match="begins in the same state"):
         instruction_scores([other, *rest])
+
+
+WORDED = Protocol(levels=(0,), splits=("test",), episodes=4, instructions=("known", "new_frame", "new_words"))
+READ = {None: (1, 1, 1, 1), "known": (1, 1, 1, 0), "new_frame": (1, 1, 0, 1), "new_words": (1, 0, 0, 0)}
+
+
+def read(records, outcomes=READ):
+    return [
+        replace(record, success=bool(outcomes[record.instruction_test][record.episode - 9000]))
+        for record in records
+    ]
+
+
+def test_gaps_between_wordings_by_hand(make_records):
+    frame, words = wording_gaps(read(make_records(WORDED)))
+    assert (frame.wording, frame.split, frame.episodes) == ("new_frame", "test", 4)
+    assert (frame.known_rate, frame.held_out_rate, frame.difference) == (0.75, 0.75, 0.0)
+    assert (words.wording, words.known_rate, words.held_out_rate) == ("new_words", 0.75, 0.25)
+    assert (words.difference, words.p_value) == (0.5, pytest.approx(0.5))
+    assert (words.ci_low, words.ci_high) == pytest.approx(paired_difference(1, 2, 0, 1)[1:])
+
+
+def test_the_gap_is_to_known_wordings_and_not_to_the_tasks_own(make_records):
+    records = read(make_records(WORDED), READ | {None: (0, 0, 0, 0)})
+    assert wording_gaps(records) == wording_gaps(read(make_records(WORDED)))
+
+
+def test_the_gap_over_several_tasks_pairs_the_episodes_of_each(make_records):
+    """Episodes of two tasks have equal numbers; the second task reads everything."""
+    all_read = {test: (1, 1, 1, 1) for test in READ}
+    both = read(make_records(WORDED)) + read(make_records(WORDED, task="StackCube"), all_read)
+    _, words = wording_gaps(both)
+    assert (words.episodes, words.known_rate, words.held_out_rate) == (8, 7 / 8, 5 / 8)
+    assert (words.ci_low, words.ci_high) == pytest.approx(paired_difference(5, 2, 0, 1)[1:])
+
+
+def test_without_known_wordings_there_is_no_gap(make_records):
+    protocol = replace(WORDED, instructions=("new_frame", "new_words"))
+    assert wording_gaps(read(make_records(protocol))) == ()
+
+
+def test_a_wording_without_a_known_twin_is_an_error(make_records):
+    records = read(make_records(WORDED))
+    lost = next(record for record in records if record.instruction_test == "known")
+    with pytest.raises(ResultError, match=r"9000 of instruction new f.* no twin with a known wording"):
+        wording_gaps([record for record in records if record is not lost])

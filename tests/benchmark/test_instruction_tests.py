@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmark import videos
-from benchmark.instruction_scores import instruction_scores
+from benchmark.instruction_scores import instruction_scores, wording_gaps
 from benchmark.instruction_tests import Script, check_instruction_tests
 from benchmark.protocol import INSTRUCTION_TESTS, NOT_ASKED, Protocol
 from benchmark.runner import Baseline, evaluate
@@ -103,6 +103,15 @@ def test_a_policy_that_reads_scores_its_success(worded):
         assert scores[test].difference == 1.0 and scores[test].ci_low > 0.5
         assert scores[test].p_value == pytest.approx(2 * 0.5**12)
     assert scores["known"].difference == scores["new_frame"].difference == 0.0
+
+
+def test_known_words_are_told_from_new_ones(worded):
+    """A policy that knows known words in any frame loses nothing to new frames and all to new words."""
+    for reads, cost in ((True, 1.0), (False, 0.0)):
+        gaps = {gap.wording: gap for gap in wording_gaps(scores_of(worded, reads=reads)[1])}
+        assert gaps["new_frame"].difference == 0.0 and gaps["new_words"].difference == cost
+        assert (gaps["new_words"].known_rate, gaps["new_words"].held_out_rate) == (1.0, 1.0 - cost)
+        assert (gaps["new_words"].ci_low > 0.5) == reads
 
 
 def test_records_say_what_was_asked_and_when_it_was_switched(worded):

@@ -319,3 +319,22 @@ def test_a_score_that_does_not_follow_from_the_records_is_refused(make_result, t
     edit(path, lambda document: document.pop("instruction_scores"))
     with pytest.raises(ResultError, match=r"it has 0 scores of instructions, and its records make 4"):
         read_result(path)
+
+
+WORDINGS = Protocol(episodes=3, levels=(0,), splits=("test",), instructions=("known", "new_words"))
+
+
+def test_gaps_between_wordings_are_written_and_checked_and_may_be_absent(make_result, tmp_path, monkeypatch):
+    result = worded(make_result(protocol=WORDINGS))
+    path = result_path(tmp_path, result)
+    write_result(path, result)
+    (gap,) = json.loads(path.read_text())["wording_gaps"]
+    assert (gap["wording"], gap["split"], gap["episodes"]) == ("new_words", "test", 3)
+    edit(path, lambda document: document["wording_gaps"][0].update(known_rate=0.12))
+    with pytest.raises(ResultError, match=r"known_rate of the gap to the wording 'new_words' is 0\.12"):
+        read_result(path)
+    monkeypatch.setattr("benchmark.results.wording_gaps", lambda records: ())
+    write_result(path, result)
+    assert "wording_gaps" not in json.loads(path.read_text())
+    monkeypatch.undo()
+    assert read_result(path) == result, "a file from before there were gaps"

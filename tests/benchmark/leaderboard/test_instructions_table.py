@@ -36,6 +36,23 @@ def test_the_page_is_there_only_with_instruction_tests(tested, publish, tmp_path
     assert "instructions" not in again["html"].read_text()
 
 
+@pytest.mark.slow
+def test_held_out_wordings_are_compared_with_known_ones(tested, make_result, tmp_path):
+    protocol = replace(TESTED, instructions=("known", "new_words", "wrong"))
+    result = make_result(protocol=protocol, seed=1, rates=(1.0, 1.0, 1.0, 1.0))
+    fails = {("new_words", 9000), ("new_words", 9001)}
+    records = (replace(r, success=(r.instruction_test, r.episode) not in fails) for r in result.records)
+    write_result(result_path(tmp_path, result), replace(result, records=tuple(records)))
+    without, row = leaderboard.build(tmp_path)["instructions"]
+    assert without["gaps"] == {} and list(row["gaps"]) == ["new_words"]
+    assert (row["gaps"]["new_words"]["known_rate"], row["gaps"]["new_words"]["held_out_rate"]) == (1.0, 0.5)
+    written = leaderboard.write(tmp_path)
+    text, page = (written[f"instructions {kind}"].read_text() for kind in ("markdown", "html"))
+    gap = points(row["gaps"]["new_words"])
+    assert f"| **50** ({gap}) | {gap} |" in text and "| known − new words |" in text
+    assert f">{gap}</td>" in page and "known − new frame" not in page
+
+
 def test_other_tables_are_those_without_instruction_tests(make_result, publish, tmp_path):
     publish(protocol=TESTED)
     with_tests = leaderboard.build(tmp_path)

@@ -2,6 +2,7 @@
 
 import pytest
 
+from benchmark.instruction_scores import wording_gaps
 from benchmark.results import read_result
 from envs.core.errors import ConfigError, RoboVerseError, UnknownNameError
 from envs.tasks.pick_cube import PickCube
@@ -84,6 +85,20 @@ def test_instruction_tests_are_evaluated_and_reported(tmp_path, capsys):
     assert wrong.instruction in wrong_instructions(PickCube()) and wrong.success, "an expert reads nothing"
     assert switched.instruction == own.instruction and switched.switched_at == own.length // 2
     assert (tmp_path / "instructions.html").exists()
+
+
+@pytest.mark.slow
+def test_success_with_known_and_with_new_words_is_reported(tmp_path, capsys):
+    result = result_of("expert", tmp_path, "episodes=1", "instructions=[known,new_words]")
+    said = capsys.readouterr().out
+    assert "success with known wordings and with held-out ones" in said
+    (gap,) = wording_gaps(result.records)
+    assert (gap.wording, gap.known_rate, gap.held_out_rate) == ("new_words", 1.0, 1.0), (
+        "an expert reads nothing"
+    )
+    own, known, new = result.records
+    bank = PickCube().wordings(own.instruction)
+    assert known.instruction in bank.known and new.instruction in bank.new_words
 
 
 @pytest.mark.parametrize(

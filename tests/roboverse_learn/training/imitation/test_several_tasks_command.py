@@ -1,5 +1,6 @@
 """Several tasks in one command: from its words to a result of each task."""
 
+import re
 import shutil
 
 import pytest
@@ -7,6 +8,7 @@ import pytest
 import policies
 from benchmark.results import read_result
 from envs.core.errors import ConfigError, PolicyError, UnknownNameError
+from envs.spec import EnvSpec
 from envs.tasks.suites import suite_tasks
 from policies.checkpoint import learned_tasks
 from policies.mtact.policy import MtActPolicy
@@ -158,7 +160,7 @@ def test_the_recipe_of_grasping_has_all_tasks_of_few_and_many():
 @pytest.mark.slow
 def test_one_command_trains_and_evaluates_each_task(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["train", "policy=mtact", LIST, *TINY]) == 0
+    assert cli.main(["train", "policy=mtact", LIST, *TINY, "evaluate.instructions=[known,new_words]"]) == 0
     (run,) = (tmp_path / "runs/PickCube/mtact").iterdir()
     checkpoint = run / "checkpoints/last/pretrained_model"
     assert learned_tasks(checkpoint) == ("PickCube", "StackCube")
@@ -169,8 +171,14 @@ def test_one_command_trains_and_evaluates_each_task(tmp_path, monkeypatch, capsy
         assert result.train_tasks == ("PickCube", "StackCube")
         assert (result.env.task, result.demonstrations) == (task, 4)
         assert result.dataset_hash == facts["dataset_hash"]
+        asked = {record.instruction_test: record.instruction for record in result.records}
+        bank = EnvSpec(task=task).make_task().wordings(asked[None])
+        assert asked["known"] in bank.known and asked["new_words"] in bank.new_words
     said = capsys.readouterr().out
     assert "together with StackCube" in said and "Demonstrations of 2 tasks" in said
+    assert "mtact: success with known wordings and with held-out ones" in said
+    over_all = next(line for line in said.splitlines() if re.search(r"\ball\b.*new words", line))
+    assert over_all.count(" %") == 2
 
     # One of its tasks by itself, with the checkpoint at another place; and one that it did not learn.
     moved = tmp_path / "moved" / "checkpoint"
