@@ -19,8 +19,13 @@ NEEDS_NOTHING = ("act", "diffusion", "vqbet")
 """Types that LeRobot itself suffices for."""
 
 _BESIDE_TRANSFORMERS: Mapping[str, tuple[str, ...]] = {
+    "smolvla": ("num2words",),
+    "multi_task_dit": ("diffusers",),
     "groot": ("diffusers", "tree"),
     "wall_x": ("peft", "torchdiffeq", "qwen_vl_utils"),
+    "vla_jepa": ("diffusers",),
+    "fastwam": ("diffusers",),
+    "lingbot_va": ("diffusers",),
 }
 """Modules that a type imports when its network or processor is made, after demonstrations are collected."""
 
@@ -40,14 +45,18 @@ def check_packages(what: str, *packages: str) -> None:
         )
 
 
+def packages_of_type(name: str) -> tuple[str, ...]:
+    """Returns the modules of the extra that a type of LeRobot imports; adapters need peft beside them."""
+    return () if name in NEEDS_NOTHING else ("transformers", *_BESIDE_TRANSFORMERS.get(name, ()))
+
+
 def check_type_packages(name: str) -> None:
     """Checks that what a type of LeRobot imports is installed, without importing it.
 
     Raises:
         MissingExtraError: if a package is not.
     """
-    if name not in NEEDS_NOTHING:
-        check_packages(f"LeRobot's {name}", "transformers", *_BESIDE_TRANSFORMERS.get(name, ()))
+    check_packages(f"LeRobot's {name}", *packages_of_type(name))
 
 
 def check_lerobot(config: LeRobotConfig, features: Mapping[str, Any]) -> None:

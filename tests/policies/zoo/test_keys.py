@@ -276,7 +276,8 @@ class TestPreflight:
     def test_a_missing_package_is_named_with_what_to_install(self, monkeypatch):
         monkeypatch.setattr(preflight, "find_spec", lambda name: None)
         with pytest.raises(
-            MissingExtraError, match=r"smolvla needs transformers: pip install 'roboverse-learn\[vla"
+            MissingExtraError,
+            match=r"smolvla needs transformers and num2words: pip install 'roboverse-learn",
         ):
             self.check("type=smolvla")
         self.check("type=vqbet")  # which needs none
@@ -284,7 +285,8 @@ class TestPreflight:
     @pytest.mark.parametrize(
         ("type_name", "absent"),
         [("groot", "tree"), ("groot", "diffusers"), ("wall_x", "torchdiffeq"), ("wall_x", "qwen_vl_utils"),
-         ("wall_x", "peft")],
+         ("wall_x", "peft"), ("smolvla", "num2words"), ("multi_task_dit", "diffusers"),
+         ("vla_jepa", "diffusers"), ("fastwam", "diffusers"), ("lingbot_va", "diffusers")],
     )  # fmt: skip
     def test_a_package_that_only_one_type_needs_is_named(self, type_name, absent, monkeypatch):
         monkeypatch.setattr(preflight, "find_spec", lambda name: None if name == absent else name)
@@ -293,7 +295,7 @@ class TestPreflight:
             match=rf"LeRobot's {type_name} needs {absent}: pip install 'roboverse-learn\[vla",
         ):
             self.check(f"type={type_name}")
-        self.check("type=smolvla")  # which needs it not
+        self.check("type=xvla")  # which needs it not
 
     def test_the_cameras_of_the_checkpoint_are_those_of_the_task(self, foreign, monkeypatch):
         monkeypatch.setattr(preflight, "find_spec", lambda name: name)

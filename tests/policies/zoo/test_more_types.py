@@ -10,15 +10,16 @@ import policies
 from tests.policies.examples import generators
 from tests.policies.zoo import test_vla as vla
 from tests.policies.zoo import tiny_more
+from tests.policies.zoo.needs import of_types
 
-pytestmark = vla.pytestmark
+pytestmark = vla.LIBRARY_TEST
 
 
 KEEPS_ITS_BACKBONE = ("evo1",)
 """Types whose checkpoint finds its backbone where it was: it carries none (docs/howto/fine_tune_a_vla.md)."""
 
 
-@pytest.fixture(scope="module", params=["vqbet", "evo1", "eo1"])
+@pytest.fixture(scope="module", params=of_types("vqbet", "evo1", "eo1"))
 def trained(request, tmp_path_factory):
     """A policy after three steps, and its checkpoint, which moved."""
     name, folder = request.param, tmp_path_factory.mktemp(request.param)

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,12 +13,14 @@ from torch._dynamo.utils import counters
 import policies
 from envs.core.errors import ConfigError, PolicyError
 from policies.zoo.config import LeRobotConfig, PeftConfig
+from policies.zoo.preflight import packages_of_type
 from roboverse_learn.training.imitation.fast_objective import fast_objective
 from tests.policies.examples import FEATURES, IMAGE, SIZE, generators, stats
 from tests.policies.training_steps import batch, steps
 from tests.policies.zoo import tiny
+from tests.policies.zoo.needs import OPENVLA, needs, of_types
 
-pytestmark = [
+LIBRARY_TEST = [
     pytest.mark.long,
     *(  # of transformers and peft
         pytest.mark.filterwarnings(f"ignore::{kind}")
@@ -31,12 +32,12 @@ pytestmark = [
             "ResourceWarning",
         )
     ),
-    pytest.mark.skipif(
-        find_spec("transformers") is None or find_spec("peft") is None or find_spec("timm") is None,
-        reason="VLAs need the extra vla: uv pip install -e '.[vla]'",
-    ),
 ]
+"""Marks of a test that imports transformers; what a type needs is a mark of its parameter."""
 
+pytestmark = LIBRARY_TEST
+
+SMOLVLA = of_types("smolvla")
 TARGETS = {  # layers with adapters, where LeRobot names none
     "multi_task_dit": r".*qkv_proj",
     "xvla": r".*(q_proj|v_proj)",
@@ -69,7 +70,7 @@ def observation(policy, n: int = 2, words=tiny.WORDS) -> dict[str, np.ndarray]:
     }
 
 
-@pytest.fixture(scope="module", params=["smolvla", "multi_task_dit", "xvla", "pi0", "pi05"])
+@pytest.fixture(scope="module", params=of_types("smolvla", "multi_task_dit", "xvla", "pi0", "pi05"))
 def trained(request, tmp_path_factory):
     """A policy after a step, and its checkpoint, which moved and whose backbone and tokenizer are gone."""
     name, folder = request.param, tmp_path_factory.mktemp(request.param)
@@ -149,6 +150,7 @@ def test_actions_depend_on_the_instruction_and_on_no_neighbour(trained):
     np.testing.assert_array_equal(two[1], other[1])
 
 
+@needs("peft")
 def test_adapters_train_alone_and_load_again(trained):
     peft = PeftConfig(method_type="LORA", r=2, target_modules=TARGETS.get(trained.name))
     policy = create(path=str(trained.checkpoint), peft=peft)
@@ -168,7 +170,8 @@ def test_adapters_train_alone_and_load_again(trained):
     assert not np.array_equal(expected, trained.policy.act(seen, generators(2)))
 
 
-@pytest.mark.parametrize("trained", ["smolvla"], indirect=True)
+@needs("peft")
+@pytest.mark.parametrize("trained", SMOLVLA, indirect=True)
 def test_lerobot_loads_our_adapters(trained):
     from lerobot.configs import PreTrainedConfig
     from lerobot.policies.factory import make_policy
@@ -196,7 +199,7 @@ def test_learning_rates_have_lerobots_shares(trained):
     assert sum(len(members) for members, _ in groups) == len(trained_ones)
 
 
-@pytest.mark.parametrize("trained", ["smolvla"], indirect=True)
+@pytest.mark.parametrize("trained", SMOLVLA, indirect=True)
 def test_compiled_blocks_leave_the_gradients_and_the_policy_as_they_are(trained, caplog):
     policy = policies.load(trained.checkpoint)
     policy.instructions = tiny.WORDS
@@ -242,7 +245,7 @@ def test_an_episode_is_evaluated_by_the_command(trained, tmp_path):
     assert [record.length for record in result.records] == [100] or result.records[0].success
 
 
-@pytest.mark.parametrize("trained", ["smolvla"], indirect=True)
+@pytest.mark.parametrize("trained", SMOLVLA, indirect=True)
 def test_a_renamed_camera_is_mapped_and_a_wrong_one_is_one_sentence(trained, tmp_path):
     config = json.loads((trained.checkpoint / "config.json").read_text())
     copy = shutil.copytree(trained.checkpoint, tmp_path / "copy")
@@ -255,6 +258,7 @@ def test_a_renamed_camera_is_mapped_and_a_wrong_one_is_one_sentence(trained, tmp
     assert len(result.records) == 1 and result.env.cameras == ("front",)
 
 
+@needs(*packages_of_type("smolvla"), "peft")
 def test_the_main_command_trains_a_vla_and_then_its_adapters(tmp_path, monkeypatch, capsys):
     from roboverse_learn import cli
     from tests.integration.main_run import TINY
@@ -275,7 +279,8 @@ def test_the_main_command_trains_a_vla_and_then_its_adapters(tmp_path, monkeypat
     assert list(tmp_path.glob("results/v*/PickCube/smolvla/*.json"))
 
 
-@pytest.mark.parametrize("name", ["full", "lora"])
+@needs(*packages_of_type("smolvla"))
+@pytest.mark.parametrize("name", ["full", pytest.param("lora", marks=needs("peft"))])
 def test_a_step_is_compared_to_lerobots_on_the_same_losses(name):
     from roboverse_learn.speed.vla import Vla
 
@@ -283,6 +288,7 @@ def test_a_step_is_compared_to_lerobots_on_the_same_losses(name):
     assert found.ours_s > 0 < found.baseline_s and f"SmolVLA ({name})" in found.name
 
 
+@needs(*packages_of_type("smolvla"))
 def test_the_backbone_of_the_comparison_has_the_published_size(tmp_path):
     from transformers import AutoConfig, SmolVLMForConditionalGeneration
 
@@ -313,6 +319,7 @@ def create_openvla(published: Path, **config):
     )
 
 
+@needs(*OPENVLA)
 def test_openvla_answers_with_the_likeliest_action_tokens(published):
     """A cache that drops the image gives every image the same action; the full pass knows none."""
     policy = create_openvla(published)
@@ -328,6 +335,7 @@ def test_openvla_answers_with_the_likeliest_action_tokens(published):
     np.testing.assert_array_equal(policy.act(observation(policy)), expected)
 
 
+@needs(*OPENVLA)
 @torch.no_grad()
 def test_openvla_sees_the_image_and_reads_the_instruction(published):
     policy = create_openvla(published)
@@ -342,6 +350,7 @@ def test_openvla_sees_the_image_and_reads_the_instruction(published):
     assert not torch.allclose(again[0, -1], both[0, -1], atol=1e-4)
 
 
+@needs(*OPENVLA)
 def test_openvla_learns_a_batch_and_moves(published, tmp_path):
     policy = create_openvla(published)
     losses = step(policy, lr=3e-3, count=30)
@@ -357,6 +366,7 @@ def test_openvla_learns_a_batch_and_moves(published, tmp_path):
     )
 
 
+@needs(*OPENVLA, "peft")
 def test_openvla_adapters_are_saved_alone_and_evaluated_by_the_command(published, tmp_path):
     peft = PeftConfig(method_type="LORA", r=2, target_modules="all-linear")
     policy = create_openvla(published, peft=peft)
@@ -371,6 +381,7 @@ def test_openvla_adapters_are_saved_alone_and_evaluated_by_the_command(published
     assert result.policy == "openvla" and len(result.records) == 1
 
 
+@needs(*OPENVLA)
 def test_openvla_with_actions_of_another_width_is_one_sentence(published, tmp_path):
     policy = create_openvla(published)
     policy.save(tmp_path / "saved")

@@ -157,5 +157,8 @@ def test_a_run_without_wrong_instructions_keeps_its_name():
         for words in ([], ["policy.wrong_instructions=0.2"])
     )
     assert "policy.wrong_instructions" not in identity(config)
+    for zero in ("0", "0.0"):
+        none = compose("train", ["policy=mtact", "task=PickCube", f"policy.wrong_instructions={zero}"])
+        assert identity(none) == identity(config) and run_name(none) == run_name(config)
     assert identity(asked)["policy.wrong_instructions"] == 0.2
     assert run_name(config) != run_name(asked)
