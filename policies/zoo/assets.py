@@ -22,12 +22,19 @@ BACKBONES: Mapping[str, tuple[str, ...]] = {
     "smolvla": ("vlm_model_name",),
     "multi_task_dit": ("vision_encoder_name", "text_encoder_name"),
     "eo1": ("vlm_base",),
+    "vla_jepa": ("qwen_model_name", "jepa_encoder_name"),
+    "pi0_fast": ("text_tokenizer_name", "action_tokenizer_name"),
 }
 """Settings that name a backbone whose weights a checkpoint has: it is built again from its configuration."""
 
 _CLIP = "lerobot.policies.multi_task_dit.modeling_multi_task_dit"
+_JEPA = "lerobot.policies.vla_jepa"
 _WEIGHTLESS: Mapping[str, tuple[tuple[str, str], ...]] = {
     "multi_task_dit": ((_CLIP, "CLIPVisionModel"), (_CLIP, "CLIPTextModel")),
+    "vla_jepa": (
+        (f"{_JEPA}.qwen_interface", "Qwen3VLForConditionalGeneration"),
+        (f"{_JEPA}.modeling_vla_jepa", "AutoModel"),
+    ),
 }
 """Classes that a type reads with their weights, as module and name."""
 
@@ -138,13 +145,17 @@ def _weightless(module_name: str, class_name: str) -> Iterator[None]:
     """Replaces a class of transformers in one module by one whose ``from_pretrained`` reads no weights."""
     import importlib
 
+    from transformers import AutoConfig
+
     module = importlib.import_module(module_name)
     original = getattr(module, class_name)
 
     class FromConfig(original):
         @classmethod
         def from_pretrained(cls, name: str, **_: Any) -> Any:
-            return original(original.config_class.from_pretrained(name))
+            if hasattr(original, "config_class"):
+                return original(original.config_class.from_pretrained(name))
+            return original.from_config(AutoConfig.from_pretrained(name))
 
     setattr(module, class_name, FromConfig)
     try:

@@ -28,6 +28,7 @@ from policies.zoo.types import EXTRA, type_names
 from policies.zoo.weights import load_tensors, read_tensors
 
 _NORMALIZER, _UNNORMALIZER = "normalizer_processor", "unnormalizer_processor"
+_ACTION_TOKENIZER = "action_tokenizer_processor"
 _RENAME, _DEVICE = "rename_observations_processor", "device_processor"
 
 
@@ -216,6 +217,7 @@ def _read_processors(
             _DEVICE: {"device": device},
             _RENAME: {"rename_map": dict(rename_map)},
             **({_NORMALIZER: inputs} if stats is not None else {}),
+            **_unsaved_settings(config, assets, tokenizer),
         },
         checkpoint.POSTPROCESSOR: (
             {_UNNORMALIZER: normalizer | {"features": config.output_features}} if stats is not None else {}
@@ -234,6 +236,15 @@ def _read_processors(
             postprocessor_overrides=overrides[checkpoint.POSTPROCESSOR],
             dataset_stats=None if stats is None else dict(stats),
         )
+
+
+def _unsaved_settings(config: Any, assets: Mapping[str, str], tokenizer: str) -> dict[str, Any]:
+    """Returns what a step of π0-FAST is made with and does not save: LeRobot would read it from the hub."""
+    if not hasattr(config, "fast_skip_tokens"):
+        return {}
+    name = config.text_tokenizer_name
+    settings = {"paligemma_tokenizer_name": tokenizer or assets.get(name, name)}
+    return {_ACTION_TOKENIZER: settings | {"fast_skip_tokens": config.fast_skip_tokens}}
 
 
 def _register_steps(config: Any) -> None:

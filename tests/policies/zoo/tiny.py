@@ -120,18 +120,18 @@ def paligemma(folder: Path) -> dict[str, Any]:
     return {"chunk_size": 8, "n_action_steps": 8, "num_inference_steps": 2}
 
 
-def shrink_pi(monkeypatch: Any, module: str) -> None:
-    """Makes π0 or π0.5 narrow, whose sizes are fixed in LeRobot's code at about 3 B parameters."""
+def shrink_pi(monkeypatch: Any, module: str, words: int = 512) -> None:
+    """Makes one of π0's family narrow, whose sizes are fixed in LeRobot's code at about 3 B parameters."""
     import importlib
 
     pi = importlib.import_module(module)
-    vision_language, expert = pi.PaliGemmaForConditionalGenerationWithPiGemma, pi.PiGemmaForCausalLM
+    vision_language = pi.PaliGemmaForConditionalGenerationWithPiGemma
+    expert = getattr(pi, "PiGemmaForCausalLM", None)  # π0-FAST has no expert
     narrow = pi.GemmaConfig(width=64, depth=1, mlp_dim=128, num_heads=8, num_kv_heads=1, head_dim=16)
 
     def make(config: Any) -> Any:
         text, vision = config.text_config, config.vision_config
-        text.vocab_size = config.image_token_index = 512
-        config.image_token_index = 511
+        text.vocab_size, config.image_token_index = words, words - 1
         vision.hidden_size, vision.intermediate_size, vision.num_hidden_layers = 32, 64, 1
         vision.num_attention_heads, vision.projection_dim = 2, text.hidden_size
         config.projection_dim = text.hidden_size
@@ -143,7 +143,8 @@ def shrink_pi(monkeypatch: Any, module: str) -> None:
 
     monkeypatch.setattr(pi, "get_gemma_config", lambda _: narrow)
     monkeypatch.setattr(pi, "PaliGemmaForConditionalGenerationWithPiGemma", make)
-    monkeypatch.setattr(pi, "PiGemmaForCausalLM", make_expert)
+    if expert is not None:
+        monkeypatch.setattr(pi, "PiGemmaForCausalLM", make_expert)
 
 
 def openvla(folder: Path) -> None:
