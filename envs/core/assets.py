@@ -12,11 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from envs.core.errors import ConfigError, MissingExtraError
+from envs.core.errors import ConfigError, MissingAssetError, MissingExtraError
 from envs.core.registry import Registry
 
 DATA_VARIABLE = "ROBOVERSE_DATA"
 """Environment variable: a folder that holds folders of assets, each by its name."""
+
+_FOLDER = "assets."
+"""What the name of a registered folder follows in a reference to one of its files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +70,22 @@ ASSETS.add(
     summary="CALVIN's four play tables and their blocks",
 )
 
+ASSETS.add(
+    "xarm7",
+    AssetFolder(
+        repository="https://github.com/xArm-Developer/xarm_ros2",
+        commit="5109131e7870c7d6e1075042d531e659d072cdb0",
+        paths=("xarm_description/meshes/xarm7/visual",),
+        needs=tuple(f"xarm_description/meshes/xarm7/visual/link{part}.stl" for part in ("_base", *"1234567")),
+        sha256="a089ede3430698563e4effc4ad816277d58a93197e9986a7678428d6ae0e48ed",
+        size_mb=2.1,
+        licence="BSD-3-Clause",
+        licence_file="LICENSE",
+        used_by="robot=xarm7 and robot=xarm7_2f85",
+    ),
+    summary="the meshes of UFACTORY's xArm7",
+)
+
 
 def asset_folder(name: str, assets_dir: str | None = None) -> Path:
     """Finds a registered folder on this machine; nothing is downloaded.
@@ -80,7 +99,7 @@ def asset_folder(name: str, assets_dir: str | None = None) -> Path:
 
     Raises:
         UnknownNameError: There is no such asset folder.
-        ConfigError: It is in none of these places; the message names the command that downloads it.
+        MissingAssetError: It is in none of these places; the message names the command that downloads it.
     """
     folder = ASSETS.get(name)
     if assets_dir is not None:
@@ -93,7 +112,7 @@ def asset_folder(name: str, assets_dir: str | None = None) -> Path:
         if is_asset_folder(place, folder):
             return place.resolve()
     where = "" if assets_dir is None else f" in assets_dir={assets_dir}"
-    raise ConfigError(
+    raise MissingAssetError(
         f"The asset folder '{name}' ({folder.licence}, {folder.size_mb:g} MB) is not on this machine{where}. "
         f"Download it with: roboverse assets get {name}"
     )
@@ -138,14 +157,18 @@ def _inside(root: Path, name: str, folder: AssetFolder) -> list[Path]:
 
 
 def resolve(reference: str) -> Path:
-    """Resolves ``"package:path/inside/package"`` or a plain path to a file.
+    """Resolves ``"package:path/inside/package"``, ``"assets.name:path"`` or a plain path to a file.
 
     Raises:
         MissingExtraError: if the package is not installed.
+        UnknownNameError: if there is no such asset folder.
+        MissingAssetError: if the asset folder is not on this machine.
         ConfigError: if there is no such file.
     """
     package, separator, inside = reference.partition(":")
-    if not separator or not all(part.isidentifier() for part in package.split(".")):
+    if separator and package.startswith(_FOLDER):
+        path = asset_folder(package.removeprefix(_FOLDER)) / inside
+    elif not separator or not all(part.isidentifier() for part in package.split(".")):
         path = Path(reference).expanduser()
     else:
         try:

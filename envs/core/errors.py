@@ -28,6 +28,10 @@ class ConfigError(RoboVerseError, ValueError):
     """A value of the right name and the wrong kind, range or combination."""
 
 
+class MissingAssetError(ConfigError):
+    """A folder of assets that is not on this machine."""
+
+
 class SimulatorError(RoboVerseError, RuntimeError):
     """A simulator or renderer cannot do what was requested."""
 

@@ -2,7 +2,7 @@
 
 ``python -m envs.experts.robots`` runs the expert in the first episodes of the test split, without rendering,
 and writes ``results/robots.json`` after every cell; run again, it measures what is missing. A robot that
-cannot do a task is recorded with the reason.
+cannot do a task is recorded with the reason. An arm whose asset folder is not here is left out.
 """
 
 import logging
@@ -14,7 +14,7 @@ from typing import Any
 
 from envs.core.arguments import run_program
 from envs.core.atomic import write_json
-from envs.core.errors import ConfigError
+from envs.core.errors import ConfigError, MissingAssetError
 from envs.core.git import git_sha
 from envs.core.json_file import read_kept
 from envs.experts.check import check_expert
@@ -57,6 +57,8 @@ def measure(robot: str, task: str, settings: RobotsSettings) -> dict[str, Any]:
     """Returns one cell of the table: the place of the robot and the expert's success, or why it cannot."""
     try:
         placed = EnvSpec(task=task, robot=robot).make_task().robot
+    except MissingAssetError:
+        raise
     except ConfigError as error:
         return {"robot": robot, "task": task, "refused": str(error), "git_sha": git_sha()}
     own = EnvSpec(task=task).make_task().robot
@@ -133,7 +135,13 @@ def _complete(settings: RobotsSettings) -> None:
         for robot in robots:
             if (robot, task) in cells and _is_done(cells[robot, task], settings.episodes):
                 continue
-            cells[robot, task] = measure(robot, task, settings)
+            try:
+                cells[robot, task] = measure(robot, task, settings)
+            except MissingAssetError as error:
+                if settings.robots:
+                    raise
+                logger.warning("%s %s is left out: %s", robot, task, error)
+                continue
             settings.out.parent.mkdir(parents=True, exist_ok=True)
             ordered = [cells[key] for key in sorted(cells)]
             write_json(settings.out, {"schema_version": _SCHEMA, "command": _COMMAND, "cells": ordered})

@@ -28,6 +28,7 @@ ARMS = {
     "ur5e": _Arm("ur5e", "robosuite_arms:UR5E", "Universal Robots UR5e, 6 joints"),
     "sawyer": _Arm("sawyer_panda", "robosuite_arms:SAWYER_PANDA", "Rethink Sawyer, 7 joints"),
     "kinova3": _Arm("kinova3", "robosuite_arms:KINOVA3", "Kinova Gen3, 7 joints"),
+    "xarm7": _Arm("xarm7", "xarm7:XARM7", "UFACTORY xArm7 (roboverse assets get xarm7), 7 joints"),
     "jaco": _Arm("jaco", "robosuite_arms:JACO", "Kinova Jaco, 7 joints"),
 }
 """Arms that take any gripper."""

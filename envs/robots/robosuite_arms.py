@@ -21,16 +21,17 @@ from math import pi
 from envs.robots.panda_hand import PANDA_HAND
 from envs.scenario import JointCfg, RobotCfg
 
-_ENDLESS = (-2 * pi, 2 * pi)
+ENDLESS = (-2 * pi, 2 * pi)
 
 _BENT = 0.3
 """Least bend of Kinova's elbow, rad; its file allows both sides. A straight elbow is singular: at a pose just
 out of reach, inverse kinematics throws it from side to side. The bend costs 8 mm of reach."""
 
 
-def _arm(
+def position_arm(
     name: str,
-    file: str,
+    mjcf: str,
+    root: str,
     joints: Sequence[str],
     limits: Sequence[tuple[float, float]],
     forces_n_m: Sequence[float],
@@ -44,7 +45,8 @@ def _arm(
 
     Args:
         name: Its name.
-        file: Folder of its file.
+        mjcf: Asset reference of its file, whose body ``right_hand`` is its flange.
+        root: Body of the file that is the base.
         joints: Names of its joints.
         limits: Their ranges, rad.
         forces_n_m: Their force limits.
@@ -57,8 +59,8 @@ def _arm(
     wrist = len(joints) - 3
     return RobotCfg(
         name=name,
-        mjcf=f"robosuite:models/assets/robots/{file}/robot.xml",
-        root="base",
+        mjcf=mjcf,
+        root=root,
         joints=tuple(
             JointCfg(
                 name=joint,
@@ -80,27 +82,32 @@ def _arm(
     ).with_gripper(PANDA_HAND, name)
 
 
-IIWA = _arm(
+def _robosuite(folder: str) -> tuple[str, str]:
+    """Returns a file of robosuite's wheel, and its base."""
+    return f"robosuite:models/assets/robots/{folder}/robot.xml", "base"
+
+
+IIWA = position_arm(
     "iiwa",
-    "iiwa",
+    *_robosuite("iiwa"),
     [f"joint_{i}" for i in range(1, 8)],
     [*[(-2.96706, 2.96706), (-2.0944, 2.0944)] * 3, (-3.05433, 3.05433)],
     (176.0, 176.0, 110.0, 110.0, 110.0, 40.0, 40.0),
     (0.0, 0.65, 0.0, -1.89, 0.0, 0.6, 0.0),
 )
 
-UR5E = _arm(
+UR5E = position_arm(
     "ur5e",
-    "ur5e",
+    *_robosuite("ur5e"),
     [f"{part}_joint" for part in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")],
-    [_ENDLESS, _ENDLESS, (-pi, pi), _ENDLESS, _ENDLESS, _ENDLESS],
+    [ENDLESS, ENDLESS, (-pi, pi), ENDLESS, ENDLESS, ENDLESS],
     (150.0, 150.0, 150.0, 28.0, 28.0, 28.0),
     (-0.47, -1.735, 2.48, -2.275, -1.59, -1.991),
 )
 
-SAWYER_PANDA = _arm(
+SAWYER_PANDA = position_arm(
     "sawyer_panda",
-    "sawyer",
+    *_robosuite("sawyer"),
     [f"right_j{i}" for i in range(7)],
     [
         *((-3.0503, 3.0503), (-3.8095, 2.2736), (-3.0426, 3.0426), (-3.0439, 3.0439)),
@@ -113,23 +120,23 @@ SAWYER_PANDA = _arm(
     apart=(("right_arm_base_link", "right_l0"),),
 )
 
-KINOVA3 = _arm(
+KINOVA3 = position_arm(
     "kinova3",
-    "kinova3",
+    *_robosuite("kinova3"),
     [f"Actuator{i}" for i in range(1, 8)],
-    [_ENDLESS, (-2.41, 2.41), _ENDLESS, (_BENT, 2.66), _ENDLESS, (-2.23, 2.23), _ENDLESS],
+    [ENDLESS, (-2.41, 2.41), ENDLESS, (_BENT, 2.66), ENDLESS, (-2.23, 2.23), ENDLESS],
     (32.0, 32.0, 32.0, 32.0, 32.0, 13.0, 13.0),
     (0.0, 0.65, 0.0, 1.89, 0.0, 0.6, -pi / 2),
     rotor_inertia=(0.4, 0.2),
 )
 
-JACO = _arm(
+JACO = position_arm(
     "jaco",
-    "jaco",
+    *_robosuite("jaco"),
     [f"j2s7s300_joint_{i}" for i in range(1, 8)],
     [
-        *(_ENDLESS, (0.820305, 5.46288), _ENDLESS, (0.523599, 5.75959)),
-        *(_ENDLESS, (1.13446, 5.14872), _ENDLESS),
+        *(ENDLESS, (0.820305, 5.46288), ENDLESS, (0.523599, 5.75959)),
+        *(ENDLESS, (1.13446, 5.14872), ENDLESS),
     ],
     (30.5, 30.5, 30.5, 30.5, 30.5, 6.8, 6.8),
     (3.192, 3.68, 0.0, 1.17, 0.05, 3.76, 3.142),

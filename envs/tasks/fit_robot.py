@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from envs.core.errors import ConfigError
+from envs.core.errors import ConfigError, MissingAssetError
 from envs.kinematics.batched_inverse import BatchedInverseKinematics
 from envs.kinematics.forward import rotation_vector
 from envs.kinematics.waypoints import Waypoint, interpolate
@@ -171,6 +171,8 @@ def _search(task: Task, robot: RobotCfg) -> RobotCfg:
     if kept is None:
         try:
             placed = _found(task, robot, ways)
+        except MissingAssetError:  # says nothing about the robot
+            raise
         except ConfigError as error:
             keep_fit(path, {"refused": str(error)})
             raise

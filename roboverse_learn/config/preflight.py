@@ -88,15 +88,20 @@ def not_a_folder(file: Path) -> str:
 
 
 def check_installed(env: EnvSpec) -> None:
-    """Imports the simulator and the renderer of an environment.
+    """Imports the simulator and the renderer of an environment, and finds the files of its robot.
 
     Raises:
         MissingExtraError: A package of one is not installed; it says how to install it.
+        MissingAssetError: The robot's asset folder is not on this machine; it says how to get it.
     """
+    from envs.mjcf.robots import robot_spec
+    from envs.robots import ROBOTS
     from envs.simulators import HANDLERS, RENDERERS
 
     HANDLERS.get(env.simulator)
     (RENDERERS if env.renderer in RENDERERS else HANDLERS).get(env.renderer)
+    if env.robot:
+        robot_spec(ROBOTS.get(env.robot))
 
 
 def check_materials(materials: str) -> None:

@@ -2,10 +2,10 @@
 
 import pytest
 
-from envs.core.errors import MissingExtraError
 from envs.robots import ROBOTS
 from roboverse_learn.checks.contract import NotApplicableError
 from roboverse_learn.checks.robots import ROBOT_CONTRACTS, CheckedRobot
+from tests.robot_files import needs_files_of
 from tests.sweeps import sweep
 
 ALWAYS = [name for name in ROBOTS.names() if not name.endswith("_2f85")] + ["ur5e_2f85"]
@@ -14,11 +14,8 @@ ALWAYS = [name for name in ROBOTS.names() if not name.endswith("_2f85")] + ["ur5
 
 @pytest.fixture(scope="module", params=sweep(ROBOTS.names(), ALWAYS))
 def checked(request):
+    needs_files_of(request.param)
     checked = CheckedRobot(request.param)
-    try:
-        assert checked.robot
-    except MissingExtraError as error:
-        pytest.skip(str(error))
     yield checked
     checked.close()
 

@@ -7,8 +7,8 @@ import pytest
 
 from envs.core import asset_download
 from envs.core.asset_download import RECORD, DownloadError, get_asset
-from envs.core.assets import ASSETS, asset_folder, downloaded_folder, folder_digest
-from envs.core.errors import ConfigError, UnknownNameError
+from envs.core.assets import ASSETS, asset_folder, downloaded_folder, folder_digest, resolve
+from envs.core.errors import ConfigError, MissingAssetError, UnknownNameError
 from tests.envs.core.toy_repository import git, register, toy_repository
 
 
@@ -116,6 +116,17 @@ def test_an_absent_folder_names_licence_size_and_the_command_that_downloads_it(c
         asset_folder("calvin")
     with pytest.raises(ConfigError, match="assets_dir="):
         asset_folder("calvin", str(tmp_path))
+
+
+def test_a_reference_names_a_file_of_a_folder(toys):
+    with pytest.raises(MissingAssetError, match="Download it with: roboverse assets get toys"):
+        resolve("assets.toys:data/a/one.obj")
+    place = get_asset("toys")
+    assert resolve("assets.toys:data/a/one.obj") == place.resolve() / "data/a/one.obj"
+    with pytest.raises(ConfigError, match=r"'assets\.toys:data/a/three\.obj' does not exist"):
+        resolve("assets.toys:data/a/three.obj")
+    with pytest.raises(UnknownNameError, match=r"Unknown asset folder 'toyz'\. Did you mean 'toys'"):
+        resolve("assets.toyz:data/a/one.obj")
 
 
 def test_an_unknown_folder_is_reported_with_the_nearest():

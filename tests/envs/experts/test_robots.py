@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from envs.core.errors import ConfigError
+from envs.core.errors import ConfigError, MissingAssetError
 from envs.experts import robots
 
 
@@ -42,6 +42,22 @@ def test_the_table_shows_who_cannot(measured, tmp_path):
     text = robots.as_text(robots.read_table(tmp_path / "r.json"))
     assert text.splitlines()[0] == "| robot | CloseBox | PickCube |"
     assert text.splitlines()[2] == "| iiwa | cannot | 3/50 |"
+
+
+def test_an_arm_whose_folder_is_absent_is_left_out_unless_it_is_named(monkeypatch, tmp_path, caplog):
+    def measure(robot, task, settings):
+        if robot.startswith("xarm7"):
+            raise MissingAssetError("roboverse assets get xarm7")
+        return cell(robot, task, settings)
+
+    monkeypatch.setattr(robots, "measure", measure)
+    words = [f"out={tmp_path / 'r.json'}", "tasks=[PickCube]"]
+    assert robots.main([*words, "robots=[xarm7]"]) == 2
+    assert not (tmp_path / "r.json").exists()
+    assert robots.main(words) == 0
+    assert "xarm7 PickCube is left out: roboverse assets get xarm7" in caplog.text
+    found = {each["robot"] for each in robots.read_table(tmp_path / "r.json")}
+    assert {"iiwa", "jaco"} < found and not {"xarm7", "xarm7_2f85"} & found
 
 
 def test_a_damaged_table_is_an_error(tmp_path):

@@ -12,10 +12,11 @@ from envs.mjcf.model import build_model
 from envs.robots import ROBOTS
 from envs.scenario import ScenarioCfg
 from envs.tasks.tabletop import CONTROL_20_HZ
+from tests.robot_files import needs_files_of
 from tests.sweeps import sweep
 
-ARMS = ("iiwa", "ur5e", "sawyer_panda", "kinova3", "jaco")
-LIGHT = ("franka_2f85", "iiwa_2f85", "ur5e_2f85", "sawyer_2f85", "kinova3_2f85", "jaco_2f85")
+ARMS = ("iiwa", "ur5e", "sawyer_panda", "kinova3", "xarm7", "jaco")
+LIGHT = tuple(f"{arm}_2f85" for arm in ("franka", "iiwa", "ur5e", "sawyer", "kinova3", "xarm7", "jaco"))
 """A gripper without the inertia of robosuite's Franka hand."""
 
 
@@ -23,6 +24,7 @@ LIGHT = ("franka_2f85", "iiwa_2f85", "ur5e_2f85", "sawyer_2f85", "kinova3_2f85",
 @pytest.mark.parametrize("name", sweep([*ARMS, *LIGHT], [*ARMS, "iiwa_2f85"]))
 def test_an_arm_comes_to_rest_after_a_jump_of_its_targets(name):
     """A wrist whose motors turn their whole force round in every step would chatter for ever."""
+    needs_files_of(name)
     robot = replace(ROBOTS.get(name), pos=(0.0, 0.0, 0.2))  # a long gripper would touch the floor
     scenario = ScenarioCfg(robots=(robot,), table=None, room=None, physics=CONTROL_20_HZ)
     model = build_model(scenario)

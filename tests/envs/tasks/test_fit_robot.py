@@ -18,6 +18,7 @@ from envs.tasks import fit_robot, kept_fits
 from envs.tasks.arm_contacts import ArmContacts
 from envs.tasks.fit_robot import BASE_MOVES_M, fitted
 from envs.tasks.make import make_task
+from tests.robot_files import needs_files_of
 from tests.sweeps import sweep
 
 ARMS = [name for name in ROBOTS.names("arm") if name != "franka"]
@@ -49,6 +50,7 @@ def hand(robot):
 @pytest.mark.parametrize("task", sweep(TASKS_OF_ARMS, {"PickCube"}))
 @pytest.mark.parametrize("name", sweep(ARMS, {"ur5e"}))
 def test_the_hand_starts_where_that_of_the_tasks_own_robot_does(task, name):
+    needs_files_of(name)
     own = make_task(task).robot
     try:
         other = make_task(task, robot=name).robot
