@@ -14,6 +14,7 @@ from lerobot.processor import (
     ProcessorStepRegistry,
     RenameObservationsProcessorStep,
 )
+from lerobot.utils.constants import ACTION
 from torch import Tensor, nn
 
 from envs.core.errors import MissingExtraError, PolicyError
@@ -27,8 +28,9 @@ from policies.zoo.source import local_folder
 from policies.zoo.types import EXTRA, type_names
 from policies.zoo.weights import load_tensors, read_tensors
 
-_NORMALIZER, _UNNORMALIZER = "normalizer_processor", "unnormalizer_processor"
-_ACTION_TOKENIZER = "action_tokenizer_processor"
+_NORMALIZERS = ("normalizer_processor", "molmoact2_masked_normalizer")
+_UNNORMALIZERS = ("unnormalizer_processor", "molmoact2_masked_unnormalizer")
+_ACTION_TOKENIZER, _PACK_INPUTS = "action_tokenizer_processor", "molmoact2_pack_inputs"
 _RENAME, _DEVICE = "rename_observations_processor", "device_processor"
 
 
@@ -216,11 +218,13 @@ def _read_processors(
         checkpoint.PREPROCESSOR: {
             _DEVICE: {"device": device},
             _RENAME: {"rename_map": dict(rename_map)},
-            **({_NORMALIZER: inputs} if stats is not None else {}),
-            **_unsaved_settings(config, assets, tokenizer),
+            **(dict.fromkeys(_NORMALIZERS, inputs) if stats is not None else {}),
+            **_changed_settings(config, assets, tokenizer),
         },
         checkpoint.POSTPROCESSOR: (
-            {_UNNORMALIZER: normalizer | {"features": config.output_features}} if stats is not None else {}
+            dict.fromkeys(_UNNORMALIZERS, normalizer | {"features": config.output_features})
+            if stats is not None
+            else {}
         ),
     }
     overrides = {}
@@ -238,13 +242,16 @@ def _read_processors(
         )
 
 
-def _unsaved_settings(config: Any, assets: Mapping[str, str], tokenizer: str) -> dict[str, Any]:
-    """Returns what a step of π0-FAST is made with and does not save: LeRobot would read it from the hub."""
-    if not hasattr(config, "fast_skip_tokens"):
-        return {}
-    name = config.text_tokenizer_name
-    settings = {"paligemma_tokenizer_name": tokenizer or assets.get(name, name)}
-    return {_ACTION_TOKENIZER: settings | {"fast_skip_tokens": config.fast_skip_tokens}}
+def _changed_settings(config: Any, assets: Mapping[str, str], tokenizer: str) -> dict[str, Any]:
+    """Returns settings of steps that a saved pipeline lacks, or has from the dataset before."""
+    changes: dict[str, Any] = {_PACK_INPUTS: {"env_action_dim": config.output_features[ACTION].shape[0]}}
+    if hasattr(config, "fast_skip_tokens"):  # π0-FAST's step saves neither; LeRobot takes those of the hub
+        name = config.text_tokenizer_name
+        changes[_ACTION_TOKENIZER] = {
+            "paligemma_tokenizer_name": tokenizer or assets.get(name, name),
+            "fast_skip_tokens": config.fast_skip_tokens,
+        }
+    return changes
 
 
 def _register_steps(config: Any) -> None:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import policies
-from tests.policies.examples import generators
+from policies.zoo.config import LeRobotConfig
+from tests.policies.examples import FEATURES, generators
 from tests.policies.zoo import test_vla as vla
 from tests.policies.zoo import tiny_more
 from tests.policies.zoo.needs import of_types
@@ -15,11 +16,14 @@ from tests.policies.zoo.needs import of_types
 pytestmark = vla.LIBRARY_TEST
 
 
-KEEPS_ITS_BACKBONE = ("evo1", "fastwam")
+KEEPS_ITS_BACKBONE = ("evo1", "fastwam", "molmoact2")
 """Types whose checkpoint finds its backbone where it was: it carries none (docs/howto/fine_tune_a_vla.md)."""
 
 
-@pytest.fixture(scope="module", params=of_types("vqbet", "evo1", "eo1", "pi0_fast", "vla_jepa", "fastwam"))
+TYPES = ("vqbet", "evo1", "eo1", "pi0_fast", "vla_jepa", "fastwam", "molmoact2")
+
+
+@pytest.fixture(scope="module", params=of_types(*TYPES))
 def trained(request, tmp_path_factory):
     """A policy after three steps, and its checkpoint, which moved."""
     name, folder = request.param, tmp_path_factory.mktemp(request.param)
@@ -55,7 +59,7 @@ def test_an_episode_is_evaluated_by_the_command(trained, tmp_path):
     assert result.policy == trained.name and len(result.records) == 1
 
 
-@pytest.mark.parametrize("trained", of_types("pi0_fast", "vla_jepa", "fastwam"), indirect=True)
+@pytest.mark.parametrize("trained", of_types("pi0_fast", "vla_jepa", "fastwam", "molmoact2"), indirect=True)
 def test_actions_depend_on_the_instruction_and_on_no_neighbour(trained):
     policy = trained.policy
     two = policy.act(vla.observation(policy), generators(2))
@@ -64,3 +68,20 @@ def test_actions_depend_on_the_instruction_and_on_no_neighbour(trained):
     np.testing.assert_array_equal(two[1], other[1])
     if trained.name != "pi0_fast":  # whose likeliest tokens may stay after three steps
         assert not np.array_equal(two[0], other[0])
+
+
+def test_fine_tuning_takes_the_statistics_of_its_dataset(trained):
+    given = vla.with_quantiles()
+    given["action"] = {name: value + 5 for name, value in given["action"].items()}
+    config = LeRobotConfig(path=str(trained.checkpoint))
+    policy = policies.create("lerobot", FEATURES, given, config)
+    own = [trained.policy.preprocessor, trained.policy.postprocessor]
+    pipelines = [policy.preprocessor, policy.postprocessor]
+    for before, after in zip(map(statistics, own), map(statistics, pipelines), strict=True):
+        np.testing.assert_allclose(after, before + 5, atol=1e-6)
+
+
+def statistics(pipeline) -> np.ndarray:
+    """Returns the least actions that the one step of a pipeline knows which normalizes."""
+    (step,) = (step for step in pipeline.steps if getattr(step, "stats", None))
+    return np.asarray(step.stats["action"]["min"])

@@ -232,6 +232,59 @@ def fastwam(folder: Path) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def molmoact2(folder: Path) -> dict[str, Any]:
+    """A MolmoAct2 of one narrow layer with its tokenizer; returns the settings of a policy on it."""
+    import json
+
+    from lerobot.policies.molmoact2.molmoact2_hf_model import configuration_molmoact2 as configuration
+    from lerobot.policies.molmoact2.molmoact2_hf_model.modeling_molmoact2 import (
+        MolmoAct2ForConditionalGeneration,
+    )
+    from lerobot.policies.molmoact2.molmoact2_hf_model.processing_molmoact2 import IMAGE_TOKENS
+    from transformers import PreTrainedTokenizerFast
+
+    marks = [
+        f"<{name}_{end}>" for name in ("action", "state", "setup", "control") for end in ("start", "end")
+    ]
+    bins = [f"<state_{each}>" for each in range(8)]
+    tokenizer = bpe(
+        ["<|endoftext|>", "<|im_start|>", "<|im_end|>", "<action_output>", *IMAGE_TOKENS, *marks, *bins]
+    )
+    PreTrainedTokenizerFast(
+        tokenizer_object=tokenizer, pad_token="<|endoftext|>", bos_token="<|endoftext|>",
+        eos_token="<|endoftext|>",
+    ).save_pretrained(folder)  # fmt: skip
+    ids = {token: tokenizer.token_to_id(token) for token in [*IMAGE_TOKENS, *marks, "<action_output>"]}
+    narrow = {"hidden_size": 32, "num_attention_heads": 2, "head_dim": 16, "intermediate_size": 64}
+    config = configuration.MolmoAct2Config(
+        vit_config=narrow | dict(
+            num_hidden_layers=2, num_key_value_heads=2, image_default_input_size=[28, 28], image_num_pos=4,
+        ),
+        adapter_config=narrow | dict(vit_layers=[-1, -2], num_key_value_heads=2, text_hidden_size=32),
+        text_config=narrow | dict(
+            num_hidden_layers=1, num_key_value_heads=1, vocab_size=512, additional_vocab_size=8,
+        ),
+        action_expert_config=dict(
+            hidden_size=32, num_layers=1, num_heads=2, ffn_multiple_of=16, timestep_embed_dim=32,
+        ),
+        image_start_token_id=ids["<im_start>"], image_end_token_id=ids["<im_end>"],
+        low_res_image_start_token_id=ids["<low_res_im_start>"], image_low_res_id=ids["<im_low>"],
+        image_patch_id=ids["<im_patch>"], image_col_id=ids["<im_col>"],
+        frame_start_token_id=ids["<frame_start>"], frame_end_token_id=ids["<frame_end>"],
+        action_output_token_id=ids["<action_output>"], action_start_token_id=ids["<action_start>"],
+        action_end_token_id=ids["<action_end>"],
+    )  # fmt: skip
+    MolmoAct2ForConditionalGeneration(config).save_pretrained(folder)
+    images = {"size": {"height": 28, "width": 28}, "crop_mode": "resize"}
+    (folder / "processor_config.json").write_text(json.dumps({"image_processor": images}))
+    return {
+        "checkpoint_path": str(folder), "action_mode": "continuous", "inference_action_mode": "continuous",
+        "chunk_size": 4, "n_action_steps": 4, "num_state_tokens": 8, "max_sequence_length": 512,
+        "num_flow_timesteps": 2, "num_inference_steps": 2, "model_dtype": "float32",
+        "enable_inference_cuda_graph": False,
+    }  # fmt: skip
+
+
 def shrink_fastwam(monkeypatch: Any, folder: Path) -> None:
     """Gives FastWAM a VAE of one's own; LeRobot's code names the one that it always takes."""
     from lerobot.policies.fastwam.wan import components
