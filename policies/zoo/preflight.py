@@ -66,7 +66,8 @@ def check_lerobot(config: LeRobotConfig, features: Mapping[str, Any]) -> None:
 
     Raises:
         MissingExtraError: if a package is not installed.
-        PolicyError: if the checkpoint is not there, of another type, or sees other cameras.
+        PolicyError: if the checkpoint is not there, of another type, or sees other cameras, or a setting is
+            absent without which LeRobot trains the type in vain.
     """
     name, content = config.type, None
     if config.path:
@@ -82,10 +83,25 @@ def check_lerobot(config: LeRobotConfig, features: Mapping[str, Any]) -> None:
     if not name:
         return  # which making the policy says
     check_type_packages(name)
+    _check_trainable(name, (content or {}) | config.settings)
     if config.peft.method_type:
         check_packages("peft.*", "peft")
     if content is not None:
         _check_features(name, content, features, full_rename_map(config.rename_map))
+
+
+def _check_trainable(name: str, settings: Mapping[str, Any]) -> None:
+    """Refuses what LeRobot would refuse at the first gradient step, or at the first action after the last."""
+    if name == "lingbot_va" and settings.get("attn_mode") != "flex":
+        raise PolicyError(
+            "LeRobot trains lingbot_va with policy.attn_mode=flex alone, on a GPU, and acts with "
+            "policy.attn_mode=torch. Add policy.attn_mode=flex."
+        )
+    if name == "molmoact2" and settings.get("inference_action_mode") is None:
+        raise PolicyError(
+            "LeRobot's molmoact2 must be told how it acts. Add policy.inference_action_mode=continuous, or "
+            "discrete."
+        )
 
 
 def _check_features(

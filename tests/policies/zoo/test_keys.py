@@ -297,6 +297,16 @@ class TestPreflight:
             self.check(f"type={type_name}")
         self.check("type=xvla")  # which needs it not
 
+    @pytest.mark.parametrize(
+        ("type_name", "setting"),
+        [("lingbot_va", "policy.attn_mode=flex"), ("molmoact2", "policy.inference_action_mode=continuous")],
+    )
+    def test_what_cannot_be_trained_or_act_as_it_is_set_is_refused(self, type_name, setting, monkeypatch):
+        monkeypatch.setattr(preflight, "find_spec", lambda name: name)
+        with pytest.raises(PolicyError, match=rf"LeRobot.*{type_name}.*Add {setting}"):
+            self.check(f"type={type_name}")
+        self.check(f"type={type_name}", setting)
+
     def test_the_cameras_of_the_checkpoint_are_those_of_the_task(self, foreign, monkeypatch):
         monkeypatch.setattr(preflight, "find_spec", lambda name: name)
         with pytest.raises(
