@@ -146,14 +146,13 @@ def wording_table(evaluations: Sequence["Evaluation"]) -> Table | None:
     """Success with known and with held-out wordings, by task and over all; None where neither was tested."""
     from benchmark.instruction_scores import wording_gaps
 
-    rows = [(each.result.env.task, wording_gaps(each.result.records)) for each in evaluations]
-    rows = [(task, gaps) for task, gaps in rows if gaps]
-    if not rows:
+    tested = [each.result for each in evaluations if wording_gaps(each.result.records)]
+    if not tested:
         return None
-    if len(rows) > 1:
-        records = [record for each in evaluations for record in each.result.records]
-        rows.append(("all", wording_gaps(records)))
-    title = f"{evaluations[0].result.policy}: success with known wordings and with held-out ones"
+    rows = [(result.env.task, wording_gaps(result.records)) for result in tested]
+    if len(tested) > 1:
+        rows.append(("all", wording_gaps(record for result in tested for record in result.records)))
+    title = f"{tested[0].policy}: success with known wordings and with held-out ones"
     table = Table(title=title, title_justify="left")
     for column in ("task", "held out", "split", "known", "held out", "difference"):
         table.add_column(column, justify="left" if len(table.columns) < 3 else "right")

@@ -1,0 +1,56 @@
+"""What the commands print of an evaluation: success with known words and with held-out ones."""
+
+from types import SimpleNamespace
+from typing import Any
+
+from benchmark.records import EpisodeRecord
+from roboverse_learn.commands.report import wording_table
+
+NUM = 10
+
+
+def evaluation(task: str, **successes: int) -> Any:
+    """Returns an evaluation whose first episodes of each instruction test succeed."""
+    records = [
+        EpisodeRecord(
+            task=task, policy="mtact", level=0, only=None, channels=("task",), split="test", episode=episode,
+            seed=0, initial_state_hash=f"{episode:016x}", success=episode < count, length=10,
+            episode_return=0.0, wall_time_s=0.1, simulator="mujoco", renderer="warp", not_shown=(),
+            versions={}, instruction_test=None if test == "own" else test,
+        )
+        for test, count in {"own": NUM, **successes}.items()
+        for episode in range(NUM)
+    ]  # fmt: skip
+    return SimpleNamespace(
+        result=SimpleNamespace(policy="mtact", env=SimpleNamespace(task=task), records=records)
+    )
+
+
+def rows(*evaluations: Any) -> list[list[str]]:
+    table = wording_table(evaluations)
+    assert table is not None
+    return [[*map(str, cells)] for cells in zip(*(column.cells for column in table.columns), strict=True)]
+
+
+def test_each_task_has_its_gaps_and_all_together_theirs():
+    cube = evaluation("PickCube", known=9, new_frame=9, new_words=4)
+    slider = evaluation("MoveSliderLeft", known=10, new_frame=8, new_words=10)
+    found = {(task, kind): cells for task, kind, _, *cells in rows(cube, slider)}
+    assert found["PickCube", "new frame"][:2] == ["90 %", "90 %"]
+    assert found["PickCube", "new words"][:2] == ["90 %", "40 %"]
+    assert found["PickCube", "new words"][2].startswith("+50 [")
+    assert found["MoveSliderLeft", "new words"][:2] == ["100 %", "100 %"]
+    assert found["all", "new frame"][:2] == ["95 %", "85 %"]
+    assert found["all", "new words"][:2] == ["95 %", "70 %"]
+
+
+def test_one_task_has_no_row_over_all():
+    assert [row[0] for row in rows(evaluation("PickCube", known=9, new_words=4))] == ["PickCube"]
+
+
+def test_a_task_without_the_known_wordings_has_no_row_and_no_part_of_all():
+    known, without = evaluation("PickCube", known=9, new_words=4), evaluation("CloseBox", new_words=0)
+    assert [row[0] for row in rows(known, without)] == ["PickCube"]
+    other = evaluation("StackCube", known=8, new_words=8)
+    assert rows(known, without, other) == rows(known, other)
+    assert wording_table([without]) is None
