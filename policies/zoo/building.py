@@ -244,7 +244,9 @@ def _read_processors(
 
 def _changed_settings(config: Any, assets: Mapping[str, str], tokenizer: str) -> dict[str, Any]:
     """Returns settings of steps that a saved pipeline lacks, or has from the dataset before."""
-    changes: dict[str, Any] = {_PACK_INPUTS: {"env_action_dim": config.output_features[ACTION].shape[0]}}
+    changes: dict[str, Any] = {}
+    if config.type == "molmoact2":
+        changes[_PACK_INPUTS] = {"env_action_dim": config.output_features[ACTION].shape[0]}
     if hasattr(config, "fast_skip_tokens"):  # π0-FAST's step saves neither; LeRobot takes those of the hub
         name = config.text_tokenizer_name
         changes[_ACTION_TOKENIZER] = {
