@@ -14,12 +14,17 @@ _SITE = mujoco.mjtObj.mjOBJ_SITE
 def read(
     scene: mujoco.MjSpec, reference: str, sites: Collection[str] = (), *, equalities: bool = False
 ) -> mujoco.MjSpec:
+    """Reads a file with the options of a scene; see :func:`parsed` and :func:`take_options`."""
+    spec = parsed(reference, sites, equalities=equalities)
+    take_options(spec, scene)
+    return spec
+
+
+def parsed(reference: str, sites: Collection[str] = (), *, equalities: bool = False) -> mujoco.MjSpec:
     """Reads a file, but none of what drives or watches its bodies, and only the named sites.
 
     Equality constraints, and the sites that they tie, stay where ``equalities`` says so. A mesh of another
-    package is named as an asset is, ``package:path``. The scene sets the
-    options of simulation and rendering; those of the file are dropped, or MuJoCo would warn of each
-    difference when it is attached.
+    package is named as an asset is, ``package:path``.
 
     Raises:
         MissingExtraError: if it is of a package that is not installed.
@@ -33,12 +38,6 @@ def read(
     for mesh in spec.meshes:
         if ":" in mesh.file:  # of another package, as in "robosuite:models/…"
             mesh.file = str(resolve(mesh.file))
-    visual, ours = spec.visual, scene.visual
-    parts = ((visual.map, ours.map), (visual.quality, ours.quality), (visual.global_, ours.global_))
-    for own, other in ((spec.option, scene.option), *parts):
-        for name in dir(own):
-            if not name.startswith("_") and not callable(getattr(own, name)):
-                setattr(own, name, getattr(other, name))
     kept = {*sites}
     for tie in spec.equalities if equalities else ():
         kept |= {tie.name1, tie.name2} if tie.objtype == _SITE else set()
@@ -47,6 +46,19 @@ def read(
     for item in (*spec.cameras, *spec.lights, *spec.sensors, *spec.actuators, *ties, *others):
         spec.delete(item)
     return spec
+
+
+def take_options(spec: mujoco.MjSpec, scene: mujoco.MjSpec) -> None:
+    """Replaces a file's options of simulation and rendering by the scene's.
+
+    Where they differ, MuJoCo warns of each when the file is attached.
+    """
+    visual, ours = spec.visual, scene.visual
+    parts = ((visual.map, ours.map), (visual.quality, ours.quality), (visual.global_, ours.global_))
+    for own, other in ((spec.option, scene.option), *parts):
+        for name in dir(own):
+            if not name.startswith("_") and not callable(getattr(own, name)):
+                setattr(own, name, getattr(other, name))
 
 
 def keep_only(spec: mujoco.MjSpec, body) -> None:

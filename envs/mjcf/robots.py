@@ -1,11 +1,13 @@
 """Robots of a scenario as bodies of a MuJoCo model."""
 
+import functools
+
 import mujoco
 import numpy as np
 
 from envs.core.assets import resolve
 from envs.core.errors import ConfigError, unknown_name
-from envs.mjcf.files import keep_only, read
+from envs.mjcf.files import keep_only, parsed, take_options
 from envs.mjcf.meshes import VISUAL_GROUP, simplify_visuals
 from envs.mjcf.objects import HIDDEN_GROUP, SCENE_GROUP, SHAPES, add_geom
 from envs.scenario import IDENTITY, BodyCfg, RobotCfg
@@ -142,8 +144,20 @@ def _load(
     hollow: bool = False,
     equalities: bool = False,
 ) -> mujoco.MjSpec:
-    """Reads one body, and what it carries, of a robot's file, with only the named sites."""
-    spec = read(scene, reference, sites, equalities=equalities)
+    """Returns one body, and what it carries, of a robot's file, with only the named sites."""
+    # Files of an installed package stay as they are while a program runs; a user's own may change.
+    prepare = _prepared_once if ":" in reference else _prepared
+    prepared = prepare(reference, root, frozenset(sites), simplify, hollow, equalities)
+    spec = prepared.copy()
+    take_options(spec, scene)
+    return spec
+
+
+def _prepared(
+    reference: str, root: str | None, sites: frozenset[str], simplify: bool, hollow: bool, equalities: bool
+) -> mujoco.MjSpec:
+    """Reads a robot's file and reduces it; the options of simulation and rendering are the file's."""
+    spec = parsed(reference, sites, equalities=equalities)
     body = spec.body(root)
     if body is None:
         names = [item.name for item in spec.bodies if item.name != "world"]
@@ -161,6 +175,9 @@ def _load(
         folder = resolve(reference).parent / (spec.meshdir or "")
         simplify_visuals(spec, folder, MAX_FACES_PER_BODY)
     return spec
+
+
+_prepared_once = functools.cache(_prepared)
 
 
 def _set_joints(spec: mujoco.MjSpec, robot: RobotCfg, gripper_in_degrees: bool) -> None:
