@@ -1,6 +1,7 @@
 """Calls that one operating system has and another has not stand behind a check that the system has them."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -38,6 +39,13 @@ CALLS = {
 FOLDERS = ("/proc", "/sys", "/dev", "/etc", "/tmp", "/var", "/usr")
 CONTEXTS = {"fork", "forkserver"}
 
+MAY_HAVE_PROBLEMS = re.compile(
+    "|".join(
+        [rf"\b(?:{'|'.join(sorted({*MODULES, *CALLS}))})\b", "get_context", "set_start_method", *FOLDERS]
+    )
+)
+"""Found in every source that has a problem; parsing the others would only take time."""
+
 
 def problems(source: str) -> list[tuple[int, str]]:
     """Returns (line, what) of every call outside a guard.
@@ -46,6 +54,8 @@ def problems(source: str) -> list[tuple[int, str]]:
     ``try`` that catches ``ImportError``, or, for a path, a question in the same function whether it exists.
     """
     found: list[tuple[int, str]] = []
+    if not MAY_HAVE_PROBLEMS.search(source):
+        return found
 
     def visit(node: ast.AST, guarded: bool, asks: bool) -> None:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):

@@ -61,6 +61,7 @@ def off(one, two):  # joints, rad, and base, m
     return tuple((getattr(a, key) - getattr(b, key)).abs().max().item() for key in ("joint_pos", "pos"))
 
 
+@pytest.mark.slow
 def test_observation_reward_and_failure_agree(mujoco, other):
     rng, states = np.random.default_rng(0), start(0.0)
     robot = states.robots["h1"]
@@ -78,6 +79,7 @@ def test_observation_reward_and_failure_agree(mujoco, other):
     assert [TASK.failure(s).tolist() for s in seen] == [[True, False]] * 2
 
 
+@pytest.mark.slow
 def test_standing_agrees(mujoco, other):
     """Feet come down from 2 cm, for a foot in the ground is put out of it in one way or another."""
     targets = np.tile(REST, (10, NUM_ENVS, 1))
@@ -86,6 +88,7 @@ def test_standing_agrees(mujoco, other):
     assert base < 0.02
 
 
+@pytest.mark.slow
 def test_actuators_at_their_limits_push_alike(mujoco, other):
     """Shoulders and elbows saturate, and their damping adds to the saturated force."""
     low, high = np.array([joint.range for joint in TASK.robot.joints]).T

@@ -110,6 +110,7 @@ def test_registering_twice_is_harmless():
     register_envs()
 
 
+@pytest.mark.slow
 def test_gymnasium_makes_tasks_after_one_import_at_most():
     code = (
         "import gymnasium\n"

@@ -48,6 +48,7 @@ def test_images_are_neither_black_nor_burnt(levels, level):
     assert rgb.std(axis=(1, 2, 3)).min() > 5.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", LEVELS)
 def test_the_robot_is_in_every_image(levels, level):
     images, _, names = levels[level]
@@ -55,6 +56,7 @@ def test_the_robot_is_in_every_image(levels, level):
     assert (robot.mean(axis=(1, 2)) > 0.02).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", LEVELS)
 def test_the_cube_is_seen_in_nearly_every_image(levels, level):
     images, _, names = levels[level]
@@ -62,6 +64,7 @@ def test_the_cube_is_seen_in_nearly_every_image(levels, level):
     assert (cube.sum(axis=(1, 2)) > 0).mean() >= 0.75
 
 
+@pytest.mark.slow
 def test_level_0_looks_the_same_in_every_episode(levels):
     """Where only table, wall and ground are seen, images of all episodes are nearly equal."""
     images, _, names = levels[0]
@@ -73,6 +76,7 @@ def test_level_0_looks_the_same_in_every_episode(levels):
     assert np.median(values.std(axis=0)) == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", [1, 2, 3])
 def test_higher_levels_look_different_in_every_episode(levels, level):
     rgb = levels[level][0]["rgb"]
@@ -98,17 +102,20 @@ def test_each_level_keeps_the_samples_of_the_last(levels, channels):
     np.testing.assert_array_equal(channels["environment"][0]["rgb"], levels[1][0]["rgb"])
 
 
+@pytest.mark.slow
 def test_hashes_differ_between_appearances(levels):
     every = [digest for level in LEVELS for digest in levels[level][1]]
     assert len(set(every)) == len(every)
     assert all(len(digest) == 16 and int(digest, 16) >= 0 for digest in every)
 
 
+@pytest.mark.slow
 def test_the_task_channel_alone_is_level_0(levels, channels):
     np.testing.assert_array_equal(channels["task"][0]["rgb"], levels[0][0]["rgb"])
     assert channels["task"][1] == levels[0][1]
 
 
+@pytest.mark.slow
 def test_lighting_alone_changes_colours_and_no_geometry(channels):
     plain, lit = channels["task"][0], channels["lighting"][0]
     np.testing.assert_array_equal(plain["depth"], lit["depth"])
@@ -116,6 +123,7 @@ def test_lighting_alone_changes_colours_and_no_geometry(channels):
     assert np.abs(plain["rgb"].astype(float) - lit["rgb"]).mean() > 3.0
 
 
+@pytest.mark.slow
 def test_the_environment_alone_changes_surfaces_and_not_where_things_are(channels):
     names = channels["task"][2]
     plain, furnished = channels["task"][0], channels["environment"][0]
@@ -131,6 +139,7 @@ def test_the_environment_alone_changes_surfaces_and_not_where_things_are(channel
     assert apart[table].mean() > 5.0
 
 
+@pytest.mark.slow
 def test_the_camera_alone_changes_the_view(channels):
     plain, moved = channels["task"][0], channels["camera"][0]
     for row in range(EPISODES):

@@ -88,6 +88,7 @@ def test_a_keep_file_with_a_video_that_is_not_there_removes_nothing(filmed, tmp_
     assert (tmp_path / study / "level0-test-9001-success.mp4").exists()
 
 
+@pytest.mark.slow
 def test_the_videos_of_this_repository_are_those_of_the_rule():
     results = ROOT / "results"
     git = ["git", "-C", str(ROOT), "ls-files", "--others", "--exclude-standard", "results/v2"]

@@ -69,6 +69,7 @@ def test_episodes_come_in_order_though_they_end_out_of_order(recorded, episodes)
     assert [each.episode for each in recorded] == episodes
 
 
+@pytest.mark.slow
 def test_lengths_and_types_agree(recorded):
     for each in recorded:
         steps = each.length
@@ -81,6 +82,7 @@ def test_lengths_and_types_agree(recorded):
         assert each.states.num_envs == steps + 1
 
 
+@pytest.mark.slow
 def test_recording_continues_a_few_steps_after_success(recorded):
     for each in recorded:
         assert each.success
@@ -88,12 +90,14 @@ def test_recording_continues_a_few_steps_after_success(recorded):
         assert each.length == each.solved_at + TAIL_STEPS
 
 
+@pytest.mark.slow
 def test_observed_joints_are_those_before_the_step(recorded):
     for each in recorded:
         joints = each.raw["robots/franka/joint_pos"]
         np.testing.assert_array_equal(each.observation_state, joints[:-1].astype(np.float32))
 
 
+@pytest.mark.slow
 def test_actions_are_the_joint_targets_of_the_simulator(recorded):
     for each in recorded:
         targets = each.raw["robots/franka/joint_target"][1:]
@@ -111,6 +115,7 @@ def test_actions_from_the_first_state_lead_to_every_recorded_state_bit_identical
                 np.testing.assert_array_equal(value[0], each.raw[key][step + 1], err_msg=f"{key} {step}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.99])
 def test_recorded_state_renders_the_recorded_image(env, recorded, share):
     for each in recorded[:3]:
@@ -130,6 +135,7 @@ def test_episodes_do_not_depend_on_the_number_of_envs(recorded, episodes, num_en
     env.close()
 
 
+@pytest.mark.slow
 def test_only_steps_are_recorded_by_default(env, recorded):
     (episode,) = expert_episodes(env, [recorded[0].episode], record=())
     assert episode.images == {}

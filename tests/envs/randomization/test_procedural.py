@@ -43,6 +43,7 @@ def test_the_library_has_300_table_150_wall_and_150_ground_materials_and_shares_
     assert len(set().union(*names)) == 600
 
 
+@pytest.mark.slow
 def test_every_material_is_an_image_of_its_own(library):
     assert all(image.shape == (256, 256, 3) and image.dtype == np.uint8 for image in library.values())
     assert len({hashlib.sha256(image.tobytes()).digest() for image in library.values()}) == 600
@@ -66,6 +67,7 @@ def test_copies_side_by_side_show_no_seam(library):
             assert seam <= 1.6 * inside.max() + 0.5, f"{name}: axis {axis}, {seam} against {inside.max()}"
 
 
+@pytest.mark.slow
 def test_families_look_different_from_number_to_number(library):
     for family in ("wood", "marble", "fabric", "tiles", "bricks", "plaster"):
         means = [library[name].mean(axis=(0, 1)) for name in library if name.startswith(f"{family}-")]

@@ -113,6 +113,7 @@ def test_splits_share_no_initial_state(task):
     assert not rows["train"] & rows["test"]
 
 
+@pytest.mark.slow
 def test_every_material_and_camera_of_a_split_is_used(pool):
     for split, draws in pool.items():
         allowed = load_split(split)
@@ -202,6 +203,7 @@ def test_channels_have_streams_of_their_own():
     assert channel_rng(3, "task", 8).uniform() != first["task"]
 
 
+@pytest.mark.slow
 def test_samples_are_plain_json(pool):
     draw = pool["test"][0]
     assert json.loads(json.dumps(draw)) == draw
@@ -224,6 +226,7 @@ def test_an_unknown_channel_is_an_error():
         make(("task", "light"))
 
 
+@pytest.mark.slow
 def test_every_sampled_material_has_a_texture(pool):
     library = MaterialLibrary.built_in()
     for name in pool["test"][0]["environment"]["textures"].values():

@@ -160,6 +160,7 @@ def test_an_episode_with_another_sensor_has_another_hash(envs):
     assert disturbed.initial_state_hash(0) != plain.initial_state_hash(0)
 
 
+@pytest.mark.slow
 def test_a_scene_may_have_a_sensor_of_its_own_in_numpy_and_torch():
     """``scenario.appearance.sensor`` disturbs the images of every episode; no channel varies."""
     spec = EnvSpec(task="PickCube", image_size=32, scenario={"appearance": {"sensor": {"blur_sigma": 0.03}}})

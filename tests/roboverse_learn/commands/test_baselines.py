@@ -33,6 +33,7 @@ def test_a_rule_is_evaluated_and_evaluated_once(tmp_path, capsys):
     assert "random" in (tmp_path / "leaderboard.md").read_text()
 
 
+@pytest.mark.slow
 def test_the_expert_solves_what_a_policy_would_be_tested_on(tmp_path):
     expert, zero = result_of("expert", tmp_path, "videos=1"), result_of("zero", tmp_path)
     assert all(record.success for record in expert.records)

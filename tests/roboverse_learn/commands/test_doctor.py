@@ -80,10 +80,12 @@ def test_a_speed_that_takes_too_long_is_no_failure_on_a_busy_machine(monkeypatch
     assert said.count("failed no answer within 0.1 s") == (0 if percent > 50 else 2)
 
 
+@pytest.mark.slow
 def test_the_default_renderer_and_the_videos_work_here():
     assert doctor._in_process("render", "warp")["64×64 images/s"] > 0
     assert doctor._in_process("video")["pyav"] == {"decodes": "4 frames"}
 
 
+@pytest.mark.slow
 def test_a_renderer_that_does_not_exist_is_a_reason():
     assert "Unknown renderer" in doctor._in_process("render", "wrap")["failed"]

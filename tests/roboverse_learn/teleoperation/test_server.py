@@ -191,6 +191,7 @@ def test_hostile_clients_are_closed_and_the_operator_notices_nothing(make_sessio
     run(body)
 
 
+@pytest.mark.slow
 def test_more_sockets_than_operators_need_are_refused_until_one_leaves(make_session, monkeypatch):
     monkeypatch.setattr("roboverse_learn.teleoperation.server.JOIN_S", 1.0)
 
@@ -207,6 +208,7 @@ def test_more_sockets_than_operators_need_are_refused_until_one_leaves(make_sess
     run(body)
 
 
+@pytest.mark.slow
 def test_half_open_connections_are_closed(make_session, monkeypatch):
     monkeypatch.setattr("roboverse_learn.teleoperation.server.SILENCE_S", 0.3)
 

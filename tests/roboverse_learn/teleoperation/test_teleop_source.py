@@ -160,6 +160,7 @@ def test_a_policy_learns_from_the_dataset_and_is_corrected_where_it_strays(place
         teleoperate(compose("teleoperate", ["task=PickCube", f"checkpoint={tmp_path / 'none'}"]))
 
 
+@pytest.mark.slow
 def test_other_scenes_and_no_recordings_are_reported(place, tmp_path):
     with pytest.raises(DatasetError, match="there is no recording of teleoperation"):
         words = [*SMALL, "source=teleop", f"path={tmp_path}", f"dataset={tmp_path / 'out'}"]

@@ -20,6 +20,7 @@ def test_the_lid_of_the_box_is_held_by_friction_where_it_was_put():
     assert_friction_holds_the_lid("newton")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", ["PickCube", "CloseBox"])
 def test_the_expert_succeeds_in_newtons_physics(task):
     report = check_expert(task, "train", 2, num_envs=2, num_threads=1, simulator="newton")

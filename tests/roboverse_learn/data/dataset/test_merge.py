@@ -91,6 +91,7 @@ def test_sources_of_another_kind(tmp_path):
         merge([], tmp_path / "b")
 
 
+@pytest.mark.slow
 def test_commands_merge_and_describe(tmp_path, capsys):
     whole = write(tmp_path / "whole", range(4))
     parts = [write(tmp_path / "a", [3, 1]), write(tmp_path / "b", [2, 0])]

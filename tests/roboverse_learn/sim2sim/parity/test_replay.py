@@ -68,6 +68,7 @@ def test_replay_by_states_agrees_in_another_simulator(warp):
     assert found["drift"]["objects_m"]["largest"] < 1e-6
 
 
+@pytest.mark.slow
 def test_replay_by_controls_drifts_in_another_simulator(warp):
     found = warp["replays"]["controls"]
     assert found["success_rate"] == 1.0

@@ -73,6 +73,7 @@ def test_every_backend_leaves_a_result_that_names_it(finished):
         assert all(np.isfinite(record["episode_return"]) for record in result["records"])
 
 
+@pytest.mark.slow
 def test_what_it_does_depends_on_no_looks(finished):
     for result in results_of(finished):
         by_level = {level: [r for r in result["records"] if r["level"] == level] for level in (0, 1)}
@@ -91,6 +92,7 @@ def test_the_leaderboard_has_a_row_of_each(finished):
     assert all(label in page for label in labels) and "256² pixels" not in page
 
 
+@pytest.mark.slow
 def test_a_run_is_made_of_curves_and_a_policy_but_no_dataset(finished):
     runs = sorted((finished / "runs" / "PickCube" / "ppo").iterdir())
     assert len(runs) == len(BACKENDS)
@@ -133,6 +135,7 @@ def test_it_learns_in_mujoco_warp_and_resumes(tmp_path):
     assert (result["env"]["simulator"], result["config"]["policy"]["backend"]) == ("mujoco_warp", "rsl_rl")
 
 
+@pytest.mark.slow
 def test_a_checkpoint_of_another_task_is_refused(finished):
     folder = next((finished / "runs" / "PickCube" / "ppo").iterdir())
     words = [f"checkpoint={folder}", "task=StackCube", "device=cpu", f"results_dir={finished}/elsewhere"]
@@ -149,6 +152,7 @@ def test_a_task_without_reward_and_an_unknown_backend_are_refused(tmp_path, monk
     assert not list(tmp_path.rglob("*.safetensors"))
 
 
+@pytest.mark.slow
 def test_curve_is_beside_the_result_and_on_the_page(finished):
     for path in (finished / "results").glob("*/PickCube/ppo/*.json"):
         curve = read_curve(path)
