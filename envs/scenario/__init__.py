@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from envs.core.errors import ConfigError, unknown_name
+from envs.core.ranges import check_ranges
 from envs.scenario.lighting import LightingCfg
 from envs.scenario.looks import SURFACES, Appearance, CameraCfg, LightCfg, SensorCfg, SurfaceMaterial
 from envs.scenario.objects import GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg
@@ -70,9 +71,7 @@ class TableCfg:
     visible: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("thickness_m", "height_m"):
-            if not getattr(self, name) > 0:
-                raise ConfigError(f"TableCfg.{name} must be above 0 m, given {getattr(self, name)}.")
+        check_ranges(self, "TableCfg.", above_0=("thickness_m", "height_m"), unit=" m")
         if not min(self.half_size) > 0:
             raise ConfigError(f"TableCfg.half_size is two lengths above 0 m, given {self.half_size}.")
 
@@ -90,9 +89,7 @@ class RoomCfg:
     height_m: float = 4.0
 
     def __post_init__(self) -> None:
-        for name in ("half_size_m", "height_m"):
-            if not getattr(self, name) > 0:
-                raise ConfigError(f"RoomCfg.{name} must be above 0 m, given {getattr(self, name)}.")
+        check_ranges(self, "RoomCfg.", above_0=("half_size_m", "height_m"), unit=" m")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -110,8 +107,7 @@ class PhysicsCfg:
     gravity: Vec3 = (0.0, 0.0, -9.81)
 
     def __post_init__(self) -> None:
-        if not self.timestep_s > 0:
-            raise ConfigError(f"PhysicsCfg.timestep_s must be above 0 s, given {self.timestep_s}.")
+        check_ranges(self, "PhysicsCfg.", above_0=("timestep_s",), unit=" s")
         if self.decimation < 1:
             raise ConfigError(
                 f"PhysicsCfg.decimation, physics steps per control step, must be at least 1, given "

@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 
 from envs.core.errors import ConfigError
+from envs.core.ranges import check_ranges
 
 Range = tuple[float, float]
 
@@ -64,9 +65,7 @@ class LightingCfg:
             raise ConfigError(
                 f"LightingCfg.array_shape has at most {MAX_LAMPS} lamps in all, given {self.array_shape}."
             )
-        for name in ("array_spacing_m", "array_height_m"):
-            if not getattr(self, name) > 0:
-                raise ConfigError(f"LightingCfg.{name} must be above 0, given {getattr(self, name)}.")
+        check_ranges(self, "LightingCfg.", above_0=("array_spacing_m", "array_height_m"))
 
     @property
     def num_lamps(self) -> int:

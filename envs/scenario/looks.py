@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from envs.core.errors import ConfigError
+from envs.core.ranges import check_ranges
 from envs.scenario.objects import GeomCfg
 from envs.scenario.units import MaterialName, Vec3
 
@@ -98,9 +99,7 @@ class LightCfg:
     cast_shadow: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("intensity", "radius_m", "length_m"):
-            if not getattr(self, name) >= 0:
-                raise ConfigError(f"LightCfg.{name} must be 0 or more, given {getattr(self, name)}.")
+        check_ranges(self, "LightCfg.", from_0=("intensity", "radius_m", "length_m"))
         if not any(self.direction):
             raise ConfigError(f"LightCfg.direction is a direction, given {self.direction}.")
 

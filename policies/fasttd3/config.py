@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from envs.core.errors import PolicyError
+from envs.core.ranges import check_ranges
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -70,13 +71,10 @@ class FastTd3Config:
     bf16: bool | None = None
 
     def __post_init__(self) -> None:
-        for name in ("lr", "num_envs", "batch_size", "num_updates", "num_steps", "policy_frequency", "tau",
-                     "init_scale"):  # fmt: skip
-            if getattr(self, name) <= 0:
-                raise PolicyError(f"policy.{name} must be above 0, given {getattr(self, name)}.")
-        for name in ("weight_decay", "target_noise", "target_noise_clip", "std_min", "learning_starts"):
-            if getattr(self, name) < 0:
-                raise PolicyError(f"policy.{name} must be 0 or more, given {getattr(self, name)}.")
+        above_0 = ("lr", "num_envs", "batch_size", "num_updates", "num_steps", "policy_frequency", "tau",
+                   "init_scale")  # fmt: skip
+        from_0 = ("weight_decay", "target_noise", "target_noise_clip", "std_min", "learning_starts")
+        check_ranges(self, "policy.", above_0=above_0, from_0=from_0, error=PolicyError)
         for name in ("actor_dim", "critic_dim"):
             if getattr(self, name) < 4 or getattr(self, name) % 4:
                 raise PolicyError(f"policy.{name} must be a multiple of 4, given {getattr(self, name)}.")

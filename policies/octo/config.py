@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from envs.core.errors import PolicyError
+from envs.core.ranges import check_ranges
 from policies.zoo.config import PeftConfig
 
 TRAINED = ("full", "head")
@@ -37,6 +38,4 @@ class OctoConfig:
             raise PolicyError(f"policy.trained is {' or '.join(TRAINED)}, given {self.trained}.")
         if self.trained == "head" and self.peft.method_type:
             raise PolicyError("policy.trained=head trains no adapters: leave it out, or leave out peft.*")
-        for name in ("window", "chunk_size"):
-            if getattr(self, name) < 1:
-                raise PolicyError(f"policy.{name} must be at least 1, given {getattr(self, name)}.")
+        check_ranges(self, "policy.", from_1=("window", "chunk_size"), error=PolicyError)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from envs.core.errors import PolicyError
+from envs.core.ranges import check_ranges
 
 Backend = Literal["rsl_rl", "sb3", "torchrl"]
 BACKENDS = ("rsl_rl", "sb3", "torchrl")
@@ -65,17 +66,8 @@ class PpoConfig:
     def __post_init__(self) -> None:
         if self.backend not in BACKENDS:
             raise PolicyError(f"policy.backend must be one of {', '.join(BACKENDS)}, given {self.backend!r}.")
-        for name in (
-            "num_envs",
-            "num_steps",
-            "num_epochs",
-            "num_minibatches",
-            "clip",
-            "desired_kl",
-            "init_std",
-        ):
-            if getattr(self, name) <= 0:
-                raise PolicyError(f"policy.{name} must be above 0, given {getattr(self, name)}.")
+        above_0 = ("num_envs", "num_steps", "num_epochs", "num_minibatches", "clip", "desired_kl", "init_std")
+        check_ranges(self, "policy.", above_0=above_0, error=PolicyError)
         for name in ("gamma", "lam", "expert_starts"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise PolicyError(f"policy.{name} must be from 0 to 1, given {getattr(self, name)}.")

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from envs.core.errors import PolicyError
+from envs.core.ranges import check_ranges
 from policies.base import listed
 
 ModelSize = Literal[1, 5, 19, 48, 317]
@@ -158,13 +159,10 @@ class Tdmpc2Config:
                 f"policy.model_size={self.model_size} is none of the published sizes: "
                 f"{', '.join(map(str, ARCHITECTURES))} (millions of parameters)."
             )
-        for name in ("num_channels", "simnorm_dim", "horizon", "iterations", "num_elites", "batch_size",
-                     "num_frames", "lr", "update_ratio", "num_envs", "temperature", "min_std"):  # fmt: skip
-            if getattr(self, name) <= 0:
-                raise PolicyError(f"policy.{name} must be above 0, given {getattr(self, name)}.")
-        for name in ("enc_dim", "mlp_dim", "latent_dim", "num_enc_layers", "num_q", "seed_steps"):
-            if getattr(self, name) < 0:
-                raise PolicyError(f"policy.{name} must be 0 or more, given {getattr(self, name)}.")
+        above_0 = ("num_channels", "simnorm_dim", "horizon", "iterations", "num_elites", "batch_size",
+                   "num_frames", "lr", "update_ratio", "num_envs", "temperature", "min_std")  # fmt: skip
+        from_0 = ("enc_dim", "mlp_dim", "latent_dim", "num_enc_layers", "num_q", "seed_steps")
+        check_ranges(self, "policy.", above_0=above_0, from_0=from_0, error=PolicyError)
         self._check_networks()
         self._check_planning()
         self._check_tasks()

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from envs.core.errors import ConfigError
+from envs.core.ranges import check_ranges
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -20,5 +20,4 @@ class ConservationConfig:
     out: str = "conservation"
 
     def __post_init__(self) -> None:
-        if self.timestep_s <= 0:
-            raise ConfigError(f"timestep_s must be above 0, given {self.timestep_s}.")
+        check_ranges(self, above_0=("timestep_s",))

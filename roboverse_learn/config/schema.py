@@ -11,6 +11,7 @@ from typing import Any, Literal
 import policies
 from benchmark.protocol import LEVELS, SPLITS, check_instruction_tests
 from envs.core.errors import ConfigError, unknown_name
+from envs.core.ranges import check_ranges
 from envs.randomization.levels import channels_of
 from envs.randomization.splits import load_split
 from envs.spec import EnvSpec
@@ -31,20 +32,6 @@ from roboverse_learn.training.config import TrainConfig
 
 Split = Literal["train", "test"]
 Replay = Literal["states", "controls"]
-
-
-def _positive(**values: float) -> None:
-    """Checks that every value is above zero."""
-    for key, value in values.items():
-        if value <= 0:
-            raise ConfigError(f"{key} must be above 0, given {value}.")
-
-
-def _not_negative(**values: float) -> None:
-    """Checks that every value is 0 or more."""
-    for key, value in values.items():
-        if value < 0:
-            raise ConfigError(f"{key} must be 0 or more, given {value}.")
 
 
 def _within_splits(splits: Sequence[Split], key: str, count: int) -> None:
@@ -83,8 +70,7 @@ class DemonstrationConfig:
     num_envs: int = 8
 
     def __post_init__(self) -> None:
-        _positive(num_demos=self.num_demos, num_envs=self.num_envs)
-        _not_negative(num_workers=self.num_workers)
+        check_ranges(self, above_0=("num_demos", "num_envs"), from_0=("num_workers",))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -126,11 +112,11 @@ class EvaluationConfig:
         _levels(*self.levels)
         for channel in self.alone:
             channels_of(only=channel)
-        _positive(episodes=self.episodes, num_envs=self.num_envs)
+        check_ranges(self, above_0=("episodes", "num_envs"))
         if not self.splits or not (self.levels or self.alone):
             raise ConfigError("evaluate needs a split and a level, as in splits=[test] levels=[0,1,2,3].")
         check_instruction_tests(self.instructions, self.levels, self.width)
-        _not_negative(videos=self.videos, protocol_seed=self.protocol_seed)
+        check_ranges(self, from_0=("videos", "protocol_seed"))
         _within_splits(self.splits, "episodes", self.episodes)
 
 
@@ -262,7 +248,7 @@ class SweepConfig:
     dry_run: bool = False
 
     def __post_init__(self) -> None:
-        _positive(jobs_per_gpu=self.jobs_per_gpu)
+        check_ranges(self, above_0=("jobs_per_gpu",))
         _levels(*self.levels)
         check_suite(self.suite, tasks=listed(self.tasks) if self.tasks else "")
         only = [key for key in ("tasks", "levels", "seeds", "policies") if getattr(self, key)]
@@ -371,8 +357,7 @@ class ReplayConfig:
             raise ConfigError("replay needs dataset=<folder>, as in dataset=datasets/PickCube/<name>.")
         if not self.by:
             raise ConfigError("replay needs a way, as in by=[states,controls].")
-        _positive(num_envs=self.num_envs)
-        _not_negative(episodes=self.episodes)
+        check_ranges(self, above_0=("num_envs",), from_0=("episodes",))
 
 
 COMMANDS: dict[str, type] = {

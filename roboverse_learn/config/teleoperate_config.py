@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from envs.core.errors import ConfigError
+from envs.core.ranges import check_ranges
 from envs.spec import MAX_IMAGE_SIZE, MIN_IMAGE_SIZE, EnvSpec
 
 MAX_OPERATORS = 8
@@ -60,9 +61,7 @@ class TeleoperateConfig:
     device: str = "auto"
 
     def __post_init__(self) -> None:
-        for name in ("num_demos", "limit_s"):
-            if getattr(self, name) <= 0:
-                raise ConfigError(f"{name} must be above 0, given {getattr(self, name)}.")
+        check_ranges(self, above_0=("num_demos", "limit_s"))
         if not 1 <= self.operators <= MAX_OPERATORS:
             raise ConfigError(f"operators must be 1 to {MAX_OPERATORS}, given {self.operators}.")
         if not 0 <= self.port <= 65535:

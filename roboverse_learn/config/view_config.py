@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from envs.core.errors import ConfigError
+from envs.core.ranges import check_ranges
 from envs.spec import EnvSpec
 
 
@@ -31,9 +32,7 @@ class ViewConfig:
     file: str = ""
 
     def __post_init__(self) -> None:
-        for key in ("episode", "protocol_seed"):
-            if getattr(self, key) < 0:
-                raise ConfigError(f"{key} must be 0 or more, given {getattr(self, key)}.")
+        check_ranges(self, from_0=("episode", "protocol_seed"))
         given = [f"{key}={getattr(self, key)}" for key in ("dataset", "result") if getattr(self, key)]
         if given and (len(given) > 1 or self.env.replace(materials="") != EnvSpec()):
             raise ConfigError(

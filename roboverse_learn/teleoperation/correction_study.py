@@ -17,7 +17,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from envs.core.arguments import parse
-from envs.core.errors import ConfigError, RoboVerseError
+from envs.core.errors import RoboVerseError
+from envs.core.ranges import check_ranges
 from roboverse_learn.collect import collect_dataset
 from roboverse_learn.commands.called_with import called_with
 from roboverse_learn.config.compose import compose
@@ -58,9 +59,7 @@ class StudySettings:
     out: Path = Path("datasets/corrections")
 
     def __post_init__(self) -> None:
-        for name in ("start", "per_round", "rounds"):
-            if getattr(self, name) < 1:
-                raise ConfigError(f"{name} must be above 0, given {getattr(self, name)}.")
+        check_ranges(self, above_0=("start", "per_round", "rounds"))
 
 
 class CorrectionStudy:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 from typing import Literal
 
 from envs.core.errors import ConfigError
+from envs.core.ranges import check_ranges
 
 Precision = Literal["auto", "fp32", "bf16"]
 Schedule = Literal["cosine", "constant"]
@@ -137,12 +138,12 @@ class TrainConfig:
             value = getattr(self, item.name)
             if isinstance(value, float) and not math.isfinite(value):
                 raise ConfigError(f"train.{item.name} must be a finite number, given {value}.")
-        for name in ("steps", "batch_size", "lr", "save_every", "log_every", "ema_power"):
-            if getattr(self, name) <= 0:
-                raise ConfigError(f"train.{name} must be above 0, given {getattr(self, name)}.")
-        for name in ("weight_decay", "warmup_steps", "grad_clip", "num_threads", "lr_backbone", "lr_muon"):
-            if (getattr(self, name) or 0) < 0:
-                raise ConfigError(f"train.{name} must be 0 or more, given {getattr(self, name)}.")
+        check_ranges(
+            self,
+            "train.",
+            above_0=("steps", "batch_size", "lr", "save_every", "log_every", "ema_power"),
+            from_0=("weight_decay", "warmup_steps", "grad_clip", "num_threads", "lr_backbone", "lr_muon"),
+        )
         if self.time_limit_s is not None and self.time_limit_s <= 0:
             raise ConfigError(f"train.time_limit_s must be above 0 seconds, or null for no limit, "
                               f"given {self.time_limit_s}.")  # fmt: skip

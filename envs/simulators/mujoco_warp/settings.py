@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import override
 
-from envs.core.errors import ConfigError
+from envs.core.ranges import check_ranges
 from envs.scenario import ScenarioCfg
 from envs.scenario.simulator_settings import SimulatorSettings
 
@@ -48,10 +48,8 @@ class WarpSettings(SimulatorSettings):
     num_textures: int = 1024
 
     def __post_init__(self) -> None:
-        for name in ("nconmax", "njmax", "render_worlds", "num_textures"):
-            value = getattr(self, name)
-            if value is not None and value < 1:
-                raise ConfigError(f"{SIMULATOR}: {name} must be at least 1, given {value}.")
+        names = ("nconmax", "njmax", "render_worlds", "num_textures")
+        check_ranges(self, f"{SIMULATOR}: ", from_1=names)
 
     @override
     def sized(self, scenario: ScenarioCfg) -> "WarpSettings":

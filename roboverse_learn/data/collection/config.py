@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from envs.core.errors import ConfigError
+from envs.core.ranges import check_ranges
 from roboverse_learn.data.collection.schedule import GIVE_UP_AFTER
 from roboverse_learn.data.dataset.schema import Feature
 from roboverse_learn.data.dataset.video import EncoderConfig
@@ -52,9 +53,7 @@ class CollectionConfig:
     give_up_after: int = GIVE_UP_AFTER
 
     def __post_init__(self) -> None:
-        for key in ("num_episodes", "num_workers", "batch_size"):
-            if getattr(self, key) < 1:
-                raise ConfigError(f"{key} must be at least 1, given {getattr(self, key)}.")
+        check_ranges(self, from_1=("num_episodes", "num_workers", "batch_size"))
         if len(set(self.candidates)) != len(self.candidates):
             raise ConfigError("The candidates name a pool episode twice. Give each index once.")
 
