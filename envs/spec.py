@@ -108,6 +108,11 @@ class EnvSpec:
         text = json.dumps(self.to_json(), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
+    @property
+    def control_hz(self) -> float:
+        """Control steps per second."""
+        return self.make_task().scenario.physics.control_hz
+
     def make_task(self) -> "Task":
         """Returns the task, with its robot and its scene changed.
 

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 from envs.core.errors import ConfigError
 from roboverse_learn.commands.dataset_layout import task_layout
+from roboverse_learn.commands.scene_labels import folder_name, scenario_name
 from roboverse_learn.config.preflight import check_installed, check_materials, check_scenario_files
-from roboverse_learn.config.scenario_overrides import folder_name, scenario_name
 from roboverse_learn.config.schema import CollectConfig
 from roboverse_learn.data.sources import SOURCES
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from benchmark.protocol import Cell, Protocol
 from roboverse_learn.commands.called_with import command_words
 from roboverse_learn.commands.outcomes import Evaluation
+from roboverse_learn.commands.scene_labels import recorded_materials
 from roboverse_learn.commands.tested_checkpoint import (
     TestedCheckpoint,
     checkpoints_to_test,
@@ -23,7 +24,6 @@ from roboverse_learn.commands.tested_checkpoint import (
     step_of,
 )
 from roboverse_learn.config.preflight import check_materials, check_scenario_files
-from roboverse_learn.config.scenario_overrides import recorded_materials
 from roboverse_learn.config.schema import EvaluateConfig, EvaluationConfig
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ import functools
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from benchmark.leaderboard import words
+from benchmark.leaderboard import labels
 from benchmark.leaderboard.instructions_table import instructions_view
 from benchmark.leaderboard.views import board_view, studies_view
 
@@ -46,7 +46,7 @@ def render_instructions_markdown(board: Mapping[str, Any]) -> str:
 
 def _render(template: str, view: Mapping[str, Any]) -> str:
     environment = _environment(is_html=template.endswith(".html.j2"))
-    return environment.get_template(template).render(levels=words.LEVELS, **view)
+    return environment.get_template(template).render(levels=labels.LEVELS, **view)
 
 
 @functools.cache
@@ -57,11 +57,11 @@ def _environment(is_html: bool) -> "Environment":
     environment = Environment(
         loader=PackageLoader("benchmark"),
         autoescape=is_html,
-        finalize=None if is_html else words.markdown,
+        finalize=None if is_html else labels.markdown,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= words.FILTERS
+    environment.filters |= labels.FILTERS
     return environment

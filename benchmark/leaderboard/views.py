@@ -9,9 +9,9 @@ from benchmark.leaderboard.curve_chart import curve_charts
 from benchmark.leaderboard.demonstrations_chart import demonstrations_chart
 from benchmark.leaderboard.entries import STUDY
 from benchmark.leaderboard.headline import MIN_EPISODES
+from benchmark.leaderboard.labels import entry_name, name_of, origin
 from benchmark.leaderboard.level_chart import MAX_LINES, level_chart, line, series_lines
 from benchmark.leaderboard.standings import standings
-from benchmark.leaderboard.words import entry_name, name_of, origin
 from benchmark.learning_curves import published_times
 
 type View = dict[str, Any]

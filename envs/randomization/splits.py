@@ -26,8 +26,8 @@ from envs.core.arguments import run_program
 from envs.core.errors import ConfigError, unknown_name
 from envs.randomization import procedural
 from envs.randomization.cameras import CAMERA_POSES
+from envs.randomization.furniture_catalogue import LAYOUTS, PIECES
 from envs.randomization.materials import MaterialLibrary
-from envs.randomization.pieces import LAYOUTS, PIECES
 from envs.randomization.procedural.noise import Stream
 from envs.scenario import SURFACES
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from envs.core.errors import ConfigError, unknown_name
 from envs.core.ranges import check_ranges
+from envs.scenario.appearance import SURFACES, Appearance, CameraCfg, LightCfg, SensorCfg, SurfaceMaterial
 from envs.scenario.lighting import LightingCfg
-from envs.scenario.looks import SURFACES, Appearance, CameraCfg, LightCfg, SensorCfg, SurfaceMaterial
 from envs.scenario.objects import GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg
 from envs.scenario.robots import BodyCfg, GripperCfg, JointCfg, ReadingCfg, RobotCfg, SiteCfg
 from envs.scenario.units import IDENTITY, Quat, Rgba, Vec3

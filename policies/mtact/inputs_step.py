@@ -13,7 +13,7 @@ from torch import Tensor
 
 from envs.core.errors import PolicyError
 from policies.mtact.frozen_text import FrozenTextEncoder
-from policies.mtact.words import hashed
+from policies.mtact.hashed_ngrams import hashed
 
 INPUTS_STEP = "mtact_inputs"
 

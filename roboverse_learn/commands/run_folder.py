@@ -28,7 +28,7 @@ from roboverse_learn.config.serialize import from_values, to_values
 from roboverse_learn.data.dataset.info import is_collected_here
 from roboverse_learn.data.dataset.raw import dataset_hash
 from roboverse_learn.data.dataset.schema import INFO_PATH
-from roboverse_learn.system import lock_directory
+from roboverse_learn.folder_lock import lock_directory
 from roboverse_learn.training.config import AugmentConfig
 
 log = logging.getLogger(__name__)

@@ -11,13 +11,8 @@ from benchmark.protocol import Protocol
 from envs.core.errors import ConfigError
 from envs.simulators.settings import check_settings
 from envs.spec import EnvSpec
-from roboverse_learn.config.scenario_overrides import (
-    checked_scenario,
-    control_hz,
-    learned_hz,
-    recorded_materials,
-    scenario_name,
-)
+from roboverse_learn.commands.scene_labels import recorded_materials, scenario_name
+from roboverse_learn.config.scenario_overrides import checked_scenario
 from roboverse_learn.config.schema import (
     EVALUATE_ENV_KEYS,
     EvaluateConfig,
@@ -339,7 +334,7 @@ def step_of(checkpoint: Path) -> int | None:
 
 def _warn_of_control_rate(trained: TrainRunConfig, env: EnvSpec) -> None:
     """Warns where the control rate differs from that of training."""
-    before, now = learned_hz(trained, env.task), control_hz(env)
+    before, now = trained.learned_hz(env.task), env.control_hz
     if before != now:
         log.warning(
             "The policy learned at %g control steps per second and is evaluated at %g. "

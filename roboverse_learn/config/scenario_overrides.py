@@ -2,12 +2,9 @@
 
 from collections.abc import Mapping
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 from envs.core.errors import ConfigError
-from envs.core.fingerprint import digest
-from envs.spec import EnvSpec
 
 SECTION = "scenario"
 
@@ -70,41 +67,3 @@ def _check_pixels(cameras: Any) -> None:
                     f"{SECTION}.cameras.{name}.{key}={camera[key]} was given; height and width of every "
                     "image are image_size=<pixels>."
                 )
-
-
-def control_hz(env: EnvSpec) -> float:
-    """Returns the control steps per second of an environment."""
-    return env.make_task().scenario.physics.control_hz
-
-
-def learned_hz(trained: Any, task: str) -> float:
-    """Returns the control steps per second at which a run learned a task.
-
-    Args:
-        trained: Configuration of the run.
-        task: One of its tasks; of another one, it is those of the task that the run names first.
-    """
-    return control_hz(trained.env.replace(task=task) if task in trained.tasks else trained.env)
-
-
-def scenario_name(changes: Mapping[str, Any]) -> str:
-    """Returns the label of changes of a scene in the name of a folder or a file."""
-    return f"{SECTION}-{digest(changes)}"
-
-
-def folder_name(materials: str) -> str:
-    """Returns the materials in the name of a dataset: ``+images`` for ``+somewhere/images``."""
-    return "+" * materials.startswith("+") + Path(materials).name.removeprefix("+")
-
-
-def recorded_materials(materials: str) -> str:
-    """Returns the materials as a result records them: by folder name and content; empty for built-in ones.
-
-    Raises:
-        ConfigError: The folder does not exist, has too few images, or one that cannot be read.
-    """
-    from envs.randomization.materials import MaterialLibrary
-
-    if not materials:
-        return ""
-    return f"{folder_name(materials)}-{MaterialLibrary.chosen(materials).digest()[:8]}"

@@ -221,6 +221,10 @@ class TrainRunConfig(CollectConfig):
         """Every task that is learned: ``task``, and those that the policy learns together with it."""
         return (self.env.task, *getattr(self.policy, "tasks", ()))
 
+    def learned_hz(self, task: str) -> float:
+        """Control steps per second at which a task is learned; of another task, those of the first one."""
+        return (self.env.replace(task=task) if task in self.tasks else self.env).control_hz
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SweepConfig:

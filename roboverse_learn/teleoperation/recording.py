@@ -19,7 +19,7 @@ from envs.spec import EnvSpec
 from roboverse_learn.data.collection.schedule import check_settings
 from roboverse_learn.data.dataset.damage import broken_file
 from roboverse_learn.data.dataset.staging import read_tensors, write_tensors
-from roboverse_learn.system import lock_directory
+from roboverse_learn.folder_lock import lock_directory
 
 SUFFIX = ".teleop.safetensors"
 

@@ -19,7 +19,7 @@ from envs.rotations import conjugate, rotate, uprightness, yaw_of
 from envs.scenario import CameraCfg, ScenarioCfg
 from envs.state import EntityState, State
 from envs.tasks.base import Task
-from envs.tasks.control.shared import CONTROL_60_HZ, LOOKS, STEP_S
+from envs.tasks.control.scene import CONTROL_60_HZ, LOOKS, STEP_S
 
 TARGET_X_M = 1000.0
 FALLEN_BELOW_M = 0.31

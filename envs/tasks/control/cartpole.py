@@ -20,7 +20,7 @@ from envs.rotations import wrapped
 from envs.scenario import CameraCfg, ScenarioCfg
 from envs.state import EntityState, State
 from envs.tasks.base import Task
-from envs.tasks.control.shared import CONTROL_60_HZ, LOOKS, STEP_S
+from envs.tasks.control.scene import CONTROL_60_HZ, LOOKS, STEP_S
 from envs.tasks.parameters import parameter
 
 

@@ -6,7 +6,7 @@ import os
 
 from envs.core.machine import num_cores
 from roboverse_learn.config.schema import CollectConfig
-from roboverse_learn.system import free_memory_bytes
+from roboverse_learn.data.free_memory import free_memory_bytes
 
 WORKER_BYTES = 700 << 20
 """Memory of one process: Python, torch and a compiled scene."""

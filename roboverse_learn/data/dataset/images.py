@@ -16,7 +16,7 @@ from roboverse_learn.data.dataset.damage import broken_file
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.tables import read_parquet
 from roboverse_learn.data.dataset.video import decode_video
-from roboverse_learn.system import free_memory_bytes
+from roboverse_learn.data.free_memory import free_memory_bytes
 
 _LOG = logging.getLogger(__name__)
 CACHE_DIRECTORY = ".cache"

@@ -16,7 +16,7 @@ from roboverse_learn.data.dataset.damage import broken_file
 from roboverse_learn.data.dataset.info import METADATA_COLUMN, read_episodes, read_info
 from roboverse_learn.data.dataset.schema import FILES_PER_CHUNK, INFO_PATH
 from roboverse_learn.data.dataset.tables import parquet_bytes, read_parquet
-from roboverse_learn.system import lock_directory
+from roboverse_learn.folder_lock import lock_directory
 
 _LOG = logging.getLogger(__name__)
 _CHUNK_AND_FILE = re.compile(r"chunk-(\d+)/file-(\d+)\.(mp4|parquet)$")

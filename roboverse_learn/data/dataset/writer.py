@@ -70,7 +70,7 @@ from roboverse_learn.data.dataset.schema import (
 from roboverse_learn.data.dataset.staging import STAGING_DIRECTORY, StagedEpisode, stage_episode
 from roboverse_learn.data.dataset.tables import GrowingTable, to_arrow
 from roboverse_learn.data.dataset.video import EncoderConfig
-from roboverse_learn.system import LOCK, lock_directory
+from roboverse_learn.folder_lock import LOCK, lock_directory
 
 
 class DatasetWriter:

@@ -12,7 +12,6 @@ from envs.core.errors import ConfigError
 from envs.experts.actor import expert_episodes
 from envs.state import State
 from envs.tasks.base import Task
-from roboverse_learn.config.scenario_overrides import control_hz, learned_hz
 from roboverse_learn.data.dataset.schema import EpisodeData
 from roboverse_learn.data.sources.base import DemonstrationSource
 from roboverse_learn.data.sources.expert import ExpertEpisodes
@@ -125,7 +124,7 @@ class PolicySource(DemonstrationSource):
         if folder is None:
             return
         trained = read_config(folder)
-        learned, requested = learned_hz(trained, self.config.env.task), control_hz(self.config.env)
+        learned, requested = trained.learned_hz(self.config.env.task), self.config.env.control_hz
         if learned != requested:
             changes = trained.env.scenario.get("physics", {})
             words = [f"scenario.physics.{key}={value}" for key, value in changes.items()]

@@ -11,7 +11,7 @@ from policies.learned_tasks import TASK_INDEX
 from roboverse_learn.commands.collected import of_task
 from roboverse_learn.training.imitation.estimate import estimate_training_s, plain_stats
 from roboverse_learn.training.imitation.wordings import with_bank_wordings
-from roboverse_learn.training.imitation.wrong_wordings import still_of, with_wrong_instructions
+from roboverse_learn.training.imitation.wrong_instructions import still_of, with_wrong_instructions
 from roboverse_learn.training.learners import Demonstrations, Learner
 from roboverse_learn.training.reporter import Reporter, TrainResult
 

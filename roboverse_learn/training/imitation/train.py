@@ -23,10 +23,10 @@ from roboverse_learn.data.dataset.sampler import make_sampler
 from roboverse_learn.training import checkpoint
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.device import cpu_threads, resolve_precision
-from roboverse_learn.training.imitation.augment import augment_cameras
 from roboverse_learn.training.imitation.ema import Ema
 from roboverse_learn.training.imitation.fast_objective import NUM_BATCHES, fast_objective
 from roboverse_learn.training.imitation.gradient_mean import average_gradients, share_weights
+from roboverse_learn.training.imitation.image_augmentation import augment_cameras
 from roboverse_learn.training.imitation.muon import MuonAdamW
 from roboverse_learn.training.imitation.schedule import learning_rate_factor, progress
 from roboverse_learn.training.interruption import Interruption, signals_noted

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from benchmark.leaderboard import build as leaderboard
-from benchmark.leaderboard.words import points
+from benchmark.leaderboard.labels import points
 from benchmark.protocol import Protocol
 from benchmark.results import result_path, write_result
 

@@ -11,7 +11,7 @@ from envs.mjcf.model import build_model
 from envs.randomization import LEVEL_CHANNELS, Randomizer
 from envs.randomization.cameras import CAMERA_POSES, place_camera
 from envs.randomization.furniture import draw_furniture, furnish, keep_free
-from envs.randomization.pieces import AT_WALL, LAYOUTS, PIECES, VARIANTS, layout, piece
+from envs.randomization.furniture_catalogue import AT_WALL, LAYOUTS, PIECES, VARIANTS, layout, piece
 from envs.scenario import RobotCfg, RoomCfg, ScenarioCfg, TableCfg
 from envs.scenario.places import PLACE_SHAPES, places_of
 from envs.tasks import TASKS

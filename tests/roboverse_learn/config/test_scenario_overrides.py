@@ -8,9 +8,10 @@ import pytest
 from envs.core.errors import DatasetError
 from roboverse_learn.collect import collect_dataset, dataset_folder
 from roboverse_learn.commands.dataset_layout import dataset_layout
+from roboverse_learn.commands.scene_labels import scenario_name
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.help import command_help
-from roboverse_learn.config.scenario_overrides import scenario_keys, scenario_name
+from roboverse_learn.config.scenario_overrides import scenario_keys
 from roboverse_learn.config.schema import CollectConfig
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.recording import read_recordings

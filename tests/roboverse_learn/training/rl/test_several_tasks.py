@@ -20,7 +20,6 @@ from roboverse_learn import cli
 from roboverse_learn.commands.run_folder import identity, read_config, run_name
 from roboverse_learn.commands.tested_checkpoint import checkpoints_to_test
 from roboverse_learn.config.compose import compose
-from roboverse_learn.config.scenario_overrides import control_hz, learned_hz
 from roboverse_learn.data.sources.policy import PolicyEpisodes, find_demonstrator
 from roboverse_learn.train import train as train_command
 from roboverse_learn.training.config import TrainConfig
@@ -242,7 +241,7 @@ def test_each_of_its_tasks_can_be_demonstrated(trained):
         source.close()
     trained_with = read_config(run)
     for task in (FIRST, SECOND):
-        assert learned_hz(trained_with, task) == control_hz(EnvSpec(task=task))
+        assert trained_with.learned_hz(task) == EnvSpec(task=task).control_hz
 
 
 def test_environments_are_divided_among_the_tasks():

@@ -12,7 +12,7 @@ from policies.learned_tasks import LAST, UNRELATED, ZERO, Instructions, LearnedT
 from roboverse_learn.commands.run_folder import identity, run_name
 from roboverse_learn.config.compose import compose
 from roboverse_learn.training.imitation.wordings import with_bank_wordings
-from roboverse_learn.training.imitation.wrong_wordings import still_of, with_wrong_instructions
+from roboverse_learn.training.imitation.wrong_instructions import still_of, with_wrong_instructions
 from roboverse_learn.training.learners import learner_of
 
 NAMES = ("PickCube", "StackCube", "MoveSliderLeft")

@@ -1,9 +1,8 @@
-"""Locks of folders, and free memory, on every operating system."""
+"""Lock of a folder that one process writes, on every operating system."""
 
 import logging
 from pathlib import Path
 
-import psutil
 from filelock import BaseFileLock, FileLock, Timeout
 
 from envs.core.atomic import write_errors
@@ -46,12 +45,3 @@ def lock_directory(root: Path, *, wait: bool = False) -> BaseFileLock:
                 root.mkdir(parents=True, exist_ok=True)
             return lock_directory(root, wait=True)
     return lock
-
-
-def free_memory_bytes() -> int:
-    """Returns the memory that can still be used, within the container's limit if there is one."""
-    free = psutil.virtual_memory().available
-    limit, used = Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory.current")
-    if limit.exists() and used.exists() and (text := limit.read_text().strip()) != "max":
-        free = min(free, int(text) - int(used.read_text()))
-    return max(free, 0)

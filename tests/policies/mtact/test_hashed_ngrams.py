@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from policies.mtact.words import MAX_PIECES, hashed, pieces, split_words
+from policies.mtact.hashed_ngrams import MAX_PIECES, hashed, pieces, split_words
 
 
 def test_words_and_marks_are_split_in_lower_case():
