@@ -1,6 +1,8 @@
 """Keeps the tests offline, quiet and on few threads, and begins with the longest files."""
 
+import functools
 import gc
+import importlib.metadata
 import os
 import re
 import signal
@@ -21,6 +23,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 # Many processes import the same libraries: without their bytecode, every one compiles them for seconds.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+# MuJoCo Warp asks for MuJoCo's version with every model: 10 ms each time for a file that does not change.
+importlib.metadata.version = functools.cache(importlib.metadata.version)
 # Imports leave nothing to collect, and a look at all they have brought takes longer with each.
 gc.disable()
 
