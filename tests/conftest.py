@@ -86,12 +86,16 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
+TOGETHER = ("tests/integration/", "tests/roboverse_learn/training/rl/ppo/")
+"""Folders whose files one process tests: they share one run of ours, or libraries that import for seconds."""
+
+
 class _ByFile(LoadFileScheduling):
-    """A file is tested by one process; the files of ``integration``, which share one run of ours, are too."""
+    """A file is tested by one process; all files of some folders are too."""
 
     def _split_scope(self, nodeid: str) -> str:
-        shared = "tests/integration/"
-        return shared if nodeid.startswith(shared) else super()._split_scope(nodeid)
+        shared = next((folder for folder in TOGETHER if nodeid.startswith(folder)), None)
+        return shared or super()._split_scope(nodeid)
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> _ByFile | None:
