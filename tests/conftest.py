@@ -23,8 +23,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 # Many processes import the same libraries: without their bytecode, every one compiles them for seconds.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
-# MuJoCo Warp asks for MuJoCo's version with every model: 10 ms each time for a file that does not change.
+# What is installed stays: MuJoCo Warp reads MuJoCo's version for 10 ms with every model, and each of two
+# libraries looks through the files of all distributions for a second.
 importlib.metadata.version = functools.cache(importlib.metadata.version)
+importlib.metadata.packages_distributions = functools.cache(importlib.metadata.packages_distributions)
 # Imports leave nothing to collect, and a look at all they have brought takes longer with each.
 gc.disable()
 
