@@ -18,7 +18,7 @@ from envs.core.registry import Registry
 DATA_VARIABLE = "ROBOVERSE_DATA"
 """Environment variable: a folder that holds folders of assets, each by its name."""
 
-_FOLDER = "assets."
+FOLDER_PREFIX = "assets."
 """What the name of a registered folder follows in a reference to one of its files."""
 
 
@@ -166,8 +166,8 @@ def resolve(reference: str) -> Path:
         ConfigError: if there is no such file.
     """
     package, separator, inside = reference.partition(":")
-    if separator and package.startswith(_FOLDER):
-        path = asset_folder(package.removeprefix(_FOLDER)) / inside
+    if separator and package.startswith(FOLDER_PREFIX):
+        path = asset_folder(package.removeprefix(FOLDER_PREFIX)) / inside
     elif not separator or not all(part.isidentifier() for part in package.split(".")):
         path = Path(reference).expanduser()
     else:

@@ -5,7 +5,7 @@ import functools
 import mujoco
 import numpy as np
 
-from envs.core.assets import resolve
+from envs.core.assets import FOLDER_PREFIX, resolve
 from envs.core.errors import ConfigError, unknown_name
 from envs.mjcf.files import keep_only, parsed, take_options
 from envs.mjcf.meshes import VISUAL_GROUP, simplify_visuals
@@ -145,8 +145,7 @@ def _load(
     equalities: bool = False,
 ) -> mujoco.MjSpec:
     """Returns one body, and what it carries, of a robot's file, with only the named sites."""
-    # Files of an installed package stay as they are while a program runs; a user's own may change.
-    prepare = _prepared_once if ":" in reference else _prepared
+    prepare = _prepared_once if _is_of_packages(reference) else _prepared
     prepared = prepare(reference, root, frozenset(sites), simplify, hollow, equalities)
     spec = prepared.copy()
     take_options(spec, scene)
@@ -178,6 +177,17 @@ def _prepared(
 
 
 _prepared_once = functools.cache(_prepared)
+
+
+@functools.cache
+def _is_of_packages(reference: str) -> bool:
+    """Whether a file and its meshes are of installed packages, which stay as they are while a program runs.
+
+    A file of the user's may change, and an asset folder may be another one or gone.
+    """
+    if ":" not in reference or reference.startswith(FOLDER_PREFIX):
+        return False
+    return FOLDER_PREFIX not in resolve(reference).read_text(encoding="utf-8", errors="replace")
 
 
 def _set_joints(spec: mujoco.MjSpec, robot: RobotCfg, gripper_in_degrees: bool) -> None:

@@ -1,6 +1,7 @@
 """What a scene takes from MJCF files, and what it changes about it."""
 
 import dataclasses
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -11,7 +12,8 @@ from envs.core.errors import ConfigError, UnknownNameError
 from envs.mjcf.files import read
 from envs.mjcf.model import build_model
 from envs.mjcf.objects import HIDDEN_GROUP, SCENE_GROUP
-from envs.scenario import GeomCfg, JointCfg, ObjectCfg, RobotCfg, ScenarioCfg, TableCfg
+from envs.robots.franka import FRANKA
+from envs.scenario import GeomCfg, JointCfg, ObjectCfg, PhysicsCfg, RobotCfg, ScenarioCfg, TableCfg
 from envs.simulators.mujoco.handler import MujocoHandler
 
 SCENE = """
@@ -315,3 +317,26 @@ def test_a_file_that_mujoco_cannot_read_is_named_with_the_reason(tmp_path):
         ConfigError, match=r"^'.*broken.xml' is no MJCF file: XML parse error .* Line number=2"
     ):
         read(mujoco.MjSpec(), str(path))
+
+
+def test_a_robot_file_of_the_users_is_read_again(arm):
+    file, masses = Path(arm.mjcf), []
+    for mass in ("1", "3"):
+        file.write_text(ARM.replace('size=".02" mass="1"', f'size=".02" mass="{mass}"'))
+        masses.append(float(model_of(robots=(arm,)).body("arm/base").mass[0]))
+    assert masses == [1.0, 3.0]
+
+
+def test_what_a_scene_changes_of_a_robot_is_not_in_the_next_scene():
+    def saved(*, timestep_s=0.005, **changes):
+        physics = PhysicsCfg(timestep_s=timestep_s)
+        robots = (dataclasses.replace(FRANKA, **changes),)
+        model = build_model(ScenarioCfg(robots=robots, physics=physics))
+        content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
+        mujoco.mj_saveModel(model, None, content)
+        return content.tobytes()
+
+    before = saved()
+    stick = (GeomCfg(shape="box", size=(0.01, 0.01, 0.1)),)
+    assert before not in (saved(timestep_s=0.002), saved(tool=stick), saved(gravity_compensated=False))
+    assert saved() == before
