@@ -154,7 +154,7 @@ def wording_table(evaluations: Sequence["Evaluation"]) -> Table | None:
         rows.append(("all", wording_gaps(record for result in tested for record in result.records)))
     title = f"{tested[0].policy}: success with known wordings and with held-out ones"
     table = Table(title=title, title_justify="left")
-    for column in ("task", "held out", "split", "known", "held out", "difference"):
+    for column in ("task", "wording", "split", "known", "held out", "difference"):
         table.add_column(column, justify="left" if len(table.columns) < 3 else "right")
     for task, gaps in rows:
         for gap in gaps:
