@@ -17,6 +17,7 @@ from envs.mjcf.meshes import VISUAL_GROUP
 from envs.mjcf.model import TEXTURE_SIZE
 from envs.mjcf.objects import HIDDEN_GROUP, SCENE_GROUP
 from envs.scenario import SURFACES
+from envs.simulators.mujoco.mesh_bounds import MeshBounds
 from envs.simulators.mujoco.render import Renderer, RenderJob, Stage, texture_of
 from envs.simulators.mujoco.tracer_parts import tracer_parts
 from envs.simulators.mujoco.warp_launches import Launches
@@ -146,7 +147,7 @@ class _Tracer:
         bounds = Launches(partial(self._parts.refit_bvh, self._model, self._data, context))
         with _compiled_without_nan():
             rays = Launches(partial(self._parts.render, self._model, self._data, context))
-        return _Room(context, bounds, rays)
+        return _Room(context, bounds, rays, MeshBounds(model, context))
 
     def draw(self, job: RenderJob, out: dict, index: int) -> None:
         """Draws one job into row ``index`` of ``out``."""
@@ -157,7 +158,7 @@ class _Tracer:
             _copy(self._stage.model, self._looks)
             self._upload_textures()
         _copy(self._stage.data, self._poses)
-        self._room.trace()
+        self._room.trace(self._stage.data)
         self._fetch(out, index)
 
     def _upload_textures(self) -> None:
@@ -193,19 +194,21 @@ class _Room:
         context: mujoco_warp's render context.
         bounds: The launches of its ``refit_bvh``.
         rays: The launches of its ``render``.
+        meshes: Tighter bounds of its meshes.
     """
 
-    def __init__(self, context: Any, bounds: Launches, rays: Launches) -> None:
-        self.context, self._bounds, self.rays = context, bounds, rays
+    def __init__(self, context: Any, bounds: Launches, rays: Launches, meshes: MeshBounds) -> None:
+        self.context, self._bounds, self.rays, self._meshes = context, bounds, rays, meshes
         self.images = {
             "rgb": context.rgb_data.numpy(),
             "depth": context.depth_data.numpy(),
             "segmentation": context.seg_data.numpy(),
         }
 
-    def trace(self) -> None:
+    def trace(self, data: mujoco.MjData) -> None:
         """Does what ``refit_bvh`` and ``render`` do for a model without flexible bodies."""
         self._bounds.launch()
+        self._meshes.write(data)
         self.context.bvh.refit()
         self.images["segmentation"].fill(-1)
         self.rays.launch()
