@@ -8,7 +8,7 @@ closes the gripper when positive. The attribute ``model_file`` holds the XML, or
 import json
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from typing import Any, ClassVar, override
+from typing import Any, ClassVar, NamedTuple, override
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from envs.scenario import RobotCfg
 from envs.state import EntityState, State
 from envs.tasks.base import Task
 from envs.tasks.robosuite.two_arm_transport import BIN_HEIGHT_M, WALL_M
+from envs.tasks.robosuite.wipe import MARKERS, SHOWN_Z_M
 from roboverse_learn.data.importers.demonstration import (
     Demonstration,
     DemonstrationFile,
@@ -31,6 +32,7 @@ from roboverse_learn.data.importers.demonstration import (
     velocities,
 )
 from roboverse_learn.data.importers.hdf5 import READ_ERRORS, open_hdf5
+from roboverse_learn.data.importers.remembered import remember
 from roboverse_learn.data.importers.retarget import Poses, Retargeter, robot_of_scene, set_fingers
 from roboverse_learn.data.importers.robosuite_motion import Fixture, Motion, compile_motion
 from roboverse_learn.data.sources.importer import FileSource
@@ -48,6 +50,7 @@ SCENES = {
     **{name: Scene(name, _GOODS) for name in _SINGLE},
     "ToolHang": Scene("ToolHang", {"stand": "stand", "frame": "frame", "tool": "tool"}),
     "Door": Scene("Door", {}),
+    "Wipe": Scene("Wipe", {}),
     "TwoArmLift": Scene("TwoArmLift", {"pot": "pot"}),
     "TwoArmHandover": Scene("TwoArmHandover", {"hammer": "hammer"}),
     "TwoArmPegInHole": Scene("TwoArmPegInHole", {}),
@@ -71,6 +74,9 @@ SCENES = {
 _FLOOR_M = (WALL_M - BIN_HEIGHT_M) / 2
 FIXTURES: dict[str, dict[str, Fixture]] = {
     "Door": {"door": Fixture("Door", joints=("Door_hinge", "Door_latch_joint"))},
+    "Wipe": {
+        name: Fixture(f"contact{index}_main", (0.0, 0.0, SHOWN_Z_M)) for index, name in enumerate(MARKERS)
+    },
     "TwoArmTransport": {
         f"{name}_{part}": Fixture(f"transport_{name}_bin", (0.0, 0.0, up_m))
         for name in ("start", "target", "trash")
@@ -78,6 +84,22 @@ FIXTURES: dict[str, dict[str, Fixture]] = {
     },
 }
 """What is bolted down in an episode of ours, but elsewhere in each."""
+
+
+class Alike(NamedTuple):
+    """Bodies of one kind, whose number is an option of robosuite's.
+
+    Attributes:
+        what: What they are.
+        pattern: Regular expression of their names.
+    """
+
+    what: str
+    pattern: str
+
+
+ALIKE = {"Wipe": Alike("markers of dirt", r"contact\d+_main")}
+"""Environments whose fixtures are all of one kind; a recording has as many as the task."""
 
 PANDA = "Panda"
 SAME_BASE_M = 2e-3
@@ -101,8 +123,8 @@ class RobosuiteFile(DemonstrationFile):
         except READ_ERRORS as error:
             raise DatasetError(f"'{path}' holds no demonstrations of robosuite ({error}).") from error
         environment, self._sources = _described(path, attributes)
-        self._scene = check_scene(path, environment, SCENES, task)
-        self._fixtures = FIXTURES.get(environment, {})
+        self._task, self._scene = task, check_scene(path, environment, SCENES, task)
+        self._fixtures, self._alike = FIXTURES.get(environment, {}), ALIKE.get(environment)
         scenario = task.scenario
         self._robots, self._hz = scenario.robots, scenario.physics.control_hz
         if len(self._sources) != len(self._robots):
@@ -145,9 +167,11 @@ class RobosuiteFile(DemonstrationFile):
             one = assemble(robot, joint_pos, ahead, objects, joint_vel=speed)
             entities |= one.robots
             targets.append(ahead)
+        moments = State(entities, objects)
+        remember(self._task, moments)
         return Demonstration(
             name=name,
-            states=State(entities, objects),
+            states=moments,
             targets=np.concatenate(targets, axis=1),
             facts=facts | ({"differs": self._scene.note} if self._scene.note else {}),
         )
@@ -159,6 +183,13 @@ class RobosuiteFile(DemonstrationFile):
             for theirs, ours in self._scene.objects.items()
             if ours in self._objects
         }
+        if self._alike is not None:
+            found = motion.count_bodies(self._alike.pattern)
+            if found != len(self._fixtures):
+                raise DatasetError(
+                    f"It has {found} {self._alike.what} as robosuite 1.5 names them; "
+                    f"{self._scene.task} has {len(self._fixtures)}."
+                )
         for ours, fixture in self._fixtures.items():
             own = fixture.joints[: len(self._objects[ours])]
             for joint in fixture.joints:

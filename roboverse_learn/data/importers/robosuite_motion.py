@@ -1,5 +1,6 @@
 """What a recorded model of robosuite does: poses of its robots and objects, from flat MuJoCo states."""
 
+import re
 import xml.etree.ElementTree as ElementTree
 from typing import Any, NamedTuple
 
@@ -128,6 +129,11 @@ class Motion(NamedTuple):
     def has_joint(self, name: str) -> bool:
         """Returns whether the model has a joint of this name."""
         return any(self.model.joint(index).name == name for index in range(self.model.njnt))
+
+    def count_bodies(self, pattern: str) -> int:
+        """Returns how many bodies have a name that is all of a regular expression."""
+        names = [self.model.body(index).name for index in range(self.model.nbody)]
+        return sum(re.fullmatch(pattern, name) is not None for name in names)
 
     def _body(self, name: str) -> Any:
         """Returns a body by its name in robosuite 1.0, ``Can0``, or as later ones call it, ``Can_main``."""

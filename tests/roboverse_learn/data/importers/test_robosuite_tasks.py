@@ -4,16 +4,20 @@ import importlib
 import json
 import shutil
 import warnings
+import xml.etree.ElementTree as ElementTree
 
 import h5py
 import mujoco
 import numpy as np
 import pytest
+import torch
 
 from envs.compat.mujoco4 import repair_robosuite
 from envs.core.errors import DatasetError
+from envs.experts.actor import expert_episodes
 from envs.spec import EnvSpec
 from envs.tasks import TASKS
+from envs.tasks.robosuite.wipe import MARKERS
 from roboverse_learn.data.importers.replayer import Replayer
 from roboverse_learn.data.importers.robosuite import RobosuiteFile
 from tests.sweeps import sweep
@@ -24,6 +28,7 @@ STEPS = 12
 BODIES = {
     "ToolHang": {"stand": "stand_root", "frame": "frame_root", "tool": "tool_root"},
     "Door": {"door": "Door_main"},
+    "Wipe": {"dirt_00": "contact0_main", "dirt_99": "contact99_main"},
     "TwoArmLift": {"pot": "pot_root"},
     "TwoArmHandover": {"hammer": "hammer_root"},
     "TwoArmPegInHole": {},
@@ -39,7 +44,7 @@ BODIES = {
 }
 """Environments, and our objects with robosuite 1.5's bodies."""
 
-TABLE_M = {"TwoArmPegInHole": 0.0, "PickPlaceCan": 0.78, "NutAssemblySquare": 0.82}
+TABLE_M = {"TwoArmPegInHole": 0.0, "Wipe": 0.9, "PickPlaceCan": 0.78, "NutAssemblySquare": 0.82}
 
 
 def made(name):
@@ -56,7 +61,7 @@ def made(name):
     return env
 
 
-@pytest.fixture(scope="module", params=sweep(BODIES, {"ToolHang", "Door", "TwoArmLift"}))
+@pytest.fixture(scope="module", params=sweep(BODIES, {"ToolHang", "Door", "TwoArmLift", "Wipe"}))
 def recorded(request, tmp_path_factory):
     """Name, file of one demonstration, and where its bodies and hands were at each moment."""
     name, path = request.param, tmp_path_factory.mktemp("robosuite") / "demo.hdf5"
@@ -168,3 +173,49 @@ def test_robots_of_another_number_or_kind_are_refused(recorded, tmp_path, robots
             "TwoArmLift",
             lambda data: data.attrs.__setitem__("env_info", json.dumps({"robots": robots})),
         )
+
+
+@pytest.mark.parametrize("recorded", ["Wipe"], indirect=True)
+def test_what_was_wiped_off_follows_from_how_the_arm_moved(recorded, tmp_path):
+    """Our expert's episode as robosuite records one: markers in the model, joints in the states."""
+    env = EnvSpec(task="Wipe").make(1, split="train", observation="state")
+    try:
+        (episode,) = expert_episodes(env, env.split_indices[:1].tolist(), record=("states",))
+        states = episode.states
+        assert episode.success and states is not None
+        joints = states.robots["franka_wiper"].joint_pos.numpy().astype(np.float64)
+
+        def record(data):
+            demo, model = data["demo_1"], ElementTree.fromstring(data["demo_1"].attrs["model_file"])
+            table = next(body for body in model.iter("body") if body.get("name") == "table")
+            middle = np.array(table.get("pos").split(), float)[:2]
+            bodies = {body.get("name"): body for body in table.iter("body")}
+            for index, name in enumerate(MARKERS):
+                x, y = states.objects[name].pos[0, :2].numpy() - middle
+                body = bodies[f"contact{index}_main"]
+                body.set("pos", f"{x:.9f} {y:.9f} {body.get('pos').split()[2]}")
+            demo.attrs["model_file"] = ElementTree.tostring(model, encoding="unicode")
+            rows = np.zeros((len(joints), demo["states"].shape[1]))
+            rows[:, 0], rows[:, 1:8] = 0.05 * np.arange(len(joints)), joints
+            del demo["states"], demo["actions"]
+            demo["states"], demo["actions"] = rows, np.zeros((len(rows), 6))
+
+        task, demonstration = changed(recorded[1], tmp_path, "Wipe", record)
+        left = task.left(demonstration.states)
+        assert left[0].all() and not left[-1].any()
+        assert (left[1:] <= left[:-1]).all()  # none comes back
+        assert torch.equal(left, task.left(states))
+        (replayed,) = Replayer(env).replay([demonstration], [0], "states", record=())
+        assert replayed.success
+    finally:
+        env.close()
+
+
+@pytest.mark.parametrize("recorded", ["Wipe"], indirect=True)
+def test_another_number_of_markers_is_refused(recorded, tmp_path):
+    def rename(data):
+        text = data["demo_1"].attrs["model_file"]
+        data["demo_1"].attrs["model_file"] = text.replace("contact99_main", "contact_99")
+
+    with pytest.raises(DatasetError, match=r"99 markers of dirt as robosuite 1\.5 names them; Wipe has 100"):
+        changed(recorded[1], tmp_path, "Wipe", rename)
