@@ -192,7 +192,7 @@ def _pro(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
         lines.append(f"| libero_pro/{suite} | {len(own)} of 10 | {good} | {mean} | {least} |")
     return [
         "### LIBERO-PRO",
-        "The same expert, `python -m envs.experts.survey words=[libero_pro/] episodes=5`:",
+        "The same expert, `python -m envs.experts.survey words=[libero_pro/]`:",
         "\n".join(lines),
     ]
 
