@@ -84,9 +84,8 @@ class EvaluationConfig:
         episodes: Episodes of each cell, that is of each level and split.
         width: A cell ends once the 95 % interval of its success rate is this narrow, as in 0.1, and
             ``episodes`` is the most; null evaluates all of them.
-        instructions: Tests of whether the policy reads its instruction, each on the episodes of level 0:
-            known, new_frame, new_words, wrong, empty, switched. With known, the results also say what
-            new_frame and new_words cost against it.
+        instructions: Tests of whether the policy reads its instruction, on the episodes of level 0: known,
+            new_frame, new_words (beside known, also what they cost), wrong, empty, switched.
         protocol_seed: Root of the episodes' randomness.
         num_envs: Environments that step at once; on a CPU no result depends on it.
         videos: Videos of successes, and as many of failures, kept of each level.
