@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from envs.core.errors import PolicyError
+from envs.core.ranges import check_ranges
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -88,6 +89,4 @@ class ActConfig:
                 f"policy.conv_channels={list(self.conv_channels)} must be multiples of 8, "
                 "such as [16,32,64,64]."
             )
-        for name in ("n_keypoints", "tokens_per_camera"):
-            if getattr(self, name) < 1:
-                raise PolicyError(f"policy.{name} must be 1 or more, given {getattr(self, name)}.")
+        check_ranges(self, "policy.", from_1=("n_keypoints", "tokens_per_camera"), error=PolicyError)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from envs.core.errors import PolicyError
+from envs.core.ranges import check_ranges
 from policies.base import listed
 
 Head = Literal["regression", "flow"]
@@ -101,9 +102,11 @@ class MtActConfig:
         self._check_numbers()
 
     def _check_numbers(self) -> None:
-        for name, least in _LEAST.items():
-            if getattr(self, name) < least:
-                raise PolicyError(f"policy.{name} must be {least} or more, given {getattr(self, name)}.")
+        from_0 = ("text_layers", "n_encoder_layers", "state_noise", "word_dropout", "wrong_instructions")
+        from_1 = ("num_inference_steps", "max_words", "n_keypoints", "tokens_per_camera", "n_decoder_layers")
+        check_ranges(self, "policy.", from_0=from_0, from_1=from_1, error=PolicyError)
+        if self.num_buckets < 2:
+            raise PolicyError(f"policy.num_buckets must be at least 2, given {self.num_buckets}.")
         if self.head not in ("regression", "flow"):
             raise PolicyError(f"policy.head must be regression or flow, given '{self.head}'.")
         if self.bank_wordings and not self.swap_wordings:
@@ -113,12 +116,3 @@ class MtActConfig:
                 raise PolicyError(f"policy.{name} must be below 1, given {getattr(self, name)}.")
         if not self.text_encoder:
             raise PolicyError("policy.text_encoder must be scratch or the folder of a model, given ''.")
-
-
-_LEAST = {
-    **dict.fromkeys(("num_inference_steps", "max_words", "n_keypoints", "tokens_per_camera"), 1),
-    **dict.fromkeys(("text_layers", "n_encoder_layers", "state_noise"), 0),
-    **dict.fromkeys(("word_dropout", "wrong_instructions"), 0),
-    "n_decoder_layers": 1,
-    "num_buckets": 2,
-}

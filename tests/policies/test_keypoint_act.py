@@ -107,7 +107,7 @@ def test_it_learns_where_a_spot_is():
     ("setting", "said"),
     [
         ({"conv_channels": (12,)}, r"policy\.conv_channels=\[12\] must be multiples of 8"),
-        ({"n_keypoints": 0}, r"policy\.n_keypoints must be 1 or more, given 0"),
+        ({"n_keypoints": 0}, r"policy\.n_keypoints must be at least 1, given 0"),
         ({"state_noise": -0.1}, r"policy\.state_noise must be 0 \(off\) or more"),
     ],
 )

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from envs.core.errors import ConfigError, unknown_name
+from envs.core.ranges import check_ranges
 
 Choose = Literal["nearest", "random"]
 
@@ -36,9 +37,7 @@ class AugmentConfig:
     def __post_init__(self) -> None:
         if self.choose not in get_args(Choose):
             raise unknown_name("value of augment.choose", str(self.choose), get_args(Choose))
-        for key, least in (("nearest", 1), ("least_steps", 1), ("num_sources", 0), ("retries", 0)):
-            if getattr(self, key) < least:
-                raise ConfigError(f"augment.{key} must be {least} or more, given {getattr(self, key)}.")
+        check_ranges(self, "augment.", from_0=("num_sources", "retries"), from_1=("nearest", "least_steps"))
         if not 0.0 < self.bridge_speed_m_s <= 2.0:
             raise ConfigError(
                 f"augment.bridge_speed_m_s must be above 0 and at most 2, given {self.bridge_speed_m_s}."

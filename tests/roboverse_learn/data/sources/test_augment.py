@@ -160,7 +160,7 @@ def test_keys_are_checked():
         compose("collect", ["augment.noise_m=0.2"])
     with pytest.raises(ConfigError, match=r"augment\.bridge_speed_m_s must be above 0 and at most 2"):
         compose("collect", ["augment.bridge_speed_m_s=0"])
-    with pytest.raises(ConfigError, match=r"augment\.nearest must be 1 or more, given 0"):
+    with pytest.raises(ConfigError, match=r"augment\.nearest must be at least 1, given 0"):
         compose("collect", ["augment.nearest=0"])
 
 
