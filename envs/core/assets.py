@@ -19,7 +19,7 @@ DATA_VARIABLE = "ROBOVERSE_DATA"
 """Environment variable: a folder that holds folders of assets, each by its name."""
 
 FOLDER_PREFIX = "assets."
-"""What the name of a registered folder follows in a reference to one of its files."""
+"""Prefix of a reference to a file of a registered folder, as in ``assets.xarm7:path``."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,8 +23,8 @@ def is_tracked(file: Path) -> bool:
 def git_sha(folder: Path | None = None) -> str | None:
     """Returns the commit of the checkout that holds ``folder`` (that of this code by default).
 
-    It ends in ``+`` if tracked files differ from the commit, but for those in ``results/``: runs write them,
-    and none of them decides what it does. It is None outside a checkout.
+    It ends in ``+`` if tracked files differ from the commit. Changes in ``results/`` do not count: runs write
+    these files, and no result depends on them. It is None outside a checkout.
     """
     if folder is None and not is_tracked(Path(__file__)):
         return None

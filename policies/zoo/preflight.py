@@ -66,8 +66,8 @@ def check_lerobot(config: LeRobotConfig, features: Mapping[str, Any]) -> None:
 
     Raises:
         MissingExtraError: if a package is not installed.
-        PolicyError: if the checkpoint is not there, of another type, or sees other cameras, or a setting is
-            absent without which LeRobot trains the type in vain.
+        PolicyError: if the checkpoint is not there, of another type, or sees other cameras, or if LeRobot
+            cannot train the type, or cannot act with it, without a setting that is absent.
     """
     name, content = config.type, None
     if config.path:

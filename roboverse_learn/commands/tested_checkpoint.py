@@ -344,9 +344,9 @@ def _warn_of_control_rate(trained: TrainRunConfig, env: EnvSpec) -> None:
 
 
 def _warn_of_joints(trained: TrainRunConfig, env: EnvSpec) -> None:
-    """Warns where a policy that learned joints of one robot is to move those of another one.
+    """Warns where a policy that learned joints of one robot moves those of another one.
 
-    Of a dataset that was given, the robot is not known.
+    A run with ``dataset=`` does not record the robot of its demonstrations, so it gets no warning.
     """
     if env.robot == trained.env.robot or trained.dataset:
         return
@@ -354,8 +354,8 @@ def _warn_of_joints(trained: TrainRunConfig, env: EnvSpec) -> None:
     joints = {name for robot in now.robots for name in robot.reading_names}
     if before.robot.name != now.robot.name and not joints.isdisjoint(now.controller.names):
         log.warning(
-            "The policy learned joints of '%s' and moves those of '%s', whose numbers mean other postures. "
-            "Train with task_kwargs.action_space=hand, whose numbers are of the hand.",
+            "The policy learned joints of '%s' and moves those of '%s', where the same positions are another "
+            "posture. Train with task_kwargs.action_space=hand, whose actions are poses of the hand.",
             *(before.robot.name, now.robot.name),
         )
 
