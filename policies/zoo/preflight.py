@@ -91,7 +91,7 @@ def check_lerobot(config: LeRobotConfig, features: Mapping[str, Any]) -> None:
 
 
 def _check_trainable(name: str, settings: Mapping[str, Any]) -> None:
-    """Refuses what LeRobot would refuse at the first gradient step, or at the first action after the last."""
+    """Refuses settings that LeRobot would refuse at the first gradient step, or at the first action."""
     if name == "lingbot_va" and settings.get("attn_mode") != "flex":
         raise PolicyError(
             "LeRobot trains lingbot_va with policy.attn_mode=flex alone, on a GPU, and acts with "

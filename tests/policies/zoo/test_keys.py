@@ -295,7 +295,7 @@ class TestPreflight:
             match=rf"LeRobot's {type_name} needs {absent}: pip install 'roboverse-learn\[vla",
         ):
             self.check(f"type={type_name}")
-        self.check("type=xvla")  # which needs it not
+        self.check("type=xvla")  # which does not need it
 
     @pytest.mark.parametrize(
         ("type_name", "setting"),

@@ -196,7 +196,12 @@ def test_different_control_rate_warns(slow_run: Path, caplog: pytest.LogCaptureF
 
 @pytest.mark.parametrize(
     ("trained", "evaluated", "warns"),
-    [({}, "iiwa", True), ({"task_kwargs": {"action_space": "hand"}}, "iiwa", False), ({}, "franka", False)],
+    [
+        ({}, "iiwa", True),
+        ({"task_kwargs": {"action_space": "hand"}}, "iiwa", False),
+        ({}, "franka", False),
+        ({"dataset": "of_an_iiwa"}, "iiwa", False),
+    ],
 )
 def test_joints_of_another_robot_warn(
     run: Path, caplog: pytest.LogCaptureFixture, trained: dict[str, Any], evaluated: str, warns: bool
