@@ -78,7 +78,7 @@ def test_they_hold_every_vertex_and_are_no_wider_than_the_tracers():
             assert (upper < data.geom_xpos[geom] + half + 1e-4).all()
 
 
-def test_those_of_a_mesh_that_rests_are_exact_until_it_moves():
+def test_those_of_a_mesh_are_exact_whenever_it_rests():
     model, data, context, bounds = scene()
     rng = np.random.default_rng(1)
     moved(model, data, rng)
@@ -100,6 +100,9 @@ def test_those_of_a_mesh_that_rests_are_exact_until_it_moves():
         points = corners(model, data, geom)[1]
         assert (context.lower[row] < points.min(axis=0)).all()
         assert (context.upper[row] > points.max(axis=0)).all()
+    bounds.write(data)
+    for geom, row in ROWS.items():
+        np.testing.assert_allclose(context.upper[row], corners(model, data, geom)[1].max(axis=0), atol=1e-4)
 
 
 def test_geoms_that_are_no_meshes_keep_theirs():
