@@ -112,8 +112,7 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
     with _bar("collecting") as show:
 
         def report(now: CollectionProgress) -> None:
-            tried = f"{100 * now.success_rate:.1f} % succeed, " if now.num_attempts else ""
-            show(now.num_episodes, target, f"{tried}{now.frames_per_s:.0f} frames/s")
+            show(now.num_episodes, target, now.rates)
 
         try:
             summary = collect_episodes(collection, report)

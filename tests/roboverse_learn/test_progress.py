@@ -7,6 +7,7 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
+from roboverse_learn.data.collection.collect import CollectionProgress
 from roboverse_learn.progress import StageProgress, clock
 
 
@@ -49,3 +50,16 @@ def test_the_time_left_of_the_caller_is_shown(caplog: pytest.LogCaptureFixture) 
         progress.update(1, 10, left_s=3671.0)
         time.sleep(0.1)
     assert "1:01:11 left" in caplog.messages[-1]
+
+
+@pytest.mark.parametrize(("num_attempts", "shown"), [(0, "71 frames/s"), (8, "75.0 % succeed, 71 frames/s")])
+def test_a_collection_shows_its_success_rate_from_the_first_attempt_on(num_attempts: int, shown: str) -> None:
+    progress = CollectionProgress(
+        num_episodes=3 * num_attempts // 4,
+        target=40,
+        num_attempts=num_attempts,
+        num_frames=0,
+        frames_per_s=71.4,
+        remaining_s=None,
+    )
+    assert progress.rates == shown

@@ -48,6 +48,12 @@ class CollectionProgress:
         """Successful share of the attempts."""
         return self.num_episodes / max(self.num_attempts, 1)
 
+    @property
+    def rates(self) -> str:
+        """Success rate, known from the first attempt on, and speed: ``93.0 % succeed, 71 frames/s``."""
+        tried = f"{100 * self.success_rate:.1f} % succeed, " if self.num_attempts else ""
+        return f"{tried}{self.frames_per_s:.0f} frames/s"
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CollectionSummary:
