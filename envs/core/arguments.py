@@ -71,7 +71,7 @@ def parse[T](command: str, settings: type[T], words: Sequence[str] | None = None
     return settings(**values)
 
 
-def read_names(key: str, text: str) -> tuple[str, ...]:
+def read_list(key: str, text: str) -> tuple[str, ...]:
     """Returns the items of a list, ``[A,B]`` or ``A,B``.
 
     Raises:
@@ -95,7 +95,7 @@ def _value(key: str, text: str, kind: Any) -> Any:
             return None
         kind = next(option for option in get_args(kind) if option is not NoneType)
     if get_origin(kind) is tuple:
-        return tuple(_value(key, item, get_args(kind)[0]) for item in read_names(key, text))
+        return tuple(_value(key, item, get_args(kind)[0]) for item in read_list(key, text))
     text = text.strip("'\"")
     if kind is bool:
         if text.lower() not in _BOOLEANS:

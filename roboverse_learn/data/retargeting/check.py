@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from envs.core.arguments import read_names
+from envs.core.arguments import read_list
 from envs.core.errors import ConfigError
 from envs.robots import ROBOTS
 from roboverse_learn.data.check_program import run_check
@@ -93,7 +93,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _print_table(config: Any, count: int, own: Mapping[str, str]) -> None:
-    robots = read_names("robots", own["robots"])
+    robots = read_list("robots", own["robots"])
     if not robots:
         raise ConfigError("Name the robots that follow, as in robots=iiwa,ur5e.")
     for robot in robots:
