@@ -128,8 +128,8 @@ def page(rows: Mapping[str, Mapping[str, Any]], chains: Mapping[int, int]) -> st
             rates = " | ".join(_rate(counts[scene].get(task)) for scene in others)
             table.append(f"| {task} | {rates} |")
         parts += [
-            "In the other scenes, by `words=[calvin/A/]` and its like in place of `words=[calvin/D/]`, it "
-            f"reaches {100 * BAR:.0f} % in "
+            "In the other scenes, with `words=[calvin/A/]`, `[calvin/B/]` or `[calvin/C/]` in that command,\n"
+            f"it reaches {100 * BAR:.0f} % in "
             + ", ".join(f"{good[scene]} of {len(counts[scene])} in {scene}" for scene in others)
             + ":",
             "\n".join(table),
