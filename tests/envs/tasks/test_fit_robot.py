@@ -136,6 +136,7 @@ def test_the_expert_succeeds_on_another_robot(task, name):
         with pytest.raises(ConfigError, match="misses a pose of the way by"):
             make_task(task, robot=name)
         return
+    needs_files_of(name)
     env = envs.make_vec(task, 4, split="test", observation="state", robot=name)
     outcomes = [run.success for run in expert_episodes(env, env.split_indices[:8].tolist())]
     assert env.scenario.robots[0].name == name and sum(outcomes) >= FEWER.get(name, 7)
