@@ -165,23 +165,25 @@ class TwoRobotPickCube(TwoRobots):
 
     @override
     def success(self, state: State) -> Tensor:
-        right = arm_speed(state.robots[RIGHT.name], RIGHT) <= self.static_speed_rad_s
-        return self._placed(state) & right
+        right = self.robots[1]
+        still = arm_speed(state.robots[right.name], right) <= self.static_speed_rad_s
+        return self._placed(state) & still
 
     @override
     def reward(self, state: State) -> Tensor:
         """Returns ManiSkill's stages: hand over, reach, grasp, lift and keep still; over 15."""
         item, goal = state.objects["cube"].pos, state.objects["goal"].pos
-        left, right = state.robots[LEFT.name], state.robots[RIGHT.name]
+        robot = self.robots[1]
+        left, right = (state.robots[each.name] for each in self.robots)
         across = nearness(at_least(0.05 - item[:, 1], 0.0))
         first = 0.5 * (nearness(distance(ee_pos(left), item)) + across)
-        open_fingers = nearness(abs(finger_gap(right, RIGHT) - 0.07))
+        open_fingers = nearness(abs(finger_gap(right, robot) - 0.07))
         leave = nearness(abs(ee_pos(left)[:, 1] + AWAY_M))
         held = self.held(state, 1, state.objects["cube"])
         second = 2.0 + nearness(distance(ee_pos(right), item)) + open_fingers + leave + 2.0 * held
         far = distance(ee_pos(right), goal)
         third = where(far < 0.25, 10.0 + 2.0 * nearness(far), 8.0 + nearness(far))
-        still = nearness(norm(right.joint_vel[:, columns_of(RIGHT).arm]))
+        still = nearness(norm(right.joint_vel[:, columns_of(robot).arm]))
         reached = where(item[:, 1] >= 0.0, second, first)
         return where(self._placed(state), 13.0 + still, where(held, third, reached)) / 15.0
 
@@ -273,7 +275,7 @@ class TwoRobotStackCube(TwoRobots):
     def reward(self, state: State) -> Tensor:
         """Returns ManiSkill's stages: grasp, place the lower cube, place the upper one, let go; over 10."""
         a, b = state.objects["cube_a"], state.objects["cube_b"]
-        left, right = state.robots[LEFT.name], state.robots[RIGHT.name]
+        left, right = (state.robots[each.name] for each in self.robots)
         held_a, held_b = self.held(state, 0, a), self.held(state, 1, b)
         push = b.pos + constant((0.0, self.cube_half_size_m + 0.005, 0.0), b.pos)
         reach = 0.5 * (nearness(distance(ee_pos(left), a.pos)) + nearness(distance(ee_pos(right), push)))
@@ -283,8 +285,11 @@ class TwoRobotStackCube(TwoRobots):
         top = b.pos + constant((0.0, 0.0, 2 * self.cube_half_size_m), b.pos)
         leave = nearness(abs(ee_pos(right)[:, 1] - AWAY_M))
         third = 4.0 + 2.0 * nearness(distance(a.pos, top)) + leave
-        opened = where(held_a, finger_gap(left, LEFT) / 0.08, 1.0)
-        opened = opened + where(held_b, finger_gap(right, RIGHT) / 0.08, 1.0)
+        gaps = [
+            finger_gap(arm, each) / each.opening_m
+            for arm, each in ((left, self.robots[0]), (right, self.robots[1]))
+        ]
+        opened = where(held_a, gaps[0], 1.0) + where(held_b, gaps[1], 1.0)
         placed = self._on_target(state)
         stage = where(held_a, where(placed, third, second), first)
         return where(self._on_top(state) & placed, 8.0 + 0.5 * opened, stage) / 10.0

@@ -192,6 +192,17 @@ def test_an_image_that_cannot_be_aligned_is_reported_each_time(tmp_path, monkeyp
     assert 'rgba="1 0 0 1"' in path.read_text()
 
 
+def test_bodies_that_never_touch_are_reported_where_a_format_cannot_say_so(tmp_path, monkeypatch, caplog):
+    monkeypatch.setenv("ROBOVERSE_CACHE", str(tmp_path / "cache"))
+    convert("sawyer_panda")
+    assert "sawyer_panda to urdf: Contact pairs and exclusions of bodies are left out." in caplog.text
+    caplog.clear()
+    path = convert("sawyer_panda", to="mjcf")
+    assert "left out" not in caplog.text
+    (pair,) = ET.parse(path).getroot().iter("exclude")
+    assert pair.get("body1") == "sawyer_panda/right_arm_base_link"
+
+
 def test_an_msh_lends_its_textured_twins_coordinates(hard_robot, tmp_path):
     import trimesh
 

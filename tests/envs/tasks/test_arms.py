@@ -18,7 +18,7 @@ from envs.tasks.arm_at_table import chain_at_rest
 from envs.tasks.arms import Hand, downward, in_world, pointing
 from envs.tasks.arms_planner import ArmsPlanner, scheduled, steps_of
 from envs.tasks.make import make_task
-from envs.tasks.maniskill.two_robots import LEFT, RIGHT, TwoRobotPickCube
+from envs.tasks.maniskill.two_robots import LEFT, RIGHT, TwoRobotPickCube, TwoRobotStackCube
 from envs.tasks.pick_cube import PickCube
 from envs.tasks.workspace import TaskWorkspace
 
@@ -182,26 +182,54 @@ def test_a_point_of_an_entity_turns_with_it():
     np.testing.assert_allclose(in_world(entity, (0.1, 0.0, 0.2)), [1.0, 0.1, 0.7], atol=1e-9)
 
 
-class TwoGrippers(TwoRobotPickCube):
-    """Hands with four joints more than the Franka's, five of which follow the one that is driven."""
-
-    own_robots = tuple(
-        dataclasses.replace(ROBOTS.get("iiwa_2f85"), name=each.name, pos=each.pos, rot=each.rot)
-        for each in (LEFT, RIGHT)
+def with_arms(task, *arms):
+    """The class of a task of two arms that other arms do, at the same places, under names of their own."""
+    robots = tuple(
+        dataclasses.replace(ROBOTS.get(arm), name=name, pos=each.pos, rot=each.rot)
+        for arm, name, each in zip(arms, ("one", "other"), (LEFT, RIGHT), strict=True)
     )
+    return type(task.__name__, (task,), {"own_robots": robots, "__slots__": ()})
+
+
+def test_rules_and_rewards_read_the_arms_of_the_task():
+    # The 2F-85 of one arm has six joints, of which one is driven; the UR5e has six joints of its own.
+    for cls in (TwoRobotPickCube, TwoRobotStackCube):
+        task = with_arms(cls, "iiwa_2f85", "ur5e")()
+        state = task.initial_state([np.random.default_rng(row) for row in range(3)])
+        for robot, y in zip(task.robots, (-0.4, 0.4), strict=True):
+            entity = state.robots[robot.name]
+            entity.ee_pos = torch.tensor([[0.0, y, 0.3]]).repeat(3, 1).double()
+            entity.joint_target = entity.joint_pos[:, list(robot.driven)].clone()
+        assert task.success(state).tolist() == [False] * 3
+        assert ((task.reward(state) > 0.0) & (task.reward(state) < 1.0)).all()
+    task = with_arms(TwoRobotPickCube, "iiwa_2f85", "ur5e")()
+    state.objects["goal"], state.objects["cube"] = state.objects["cube_a"], state.objects["cube_a"]
+    state.robots["one"].joint_vel[:] = 1.0  # the left arm may move, and so may the right one's fingers
+    state.robots["other"].joint_vel[0, 6], state.robots["other"].joint_vel[1, 5] = 0.3, 0.3
+    assert task.success(state).tolist() == [True, False, True]
 
 
 @pytest.mark.slow
-def test_two_2f85_hand_over_a_cube():
-    task = TwoGrippers()
-    assert len(task.state_names) == 2 * 13 and len(task.controller.names) == 2 * 8
+@pytest.mark.parametrize(
+    ("cls", "arms", "sizes"),
+    [
+        # Hands with four joints more than the Franka's, five of which follow the one that is driven.
+        (TwoRobotPickCube, ("iiwa_2f85", "iiwa_2f85"), (8, 8)),
+        (TwoRobotPickCube, ("iiwa_2f85", "ur5e"), (8, 8)),
+        (TwoRobotStackCube, ("franka", "ur5e_2f85"), (9, 7)),
+    ],
+    ids=["two_2f85", "mixed", "mixed_stack"],
+)
+def test_experts_work_with_other_arms_and_hands(cls, arms, sizes):
+    task = with_arms(cls, *arms)()
+    assert len(task.controller.names) == sum(sizes)
     with MujocoHandler(task.scenario, 2, num_threads=1) as handler:
         handler.launch()
         rngs = [np.random.default_rng(row) for row in range(2)]
         handler.set_states(task.initial_state(rngs))
         solved = torch.zeros(2, dtype=torch.bool)
         plans = task.planner.plan_batch(handler.get_states(), rngs)
-        assert [plan.shape[1] for plan in plans] == [16, 16]
+        assert [plan.shape[1] for plan in plans] == [sum(sizes)] * 2
         for step in range(max(map(len, plans))):
             now = np.stack([plan[min(step, len(plan) - 1)] for plan in plans])
             task.controller.advance(handler, torch.from_numpy(now), 25)
