@@ -6,13 +6,15 @@ angular velocity in the world (13 numbers); articulations likewise, then joint p
 """
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar, override
 
 import numpy as np
 
 from envs.core.errors import DatasetError
-from envs.rotations import conjugate, rotate
+from envs.rotations import conjugate, multiply, rotate
+from envs.scenario import IDENTITY
 from envs.state import EntityState
 from envs.tasks.base import Task
 from roboverse_learn.data.importers.demonstration import (
@@ -30,9 +32,22 @@ from roboverse_learn.data.importers.demonstration import (
 from roboverse_learn.data.importers.hdf5 import READ_ERRORS, open_hdf5
 from roboverse_learn.data.sources.importer import FileSource
 
+_DISC = "goal_region"
+"""ManiSkill's disc on the table: its axis is x, and it lies because it is turned; ours lies as it is."""
+
+_CUBES = {"cubeA": "cube_a", "cubeB": "cube_b"}
 SCENES = {
     "PickCube-v1": Scene("PickCube", {"cube": "cube", "goal_site": "goal"}),
-    "StackCube-v1": Scene("StackCube", {"cubeA": "cube_a", "cubeB": "cube_b"}),
+    "StackCube-v1": Scene("StackCube", _CUBES),
+    "PushCube-v1": Scene("PushCube", {"cube": "cube", _DISC: "goal"}),
+    "PullCube-v1": Scene("PullCube", {"cube": "cube", _DISC: "goal"}),
+    "PokeCube-v1": Scene("PokeCube", {"cube": "cube", "peg": "peg", _DISC: "goal"}),
+    "LiftPegUpright-v1": Scene("LiftPegUpright", {"peg": "peg"}),
+    "RollBall-v1": Scene("RollBall", {"ball": "ball", _DISC: "goal"}),
+    "PlaceSphere-v1": Scene("PlaceSphere", {"sphere": "sphere", "bin": "bin"}),
+    "PullCubeTool-v1": Scene("PullCubeTool", {"cube": "cube", "l_shape_tool": "tool"}),
+    "StackPyramid-v1": Scene("StackPyramid", {**_CUBES, "cubeC": "cube_c"}),
+    "PlugCharger-v1": Scene("PlugCharger", {"charger": "charger", "receptacle": "receptacle"}),
 }
 
 ROBOT = "franka"
@@ -45,6 +60,9 @@ DEFAULT_CONTROL_HZ = 20.0
 """ManiSkill's ``SimConfig.control_freq``."""
 
 _ROOT = 13
+
+_LAID = (0.5**0.5, 0.0, -(0.5**0.5), 0.0)
+"""Orientation of our disc in ManiSkill's, wxyz."""
 
 
 class ManiSkillFile(DemonstrationFile):
@@ -104,7 +122,9 @@ class ManiSkillFile(DemonstrationFile):
         targets = self._targets(qpos, actions, mode)
         objects = {
             ours: _object(
-                array(states["actors"][theirs][:], (None, _ROOT), f"The state of '{theirs}'"), placement
+                array(states["actors"][theirs][:], (None, _ROOT), f"The state of '{theirs}'"),
+                placement,
+                _LAID if theirs == _DISC else IDENTITY,
             )
             for theirs, ours in self._scene.objects.items()
             if ours in self._objects
@@ -139,9 +159,16 @@ class ManiSkillSource(FileSource):
     file_type: ClassVar = ManiSkillFile
 
 
-def _object(values: np.ndarray, placement: Placement) -> EntityState:
-    """Returns one actor's moments; SAPIEN's angular velocities are the world's, ours the body's."""
+def _object(values: np.ndarray, placement: Placement, frame: Sequence[float]) -> EntityState:
+    """Returns one actor's moments; SAPIEN's angular velocities are the world's, ours the body's.
+
+    Args:
+        values: The actor's states.
+        placement: Of their scene in ours.
+        frame: Orientation of our object in the actor, wxyz.
+    """
     rot = values[:, 3:7] / np.linalg.norm(values[:, 3:7], axis=1, keepdims=True)
+    rot = multiply(rot, np.asarray(frame))
     turning = rotate(conjugate(rot), values[:, 10:13])
     return placement.entity(values[:, :3], rot, lin_vel=values[:, 7:10], ang_vel=turning)
 

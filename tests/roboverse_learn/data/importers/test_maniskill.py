@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from envs.core.errors import DatasetError
+from envs.rotations import from_euler, multiply, rotate
 from envs.tasks import TASKS
-from roboverse_learn.data.importers.maniskill import ManiSkillFile
+from roboverse_learn.data.importers.maniskill import SCENES, ManiSkillFile
 from tests.roboverse_learn.data.importers.recordings import arrays, write_maniskill
 
 TASK = TASKS.get("PickCube")()
@@ -116,3 +117,52 @@ def test_a_spin_in_the_world_becomes_one_in_the_body(file):
         content["traj_0/env_states/actors/cube"][0, 3:] = [0.5**0.5, 0, 0.5**0.5, 0, 0, 0, 0, 3.0, 0, 0]
     cube = ManiSkillFile(file, TASK).read("traj_0").states.objects["cube"]
     np.testing.assert_allclose(cube.ang_vel[0], [0, 0, 3.0], atol=1e-6)
+
+
+def write_moments(path, env_id, task, state):
+    """Writes an episode of standing still: the rows of a state, from a base 0.1 m further left."""
+    info = {"env_info": {"env_id": env_id}, "episodes": [{"episode_id": 0, "control_mode": "pd_joint_pos"}]}
+    path.with_suffix(".json").write_text(json.dumps(info))
+    shift, robot = np.array([0.0, 0.1, 0.0]), state.robots[task.robot.name]
+    count = state.num_envs
+    with h5py.File(path, "w") as file:
+        group = file.create_group("traj_0")
+        group["actions"] = np.zeros((count - 1, 8))
+        for theirs, ours in SCENES[env_id].objects.items():
+            entity = state.objects[ours]
+            rot = entity.rot.numpy()
+            if theirs == "goal_region":  # ManiSkill turns a disc whose axis is x by a quarter about y
+                rot = multiply(rot, from_euler(np.array([0.0, np.pi / 2, 0.0])))
+            values = np.concatenate([entity.pos.numpy() + shift, rot, np.zeros((count, 6))], 1)
+            group[f"env_states/actors/{theirs}"] = values
+        base = np.concatenate([np.array(task.robot.pos) + shift, task.robot.rot, np.zeros(6)])
+        joints = robot.joint_pos.numpy()
+        parts = [np.tile(base, (count, 1)), joints, np.zeros_like(joints)]
+        group["env_states/articulations/panda"] = np.concatenate(parts, 1)
+    return path
+
+
+@pytest.mark.parametrize("env_id", sorted(SCENES))
+def test_things_of_every_scene_are_where_they_were_recorded(env_id, tmp_path):
+    task = TASKS.get(SCENES[env_id].task)()
+    state = task.initial_state([np.random.default_rng(row) for row in range(3)])
+    file = ManiSkillFile(write_moments(tmp_path / "still.h5", env_id, task, state), task)
+    read = file.read("traj_0").states
+    assert set(read.objects) == {item.name for item in task.scenario.objects}
+    up = np.array([0.0, 0.0, 1.0])
+    for name, entity in read.objects.items():
+        expected = state.objects[name]
+        np.testing.assert_allclose(entity.pos, expected.pos, atol=1e-9, err_msg=name)
+        for axis in (up, np.array([1.0, 0.0, 0.0])):
+            turned = rotate(entity.rot.numpy(), axis)
+            np.testing.assert_allclose(turned, rotate(expected.rot.numpy(), axis), atol=1e-9, err_msg=name)
+
+
+def test_a_scene_whose_sizes_are_not_recorded_is_refused(file):
+    # ManiSkill draws the peg of PegInsertionSide anew for each episode.
+    beside = file.with_suffix(".json")
+    beside.write_text('{"env_info": {"env_id": "PegInsertionSide-v1"}, "episodes": []}')
+    with pytest.raises(
+        DatasetError, match=r"no registered task is the same\. Convertible: LiftPegUpright-v1"
+    ):
+        ManiSkillFile(file, TASKS.get("PegInsertionSide")())
