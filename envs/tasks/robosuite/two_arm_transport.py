@@ -57,8 +57,31 @@ _DARK: Rgba = (0.3, 0.18, 0.1, 1.0)
 _GLASS: Rgba = (1.0, 1.0, 1.0, 0.3)
 _RED: Rgba = (0.45, 0.12, 0.08, 1.0)
 _GAP_M = 5e-4
+_LEG_M = 0.04
+"""Half the side of a table's leg."""
+
 _TOUCHED_Z_M = 0.08
 """Height of a middle below which something in a bin is at its floor, where a simulator says no touch."""
+
+
+def _second(table: TableCfg) -> ObjectCfg:
+    """Returns a table like the scene's own, on legs that are only seen."""
+    wood = (*TABLETOP_LOOKS.materials["table"].rgb, 1.0)
+    half = (*table.half_size, table.thickness_m / 2)
+    board = GeomCfg(shape="box", size=half, pos=(0.0, 0.0, -half[2]), rgba=wood)
+    high = (table.height_m - table.thickness_m) / 2
+    legs = (
+        GeomCfg(
+            shape="box",
+            size=(_LEG_M, _LEG_M, high),
+            pos=(x * (half[0] - 2 * _LEG_M), y * (half[1] - 2 * _LEG_M), -table.thickness_m - high),
+            rgba=wood,
+            collides=False,
+        )
+        for x in (-1, 1)
+        for y in (-1, 1)
+    )
+    return ObjectCfg(name="table_right", geoms=(board, *legs), pos=(0.0, TABLE_Y_M, 0.0), kind="fixed")
 
 
 def _floor(name: str) -> ObjectCfg:
@@ -126,16 +149,12 @@ class TwoArmTransport(TwoArms):
     @property
     @override
     def objects(self) -> tuple[ObjectCfg, ...]:
-        own = self.table
-        half = (*own.half_size, own.thickness_m / 2)
-        wood = (*TABLETOP_LOOKS.materials["table"].rgb, 1.0)
-        board = GeomCfg(shape="box", size=half, pos=(0.0, 0.0, -half[2]), rgba=wood)
         cube = GeomCfg(
             shape="box", size=(TRASH_HALF_M,) * 3, rgba=_RED, mass_kg=8.0 * TRASH_HALF_M**3 * DENSITY_KG_M3
         )
         names = ("start", "target", "trash")
         return (
-            ObjectCfg(name="table_right", geoms=(board,), pos=(0.0, TABLE_Y_M, 0.0), kind="fixed"),
+            _second(self.table),
             *(_floor(f"{name}_floor") for name in names),
             *(_walls(f"{name}_walls") for name in names),
             _lid(),

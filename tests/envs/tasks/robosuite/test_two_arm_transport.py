@@ -29,6 +29,14 @@ def test_robots_stand_beyond_both_tables():
     assert tables == {"left": -0.45, "right": 0.45}
 
 
+def test_both_tables_stand_on_the_ground_on_four_legs():
+    boards = TASK.scenario.object("table_right").geoms
+    assert [geom.collides for geom in boards] == [True, False, False, False, False]
+    for leg in boards[1:]:
+        assert leg.pos[2] + leg.size[2] == pytest.approx(-TASK.table.thickness_m)
+        assert leg.pos[2] - leg.size[2] == pytest.approx(-TASK.table.height_m)
+
+
 def test_bins_are_within_half_a_centimetre_of_their_places_and_hold_what_they_should():
     state = starts(TASK, 2000)
     for name, x, y in (("start", 0.2, -0.45), ("target", -0.2, 0.45), ("trash", 0.2, 0.45)):
