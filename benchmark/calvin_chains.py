@@ -246,7 +246,8 @@ class ChainSettings:
         looks: What is rendered for a policy; see :class:`~envs.tasks.calvin.task.CalvinTask`.
         action_space: ``joints`` or ``native``, as the policy was trained; the expert's are joints.
         observation_space: Likewise.
-        cameras: Cameras of a policy.
+        cameras: Cameras of a policy; none takes those that the checkpoint saw.
+        image_size: Pixels along the shorter side of their images; 0 takes what the checkpoint saw.
         device: Device of a policy.
         results: File of results.
     """
@@ -259,7 +260,8 @@ class ChainSettings:
     looks: str = "boxes"
     action_space: str = "joints"
     observation_space: str = "joints"
-    cameras: tuple[str, ...] = ("static", "gripper")
+    cameras: tuple[str, ...] = ()
+    image_size: int = 0
     device: str = "cpu"
     results: Path = Path("results/calvin_chains.json")
 
@@ -324,18 +326,28 @@ def _label(settings: ChainSettings) -> str:
     from policies.checkpoint import resolve, weights_path
 
     weights = file_hash(weights_path(resolve(settings.checkpoint)))[:8]
-    seen = ("looks", "action_space", "observation_space", "cameras", "device")
+    seen = ("looks", "action_space", "observation_space", "cameras", "image_size", "device")
     facts = {key: getattr(settings, key) for key in seen}
     return f"{portable(settings.checkpoint)} {weights} {digest(facts)}"
 
 
 def _env(settings: ChainSettings, num_envs: int) -> RoboVerseVectorEnv:
     kwargs = {key: getattr(settings, key) for key in ("looks", "action_space", "observation_space")}
-    spec = EnvSpec(task=ENV_TASK, task_kwargs=kwargs, cameras=settings.cameras)
+    spec = EnvSpec(task=ENV_TASK, task_kwargs=kwargs, **_images(settings))
     observation = "pixels" if settings.checkpoint else "state"
     return spec.make(
         num_envs, split="test", observation=observation, num_threads=1, protocol_seed=PROTOCOL_SEED
     )
+
+
+def _images(settings: ChainSettings) -> dict[str, Any]:
+    """Returns the cameras and the image size: as given, else as the checkpoint saw them."""
+    from policies.checkpoint import resolve, seen_cameras
+
+    seen = seen_cameras(resolve(settings.checkpoint)) if settings.checkpoint else {}
+    images: dict[str, Any] = {"cameras": settings.cameras or tuple(seen)}
+    sizes = {settings.image_size} if settings.image_size else set(seen.values())
+    return images | ({"image_size": sizes.pop()} if len(sizes) == 1 else {})
 
 
 def _actor(settings: ChainSettings, env: Any) -> Actor:
@@ -343,7 +355,9 @@ def _actor(settings: ChainSettings, env: Any) -> Actor:
         return ChainExpert(env)
     from policies import load
 
-    return PolicyActor(load(settings.checkpoint, settings.device), env, env.protocol_seed, "chains")
+    policy = load(settings.checkpoint, settings.device)
+    policy.task = ENV_TASK
+    return PolicyActor(policy, env, env.protocol_seed, "chains")
 
 
 if __name__ == "__main__":

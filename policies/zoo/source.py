@@ -31,9 +31,9 @@ def local_folder(path: str) -> Path:
     Raises:
         PolicyError: if there is neither, the hub cannot be asked, or disk or memory do not suffice.
     """
-    if not is_hub_name(path):
-        from policies.checkpoint import resolve
+    from policies.checkpoint import resolve, weights_path
 
+    if not is_hub_name(path):
         return resolve(path)
     from httpx import HTTPError
     from huggingface_hub import constants, snapshot_download
@@ -41,11 +41,13 @@ def local_folder(path: str) -> Path:
 
     name, _, revision = path.partition("@")
     try:
-        return Path(
+        cached = Path(
             snapshot_download(
                 name, revision=revision or None, allow_patterns=list(_WANTED), local_files_only=True
             )
         )
+        if weights_path(cached).is_file():  # another program may have fetched the configuration alone
+            return cached
     except (LocalEntryNotFoundError, FileNotFoundError):
         pass
     try:

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+import policies
 from benchmark import calvin_chains
 from benchmark.calvin_chains import (
     ChainEnv,
@@ -22,6 +23,7 @@ from envs.core.git import git_sha
 from envs.spec import EnvSpec
 from envs.tasks.calvin import memory
 from envs.tasks.calvin.sequences import all_chains
+from tests.policies.examples import CONFIGS, FEATURES, IMAGE, SIZE, stats
 
 FIVE = ("open_drawer", "turn_on_led", "move_slider_left", "lift_red_block_table", "stack_block")
 SYMBOLS = {
@@ -165,3 +167,27 @@ def test_bad_input_is_reported(tmp_path, capsys):
             read_results(path)
     assert main(["chains=2000"]) == 2 and "from 1 to 1000, given 2000" in capsys.readouterr().err
     assert main(["policy=nobody"]) == 2 and "checkpoint=<folder>" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_policy_that_reads_sees_the_images_of_its_training_and_is_asked_each_instruction(
+    tmp_path, monkeypatch
+):
+    """Its images are neither of CALVIN's sizes nor the default one."""
+    names = ("observation.images.static", "observation.images.gripper")
+    image = FEATURES[IMAGE]
+    features = {key: value for key, value in FEATURES.items() if key != IMAGE} | dict.fromkeys(names, image)
+    own_stats = stats() | dict.fromkeys(names, stats()[IMAGE])
+    policies.create("mtact", features, own_stats, CONFIGS["mtact"]).save(tmp_path / "policy")
+    monkeypatch.setattr(calvin_chains, "STEPS_PER_TASK", 6)
+    settings = ChainSettings(checkpoint=str(tmp_path / "policy"), chains=1, results=tmp_path / "results.json")
+    made = calvin_chains._env(settings, 1)
+    try:
+        assert made.camera_names == ("static", "gripper")
+        assert made.scenario.cameras[0].height == SIZE
+        chains = ChainEnv(made, {0: all_chains()[0]})
+        assert list(run_chains(chains, calvin_chains._actor(settings, chains), [0])) == [(0, 0)]
+    finally:
+        made.close()
+    given = calvin_chains._images(dataclasses.replace(settings, cameras=("gripper",), image_size=84))
+    assert given == {"cameras": ("gripper",), "image_size": 84}

@@ -196,7 +196,8 @@ def _balanced_stats(
     """Returns statistics of vectors and images in which each task weighs alike.
 
     Those of an entry of a vector are over the tasks that have it. Several tasks of one dataset have their own
-    statistics of vectors, and share those of its images.
+    statistics of vectors, and share those of its images. Quantiles do not combine: one dataset keeps its
+    own, which are of all its frames, and several datasets have none.
     """
     of_groups: list[Stats] = []
     for group in groups:
@@ -215,6 +216,8 @@ def _balanced_stats(
             for entry in range(sizes[key])
         ]
         joined[key] = {name: np.concatenate([entry[name] for entry in entries]) for name in entries[0]}
+    if len(infos) == 1:
+        return {key: {**own, **joined.get(key, {})} for key, own in infos[0].stats.items()}
     return joined
 
 

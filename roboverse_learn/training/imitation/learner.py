@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, override
 
 import policies
-from envs.core.errors import ConfigError
+from envs.core.errors import ConfigError, UnknownNameError
 from policies.base import listed
 from policies.learned_tasks import TASK_INDEX
 from roboverse_learn.commands.collected import of_task
@@ -29,7 +29,8 @@ class ImitationLearner(Learner):
         """See :meth:`Learner.check`.
 
         Raises:
-            ConfigError: if there are no demonstrations of one of several tasks, or they cannot be collected.
+            ConfigError: if there are no demonstrations of one of several tasks, they cannot be collected, or
+                their images differ.
         """
         from roboverse_learn.commands.dataset_layout import dataset_layout
 
@@ -48,6 +49,8 @@ class ImitationLearner(Learner):
             )
         if config.dataset:
             self._check_demonstrated()
+        else:
+            self._check_images()
 
     @property
     def _asks_wrongly(self) -> bool:
@@ -55,6 +58,27 @@ class ImitationLearner(Learner):
 
     def _tasks(self) -> "dict[str, Task]":
         return {name: of_task(self.config, name).env.make_task() for name in self.config.tasks}
+
+    def _check_images(self) -> None:
+        """Checks that the cameras of a run are those of each of its tasks, with images of one size."""
+        env, sizes = self.config.env, {}
+        for name, task in self._tasks().items():
+            try:
+                seen = task.scenario.seen_by(env.cameras, env.image_size).cameras
+            except UnknownNameError as error:
+                raise ConfigError(
+                    f"cameras={listed(env.cameras)} must be cameras of every task that is learned, and "
+                    f"{name} has {', '.join(camera.name for camera in task.scenario.cameras)}. Name those, or "
+                    "give cameras=[all]."
+                ) from error
+            sizes[name] = ", ".join(f"{camera.name} of {camera.width} × {camera.height}" for camera in seen)
+        first = self.config.tasks[0]
+        other = next((name for name in sizes if sizes[name] != sizes[first]), None)
+        if other is not None:
+            raise ConfigError(
+                f"{first} and {other} cannot be learned together: one has the images {sizes[first]}, the "
+                f"other {sizes[other]}. Give cameras that both have, or learn tasks of one suite together."
+            )
 
     def _check_demonstrated(self) -> None:
         """Checks that a given dataset names all tasks of the run."""

@@ -3,10 +3,8 @@
 import copy
 import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
-import psutil
 import pytest
 import torch
 
@@ -14,7 +12,7 @@ import policies
 from envs.core.errors import ConfigError, MissingExtraError, PolicyError, UnknownNameError
 from policies import checkpoint
 from policies.checkpoint import REGISTERED_AS
-from policies.zoo import preflight, source
+from policies.zoo import preflight
 from policies.zoo.config import LeRobotConfig, PeftConfig, full_rename_map
 from policies.zoo.types import settings_of, type_names
 from roboverse_learn.config.compose import compose
@@ -218,51 +216,6 @@ def test_the_policy_that_is_named_must_be_the_checkpoints(foreign):
     assert evaluate(foreign, "policy=lerobot", "task=PickCube", "rename_map={front:camera1}")
     with pytest.raises(ConfigError, match=r"policy=openvla and checkpoint=.*is of policy=lerobot"):
         evaluate(foreign, "policy=openvla", "task=PickCube")
-
-
-class TestSource:
-    @pytest.mark.parametrize("name", ["lerobot/smolvla_base", "openvla/openvla-7b@main"])
-    def test_hub_names(self, name, tmp_path, monkeypatch):
-        monkeypatch.chdir(tmp_path)
-        assert source.is_hub_name(name)
-        (tmp_path / name.split("/")[0]).mkdir()
-        assert not source.is_hub_name(name)  # a folder here that lacks the second
-
-    def test_a_path_is_none(self):
-        assert not source.is_hub_name("runs/PickCube/act")
-        assert not source.is_hub_name("/runs/PickCube")
-
-    def test_without_a_network_the_error_names_the_network(self, monkeypatch, tmp_path):
-        monkeypatch.setattr("huggingface_hub.constants.HF_HUB_OFFLINE", True)
-        monkeypatch.setenv("HF_HUB_CACHE", str(tmp_path))
-        with pytest.raises(PolicyError, match=r"'nobody/nothing' is no folder here, and the Hugging"):
-            source.local_folder("nobody/nothing")
-
-    def test_a_host_that_is_not_found_is_one_sentence_too(self, monkeypatch):
-        import httpx
-
-        def no_host(*_):
-            raise httpx.ConnectError("[Errno -2] Name or service not known")
-
-        monkeypatch.setattr(source, "_hub_bytes", no_host)
-        with pytest.raises(
-            PolicyError, match=r"hub did not give it: \[Errno -2\] Name or service not known. Name"
-        ):
-            source.local_folder("nobody/nothing")
-
-    def test_room_is_checked_before_a_download(self, monkeypatch, tmp_path):
-        free = {"disk": 17e9, "memory": 32e9}
-        monkeypatch.setattr(source.shutil, "disk_usage", lambda _: SimpleNamespace(free=free["disk"]))
-        monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=free["memory"]))
-        source.check_room(int(15e9), tmp_path / "cache", "a/b")
-        free["memory"] = 31e9  # what is read and the network are there at once
-        with pytest.raises(PolicyError, match=r"has 15.0 GB, which needs 31.5 GB of free memory.* 31.0 GB"):
-            source.check_room(int(15e9), tmp_path, "a/b")
-        free["disk"] = 16e9
-        with pytest.raises(
-            PolicyError, match=r"which needs 16.5 GB of free disk.* Nothing was down.*HF_HOME"
-        ):
-            source.check_room(int(15e9), tmp_path, "a/b")
 
 
 class TestPreflight:

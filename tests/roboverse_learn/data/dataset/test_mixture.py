@@ -75,6 +75,16 @@ def test_statistics_weigh_each_task_alike_and_padding_not_at_all(folders, mixtur
     assert mixture.info.stats["observation.images.front"]["mean"].shape == (3, 1, 1)
 
 
+def test_one_dataset_keeps_its_quantiles_by_which_some_policies_normalize(folders):
+    info = DatasetInfo.open(folders["Right"])
+    found = Mixture.open({"Right": folders["Right"]}, "cpu").info.stats
+    assert found.keys() == info.stats.keys()
+    for key, own in info.stats.items():
+        assert found[key].keys() == own.keys()
+        for name in ("q01", "q99", "mean", "max"):
+            np.testing.assert_allclose(found[key][name], own[name], err_msg=f"{key} {name}")
+
+
 def test_a_dataset_of_several_tasks_is_split_by_the_tasks_that_its_episodes_name(tmp_path):
     root = tmp_path / "both"
     with DatasetWriter(root, fps=20, features=FEATURES) as writer:

@@ -101,6 +101,33 @@ def test_demonstrations_of_one_task_are_no_source_of_several():
         learner_of(config, "cpu").check()
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            ["suite=calvin", "cameras=[front,wrist]"],
+            r"cameras=\[front,wrist\] must be .* calvin/D/rotate_red_block_right has static, gripper\. Name",
+        ),
+        (
+            ["task=[PickCube,calvin/D/open_drawer]"],
+            r"PickCube and calvin/D/open_drawer cannot .* front of 64 × 64, the other static of 64 × 64",
+        ),
+        (
+            ["task=[PickCube,so101/pick_cube]", "cameras=[front]"],
+            r"images front of 64 × 64, the other front of 86 × 64",
+        ),
+    ],
+)
+def test_tasks_of_other_images_are_refused_before_demonstrations_are_collected(words, said):
+    config = compose("train", ["policy=mtact", "image_size=64", *words])
+    with pytest.raises(ConfigError, match=said):
+        learner_of(config, "cpu").check()
+
+
+def test_tasks_of_the_same_images_can_be_learned_together():
+    learner_of(compose("train", ["policy=mtact", "suite=calvin", "cameras=[all]"]), "cpu").check()
+
+
 def test_a_dataset_of_one_task_is_none_of_several(tmp_path):
     root = tmp_path / "dataset"
     with DatasetWriter(root, fps=20, features=FEATURES) as writer:
