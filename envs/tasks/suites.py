@@ -57,6 +57,11 @@ def _of_libero(suite: str) -> tuple[str, ...]:
     return tuple(entry.name for entry in libero.entries().values() if suite in ("", entry.suite))
 
 
+def _of_libero_10_with_expert() -> tuple[str, ...]:
+    """Returns the tasks of LIBERO-10 but the one in which a door is opened, which the expert cannot."""
+    return tuple(name for name in _of_libero("10") if not name.endswith("in_the_microwave_and_close_it"))
+
+
 def _of_libero_pro(folder: str) -> tuple[str, ...]:
     """Returns the tasks of one suite of LIBERO-PRO, such as ``goal_swap``, in LIBERO's own order."""
     return tuple(entry.name for entry in libero.pro_entries().values() if entry.folder == folder)
@@ -80,6 +85,11 @@ for _suite, _words in {
     "90": "ninety short tasks",
 }.items():
     SUITES.add(f"libero_{_suite}", partial(_of_libero, _suite), summary=f"LIBERO: {_words}")
+SUITES.add(
+    "libero_10_expert",
+    _of_libero_10_with_expert,
+    summary="LIBERO: the nine long tasks that the expert solves",
+)
 for _set, _words in {
     "few": "five groceries",
     "many": "ten groceries",

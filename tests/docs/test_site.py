@@ -1,17 +1,9 @@
 """The pages of the documentation site: all of them are in its navigation, and their links stay inside it."""
 
 import re
-import shlex
 from pathlib import Path
 
-import pytest
 import yaml
-
-from envs.core.errors import MissingExtraError, RoboVerseError
-from roboverse_learn import sweep
-from roboverse_learn.config.compose import compose
-from roboverse_learn.config.help import SUMMARIES
-from roboverse_learn.config.schema import COMMANDS
 
 DOCS = Path(__file__).parents[2] / "docs"
 CONFIG = yaml.safe_load((DOCS / "mkdocs.yml").read_text(encoding="utf-8"))
@@ -52,31 +44,3 @@ def test_pages_request_nothing_from_other_hosts():
         text = page.read_text(encoding="utf-8")
         assert not re.search(r"!\[[^]]*\]\(https?://|<(img|script|iframe)[^>]*https?://", text), page
         assert "```mermaid" not in text, f"{page}: Mermaid's program would come from another host"
-
-
-def commands(page):
-    """Yields the name and the settings of every command that a page shows, without those of placeholders."""
-    text = page.read_text(encoding="utf-8")
-    for line in re.findall(r"(?:^|`)roboverse ([a-z]+(?: [^`\n#]*)?)", text, re.MULTILINE):
-        name, *words = shlex.split(line)
-        settings = [word for word in words if "=" in word]
-        of_a_reader = r"=(…|<\w+>$)|plugins=|=LiftBlock|my_|short|=arm"
-        yield name, [word for word in settings if not re.search(of_a_reader, word)]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("folder", ["concepts", "howto", "getting_started.md"])
-def test_commands_of_the_guides_take_the_keys_that_they_are_shown_with(folder):
-    path = DOCS / folder
-    wrong = []
-    for page in sorted(path.rglob("*.md")) if path.is_dir() else [path]:
-        for name, words in commands(page):
-            try:
-                assert name in SUMMARIES, f"there is no command '{name}'"
-                if words and name in COMMANDS:
-                    sweep.plan(words) if name == "sweep" else compose(name, words)
-            except MissingExtraError:
-                continue  # of a task whose assets are optional
-            except (AssertionError, RoboVerseError) as error:
-                wrong.append(f"{page.name}: {name} {' '.join(words)}: {error}")
-    assert not wrong, "\n".join(wrong)

@@ -66,10 +66,10 @@ class ImitationLearner(Learner):
             try:
                 seen = task.scenario.seen_by(env.cameras, env.image_size).cameras
             except UnknownNameError as error:
+                present = ", ".join(camera.name for camera in task.scenario.cameras)
                 raise ConfigError(
                     f"cameras={listed(env.cameras)} must be cameras of every task that is learned, and "
-                    f"{name} has {', '.join(camera.name for camera in task.scenario.cameras)}. Name those, or "
-                    "give cameras=[all]."
+                    f"{name} has {present}. Name those, or give cameras=[all]."
                 ) from error
             sizes[name] = ", ".join(f"{camera.name} of {camera.width} × {camera.height}" for camera in seen)
         first = self.config.tasks[0]

@@ -3,11 +3,13 @@
 import importlib.metadata
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from envs.core.errors import ConfigError, UnknownNameError
 from envs.core.registry import Registry
+from envs.experts.counts import read_rows
 from envs.tasks import TASKS, suites
 from envs.tasks.libero.catalogue import entries
 from envs.tasks.suites import SUITES, suite_tasks
@@ -30,6 +32,7 @@ def test_every_suite_names_registered_tasks_once(suite):
         ("libero_object", 10),
         ("libero_goal", 10),
         ("libero_10", 10),
+        ("libero_10_expert", 9),
         ("libero_90", 90),
         ("libero", 130),
         ("maniskill", 15),
@@ -47,6 +50,12 @@ def test_tasks_of_liberos_suites_are_in_its_own_order():
     assert names[0].endswith("scene2_put_both_the_alphabet_soup_and_the_tomato_sauce_in_the_basket")
     assert names[9].endswith("kitchen_scene6_put_the_yellow_and_white_mug_in_the_microwave_and_close_it")
     assert {*suite_tasks("libero")} == {*entries()}
+
+
+def test_what_the_expert_solves_of_libero_10_is_what_was_counted():
+    counts = read_rows(Path(__file__).parents[3] / "results/tasks.json")
+    solved = [name for name in suite_tasks("libero_10") if counts[name]["expert"] > 0]
+    assert list(suite_tasks("libero_10_expert")) == solved
 
 
 def test_unknown_suite_suggests_the_nearest():

@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from importlib.util import find_spec
 
 import pytest
 
@@ -175,6 +176,25 @@ def test_the_recipe_of_the_papers_tasks_learns_from_the_datasets_of_the_table():
         table = compose("train", ["recipe=act_v1", "level=3", f"task={task}"])
         assert dataset_folder(own) == dataset_folder(table)
         assert SOURCES.get(own.source)(own).settings() == SOURCES.get(table.source)(table).settings()
+
+
+@pytest.mark.parametrize(
+    ("recipe", "suite", "cameras"),
+    [
+        ("mtact_calvin", "calvin", ("static", "gripper")),
+        pytest.param(
+            "mtact_libero",
+            "libero_10_expert",
+            ("agentview", "robot0_eye_in_hand"),
+            marks=pytest.mark.skipif(find_spec("libero") is None, reason="needs the extra libero"),
+        ),
+    ],
+)
+def test_the_recipes_of_suites_see_all_cameras_and_every_task_in_each_batch(recipe, suite, cameras):
+    config = compose("train", [f"recipe={recipe}", f"suite={suite}"])
+    assert config.tasks == suite_tasks(suite) and config.env.cameras == cameras
+    assert config.train.batch_size % len(config.tasks) == 0
+    learner_of(config, "cpu").check()
 
 
 def test_the_recipe_of_grasping_has_all_tasks_of_few_and_many():
