@@ -1,7 +1,7 @@
 """Settings of the multi-task policy."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 from envs.core.errors import PolicyError
 from envs.core.ranges import check_ranges
@@ -56,6 +56,8 @@ class MtActConfig:
             Without it the policy learns to hold still there.
         state_noise: Standard deviation of the noise that training adds to the normalized joint positions.
     """
+
+    pads_tasks: ClassVar[bool] = True  # states and actions of a task may be shorter than another's
 
     tasks: tuple[str, ...] = ()
     chunk_size: int = 20

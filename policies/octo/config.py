@@ -15,6 +15,8 @@ class OctoConfig:
     """Octo, arXiv:2405.12213, fine-tuned from a converted checkpoint.
 
     Attributes:
+        tasks: Further tasks that are learned together with the run's task, whose states and actions are as
+            wide; task=[PickCube,StackCube] is the same.
         path: Folder of the checkpoint, as policies/octo/convert.py writes it.
         primary: Camera of the dataset in the place of the scene's; empty takes the first.
         wrist: Camera in the place of the wrist's; empty leaves it out.
@@ -25,6 +27,7 @@ class OctoConfig:
         peft: Training of adapters in place of the network; the diffusion head is trained in full beside them.
     """
 
+    tasks: tuple[str, ...] = ()
     path: str = ""
     primary: str = ""
     wrist: str = ""

@@ -42,6 +42,8 @@ class LeRobotConfig:
     """Any policy of LeRobot's registry; ``policy.<key>`` is every setting of its own configuration.
 
     Attributes:
+        tasks: Further tasks that are learned together with the run's task, whose states and actions are as
+            wide; task=[PickCube,StackCube] is the same.
         type: LeRobot's name of the policy, as smolvla, pi0, pi05, xvla or multi_task_dit; with ``path`` it
             may be
             left empty.
@@ -57,6 +59,7 @@ class LeRobotConfig:
 
     open_field: ClassVar[str] = "settings"
 
+    tasks: tuple[str, ...] = ()
     type: str = ""
     path: str = ""
     tokenizer: str = ""

@@ -298,10 +298,21 @@ def _evaluation_in_name(config: EvaluateConfig, env: EnvSpec) -> list[str]:
 
 
 def _learned_together(checkpoint: Path) -> tuple[str, ...]:
-    """Returns the tasks that a checkpoint was trained on together; none where it was one."""
-    from policies.checkpoint import learned_tasks
+    """Returns the tasks that a checkpoint was trained on together; none where it was one.
+
+    LeRobot's checkpoints do not name them; then they are those of the run.
+    """
+    from envs.core.errors import PolicyError
+    from policies.checkpoint import learned_tasks, resolve
+    from roboverse_learn.commands.run_folder import read_config, run_of
 
     learned = learned_tasks(checkpoint)
+    if not learned:
+        try:
+            folder = run_of(resolve(checkpoint))
+        except PolicyError:  # a name on the hub, or nothing, which opening it says
+            return ()
+        learned = () if folder is None else read_config(folder).tasks
     return learned if len(learned) > 1 else ()
 
 

@@ -18,7 +18,7 @@ from policies.learned_tasks import TASK_INDEX, Instructions, LearnedTask
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.reader import ResidentDataset
 from roboverse_learn.data.dataset.schema import ACTION_KEY, STATE_KEY, Feature
-from roboverse_learn.data.dataset.stats import FeatureStats, Stats, column_stats
+from roboverse_learn.data.dataset.stats import QUANTILES, FeatureStats, Stats, column_stats
 
 if TYPE_CHECKING:
     import torch
@@ -197,7 +197,7 @@ def _balanced_stats(
 
     Those of an entry of a vector are over the tasks that have it. Several tasks of one dataset have their own
     statistics of vectors, and share those of its images. Quantiles do not combine: one dataset keeps its
-    own, which are of all its frames, and several datasets have none.
+    own, which are of all its frames, and those of several datasets are computed from their vectors.
     """
     of_groups: list[Stats] = []
     for group in groups:
@@ -218,15 +218,38 @@ def _balanced_stats(
         joined[key] = {name: np.concatenate([entry[name] for entry in entries]) for name in entries[0]}
     if len(infos) == 1:
         return {key: {**own, **joined.get(key, {})} for key, own in infos[0].stats.items()}
+    for key in _PADDED:
+        joined[key] |= _balanced_quantiles(infos, groups, key, sizes[key])
     return joined
+
+
+def _balanced_quantiles(
+    infos: Sequence[DatasetInfo], groups: Sequence[_Group], key: str, size: int
+) -> FeatureStats:
+    """Returns quantiles of each entry over the frames of the tasks that have it, each task weighing alike."""
+    columns = [info.read_columns([key])[key] for info in infos]
+    of_groups = [columns[group.part][_rows(infos[group.part], group.episodes)] for group in groups]
+    quantiles = np.empty((len(QUANTILES), size))
+    for entry in range(size):
+        own = [rows[:, entry] for rows in of_groups if entry < rows.shape[1]]
+        weights = np.concatenate([np.full(len(values), 1.0 / len(values)) for values in own])
+        quantiles[:, entry] = np.quantile(
+            np.concatenate(own), list(QUANTILES.values()), weights=weights, method="inverted_cdf"
+        )
+    return dict(zip(QUANTILES, quantiles, strict=True))
 
 
 def _column_stats(info: DatasetInfo, episodes: np.ndarray) -> Stats:
     columns = info.read_columns([key for key in _PADDED if key in info.features])
-    rows = np.concatenate(
+    rows = _rows(info, episodes)
+    return column_stats({key: values[rows] for key, values in columns.items()})
+
+
+def _rows(info: DatasetInfo, episodes: np.ndarray) -> np.ndarray:
+    """Returns the frames of some episodes of a dataset."""
+    return np.concatenate(
         [np.arange(info.episode_starts[e], info.episode_ends[e]) for e in episodes.tolist()]
     )
-    return column_stats({key: values[rows] for key, values in columns.items()})
 
 
 def _entry(stats: FeatureStats, entry: int) -> FeatureStats:

@@ -30,7 +30,7 @@ class ImitationLearner(Learner):
 
         Raises:
             ConfigError: if there are no demonstrations of one of several tasks, they cannot be collected, or
-                their images differ.
+                their images, or what the policy cannot pad, differ.
         """
         from roboverse_learn.commands.dataset_layout import dataset_layout
 
@@ -51,6 +51,7 @@ class ImitationLearner(Learner):
             self._check_demonstrated()
         else:
             self._check_images()
+            self._check_widths()
 
     @property
     def _asks_wrongly(self) -> bool:
@@ -78,6 +79,23 @@ class ImitationLearner(Learner):
             raise ConfigError(
                 f"{first} and {other} cannot be learned together: one has the images {sizes[first]}, the "
                 f"other {sizes[other]}. Give cameras that both have, or learn tasks of one suite together."
+            )
+
+    def _check_widths(self) -> None:
+        """Checks that tasks have states and actions of one width, for a policy that pads none."""
+        if getattr(type(self.config.policy), "pads_tasks", False):
+            return
+        widths = {
+            name: f"{len(task.state_names)} numbers of state and {len(task.controller.names)} of action"
+            for name, task in self._tasks().items()
+        }
+        first = self.config.tasks[0]
+        other = next((name for name in widths if widths[name] != widths[first]), None)
+        if other is not None:
+            raise ConfigError(
+                f"policy={self.config.policy_name} learns tasks of one width together, and {first} has "
+                f"{widths[first]}, {other} {widths[other]}. Take tasks of one robot, or policy=mtact, which "
+                "pads."
             )
 
     def _check_demonstrated(self) -> None:

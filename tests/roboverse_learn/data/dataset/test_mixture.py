@@ -72,6 +72,9 @@ def test_statistics_weigh_each_task_alike_and_padding_not_at_all(folders, mixtur
     np.testing.assert_allclose(found["std"], [*both.std(0), right[:, 2].std()], atol=1e-6)
     np.testing.assert_allclose(found["min"], [*both.min(0), right[:, 2].min()])
     np.testing.assert_allclose(found["max"], [*both.max(0), right[:, 2].max()])
+    for name, level in (("q01", 0.01), ("q10", 0.1), ("q99", 0.99)):
+        expected = [np.quantile(values, level, 0, method="inverted_cdf") for values in (both, right[:, 2:])]
+        np.testing.assert_allclose(found[name], np.concatenate(expected))
     assert mixture.info.stats["observation.images.front"]["mean"].shape == (3, 1, 1)
 
 
