@@ -11,7 +11,7 @@ from envs.scenario import ScenarioCfg
 from envs.scenario.changes import changed, difference, typed_value
 from envs.tasks import TASKS
 from envs.tasks.base import Task
-from envs.tasks.hand_space import check_hand_space, chosen_space, hand_space_parts
+from envs.tasks.hand_space import check_space, chosen_space, space_parts
 from envs.tasks.start_overrides import check_not_overridden
 
 
@@ -26,7 +26,7 @@ def make_task(
     Args:
         name: Registered name.
         options: Values of its fields, as the command line or JSON has them: a list may stand for a tuple.
-            ``action_space`` is ``joints`` or ``hand``; see :mod:`envs.tasks.hand_space`.
+            ``action_space`` is one of those of :mod:`envs.tasks.hand_space`.
         scenario: What is changed of its scene; see :func:`envs.scenario.changes.changed`. Its controllers
             and its expert know the changed one: at another control rate an expert moves as fast as before.
         robot: Registered robot that does the task in place of its own; see :mod:`envs.tasks.fit_robot`.
@@ -44,9 +44,9 @@ def make_task(
         del given["action_space"]
     typed = _typed(cls, name, given)
     task = cls(**typed)
-    if space == "hand":
-        check_hand_space(task)
-        task = _subclass(cls, hand_space_parts())(**typed)
+    if space is not None and space != "joints":
+        check_space(task, space)
+        task = _subclass(cls, space_parts(cls, space))(**typed)
     if robot:
         task = _with_robot(task, typed, robot)
     if not scenario:
