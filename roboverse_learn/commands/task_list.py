@@ -23,6 +23,8 @@ MOST_NAMES_CHARACTERS = 1500
 def tasks_with(words: Sequence[str], datasets_dir: Path) -> str:
     """Returns a table of the tasks that have all of some words: in their name, their words or their source.
 
+    Of a single one it has all other facts of the registry, too.
+
     Raises:
         ConfigError: No task has them.
     """
@@ -35,7 +37,15 @@ def tasks_with(words: Sequence[str], datasets_dir: Path) -> str:
             + (f"; none has '{alone[0]}'" if alone else ", though some have each of them")
             + ". All tasks: roboverse list tasks."
         )
-    return "\n".join(_table(found, datasets_dir))
+    return "\n".join([*_table(found, datasets_dir), *(_facts(found[0]) if len(found) == 1 else ())])
+
+
+def _facts(entry: Entry) -> list[str]:
+    """Returns a line for each fact that a row has no room for, such as the licence."""
+    known = {key: value for key, value in entry.info.items() if key not in ("source", "family")}
+    facts = {**known, "extra": entry.extra or "none", "tags": ", ".join(sorted(entry.tags))}
+    width = max(map(len, facts))
+    return [f"    {key.ljust(width)}  {value}" for key, value in sorted(facts.items()) if value]
 
 
 def _text_of(entry: Entry) -> str:

@@ -47,6 +47,14 @@ def test_every_fact_of_a_task_is_in_its_row(tmp_path, monkeypatch):
     assert " none  " in next(row for row in rows if row.startswith("  humanoid/walk "))
 
 
+def test_a_single_task_is_shown_with_licence_horizon_and_extra(tmp_path):
+    text = task_list.tasks_with(["libero/goal/turn_on_the_stove"], tmp_path)
+    facts = dict(line.split(None, 1) for line in text.splitlines() if line.startswith("    "))
+    assert facts["horizon"] == "600" and facts["extra"] == "libero" and facts["paper"] == "arXiv:2306.03310"
+    assert facts["licence"].startswith("MIT; objects of HOPE")
+    assert not [line for line in task_list.tasks_with(["stove"], tmp_path).splitlines() if "licence" in line]
+
+
 def test_every_task_is_named_once_and_families_are_paragraphs(tmp_path):
     text = task_list.tasks_in_detail(tmp_path)
     words = text.split()
@@ -89,7 +97,8 @@ def test_words_choose_tasks(capsys):
     assert cli.main(["list", "tasks", "LIBERO-goal", "drawer", "middle"]) == 0
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "Tasks:" and said[1].split()[0] == "task"
-    assert [line.split()[0] for line in said[2:]] == ["libero/goal/open_the_middle_drawer_of_the_cabinet"]
+    rows = [line.split()[0] for line in said[2:] if not line.startswith("    ")]
+    assert rows == ["libero/goal/open_the_middle_drawer_of_the_cabinet"]
 
 
 def test_the_last_count_of_an_expert_is_beside_the_name(tmp_path, monkeypatch):
