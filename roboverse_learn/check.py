@@ -10,6 +10,7 @@ import contextlib
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from envs.core.errors import ConfigError
 from roboverse_learn.checks.report import Checked
 from roboverse_learn.config.check_config import CheckConfig
 from roboverse_learn.progress import StageProgress
@@ -42,6 +43,8 @@ def _checked(config: CheckConfig) -> tuple[str, Sequence[Any], Any]:
         from roboverse_learn.checks.robots import ROBOT_CONTRACTS, CheckedRobot
 
         robot = config.env.robot
+        if not robot:
+            raise ConfigError("check needs task=<name> or robot=<name>, as in: roboverse check task=PickCube")
         ROBOTS.entry(robot)
         return f"robot {robot}", ROBOT_CONTRACTS, CheckedRobot(robot, config.env.simulator)
     if config.policy_name:

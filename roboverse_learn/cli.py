@@ -12,6 +12,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,12 @@ from roboverse_learn.commands.called_with import called_with
 from roboverse_learn.commands.child_process import end_with_parent
 from roboverse_learn.config import help as help_texts
 from roboverse_learn.config.compose import compose
-from roboverse_learn.config.preflight import check_folders, file_in_place_of_folder, not_a_folder
+from roboverse_learn.config.preflight import (
+    check_folders,
+    check_working_folder,
+    file_in_place_of_folder,
+    not_a_folder,
+)
 from roboverse_learn.training.interruption import Interrupted
 
 HELP = ("-h", "--help", "help")
@@ -45,6 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     words = list(sys.argv[1:] if argv is None else argv)
     end_with_parent()
+    _write_any_character()
     try:
         with called_with(words):
             return _dispatch(words)
@@ -69,12 +76,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
 
 
+def _write_any_character() -> None:
+    """Writes a question mark for a character that the terminal's or the log's encoding lacks."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
 def script(command: str) -> None:
     """Runs ``command`` with the words of this process and ends the process: the body of our scripts."""
     sys.exit(main([command, *sys.argv[1:]]))
 
 
 def _dispatch(words: list[str]) -> int:
+    if len(words) > 1 and words[0] in HELP:  # as in `roboverse help train`
+        words = [*words[1:], HELP[0]]
     if not words or words[0] in HELP:
         print(help_texts.overview())
         return 0
@@ -96,6 +112,7 @@ def _dispatch(words: list[str]) -> int:
     if command == "list":
         print(help_texts.list_command(rest))
         return 0
+    check_working_folder()
     if command in _OF_WORDS:
         _start_logging()
         print(_function(command)(rest))

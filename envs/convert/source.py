@@ -21,6 +21,7 @@ Source = RobotCfg | str | Path
 """A robot, the name of a registered one, an asset reference, or a path to an MJCF or URDF file."""
 
 _USD = (".usd", ".usda", ".usdc", ".usdz")
+_READ = (".xml", ".mjcf", ".urdf")
 _THIN_MESH = re.compile(r"mesh volume is too small: (\S+)")
 
 
@@ -65,11 +66,15 @@ def load(
     if isinstance(source, str) and not re.search(r"[:/.\\]", source):
         raise unknown_name("robot", source, ROBOTS.names(), "Or give a file, as in robot=robot.xml.")
     path = resolve(str(source))
-    is_urdf = path.suffix == ".urdf"
+    is_urdf = path.suffix.lower() == ".urdf"
     if path.suffix in _USD:
         raise ConfigError(
             f"'{path.name}' is USD, which is written and not read. Give the robot's MJCF or URDF; the "
             "program that made the USD file may export it."
+        )
+    if path.suffix.lower() not in _READ:
+        raise ConfigError(
+            f"'{path.name}' is no file of a robot by its name, which ends in {', '.join(_READ)}."
         )
     try:
         spec = read_urdf(path, packages) if is_urdf else mujoco.MjSpec.from_file(str(path))

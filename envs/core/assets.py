@@ -120,7 +120,7 @@ def asset_folder(name: str, assets_dir: str | None = None) -> Path:
 
 def downloaded_folder(name: str) -> Path:
     """Returns the folder that ``roboverse assets get`` writes; it need not exist."""
-    return cache_dir("assets") / name
+    return _cache() / "assets" / name
 
 
 def is_asset_folder(place: Path, folder: AssetFolder) -> bool:
@@ -190,10 +190,21 @@ def cache_dir(name: str) -> Path:
     """Returns (and creates) a folder for files that can be made again.
 
     It is in ``$ROBOVERSE_CACHE``, or else in ``$XDG_CACHE_HOME`` or ``~/.cache``.
+
+    Raises:
+        ConfigError: It cannot be made.
     """
-    root = os.environ.get("ROBOVERSE_CACHE")
-    if root is None:
-        root = str(Path(os.environ.get("XDG_CACHE_HOME", "~/.cache")).expanduser() / "roboverse")
-    path = Path(root) / name
-    path.mkdir(parents=True, exist_ok=True)
+    path = _cache() / name
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(
+            f"The cache folder '{path}' cannot be made: {error.strerror}. Set ROBOVERSE_CACHE to a folder "
+            "that you may write to."
+        ) from error
     return path
+
+
+def _cache() -> Path:
+    root = os.environ.get("ROBOVERSE_CACHE")
+    return Path(root or Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "roboverse")

@@ -18,6 +18,20 @@ _A_FILE = "the path of a file, or package:path for one inside an installed packa
 _A_MATERIAL = "the name of a material, or of an image in the folder that {}=+<folder> adds"
 
 
+def check_working_folder() -> None:
+    """Checks that the folder in which a command was started still exists.
+
+    Raises:
+        ConfigError: It was removed or moved.
+    """
+    try:
+        os.getcwd()
+    except FileNotFoundError as error:
+        raise ConfigError(
+            "The folder in which you are was removed or moved. Change to one that exists, as by: cd ~"
+        ) from error
+
+
 def check_folders(config: Any) -> None:
     """Checks that no folder of a configuration is a file or in one, and that those to write can be written.
 

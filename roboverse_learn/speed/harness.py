@@ -19,6 +19,7 @@ from envs.core.arguments import run_program
 from envs.core.atomic import write_json
 from envs.core.errors import MissingExtraError, RoboVerseError, SimulatorError, unknown_name
 from envs.core.machine import use_one_core
+from envs.core.ranges import check_ranges
 
 type Call = Callable[[], object]
 
@@ -175,6 +176,11 @@ class Program:
 
     parts: tuple[str, ...] = ()
     out: Path | None = None
+
+    def __post_init__(self) -> None:
+        numbers = [item for item in fields(self) if type(item.default) in (int, float)]
+        sizes = {item.name for item in numbers if item.metadata}  # 0 of them is what suits the device
+        check_ranges(self, from_0=sizes, above_0={item.name for item in numbers} - sizes)
 
     def measurements(self) -> Parts:
         """Returns all that can be measured."""

@@ -130,7 +130,8 @@ class TeleoperationServer:
         except OSError as error:
             await self.stop()
             raise ConfigError(
-                f"host={host} port={port}: {error.strerror}. Choose another port, or port=0 for a free one."
+                f"host={host} port={port}: {error.strerror}. Choose another port, or port=0 for a free one, "
+                "and for host= an address of this machine."
             ) from error
         return int(self._runner.addresses[0][1])
 
