@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from envs.core.arguments import parse
 from envs.core.errors import ConfigError, unknown_name
@@ -53,7 +54,7 @@ def dataset(words: Sequence[str]) -> str:
             raise ConfigError("dataset merge needs from=[<folder>,<folder>] and out=<folder>.")
         info, note = merge(merged.parts, merged.out), _left_out(merged.parts)
     else:
-        rest = [word if "=" in word or word.startswith("-") else f"dataset={word}" for word in rest]
+        rest = [f"dataset={word}" if _is_folder(word) else word for word in rest]
         folder = parse("roboverse dataset info", InfoConfig, rest).dataset
         if not folder:
             raise ConfigError("dataset info needs dataset=<folder>.")
@@ -64,6 +65,11 @@ def dataset(words: Sequence[str]) -> str:
         f"tasks: {', '.join(info.tasks)}\n"
         f"features: {', '.join(info.features)}{note}"
     )
+
+
+def _is_folder(word: str) -> bool:
+    """Whether a word is a folder rather than a key: a dataset's name may have options, as in ``level=3``."""
+    return Path(word).is_dir() or not ("=" in word or word.startswith("-"))
 
 
 def _left_out(parts: Sequence[str]) -> str:

@@ -99,7 +99,8 @@ def test_commands_merge_and_describe(tmp_path, capsys):
     assert cli.main(["dataset", "merge", *words]) == 0
     said = capsys.readouterr().out
     assert f"4 episodes, {DatasetInfo.open(whole).num_frames} frames" in said and "left out" not in said
-    for named in (f"dataset={tmp_path}/merged", f"{tmp_path}/merged"):
+    (tmp_path / "named-variant=lift").symlink_to(tmp_path / "merged")
+    for named in (f"dataset={tmp_path}/merged", f"{tmp_path}/merged", f"{tmp_path}/named-variant=lift"):
         assert cli.main(["dataset", "info", named]) == 0
         assert f"hash {dataset_hash(whole)[:16]}" in capsys.readouterr().out
     for wrong, says in (
