@@ -11,7 +11,7 @@ cost, whatever a wording unlike the task's own sentences costs.
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, TypedDict
+from typing import Any
 
 from benchmark.protocol import HELD_OUT, KNOWN, Cell
 from benchmark.records import EpisodeRecord
@@ -20,26 +20,20 @@ from envs.core.errors import ResultError
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class InstructionScore:
-    """The right instruction against one test, on the same episodes.
+class PairedComparison:
+    """Two success rates of the same episodes, run twice: how far the second is below the first.
 
     Attributes:
-        instruction_test: One of :data:`~benchmark.protocol.INSTRUCTION_TESTS`.
         split: ``"train"`` or ``"test"``.
         episodes: Number of episodes, each run twice.
-        right_rate: Success rate with the task's own words, that of level 0.
-        test_rate: Success rate in the same task in the test.
-        difference: ``right_rate - test_rate``.
+        difference: The first rate less the second.
         ci_low: Lower end of its 95 % interval; see :func:`~benchmark.statistics.paired_difference`.
         ci_high: Upper end.
         p_value: Exact McNemar test, two-sided.
     """
 
-    instruction_test: str
     split: str
     episodes: int
-    right_rate: float
-    test_rate: float
     difference: float
     ci_low: float
     ci_high: float
@@ -51,34 +45,33 @@ class InstructionScore:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class WordingGap:
-    """Known wordings against held-out ones, on the same episodes.
+class InstructionScore(PairedComparison):
+    """The right instruction against one test.
+
+    Attributes:
+        instruction_test: One of :data:`~benchmark.protocol.INSTRUCTION_TESTS`.
+        right_rate: Success rate with the task's own words, that of level 0.
+        test_rate: Success rate in the same task in the test.
+    """
+
+    instruction_test: str
+    right_rate: float
+    test_rate: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class WordingGap(PairedComparison):
+    """Known wordings against held-out ones.
 
     Attributes:
         wording: One of :data:`~benchmark.protocol.HELD_OUT`.
-        split: ``"train"`` or ``"test"``.
-        episodes: Number of episodes, each run twice.
         known_rate: Success rate with wordings of the train split.
         held_out_rate: Success rate with held-out ones.
-        difference: ``known_rate - held_out_rate``.
-        ci_low: Lower end of its 95 % interval; see :func:`~benchmark.statistics.paired_difference`.
-        ci_high: Upper end.
-        p_value: Exact McNemar test, two-sided.
     """
 
     wording: str
-    split: str
-    episodes: int
     known_rate: float
     held_out_rate: float
-    difference: float
-    ci_low: float
-    ci_high: float
-    p_value: float
-
-    def to_json(self) -> dict[str, Any]:
-        """Returns plain JSON values."""
-        return asdict(self)
 
 
 def instruction_scores(records: Iterable[EpisodeRecord]) -> tuple[InstructionScore, ...]:
@@ -111,13 +104,6 @@ def wording_gaps(records: Iterable[EpisodeRecord]) -> tuple[WordingGap, ...]:
     )
 
 
-class _Difference(TypedDict):
-    difference: float
-    ci_low: float
-    ci_high: float
-    p_value: float
-
-
 _Episodes = Mapping[tuple[str, int], EpisodeRecord]
 """Records by task and episode."""
 
@@ -131,34 +117,24 @@ def _by_cell(records: Iterable[EpisodeRecord]) -> dict[Cell, dict[tuple[str, int
 
 def _score(cell: Cell, tested: _Episodes, right: _Episodes) -> InstructionScore:
     assert cell.instruction_test is not None
-    right_rate, test_rate, difference = _compared(cell, tested, right, "at level 0")
+    right_rate, test_rate, shared = _compared(cell, tested, right, "at level 0")
     return InstructionScore(
-        instruction_test=cell.instruction_test,
-        split=cell.split,
-        episodes=len(tested),
-        right_rate=right_rate,
-        test_rate=test_rate,
-        **difference,
+        instruction_test=cell.instruction_test, right_rate=right_rate, test_rate=test_rate, **asdict(shared)
     )
 
 
 def _gap(cell: Cell, tested: _Episodes, known: _Episodes) -> WordingGap:
     assert cell.instruction_test is not None
-    known_rate, held_out_rate, difference = _compared(cell, tested, known, "with a known wording")
+    known_rate, held_out_rate, shared = _compared(cell, tested, known, "with a known wording")
     return WordingGap(
-        wording=cell.instruction_test,
-        split=cell.split,
-        episodes=len(tested),
-        known_rate=known_rate,
-        held_out_rate=held_out_rate,
-        **difference,
+        wording=cell.instruction_test, known_rate=known_rate, held_out_rate=held_out_rate, **asdict(shared)
     )
 
 
 def _compared(
     cell: Cell, tested: _Episodes, others: _Episodes, where: str
-) -> tuple[float, float, _Difference]:
-    """Returns the success rate of the others, that of the tested, and their difference."""
+) -> tuple[float, float, PairedComparison]:
+    """Returns the success rate of the others, that of the tested, and their comparison."""
     for key, record in tested.items():
         twin = others.get(key)
         if twin is None or twin.initial_state_hash != record.initial_state_hash:
@@ -170,7 +146,12 @@ def _compared(
     only_other, only_tested = pairs.count((True, False)), pairs.count((False, True))
     both, neither = pairs.count((True, True)), pairs.count((False, False))
     difference, low, high = paired_difference(both, only_other, only_tested, neither)
-    found = _Difference(
-        difference=difference, ci_low=low, ci_high=high, p_value=mcnemar(only_other, only_tested)
+    comparison = PairedComparison(
+        split=cell.split,
+        episodes=len(tested),
+        difference=difference,
+        ci_low=low,
+        ci_high=high,
+        p_value=mcnemar(only_other, only_tested),
     )
-    return (both + only_other) / len(pairs), (both + only_tested) / len(pairs), found
+    return (both + only_other) / len(pairs), (both + only_tested) / len(pairs), comparison
