@@ -11,7 +11,7 @@ from rich.text import Text
 from roboverse_learn.progress import clock
 
 if TYPE_CHECKING:
-    from benchmark.instruction_scores import InstructionScore, WordingGap
+    from benchmark.instruction_scores import PairedComparison
     from benchmark.records import CellSummary
     from benchmark.suites import SuiteCell
     from roboverse_learn.commands.outcomes import Evaluation, TrainedRun
@@ -146,13 +146,14 @@ def wording_table(evaluations: Sequence["Evaluation"]) -> Table | None:
     """Success with known and with held-out wordings, by task and over all; None where neither was tested."""
     from benchmark.instruction_scores import wording_gaps
 
-    tested = [each.result for each in evaluations if wording_gaps(each.result.records)]
+    results = [each.result for each in evaluations]
+    tested = [(result, gaps) for result in results if (gaps := wording_gaps(result.records))]
     if not tested:
         return None
-    rows = [(result.env.task, wording_gaps(result.records)) for result in tested]
+    rows = [(result.env.task, gaps) for result, gaps in tested]
     if len(tested) > 1:
-        rows.append(("all", wording_gaps(record for result in tested for record in result.records)))
-    title = f"{tested[0].policy}: success with known wordings and with held-out ones"
+        rows.append(("all", wording_gaps(record for result, _ in tested for record in result.records)))
+    title = f"{tested[0][0].policy}: success with known wordings and with held-out ones"
     table = Table(title=title, title_justify="left")
     for column in ("task", "wording", "split", "known", "held out", "difference"):
         table.add_column(column, justify="left" if len(table.columns) < 3 else "right")
@@ -163,10 +164,10 @@ def wording_table(evaluations: Sequence["Evaluation"]) -> Table | None:
     return table
 
 
-def _compared(one: float, other: float, score: "InstructionScore | WordingGap") -> tuple[str, str, str]:
+def _compared(one: float, other: float, comparison: "PairedComparison") -> tuple[str, str, str]:
     """Two success rates and their difference: ``90 %``, ``75 %``, ``+15 [8, 22]``."""
-    interval = f"[{100 * score.ci_low:.0f}, {100 * score.ci_high:.0f}]"
-    return f"{100 * one:.0f} %", f"{100 * other:.0f} %", f"{100 * score.difference:+.0f} {interval}"
+    interval = f"[{100 * comparison.ci_low:.0f}, {100 * comparison.ci_high:.0f}]"
+    return f"{100 * one:.0f} %", f"{100 * other:.0f} %", f"{100 * comparison.difference:+.0f} {interval}"
 
 
 def _tables(evaluations: Sequence["Evaluation"]) -> list[Table]:
