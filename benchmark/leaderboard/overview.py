@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
+from itertools import chain
 from typing import Any
 
 type Table = dict[str, Any]
@@ -34,13 +35,10 @@ def overview(sections: Iterable[Mapping[str, Any]]) -> list[Table]:
             places.setdefault(tuple(section[key] for key in _PLACE), []).append(section)
     tables = []
     for place, found in places.items():
-        made = Counter(
-            row["recipe"]
-            for section in found
-            for row in section["rows"]
-            for _ in row["runs"]
-            if row["recipe"]
-        )
+        made: Counter[str] = Counter()
+        for row in chain.from_iterable(section["rows"] for section in found):
+            if row["recipe"]:
+                made[row["recipe"]] += len(row["runs"])
         rows = [row for section in found for row in _rows(section, made)]
         if len({row["task"] for row in rows}) > 1:
             tables.append(dict(zip(_PLACE, place, strict=True)) | _table(rows))
