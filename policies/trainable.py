@@ -39,6 +39,7 @@ from torch import Tensor, nn
 
 from envs.core.atomic import atomic_directory
 from envs.core.errors import PolicyError
+from envs.core.ranges import check_ranges
 from policies import checkpoint
 from policies.normalization import KeyNormalizer, Terms, policy_stats
 
@@ -99,8 +100,7 @@ class TrainablePolicy(nn.Module):
                 f"policy.n_action_steps={self.n_action_steps} must be from 1 to policy.chunk_size="
                 f"{self.chunk_size}: only predicted actions can be executed."
             )
-        if self.n_obs_steps < 1:
-            raise PolicyError(f"policy.n_obs_steps must be at least 1, given {self.n_obs_steps}.")
+        check_ranges(self, "policy.", from_1=("n_obs_steps",), error=PolicyError)
         terms: dict[str, Terms] = {
             key: (torch.zeros(shape), torch.ones(shape), 0.0)
             for key, shape in self.shapes.items()

@@ -169,10 +169,7 @@ class ScenarioCfg:
             for other in item.feels:
                 if other not in (*names, *parts, GROUND):
                     raise unknown_name(f"thing that '{item.name}' feels", other, (*names, *parts, GROUND))
-        if not self.ground_half_size_m > 0:
-            raise ConfigError(
-                f"ScenarioCfg.ground_half_size_m must be above 0 m, given {self.ground_half_size_m}."
-            )
+        check_ranges(self, "ScenarioCfg.", above_0=("ground_half_size_m",), unit=" m")
 
     @property
     def floor_z(self) -> float:

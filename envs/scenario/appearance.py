@@ -51,8 +51,7 @@ class CameraCfg:
             raise ConfigError(
                 f"CameraCfg.fovy_deg is an angle above 0 and below 180 degrees, given {self.fovy_deg}."
             )
-        if not self.orbit_radius_m > 0:
-            raise ConfigError(f"CameraCfg.orbit_radius_m must be above 0 m, given {self.orbit_radius_m}.")
+        check_ranges(self, "CameraCfg.", above_0=("orbit_radius_m",), unit=" m")
         if not any(self.up):
             raise ConfigError(f"CameraCfg.up is a direction, given {self.up}.")
         if min(self.width, self.height) < 1:
@@ -128,8 +127,7 @@ class SurfaceMaterial:
         for name in ("roughness", "specular", "metallic"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ConfigError(f"SurfaceMaterial.{name} is within 0 to 1, given {getattr(self, name)}.")
-        if not self.size_m > 0:
-            raise ConfigError(f"SurfaceMaterial.size_m must be above 0 m, given {self.size_m}.")
+        check_ranges(self, "SurfaceMaterial.", above_0=("size_m",), unit=" m")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -162,8 +160,7 @@ class SensorCfg:
     noise_seed: int = 0
 
     def __post_init__(self) -> None:
-        if not self.gamma > 0:
-            raise ConfigError(f"SensorCfg.gamma must be above 0, given {self.gamma}.")
+        check_ranges(self, "SensorCfg.", above_0=("gamma",), from_0=("noise_seed",))
         for name in ("blur_sigma", "motion_length", "gaussian_noise", "shot_noise"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ConfigError(f"SensorCfg.{name} is a share, 0 to 1, given {getattr(self, name)}.")
@@ -171,8 +168,6 @@ class SensorCfg:
             raise ConfigError(
                 f"SensorCfg.jpeg_quality is 1 to 100, or 0 for no compression; given {self.jpeg_quality}."
             )
-        if self.noise_seed < 0:
-            raise ConfigError(f"SensorCfg.noise_seed must be at least 0, given {self.noise_seed}.")
 
     @property
     def disturbs(self) -> bool:

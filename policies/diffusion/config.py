@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from envs.core.errors import PolicyError
+from envs.core.ranges import check_ranges
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -64,8 +65,7 @@ class DiffusionConfig:
                 f"policy.n_action_steps={self.n_action_steps} must be from 1 to {longest}: of the "
                 f"{self.horizon} predicted actions, policy.n_obs_steps - 1 = {self.n_obs_steps - 1} are past."
             )
-        if self.n_obs_steps < 1:
-            raise PolicyError(f"policy.n_obs_steps must be at least 1, given {self.n_obs_steps}.")
+        check_ranges(self, "policy.", from_1=("n_obs_steps",), error=PolicyError)
         if any(dim % 8 or dim <= 0 for dim in self.down_dims):
             raise PolicyError(f"policy.down_dims must be multiples of 8, given {tuple(self.down_dims)}.")
         if not 1 <= (self.num_inference_steps or self.num_train_timesteps) <= self.num_train_timesteps:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from envs.core.errors import ConfigError, DatasetError
+from envs.core.ranges import check_ranges
 from roboverse_learn.data.dataset.damage import broken_file
 
 # x264's own names; LeRobot's documentation of a dataset calls the codec "h264".
@@ -41,8 +42,7 @@ class EncoderConfig:
             raise ConfigError(f"Unknown x264 preset '{self.preset}'. Valid: {', '.join(_PRESETS)}.")
         if not 0 <= self.crf <= 51:
             raise ConfigError(f"crf must be from 0 to 51, given {self.crf}.")
-        if self.gop_size < 1:
-            raise ConfigError(f"gop_size must be at least 1, given {self.gop_size}.")
+        check_ranges(self, from_1=("gop_size",))
 
     def info(self, height: int, width: int, fps: int) -> dict[str, Any]:
         """Returns what LeRobot records about a video feature under ``info``."""

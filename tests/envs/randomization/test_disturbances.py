@@ -168,7 +168,7 @@ def test_disturbances_in_an_images_own_unit_look_alike_at_every_size(scene):
         ("gamma", 0.0, "gamma must be above 0"),
         ("shot_noise", 2.0, "shot_noise is a share, 0 to 1, given 2.0"),
         ("jpeg_quality", 101, "jpeg_quality is 1 to 100, or 0"),
-        ("noise_seed", -1, "noise_seed must be at least 0"),
+        ("noise_seed", -1, "noise_seed must be 0 or more, given -1"),
     ],
 )
 def test_values_that_no_camera_has_are_refused(field, value, words):
