@@ -53,7 +53,7 @@ HOME = (0.0, math.radians(10.0), 0.0, math.radians(-50.0), 0.0, math.radians(70.
 HOME_TIP_RAD = math.radians(10.0)
 """Forward tilt of the gripper in that posture."""
 
-_ROBOT = replace(FRANKA.with_home(HOME), pos=(-0.541, -0.065, 0.0))
+_PLACED_ROBOT = replace(FRANKA.with_home(HOME), pos=(-0.541, -0.065, 0.0))
 """Robot placement that puts the box, its open lid included, round the world's origin."""
 
 _LID_FRAME = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)
@@ -159,7 +159,7 @@ class CloseBox(Task):
     @property
     @override
     def robot(self) -> RobotCfg:
-        return _ROBOT
+        return _PLACED_ROBOT
 
     @property
     @override
@@ -183,7 +183,7 @@ class CloseBox(Task):
         pos, yaw = np.full((count, 3), BOX_HEIGHT_M), np.empty(count)
         low, high = zip(self.spawn_x_m, self.spawn_y_m, strict=True)
         for row, rng in enumerate(rngs):
-            pos[row, :2] = rng.uniform(low, high) + np.array(_ROBOT.pos[:2])
+            pos[row, :2] = rng.uniform(low, high) + np.array(_PLACED_ROBOT.pos[:2])
             yaw[row] = rng.uniform(*self.spawn_yaw_rad)
             qpos[row, arm] += rng.normal(0.0, self.qpos_noise_rad, len(arm))
         box = EntityState.at_rest(pos, _upright(yaw), np.full((count, 1), OPEN_RAD))

@@ -62,7 +62,7 @@ HOME = (-1.21779206, 1.03987646, 2.11978261, -2.34205014, -0.87015947, 1.6411935
 BASE_POS_M = (-0.34, -0.46, 0.24)
 """CALVIN's robot from between the table's feet."""
 
-_ROBOT = replace(FRANKA.with_home(HOME), pos=(*BASE_POS_M[:2], BASE_POS_M[2] - DESK_HEIGHT_M))
+_PLACED_ROBOT = replace(FRANKA.with_home(HOME), pos=(*BASE_POS_M[:2], BASE_POS_M[2] - DESK_HEIGHT_M))
 
 CAMERA_AZIMUTH_RAD = math.radians(-52.5)
 """Azimuth of the cameras, from +x: between CALVIN's static camera, -36°, and the mean of those of
@@ -121,7 +121,7 @@ class MoveSliderLeft(Task):
     @property
     @override
     def robot(self) -> RobotCfg:
-        return _ROBOT
+        return _PLACED_ROBOT
 
     @property
     @override

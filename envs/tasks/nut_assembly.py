@@ -64,7 +64,7 @@ RELEASE_HEIGHT_M = 0.035
 YAW_RANGE_RAD = (-1.9, 3.0)
 """Turns of the hand that the wrist's joint limits leave over nuts and pegs alike."""
 
-_ROBOT = panda(-0.56, table_height_m=TABLE_HEIGHT_M)
+_PLACED_ROBOT = panda(-0.56, table_height_m=TABLE_HEIGHT_M)
 _CAMERA = dataclasses.replace(FRONT_CAMERA, fovy_deg=30.0)
 
 
@@ -158,7 +158,7 @@ class NutAssembly(Task):
     @property
     @override
     def robot(self) -> RobotCfg:
-        return _ROBOT
+        return _PLACED_ROBOT
 
     @property
     @override

@@ -89,7 +89,7 @@ _CAMERA = dataclasses.replace(
 )
 """The pose az-016-pol60 of the camera channel: from straight ahead the ketchup hides the pudding."""
 
-_ROBOT = dataclasses.replace(FRANKA, pos=(-0.6, 0.0, 0.0)).with_home(HOME)
+_PLACED_ROBOT = dataclasses.replace(FRANKA, pos=(-0.6, 0.0, 0.0)).with_home(HOME)
 _PUDDING, _BASKET = "chocolate_pudding", "basket"
 _NAMES = tuple(REGIONS)
 _DISTRACTORS = _NAMES[2:]
@@ -161,7 +161,7 @@ class PickChocolatePudding(Task):
     @property
     @override
     def robot(self) -> RobotCfg:
-        return _ROBOT
+        return _PLACED_ROBOT
 
     @property
     @override

@@ -48,8 +48,6 @@ arXiv:1703.09327).
 LARGEST_MISS_M = 0.08
 """Bound of these misses along each axis: a Panda that reaches farther turns its joints too fast."""
 
-_ROBOT = FRANKA_AT_TABLE
-
 
 @dataclass(frozen=True, kw_only=True)
 class PickCube(Task):
@@ -89,7 +87,7 @@ class PickCube(Task):
     @property
     @override
     def robot(self) -> RobotCfg:
-        return _ROBOT
+        return FRANKA_AT_TABLE
 
     @property
     @override

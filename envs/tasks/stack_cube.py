@@ -41,7 +41,6 @@ from envs.tasks.tabletop import (
 HALF_SIZE_M = (0.01, 0.036)
 """Half sizes of cubes that the gripper can take: it opens to 80 mm."""
 
-_ROBOT = FRANKA_AT_TABLE
 _CAMERA = dataclasses.replace(FRONT_CAMERA, fovy_deg=30.0)
 """Wider than PickCube's: cubes lie up to 0.3 m to either side."""
 
@@ -107,7 +106,7 @@ class StackCube(Task):
     @property
     @override
     def robot(self) -> RobotCfg:
-        return _ROBOT
+        return FRANKA_AT_TABLE
 
     @property
     @override

@@ -9,7 +9,7 @@ import dataclasses
 from envs.scenario import GROUND, GeomCfg, ObjectCfg, Rgba, Vec3
 
 GREY: Rgba = (0.55, 0.55, 0.58, 1.0)
-_ROBOT = ("h1",)
+_ROBOT_NAMES = ("h1",)
 
 WOOD: Rgba = (0.72, 0.55, 0.36, 1.0)
 
@@ -44,7 +44,7 @@ HURDLE_WALLS = _fixed(
     _box((35.0, -4.725, 1.0), (35.5, 0.275, 1.0), visible=False),
     _box((35.0, 4.725, 1.0), (35.5, 0.275, 1.0), visible=False),
     _box((-0.525, 0.0, 1.0), (0.05, 5.0, 1.0), visible=False),
-    feels=_ROBOT,
+    feels=_ROBOT_NAMES,
 )
 
 _STEP_HALF_M = 0.09
@@ -92,7 +92,7 @@ POLES = _fixed(
         for row in range(1, _POLE_ROWS + 1)
         for y in ((2.25, 0.75, -0.75, -2.25) if row % 2 else (1.5, 0.0, -1.5))
     ),
-    feels=_ROBOT,
+    feels=_ROBOT_NAMES,
 )
 """``generated_xml_poles.xml``: 41 rows 1 m apart, in turn of four and of three poles."""
 
@@ -123,7 +123,7 @@ MAZE = dataclasses.replace(
             for column, cell in enumerate(line)
             if cell == "#"
         ),
-        feels=_ROBOT,
+        feels=_ROBOT_NAMES,
     ),
     pos=(-2.25, -2.25, 0.0),
 )
