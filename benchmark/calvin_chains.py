@@ -2,7 +2,7 @@
 
 ``python -m benchmark.calvin_chains policy=expert chains=1000`` runs the authors' chains, 360 steps an
 instruction at most, prints what their evaluation prints, and keeps each chain's result in a file; run again,
-it goes on. ``checkpoint=<folder>`` evaluates a trained policy.
+it resumes. ``checkpoint=<folder>`` evaluates a trained policy.
 """
 
 import logging

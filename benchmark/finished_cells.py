@@ -45,7 +45,7 @@ class FinishedCells:
         write_file(self.path, json.dumps({"key": self._key, "records": rows}).encode())
 
     def remove(self) -> None:
-        """Forgets them all: the results file is whole."""
+        """Removes them all: the results file is whole."""
         self.path.unlink(missing_ok=True)
 
     def _read(self) -> dict[Cell, list[EpisodeRecord]]:

@@ -48,7 +48,7 @@ class Controller(ABC):
         handler.step(num_steps, env_ids)
 
     def begin(self, env_ids: Array) -> None:  # noqa: B027 (most remember nothing)
-        """Forgets what it remembers of the former episodes of some environments, where new ones start."""
+        """Resets what it keeps of the former episodes of some environments, where new ones start."""
 
     @abstractmethod
     def hold(self, state: State) -> np.ndarray:

@@ -78,7 +78,7 @@ class ChunkPolicy(PreTrainedPolicy):
         return self.parameters()
 
     def reset(self) -> None:
-        """Forgets the chunk that is being executed."""
+        """Drops the chunk that is being executed."""
         self._queue: deque[Tensor] = deque(maxlen=self.config.n_action_steps)
 
     @torch.no_grad()

@@ -83,7 +83,7 @@ def installed(command: str) -> Path:
 
 
 def wait_for_all(processes: Sequence[BaseProcess], timeout_s: float) -> list[int | None]:
-    """Waits for processes; returns their exit codes, None where one goes on."""
+    """Waits for processes; returns their exit codes, None where one still runs."""
     for process in processes:
         process.join(timeout_s)
     return [process.exitcode for process in processes]

@@ -1,4 +1,4 @@
-"""Pictures of results: success over the levels, and the losses of a training run."""
+"""Plots of results: success over the levels, and the losses of a training run."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -78,7 +78,7 @@ python -m benchmark.calvin_chains checkpoint=outputs/<run>/pretrained_model acti
 
 The 1,000 chains, and the state in which each begins, are the authors': the same rules and random numbers, compared one by
 one. Each instruction has 360 steps and begins where the last one ended. Results are kept chain by chain; the same command
-goes on after an interruption. A policy sees the cameras and the image size that it learned from. One that learned the scene's tasks from the
+resumes after an interruption. A policy sees the cameras and the image size that it learned from. One that learned the scene's tasks from the
 expert's demonstrations acts in joints: [train it](multi_task.md#libero-and-calvin-on-one-gpu), and leave out the options of `native`.
 """  # noqa: E501
 

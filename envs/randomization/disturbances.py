@@ -24,7 +24,7 @@ from torch import Tensor
 from envs.scenario import SensorCfg
 
 NOISE_SIZE = 1 << 20
-"""Numbers of the table of noise: an image reads it from a place of its own on, and begins anew at its end."""
+"""Numbers of the table of noise: an image reads it from a place of its own on, and starts over at its end."""
 
 DISPLAY_GAMMA = 2.2
 """Exponent of the encoding of images: light doubles where a value grows by 2 ** (1 / 2.2)."""

@@ -203,7 +203,7 @@ class Task(ABC):
         )
 
     def foreseen(self, state: State, rng: np.random.Generator) -> "list[Waypoint]":
-        """Returns the way of the hand from a start of one row as far as it is known beforehand.
+        """Returns the path of the hand from a start of one row as far as it is known beforehand.
 
         By it another robot is put where it can reach everything (:mod:`envs.tasks.fit_robot`). By default it
         is the expert's first plan; a task whose expert plans again on the way adds what comes then.

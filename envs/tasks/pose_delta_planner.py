@@ -90,7 +90,7 @@ class PoseDeltaPlanner:
         return _Followed(path, multiply(from_euler(path.turn), self._down))
 
     def _moved_on(self, followed: _Followed, pos: np.ndarray, rot: np.ndarray, opening: float) -> bool:
-        """Goes on to the next place, if the hand is near enough; returns whether the path is over."""
+        """Continues to the next place, if the hand is near enough; returns whether the path is over."""
         path, place = followed.path, followed.place
         off_m = float(np.linalg.norm(path.pos[place] - pos))
         off_rad = float(np.linalg.norm(_turn(rot, followed.rots[place])))

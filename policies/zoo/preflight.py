@@ -99,7 +99,7 @@ def _check_trainable(name: str, settings: Mapping[str, Any]) -> None:
         )
     if name == "molmoact2" and settings.get("inference_action_mode") is None:
         raise PolicyError(
-            "LeRobot's molmoact2 must be told how it acts. Add policy.inference_action_mode=continuous, or "
+            "LeRobot's molmoact2 needs its kind of action. Add policy.inference_action_mode=continuous, or "
             "discrete."
         )
 

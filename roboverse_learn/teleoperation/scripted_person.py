@@ -35,7 +35,7 @@ class ExpertHand:
         self._plan.clear()
 
     def replan(self) -> None:
-        """Forgets the plan: the next motion is planned from the state that there is then."""
+        """Drops the plan: the next motion is planned from the state that there is then."""
         self._plan.clear()
 
     def move(self, state: State) -> Move | None:

@@ -280,7 +280,7 @@ class Session:
             self._driver.begin(episode)
 
     def _still(self) -> None:
-        """Forgets motions that were asked for."""
+        """Drops motions that were asked for."""
         self._move, self._backlog, self._silent = Move(rate=STILL), np.zeros(6), 0
 
     def _close(self) -> None:

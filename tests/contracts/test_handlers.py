@@ -165,11 +165,11 @@ def test_joints_go_to_their_targets_in_the_scenarios_order(handler):
 
 
 def test_targets_that_move_evenly_are_there_in_the_last_step(handler):
-    """Told in one call or step by step, an arm makes the same way."""
+    """An arm follows the same path by targets of one call and by targets of each step."""
     start = handler.get_states()
     goal = start.robots["franka"].joint_pos.cpu().numpy() + 0.02
     goal[:, 7:] = 0.03  # inside of the fingers' range
-    handler.set_states(start)  # simulators warm-start from the step before, which this forgets
+    handler.set_states(start)  # simulators warm-start from the step before, which this resets
     handler.step_towards({"franka": goal}, 4)
     together = handler.get_states()
     handler.set_states(start)

@@ -24,7 +24,7 @@ def pytest_runtest_setup() -> None:
 
 @pytest.fixture(autouse=True)
 def fresh_state():
-    """Forgets the compiled code and the device of the tests before: both are kept by the process."""
+    """Drops the compiled code and the device of the tests before: both are kept by the process."""
     yield
     if "torch._dynamo" in sys.modules:
         sys.modules["torch"].compiler.reset()

@@ -44,7 +44,7 @@ def finish(folder: Path, **started: subprocess.Popen) -> None:
     for run, process in started.items():
         # Long enough for the stacks of a process that a signal ended, above the launcher's own words.
         assert process.wait() == 0, (folder / f"{run}.log").read_text()[-12000:]
-        assert "goes on without" not in (folder / f"{run}.log").read_text()
+        assert "continues without" not in (folder / f"{run}.log").read_text()
 
 
 def losses(run: Path) -> dict[int, float]:

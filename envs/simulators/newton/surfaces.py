@@ -67,7 +67,7 @@ class SurfaceImages:
             self._changed = False
 
     def close(self) -> None:
-        """Forgets all images."""
+        """Removes all images."""
         self._kept, self._table, self._context = {}, [], None
 
 

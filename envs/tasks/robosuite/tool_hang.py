@@ -133,7 +133,7 @@ class ToolHang(RobosuiteTask):
 
     @override
     def reward(self, state: State) -> Tensor:
-        """Returns 0.4 for the frame in the stand, and as much for the way of the hand and of each thing."""
+        """Returns 0.4 for the frame in the stand, and as much for distances of hand and objects."""
         frame, tool, stand = (state.objects[name] for name in ("frame", "tool", "stand"))
         hand, done = ee_pos(self.arm(state)), self.assembled(state)
         socket = point_on(stand, (*parts.SOCKET_M, parts.SOCKET_FLOOR_M))

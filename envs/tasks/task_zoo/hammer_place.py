@@ -1,7 +1,7 @@
 """HammerPlace, after the robosuite task zoo (``hammer_place.py``).
 
 The zoo draws the hammer's length and density once for each environment, 45 to 50 mm and 100 to 250 kg/m³;
-here they are options, in the middle of its ranges. It pays success alone.
+here they are options, in the middle of its ranges. Its reward is success alone.
 """
 
 import math

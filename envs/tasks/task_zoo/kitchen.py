@@ -1,6 +1,6 @@
 """Kitchen, after the robosuite task zoo (``kitchen.py``), and what it shares with MultitaskKitchen.
 
-The zoo pays success alone. A pot that would start in the stove's side is moved out of it, as the zoo's
+The zoo's reward is success alone. A pot that would start in the stove's side is moved out of it, as the zoo's
 simulator does in its first steps.
 """
 

@@ -1,6 +1,6 @@
 """ToolUse, after the robosuite task zoo (``tool_use.py``): its widest starts, those of ``ToolUseEnv``.
 
-The zoo pays success alone, and does not ask whether the tool was used; the expert uses it.
+The zoo's reward is success alone, and it does not ask whether the tool was used; the expert uses it.
 """
 
 from dataclasses import dataclass, replace

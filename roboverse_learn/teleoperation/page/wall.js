@@ -42,8 +42,8 @@ export class Wall {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     if (!pose) return;
     this.write(lines);
-    const pictures = [...canvases, this.words], boxes = layout(canvases);
-    pictures.forEach((canvas, index) => this.load(canvas, index));
+    const panels = [...canvases, this.words], boxes = layout(canvases);
+    panels.forEach((canvas, index) => this.load(canvas, index));
     for (const view of pose.views) {
       const { x, y, width, height } = layer.getViewport(view);
       gl.viewport(x, y, width, height);

@@ -80,7 +80,7 @@ def fast_objective(
         keys = [key for key, used in (("train.compile", compiled), ("train.cuda_graphs", recorded)) if used]
         logger.warning(
             "With %s PyTorch %s changes the gradient of '%s' of policy=%s by %.0f %%, where %.0f %% is "
-            "rounding: training goes on without, more slowly. %s=false does not try.",
+            "rounding: training continues without, more slowly. %s=false does not try.",
             " and ".join(f"{key}=true" for key in keys),
             torch.__version__,
             wrong.parameter,

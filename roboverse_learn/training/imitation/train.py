@@ -64,7 +64,7 @@ def train(
 ) -> TrainResult:
     """Trains a policy, in one process or in each of those of ``accelerate launch``.
 
-    A run that is killed goes on from its last checkpoint, to the same losses on a CPU (unless a time
+    A run that is killed resumes from its last checkpoint, to the same losses on a CPU (unless a time
     limit ends its schedule). SIGINT and SIGTERM end it with a checkpoint.
 
     Args:

@@ -39,7 +39,7 @@ class Algorithm(Protocol):
     Attributes:
         policy: What it trains.
         batch_size: Samples of an update.
-        settings: Whatever else must be the same for a run to be gone on with.
+        settings: Whatever else must be the same to resume a run.
     """
 
     policy: Any

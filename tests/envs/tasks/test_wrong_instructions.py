@@ -14,7 +14,7 @@ from envs.tasks.wrong_instructions import wrong_instructions
 
 @pytest.fixture
 def registry(monkeypatch):
-    """The registry, which forgets what a test adds."""
+    """The registry, without what a test adds once it ends."""
     monkeypatch.setattr(TASKS, "_entries", dict(TASKS._entries))
     return TASKS
 

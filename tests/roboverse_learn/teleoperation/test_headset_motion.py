@@ -84,7 +84,7 @@ def test_what_is_too_fast_for_the_hand_is_made_up_for_while_it_is_held(motion):
     assert [move[1] for move in moves] == pytest.approx([0, 0.05, 0.05, 0.02])
     assert [move[5] for move in moves] == pytest.approx([0, 0.2, 0.2, 0.1])
     moves = followed(motion, start, there, None, there, there, metres=0.05, radians=0.2)
-    assert moves[3] == moves[4] == [0] * 6, "letting go forgets it"
+    assert moves[3] == moves[4] == [0] * 6, "letting go resets it"
     # The bound is on the hand's way, also where the hand moves three times as far as the controller.
     moves = followed(motion, start, pose(0, 1, -0.03), pose(0, 1, -0.03), metres=0.05, scale=3.0)
     assert [move[1] for move in moves] == pytest.approx([0, 0.05, 0.04])

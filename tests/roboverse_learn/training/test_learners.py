@@ -87,11 +87,11 @@ def test_a_run_that_is_all_warm_up_says_so_at_its_start(words, said, caplog, mon
     assert caplog.text.count("all warm-up") == bool(said) and said in caplog.text
 
 
-@pytest.mark.parametrize(("steps", "told"), [(999, True), (1000, False)])
-def test_an_agent_whose_steps_end_before_its_first_update_says_so(steps, told, caplog, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("steps", "warn"), [(999, True), (1000, False)])
+def test_an_agent_whose_steps_end_before_its_first_update_says_so(steps, warn, caplog, tmp_path, monkeypatch):
     learner = Agent(compose("train", ["policy=tdmpc2", f"train.steps={steps}"]), "cpu")
     monkeypatch.setattr(learner, "open_env", lambda seed: SimpleNamespace(close=lambda: None))
     monkeypatch.setattr(learner, "make_agent", lambda env, seed: SimpleNamespace(first_steps=1000))
     monkeypatch.setattr(learner, "run", lambda *_: None)
     learner.learn(tmp_path, None, 0, Reporter())
-    assert ("train.steps=999 end before the first update, which comes after 1000" in caplog.text) == told
+    assert ("train.steps=999 end before the first update, which comes after 1000" in caplog.text) == warn

@@ -1,4 +1,4 @@
-"""Which of LIBERO's tasks share a scene, and which goals can be told apart there."""
+"""Which of LIBERO's tasks share a scene, and which goals can be distinguished there."""
 
 import pytest
 

@@ -106,7 +106,7 @@ def test_a_policy_whose_compiled_gradients_are_wrong_is_trained_without_the_comp
     with caplog.at_level(logging.WARNING):
         wrong = train(make("act"), DATA, replace(CONFIG, compile=True), tmp_path / "a")
     assert "changes the gradient of '" in caplog.text
-    assert "of policy=act by 100 %, where 6 % is rounding: training goes on without, more" in caplog.text
+    assert "of policy=act by 100 %, where 6 % is rounding: training continues without, more" in caplog.text
     assert "train.compile=false does not try." in caplog.text
     plain = train(make("act"), DATA, CONFIG, tmp_path / "b")
     assert wrong.loss == plain.loss, "the batches that were looked at are trained with all the same"

@@ -1,4 +1,4 @@
-"""A training process that is really killed, and what it goes on to."""
+"""A training process that is really killed, and how it resumes."""
 
 import random
 import signal

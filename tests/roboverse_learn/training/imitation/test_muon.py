@@ -1,4 +1,4 @@
-"""Muon: what its updates are, which parameters get them, and that a resumed run goes on with them."""
+"""Muon: what its updates are, which parameters get them, and that a resumed run keeps them."""
 
 import pytest
 import torch

@@ -1,4 +1,4 @@
-"""The training loop: it learns, it is repeatable, and it goes on after it was killed."""
+"""The training loop: it learns, it is repeatable, and it resumes after it was killed."""
 
 import itertools
 import json

@@ -11,7 +11,7 @@ from policies.fasttd3.config import FastTd3Config
 from policies.fasttd3.policy import FastTd3Policy
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.metrics import read_metrics
-from roboverse_learn.training.rl import loop as off_policy
+from roboverse_learn.training.rl import loop as rl_loop
 from roboverse_learn.training.rl.fasttd3 import FastTd3Algorithm
 from roboverse_learn.training.rl.loop import OBSERVATION
 from tests.roboverse_learn.training.point_mass import GOOD_RETURN, STEPS, PointMass
@@ -31,7 +31,7 @@ def train(run_dir, *, steps=640, config=TINY, seed=0, env=None, reporter=None, *
     options = {"log_every": 160, "save_every": 320, "num_threads": 1} | options
     settings = TrainConfig(steps=steps, **options)
     algorithm = FastTd3Algorithm(policy, config.num_envs)
-    return off_policy.run(algorithm, env, settings, run_dir, seed=seed, reporter=reporter), policy
+    return rl_loop.run(algorithm, env, settings, run_dir, seed=seed, reporter=reporter), policy
 
 
 def test_it_learns(tmp_path):

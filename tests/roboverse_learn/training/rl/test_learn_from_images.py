@@ -21,7 +21,7 @@ from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.learners import learner_of
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
-from roboverse_learn.training.rl import loop as off_policy
+from roboverse_learn.training.rl import loop as rl_loop
 from roboverse_learn.training.rl.tdmpc2 import Tdmpc2Algorithm
 from tests.roboverse_learn.training.point_mass import GOOD_RETURN, RANDOM_RETURN, STEPS, PointMass
 
@@ -171,7 +171,7 @@ def test_it_learns_from_images(tmp_path):
     policy = Tdmpc2Policy.create(config, {"observation.images.front": 64}, 1, STEPS)
     algorithm = Tdmpc2Algorithm(policy, config.num_envs, STEPS)
     settings = TrainConfig(steps=1400, log_every=200, save_every=4000, num_threads=1)
-    off_policy.run(algorithm, FilmedPointMass(config.num_envs), settings, tmp_path)
+    rl_loop.run(algorithm, FilmedPointMass(config.num_envs), settings, tmp_path)
     rows = [row for row in read_metrics(tmp_path) if "episode_return" in row]
     assert rows[0]["episode_return"] < RANDOM_RETURN + 2.0, "before the first update"
     assert rows[-1]["episode_return"] > GOOD_RETURN

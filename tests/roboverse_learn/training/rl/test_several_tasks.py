@@ -25,7 +25,7 @@ from roboverse_learn.train import train as train_command
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.learners import learner_of
 from roboverse_learn.training.metrics import read_metrics
-from roboverse_learn.training.rl import loop as off_policy
+from roboverse_learn.training.rl import loop as rl_loop
 from roboverse_learn.training.rl.environment import make_multi_task_env
 from roboverse_learn.training.rl.loop import OBSERVATION
 from roboverse_learn.training.rl.tdmpc2 import Tdmpc2Algorithm, Tdmpc2Learner
@@ -67,7 +67,7 @@ def make_algorithm(config=TINY, seed=0):
 def train(run_dir, *, steps, config=TINY, **options):
     algorithm, env = make_algorithm(config)
     options = {"log_every": 80, "save_every": 240, "num_threads": 1} | options
-    off_policy.run(algorithm, env, TrainConfig(steps=steps, **options), run_dir)
+    rl_loop.run(algorithm, env, TrainConfig(steps=steps, **options), run_dir)
     return algorithm.policy
 
 
@@ -101,7 +101,7 @@ def test_run_interrupted_between_checkpoints_resumes(tmp_path):
 
 def test_random_actions_are_zero_in_padding():
     algorithm, env = make_algorithm()
-    loop = off_policy.Loop(algorithm, env, TrainConfig(steps=320), None, 0, off_policy.Reporter())
+    loop = rl_loop.Loop(algorithm, env, TrainConfig(steps=320), None, 0, rl_loop.Reporter())
     loop.begin(None)
     for _ in range(30):  # 25 times at random
         loop.advance()
@@ -127,7 +127,7 @@ def test_padding_does_not_influence_learning(tmp_path):
     for line in (PointMass(4), Deaf(4)):
         algorithm, env = make_algorithm()
         env.envs["line"] = line
-        off_policy.run(algorithm, env, TrainConfig(steps=240, num_threads=1), tmp_path / type(line).__name__)
+        rl_loop.run(algorithm, env, TrainConfig(steps=240, num_threads=1), tmp_path / type(line).__name__)
         learned.append(algorithm.policy.state_dict())
     assert all(learned[0][key].equal(value) for key, value in learned[1].items())
 
@@ -299,4 +299,4 @@ def test_run_of_other_tasks_is_not_resumed(trained, tmp_path):
     with pytest.raises(CheckpointError, match=rf"tasks was \['{FIRST}', '{SECOND}'\] and is \['line'"):
         algorithm, env = make_algorithm()
         algorithm.policy.task = FIRST
-        off_policy.run(algorithm, env, TrainConfig(steps=48, num_threads=1), run)
+        rl_loop.run(algorithm, env, TrainConfig(steps=48, num_threads=1), run)

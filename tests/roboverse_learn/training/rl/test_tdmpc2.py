@@ -15,7 +15,7 @@ from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.imitation.train import TrainingDivergedError
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
-from roboverse_learn.training.rl import loop as off_policy
+from roboverse_learn.training.rl import loop as rl_loop
 from roboverse_learn.training.rl.loop import OBSERVATION
 from roboverse_learn.training.rl.tdmpc2 import Tdmpc2Algorithm
 from tests.roboverse_learn.training.point_mass import GOOD_RETURN, RANDOM_RETURN, STEPS, PointMass
@@ -40,7 +40,7 @@ def train(run_dir, *, steps=320, config=TINY, env=None, seed=0, resume=True, rep
     algorithm = Tdmpc2Algorithm(policy, config.num_envs, STEPS)
     options = {"log_every": 80, "save_every": 240, "num_threads": 1} | options
     settings = TrainConfig(steps=steps, **options)
-    result = off_policy.run(algorithm, env, settings, run_dir, seed=seed, resume=resume, reporter=reporter)
+    result = rl_loop.run(algorithm, env, settings, run_dir, seed=seed, resume=resume, reporter=reporter)
     return result, policy
 
 
@@ -106,7 +106,7 @@ def test_a_run_leaves_what_every_run_leaves(tmp_path):
     policy = Tdmpc2Policy.create(TINY, {OBSERVATION: 2}, 1, STEPS)
     algorithm = Tdmpc2Algorithm(policy, TINY.num_envs, STEPS)
     config = TrainConfig(steps=320, log_every=80, save_every=240, num_threads=1)
-    result = off_policy.run(algorithm, env, config, tmp_path, reporter=Listener())
+    result = rl_loop.run(algorithm, env, config, tmp_path, reporter=Listener())
     assert steps == [240, 320]
     assert Tdmpc2Policy.load(tmp_path).discount == policy.discount
     rows = read_metrics(tmp_path)
@@ -155,7 +155,7 @@ class Clock(Reporter):
 
     def __init__(self, monkeypatch):
         self.now, self.steps = 0.0, []
-        monkeypatch.setattr(off_policy.time, "perf_counter", lambda: self.now)
+        monkeypatch.setattr(rl_loop.time, "perf_counter", lambda: self.now)
 
     def on_start(self, progress, policy):
         self.now += 1.0
