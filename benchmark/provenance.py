@@ -72,7 +72,8 @@ def git_state(folder: Path | None = None) -> Git | None:
     top = git(here, "rev-parse", "--show-toplevel")
     sha = git(here, "rev-parse", "HEAD")
     # An installed wheel can lie inside somebody else's checkout, whose commit says nothing of it.
-    if not sha or top is None or (folder is None and not is_tracked(Path(__file__))):
+    is_ours = folder is not None or is_tracked(Path(__file__))
+    if not sha or top is None or not is_ours:
         return None
     changes = git(here, "status", "--porcelain", "--untracked-files=no", "--", top, _NO_RESULTS)
     return Git(sha=sha, dirty=bool(changes))

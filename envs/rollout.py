@@ -149,7 +149,8 @@ class _Rollout:
     def run(self) -> Iterator[Episode]:
         while self._waiting or self._running:
             started = time.perf_counter()
-            if self._waiting and self._free and not (self._waves and self._running):
+            wave_runs = self._waves and self._running
+            if self._waiting and self._free and not wave_runs:
                 self._start()
             over = self._plan()
             if ready := [episode for episode in self._running if episode.plan]:

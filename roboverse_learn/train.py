@@ -124,7 +124,8 @@ def refuse_long_run(learner: "Learner") -> None:
             is not ``quick``, which is meant for any machine, also one that is busy now.
     """
     config, limit = learner.config, learner.config.train.time_limit_s
-    if learner.device != "cpu" or config.slow_ok or (limit is not None and limit <= LONG_RUN_S):
+    ends_in_time = limit is not None and limit <= LONG_RUN_S
+    if learner.device != "cpu" or config.slow_ok or ends_in_time:
         return
     log.info("Timing policy=%s on this machine.", config.policy_name)
     seconds = learner.estimate_s()

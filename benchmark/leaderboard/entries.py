@@ -116,12 +116,8 @@ def _budget_key(result: Result) -> str | None:
     preset = trained.get("preset")
     if result.recipe:
         return canonical_json(["recipe", result.policy, result.recipe, sorted(result.train_tasks)])
-    if (
-        demonstrated_by(result)
-        or not isinstance(preset, str)
-        or not _NAME.fullmatch(preset)
-        or is_foreign(result)
-    ):
+    has_preset = isinstance(preset, str) and _NAME.fullmatch(preset)
+    if demonstrated_by(result) or is_foreign(result) or not has_preset:
         return None
     shared = {
         "tasks": sorted(result.train_tasks),

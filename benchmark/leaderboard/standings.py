@@ -73,7 +73,7 @@ def _cells(row: Mapping[str, Any], protocol: str) -> dict[str, dict[str, Any]]:
         level = cell["level"]
         if level is None:
             continue
-        trained = row["train_level"]
-        if row["kind"] == BASELINE or (trained == 0 if protocol == "A" else trained == level):
+        trained_at = 0 if protocol == "A" else level
+        if row["kind"] == BASELINE or row["train_level"] == trained_at:
             cells.setdefault(str(level), {})[cell["split"]] = cell
     return {level: of for level, of in cells.items() if "test" in of}

@@ -150,13 +150,9 @@ class _Assets:
         if (mesh := self._of(geom, "mesh")) in self._baked:
             out.set("material", f"{mesh}_baked")
         material = self._found["material"].get(geom.get("material", ""))
-        seen_only = contype == "0" and conaffinity == "0"
-        if (
-            geom.get("type") in ("box", "plane")
-            and seen_only
-            and material is not None
-            and self._image(material) is not None
-        ):
+        is_seen_only = contype == "0" and conaffinity == "0"
+        is_seen_box = is_seen_only and geom.get("type") in ("box", "plane")
+        if is_seen_box and material is not None and self._image(material) is not None:
             half = np.array(geom.get("size", "").split(), float)
             if geom.get("type") == "plane":
                 half[2] = 0.002

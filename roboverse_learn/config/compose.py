@@ -160,8 +160,9 @@ def _name_task_and_cameras(command: str, values: dict[str, Any], typed: Mapping[
         values["task"] = SOURCES.get(values["source"]).task_of(values) or values["task"]
     if command == "teleoperate" and values["checkpoint"] and not names_task:
         values["task"] = _task_of(str(values["checkpoint"])) or values["task"]
-    if command == "check" and values["robot"] and not values["policy_name"] and not names_task:
-        values["task"] = ""  # the robot by itself
+    if command == "check" and not names_task:
+        checks_robot = values["robot"] and not values["policy_name"]
+        values["task"] = "" if checks_robot else values["task"]
     if values.get("cameras") == [ALL_CAMERAS]:
         options: Any = values["task_kwargs"]
         scene = EnvSpec(task=values["task"], task_kwargs=options).make_task().scenario

@@ -48,7 +48,8 @@ _PROCESS = _Process()
 def start() -> Any:
     """Returns the module ``genesis`` for one more scene, started on the CPU unless somebody has done so."""
     gs: Any = importlib.import_module("genesis")
-    if gs._initialized and _PROCESS.is_ours and not _PROCESS.open and _PROCESS.built >= SCENES_KEPT:
+    is_full = not _PROCESS.open and _PROCESS.built >= SCENES_KEPT
+    if gs._initialized and _PROCESS.is_ours and is_full:
         kernels = tuple(_runtime().kernels)
         gs.destroy()
         for kernel in kernels:

@@ -298,7 +298,8 @@ def _meet(
     one, two = int(model.body_weldid[body]), int(model.body_weldid[other])
     of_one, of_two = (int(model.body_weldid[model.body_parentid[weld]]) for weld in (one, two))
     same_tree = body and other and model.body_rootid[body] == model.body_rootid[other]
-    if one == two or (same_tree and (of_one == two or of_two == one)):
+    are_parent_and_child = same_tree and (of_one == two or of_two == one)
+    if one == two or are_parent_and_child:
         return False
     first, second = sorted((body, other))
     if (first << 16) + second in model.exclude_signature or (second << 16) + first in model.exclude_signature:

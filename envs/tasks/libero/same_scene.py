@@ -14,15 +14,12 @@ def same_scene_tasks(entry: Entry) -> tuple[str, ...]:
     Raises:
         MissingExtraError: The extra ``libero`` is not installed.
     """
-    own = _problem(entry)
-    return tuple(
-        other.name
-        for other in (pro_entries() if entry.variant else entries()).values()
-        if other.scene_name == entry.scene_name
-        and (not entry.variant or other.folder == entry.folder)
-        and other.instruction != entry.instruction
-        and is_another_goal(own, _problem(other))
-    )
+    own, pool = _problem(entry), pro_entries() if entry.variant else entries()
+    here = [other for other in pool.values() if other.scene_name == entry.scene_name]
+    if entry.variant:
+        here = [other for other in here if other.folder == entry.folder]
+    worded = [other for other in here if other.instruction != entry.instruction]
+    return tuple(other.name for other in worded if is_another_goal(own, _problem(other)))
 
 
 def is_another_goal(own: Problem, other: Problem) -> bool:
