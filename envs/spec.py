@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 from envs.core.errors import ConfigError, unknown_name, unknown_option
-from envs.core.plain_values import plain
+from envs.core.json_values import to_json_values
 from envs.randomization.levels import channels_of
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ class EnvSpec:
 
     def to_json(self) -> dict[str, Any]:
         """Returns its fields as JSON values, which :meth:`from_json` takes back; no robot is left out."""
-        values = plain(self)
+        values = to_json_values(self)
         return values if self.robot else {key: value for key, value in values.items() if key != "robot"}
 
     @classmethod

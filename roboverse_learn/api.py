@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from envs.core.errors import ConfigError
-from envs.core.plain_values import flat, plain
+from envs.core.json_values import flat, to_json_values
 from envs.tasks import TASKS
 from envs.tasks.base import Task
 from policies.base import Observation, Policy
@@ -186,4 +186,4 @@ _IN_THIS_PROCESS: set[str] = set()
 
 def _words(given: Mapping[str, Any]) -> list[str]:
     """Returns settings as the words that a result's command shows."""
-    return [f"{key}={as_text(plain(value))}" for key, value in flat(given, leaves=MAPS).items()]
+    return [f"{key}={as_text(to_json_values(value))}" for key, value in flat(given, leaves=MAPS).items()]

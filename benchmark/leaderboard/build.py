@@ -41,7 +41,7 @@ from benchmark.suites import FOLDER
 from envs.core.atomic import write_file
 from envs.core.errors import ResultError
 from envs.core.fingerprint import canonical_json, digest
-from envs.core.plain_values import flat
+from envs.core.json_values import flat
 
 SCHEMA_VERSION = 2
 JSON_NAME, MARKDOWN_NAME, HTML_NAME = "leaderboard.json", "leaderboard.md", "leaderboard.html"

@@ -6,7 +6,7 @@ from typing import Any
 
 import policies
 from envs.core.fingerprint import canonical_json
-from envs.core.plain_values import flat
+from envs.core.json_values import flat
 
 _FREE = {
     *("train.steps", "train.time_limit_s"),  # the checkpoint has the training time

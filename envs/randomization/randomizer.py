@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from envs.core.errors import ConfigError
-from envs.core.plain_values import plain
+from envs.core.json_values import to_json_values
 from envs.randomization.channels import CHANNELS, Channel, Instructed, Scene, Workspace
 from envs.randomization.materials import MaterialLibrary
 from envs.randomization.splits import Split, load_split
@@ -102,7 +102,7 @@ class Randomizer:
         Raises:
             ConfigError: if the episode is not of this randomizer's split.
         """
-        return {name: plain(draw) for name, _, draw, _ in self._drawn(episode)}
+        return {name: to_json_values(draw) for name, _, draw, _ in self._drawn(episode)}
 
     def _drawn(self, episode: int, changing: str = "") -> Iterator[tuple[str, Channel, Any, Scene]]:
         """Yields the draws of an episode: of all channels, or of those that have a method of their own."""

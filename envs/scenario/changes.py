@@ -7,7 +7,7 @@ from types import NoneType
 from typing import Any, get_args, get_type_hints
 
 from envs.core.errors import ConfigError, unknown_name, wrong_value
-from envs.core.plain_values import plain
+from envs.core.json_values import to_json_values
 
 ROOT = "scenario"
 
@@ -88,7 +88,7 @@ def _between(old: Any, new: Any) -> Any:
     before, after = _by_key(old), _by_key(new)
     if before and before.keys() == after.keys():
         return {key: difference(before[key], after[key]) for key in before if before[key] != after[key]}
-    return plain(new)
+    return to_json_values(new)
 
 
 def _by_key(value: Any) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from envs.core.errors import ConfigError, RoboVerseError, WriteError
-from envs.core.plain_values import plain
+from envs.core.json_values import to_json_values
 from envs.tasks.suites import suite_tasks
 from roboverse_learn.commands.outcomes import Evaluation
 from roboverse_learn.commands.tested_checkpoint import (
@@ -163,7 +163,10 @@ def _run_name(config: EvaluateConfig) -> str:
     from roboverse_learn.commands.foreign_checkpoint import open_checkpoint
     from roboverse_learn.commands.run_folder import run_of
 
-    decides: dict[str, Any] = {"protocol": protocol_of(config.evaluate).to_json(), "env": plain(config.env)}
+    decides: dict[str, Any] = {
+        "protocol": protocol_of(config.evaluate).to_json(),
+        "env": to_json_values(config.env),
+    }
     decides |= {"materials": config.evaluate.materials, "named": config.protocol}
     base = config.policy_name
     if not base:

@@ -24,7 +24,7 @@ from typing import Any
 
 import policies
 from envs.core.errors import ConfigError, unknown_name
-from envs.core.plain_values import flat, plain
+from envs.core.json_values import flat, to_json_values
 from envs.scenario.changes import merged
 from envs.spec import EnvSpec
 from envs.tasks.protocols import PROTOCOLS
@@ -85,7 +85,7 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
         ConfigError: A value is of the wrong kind or out of range, or a word is not ``key=value``.
     """
     pairs = [_split(word) for word in words]
-    read = {key: plain(value) for key, value in flat(given or {}, leaves=MAPS).items()}
+    read = {key: to_json_values(value) for key, value in flat(given or {}, leaves=MAPS).items()}
     typed = dict(pairs) | {key: value for key, value in read.items() if isinstance(value, str)}
     saved = _saved_values(typed.get("run", "")) if command == "train" else {}
     recipe, of_recipe = _recipe(command, typed.get("recipe", ""))
@@ -179,7 +179,7 @@ def _protocol(name: str) -> dict[str, Any]:
         return {}
     own = PROTOCOLS.get(name)
     episodes = {"levels": [0], "splits": ["test"], "episodes": own.episodes}
-    return plain(own.env) | {"evaluate": episodes}
+    return to_json_values(own.env) | {"evaluate": episodes}
 
 
 def _task_of(checkpoint: str) -> str:

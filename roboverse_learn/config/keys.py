@@ -6,7 +6,7 @@ from typing import Any
 
 import policies
 from envs.core.errors import ConfigError, UnknownNameError, suggest
-from envs.core.plain_values import flat
+from envs.core.json_values import flat
 from roboverse_learn.config.scenario_overrides import SECTION, scenario_keys
 
 _WORD = re.compile(r"(?P<key>[A-Za-z_]\w*(?:\.\w+)*)=(?P<value>.*)", re.DOTALL)

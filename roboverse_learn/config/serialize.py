@@ -13,7 +13,7 @@ from typing import Any
 
 import policies
 from envs.core.errors import ConfigError, unknown_name, wrong_value
-from envs.core.plain_values import plain
+from envs.core.json_values import to_json_values
 from envs.simulators.settings import check_settings
 from envs.spec import EnvSpec
 from roboverse_learn.config.keys import OF_YOUR_OWN, flat_keys, unknown_key
@@ -55,7 +55,7 @@ def from_values(command: str, values: Mapping[str, Any]) -> Any:
 
 def to_values(config: Any) -> dict[str, Any]:
     """Returns a configuration as nested plain JSON values, which :func:`from_values` takes."""
-    values = plain(config)
+    values = to_json_values(config)
     return values.pop("env", {}) | values
 
 
@@ -71,16 +71,16 @@ def default_values(command: str, policy: str = "act") -> dict[str, Any]:
 
     For ``evaluate``, an empty value of an environment's field means the checkpoint's own.
     """
-    env = plain(EnvSpec())
+    env = to_json_values(EnvSpec())
     values = {key: type(env[key])() if command == "evaluate" else env[key] for key in env_keys(command)}
     for item in dataclasses.fields(COMMANDS[command]):
         if item.name == "policy":
-            values["policy"] = plain(policies.config_class(policy)())
+            values["policy"] = to_json_values(policies.config_class(policy)())
         elif item.name == "policy_name" and command not in NAMES_A_POLICY:
             values["policy_name"] = policy
         elif item.name != "env":
             made = item.default if item.default_factory is dataclasses.MISSING else item.default_factory()
-            values[item.name] = plain(made)
+            values[item.name] = to_json_values(made)
     return values
 
 
@@ -93,7 +93,7 @@ def _environment(command: str, values: dict[str, Any], *, checks_task: bool = Tr
     if partial:
         values = {key: value for key, value in values.items() if value}
     spec = _adapter(EnvSpec).validate_python(values)
-    given = values if partial else plain(spec)
+    given = values if partial else to_json_values(spec)
     if not spec.task or not checks_task:  # a robot by itself, or any task of a suite
         given = {key: value for key, value in given.items() if key != "task"}
     for kind in ("task", "simulator", "renderer"):
@@ -134,7 +134,7 @@ def _checked_options(spec: EnvSpec) -> dict[str, Any]:
     defaults = {item.name: item.default for item in dataclasses.fields(task)}  # pyright: ignore[reportArgumentType]
     defaults.setdefault("action_space", "joints")  # of every task that has none of its own
     values = {key: getattr(task, key, defaults[key]) for key in spec.task_kwargs}
-    return {key: plain(value) for key, value in values.items() if value != defaults[key]}
+    return {key: to_json_values(value) for key, value in values.items() if value != defaults[key]}
 
 
 def _checked_robot(spec: EnvSpec) -> str:

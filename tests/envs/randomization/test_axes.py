@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from envs.core.errors import ConfigError
-from envs.core.plain_values import plain
+from envs.core.json_values import to_json_values
 from envs.experts.actor import expert_episodes
 from envs.randomization import distractors, layout, robot_start, sensor
 from envs.randomization.channels import divided
@@ -60,7 +60,7 @@ def test_what_is_held_out_is_frozen(only, held_out):
 
 
 def test_the_catalogue_of_distractors_is_frozen():
-    shapes = [plain(distractors.distractor(name)) for name in distractors.CATALOGUE]
+    shapes = [to_json_values(distractors.distractor(name)) for name in distractors.CATALOGUE]
     assert hashlib.sha256(json.dumps(shapes).encode()).hexdigest()[:16] == FROZEN_SHAPES
 
 

@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from envs.core.errors import ConfigError, UnknownNameError
-from envs.core.plain_values import plain
+from envs.core.json_values import to_json_values
 from roboverse_learn.collect import dataset_folder
 from roboverse_learn.commands.run_folder import identity, run_name
 from roboverse_learn.config.compose import compose
@@ -20,7 +20,7 @@ REQUIRED = {"evaluate": ["checkpoint=runs/x"]}
 def test_settings_of_a_simulator_pass_through(command: str) -> None:
     words = [*REQUIRED.get(command, []), "simulator=mujoco_warp", "simulator_settings.njmax=768"]
     config = compose(command, words)
-    assert plain(config.env)["simulator_settings"] == {"njmax": 768}
+    assert to_json_values(config.env)["simulator_settings"] == {"njmax": 768}
     assert from_values(command, yaml.safe_load(yaml.safe_dump(to_values(config)))) == config
 
 
@@ -60,14 +60,14 @@ def test_keys_of_the_scene_pass_through(command: str) -> None:
         "scenario.appearance.lights.0.intensity=0.5",
     ]
     config = compose(command, [*REQUIRED.get(command, []), *words, "cameras=[wrist]"])
-    assert plain(config.env)["scenario"] == {
+    assert to_json_values(config.env)["scenario"] == {
         "cameras": {"front": {"pos": [1, 0, 0.5]}, "wrist": {"fovy_deg": 50}},
         "lighting": {"array_shape": [3, 4]},
         "physics": {"decimation": 50},
         "room": None,
         "appearance": {"lights": {"0": {"intensity": 0.5}}},
     }
-    assert plain(config.env)["cameras"] == ["wrist"]
+    assert to_json_values(config.env)["cameras"] == ["wrist"]
     assert from_values(command, yaml.safe_load(yaml.safe_dump(to_values(config)))) == config
 
 

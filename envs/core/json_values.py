@@ -1,4 +1,4 @@
-"""Converts frozen data to plain values of JSON and YAML."""
+"""Converts frozen data to values of JSON and YAML: dictionaries, lists, texts and numbers."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import fields, is_dataclass
@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Any
 
 
-def plain(value: Any) -> Any:
+def to_json_values(value: Any) -> Any:
     """Returns dataclasses as dictionaries, tuples as lists and paths as strings, however deep they lie."""
     if is_dataclass(value):
-        return {item.name: plain(getattr(value, item.name)) for item in fields(value)}
+        return {item.name: to_json_values(getattr(value, item.name)) for item in fields(value)}
     if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): to_json_values(item) for key, item in value.items()}
     if isinstance(value, tuple | list):
-        return [plain(item) for item in value]
+        return [to_json_values(item) for item in value]
     return str(value) if isinstance(value, Path) else value
 
 

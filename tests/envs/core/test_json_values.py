@@ -1,9 +1,9 @@
-"""Frozen data as plain values."""
+"""Frozen data as JSON values."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
-from envs.core.plain_values import flat, plain
+from envs.core.json_values import flat, to_json_values
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Whole:
 
 def test_data_of_any_depth_is_plain():
     value = Whole((Part((1, 2)),), {3: Part((4, 5))}, Path("a") / "b")
-    assert plain(value) == {
+    assert to_json_values(value) == {
         "parts": [{"size": [1, 2]}],
         "by_name": {"3": {"size": [4, 5]}},
         "folder": "a/b",
