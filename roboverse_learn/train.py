@@ -23,7 +23,7 @@ from roboverse_learn.config.schema import TrainRunConfig
 
 if TYPE_CHECKING:
     from roboverse_learn.commands.given_dataset import GivenDataset
-    from roboverse_learn.commands.run_folder import Run
+    from roboverse_learn.commands.run_folder import RunFolder
     from roboverse_learn.data.collection.collect import CollectionSummary
     from roboverse_learn.training.learners import Demonstrations, Learner
     from roboverse_learn.training.reporter import TrainResult
@@ -60,7 +60,7 @@ def train_run(config: TrainRunConfig) -> TrainedRun | None:
     """
     from roboverse_learn.commands.called_with import command_words
     from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
-    from roboverse_learn.commands.run_folder import Run
+    from roboverse_learn.commands.run_folder import RunFolder
     from roboverse_learn.config.preflight import check_installed, check_materials, check_scenario_files
     from roboverse_learn.training.device import resolve_device
     from roboverse_learn.training.learners import learner_of
@@ -87,7 +87,7 @@ def train_run(config: TrainRunConfig) -> TrainedRun | None:
     if config.train.wandb:
         check_wandb()
     started = time.monotonic()
-    with Run.open(config, ["roboverse", "train", *command_words()]) as run:
+    with RunFolder.open(config, ["roboverse", "train", *command_words()]) as run:
         log.info("Run: %s", run.folder)
         misfit = given.misfit if given else ""
         if misfit:
@@ -138,7 +138,7 @@ def refuse_long_run(learner: "Learner") -> None:
     log.info("Training will take about %s.", _duration(seconds))
 
 
-def _collect(config: TrainRunConfig, run: "Run") -> "tuple[Demonstrations, CollectionSummary | str]":
+def _collect(config: TrainRunConfig, run: "RunFolder") -> "tuple[Demonstrations, CollectionSummary | str]":
     """Collects what is missing; returns the folder, or that of each task, and what a report says."""
     from roboverse_learn.commands.collected import collect_tasks, collection_facts, in_words
 
@@ -148,7 +148,7 @@ def _collect(config: TrainRunConfig, run: "Run") -> "tuple[Demonstrations, Colle
     return facts["folder"], in_words(collected)
 
 
-def _read(given: "GivenDataset", run: "Run") -> None:
+def _read(given: "GivenDataset", run: "RunFolder") -> None:
     """Records the dataset that is given as the run's.
 
     Raises:
@@ -166,7 +166,7 @@ def _read(given: "GivenDataset", run: "Run") -> None:
 
 
 def _evaluate(
-    config: TrainRunConfig, run: "Run", checkpoint: Path
+    config: TrainRunConfig, run: "RunFolder", checkpoint: Path
 ) -> tuple[list[Evaluation], dict[str, Path], Path | None]:
     """Evaluates a checkpoint in its tasks; returns the evaluations, the leaderboard's files and a GIF."""
     from benchmark.gifs import one_per_level, write_gif

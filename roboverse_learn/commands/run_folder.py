@@ -127,7 +127,7 @@ def read_facts(folder: Path, stage: str) -> dict[str, Any]:
     return facts if isinstance(facts, dict) else {}
 
 
-class Run:
+class RunFolder:
     """One run on disk, opened for writing by one process.
 
     Args:
@@ -153,7 +153,7 @@ class Run:
         self._save("running")
 
     @classmethod
-    def open(cls, config: TrainRunConfig, command: list[str]) -> "Run":
+    def open(cls, config: TrainRunConfig, command: list[str]) -> "RunFolder":
         """Opens the run of a configuration: the one that exists already, or a new one.
 
         Raises:
@@ -202,7 +202,7 @@ class Run:
         self._handler.close()
         self._lock.release()
 
-    def __enter__(self) -> "Run":
+    def __enter__(self) -> "RunFolder":
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:

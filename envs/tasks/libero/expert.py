@@ -17,7 +17,7 @@ from envs.state import State
 from envs.tasks.libero.arenas import SURFACE_FIXTURES
 from envs.tasks.libero.bddl import Atom
 from envs.tasks.libero.goals import JOINT_RULES, STOVE, Goal, in_site, over_object, over_site
-from envs.tasks.libero.scene import Scene
+from envs.tasks.libero.scene import LiberoScene
 from envs.tasks.skills.clouds import Heights, Underside, cloud
 from envs.tasks.skills.grasps import Grasp, top_grasps
 from envs.tasks.skills.hands import FINGER_MOST_M, hand_underside
@@ -56,7 +56,7 @@ KNOB_ON_RAD, KNOB_OFF_RAD = 0.9, -0.25
 class _Look:
     """What the expert sees: one state, as points."""
 
-    scene: Scene
+    scene: LiberoScene
     goal: Goal
     state: State
     hand: Hand
@@ -71,7 +71,7 @@ class _Look:
         return np.concatenate([points for other, points in self.clouds.items() if other != name])
 
 
-def plan(scene: Scene, goal: Goal, state: State, rng: np.random.Generator) -> list[Waypoint]:
+def plan(scene: LiberoScene, goal: Goal, state: State, rng: np.random.Generator) -> list[Waypoint]:
     """Returns the waypoints of the next skill from a state of one row; empty gives up."""
     names = (*scene.problem.objects, *scene.fixtures)
     look = _Look(

@@ -16,7 +16,7 @@ from envs.rotations import to_matrix
 from envs.state import State
 from envs.tasks.libero.arenas import SURFACE_FIXTURES
 from envs.tasks.libero.bddl import Atom, Region
-from envs.tasks.libero.scene import Scene
+from envs.tasks.libero.scene import LiberoScene
 
 BELOW_M = 0.01
 """The lower face of a site's box is lowered by this (``SiteObject.in_box``)."""
@@ -109,7 +109,7 @@ class Goal:
         atoms: What has to hold; the task's goal by default.
     """
 
-    def __init__(self, scene: Scene, atoms: tuple[Atom, ...] | None = None) -> None:
+    def __init__(self, scene: LiberoScene, atoms: tuple[Atom, ...] | None = None) -> None:
         self.atoms = scene.problem.goal if atoms is None else atoms
         self._scene = scene
         self._feels = {item.name: item.feels for item in scene.scenario.objects}

@@ -48,7 +48,7 @@ LOOKS = Appearance(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class LiberoScene:
     """What a task file becomes.
 
     Attributes:
@@ -77,7 +77,7 @@ class Scene:
 
 
 @lru_cache(maxsize=8)
-def scene_of(entry: Entry) -> Scene:
+def scene_of(entry: Entry) -> LiberoScene:
     """Builds the scene of a task.
 
     Raises:
@@ -129,7 +129,7 @@ def scene_of(entry: Entry) -> Scene:
         physics=CONTROL_20_HZ,
         simulators=PHYSICS,
     )
-    return Scene(problem, arena, scenario, parts, categories)
+    return LiberoScene(problem, arena, scenario, parts, categories)
 
 
 def asset_of(category: str) -> Path | None:

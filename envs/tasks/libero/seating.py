@@ -23,7 +23,7 @@ from envs.mjcf.model import build_models
 from envs.state import State
 from envs.tasks.libero.catalogue import Entry
 from envs.tasks.libero.files import problem_file, start_file
-from envs.tasks.libero.scene import Scene
+from envs.tasks.libero.scene import LiberoScene
 from envs.tasks.libero.start_files import fixed_starts
 from envs.tasks.skills.clouds import cloud
 
@@ -54,7 +54,7 @@ class Seat:
     speed_m_s: float
 
 
-def seated_starts(entry: Entry, scene: Scene) -> State:
+def seated_starts(entry: Entry, scene: LiberoScene) -> State:
     """Returns the 50 states with every object where it stands, (50 rows), from the cache if it has them."""
     starts = fixed_starts(entry, scene)
     path = cache_dir("starts") / f"{_name(entry, scene)}.npz"
@@ -82,7 +82,7 @@ def _stored(path: Path, shape: tuple[int, ...]) -> np.ndarray | None:
     return poses if poses.shape == shape and np.isfinite(poses).all() else None
 
 
-def _name(entry: Entry, scene: Scene) -> str:
+def _name(entry: Entry, scene: LiberoScene) -> str:
     files = [problem_file(entry), start_file(entry)]
     digest = hashlib.sha256(json.dumps([_VERSION, mujoco.__version__]).encode())
     for path in files:
@@ -99,7 +99,7 @@ class Seater:
         scene: The scene.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: LiberoScene) -> None:
         self._scene = scene
         scenario = replace(scene.scenario, robots=(), cameras=())
         self._model = build_models(scenario)[1]

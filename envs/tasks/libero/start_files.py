@@ -6,14 +6,14 @@ from envs.core.errors import ConfigError
 from envs.state import EntityState, State
 from envs.tasks.libero.catalogue import Entry
 from envs.tasks.libero.files import start_file
-from envs.tasks.libero.scene import Scene
+from envs.tasks.libero.scene import LiberoScene
 from envs.tasks.libero_objects import read_init_states
 
 ROBOT_JOINTS = 9
 """Seven of the arm, two of the fingers, of which the second is negative there."""
 
 
-def fixed_starts(entry: Entry, scene: Scene) -> State:
+def fixed_starts(entry: Entry, scene: LiberoScene) -> State:
     """Returns the 50 states, (50 rows), as they are: objects hang over their places, some in the table.
 
     A row of the file is time, joints of the robot, poses of the objects and joints of the fixtures, each in

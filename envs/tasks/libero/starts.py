@@ -12,7 +12,7 @@ from envs.rotations import to_matrix
 from envs.state import EntityState, State
 from envs.tasks.libero.arenas import SURFACE_FIXTURES
 from envs.tasks.libero.catalogue import Entry
-from envs.tasks.libero.scene import HOME, Scene, scene_of
+from envs.tasks.libero.scene import HOME, LiberoScene, scene_of
 from envs.tasks.libero.seating import seated_starts
 
 QPOS_NOISE_RAD = 0.02
@@ -49,7 +49,7 @@ class Starts:
         scene: Its scene.
     """
 
-    def __init__(self, entry: Entry, scene: Scene) -> None:
+    def __init__(self, entry: Entry, scene: LiberoScene) -> None:
         self._scene = scene
         self.fixed = seated_starts(entry, scene)
         self._roots = self._found_roots()

@@ -17,7 +17,7 @@ from envs.state import EntityState, State
 from envs.tasks.libero import native
 from envs.tasks.libero.catalogue import HORIZON, LEROBOT_HORIZONS, Entry
 from envs.tasks.libero.goals import Goal
-from envs.tasks.libero.scene import Scene, scene_of
+from envs.tasks.libero.scene import LiberoScene, scene_of
 from envs.tasks.libero.starts import starts_of
 from envs.tasks.native_spaces import NativeSpaces, Space
 from envs.tasks.planner import Planner
@@ -65,7 +65,7 @@ class LiberoTask(NativeSpaces):
             object.__setattr__(self, key, value)
 
     @property
-    def scene(self) -> Scene:
+    def scene(self) -> LiberoScene:
         """The task file and what it became."""
         return scene_of(self.entry)
 

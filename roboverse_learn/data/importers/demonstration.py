@@ -82,7 +82,7 @@ class DemonstrationFile(ABC):
         return
 
 
-class Scene(NamedTuple):
+class SceneMapping(NamedTuple):
     """Mapping of another project's scene to one of our tasks.
 
     Attributes:
@@ -100,7 +100,7 @@ class Scene(NamedTuple):
     also: tuple[str, ...] = ()
 
 
-def check_scene(path: Path, name: str, scenes: Mapping[str, Scene], task: Task) -> Scene:
+def check_scene(path: Path, name: str, scenes: Mapping[str, SceneMapping], task: Task) -> SceneMapping:
     """Returns the scene called ``name``, which must be that of the task.
 
     Raises:

@@ -21,7 +21,7 @@ from roboverse_learn.data.importers.demonstration import (
     Demonstration,
     DemonstrationFile,
     Placement,
-    Scene,
+    SceneMapping,
     array,
     assemble,
     check_scene,
@@ -37,17 +37,17 @@ _DISC = "goal_region"
 
 _CUBES = {"cubeA": "cube_a", "cubeB": "cube_b"}
 SCENES = {
-    "PickCube-v1": Scene("PickCube", {"cube": "cube", "goal_site": "goal"}),
-    "StackCube-v1": Scene("StackCube", _CUBES),
-    "PushCube-v1": Scene("PushCube", {"cube": "cube", _DISC: "goal"}),
-    "PullCube-v1": Scene("PullCube", {"cube": "cube", _DISC: "goal"}),
-    "PokeCube-v1": Scene("PokeCube", {"cube": "cube", "peg": "peg", _DISC: "goal"}),
-    "LiftPegUpright-v1": Scene("LiftPegUpright", {"peg": "peg"}),
-    "RollBall-v1": Scene("RollBall", {"ball": "ball", _DISC: "goal"}),
-    "PlaceSphere-v1": Scene("PlaceSphere", {"sphere": "sphere", "bin": "bin"}),
-    "PullCubeTool-v1": Scene("PullCubeTool", {"cube": "cube", "l_shape_tool": "tool"}),
-    "StackPyramid-v1": Scene("StackPyramid", {**_CUBES, "cubeC": "cube_c"}),
-    "PlugCharger-v1": Scene("PlugCharger", {"charger": "charger", "receptacle": "receptacle"}),
+    "PickCube-v1": SceneMapping("PickCube", {"cube": "cube", "goal_site": "goal"}),
+    "StackCube-v1": SceneMapping("StackCube", _CUBES),
+    "PushCube-v1": SceneMapping("PushCube", {"cube": "cube", _DISC: "goal"}),
+    "PullCube-v1": SceneMapping("PullCube", {"cube": "cube", _DISC: "goal"}),
+    "PokeCube-v1": SceneMapping("PokeCube", {"cube": "cube", "peg": "peg", _DISC: "goal"}),
+    "LiftPegUpright-v1": SceneMapping("LiftPegUpright", {"peg": "peg"}),
+    "RollBall-v1": SceneMapping("RollBall", {"ball": "ball", _DISC: "goal"}),
+    "PlaceSphere-v1": SceneMapping("PlaceSphere", {"sphere": "sphere", "bin": "bin"}),
+    "PullCubeTool-v1": SceneMapping("PullCubeTool", {"cube": "cube", "l_shape_tool": "tool"}),
+    "StackPyramid-v1": SceneMapping("StackPyramid", {**_CUBES, "cubeC": "cube_c"}),
+    "PlugCharger-v1": SceneMapping("PlugCharger", {"charger": "charger", "receptacle": "receptacle"}),
 }
 
 ROBOT = "franka"

@@ -11,7 +11,7 @@ from envs.core.errors import ConfigError
 from roboverse_learn.commands.run_folder import (
     CONFIG_FILE,
     MANIFEST_FILE,
-    Run,
+    RunFolder,
     default_folder,
     read_config,
     read_facts,
@@ -76,9 +76,9 @@ def test_a_name_can_be_read() -> None:
 
 
 def test_the_same_command_finds_the_same_run_and_continues_it() -> None:
-    with Run.open(config(), COMMAND) as first, first.stage("collect") as facts:
+    with RunFolder.open(config(), COMMAND) as first, first.stage("collect") as facts:
         facts["num_episodes"] = 9
-    with Run.open(config("episodes=3"), COMMAND) as second:
+    with RunFolder.open(config("episodes=3"), COMMAND) as second:
         assert second.folder == first.folder
         assert second.stages["collect"]["num_episodes"] == 9
     manifest = json.loads((first.folder / MANIFEST_FILE).read_text())
@@ -89,7 +89,7 @@ def test_the_same_command_finds_the_same_run_and_continues_it() -> None:
 def test_resume_false_starts_a_run_beside_it() -> None:
     names = []
     for _ in range(3):
-        with Run.open(config("resume=false"), COMMAND) as run:
+        with RunFolder.open(config("resume=false"), COMMAND) as run:
             names.append(run.name)
     base = run_name(config())
     assert names == [base, f"{base}-2", f"{base}-3"]
@@ -98,7 +98,7 @@ def test_resume_false_starts_a_run_beside_it() -> None:
 @pytest.mark.slow
 def test_the_resolved_configuration_is_saved_and_read_back() -> None:
     chosen = config("policy=diffusion", "train.betas=[0.8,0.9]", "levels=[1]", "task_kwargs.variant=lift")
-    with Run.open(chosen, COMMAND) as run:
+    with RunFolder.open(chosen, COMMAND) as run:
         pass
     assert read_config(run.folder) == chosen
     assert json.loads((run.folder / MANIFEST_FILE).read_text())["config"] == to_values(chosen)
@@ -106,43 +106,47 @@ def test_the_resolved_configuration_is_saved_and_read_back() -> None:
 
 
 def test_run_names_a_run_to_continue_with_its_own_configuration() -> None:
-    with Run.open(config("policy=diffusion", "seed=5"), COMMAND) as run:
+    with RunFolder.open(config("policy=diffusion", "seed=5"), COMMAND) as run:
         pass
     again = compose("train", [f"run={run.folder}", "train.steps=123456"])
     assert (again.policy_name, again.seed, again.preset) == ("diffusion", 5, "quick")
     assert again.train.steps == 123456
     assert again.policy == config("policy=diffusion").policy
-    with Run.open(again, COMMAND) as continued:
+    with RunFolder.open(again, COMMAND) as continued:
         assert continued.folder == run.folder
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("word", ["seed=1", "policy.dim_model=256", "policy=diffusion", "num_demos=3"])
 def test_a_run_is_not_continued_as_another(word: str) -> None:
-    with Run.open(config(), COMMAND) as run:
+    with RunFolder.open(config(), COMMAND) as run:
         pass
     other = compose("train", [f"run={run.folder}", "preset=quick", word])
     with pytest.raises(ConfigError, match=r"was started with another configuration: you gave .*it has"):
-        Run.open(other, COMMAND)
+        RunFolder.open(other, COMMAND)
     assert read_config(run.folder) == config()
 
 
 def test_a_run_is_open_in_one_process_only() -> None:
     with (
-        Run.open(config(), COMMAND),
+        RunFolder.open(config(), COMMAND),
         pytest.raises(ConfigError, match=r"Another process is working on the run .*resume=false"),
     ):
-        Run.open(config(), COMMAND)
-    Run.open(config(), COMMAND).close()
+        RunFolder.open(config(), COMMAND)
+    RunFolder.open(config(), COMMAND).close()
 
 
 def test_a_stage_that_fails_is_recorded_and_tried_again() -> None:
-    with pytest.raises(ValueError, match="diverged"), Run.open(config(), COMMAND) as run, run.stage("train"):
+    with (
+        pytest.raises(ValueError, match="diverged"),
+        RunFolder.open(config(), COMMAND) as run,
+        run.stage("train"),
+    ):
         raise ValueError("diverged")
     facts = read_facts(run.folder, "train")
     assert facts["status"] == "stopped" and facts["error"] == "ValueError: diverged"
     assert json.loads((run.folder / MANIFEST_FILE).read_text())["status"] == "stopped"
-    with Run.open(config(), COMMAND) as run, run.stage("train") as facts:
+    with RunFolder.open(config(), COMMAND) as run, run.stage("train") as facts:
         facts["steps"] = 4
     facts = read_facts(run.folder, "train")
     assert (facts["status"], facts["steps"], "error" in facts) == ("done", 4, False)
@@ -150,7 +154,7 @@ def test_a_stage_that_fails_is_recorded_and_tried_again() -> None:
 
 
 def test_the_manifest_says_where_the_code_came_from() -> None:
-    with Run.open(config(), COMMAND) as run:
+    with RunFolder.open(config(), COMMAND) as run:
         pass
     (start,) = json.loads((run.folder / MANIFEST_FILE).read_text())["starts"]
     assert {"python", "torch", "lerobot", "mujoco"} <= set(start["versions"])
@@ -158,7 +162,7 @@ def test_the_manifest_says_where_the_code_came_from() -> None:
 
 
 def test_log_of_a_run_is_in_its_folder() -> None:
-    with Run.open(config(), COMMAND) as run:
+    with RunFolder.open(config(), COMMAND) as run:
         logging.getLogger("roboverse_learn.test").warning("a line to find again")
     logging.getLogger("roboverse_learn.test").warning("not of this run")
     text = (run.folder / "run.log").read_text()
@@ -166,17 +170,17 @@ def test_log_of_a_run_is_in_its_folder() -> None:
 
 
 def test_a_broken_manifest_does_not_stop_a_run() -> None:
-    with Run.open(config(), COMMAND) as run:
+    with RunFolder.open(config(), COMMAND) as run:
         pass
     (run.folder / MANIFEST_FILE).write_text('{"starts": [')
     assert read_facts(run.folder, "train") == {}
-    with Run.open(config(), COMMAND) as run:
+    with RunFolder.open(config(), COMMAND) as run:
         assert run.stages == {}
 
 
 @pytest.mark.parametrize("content", ["", "train: [", "- 1\n- 2", "\x00"])
 def test_a_broken_configuration_is_a_clear_error(content: str) -> None:
-    with Run.open(config(), COMMAND) as run:
+    with RunFolder.open(config(), COMMAND) as run:
         pass
     (run.folder / CONFIG_FILE).write_text(content)
     with pytest.raises(ConfigError, match=CONFIG_FILE):
@@ -199,7 +203,7 @@ def test_streams_of_randomness_are_independent_and_repeatable() -> None:
 
 
 def test_the_saved_configuration_is_yaml_that_a_person_can_read() -> None:
-    with Run.open(config(), COMMAND) as run:
+    with RunFolder.open(config(), COMMAND) as run:
         pass
     values = yaml.safe_load((run.folder / CONFIG_FILE).read_text())
     assert list(values) == list(default_values("train"))

@@ -152,12 +152,12 @@ class TestJobs:
         assert compose("collect", job.words[1:]).env.scenario == config.env.scenario
 
     def test_run_is_complete_once_evaluated_as_configured(self, tmp_path):
-        from roboverse_learn.commands.run_folder import Run
+        from roboverse_learn.commands.run_folder import RunFolder
 
         words = ["task=PickCube", f"runs_dir={tmp_path}"]
         ((_, config),) = plan(words).runs
         result = tmp_path / "result.json"
-        with Run.open(config, ["train"]) as run, run.stage("evaluate") as facts:
+        with RunFolder.open(config, ["train"]) as run, run.stage("evaluate") as facts:
             facts["result"] = str(result)
         assert len(make_jobs(plan(words))[0]) == 2  # its result is gone
         result.write_text("{}")

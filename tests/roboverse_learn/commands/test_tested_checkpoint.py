@@ -12,7 +12,7 @@ from PIL import Image
 
 from envs.core.errors import ConfigError, PolicyError, UnknownNameError
 from policies.checkpoint import CONFIG, WEIGHTS
-from roboverse_learn.commands.run_folder import Run
+from roboverse_learn.commands.run_folder import RunFolder
 from roboverse_learn.commands.tested_checkpoint import (
     TestedCheckpoint,
     checkpoint_to_test,
@@ -45,7 +45,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     config = compose(
         "train", ["policy=act", "preset=quick", "level=2", "seed=5", "device=cpu", "image_size=96"]
     )
-    with Run.open(config, ["roboverse", "train"]) as opened:
+    with RunFolder.open(config, ["roboverse", "train"]) as opened:
         with opened.stage("collect") as facts:
             facts.update(dataset_hash="0" * 64, num_episodes=400)
         for step in (100, 200):

@@ -23,7 +23,7 @@ from envs.tasks.libero.goals import (
     over_site,
     shut,
 )
-from envs.tasks.libero.scene import Scene
+from envs.tasks.libero.scene import LiberoScene
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 QUARTER_ABOUT_Y = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
@@ -143,7 +143,7 @@ def goal(tmp_path):
     )
     categories = problem.fixtures | problem.objects
     return Goal(
-        Scene(
+        LiberoScene(
             problem, ARENAS["table"], ScenarioCfg(objects=objects), {"cabinet_1": parts_of(path)}, categories
         )
     )

@@ -10,7 +10,7 @@ from envs.state import EntityState
 from envs.tasks import TASKS
 from roboverse_learn.data.importers.demonstration import (
     Placement,
-    Scene,
+    SceneMapping,
     angular_velocities,
     array,
     assemble,
@@ -122,8 +122,8 @@ def test_an_array_must_have_its_shape(values, says):
 
 def test_the_scene_must_be_that_of_the_task(tmp_path):
     scenes = {
-        "Lift": Scene("PickCube", {}, {"variant": "lift"}),
-        "Nuts": Scene("NutAssembly", {}, also=("PickCube",)),
+        "Lift": SceneMapping("PickCube", {}, {"variant": "lift"}),
+        "Nuts": SceneMapping("NutAssembly", {}, also=("PickCube",)),
     }
     goal = TASKS.get("PickCube")()
     lift = dataclasses.replace(goal, variant="lift")
