@@ -6,7 +6,6 @@
 """
 
 import logging
-import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from envs.core.arguments import run_program
+from envs.core.atomic import atomic_path
 from envs.core.errors import ConfigError
 from envs.randomization.channels import CHANNELS
 from envs.randomization.levels import LEVEL_CHANNELS, LEVELS
@@ -138,13 +138,8 @@ def save(image: "Image.Image", path: Path) -> None:
     """
     if path.suffix.lower() not in (".jpg", ".png", ".webp"):
         raise ConfigError(f"An image's name ends in .png, .jpg or .webp, given '{path}'.")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    with temporary.open("wb") as file:
-        image.save(file, format={".jpg": "JPEG", ".png": "PNG", ".webp": "WEBP"}[path.suffix.lower()])
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(temporary, path)
+    with atomic_path(path, keep_suffix=True) as temporary:
+        image.save(temporary)
     logger.info("%s: %d x %d pixels", path, *image.size)
 
 

@@ -9,10 +9,8 @@ expert ends it, or where half a second of random actions leads where there is no
 import inspect
 import io
 import logging
-import os
 import re
 import sys
-import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from envs.core.arguments import run_program
+from envs.core.atomic import write_file
 from envs.core.errors import ConfigError
 from envs.core.registry import Entry
 from envs.experts.record import ExpertRecord, read_records
@@ -277,14 +276,8 @@ def encode(strip: np.ndarray) -> bytes:
 
 
 def write(path: Path, content: bytes) -> None:
-    """Writes a file under a temporary name and renames it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.stem}.", delete=False) as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    os.chmod(file.name, 0o644)
-    os.replace(file.name, path)
+    """Writes a file and says how large it is."""
+    write_file(path, content)
     logger.info("%s: %d bytes", path, len(content))
 
 

@@ -156,6 +156,25 @@ def atomic_directory(directory: str | Path) -> Iterator[Path]:
             shutil.rmtree(staging, ignore_errors=True)
 
 
+@contextlib.contextmanager
+def cached_directory(directory: Path) -> Iterator[Path]:
+    """Yields a new folder, which becomes ``directory`` unless another process has made that one meanwhile.
+
+    Nothing is flushed to the disk: what is cached can be made again.
+    """
+    staging = partial_path(directory)
+    staging.mkdir(parents=True)
+    try:
+        yield staging
+        try:
+            os.rename(staging, directory)
+        except OSError:
+            if not directory.is_dir():
+                raise
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
 def fsync(path: Path) -> None:
     """Flushes a file, or the names in a folder, to the disk; Windows does not open folders."""
     if os.name == "nt" and path.is_dir():

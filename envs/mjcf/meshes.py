@@ -8,8 +8,6 @@ import functools
 import hashlib
 import json
 import logging
-import os
-import tempfile
 import zipfile
 from pathlib import Path
 
@@ -17,6 +15,7 @@ import mujoco
 import numpy as np
 
 from envs.core.assets import cache_dir
+from envs.core.atomic import atomic_path
 from envs.rotations import rotate
 
 logger = logging.getLogger(__name__)
@@ -96,11 +95,8 @@ def _merged(parts, meshes, budget: int) -> tuple[np.ndarray, np.ndarray]:
     if stored is not None:
         return stored
     vertices, faces = _simplified(*_concatenated(parts, meshes), budget)
-    with tempfile.NamedTemporaryFile(dir=cached.parent, suffix=".tmp", delete=False) as file:
+    with atomic_path(cached) as temporary, temporary.open("wb") as file:
         np.savez(file, vertices=vertices, faces=faces)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(file.name, cached)
     return vertices, faces
 
 

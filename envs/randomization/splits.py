@@ -12,7 +12,6 @@ import functools
 import hashlib
 import json
 import logging
-import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from envs.core.arguments import run_program
+from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, unknown_name
 from envs.randomization import procedural
 from envs.randomization.cameras import CAMERA_POSES
@@ -246,13 +246,7 @@ def freeze(path: Path) -> bool:
                 f"next number; the new lists then become a file of their own."
             )
         return False
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    with temporary.open("x", encoding="utf-8") as file:
-        file.write(render_content(content))
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(temporary, path)
+    write_file(path, render_content(content).encode())
     return True
 
 

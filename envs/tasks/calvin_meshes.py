@@ -7,8 +7,6 @@ Tree Search", arXiv:2205.02961), which are kept in the cache. Of the moving part
 
 import hashlib
 import logging
-import os
-import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from envs.core.assets import cache_dir
+from envs.core.atomic import cached_directory
 from envs.core.errors import ConfigError, MissingExtraError
 from envs.core.extras import install_command
 from envs.scenario import GeomCfg, LinkCfg, Rgba, Vec3
@@ -159,14 +158,7 @@ def _cached(file: Path, how: str, make: "Callable[[], list[trimesh.Trimesh]]") -
     digest = hashlib.sha256(f"{_VERSION} {how} ".encode() + file.read_bytes()).hexdigest()[:32]
     folder = cache_dir("calvin") / digest
     if not folder.is_dir():
-        with tempfile.TemporaryDirectory(dir=folder.parent) as temporary:
-            whole = Path(temporary) / "pieces"
-            whole.mkdir()
+        with cached_directory(folder) as whole:
             for index, piece in enumerate(make()):
                 piece.export(whole / f"{index:03d}.stl")
-            try:
-                os.rename(whole, folder)
-            except OSError:  # another process was faster
-                if not folder.is_dir():
-                    raise
     return sorted(folder.glob("*.stl"))

@@ -22,6 +22,8 @@ from typing import Any
 
 import numpy as np
 
+from envs.core.atomic import atomic_directory
+
 PATCH_PX = 16
 WEIGHTS, CONFIG = "flax.safetensors", "config.json"
 _TOKENIZER = ("tokenizer.json", "tokenizer_config.json", "special_tokens_map.json")
@@ -66,14 +68,13 @@ def convert(source: str, target: Path, tokenizer: str, step: int | None = None) 
     words = _folder(tokenizer, _TOKENIZER)
     config = json.loads((folder / CONFIG).read_text(encoding="utf-8"))
     tensors = dict(flattened(read_parameters(folder, step)))
-    partial = target.with_name(f"{target.name}.partial")
-    partial.mkdir(parents=True, exist_ok=True)
-    save_file(tensors, partial / WEIGHTS)
-    (partial / CONFIG).write_text(json.dumps(converted_config(config, tensors), indent=1), encoding="utf-8")
-    for name in _TOKENIZER:
-        if (words / name).is_file():
-            shutil.copy(words / name, partial / name)
-    partial.rename(target)
+    text = json.dumps(converted_config(config, tensors), indent=1)
+    with atomic_directory(target) as partial:
+        save_file(tensors, partial / WEIGHTS)
+        (partial / CONFIG).write_text(text, encoding="utf-8")
+        for name in _TOKENIZER:
+            if (words / name).is_file():
+                shutil.copy(words / name, partial / name)
 
 
 def read_parameters(folder: Path, step: int | None = None) -> Mapping[str, Any]:

@@ -1,9 +1,6 @@
 """A compiled scene in Bullet's formats: a URDF file per robot or object, and the static bodies."""
 
 import hashlib
-import os
-import shutil
-import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,6 +11,7 @@ from envs.convert.description import Description, Link
 from envs.convert.read import read_model
 from envs.convert.urdf import write_urdf
 from envs.core.assets import cache_dir
+from envs.core.atomic import cached_directory
 from envs.core.errors import SimulatorError
 from envs.mjcf.link_tree import tied
 
@@ -103,18 +101,10 @@ def _without_looks(description: Description) -> Description:
 
 
 def _write(descriptions: list[Description], folder: Path) -> None:
-    working = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-    try:
+    with cached_directory(folder) as working:
         for description in descriptions:
             (working / description.name).mkdir()
             write_urdf(description, working / description.name)
-        try:
-            os.rename(working, folder)
-        except OSError:
-            if not folder.is_dir():  # not that another process was faster
-                raise
-    finally:
-        shutil.rmtree(working, ignore_errors=True)
 
 
 def _check(model: mujoco.MjModel) -> None:
