@@ -7,7 +7,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from envs.randomization.cameras import CAMERA_POSES, CameraPose, place_camera
+    from envs.randomization.camera_poses import CAMERA_POSES, CameraPose, place_camera
     from envs.randomization.channels import CHANNELS, Channel, Scene, divided
     from envs.randomization.levels import LEVEL_CHANNELS, LEVELS, NAMED_LEVELS, channels_of, parse_level
     from envs.randomization.lights import temperature_to_rgb
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from envs.scenario import LightingCfg
 
 _HOMES = {
-    "CAMERA_POSES": "cameras",
-    "CameraPose": "cameras",
-    "place_camera": "cameras",
+    "CAMERA_POSES": "camera_poses",
+    "CameraPose": "camera_poses",
+    "place_camera": "camera_poses",
     "CHANNELS": "channels",
     "Channel": "channels",
     "Scene": "channels",

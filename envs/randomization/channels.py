@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 CHANNELS: "Registry[type[Channel]]" = Registry("channel", group="roboverse.channels")
 
 for _name, _target, _summary in (
-    ("environment", "built_in_channels:EnvironmentChannel", "materials of surfaces, table's yaw, furniture"),
-    ("camera", "built_in_channels:CameraChannel", "poses of the cameras that are fixed in the world"),
-    ("lighting", "built_in_channels:LightingChannel", "lamps, and how everything reflects"),
+    ("environment", "environment:EnvironmentChannel", "materials of surfaces, table's yaw, furniture"),
+    ("camera", "cameras:CameraChannel", "poses of the cameras that are fixed in the world"),
+    ("lighting", "lights:LightingChannel", "lamps, and how everything reflects"),
     ("robot", "robot_start:RobotChannel", "posture of the arm at the start"),
     ("sensor", "sensor:SensorChannel", "noise, blur, JPEG and exposure of the cameras"),
     ("layout", "layout:LayoutChannel", "objects that have no part in the task"),

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from envs.randomization.cameras import CAMERA_POSES
+from envs.randomization.camera_poses import CAMERA_POSES
 from envs.randomization.furniture_catalogue import IN_CORNER, Piece, layout, piece, shade
 from envs.scenario import GeomCfg, ScenarioCfg
 from envs.scenario.places import Place, places_of

@@ -1,15 +1,18 @@
-"""Randomized lighting and reflection: a distant light, an array of cylinder lamps, surface reflectance.
+"""The lighting channel: a distant light, an array of cylinder lamps, reflectance of surfaces and objects.
 
 :class:`envs.scenario.LightingCfg` has the ranges.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import override
 
 import numpy as np
 
 from envs.core.errors import ConfigError
-from envs.scenario import LightCfg, LightingCfg, Vec3
+from envs.randomization.channels import Channel, Scene
+from envs.scenario import SURFACES, Appearance, LightCfg, LightingCfg, SurfaceMaterial, Vec3
 from envs.scenario.lighting import TEMPERATURES_K
 
 
@@ -149,3 +152,50 @@ def temperature_to_rgb(temperature_k: float) -> Vec3:
     largest = max(rgb)
     red, green, blue = (max(component, 0.0) / largest for component in rgb)
     return red, green, blue
+
+
+@dataclass(frozen=True, slots=True)
+class LightingDraw:
+    """One sample of the lighting channel.
+
+    Attributes:
+        lights: The scene's lights.
+        reflection: Surface, or ``"objects"``, to how it reflects.
+    """
+
+    lights: LightsDraw
+    reflection: Mapping[str, Reflection]
+
+
+class LightingChannel(Channel):
+    """Draws the lamps, and how surfaces and objects reflect, from ranges that both splits share."""
+
+    @override
+    def split(self, scene: Scene) -> LightingCfg:
+        return scene.lighting
+
+    @override
+    def sample(self, rng: np.random.Generator, allowed: LightingCfg, scene: Scene) -> LightingDraw:
+        lights = draw_lights(rng, allowed)
+        return LightingDraw(lights, {surface: draw_reflection(rng) for surface in (*SURFACES, "objects")})
+
+    @override
+    def apply(self, appearance: Appearance, draw: LightingDraw, scene: Scene) -> Appearance:
+        return _light(appearance, draw, scene.lighting)
+
+
+def _light(appearance: Appearance, draw: LightingDraw, cfg: LightingCfg) -> Appearance:
+    """Replaces all lights and how everything reflects; what surfaces are made of stays."""
+    materials = {
+        surface: replace(
+            appearance.materials.get(surface, SurfaceMaterial()), **asdict(draw.reflection[surface])
+        )
+        for surface in SURFACES
+    }
+    objects = draw.reflection["objects"]
+    return replace(
+        appearance,
+        lights=build_lights(draw.lights, cfg),
+        materials={**appearance.materials, **materials},
+        object_reflection=(objects.roughness, objects.specular, objects.metallic),
+    )

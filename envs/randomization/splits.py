@@ -25,7 +25,7 @@ from envs.core.arguments import run_program
 from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, unknown_name
 from envs.randomization import procedural
-from envs.randomization.cameras import CAMERA_POSES
+from envs.randomization.camera_poses import CAMERA_POSES
 from envs.randomization.furniture_catalogue import LAYOUTS, PIECES
 from envs.randomization.materials import MaterialLibrary
 from envs.randomization.procedural.noise import Stream

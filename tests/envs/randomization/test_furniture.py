@@ -9,7 +9,7 @@ import pytest
 from envs.mjcf.furniture import FURNITURE
 from envs.mjcf.model import build_model
 from envs.randomization import LEVEL_CHANNELS, Randomizer
-from envs.randomization.cameras import CAMERA_POSES, place_camera
+from envs.randomization.camera_poses import CAMERA_POSES, place_camera
 from envs.randomization.furniture import draw_furniture, furnish, keep_free
 from envs.randomization.furniture_catalogue import AT_WALL, LAYOUTS, PIECES, VARIANTS, layout, piece
 from envs.scenario import RobotCfg, RoomCfg, ScenarioCfg, TableCfg

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from envs.core.errors import ConfigError, UnknownNameError
 from envs.randomization import splits
-from envs.randomization.cameras import CAMERA_POSES
+from envs.randomization.camera_poses import CAMERA_POSES
 from envs.randomization.furniture_catalogue import LAYOUTS, PIECES
 from envs.randomization.materials import MaterialLibrary
 from envs.scenario import SURFACES

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from envs.compat.mujoco4 import repair_robosuite
-from envs.randomization.cameras import place_camera
+from envs.randomization.camera_poses import place_camera
 from envs.rotations import from_matrix, from_yaw, multiply, rotate
 from envs.tasks.robosuite import hook_stand as parts
 from envs.tasks.robosuite.tool_hang import ToolHang

@@ -4,7 +4,7 @@ from collections import Counter
 import pytest
 
 from envs.core.errors import UnknownNameError
-from envs.randomization.cameras import CAMERA_POSES, place_camera
+from envs.randomization.camera_poses import CAMERA_POSES, place_camera
 from envs.scenario import CameraCfg
 
 
