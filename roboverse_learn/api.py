@@ -16,8 +16,8 @@ from envs.tasks.base import Task
 from policies.base import Observation, Policy
 from roboverse_learn.commands.called_with import called_with
 from roboverse_learn.commands.outcomes import Evaluation, TrainedRun
+from roboverse_learn.config.command_line_keys import MAPS
 from roboverse_learn.config.compose import compose
-from roboverse_learn.config.keys import MAPS
 from roboverse_learn.config.value_text import as_text
 from roboverse_learn.evaluate import evaluate_all, evaluate_policy
 

@@ -28,8 +28,8 @@ from roboverse_learn.commands import child_process
 from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
 from roboverse_learn.commands.run_folder import CONFIG_FILE, default_folder, read_config, read_facts
 from roboverse_learn.commands.tested_checkpoint import protocol_of
+from roboverse_learn.config.command_line_keys import flat_keys
 from roboverse_learn.config.compose import compose, configs_folder, values_of_key
-from roboverse_learn.config.keys import flat_keys
 from roboverse_learn.config.preflight import check_folders
 from roboverse_learn.config.recipes import find_recipes, read_recipe, runs_in_order
 from roboverse_learn.config.schema import CollectConfig, SweepConfig, TrainRunConfig

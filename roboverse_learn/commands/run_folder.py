@@ -22,7 +22,7 @@ import policies
 from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, LockedError, RoboVerseError
 from envs.core.fingerprint import digest
-from roboverse_learn.config.keys import at, flat_keys
+from roboverse_learn.config.command_line_keys import at, flat_keys
 from roboverse_learn.config.schema import TrainRunConfig
 from roboverse_learn.config.serialize import from_values, to_values
 from roboverse_learn.data.dataset.info import is_collected_here

@@ -31,7 +31,7 @@ from envs.tasks.protocols import PROTOCOLS
 from envs.tasks.suites import suite_tasks
 from policies.base import listed
 from policies.checkpoint import learned_tasks
-from roboverse_learn.config.keys import (
+from roboverse_learn.config.command_line_keys import (
     MAPS,
     OF_YOUR_OWN,
     at,

@@ -13,8 +13,8 @@ from envs.core.errors import unknown_name
 from envs.spec import EnvSpec
 from envs.tasks import TASKS
 from envs.tasks.suites import PAPER, SUITES, suite_tasks
+from roboverse_learn.config.command_line_keys import at, flat_keys, typed_key
 from roboverse_learn.config.compose import preset_names
-from roboverse_learn.config.keys import at, flat_keys, typed_key
 from roboverse_learn.config.scenario_overrides import SECTION, scenario_keys
 from roboverse_learn.config.schema import COMMANDS, baselines
 from roboverse_learn.config.serialize import default_values
@@ -205,13 +205,12 @@ def _named(kind: str, datasets_dir: str | None, words: Sequence[str] = ()) -> st
         names, examples = _MANY[kind]
         return f"  {len(names())} in all, such as {', '.join(examples)}. Their names: roboverse list {kind}"
     if kind == "tasks":
-        tasks, folder = (
-            importlib.import_module("roboverse_learn.commands.task_list"),
-            Path(datasets_dir or ""),
-        )
+        tasks = importlib.import_module("roboverse_learn.commands.task_list")
+        folder = Path(datasets_dir or "")
         return tasks.tasks_with(words, folder) if words else tasks.tasks_in_detail(folder)
     if kind == "suites":
-        return _rows(list(_suites()))
+        about = {name: SUITES.entry(name).summary for name in SUITES}
+        return _rows([(name, f"{len(suite_tasks(name)):>3} tasks  {about[name]}") for name in about])
     if kind == "policies":
         return _rows([(name, policies.summary(name)) for name in policies.names()])
     if kind == "presets":
@@ -227,12 +226,6 @@ def _named(kind: str, datasets_dir: str | None, words: Sequence[str] = ()) -> st
         "channels": importlib.import_module("envs.randomization.channels").CHANNELS,
     }
     return _rows([(name, registries[kind].entry(name).summary) for name in registries[kind]])
-
-
-def _suites() -> Iterator[tuple[str, str]]:
-    """Yields each suite with the number of its tasks."""
-    for name in SUITES:
-        yield name, f"{len(suite_tasks(name)):>3} tasks  {SUITES.entry(name).summary}"
 
 
 def _levels() -> Iterator[tuple[str, str]]:

@@ -16,7 +16,7 @@ from envs.core.errors import ConfigError, unknown_name, wrong_value
 from envs.core.json_values import to_json_values
 from envs.simulators.settings import check_settings
 from envs.spec import EnvSpec
-from roboverse_learn.config.keys import OF_YOUR_OWN, flat_keys, unknown_key
+from roboverse_learn.config.command_line_keys import OF_YOUR_OWN, flat_keys, unknown_key
 from roboverse_learn.config.scenario_overrides import checked_scenario
 from roboverse_learn.config.schema import COMMANDS, EVALUATE_ENV_KEYS, NAMES_A_POLICY
 

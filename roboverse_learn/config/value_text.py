@@ -14,13 +14,8 @@ def as_text(value: object) -> str:
         return f"{{{','.join(f'{name}:{as_text(inner)}' for name, inner in value.items())}}}"
     if value is None:
         return "null"
-    if isinstance(value, str):
-        return value if _PLAIN.fullmatch(value) else _quoted(value)
+    if isinstance(value, str) and not _PLAIN.fullmatch(value):  # it could be two values, or a number
+        from hydra.core.override_parser.types import Quote, QuotedString
+
+        return QuotedString(value, Quote.single).with_quotes()
     return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _quoted(text: str) -> str:
-    """A text that could be read as something else, such as two values or a number."""
-    from hydra.core.override_parser.types import Quote, QuotedString
-
-    return QuotedString(text, Quote.single).with_quotes()

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from roboverse_learn import cli
+from roboverse_learn.config.command_line_keys import flat_keys
 from roboverse_learn.config.help import SUMMARIES
-from roboverse_learn.config.keys import flat_keys
 from roboverse_learn.config.schema import COMMANDS
 from roboverse_learn.config.serialize import default_values
 

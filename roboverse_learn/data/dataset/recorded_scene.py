@@ -6,7 +6,7 @@ from typing import Any
 
 from envs.core.errors import ConfigError, DatasetError
 from envs.spec import EnvSpec
-from roboverse_learn.config.keys import at, flat_keys
+from roboverse_learn.config.command_line_keys import at, flat_keys
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.recording import RecordingReader
 from roboverse_learn.data.dataset.schema import INFO_PATH

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from envs.core.errors import ConfigError, DatasetError
 from envs.spec import EnvSpec
-from roboverse_learn.config.keys import flat_keys, typed_key
+from roboverse_learn.config.command_line_keys import flat_keys, typed_key
 from roboverse_learn.data.augmentation.config import AugmentConfig
 
 if TYPE_CHECKING:

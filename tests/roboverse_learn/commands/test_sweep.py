@@ -14,8 +14,8 @@ from envs.core.errors import ConfigError, UnknownNameError
 from envs.spec import EnvSpec
 from roboverse_learn import cli
 from roboverse_learn.collect import dataset_folder
+from roboverse_learn.config.command_line_keys import flat_keys
 from roboverse_learn.config.compose import compose, values_of_key
-from roboverse_learn.config.keys import flat_keys
 from roboverse_learn.config.schema import CollectConfig, SweepConfig
 from roboverse_learn.config.serialize import to_values
 from roboverse_learn.sweep import Job, Sweep, SweepError, gpu_slots, make_jobs, plan, run_jobs, sweep

@@ -15,8 +15,8 @@ import policies
 from envs.core.errors import ConfigError, RoboVerseError, UnknownNameError
 from envs.tasks.suites import suite_tasks
 from roboverse_learn import cli
+from roboverse_learn.config.command_line_keys import at, flat_keys
 from roboverse_learn.config.compose import compose, configs_folder, preset_names
-from roboverse_learn.config.keys import at, flat_keys
 from roboverse_learn.config.recipes import recipe_names
 from roboverse_learn.config.schema import COMMANDS
 from roboverse_learn.config.serialize import default_values, from_values, to_values
