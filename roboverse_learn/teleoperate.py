@@ -71,8 +71,9 @@ def recordings_folder(config: TeleoperateConfig) -> Path:
     if config.recordings:
         return Path(config.recordings)
     env = config.env
-    usual = env.task_kwargs or env.scenario or env.simulator_settings or env.simulator != "mujoco"
-    name = f"recordings-{env.replace(**_LOOKS).hash[:8]}" if usual else "recordings"
+    changes = (env.task_kwargs, env.robot, env.scenario, env.simulator_settings)
+    is_own = not any(changes) and env.simulator == "mujoco"
+    name = "recordings" if is_own else f"recordings-{env.replace(**_LOOKS).hash[:8]}"
     name = name.replace("recordings", "corrections", 1) if config.checkpoint else name
     return Path(config.datasets_dir) / env.task / name
 

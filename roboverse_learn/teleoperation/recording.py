@@ -39,7 +39,8 @@ class Mark(StrEnum):
 def scene_of(spec: EnvSpec) -> dict[str, Any]:
     """Returns what decides how episodes go on, as JSON values; their looks do not."""
     values = spec.to_json()
-    return {key: values[key] for key in _SCENE_KEYS}
+    robot = {"robot": spec.robot} if spec.robot else {}  # recordings of the task's own robot never named it
+    return {key: values[key] for key in _SCENE_KEYS} | robot
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -83,6 +83,14 @@ def test_looks_are_no_part_of_the_scene():
     assert scene_of(EnvSpec(task_kwargs={"variant": "lift"})) != SCENE
 
 
+def test_recordings_of_another_robot_are_refused(tmp_path):
+    folder = RecordingFolder(tmp_path, SCENE)
+    folder.add(recording())
+    folder.close()
+    with pytest.raises(DatasetError, match="was begun with robot=None; now given: robot='iiwa'"):
+        RecordingFolder(tmp_path, scene_of(EnvSpec(robot="iiwa")))
+
+
 def test_no_recordings_say_how_to_make_some(tmp_path):
     with pytest.raises(DatasetError, match="roboverse teleoperate task="):
         open_recordings(tmp_path)

@@ -206,3 +206,4 @@ def test_recordings_of_a_changed_scene_have_a_folder_of_their_own():
     assert folder() == folder("level=3", "image_size=64", "cameras=[wrist]")
     lifted = folder("task_kwargs.variant=lift")
     assert lifted != folder() and lifted == folder("task_kwargs.variant=lift", "level=2")
+    assert folder("robot=iiwa") != folder()
