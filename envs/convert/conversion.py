@@ -88,7 +88,7 @@ def _write_whole(loaded: Loaded, to: str, folder: Path) -> None:
     folder.parent.mkdir(parents=True, exist_ok=True)
     working = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     try:
-        losses = _write(loaded, to, working)
+        losses = (*loaded.losses, *_write(loaded, to, working))
         (working / _LOSSES_FILE).write_text(json.dumps(losses, indent=1), encoding="utf-8")
         working.chmod(0o755)
         if folder.is_dir() and not any(folder.iterdir()):
@@ -126,7 +126,7 @@ def _digest(loaded: Loaded, to: str) -> str:
     buffer = np.empty(mujoco.mj_sizeModel(loaded.model), np.uint8)
     mujoco.mj_saveModel(loaded.model, None, buffer)
     digest = hashlib.sha256(json.dumps([_VERSION, to, mujoco.__version__]).encode())
-    digest.update(buffer.tobytes())
+    digest.update(buffer.tobytes() + "".join(loaded.losses).encode())
     for name, path in sorted(loaded.mesh_files.items()):
         twin = path.with_suffix(".obj")
         if path.suffix != ".obj" and twin.is_file():

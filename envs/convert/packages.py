@@ -41,6 +41,22 @@ def read_urdf(path: Path, packages: Path | None = None) -> mujoco.MjSpec:
     return mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
 
 
+def unread_visuals(path: Path) -> tuple[str, ...]:
+    """Returns a sentence about the visual shapes of a URDF file, which MuJoCo reads only where told to."""
+    try:
+        root = ET.fromstring(path.read_bytes())
+    except ET.ParseError:  # MuJoCo's parser is more lenient
+        return ()
+    compiler = root.find("mujoco/compiler")
+    count = sum(1 for _ in root.iterfind("link/visual"))
+    if not count or (compiler is not None and compiler.get("discardvisual") == "false"):
+        return ()
+    return (
+        f"Visual shapes ({count}) are left out. To keep them, of files that MuJoCo reads (STL, OBJ), write "
+        '<mujoco><compiler discardvisual="false"/></mujoco> into the URDF.',
+    )
+
+
 def _meshes(root: ET.Element, *, with_visuals: bool) -> Iterator[ET.Element]:
     for link in root.iter("link"):
         for part in link:

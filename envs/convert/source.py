@@ -8,7 +8,7 @@ from pathlib import Path
 
 import mujoco
 
-from envs.convert.packages import read_urdf
+from envs.convert.packages import read_urdf, unread_visuals
 from envs.convert.sidecar import read_sidecar
 from envs.core.assets import resolve
 from envs.core.errors import ConfigError, unknown_name
@@ -35,6 +35,7 @@ class Loaded:
         prefix: Prefix of the model's names, which a description drops.
         mesh_files: Mesh name to its file, where it has one.
         spec: What the model was compiled from.
+        losses: What the source has and MuJoCo did not read, one sentence each.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Loaded:
     prefix: str
     mesh_files: dict[str, Path]
     spec: mujoco.MjSpec
+    losses: tuple[str, ...] = ()
 
 
 def load(
@@ -88,7 +90,7 @@ def load(
     name = path.parent.name if path.stem == "robot" else path.stem
     model = compile_with_thin_meshes(spec, name)
     files = _mesh_files(spec, {"": path.parent / (spec.meshdir or "")})
-    return Loaded(name, model, "", files, spec)
+    return Loaded(name, model, "", files, spec, unread_visuals(path) if is_urdf else ())
 
 
 def _load_robot(robot: RobotCfg, simplify: bool) -> Loaded:

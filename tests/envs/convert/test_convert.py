@@ -1,8 +1,10 @@
 """Conversion of robots: what is written, what is read back, what is refused."""
 
+import json
 import logging
 import xml.etree.ElementTree as ET
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -336,6 +338,18 @@ def test_a_ros_package_that_is_not_found_is_named_with_the_key_to_use(tmp_path):
         convert(urdf, "mjcf")
     with pytest.raises(ConfigError, match=rf"in '{tmp_path}' is {message}"):
         convert(urdf, "mjcf", packages=tmp_path)
+
+
+@pytest.mark.parametrize(("compiler", "num_losses"), [("", 1), ('<compiler discardvisual="false"/>', 0)])
+def test_visual_shapes_that_mujoco_does_not_read_are_listed(compiler, num_losses, tmp_path):
+    urdf = tmp_path / "arm.urdf"
+    shape = "<geometry><box size='1 1 1'/></geometry>"
+    both = f"<visual>{shape}</visual><collision>{shape}</collision>"
+    urdf.write_text(f"<robot name='arm'><mujoco>{compiler}</mujoco><link name='base'>{both}</link></robot>")
+    out = convert(urdf, to="mjcf", out=tmp_path / "out")
+    losses = json.loads((tmp_path / "out/losses.json").read_text())
+    assert len(losses) == num_losses and all("Visual shapes (1) are left out." in loss for loss in losses)
+    assert mujoco.MjModel.from_xml_path(str(out)).ngeom == 2 - num_losses
 
 
 def test_usd_is_refused_as_a_source_in_words(tmp_path):
