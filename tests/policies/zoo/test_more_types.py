@@ -8,10 +8,11 @@ import pytest
 
 import policies
 from policies.zoo.config import LeRobotConfig
+from policies.zoo.preflight import packages_of_type
 from tests.policies.examples import FEATURES, generators
 from tests.policies.zoo import test_vla as vla
-from tests.policies.zoo import tiny_more
-from tests.policies.zoo.needs import of_types
+from tests.policies.zoo import tiny, tiny_more
+from tests.policies.zoo.needs import needs, of_types
 
 pytestmark = vla.LIBRARY_TEST
 
@@ -85,3 +86,18 @@ def statistics(pipeline) -> np.ndarray:
     """Returns the least actions that the one step of a pipeline knows which normalizes."""
     (step,) = (step for step in pipeline.steps if getattr(step, "stats", None))
     return np.asarray(step.stats["action"]["min"])
+
+
+@needs(*packages_of_type("pi05"))
+def test_the_main_command_trains_what_normalizes_by_quantiles(tmp_path, monkeypatch, capsys):
+    from roboverse_learn import cli
+    from tests.integration.main_run import TINY
+
+    monkeypatch.chdir(tmp_path)
+    settings = tiny.paligemma(tmp_path / "tokenizer") | {"tokenizer": tmp_path / "tokenizer"}
+    tiny.shrink_pi(monkeypatch, "lerobot.policies.pi05.modeling_pi05")
+    words = [word for word in TINY if not word.startswith(("policy", "train.", "save_every", "levels"))]
+    own = [f"policy.{key}={value}" for key, value in settings.items()]
+    given = ["policy=lerobot", "type=pi05", *words, "levels=[0]", "train.steps=2", "run=pi05"]
+    assert cli.main(["train", *given, *own]) == 0, capsys.readouterr().err
+    assert list(tmp_path.glob("results/v*/PickCube/pi05/pi05.json"))
