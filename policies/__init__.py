@@ -70,7 +70,11 @@ POLICIES.add(
 )
 POLICIES.add(
     "mtact",
-    PolicyInfo(policy="policies.mtact.policy:MtActPolicy", config="policies.mtact.config:MtActConfig"),
+    PolicyInfo(
+        policy="policies.mtact.policy:MtActPolicy",
+        config="policies.mtact.config:MtActConfig",
+        check="policies.mtact.frozen_text:check_mtact",
+    ),
     tags={"dataset"},
     summary="Several tasks by their instructions: FiLM, transformer, action chunks (after arXiv:2406.07539)",
 )

@@ -15,7 +15,7 @@ from tests.understood import understand
 ROOT = Path(__file__).parents[1]
 STEPS = (
     *("processes", "collection", "vla", "table", "shifts", "nuts", "generated", "corrections", "multi_task"),
-    *("wording", "grasp", "libero", "calvin", "axes"),
+    *("wording", "grasp", "grasp_vla", "libero", "calvin", "axes"),
 )
 PYTHON = """#!{python}
 import json, sys
@@ -62,6 +62,8 @@ def test_a_steps_commands_are_understood(step: str, tmp_path: Path) -> None:
 def check_program(module: str, words: list[str]) -> None:
     if module == "benchmark.calvin_chains":
         from benchmark.calvin_chains import ChainSettings as Settings
+    elif module == "roboverse_learn.training.imitation.small_backbone":
+        from roboverse_learn.training.imitation.small_backbone import BackboneSettings as Settings
     else:
         assert module == "roboverse_learn.teleoperation.correction_study"
         from roboverse_learn.teleoperation.correction_study import StudySettings as Settings

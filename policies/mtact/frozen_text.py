@@ -6,6 +6,7 @@ keeps it beside the processors, as it keeps statistics, and a folder that moves 
 
 import json
 from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from envs.core.errors import MissingExtraError, PolicyError
+from policies.mtact.config import MtActConfig
 
 _CONFIG, _TOKENIZER, _WEIGHTS = "config", "tokenizer", "weights."
 _MAX_TOKENS = 128
@@ -114,6 +116,20 @@ class FrozenTextEncoder:
             return cls(json.loads(config), tokenizer, weights)
         except (KeyError, ValueError) as error:
             raise PolicyError(f"The text encoder of the checkpoint is damaged: {error!r}.") from error
+
+
+def check_mtact(config: MtActConfig, features: Mapping[str, Any]) -> None:
+    """Checks the text encoder of ``policy=mtact``, before demonstrations are collected.
+
+    Raises:
+        MissingExtraError: if transformers is not installed.
+        PolicyError: if its folder holds no model.
+    """
+    del features
+    if config.text_encoder != "scratch":
+        width_of(config.text_encoder)
+        if find_spec("transformers") is None:
+            _transformers()
 
 
 def width_of(folder: str | Path) -> int:

@@ -73,7 +73,7 @@ class MtActPolicy(LeRobotPolicy):
         policy._mask_padding, policy._state_noise = config.mask_padding, config.state_noise
         policy._swap_wordings, policy._wrong_share = config.swap_wordings, config.wrong_instructions
         if config.text_encoder != "scratch":  # a checkpoint carries it, and need not say where it lay
-            policy.model.config.text_encoder = Path(config.text_encoder).name
+            policy.model.config.text_encoder = Path(config.text_encoder).resolve().name
         task = LearnedTask(name="", state_size=policy._size(OBS_STATE), action_size=policy._size(ACTION))
         policy.learn_instructions(Instructions(texts=("",), tasks=(task,), task_of=(0,)))
         return policy

@@ -128,7 +128,9 @@ class Vla(GradientSteps):
         return partial(create, LeRobotConfig(path=str(folder / "base"), peft=PeftConfig(method_type="LORA")))
 
 
-def write_backbone(folder: Path, sizes: Mapping[str, Any], words: list[str], *, weights: bool) -> None:
+def write_backbone(
+    folder: Path, sizes: Mapping[str, Any], words: list[str], *, weights: bool, vocabulary: int = 320
+) -> None:
     """Writes a SmolVLM with a tokenizer and a processor, as ``policy.vlm_model_name`` names one.
 
     Args:
@@ -136,12 +138,13 @@ def write_backbone(folder: Path, sizes: Mapping[str, Any], words: list[str], *, 
         sizes: Of the network, :data:`REAL` or :data:`TINY`.
         words: Sentences that the tokenizer learns; it is byte-level, so it has every word.
         weights: Whether random weights are written too.
+        vocabulary: Tokens of the tokenizer, special ones included.
     """
     import transformers
     from tokenizers import ByteLevelBPETokenizer, Tokenizer  # pyright: ignore[reportMissingImports]
 
     learned = ByteLevelBPETokenizer(lowercase=True)
-    vocabulary = min(320, sizes["text_config"]["vocab_size"])
+    vocabulary = min(vocabulary, sizes["text_config"]["vocab_size"])
     learned.train_from_iterator(words, vocabulary, min_frequency=0, special_tokens=SPECIAL_TOKENS)
     tokenizer = transformers.PreTrainedTokenizerFast(
         tokenizer_object=Tokenizer.from_str(learned.to_str()),

@@ -35,13 +35,17 @@ class ImitationLearner(Learner):
         from roboverse_learn.commands.dataset_layout import dataset_layout
 
         config = self.config
-        if check := policies.check_of(config.policy_name):
-            check(config.policy, dataset_layout(config)[0])
         if self._asks_wrongly:
             for task in self._tasks().values():
                 still_of(task)
-        if len(config.tasks) == 1:
-            return
+        if len(config.tasks) > 1:
+            self._check_several()
+        if check := policies.check_of(config.policy_name):
+            check(config.policy, dataset_layout(config)[0])
+
+    def _check_several(self) -> None:
+        """Checks that several tasks can be learned together."""
+        config = self.config
         if config.source != "expert":
             raise ConfigError(
                 f"source={config.source} gives demonstrations of one task, and task={listed(config.tasks)} "

@@ -11,6 +11,8 @@ import torch
 import policies
 from envs.core.errors import MissingExtraError, PolicyError
 from policies.mtact.frozen_text import FrozenTextEncoder
+from roboverse_learn.config.compose import compose
+from roboverse_learn.training.learners import learner_of
 from tests.policies.mtact.test_mtact import CONFIG, frames, loss_of, make, seen, with_film
 from tests.policies.test_lerobot import lerobot_chunk
 
@@ -75,6 +77,19 @@ def test_a_moved_checkpoint_needs_the_folder_no_more(folder, tmp_path):
     now["task"] = np.array(now["task"])
     np.testing.assert_allclose(lerobot_chunk(tmp_path / "there", now), loaded.act(now), atol=1e-5)
     assert str(tmp_path) not in (tmp_path / "there" / "config.json").read_text()
+
+
+def test_the_present_folder_can_be_the_encoders(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(folder)
+    make(replace(CONFIG, text_encoder=".")).save(tmp_path / "saved")
+    assert policies.load(tmp_path / "saved").model.config.text_encoder == folder.name
+
+
+def test_an_encoder_that_is_absent_is_refused_before_demonstrations_are_collected(folder, tmp_path):
+    words = ["policy=mtact", "task=PickCube"]
+    learner_of(compose("train", [*words, f"text_encoder={folder}"]), "cpu").check()
+    with pytest.raises(PolicyError, match=r"is no folder of a model .*Give scratch"):
+        learner_of(compose("train", [*words, f"text_encoder={tmp_path}"]), "cpu").check()
 
 
 def test_the_encoder_is_frozen_and_no_part_of_the_trained_weights(folder):
