@@ -21,7 +21,7 @@ WORDS = ("lift the red cube", "stack the cubes")
 @pytest.mark.parametrize(
     ("changes", "error", "said"),
     [
-        ({"type": "pi0"}, UnknownNameError, r"'pi0'.*Valid: smolvla, multi_task_dit"),
+        ({"type": "pi0"}, UnknownNameError, r"'pi0'.*Valid: multi_task_dit, smolvla"),
         ({"image_px": 100}, ConfigError, r"image_px must be a multiple of 32, given 100"),
         ({"tasks": ()}, ConfigError, r"Name the tasks .* suite=<name> or tasks=\[<name>\]"),
         ({"type": "multi_task_dit"}, ConfigError, r"'clip' in its name, given out=\S*backbone\."),
