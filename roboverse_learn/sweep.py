@@ -1,34 +1,27 @@
 """``roboverse sweep policy=act,diffusion task=PickCube,StackCube level=0,3``: a run for every combination.
 
-The runs share the GPUs of the machine, and what several of them learn from is collected once. A run that is
-complete is left alone, so the same command finishes a sweep that was stopped. ``recipe=<name>`` makes the
-leaderboard's table.
+The runs share the GPUs of the machine, or are batch jobs of a cluster (``launcher=slurm``), and what several
+of them learn from is collected once. A run that is complete is left alone, so the same command finishes a
+sweep that was stopped. ``recipe=<name>`` makes the leaderboard's table.
 """
 
 import itertools
 import json
 import logging
-import os
-import queue
-import shlex
-import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import policies
 from envs.core.atomic import write_file
 from envs.core.errors import RoboVerseError, unknown_name
-from envs.core.machine import num_cores
 from envs.tasks.suites import suite_tasks
 from roboverse_learn.collect import dataset_folder
-from roboverse_learn.commands import child_process
 from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
 from roboverse_learn.commands.run_folder import CONFIG_FILE, default_folder, read_config, read_facts
 from roboverse_learn.commands.tested_checkpoint import protocol_of
-from roboverse_learn.config.command_line_keys import flat_keys
+from roboverse_learn.config.command_line_keys import flat_keys, open_section
 from roboverse_learn.config.compose import compose, configs_folder, values_of_key
 from roboverse_learn.config.preflight import check_folders
 from roboverse_learn.config.recipes import find_recipes, read_recipe, runs_in_order
@@ -36,6 +29,8 @@ from roboverse_learn.config.schema import CollectConfig, SweepConfig, TrainRunCo
 from roboverse_learn.config.serialize import to_values
 from roboverse_learn.config.suite_check import check_suite
 from roboverse_learn.config.value_text import as_text
+from roboverse_learn.launch import make_launcher
+from roboverse_learn.launch.base import Job
 
 log = logging.getLogger(__name__)
 
@@ -45,26 +40,6 @@ _PROGRESS = "progress.txt"
 
 class SweepError(RoboVerseError):
     """Some runs of a sweep failed."""
-
-
-@dataclass(frozen=True, slots=True)
-class Job:
-    """One process of a sweep.
-
-    Attributes:
-        name: Unique among the jobs of a sweep.
-        words: Command and its ``key=value`` words.
-        after: The job that must have succeeded before, or None.
-    """
-
-    name: str
-    words: tuple[str, ...]
-    after: str | None = None
-
-    @property
-    def command(self) -> str:
-        """What a user would type."""
-        return shlex.join(["roboverse", *self.words])
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +62,8 @@ def plan(words: Sequence[str]) -> Sweep:
         RoboVerseError: as :func:`roboverse_learn.config.compose.compose`, for any of the runs.
     """
     own = flat_keys(to_values(SweepConfig()))
-    is_own = [word.partition("=")[0] in own for word in words]
+    typed = [word.partition("=")[0] for word in words]
+    is_own = [key in own or open_section(key) in own for key in typed]
     config = compose("sweep", [word for word, mine in zip(words, is_own, strict=True) if mine])
     check_suite(config.suite, task=",".join(word[5:] for word in words if word.startswith("task=")))
     tasks = suite_tasks(config.suite) if config.suite else ()
@@ -135,12 +111,13 @@ def sweep(the_sweep: Sweep) -> str:
     if the_sweep.config.dry_run:
         lines = [f"# complete: {folder}" for folder in complete] + [job.command for job in jobs]
         return "\n".join(lines)
-    slots = gpu_slots(the_sweep.config.jobs_per_gpu)
+    config = the_sweep.config
+    launcher = make_launcher(config.launcher, config.launcher_settings, config.jobs_per_gpu)
     _, first = the_sweep.runs[0]
     logs = Path(first.runs_dir) / _LOGS
     logs.mkdir(parents=True, exist_ok=True)
     started, ended = time.monotonic(), itertools.count(1)
-    log.info("%d processes, %d at a time. Their logs: %s", len(jobs), len(slots), logs)
+    log.info("%d processes. Their logs: %s", len(jobs), logs)
 
     def on_end(job: Job, code: int | None) -> None:
         what = "was left out" if code is None else "done" if code == 0 else f"FAILED with code {code}"
@@ -148,10 +125,7 @@ def sweep(the_sweep: Sweep) -> str:
         log.info("%3d of %d, %.1f min: %s %s", next(ended), len(jobs), minutes, job.name, what)
         write_file(logs / _PROGRESS, f"{table(the_sweep)}\n\nLast: {job.name} {what}\n".encode())
 
-    def start(job: Job, slot: Mapping[str, str]) -> int:
-        return _start(job, slot, logs / f"{job.name}.log", len(slots))
-
-    codes = run_jobs(jobs, slots, start, on_end)
+    codes = launcher.run(jobs, logs, on_end)
     trained = [codes[job.name] for job in jobs if job.words[0] == "train"]
     # Runs that end together may each have missed the other's result; runs that failed have none.
     if Path(first.results_dir).is_dir() and (not trained or 0 in trained):
@@ -203,78 +177,6 @@ def table(the_sweep: Sweep) -> str:
         what = (config.env.task, config.recipe or config.policy_name, config.env.level, config.seed)
         lines.append("{:<8} {:<24} {:<16} level {}  seed {}".format(state, *what))
     return "\n".join([*lines, ", ".join(f"{count} {state}" for state, count in counts.items())])
-
-
-def run_jobs(
-    jobs: Sequence[Job],
-    slots: Sequence[Mapping[str, str]],
-    start: Callable[[Job, Mapping[str, str]], int],
-    on_end: Callable[[Job, int | None], None],
-) -> dict[str, int | None]:
-    """Runs jobs, as many at once as there are slots, each after the one that it waits for.
-
-    Args:
-        jobs: What to run.
-        slots: Environment variables that give a process its place.
-        start: Runs one job in one slot and returns its exit code.
-        on_end: Hears of every job and its code.
-
-    Returns:
-        Exit code by name; None of those whose predecessor failed.
-    """
-    free: queue.SimpleQueue[Mapping[str, str]] = queue.SimpleQueue()
-    for slot in slots:
-        free.put(slot)
-
-    def in_a_slot(job: Job) -> int:
-        slot = free.get()
-        try:
-            return start(job, slot)
-        finally:
-            free.put(slot)
-
-    waiting, codes = list(jobs), {}
-    running: dict[Future[int], Job] = {}
-    with ThreadPoolExecutor(len(slots)) as pool:
-        try:
-            while waiting or running:
-                ready = [job for job in waiting if job.after is None or job.after in codes]
-                for job in ready:
-                    if len(running) == len(slots):
-                        break
-                    waiting.remove(job)
-                    if job.after is not None and codes[job.after] != 0:
-                        codes[job.name] = None
-                        on_end(job, None)
-                    else:
-                        running[pool.submit(in_a_slot, job)] = job
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    job = running.pop(future)
-                    codes[job.name] = future.result()
-                    on_end(job, codes[job.name])
-        except BaseException:  # an interruption reaches the processes as well; no other is to start
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-    return codes
-
-
-def gpu_slots(jobs_per_gpu: int) -> list[dict[str, str]]:
-    """Returns one slot per GPU and process on it; on a machine without a GPU, one per ``jobs_per_gpu``."""
-    import torch
-
-    visible = os.environ.get("CUDA_VISIBLE_DEVICES")
-    names = visible.split(",") if visible else [str(index) for index in range(torch.cuda.device_count())]
-    gpus = [{"CUDA_VISIBLE_DEVICES": name} for name in names] if torch.cuda.is_available() else [{}]
-    return [slot for _ in range(jobs_per_gpu) for slot in gpus]
-
-
-def _start(job: Job, slot: Mapping[str, str], log_file: Path, at_once: int) -> int:
-    """Runs one job as a process that writes to a log and ends with this one."""
-    threads = max(1, num_cores() // at_once)
-    environment = {"OMP_NUM_THREADS": str(threads)} | dict(os.environ) | dict(slot)
-    with log_file.open("ab") as output:
-        command = [sys.executable, "-m", "roboverse_learn.cli", *job.words]
-        return child_process.run(command, output, environment)
 
 
 def _is_complete(folder: Path, config: TrainRunConfig) -> bool:

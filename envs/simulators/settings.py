@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
-from envs.core.errors import ConfigError, wrong_value
 from envs.core.registry import Registry
 from envs.scenario.simulator_settings import SimulatorSettings
+from envs.scenario.typed_settings import typed_settings
 
 SETTINGS: Registry[type[SimulatorSettings]] = Registry("simulator")
 """Simulator to the dataclass of its settings, which is imported on first use."""
@@ -25,18 +25,5 @@ def check_settings(simulator: str, values: Mapping[str, Any]) -> None:
         ConfigError: if a setting has an invalid value.
         UnknownNameError: if there is no such setting, or no such value of one.
     """
-    if not values:
-        return
-    from pydantic import TypeAdapter, ValidationError
-
-    settings = SETTINGS.get(simulator)
-    settings.check_names(values)
-    try:
-        TypeAdapter(settings).validate_python(dict(values))
-    except ValidationError as error:
-        first = error.errors()[0]
-        cause = first.get("ctx", {}).get("error")
-        if isinstance(cause, ConfigError):
-            raise cause from None
-        where = ".".join(["simulator_settings", *map(str, first["loc"])])
-        raise ConfigError(f"{where}: {wrong_value(first)}") from None
+    if values:
+        typed_settings(SETTINGS.get(simulator), values, "simulator_settings", f"simulator={simulator}")

@@ -23,11 +23,12 @@ _ALIASES = {("evaluate", "policy.path"): "checkpoint", ("evaluate", "path"): "ch
 OPEN = {
     "task_kwargs": "variant=lift",
     "simulator_settings": "njmax=768",
+    "launcher_settings": "partition=gpu",
     SECTION: "physics.decimation=50",
     "policy.settings": "chunk_size=16",
 }
-"""Sections whose keys belong to the task, the simulator, the scene or a LeRobot policy, each with an
-example."""
+"""Sections whose keys belong to the task, the simulator, the launcher, the scene or a LeRobot policy, each
+with an example."""
 
 MAPS = ("rename_map", "policy.rename_map")
 """Keys whose value is a map, given as a whole: ``rename_map={front:camera1}``, or as JSON."""

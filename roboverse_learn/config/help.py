@@ -19,12 +19,14 @@ from roboverse_learn.config.scenario_overrides import SECTION, scenario_keys
 from roboverse_learn.config.schema import COMMANDS, baselines
 from roboverse_learn.config.serialize import default_values
 from roboverse_learn.config.value_text import as_text
+from roboverse_learn.data.sources import SOURCES
+from roboverse_learn.launch import LAUNCHERS
 
 SUMMARIES = {
     "train": "collect what is missing, train, evaluate over the levels, write the leaderboard",
     "collect": "collect demonstrations into a LeRobot dataset: of the expert, a policy, files, or augmented",
     "teleoperate": "steer the hand in a browser; episodes become a LeRobot dataset",
-    "sweep": "train once for every combination of several values, over the GPUs of this machine",
+    "sweep": "train once for every combination of several values, over the GPUs of this machine or a cluster",
     "evaluate": "evaluate a checkpoint, the expert or a rule over levels and splits",
     "replay": "replay recorded states and controls in another simulator, and say how far apart they are",
     "view": "show an episode in the browser: 3D scene over time, camera images, randomization draws",
@@ -61,6 +63,7 @@ EXAMPLES = {
         "roboverse sweep policy=act,diffusion task=PickCube,StackCube level=0,3 preset=gpu",
         "roboverse sweep policy=act task=PickCube seed=range(3) num_demos=50,200,1000 dry_run=true",
         "roboverse sweep policy=act suite=paper level=0,3   (every task of a suite)",
+        "roboverse sweep recipe=v1 launcher=slurm launcher_settings.partition=gpu   (on a cluster)",
         "Any key of train may be given, with one value or with several.",
     ),
     "evaluate": (
@@ -191,6 +194,8 @@ KINDS = (
     "robots",
     "channels",
     "levels",
+    "sources",
+    "launchers",
     "presets",
 )
 """Sections of ``roboverse list``, in order."""
@@ -224,6 +229,8 @@ def _named(kind: str, datasets_dir: str | None, words: Sequence[str] = ()) -> st
         "robots": importlib.import_module("envs.robots").ROBOTS,
         "protocols": importlib.import_module("envs.tasks.protocols").PROTOCOLS,
         "channels": importlib.import_module("envs.randomization.channels").CHANNELS,
+        "sources": SOURCES,
+        "launchers": LAUNCHERS,
     }
     return _rows([(name, registries[kind].entry(name).summary) for name in registries[kind]])
 

@@ -4,7 +4,7 @@ Values come from here, then from the YAML deltas in ``configs/``, then from the 
 module is data only; :mod:`roboverse_learn.config.compose` reads words and files.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
@@ -28,6 +28,7 @@ from roboverse_learn.config.teleoperate_config import TeleoperateConfig
 from roboverse_learn.config.view_config import ViewConfig
 from roboverse_learn.data.augmentation.config import AugmentConfig
 from roboverse_learn.data.sources import SOURCES
+from roboverse_learn.launch import make_launcher
 from roboverse_learn.training.config import TrainConfig
 
 Split = Literal["train", "test"]
@@ -237,6 +238,8 @@ class SweepConfig:
         seeds: With a recipe: seeds in place of 0 to 2, which levels 1 and 2 are trained with too.
         policies: With a recipe: only the recipes of these policies.
         jobs_per_gpu: Runs that share a GPU; on a machine without one, runs at the same time.
+        launcher: Where runs are processes: on this machine (local), or batch jobs of a cluster (slurm).
+        launcher_settings: Settings of the launcher, as in launcher_settings.partition=gpu.
         dry_run: Print the commands, or the table of a recipe's runs with their state, instead of running.
     """
 
@@ -247,10 +250,13 @@ class SweepConfig:
     seeds: tuple[int, ...] = ()
     policies: tuple[str, ...] = ()
     jobs_per_gpu: int = 1
+    launcher: str = "local"
+    launcher_settings: Mapping[str, Any] = field(default_factory=dict)
     dry_run: bool = False
 
     def __post_init__(self) -> None:
         check_ranges(self, above_0=("jobs_per_gpu",))
+        make_launcher(self.launcher, self.launcher_settings, self.jobs_per_gpu)
         _levels(*self.levels)
         check_suite(self.suite, tasks=listed(self.tasks) if self.tasks else "")
         only = [key for key in ("tasks", "levels", "seeds", "policies") if getattr(self, key)]

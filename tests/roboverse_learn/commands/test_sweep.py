@@ -1,8 +1,6 @@
 """``roboverse sweep``: what it makes of its words, in which order it runs, and what it says of failures."""
 
 import sys
-import threading
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +16,7 @@ from roboverse_learn.config.command_line_keys import flat_keys
 from roboverse_learn.config.compose import compose, values_of_key
 from roboverse_learn.config.schema import CollectConfig, SweepConfig
 from roboverse_learn.config.serialize import to_values
-from roboverse_learn.sweep import Job, Sweep, SweepError, gpu_slots, make_jobs, plan, run_jobs, sweep
+from roboverse_learn.sweep import Sweep, SweepError, make_jobs, plan, sweep
 
 WORDS = ["policy=act,diffusion", "task=PickCube,StackCube", "level=0,3", "preset=quick"]
 
@@ -64,9 +62,17 @@ class TestWords:
         assert (planned.config.jobs_per_gpu, planned.config.dry_run) == (3, True)
         assert [words for words, _ in planned.runs] == [("seed=4",)]
 
+    def test_launcher_and_its_settings_are_keys_of_the_sweep(self):
+        planned = plan(["launcher=slurm", "launcher_settings.partition=gpu", "seed=4"])
+        assert planned.config.launcher == "slurm"
+        assert planned.config.launcher_settings == {"partition": "gpu"}
+        assert [words for words, _ in planned.runs] == [("seed=4",)]
+
     @pytest.mark.parametrize(
         ("word", "said"),
         [
+            ("launcher=slrum", "Did you mean 'slurm'"),
+            ("launcher_settings.partition=gpu", "Unknown setting of launcher=local"),
             ("policy=act,difusion", "Did you mean 'diffusion'"),
             ("tsk=PickCube", "Did you mean 'task'"),
             ("task=PickCube,StackCub", "Did you mean 'StackCube'"),
@@ -172,76 +178,6 @@ class TestJobs:
             f"roboverse train seed=0 runs_dir={tmp_path} 'cameras=[front]'",
             f"roboverse train seed=1 runs_dir={tmp_path} 'cameras=[front]'",
         ]
-
-
-class TestRunning:
-    def test_jobs_respect_slots_and_order(self):
-        lock, running, most, order = threading.Lock(), [0], [0], []
-
-        def start(job, slot):
-            with lock:
-                running[0] += 1
-                most[0] = max(most[0], running[0])
-                order.append(("start", job.name))
-            time.sleep(0.02)
-            with lock:
-                running[0] -= 1
-                order.append(("end", job.name))
-            return 0
-
-        jobs = [Job("a", ()), Job("b", ()), *(Job(f"a{i}", (), "a") for i in range(3)), Job("b0", (), "b")]
-        codes = run_jobs(jobs, [{"X": "0"}, {"X": "1"}], start, lambda *_: None)
-        assert codes == dict.fromkeys(("a", "b", "a0", "a1", "a2", "b0"), 0)
-        assert most == [2]
-        for name in ("a0", "a1", "a2"):
-            assert order.index(("end", "a")) < order.index(("start", name))
-        assert order.index(("end", "b")) < order.index(("start", "b0"))
-
-    def test_each_process_at_a_time_has_a_slot_of_its_own(self):
-        lock, taken = threading.Lock(), set()
-
-        def start(_job, slot):
-            with lock:
-                assert slot["X"] not in taken
-                taken.add(slot["X"])
-            time.sleep(0.01)
-            with lock:
-                taken.remove(slot["X"])
-            return 0
-
-        jobs = [Job(str(i), ()) for i in range(9)]
-        run_jobs(jobs, [{"X": "0"}, {"X": "1"}, {"X": "2"}], start, lambda *_: None)
-
-    def test_what_follows_a_failure_is_left_out_and_the_rest_is_done(self):
-        calls = []
-        jobs = [Job("bad", ()), Job("good", ()), Job("after-bad", (), "bad"), Job("after-good", (), "good")]
-        codes = run_jobs(
-            jobs,
-            [{}],
-            lambda job, _: int(job.name == "bad"),
-            lambda job, code: calls.append((job.name, code)),
-        )
-        assert codes == {"bad": 1, "good": 0, "after-bad": None, "after-good": 0}
-        assert sorted(calls) == sorted(codes.items())
-
-    def test_a_bug_in_a_job_stops_the_sweep(self):
-        def start(_job, _slot):
-            raise RuntimeError("broken")
-
-        with pytest.raises(RuntimeError, match="broken"):
-            run_jobs([Job("a", ()), Job("b", ())], [{}], start, lambda *_: None)
-
-    def test_gpus_are_those_that_may_be_seen(self, monkeypatch):
-        import torch
-
-        monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-        monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
-        monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
-        assert [slot["CUDA_VISIBLE_DEVICES"] for slot in gpu_slots(2)] == ["0", "1", "0", "1"]
-        monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5,7")
-        assert [slot["CUDA_VISIBLE_DEVICES"] for slot in gpu_slots(1)] == ["5", "7"]
-        monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-        assert gpu_slots(3) == [{}, {}, {}]
 
 
 @pytest.fixture

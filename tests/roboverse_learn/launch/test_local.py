@@ -1,0 +1,82 @@
+"""Processes on this machine: their order, their places, and what becomes of failures."""
+
+import threading
+import time
+
+import pytest
+
+from roboverse_learn.launch.base import Job
+from roboverse_learn.launch.local import gpu_slots, run_jobs
+
+
+def test_jobs_respect_slots_and_order():
+    lock, running, most, order = threading.Lock(), [0], [0], []
+
+    def start(job, slot):
+        with lock:
+            running[0] += 1
+            most[0] = max(most[0], running[0])
+            order.append(("start", job.name))
+        time.sleep(0.02)
+        with lock:
+            running[0] -= 1
+            order.append(("end", job.name))
+        return 0
+
+    jobs = [Job("a", ()), Job("b", ()), *(Job(f"a{i}", (), "a") for i in range(3)), Job("b0", (), "b")]
+    codes = run_jobs(jobs, [{"X": "0"}, {"X": "1"}], start, lambda *_: None)
+    assert codes == dict.fromkeys(("a", "b", "a0", "a1", "a2", "b0"), 0)
+    assert most == [2]
+    for name in ("a0", "a1", "a2"):
+        assert order.index(("end", "a")) < order.index(("start", name))
+    assert order.index(("end", "b")) < order.index(("start", "b0"))
+
+
+def test_each_process_at_a_time_has_a_slot_of_its_own():
+    lock, taken = threading.Lock(), set()
+
+    def start(_job, slot):
+        with lock:
+            assert slot["X"] not in taken
+            taken.add(slot["X"])
+        time.sleep(0.01)
+        with lock:
+            taken.remove(slot["X"])
+        return 0
+
+    jobs = [Job(str(i), ()) for i in range(9)]
+    run_jobs(jobs, [{"X": "0"}, {"X": "1"}, {"X": "2"}], start, lambda *_: None)
+
+
+def test_what_follows_a_failure_is_left_out_and_the_rest_is_done():
+    calls = []
+    jobs = [Job("bad", ()), Job("good", ()), Job("after-bad", (), "bad"), Job("after-good", (), "good")]
+    codes = run_jobs(
+        jobs,
+        [{}],
+        lambda job, _: int(job.name == "bad"),
+        lambda job, code: calls.append((job.name, code)),
+    )
+    assert codes == {"bad": 1, "good": 0, "after-bad": None, "after-good": 0}
+    assert sorted(calls) == sorted(codes.items())
+
+
+def test_a_bug_in_a_job_stops_the_sweep():
+    def start(_job, _slot):
+        raise RuntimeError("broken")
+
+    with pytest.raises(RuntimeError, match="broken"):
+        run_jobs([Job("a", ()), Job("b", ())], [{}], start, lambda *_: None)
+
+
+def test_gpus_are_those_that_may_be_seen(monkeypatch):
+    import torch
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+    assert [slot["CUDA_VISIBLE_DEVICES"] for slot in gpu_slots(2)] == ["0", "1", "0", "1"]
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5,7")
+    assert [slot["CUDA_VISIBLE_DEVICES"] for slot in gpu_slots(1)] == ["5", "7"]
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert gpu_slots(3) == [{}, {}, {}]
