@@ -9,6 +9,7 @@ import errno
 import importlib
 import logging
 import os
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
@@ -52,6 +53,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     end_with_parent()
     _write_any_character()
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # all of this is imported
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with called_with(words):
             return _dispatch(words)

@@ -162,6 +162,11 @@ class RunFolder:
         folder = Path(config.run) if config.run else default_folder(config)
         if (folder / CONFIG_FILE).exists():
             _check_same(folder, config)
+        elif other := _other_file(folder):
+            raise ConfigError(
+                f"The folder '{folder}' is no run and holds other files, such as '{other}'. Name an empty or "
+                "a new folder, or leave out run=."
+            )
         return cls(folder, config, command)
 
     @property
@@ -256,6 +261,12 @@ def _is_of_others(config: TrainRunConfig) -> bool:
     return (
         learns == "dataset" and bool(config.dataset) and (root / INFO_PATH).is_file()
     ) and not is_collected_here(root)
+
+
+def _other_file(folder: Path) -> str | None:
+    """Returns a file or folder that a run which ended before its configuration was written does not leave."""
+    names = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+    return next((name for name in names if not name.startswith((".", CONFIG_FILE, MANIFEST_FILE))), None)
 
 
 def _check_same(folder: Path, config: TrainRunConfig) -> None:

@@ -2,6 +2,7 @@
 
 import os
 import shlex
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -130,3 +131,33 @@ def test_more_mistakes_get_one_message(
 def test_help_before_a_command_is_that_of_the_command(first: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main([first, "train", "policy=diffusion"]) == 0
     assert "policy.down_dims=[256,512,1024]" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("program", "ends"),
+    [("bin/roboverse", (-2, "")), ("-m", (0, "")), ("notebook", (0, ""))],
+    ids=["command", "other-module", "library"],
+)
+def test_ctrl_c_while_libraries_are_imported_ends_a_command_in_silence(
+    program: str, ends: tuple[int, str], tmp_path: Path
+) -> None:
+    code = (
+        f"import os, signal, sys; sys.argv = [{program!r}]; import roboverse_learn\n"
+        "try: os.kill(os.getpid(), signal.SIGINT); signal.pause()\n"
+        "except KeyboardInterrupt: pass"
+    )
+    words = [sys.executable, "-c", code]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        words, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False, timeout=60
+    )
+    assert (done.returncode, done.stderr) == ends
+
+
+def test_a_command_that_has_begun_says_how_it_goes_on_after_ctrl_c() -> None:
+    before = signal.signal(signal.SIGINT, signal.SIG_DFL)  # as while libraries are imported
+    try:
+        assert cli.main(["--version"]) == 0
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -216,3 +216,19 @@ def test_a_run_keeps_its_name_where_younger_augmentation_is_off():
     quick = ["policy=act", "task=PickCube", "preset=quick"]
     names = {run_name(compose("train", [*quick, *words])) for words in ([], ["train.augment.hue=0.1"])}
     assert len(names) == 2
+
+
+def test_a_folder_of_other_files_is_no_run(tmp_path: Path) -> None:
+    (tmp_path / "demos/meta").mkdir(parents=True)
+    with pytest.raises(
+        ConfigError, match=r"'demos' is no run and holds other files, such as 'meta'\. Name an"
+    ):
+        RunFolder.open(config("run=demos"), COMMAND)
+    assert [path.name for path in (tmp_path / "demos").iterdir()] == ["meta"]
+
+
+def test_a_run_that_ended_before_it_was_described_is_continued(tmp_path: Path) -> None:
+    (tmp_path / "early").mkdir()
+    (tmp_path / "early/.lock").touch()
+    with RunFolder.open(config("run=early"), COMMAND) as run:
+        assert (run.folder / CONFIG_FILE).is_file()
