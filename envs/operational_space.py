@@ -110,7 +110,7 @@ class OperationalSpaceController(Controller):
     The entries are x, y, z, a rotation vector, both about the world's axes, and the gripper; all are clipped
     to [-1, 1]. At 1 the goal is :data:`DELTA_M` or :data:`DELTA_RAD` from the hand's present pose; a rotation
     of exactly zero keeps the former goal's orientation. The gripper closes above 0, opens below, and stops at
-    0. Torques are computed anew in each physics step.
+    0. Torques are computed again in each physics step.
 
     Args:
         robot: A robot whose arm is driven by torques, whose gravity is not compensated, and whose fingers are

@@ -48,7 +48,7 @@ def board_view(board: Mapping[str, Any]) -> View:
 
 
 def studies_view(board: Mapping[str, Any]) -> View:
-    """Returns the view of the studies' page; entries stand beside the studies of their policy, to compare."""
+    """Returns the view of the studies' page; entries are shown beside the studies of their policy."""
     places = [_studies_place(section, board) for section in board["sections"]]
     table = list(dict.fromkeys(row["task"] for row in board["reference"]["rows"]))
     return {

@@ -2,7 +2,7 @@
 
 ``python -m envs.experts.survey words=[libero,spatial]`` writes one row a task into ``results/tasks.json``.
 Tasks that are there already are left out, so that the command continues where it was interrupted;
-``again=true`` measures them anew, ``episodes=0`` leaves the expert out.
+``again=true`` measures them again, ``episodes=0`` leaves the expert out.
 """
 
 import json

@@ -3,7 +3,7 @@
 A file of another benchmark is made for that benchmark: it has meshes of tens of thousands of triangles,
 options of a simulator, and parts that only its own loader mends. :func:`imported` writes the object that it
 describes as a file that stands alone. Meshes, images and files are named by their content, so nothing is made
-twice, and a changed source is made anew.
+twice, and a changed source is made again.
 """
 
 import hashlib

@@ -1,7 +1,7 @@
 """A class for each entry of a family's catalogue, made when it is asked for.
 
 A family's module has ``__getattr__ = classes_of(...)``, so that a registered path such as
-``envs.tasks.libero.by_name:LiberoGoalTurnOnTheStove`` imports a class that stands nowhere in the source.
+``envs.tasks.libero.by_name:LiberoGoalTurnOnTheStove`` imports a class that is made on demand.
 """
 
 from collections.abc import Callable, Iterable

@@ -35,7 +35,7 @@ BASE_MOVES_M: tuple[tuple[float, ...], ...] = (
 """What may be added to the place of the task's own base along x, which points to the workspace, y and z."""
 
 _VERSION = 1
-"""Raised when the search finds other places; those that are kept are then found anew."""
+"""Raised when the search finds other places; those that are kept are then found again."""
 
 NUM_EPISODES = 32
 """Episodes whose ways must be reachable."""

@@ -1,7 +1,7 @@
 """Places and postures of robots in tasks that were computed before: files of the cache.
 
 A search takes seconds, and every process of a collection makes its task. What decides a search is the name of
-its file, so that another task, robot or way is looked for anew.
+its file, so that another task, robot or way is looked for again.
 """
 
 import hashlib

@@ -230,7 +230,7 @@ class RunFolder:
         except FileNotFoundError:
             manifest = {"starts": [started], "stages": {}}
         except (ValueError, KeyError, TypeError, AttributeError):
-            log.warning("%s could not be read and is written anew.", path)
+            log.warning("%s could not be read and is written again.", path)
             manifest = {"starts": [started], "stages": {}}
         return manifest
 

@@ -333,7 +333,7 @@ def _check_whole(checkpoint: Path, expected: str) -> None:
         raise ConfigError(
             f"policy={expected} and checkpoint={checkpoint} are both given, and the checkpoint is of "
             f"policy={name}. "
-            "Leave policy out; a checkpoint says itself which policy it is of."
+            "Leave policy out; a checkpoint names its policy."
         )
 
 

@@ -332,7 +332,7 @@ class EvaluateConfig:
         if self.checkpoint:
             raise ConfigError(
                 f"{given} and checkpoint={self.checkpoint} are both given: which of them is evaluated? Leave "
-                "one out; a checkpoint says itself which policy it is of."
+                "one out; a checkpoint names its policy."
             )
         if "task" not in self.env and not self.suite:
             raise ConfigError(f"{given} needs task=<name>, as in: roboverse evaluate {given} task=PickCube")

@@ -7,7 +7,7 @@ _PLAIN = re.compile(r"(?!(?:null|true|false|nan|inf)$)[A-Za-z_][\w./-]*", re.IGN
 
 
 def as_text(value: object) -> str:
-    """A value as Hydra's grammar reads it, which the text of a key that is a text by itself is spared."""
+    """Returns a value as text that Hydra's grammar reads back; plain words stay without quotes."""
     if isinstance(value, list):
         return f"[{','.join(map(as_text, value))}]"
     if isinstance(value, dict):

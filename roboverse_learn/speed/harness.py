@@ -166,7 +166,7 @@ class Program:
 
     Attributes:
         parts: What is measured, as in parts=[a,b]; all parts by default.
-        out: JSON file for the measurements, written anew after each; none by default.
+        out: JSON file for the measurements, rewritten after each; none by default.
     """
 
     one_core: ClassVar[bool] = False

@@ -90,8 +90,8 @@ _VIEWS = ("_tc", "_T_tc", "_np", "_T_np")
 def forget(state: object) -> None:
     """Frees the arrays of a scene that is about to be destroyed, 2 MiB of a small one.
 
-    What picks the fastest of its kernels keeps the arguments of every scene's calls. And the view of an array
-    that an array keeps keeps the array, a circle that no collector sees; views are made again on demand.
+    Genesis's choice of the fastest kernel keeps the arguments of every scene's calls. An array also keeps a
+    view of itself, a reference cycle that the collector does not see; views are made again on demand.
 
     Args:
         state: ``dyn_state`` of the scene's rigid solver.

@@ -34,7 +34,7 @@ _FINGERS_M = 0.055
 """Distance of an open finger's middle from the middle of the hand."""
 
 _TRIES = 5000
-"""Places after which a crowded bin is filled anew, as robosuite's sampler gives up."""
+"""Places after which a crowded bin is filled again, as robosuite's sampler gives up."""
 
 
 @dataclass(frozen=True, kw_only=True)

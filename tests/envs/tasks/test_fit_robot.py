@@ -34,7 +34,7 @@ TASKS_OF_ARMS = ["PickCube", "StackCube", "CloseBox", "MoveSliderLeft", "PickCho
 
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path_factory, monkeypatch):
-    """Searches anew, but once for all tests of this file."""
+    """Searches again, but once for all tests of this file."""
     folder = tmp_path_factory.getbasetemp() / "fit_robot_cache"
     folder.mkdir(exist_ok=True)
     monkeypatch.setattr(kept_fits, "cache_dir", lambda _: folder)
