@@ -37,6 +37,9 @@ HELP = ("-h", "--help", "help")
 _MENDABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EROFS)
 _IN_THE_WAY = (errno.ENOTDIR, errno.EEXIST)
 
+_OUT_OF_MEMORY = ("can't allocate memory", "out of memory")
+"""Of PyTorch's messages on a CPU and on a GPU."""
+
 _OF_WORDS = ("assets", "dataset")
 """Commands whose function takes the words themselves."""
 
@@ -63,6 +66,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as interrupt:
         print("\nInterrupted. What is saved stays: the same command continues from there.", file=sys.stderr)
         return interrupt.exit_code if isinstance(interrupt, Interrupted) else 130
+    except (MemoryError, RuntimeError) as error:
+        return _fail(_not_enough_memory(error))
     except BrokenPipeError:  # the reader of our output went away, as in `roboverse list | head -1`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
@@ -77,6 +82,16 @@ def main(argv: Sequence[str] | None = None) -> int:
             f"{error.strerror}: {error.filename or 'a file could not be written'}. "
             "Free some space or choose another folder, and run the same command again: it continues."
         )
+
+
+def _not_enough_memory(error: MemoryError | RuntimeError) -> str:
+    """Returns the message of an error that memory ran out; raises any other."""
+    if isinstance(error, RuntimeError) and not any(words in str(error) for words in _OUT_OF_MEMORY):
+        raise error
+    return (
+        "There is not enough memory. Take a smaller train.batch_size, image_size or num_envs, or end other "
+        "programs, and run the same command again."
+    )
 
 
 def _write_any_character() -> None:

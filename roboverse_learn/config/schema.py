@@ -202,6 +202,7 @@ class TrainRunConfig(CollectConfig):
         # Not super(): a dataclass with slots is another class than the one that super() would look at.
         CollectConfig.__post_init__(self)
         refuse_suite_of_training(self.suite)
+        check_ranges(self, from_0=("seed",))
         twice = next((task for task in self.tasks if self.tasks.count(task) > 1), None)
         if twice is not None:
             raise ConfigError(

@@ -65,6 +65,10 @@ class AugmentConfig:
         return self.recolours or any((self.shift_px, self.swap))
 
 
+_MOST = {"batch_size": 1 << 20, "num_threads": 1024}
+"""What no machine trains with: more would fill memory or stand still before a message."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TrainConfig:
     """Settings of the optimizer.
@@ -144,6 +148,9 @@ class TrainConfig:
             above_0=("steps", "batch_size", "lr", "save_every", "log_every", "ema_power"),
             from_0=("weight_decay", "warmup_steps", "grad_clip", "num_threads", "lr_backbone", "lr_muon"),
         )
+        for key, most in _MOST.items():
+            if (given := getattr(self, key)) > most:
+                raise ConfigError(f"train.{key} must be at most {most:,}, given {given:,}.")
         if self.time_limit_s is not None and self.time_limit_s <= 0:
             raise ConfigError(f"train.time_limit_s must be above 0 seconds, or null for no limit, "
                               f"given {self.time_limit_s}.")  # fmt: skip

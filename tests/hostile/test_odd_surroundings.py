@@ -105,6 +105,12 @@ def test_an_empty_variable_of_the_cache_is_as_if_unset(
         (["check", "task="], "check needs task=<name> or robot=<name>"),
         (["convert", "notes.txt", "--to", "mjcf"], "'notes.txt' is no file of a robot by its name"),
         (["help", "trian"], "Unknown command 'trian'. Did you mean 'train'?"),
+        (["train", "seed=-1", "preset=quick"], "seed must be 0 or more, given -1."),
+        (
+            ["train", "batch_size=100000000000"],
+            "batch_size must be at most 1,048,576, given 100,000,000,000.",
+        ),
+        (["train", "train.num_threads=100000"], "train.num_threads must be at most 1,024, given 100,000."),
         (["speed", "throughput", "turns=-1"], "turns must be above 0, given -1."),
         (["speed", "throughput", "turns=0"], "turns must be above 0, given 0."),
         (["speed", "training", "steps=-1"], "steps must be 0 or more, given -1."),
@@ -161,3 +167,32 @@ def test_a_command_that_has_begun_says_how_it_goes_on_after_ctrl_c() -> None:
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(),
+        RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried to allocate 36 bytes."),
+        RuntimeError("CUDA out of memory. Tried to allocate 20.00 MiB."),
+    ],
+    ids=["numpy", "cpu", "gpu"],
+)
+def test_too_little_memory_is_no_bug(
+    error: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(cli, "_run", fail)
+    assert cli.main(["leaderboard"]) == 2
+    assert "There is not enough memory. Take a smaller train.batch_size" in capsys.readouterr().err
+
+
+def test_another_runtime_error_is_a_bug(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise RuntimeError("shapes do not fit")
+
+    monkeypatch.setattr(cli, "_run", fail)
+    with pytest.raises(RuntimeError, match="shapes do not fit"):
+        cli.main(["leaderboard"])
