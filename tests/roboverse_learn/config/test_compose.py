@@ -111,10 +111,9 @@ CHOSEN = {
     "policy.latent_dim": 256,
     "policy.simnorm_dim": 16,
     "policy.discount_max": 0.99,
-    "policy.compile": False,
-    "policy.cuda_graphs": False,
-    "policy.bf16": False,
+    **dict.fromkeys(("policy.compile", "policy.cuda_graphs", "policy.bf16"), False),
     "view_shadows": True,
+    "launcher": "slurm",
 }
 
 
@@ -145,8 +144,8 @@ ALL_KEYS = [
     for policy in (policies.names() if command == "train" else ["act"])
     for key in flat_keys(default_values(command, policy))
     if (command, key) != ("train", "suite")  # which says what to do instead
-    and key not in ("policy_name", "task_kwargs", "simulator_settings", "scenario", "preset", "run")
-    and key not in OF_LEROBOT
+    and key not in ("policy_name", "scenario", "preset", "run", *OF_LEROBOT)
+    and not key.endswith(("task_kwargs", "simulator_settings", "launcher_settings"))
     and (policy == "act" or key.startswith("policy."))  # the others are the same for every policy
 ]
 
