@@ -57,9 +57,9 @@ def dataset_folder(config: CollectConfig) -> Path:
     if config.dataset:
         return Path(config.dataset)
     varied = f"{config.env.only}-alone" if config.env.only else f"level{config.env.level}"
-    size, demos = f"{config.env.image_size}px", f"{config.collect.num_demos}demos"
-    name = "-".join([varied, config.env.simulator, config.env.renderer, *config.env.cameras, size, demos])
-    part = SOURCES.get(config.source)(config).name_part()
+    source = SOURCES.get(config.source)(config)
+    scene = [varied, config.env.simulator, config.env.renderer, *config.env.cameras]
+    parts = [f"{config.env.image_size}px", source.count_part(), source.name_part()]
     # Of a folder, its name alone: its path differs between machines.
     changed = [*sorted(config.env.task_kwargs.items()), *sorted(config.env.simulator_settings.items())]
     options = [f"robot={config.env.robot}"] if config.env.robot else []
@@ -68,7 +68,7 @@ def dataset_folder(config: CollectConfig) -> Path:
         options.append(scenario_name(config.env.scenario))
     if config.env.materials:
         options.append(folder_name(config.env.materials))
-    return Path(config.datasets_dir) / config.env.task / "-".join([name, *filter(None, [part]), *options])
+    return Path(config.datasets_dir) / config.env.task / "-".join([*scene, *filter(None, parts), *options])
 
 
 def collect_dataset(config: CollectConfig) -> "CollectionSummary":
@@ -84,8 +84,9 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
     check_materials(config.env.materials)
     check_scenario_files(config.env, {"materials": config.env.materials})
     config = within_machine(config)
-    source, root = SOURCES.get(config.source)(config), dataset_folder(config)
+    source = SOURCES.get(config.source)(config)
     source.check()
+    root = dataset_folder(config)
     source.prepare(root, _bar)
     candidates = source.candidates()
     target = config.collect.num_demos

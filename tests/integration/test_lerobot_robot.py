@@ -18,6 +18,7 @@ import pytest
 from roboverse_learn import cli
 from roboverse_learn.data import DatasetInfo
 from tests.integration.main_run import TINY
+from tests.integration.test_lerobot_commands import TINY_ACT
 
 pytestmark = pytest.mark.long
 
@@ -178,3 +179,25 @@ def test_the_expert_corrects_a_policy_in_lerobots_dagger(shell: Shell, trained: 
     info = DatasetInfo.open(shell.folder / "corrected")
     assert info.num_episodes == 1 and info.num_frames > 5
     assert info.read_columns(["intervention"])["intervention"].all()
+
+
+def test_what_was_recorded_trains_by_lerobots_own_program(shell: Shell) -> None:
+    done = subprocess.run(
+        [
+            Path(sys.executable).with_name("lerobot-train"),
+            *(*TINY_ACT, *RECORDED, "--dataset.use_imagenet_stats=false", "--dataset.video_backend=pyav"),
+            *("--output_dir=by_lerobot", "--steps=1", "--batch_size=2", "--num_workers=0", "--save_freq=1"),
+            *("--eval_freq=0", "--wandb.enable=false"),
+        ],
+        cwd=shell.folder,
+        env=shell.environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stdout[-4000:]
+    config = json.loads(
+        (shell.folder / "by_lerobot/checkpoints/last/pretrained_model/config.json").read_text()
+    )
+    assert config["output_features"]["action"]["shape"] == [9]

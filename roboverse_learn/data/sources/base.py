@@ -142,6 +142,10 @@ class DemonstrationSource:
             progress: Shows a progress bar.
         """
 
+    def count_part(self) -> str:
+        """Returns what the name of the dataset's folder says about the number of demonstrations."""
+        return f"{self.config.collect.num_demos}demos"
+
     def name_part(self) -> str:
         """Returns the source's part of the name of the dataset's folder."""
         return ""

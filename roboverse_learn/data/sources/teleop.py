@@ -63,6 +63,11 @@ class TeleopSource(DemonstrationSource):
                 )
 
     @override
+    def count_part(self) -> str:
+        """Leaves the number out where all recordings are taken: there are fewer, and the dataset grows."""
+        return super().count_part() if len(self._files()) >= self.config.collect.num_demos else ""
+
+    @override
     def name_part(self) -> str:
         by = "" if self.config.replay == "states" else f"-by-{self.config.replay}"
         part = "-only-corrections" if self.config.only_corrections else ""

@@ -86,6 +86,19 @@ class Page:
     async def key(self, code: str, *, down: bool) -> None:
         await self.call("Input.dispatchKeyEvent", type="keyDown" if down else "keyUp", code=code, key=code)
 
+    async def mouse(self, kind: str, x: float, y: float, *, buttons: int = 0, wheel: float = 0.0) -> None:
+        """Moves the mouse, or presses or releases what ``buttons`` says: 1 left, 2 right; turns its wheel."""
+        name = {1: "left", 2: "right"}.get(buttons, "none")
+        more = {"deltaX": 0, "deltaY": wheel} if kind == "mouseWheel" else {"button": name, "clickCount": 1}
+        await self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, buttons=buttons, **more)
+
+    async def middle(self, selector: str) -> tuple[float, float]:
+        """Returns the middle of an element that is on the screen."""
+        box = f"document.querySelector({selector!r}).getBoundingClientRect()"
+        await self.value(f"document.querySelector({selector!r}).scrollIntoView({{block: 'center'}})")
+        x, y = await self.value(f"[{box}.x + {box}.width / 2, {box}.y + {box}.height / 2]")
+        return x, y
+
     async def screenshot(self, path: Path, *, whole: bool = False) -> None:
         shot = await self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
         path.write_bytes(base64.b64decode(shot["data"]))

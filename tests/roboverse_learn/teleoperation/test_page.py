@@ -1,12 +1,14 @@
-"""The page in a headless Chromium: keys, a gamepad, and a whole PickCube."""
+"""The page in a headless Chromium: keys, mouse, pads, a phone, and a gamepad that plays a whole PickCube."""
 
 import asyncio
 import contextlib
 import math
 import threading
 
+import numpy as np
 import pytest
 
+from envs.rotations import yaw_of
 from envs.spec import EnvSpec
 from roboverse_learn.teleoperation.conductor import Conductor
 from roboverse_learn.teleoperation.recording import Mark
@@ -122,3 +124,64 @@ def test_keys_steer_and_a_gamepad_plays_a_whole_pick_cube(folder, book, pick_cub
     asyncio.run(asyncio.wait_for(body(), 150))
     marks = [(facts["mark"], facts["device"]) for facts in folder.facts.values()]
     assert marks == [(Mark.DISCARDED, "keyboard"), (Mark.SUCCESS, "gamepad")]
+
+
+ORIENTATION = "dispatchEvent(new DeviceOrientationEvent('deviceorientation', {alpha: %d, beta: 0, gamma: 0}))"
+
+
+async def drag(page, start, by, buttons=1):
+    """Drags the mouse, in steps, and holds it at the end."""
+    x, y = start
+    await page.mouse("mouseMoved", x, y)
+    await page.mouse("mousePressed", x, y, buttons=buttons)
+    for part in np.linspace(0.1, 1.0, 10):
+        await page.mouse("mouseMoved", x + part * by[0], y + part * by[1], buttons=buttons)
+        await asyncio.sleep(0.05)
+
+
+def test_mouse_pads_and_a_phones_orientation_steer(folder, book):
+    def turn(session):
+        return float(yaw_of(np.array(session.station.hand()["rot"])))
+
+    async def body():
+        async with served(book) as (session, url), chromium.browser() as page:
+            await page.open(url)
+            await page.until("document.querySelector('canvas')?.width === 32")
+            await tap(page, "Enter")
+            await page.until("document.body.dataset.phase === 'running'")
+            image, pads = await page.middle("canvas"), "pad-move"
+            x, y, z = session.station.hand()["pos"]
+            await drag(page, image, (50, 0))  # right in the image is +y
+            await eventually(lambda: session.station.hand()["pos"][1] > y + 0.025)
+            await page.mouse("mouseReleased", *image, buttons=1)
+            await drag(page, image, (0, -50), buttons=2)
+            await eventually(lambda: session.station.hand()["pos"][2] > z + 0.025)
+            await page.mouse("mouseReleased", *image, buttons=2)
+            before = turn(session)
+            await page.mouse("mouseWheel", *image, wheel=100)
+            await eventually(lambda: abs(turn(session) - before) > 0.15)
+
+            away, size = await page.middle(f"#{pads}"), 40
+            x = session.station.hand()["pos"][0]
+            await page.mouse("mousePressed", away[0], away[1] + size, buttons=1)  # towards the camera: +x
+            await eventually(lambda: session.station.hand()["pos"][0] > x + 0.02)
+            await page.mouse("mouseReleased", *away, buttons=1)
+
+            before = turn(session)
+            await page.value("document.getElementById('phone').click()")
+            await page.mouse("mousePressed", *away, buttons=1)  # the middle of a pad: held, and no motion
+            await page.value(ORIENTATION % 350)
+            for alpha in (355, 0, 5, 10):
+                await page.value(ORIENTATION % alpha)
+                await asyncio.sleep(0.1)
+            await eventually(lambda: turn(session) - before > math.radians(15))
+            assert turn(session) - before < math.radians(25)
+            await page.mouse("mouseReleased", *away, buttons=1)
+            stopped = turn(session)
+            await page.value(ORIENTATION % 90)  # no pad is held
+            await asyncio.sleep(0.3)
+            assert turn(session) == pytest.approx(stopped, abs=0.01)
+            assert set(session._devices) == {"mouse", "phone"}
+            assert not page.problems, page.problems
+
+    asyncio.run(asyncio.wait_for(body(), 150))

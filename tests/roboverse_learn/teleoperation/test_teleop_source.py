@@ -7,7 +7,7 @@ import pytest
 
 from envs.core.errors import ConfigError, DatasetError, PolicyError
 from envs.randomization.splits import load_split
-from roboverse_learn.collect import collect_dataset
+from roboverse_learn.collect import collect_dataset, dataset_folder
 from roboverse_learn.config.compose import compose
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.merge import merge
@@ -79,6 +79,20 @@ def test_recorded_controls_succeed_in_physics(place):
     assert (summary.num_episodes, summary.outcome) == (2, "2 of 2 recordings show a success")
     info = DatasetInfo.open(place / "controls")
     assert info.read_columns()[INTERVENTION_KEY].all()
+
+
+@pytest.mark.slow
+def test_a_folder_is_named_after_the_number_only_if_it_holds_so_many(place):
+    words = [*SMALL, "source=teleop", f"path={place / 'PickCube' / 'recordings'}"]
+    names = {
+        count: dataset_folder(compose("collect", [*words, f"num_demos={count}"])).name for count in (1, 2, 3)
+    }
+    rest = "level0-mujoco-warp-32px"
+    assert names == {
+        1: f"{rest}-1demos-teleop-recordings",
+        2: f"{rest}-2demos-teleop-recordings",
+        3: f"{rest}-teleop-recordings",
+    }
 
 
 @pytest.mark.slow

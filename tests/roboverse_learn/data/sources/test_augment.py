@@ -17,6 +17,7 @@ from roboverse_learn.data.augmentation.sources import read_sources
 from roboverse_learn.data.sources import SOURCES
 from roboverse_learn.data.sources.augment import AUGMENT_PATH
 from tests.roboverse_learn.data.augmentation.expert_demos import write_demos
+from tests.roboverse_learn.data.importers.test_real_files import real
 
 
 @pytest.fixture(scope="session")
@@ -187,3 +188,25 @@ def test_check_counts_attempts_without_images(demos, caplog):
     ]
     assert check.main([f"from={demos}", "task=PickCube", "episodes=none"]) == 2
     assert "episodes must be a number above 0, given none" in caplog.text
+
+
+@pytest.mark.slow
+def test_what_another_arm_followed_is_augmented(demos, tmp_path, caplog):
+    followed = tmp_path / "ur5e"
+    words = ["source=retarget", f"from={demos}", "task=PickCube", "robot=ur5e", "num_demos=4"]
+    words += ["cameras=[front]", "image_size=32", "num_workers=1", f"dataset={followed}"]
+    assert collect_dataset(compose("collect", words)).num_episodes == 4
+    caplog.set_level("INFO")
+    assert check.main([f"from={followed}", "task=PickCube", "robot=ur5e", "episodes=3"]) == 0
+    assert "PickCube, augment: 3 of 3 kept" in caplog.text
+
+
+@pytest.mark.long
+def test_one_recording_of_a_person_is_augmented(tmp_path, caplog):
+    recorded = real("robosuite_demos/panda_nut-assembly_demo.hdf5")
+    words = ["source=robosuite", f"path={recorded}", "task=NutAssemblySquare", "cameras=[front]"]
+    collect_dataset(compose("collect", [*words, "image_size=32", f"dataset={tmp_path / 'person'}"]))
+    caplog.set_level("INFO")
+    assert check.main([f"from={tmp_path / 'person'}", "task=NutAssemblySquare", "episodes=8"]) == 0
+    (line,) = [record.getMessage() for record in caplog.records if "augment: " in record.getMessage()]
+    assert int(line.partition("augment: ")[2].split()[0]) >= 6, line
