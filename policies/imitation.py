@@ -49,6 +49,19 @@ class ImitationPolicy:
         """Makes an untrained policy; see :func:`policies.create`."""
         raise NotImplementedError
 
+    def begin_with(self, directory: str | Path) -> None:
+        """Takes weights and normalization of a checkpoint, in place of those of an untrained policy.
+
+        Args:
+            directory: A pretrained folder, or a run or checkpoint folder that holds one.
+
+        Raises:
+            PolicyError: if it is of another policy, of other inputs or of a network of another size, or if
+                this policy takes its first weights otherwise.
+        """
+        del directory
+        raise PolicyError(f"policy={self.name} takes no train.resume_from; leave it out.")
+
     @property
     def device(self) -> torch.device:
         """Device of the model."""

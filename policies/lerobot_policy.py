@@ -84,6 +84,20 @@ class LeRobotPolicy(ImitationPolicy):
         own_stats = policy_stats(keys, stats, image_stats)
         return cls(model.eval(), cls.lerobot_processors(model.config, own_stats))
 
+    def begin_with(self, directory: str | Path) -> None:
+        """See :meth:`policies.imitation.ImitationPolicy.begin_with`."""
+        found = type(self).load(directory, str(self.device))
+        own, other = (
+            [f"{key} {feature.shape}" for key, feature in each.features.items()] for each in (self, found)
+        )
+        if own != other:
+            raise PolicyError(
+                f"train.resume_from={directory} is a policy of {', '.join(other)}, and the demonstrations "
+                f"have {', '.join(own)}. Give demonstrations with the same cameras, image size and joints."
+            )
+        checkpoint.load_weights(self.model, found.model.state_dict(), Path(directory))
+        self.preprocessor, self.postprocessor = found.preprocessor, found.postprocessor
+
     @classmethod
     def make_model(cls, config: PreTrainedConfig) -> Any:
         """Returns an untrained model of LeRobot's configuration."""

@@ -102,6 +102,12 @@ class LeRobotZooPolicy(LeRobotPolicy):
         policy._preset = config.use_policy_training_preset
         return policy
 
+    @override
+    def begin_with(self, directory: str | Path) -> None:
+        raise PolicyError(
+            f"policy=lerobot goes on with a checkpoint by policy.path={directory}, not by train.resume_from."
+        )
+
     # --- acting ---------------------------------------------------------------------------------
 
     @property

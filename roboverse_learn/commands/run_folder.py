@@ -21,7 +21,8 @@ from filelock import BaseFileLock
 import policies
 from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, LockedError, RoboVerseError
-from envs.core.fingerprint import digest
+from envs.core.fingerprint import digest, file_hash
+from policies.checkpoint import resolve, weights_path
 from roboverse_learn.config.command_line_keys import at, flat_keys
 from roboverse_learn.config.schema import TrainRunConfig
 from roboverse_learn.config.serialize import from_values, to_values
@@ -66,6 +67,9 @@ def identity(config: TrainRunConfig) -> dict[str, Any]:
         values["policy"].pop("tasks", None)
     if not values["policy"].get("wrong_instructions", True):
         del values["policy"]["wrong_instructions"]
+    given = values["train"].pop("resume_from", "")
+    if given:  # its path differs between machines
+        values["train"]["resume_from"] = file_hash(weights_path(resolve(given)))
     augment, usual = values["train"].get("augment", {}), AugmentConfig()
     for younger in ("hue", "convolution", "overlay", "swap", "swap_camera"):
         if augment.get(younger) == getattr(usual, younger):

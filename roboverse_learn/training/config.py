@@ -103,6 +103,9 @@ class TrainConfig:
         time_limit_s: Stop after so many seconds of training, if not done before, and let the schedule
             end there; None trains all steps. A run that hits its limit is not bit-identical when repeated.
         wandb: Log to Weights & Biases too.
+        resume_from: Checkpoint of the same policy, or its run, whose weights and normalization training
+            begins with, as to go on with corrections; empty begins anew. The optimizer begins anew in both
+            cases.
         augment: Random changes of the training images.
     """
 
@@ -127,6 +130,7 @@ class TrainConfig:
     log_every: int = 50
     time_limit_s: float | None = None
     wandb: bool = False
+    resume_from: str = ""
     augment: AugmentConfig = AugmentConfig()
 
     def __post_init__(self) -> None:

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from safetensors.numpy import load_file
 
 from benchmark.results import read_result
-from policies.checkpoint import learned_tasks, resolve, seen_cameras
+from policies.checkpoint import WEIGHTS, learned_tasks, resolve, seen_cameras
 from roboverse_learn import cli
 from roboverse_learn.commands.run_folder import read_config, read_facts
 from roboverse_learn.data import DatasetInfo
@@ -166,3 +167,13 @@ def test_a_run_does_not_go_on_with_other_demonstrations(
     assert cli.main(words) == 2
     said = capsys.readouterr().err
     assert "was started with the demonstrations" in said and "Add resume=false" in said
+
+
+def test_training_goes_on_from_the_weights_of_another_run(main_run: MainRun, tmp_path: Path) -> None:
+    words = [*WORDS, f"dataset={main_run.dataset}", *folders(tmp_path), "levels=[0]"]
+    words += ["train.steps=1", "train.lr=1e-12", "train.lr_backbone=1e-12", "train.lr_muon=1e-12"]
+    assert cli.main(["train", *words, f"train.resume_from={main_run.run}", f"run={tmp_path / 'run'}"]) == 0
+    before, after = (load_file(resolve(each) / WEIGHTS) for each in (main_run.checkpoint, tmp_path / "run"))
+    assert before.keys() == after.keys()
+    for key, values in before.items():
+        np.testing.assert_allclose(after[key], values, atol=1e-6, err_msg=key)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, override
 import policies
 from envs.core.errors import ConfigError, UnknownNameError
 from policies.base import listed
+from policies.checkpoint import policy_type, resolve
 from policies.learned_tasks import TASK_INDEX
 from roboverse_learn.commands.collected import of_task
 from roboverse_learn.training.imitation.estimate import estimate_training_s, plain_stats
@@ -35,6 +36,8 @@ class ImitationLearner(Learner):
         from roboverse_learn.commands.dataset_layout import dataset_layout
 
         config = self.config
+        if config.train.resume_from:
+            self._check_beginning()
         if self._asks_wrongly:
             for task in self._tasks().values():
                 still_of(task)
@@ -56,6 +59,16 @@ class ImitationLearner(Learner):
         else:
             self._check_images()
             self._check_widths()
+
+    def _check_beginning(self) -> None:
+        """Checks that the checkpoint to begin with is there and of this policy."""
+        given, name = self.config.train.resume_from, self.config.policy_name
+        found = policy_type(resolve(given))
+        if found != name:
+            raise ConfigError(
+                f"train.resume_from={given} is of policy '{found}', and the run trains '{name}'. "
+                f"Give policy={found}, or leave it out."
+            )
 
     @property
     def _asks_wrongly(self) -> bool:
@@ -151,6 +164,8 @@ class ImitationLearner(Learner):
         policy = policies.create(
             name, data.info.features, data.info.stats, self.config.policy, self.device, seed=seed
         )
+        if self.config.train.resume_from:
+            policy.begin_with(self.config.train.resume_from)
         instructions: Any = getattr(data, "instructions", None)
         if instructions is not None:
             if getattr(self.config.policy, "bank_wordings", False):

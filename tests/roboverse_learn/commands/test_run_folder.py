@@ -232,3 +232,14 @@ def test_a_run_that_ended_before_it_was_described_is_continued(tmp_path: Path) -
     (tmp_path / "early/.lock").touch()
     with RunFolder.open(config("run=early"), COMMAND) as run:
         assert (run.folder / CONFIG_FILE).is_file()
+
+
+def test_a_checkpoint_to_begin_with_is_named_by_its_weights_and_not_by_its_path(tmp_path: Path) -> None:
+    for name, weights in (("a", b"1"), ("copy", b"1"), ("b", b"2")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "config.json").write_text("{}")
+        (tmp_path / name / "model.safetensors").write_bytes(weights)
+    names = {name: run_name(config(f"train.resume_from={tmp_path / name}")) for name in ("a", "copy", "b")}
+    assert names["a"] == names["copy"] != names["b"]
+    assert run_name(config()) not in names.values()
+    assert run_name(config("train.resume_from=")) == run_name(config())

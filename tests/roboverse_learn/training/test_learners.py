@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 import policies
-from envs.core.errors import ConfigError, UnknownNameError
+from envs.core.errors import ConfigError, PolicyError, UnknownNameError
 from roboverse_learn import train as command
 from roboverse_learn.config.compose import compose
 from roboverse_learn.training.learners import LEARNERS, AgentLearner, Learner, learner_of
@@ -65,6 +65,18 @@ def test_agents_refuse_several_processes(act_learner, monkeypatch: pytest.Monkey
     monkeypatch.setenv("WORLD_SIZE", "2")
     with pytest.raises(ConfigError, match="policy=act learns in one process; start it without `accelerate"):
         learner_of(compose("train", []), "cpu")
+
+
+def test_a_run_that_goes_on_from_a_checkpoint_of_another_policy_is_refused(tmp_path):
+    given = [f"train.resume_from={tmp_path}"]
+    with pytest.raises(ConfigError, match=r"policy=ppo takes no train\.resume_from"):
+        learner_of(compose("train", ["policy=ppo", "task=control/cartpole", *given]), "cpu")
+    learner = learner_of(compose("train", given), "cpu")
+    with pytest.raises(PolicyError, match=r"has no config\.json"):
+        learner.check()
+    (tmp_path / "config.json").write_text('{"type": "diffusion"}')
+    with pytest.raises(ConfigError, match=r"is of policy 'diffusion', and the run trains 'act'"):
+        learner.check()
 
 
 @pytest.mark.parametrize(
