@@ -87,9 +87,7 @@ class LeRobotPolicy(ImitationPolicy):
     def begin_with(self, directory: str | Path) -> None:
         """See :meth:`policies.imitation.ImitationPolicy.begin_with`."""
         found = type(self).load(directory, str(self.device))
-        own, other = (
-            [f"{key} {feature.shape}" for key, feature in each.features.items()] for each in (self, found)
-        )
+        own, other = ([f"{key} {shape}" for key, shape in each.shapes.items()] for each in (self, found))
         if own != other:
             raise PolicyError(
                 f"train.resume_from={directory} is a policy of {', '.join(other)}, and the demonstrations "

@@ -170,7 +170,7 @@ def test_a_run_does_not_go_on_with_other_demonstrations(
 
 
 def test_training_goes_on_from_the_weights_of_another_run(main_run: MainRun, tmp_path: Path) -> None:
-    words = [*WORDS, f"dataset={main_run.dataset}", *folders(tmp_path), "levels=[0]"]
+    words = [*TINY, f"dataset={main_run.dataset}", *folders(tmp_path), "levels=[0]"]
     words += ["train.steps=1", "train.lr=1e-12", "train.lr_backbone=1e-12", "train.lr_muon=1e-12"]
     assert cli.main(["train", *words, f"train.resume_from={main_run.run}", f"run={tmp_path / 'run'}"]) == 0
     before, after = (load_file(resolve(each) / WEIGHTS) for each in (main_run.checkpoint, tmp_path / "run"))

@@ -54,6 +54,9 @@ class PickCube(So101Task):
         approach_noise_m: Standard deviation of where the expert begins to come down on the cube.
         near_noise_m: Standard deviation of where it is once more off, just above the cube: its correction is
             what a policy must do there, for the open hand fits over the cube within 8 mm.
+        turn_miss_rad: Largest angle by which the hand is turned wrongly above the cube, in half of the
+            episodes. The expert takes the smaller of two good turns, and a policy that sees a cube halfway
+            between them makes neither; from the correction it learns to turn to the nearer one.
     """
 
     name: ClassVar[str] = "so101/pick_cube"
@@ -67,6 +70,7 @@ class PickCube(So101Task):
     lift_m: float = 0.04
     approach_noise_m: float = 0.008
     near_noise_m: float = 0.0
+    turn_miss_rad: float = 0.0
 
     @property
     @override
@@ -107,9 +111,12 @@ class PickCube(So101Task):
         middle = hold_point(pos)
         up = lifted(middle, middle[2] + self.lift_m + 0.01)
         off = rng.normal(0.0, self.near_noise_m, 2) if self.near_noise_m else None
+        turned = 0.0
+        if self.turn_miss_rad and rng.uniform() < 0.5:
+            turned = rng.uniform(-self.turn_miss_rad, self.turn_miss_rad)
         return [
             *_clear(self.commanded(state)),
-            *grasp(middle, HALF_M, yaw, above, travel_s(hand, above, 0.4), off),
+            *grasp(middle, HALF_M, yaw, above, travel_s(hand, above, 0.4), off, turned),
             Waypoint(pos=up, yaw=yaw, gripper=CLOSED_M, duration_s=0.7, hold_s=0.2),
         ]
 

@@ -107,6 +107,7 @@ def grasp(
     above: np.ndarray,
     come_s: float,
     off_m: np.ndarray | None = None,
+    turned_rad: float = 0.0,
 ) -> list[Waypoint]:
     """Returns the way of an open hand to a thing and of its fingers round it.
 
@@ -118,21 +119,24 @@ def grasp(
         come_s: Time to come there.
         off_m: How far the hand is off when its fingers are just above the thing, m, (2,), which it corrects;
             without it the hand comes straight down.
+        turned_rad: How far the hand is turned too much above the thing, which it then corrects.
     """
     open_at = beside(middle, half_width_m, yaw, 0.006)
     held_at = beside(middle, half_width_m, yaw)
     return [
-        Waypoint(pos=above, yaw=yaw, gripper=OPEN_M, duration_s=come_s),
-        *_come_down(open_at, yaw, float(above[2]), off_m),
+        Waypoint(pos=above, yaw=yaw + turned_rad, gripper=OPEN_M, duration_s=come_s + 0.4 * abs(turned_rad)),
+        *_come_down(open_at, yaw, float(above[2]), off_m, 0.2 + abs(turned_rad)),
         Waypoint(pos=open_at, yaw=yaw, gripper=OPEN_M, duration_s=0.5, hold_s=0.07),
         Waypoint(pos=held_at, yaw=yaw, gripper=OPEN_M, duration_s=0.2),
         Waypoint(pos=held_at, yaw=yaw, gripper=CLOSED_M, duration_s=0.2, hold_s=0.2),
     ]
 
 
-def _come_down(open_at: np.ndarray, yaw: float, height_m: float, off_m: np.ndarray | None) -> list[Waypoint]:
+def _come_down(
+    open_at: np.ndarray, yaw: float, height_m: float, off_m: np.ndarray | None, over_s: float
+) -> list[Waypoint]:
     """Returns the way to straight above the place where the hand takes hold; see :func:`grasp`."""
-    over = Waypoint(pos=lifted(open_at, height_m), yaw=yaw, gripper=OPEN_M, duration_s=0.2)
+    over = Waypoint(pos=lifted(open_at, height_m), yaw=yaw, gripper=OPEN_M, duration_s=over_s)
     if off_m is None:
         return [over]
     near = lifted(open_at, NEAR_M)

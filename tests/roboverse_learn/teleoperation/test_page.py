@@ -181,7 +181,7 @@ def test_mouse_pads_and_a_phones_orientation_steer(folder, book):
             await page.value(ORIENTATION % 90)  # no pad is held
             await asyncio.sleep(0.3)
             assert turn(session) == pytest.approx(stopped, abs=0.01)
-            assert set(session._devices) == {"mouse", "phone"}
+            assert set(session._devices) >= {"mouse", "phone"}
             assert not page.problems, page.problems
 
     asyncio.run(asyncio.wait_for(body(), 150))

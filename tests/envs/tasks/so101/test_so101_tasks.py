@@ -127,6 +127,28 @@ def test_the_expert_solves_its_first_starts(name):
 
 
 @pytest.mark.slow
+def test_the_expert_corrects_a_hand_that_is_turned_wrongly_above_the_cube():
+    env = EnvSpec(task="so101/pick_cube", task_kwargs={"turn_miss_rad": 0.7}).make(8, observation="state")
+    try:
+        task = env.task
+        env.reset_envs(list(range(8)), env.split_indices[:8].tolist())
+        states = env.get_states(np.arange(8))
+        wrong = []
+        for row in range(8):
+            ways = task.expert(states.select([row]), np.random.default_rng(row))
+            low = [way for way in ways if way.pos[2] < 0.03]
+            assert {round(way.yaw, 6) for way in low} == {round(low[0].yaw, 6)}, (
+                "it is right before it comes down"
+            )
+            wrong.append(abs(ways[0].yaw - low[0].yaw))
+        assert 0.0 in wrong and 0.1 < max(wrong) <= 0.7
+        done = list(expert_episodes(env, env.split_indices[:8].tolist(), record=()))
+    finally:
+        env.close()
+    assert all(episode.success for episode in done)
+
+
+@pytest.mark.slow
 def test_recorded_states_are_what_every_live_observation_shows(tmp_path):
     """A dataset in other units than the observations of an evaluation trains a policy that fails in all."""
     spec = EnvSpec(task="so101/pick_cube", image_size=32)
