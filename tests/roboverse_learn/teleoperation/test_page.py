@@ -170,14 +170,18 @@ def test_mouse_pads_and_a_phones_orientation_steer(folder, book):
             before = turn(session)
             await page.value("document.getElementById('phone').click()")
             await page.mouse("mousePressed", *away, buttons=1)  # the middle of a pad: held, and no motion
+            await page.until(f"document.getElementById('{pads}').classList.contains('held')")
             await page.value(ORIENTATION % 350)
-            for alpha in (355, 0, 5, 10):
-                await page.value(ORIENTATION % alpha)
+            sent = 0
+            while turn(session) - before < math.radians(15):
+                assert sent < 170, await page.value("document.body.dataset.phase")
+                sent += 5
+                await page.value(ORIENTATION % ((350 + sent) % 360))
                 await asyncio.sleep(0.1)
-            await eventually(lambda: turn(session) - before > math.radians(15))
-            assert turn(session) - before < math.radians(25)
             await page.mouse("mouseReleased", *away, buttons=1)
+            await asyncio.sleep(0.5)
             stopped = turn(session)
+            assert stopped - before < math.radians(sent + 5)
             await page.value(ORIENTATION % 90)  # no pad is held
             await asyncio.sleep(0.3)
             assert turn(session) == pytest.approx(stopped, abs=0.01)
