@@ -54,6 +54,7 @@ def run(folder: Path, number: int, options: dict[str, str]) -> int:
 
 def squeue(folder: Path) -> int:
     if (folder / "down").exists():
+        (folder / "refused").touch()
         print("no contact", file=sys.stderr)
         return 1
     for state in sorted(folder.glob("*.state")):

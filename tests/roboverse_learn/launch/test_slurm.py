@@ -117,22 +117,31 @@ def test_a_setup_that_fails_is_the_end_of_the_job(cluster, logs, tmp_path):
 
 
 @pytest.mark.slow
-def test_an_interrupted_sweep_watches_its_jobs_again_and_submits_none_twice(cluster, logs, monkeypatch):
-    jobs = [ShellJob("long", ("sleep 1; echo once",)), ShellJob("next", ("echo twice",), "long")]
-    with monkeypatch.context() as patched:
-        patched.setattr("roboverse_learn.launch.slurm.time.sleep", _interrupt)
-        with pytest.raises(KeyboardInterrupt):
-            run(jobs, logs)
+def test_an_interrupted_sweep_watches_its_jobs_again_and_submits_none_twice(
+    cluster, logs, tmp_path, monkeypatch
+):
+    go = tmp_path / "go"
+    waits = f"while [ ! -e {go} ]; do sleep 0.02; done; echo once"
+    jobs = [ShellJob("long", (waits,)), ShellJob("next", ("echo twice",), "long")]
+
+    def interrupt(_seconds):
+        raise KeyboardInterrupt
+
+    def let_go(seconds):
+        go.touch()
+        real_sleep(seconds)
+
+    real_sleep = time.sleep
+    monkeypatch.setattr("roboverse_learn.launch.slurm.time.sleep", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        run(jobs, logs)
+    monkeypatch.setattr("roboverse_learn.launch.slurm.time.sleep", let_go)
     assert run(jobs, logs) == {"long": 0, "next": 0}
     assert len(submitted(cluster)) == 2
     assert (logs / "long.log").read_text() == "once\n"
     other = [ShellJob("long", ("echo other words",))]  # no work of the one that ended
     assert run(other, logs) == {"long": 0}
     assert len(submitted(cluster)) == 3
-
-
-def _interrupt(_seconds):
-    raise KeyboardInterrupt
 
 
 @pytest.mark.slow
@@ -148,8 +157,8 @@ def test_a_job_that_slurm_kills_has_failed(cluster, logs, tmp_path):
 
 @pytest.mark.slow
 def test_a_queue_that_does_not_answer_for_a_while_ends_no_job(cluster, logs, caplog):
-    down = cluster / "down"
-    job = ShellJob("a", (f"touch {down}; sleep 0.7; rm {down}; sleep 0.3",))
+    down, refused = cluster / "down", cluster / "refused"
+    job = ShellJob("a", (f"touch {down}; while [ ! -e {refused} ]; do sleep 0.02; done; rm {down}",))
     assert run([job], logs) == {"a": 0}
     assert "squeue failed and is tried again: no contact" in caplog.text
 
