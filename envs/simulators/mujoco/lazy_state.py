@@ -62,12 +62,15 @@ class ArrayEntity(EntityState):
         self._arrays, self._readers = arrays, readers
 
     def __getattr__(self, name: str) -> Any:
+        value = self._made(name)  # set once, as it stays: another thread may read the field meanwhile
+        setattr(self, name, value)
+        return value
+
+    def _made(self, name: str) -> Any:
         reader = None if name == "_readers" else self._readers.get(name)
         if reader is None:
             raise AttributeError(name)
-        value = reader(self._arrays)
-        setattr(self, name, value)
-        return value
+        return reader(self._arrays)
 
     @override
     def arrays(self) -> EntityState:
@@ -82,12 +85,10 @@ class ReadEntity(ArrayEntity):
 
     __slots__ = ()
 
-    def __getattr__(self, name: str) -> Any:
-        value = super().__getattr__(name)
-        if value is not None:
-            value = torch.from_numpy(value)
-            setattr(self, name, value)
-        return value
+    @override
+    def _made(self, name: str) -> Any:
+        value = super()._made(name)
+        return None if value is None else torch.from_numpy(value)
 
     @override
     def arrays(self) -> EntityState:

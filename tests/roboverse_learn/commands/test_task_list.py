@@ -120,7 +120,7 @@ def test_words_that_no_task_has_are_named(capsys):
     [
         ("dataset_dir=x", "Unknown key of list 'dataset_dir'. Did you mean 'datasets_dir'?"),
         ("task", "Unknown kind of thing to list 'task'. Did you mean 'tasks'?"),
-        ("verbose", "Valid: channels, levels, policies, presets, protocols, renderers, robots, simulators, "),
+        ("verbose", "Valid: channels, launchers, levels, policies, presets, protocols, "),
     ],
 )
 def test_another_word_of_list_is_a_mistake(word, message, capsys):
