@@ -8,6 +8,7 @@ from torch import Tensor
 
 from envs.controllers import HandDeltaController
 from envs.joint_readings import target_readings
+from envs.kinematics.forward import from_rotation_vector
 from envs.scenario import RobotCfg
 from envs.simulators.base import EnvIds, Handler
 from envs.state import State
@@ -75,7 +76,7 @@ class HandPoseController(HandDeltaController):
         start = q = posture[:, ik.chain.columns]
         now = ik.chain(q)
         pos = now.pos + self.delta_m * given[:, :3]
-        rot = _turns(self.delta_rad * given[:, 3:6]) @ now.rot
+        rot = from_rotation_vector(self.delta_rad * given[:, 3:6]) @ now.rot
         for step in range(_ITERATIONS):
             q = q + ik.change(q, ik.chain(q) if step else now, pos, rot)
         way = (q - start) * given[:, :6].ne(0.0).any(1, keepdim=True)
@@ -110,11 +111,3 @@ class HandPoseController(HandDeltaController):
         posture = joints.to(torch.float64, copy=True)
         posture[:, self._driven] = targets.to(posture)
         return posture
-
-
-def _turns(vectors: Tensor) -> Tensor:
-    """Returns the rotation matrices (N, 3, 3) of rotation vectors (N, 3), rad."""
-    x, y, z = vectors.unbind(-1)
-    zero = torch.zeros_like(x)
-    skew = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).unflatten(-1, (3, 3))
-    return torch.linalg.matrix_exp(skew)

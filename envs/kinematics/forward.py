@@ -119,3 +119,11 @@ def rotation_vector(rot: Tensor) -> Tensor:
     cosine = 0.5 * (rot.diagonal(dim1=-2, dim2=-1).sum(-1, keepdim=True) - 1.0)
     angle = torch.atan2(sine, cosine)
     return torch.where(sine > 1e-9, angle / sine.clamp(min=1e-9), torch.ones_like(sine)) * 0.5 * skew
+
+
+def from_rotation_vector(vectors: Tensor) -> Tensor:
+    """Returns the rotation matrices (N, 3, 3) of rotation vectors (N, 3), rad: axis times angle."""
+    x, y, z = vectors.unbind(-1)
+    zero = torch.zeros_like(x)
+    skew = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).unflatten(-1, (3, 3))
+    return torch.linalg.matrix_exp(skew)

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from envs.array_ops import Array
 from envs.controllers import HandDeltaController
-from envs.kinematics.forward import rotation_vector
+from envs.kinematics.forward import from_rotation_vector, rotation_vector
 from envs.rotations import to_matrix
 from envs.scenario import RobotCfg
 from envs.simulators.base import EnvIds, Handler
@@ -154,13 +154,13 @@ class PoseDeltaController(_DeltaController):
         vector = rotation_vector(self._base.T @ then.rot @ now.rot.transpose(1, 2) @ self._base) / share
         # Of a turn that is cut, no longer than an entry of 1, Euler angles are as good as proportional.
         longest = vector.norm(dim=1, keepdim=True).clamp(min=DELTA_RAD)
-        euler = _euler_of(torch.linalg.matrix_exp(_skew(vector / longest * DELTA_RAD))) * longest / DELTA_RAD
+        euler = _euler_of(from_rotation_vector(vector / longest * DELTA_RAD)) * longest / DELTA_RAD
         return torch.cat([moved, -euler / DELTA_RAD], 1)
 
 
 def _of_euler(angles: Tensor) -> Tensor:
     """Returns ``R_x R_y R_z`` (N, 3, 3) of angles (N, 3), rad."""
-    x, y, z = (torch.linalg.matrix_exp(_skew(angles * axis)) for axis in torch.eye(3).to(angles))
+    x, y, z = (from_rotation_vector(angles * axis) for axis in torch.eye(3).to(angles))
     return x @ y @ z
 
 
@@ -170,10 +170,3 @@ def _euler_of(rot: Tensor) -> Tensor:
     return torch.stack(
         [torch.atan2(-rot[:, 1, 2], rot[:, 2, 2]), y, torch.atan2(-rot[:, 0, 1], rot[:, 0, 0])], 1
     )
-
-
-def _skew(vectors: Tensor) -> Tensor:
-    """Returns the matrices (N, 3, 3) of cross products with vectors (N, 3)."""
-    x, y, z = vectors.unbind(-1)
-    zero = torch.zeros_like(x)
-    return torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).unflatten(-1, (3, 3))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from envs.kinematics.forward import KinematicChain, rotation_vector
+from envs.kinematics.forward import KinematicChain, from_rotation_vector, rotation_vector
 from envs.mjcf.layout import layout_of
 from envs.mjcf.model import build_model
 from envs.robots.franka import FRANKA
@@ -69,3 +69,4 @@ def test_a_rotation_vector_is_axis_times_angle(angle):
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     rot = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
     np.testing.assert_allclose(rotation_vector(torch.from_numpy(rot)), angle * axis, atol=1e-9)
+    np.testing.assert_allclose(from_rotation_vector(torch.from_numpy(angle * axis)[None])[0], rot, atol=1e-9)
