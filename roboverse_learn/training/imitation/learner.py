@@ -57,8 +57,9 @@ class ImitationLearner(Learner):
         if config.dataset:
             self._check_demonstrated()
         else:
-            self._check_images()
-            self._check_widths()
+            tasks = self._tasks()
+            self._check_images(tasks)
+            self._check_widths(tasks)
 
     def _check_beginning(self) -> None:
         """Checks that the checkpoint to begin with is there and of this policy."""
@@ -77,10 +78,10 @@ class ImitationLearner(Learner):
     def _tasks(self) -> "dict[str, Task]":
         return {name: of_task(self.config, name).env.make_task() for name in self.config.tasks}
 
-    def _check_images(self) -> None:
+    def _check_images(self, tasks: "Mapping[str, Task]") -> None:
         """Checks that the cameras of a run are those of each of its tasks, with images of one size."""
         env, sizes = self.config.env, {}
-        for name, task in self._tasks().items():
+        for name, task in tasks.items():
             try:
                 seen = task.scenario.seen_by(env.cameras, env.image_size).cameras
             except UnknownNameError as error:
@@ -90,24 +91,22 @@ class ImitationLearner(Learner):
                     f"{name} has {present}. Name those, or give cameras=[all]."
                 ) from error
             sizes[name] = ", ".join(f"{camera.name} of {camera.width} × {camera.height}" for camera in seen)
-        first = self.config.tasks[0]
-        other = next((name for name in sizes if sizes[name] != sizes[first]), None)
+        first, other = _first_and_unlike(sizes)
         if other is not None:
             raise ConfigError(
                 f"{first} and {other} cannot be learned together: one has the images {sizes[first]}, the "
                 f"other {sizes[other]}. Give cameras that both have, or learn tasks of one suite together."
             )
 
-    def _check_widths(self) -> None:
+    def _check_widths(self, tasks: "Mapping[str, Task]") -> None:
         """Checks that tasks have states and actions of one width, for a policy that pads none."""
         if getattr(type(self.config.policy), "pads_tasks", False):
             return
         widths = {
             name: f"{len(task.state_names)} numbers of state and {len(task.controller.names)} of action"
-            for name, task in self._tasks().items()
+            for name, task in tasks.items()
         }
-        first = self.config.tasks[0]
-        other = next((name for name in widths if widths[name] != widths[first]), None)
+        first, other = _first_and_unlike(widths)
         if other is not None:
             raise ConfigError(
                 f"policy={self.config.policy_name} learns tasks of one width together, and {first} has "
@@ -187,3 +186,9 @@ class ImitationLearner(Learner):
             return Mixture.open(folders, self.device)
         (folder,) = folders.values()
         return ResidentDataset(folder, device=self.device)
+
+
+def _first_and_unlike(of_tasks: "Mapping[str, str]") -> tuple[str, str | None]:
+    """Returns the first task, and the first one of which something else is so; None where all are alike."""
+    first = next(iter(of_tasks))
+    return first, next((name for name in of_tasks if of_tasks[name] != of_tasks[first]), None)
