@@ -71,7 +71,7 @@ def identity(config: TrainRunConfig) -> dict[str, Any]:
     if given:  # its path differs between machines
         values["train"]["resume_from"] = file_hash(weights_path(resolve(given)))
     augment, usual = values["train"].get("augment", {}), AugmentConfig()
-    for younger in ("hue", "convolution", "overlay", "swap", "swap_camera"):
+    for younger in ("hue", "convolution", "overlay", "tone", "shadow", "swap", "swap_camera"):
         if augment.get(younger) == getattr(usual, younger):
             del augment[younger]
     return {key: at(values, key) for key in flat_keys(values) if key not in _FREE_KEYS}

@@ -25,6 +25,9 @@ class AugmentConfig:
         convolution: Share of the samples whose images are mixed, in random proportion, with their convolution
             by a random 3x3 filter of the same mean and contrast (arXiv:2007.13003, section 3).
         overlay: Largest opacity of random, smooth colours that are laid over the image.
+        tone: Share of the samples whose luma follows a random curve, at the same chroma: a shadow is then as
+            often lighter than what it falls on as darker.
+        shadow: Share of the samples on whose images random spots are darkened.
         swap: Share of the samples in which ``swap_camera`` shows what it shows in another sample: a policy
             learns to look at it less.
         swap_camera: Name of that camera.
@@ -37,6 +40,8 @@ class AugmentConfig:
     hue: float = 0.0
     convolution: float = 0.0
     overlay: float = 0.0
+    tone: float = 0.0
+    shadow: float = 0.0
     swap: float = 0.0
     swap_camera: str = "front"
 
@@ -47,7 +52,8 @@ class AugmentConfig:
             value = getattr(self, name)
             if not 0.0 <= value < 1.0:
                 raise ConfigError(f"augment.{name} must be from 0 (off) to below 1, given {value}.")
-        for name, most in (("hue", 0.5), ("convolution", 1.0), ("overlay", 1.0), ("swap", 1.0)):
+        shares = ("convolution", "overlay", "tone", "shadow", "swap")
+        for name, most in (("hue", 0.5), *((share, 1.0) for share in shares)):
             if not 0.0 <= getattr(self, name) <= most:
                 raise ConfigError(
                     f"augment.{name} must be from 0 (off) to {most:g}, given {getattr(self, name)}."
@@ -56,7 +62,7 @@ class AugmentConfig:
     @property
     def recolours(self) -> bool:
         """Whether colours are changed."""
-        mixed = self.convolution, self.overlay
+        mixed = self.convolution, self.overlay, self.tone, self.shadow
         return any((self.brightness, self.contrast, self.saturation, self.hue, *mixed))
 
     @property

@@ -43,6 +43,10 @@ def augment(images: Tensor, config: AugmentConfig, camera: str = "") -> Tensor:
         images = _convolved(images, config.convolution)
     if config.overlay:
         images = torch.lerp(images, _smooth_colours(images), config.overlay * _per_sample(images, torch.rand))
+    if config.tone:
+        images = _toned(images, config.tone)
+    if config.shadow:
+        images = _shadowed(images, config.shadow)
     # Brightness leaves the grey of an image to the two after it, so the order is fixed.
     images = _blend(images, config.brightness, torch.zeros_like)
     images = _blend(images, config.contrast, lambda x: _grey(x).mean(dim=(-1, -2), keepdim=True))
@@ -116,6 +120,34 @@ def _smooth_colours(images: Tensor) -> Tensor:
         drawn = torch.rand(len(images), 3, spots, spots, device=images.device)
         total = total + functional.interpolate(drawn, images.shape[-2:], mode="bilinear")
     return (total / 2.0).reshape(len(images), *[1] * (images.ndim - 4), *images.shape[-3:])
+
+
+_KNOTS = 6
+"""Values of a random curve of luma, between which it is linear."""
+
+
+def _toned(images: Tensor, share: float) -> Tensor:
+    """Moves the luma of a share of the samples along a random curve; chroma stays."""
+    luma = _grey(images)
+    heights = torch.rand([_KNOTS, len(images)] + [1] * (images.ndim - 1), device=images.device)
+    place = luma * (_KNOTS - 1)
+    moved = torch.zeros_like(luma)
+    for knot, height in enumerate(heights):
+        moved = moved + height * (1.0 - (place - knot).abs()).clamp_(min=0.0)
+    return (images + (moved - luma) * (_per_sample(images, torch.rand) < share)).clamp_(0.0, 1.0)
+
+
+def _shadowed(images: Tensor, share: float) -> Tensor:
+    """Darkens random spots with soft edges in a share of the samples, each by a factor of its own."""
+    drawn = torch.rand(len(images), 1, 6, 6, device=images.device)
+    spots = functional.interpolate(drawn, images.shape[-2:], mode="bilinear")
+    spots = (
+        ((spots - 0.6) * 12.0)
+        .clamp_(0.0, 1.0)
+        .reshape(len(images), *[1] * (images.ndim - 3), *images.shape[-2:])
+    )
+    depth = 0.9 * _per_sample(images, torch.rand) * (_per_sample(images, torch.rand) < share)
+    return images * (1.0 - depth * spots)
 
 
 _TO_YIQ = ((0.299, 0.587, 0.114), (0.5959, -0.2746, -0.3213), (0.2115, -0.5227, 0.3112))

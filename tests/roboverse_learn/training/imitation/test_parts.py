@@ -87,6 +87,8 @@ STRONG = (
     {"hue": 0.2},
     {"convolution": 1.0},
     {"overlay": 0.6},
+    {"tone": 1.0},
+    {"shadow": 1.0},
     {"swap": 0.9, "swap_camera": "side"},
     {"hue": 0.1, "convolution": 0.5, "overlay": 0.3, "brightness": 0.5, "shift_px": 2},
 )
@@ -123,6 +125,32 @@ def test_a_random_filter_keeps_mean_and_contrast():
     mixed = augment(images, AugmentConfig(convolution=1.0))
     torch.testing.assert_close(mixed.mean((1, 2, 3)), (images / 255).mean((1, 2, 3)), atol=1e-4, rtol=0)
     assert (mixed.std((1, 2, 3)) < 1.01 * (images / 255).std((1, 2, 3))).all()
+
+
+def test_a_random_tone_moves_equal_luma_alike_and_leaves_chroma():
+    torch.manual_seed(0)
+    left = torch.tensor([100, 110, 105], dtype=torch.uint8).reshape(1, 3, 1, 1).expand(64, 3, 4, 4)
+    right = left + 40
+    images = torch.cat([left, right, left], -1)
+    moved = augment(images, AugmentConfig(tone=1.0)) - images / 255
+    inside = (moved + images / 255 > 0).all(1) & (moved + images / 255 < 1).all(
+        1
+    )  # not cut off at black or white
+    torch.testing.assert_close((moved[:, 0] * inside), (moved[:, 2] * inside), atol=1e-5, rtol=0)
+    torch.testing.assert_close(moved[..., :4], moved[..., 8:], atol=1e-6, rtol=0)
+    lighter = (images / 255 + moved).mean(1)[:, 0]
+    share = (lighter[:, 4] < lighter[:, 0]).float().mean()
+    assert 0.25 < share < 0.75, "what was darker is lighter about as often"
+
+
+def test_random_shadows_darken_a_share_of_the_samples_and_brighten_nothing():
+    torch.manual_seed(0)
+    images = torch.full((200, 3, 16, 16), 200, dtype=torch.uint8)
+    shadowed = augment(images, AugmentConfig(shadow=0.5))
+    assert (shadowed <= images / 255).all()
+    touched = (shadowed < images / 255 - 0.01).flatten(1).any(1)
+    assert 60 < int(touched.sum()) < 140
+    assert (shadowed[touched] == 200 / 255).flatten(1).any(1).all(), "some of each image stays"
 
 
 def test_one_camera_shows_other_samples_in_a_share_of_them():
