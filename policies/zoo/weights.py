@@ -10,6 +10,9 @@ from torch import Tensor
 from envs.core.errors import PolicyError
 from policies import checkpoint
 
+_CHOSEN_TYPES = ("float32", "bfloat16")
+"""Values of LeRobot's setting ``dtype`` by which a policy casts its network; eo1 has auto besides."""
+
 
 def read_tensors(path: Path) -> dict[str, Tensor]:
     """Reads the tensors of a safetensors file, or of all files that an index names.
@@ -28,6 +31,8 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
 
 def load_tensors(model: Any, tensors: Mapping[str, Tensor], path: Path) -> None:
     """Copies the tensors of a checkpoint into a model, whose parameters take the checkpoint's types.
+
+    Where the configuration names a type, as ``policy.dtype=bfloat16`` does, they keep that.
 
     LeRobot returns a π0 with random weights where the file is absent or does not fit; here this is an error.
 
@@ -57,8 +62,9 @@ def load_tensors(model: Any, tensors: Mapping[str, Tensor], path: Path) -> None:
             "checkpoint."
         )
     parameters = dict(model.named_parameters(remove_duplicate=False))
+    is_chosen = getattr(getattr(model, "config", None), "dtype", "auto") in _CHOSEN_TYPES
     for key, value in given.items():
-        if key in parameters and parameters[key].dtype != value.dtype:
+        if key in parameters and parameters[key].dtype != value.dtype and not is_chosen:
             parameters[key].data = parameters[key].data.to(value.dtype)
     model.load_state_dict(given, strict=False)
 

@@ -101,3 +101,19 @@ def test_the_main_command_trains_what_normalizes_by_quantiles(tmp_path, monkeypa
     given = ["policy=lerobot", "type=pi05", *words, "levels=[0]", "train.steps=2", "run=pi05"]
     assert cli.main(["train", *given, *own]) == 0, capsys.readouterr().err
     assert list(tmp_path.glob("results/v*/PickCube/pi05/pi05.json"))
+
+
+@needs(*packages_of_type("pi05"))
+def test_a_chosen_type_of_numbers_is_kept_in_fine_tuning(tmp_path, monkeypatch):
+    """``policy.dtype=bfloat16`` halves the memory of weights that were published in fp32."""
+    settings = tiny.paligemma(tmp_path / "tokenizer")
+    tiny.shrink_pi(monkeypatch, "lerobot.policies.pi05.modeling_pi05")
+    vla.create(type="pi05", settings=settings, tokenizer=str(tmp_path / "tokenizer")).save(tmp_path / "base")
+    chosen = vla.create(path=str(tmp_path / "base"), settings={"dtype": "bfloat16"})
+    types = {str(each.dtype) for each in chosen.model.parameters()}
+    assert types == {"torch.bfloat16", "torch.float32"}  # LeRobot leaves norms and embeddings in fp32
+    assert np.isfinite(vla.step(chosen)).all()
+    chosen.save(tmp_path / "tuned")
+    loaded = policies.load(tmp_path / "tuned")
+    own = {key: value.dtype for key, value in chosen.state_dict().items()}
+    assert {key: value.dtype for key, value in loaded.state_dict().items()} == own
