@@ -1,50 +1,37 @@
 """CALVIN's long-horizon evaluation: chains of five instructions in scene D, one state after another.
 
-``python -m benchmark.calvin_chains policy=expert chains=1000`` runs the authors' chains, 360 steps an
-instruction at most, prints what their evaluation prints, and keeps each chain's result in a file; run again,
-it resumes. ``checkpoint=<folder>`` evaluates a trained policy.
+``roboverse evaluate suite=calvin chains=1000`` runs the authors' chains, at most 360 steps each, and
+prints what their evaluation prints.
 """
 
 import logging
-import shlex
-import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, fields
 from typing import Any, override
 
 import numpy as np
 
 from benchmark.chain_results import ChainResults
-from benchmark.provenance import portable
-from benchmark.runner import PolicyActor
+from benchmark.runner import EXPERT, Baseline, actor_of
 from envs.batched_env import StepResult
-from envs.core.arguments import run_program
-from envs.core.errors import ConfigError
-from envs.core.fingerprint import digest, file_hash
-from envs.core.git import git_sha
 from envs.randomization import channel_rng
 from envs.rollout import Actor, Episode, rollout
-from envs.spec import EnvSpec
 from envs.state import State
+from envs.tasks import TASKS
 from envs.tasks.calvin import memory
 from envs.tasks.calvin.catalogue import Entry, task_facts
 from envs.tasks.calvin.rules import met
-from envs.tasks.calvin.sequences import CHAIN_LENGTH, NUM_CHAINS, STEPS_PER_TASK, Chain, all_chains
+from envs.tasks.calvin.sequences import CHAIN_LENGTH, STEPS_PER_TASK, Chain, all_chains
 from envs.tasks.calvin.starts import protocol_state
-from envs.tasks.waypoint_planner import WaypointPlanner
+from envs.tasks.planner import Planner
 from envs.vector_env import RoboVerseVectorEnv
+from policies.base import Policy
 
 logger = logging.getLogger(__name__)
 
-_COMMAND = "python -m benchmark.calvin_chains"
-
 ENV_TASK = Entry("D", "open_drawer").name
 """Any task of the scene: what counts is checked here."""
-
-PROTOCOL_SEED = 0
-"""Seeds the expert's, or the policy's, random numbers."""
 
 
 @dataclass(slots=True)
@@ -143,7 +130,7 @@ class ChainExpert(Actor):
 
     def __init__(self, env: ChainEnv) -> None:
         self._env = env
-        self._planners: dict[str, WaypointPlanner] = {}
+        self._planners: dict[str, Planner] = {}
 
     @override
     def begin(self, episodes: Sequence[Episode]) -> None:
@@ -153,21 +140,17 @@ class ChainExpert(Actor):
     @override
     def act(self, episodes: Sequence[Episode], states: Callable[[], State]) -> list[np.ndarray]:
         present = states()
-        return [
+        plans = [
             self._planner(self._env.task_of(episode.env_id)).plan(present.select([row]), episode.memory)
             for row, episode in enumerate(episodes)
         ]
+        return [self._env.controller.of_joint_targets(plan) for plan in plans]
 
-    def _planner(self, task: str) -> WaypointPlanner:
+    def _planner(self, task: str) -> Planner:
         if task not in self._planners:
-            from envs.tasks.calvin.expert import plan
-
-            robot = self._env.task.robot
-
-            def expert(state: State, rng: np.random.Generator):
-                return plan("D", task, robot, state, rng)
-
-            self._planners[task] = WaypointPlanner(self._env.scenario, expert)
+            own = self._env.task
+            options = {item.name: getattr(own, item.name) for item in fields(own) if item.init}
+            self._planners[task] = TASKS.get(Entry("D", task).name)(**options).planner
         return self._planners[task]
 
 
@@ -176,7 +159,7 @@ def run_chains(env: ChainEnv, actor: Actor, indices: Iterable[int]) -> Iterator[
 
     Args:
         env: The environments.
-        actor: Chooses actions: a :class:`ChainExpert`, or a policy's.
+        actor: Chooses actions; see :func:`chain_actor`.
         indices: Which chains.
     """
 
@@ -233,82 +216,34 @@ class ChainScores:
         return "\n".join(lines)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ChainSettings:
-    """Settings of the command.
-
-    Attributes:
-        policy: ``expert``; empty takes ``checkpoint``.
-        checkpoint: Folder of a trained policy.
-        chains: How many of the protocol's 1,000 chains.
-        first: Index of the first of them.
-        num_envs: Environments stepped at once.
-        looks: What is rendered for a policy; see :class:`~envs.tasks.calvin.task.CalvinTask`.
-        action_space: ``joints`` or ``native``, as the policy was trained; the expert's are joints.
-        observation_space: Likewise.
-        cameras: Cameras of a policy; none takes those that the checkpoint saw.
-        image_size: Pixels along the shorter side of their images; 0 takes what the checkpoint saw.
-        device: Device of a policy.
-        results: File of results.
-    """
-
-    policy: str = "expert"
-    checkpoint: str = ""
-    chains: int = NUM_CHAINS
-    first: int = 0
-    num_envs: int = 4
-    looks: str = "boxes"
-    action_space: str = "joints"
-    observation_space: str = "joints"
-    cameras: tuple[str, ...] = ()
-    image_size: int = 0
-    device: str = "cpu"
-    results: Path = Path("results/calvin_chains.json")
+def chain_actor(policy: Policy | Baseline, env: ChainEnv) -> Actor:
+    """Returns the actor of a policy or a baseline in chains."""
+    if isinstance(policy, Baseline) and policy.name == EXPERT:
+        return ChainExpert(env)
+    evaluated: Any = env  # passes on what it lacks
+    return actor_of(policy, evaluated, env.protocol_seed, "chains")
 
 
-def main(words: Sequence[str] | None = None) -> int:
-    """Runs the chains that have no result yet; returns the exit code."""
-    given = sys.argv[1:] if words is None else words
-
-    def run(settings: ChainSettings) -> None:
-        _check(settings)
-        logger.info("%s", evaluate(settings, given).text())
-
-    return run_program(_COMMAND, ChainSettings, run, given)
-
-
-def _check(settings: ChainSettings) -> None:
-    if not 1 <= settings.chains <= NUM_CHAINS - settings.first <= NUM_CHAINS:
-        raise ConfigError(
-            f"first and chains name some of the {NUM_CHAINS} chains, counted from 0: chains is from 1 to "
-            f"{NUM_CHAINS}, given {settings.chains}, first={settings.first}."
-        )
-    if not settings.checkpoint and settings.action_space != "joints":
-        raise ConfigError("The expert of chains acts in joints. Leave out action_space=native.")
-    if settings.policy != "expert" and not settings.checkpoint:
-        raise ConfigError(f"policy is expert, or give checkpoint=<folder>; given {settings.policy}.")
-
-
-def evaluate(settings: ChainSettings, command: Sequence[str] = ()) -> ChainScores:
-    """Runs the chains that have no result yet, keeps their results, and returns all scores.
+def evaluate_chains(
+    policy: Policy | Baseline,
+    make_env: Callable[[int], RoboVerseVectorEnv],
+    indices: Sequence[int],
+    results: ChainResults,
+) -> ChainScores:
+    """Runs the chains that have no result yet, keeps their results, and returns the scores of all.
 
     Args:
-        settings: Which.
-        command: Words of the command, kept beside the results.
-
-    Raises:
-        ConfigError: The file of results is damaged.
+        policy: The policy, or a baseline.
+        make_env: Makes environments of :data:`ENV_TASK` for a number of chains that are to be run.
+        indices: Which chains.
+        results: The results of this policy.
     """
-    words = shlex.join(str(portable(word)) for word in command)
-    run = {"command": f"{_COMMAND} {words}".strip(), "git_sha": git_sha(), "seed": PROTOCOL_SEED}
-    results = ChainResults(settings.results, _label(settings), run)
-    indices = range(settings.first, settings.first + settings.chains)
     missing = [index for index in indices if index not in results.done]
     if missing:
-        env = _env(settings, min(settings.num_envs, len(missing)))
+        env = make_env(len(missing))
         try:
             chains_env = ChainEnv(env, {index: all_chains()[index] for index in missing})
-            chains = run_chains(chains_env, _actor(settings, chains_env), missing)
+            chains = run_chains(chains_env, chain_actor(policy, chains_env), missing)
             for place, (index, count) in enumerate(chains, 1):
                 results.add(index, count)
                 logger.info("%d: %d of %d (%d of %d chains)", index, count, CHAIN_LENGTH, place, len(missing))
@@ -317,48 +252,3 @@ def evaluate(settings: ChainSettings, command: Sequence[str] = ()) -> ChainScore
     return ChainScores(
         tuple(results.done[index] for index in indices), tuple(all_chains()[index][1] for index in indices)
     )
-
-
-def _label(settings: ChainSettings) -> str:
-    """Returns under which name results are kept: of a checkpoint, all that decides what it does."""
-    if not settings.checkpoint:
-        return settings.policy
-    from policies.checkpoint import resolve, weights_path
-
-    weights = file_hash(weights_path(resolve(settings.checkpoint)))[:8]
-    seen = ("looks", "action_space", "observation_space", "cameras", "image_size", "device")
-    facts = {key: getattr(settings, key) for key in seen}
-    return f"{portable(settings.checkpoint)} {weights} {digest(facts)}"
-
-
-def _env(settings: ChainSettings, num_envs: int) -> RoboVerseVectorEnv:
-    kwargs = {key: getattr(settings, key) for key in ("looks", "action_space", "observation_space")}
-    spec = EnvSpec(task=ENV_TASK, task_kwargs=kwargs, **_images(settings))
-    observation = "pixels" if settings.checkpoint else "state"
-    return spec.make(
-        num_envs, split="test", observation=observation, num_threads=1, protocol_seed=PROTOCOL_SEED
-    )
-
-
-def _images(settings: ChainSettings) -> dict[str, Any]:
-    """Returns the cameras and the image size: as given, else as the checkpoint saw them."""
-    from policies.checkpoint import resolve, seen_cameras
-
-    seen = seen_cameras(resolve(settings.checkpoint)) if settings.checkpoint else {}
-    images: dict[str, Any] = {"cameras": settings.cameras or tuple(seen)}
-    sizes = {settings.image_size} if settings.image_size else set(seen.values())
-    return images | ({"image_size": sizes.pop()} if len(sizes) == 1 else {})
-
-
-def _actor(settings: ChainSettings, env: Any) -> Actor:
-    if not settings.checkpoint:
-        return ChainExpert(env)
-    from policies import load
-
-    policy = load(settings.checkpoint, settings.device)
-    policy.task = ENV_TASK
-    return PolicyActor(policy, env, env.protocol_seed, "chains")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -14,6 +14,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from benchmark.protocol import Cell, Protocol
+from envs.core.errors import ConfigError
 from roboverse_learn.commands.called_with import command_words
 from roboverse_learn.commands.outcomes import Evaluation
 from roboverse_learn.commands.scene_labels import recorded_materials
@@ -23,6 +24,7 @@ from roboverse_learn.commands.tested_checkpoint import (
     protocol_of,
     step_of,
 )
+from roboverse_learn.commands.tested_policy import load_policy, view_of
 from roboverse_learn.config.preflight import check_materials, check_scenario_files
 from roboverse_learn.config.schema import EvaluateConfig, EvaluationConfig
 
@@ -44,6 +46,10 @@ def evaluate(config: EvaluateConfig) -> Any:
     from roboverse_learn.commands.report import evaluation_report
     from roboverse_learn.leaderboard import write_leaderboard
 
+    if config.chains:
+        from roboverse_learn.commands.chains import chains_report, evaluate_chains
+
+        return chains_report(*evaluate_chains(config), write_leaderboard(Path(config.results_dir)))
     if config.suite:
         from roboverse_learn.commands.suite_report import suite_evaluation_report
 
@@ -58,10 +64,16 @@ def evaluate_all(config: EvaluateConfig) -> list[Evaluation]:
     suite that is named.
 
     Raises:
-        ConfigError: The task or the image size is needed and was not given.
+        ConfigError: The task or the image size is needed and was not given; or chains are, which have scores
+            of their own.
         PolicyError: The checkpoint is broken, or learned other tasks.
     """
     check_materials(config.evaluate.materials)
+    if config.chains:
+        raise ConfigError(
+            "evaluate() returns evaluations of tasks. For scores of chains run roboverse evaluate "
+            "suite=calvin chains=<how many>, or call roboverse_learn.commands.chains.evaluate_chains."
+        )
     if config.suite:
         return list(_of_suite(config).evaluations.values())
     results = Path(config.results_dir)
@@ -118,14 +130,14 @@ def evaluate_checkpoint(
         check_fits(tested.checkpoint, tested.env, tested.rename_map)
     if protocol.instructions:
         check_instruction_tests(tested.env.make_task(), protocol.instructions)
-    policy = _load(tested)
+    policy = load_policy(tested)
     finished = FinishedCells(path, _deciding(tested, protocol, checkpoint.hash, materials))
     if finished.records:
         log.info("Evaluated before: %s", ", ".join(map(str, finished.records)))
     else:
         for old in _videos(path):
             old.unlink()
-    view = _view_of(tested.checkpoint)
+    view = view_of(tested.checkpoint)
     records, facts = _run_cells(policy, name, tested, config, view, video_dir(path), finished)
     facts["env"] = tested.env.replace(cameras=facts.pop("cameras"), materials=materials)
     result = _result(tested, name, protocol, checkpoint, command, records, facts)
@@ -167,20 +179,6 @@ def _recorded(checkpoint: Path | None) -> "Checkpoint":
     if checkpoint is None:
         return Checkpoint()
     return Checkpoint(step=step_of(checkpoint), hash=file_hash(weights_path(checkpoint)))
-
-
-def _load(tested: TestedCheckpoint) -> Any:
-    """Returns the policy, or the baseline, that is evaluated."""
-    import policies
-    from benchmark.runner import Baseline
-    from roboverse_learn.commands.foreign_checkpoint import show_cameras
-
-    if tested.checkpoint is None:
-        return Baseline(tested.baseline)
-    policy = policies.load(tested.checkpoint, tested.device)
-    policy.task = tested.env.task
-    show_cameras(policy, tested.env, tested.rename_map)
-    return policy
 
 
 def _write_curve(path: Path, tested: TestedCheckpoint) -> None:
@@ -297,17 +295,6 @@ def _result(
         records=tuple(records),
         **facts,
     )
-
-
-def _view_of(checkpoint: Path | None) -> dict[str, Any]:
-    """Returns what a policy observes, and what its actions mean."""
-    import policies
-    from policies.checkpoint import policy_type, seen_cameras
-
-    if checkpoint is None:
-        return {"observation": "state", "actions": "task"}
-    actions = policies.policy_class(policy_type(checkpoint)).actions_of
-    return {"observation": "pixels" if seen_cameras(checkpoint) else "full", "actions": actions}
 
 
 def _earlier(

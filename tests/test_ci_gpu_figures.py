@@ -60,9 +60,7 @@ def test_a_steps_commands_are_understood(step: str, tmp_path: Path) -> None:
 
 
 def check_program(module: str, words: list[str]) -> None:
-    if module == "benchmark.calvin_chains":
-        from benchmark.calvin_chains import ChainSettings as Settings
-    elif module == "roboverse_learn.training.imitation.small_backbone":
+    if module == "roboverse_learn.training.imitation.small_backbone":
         from roboverse_learn.training.imitation.small_backbone import BackboneSettings as Settings
     else:
         assert module == "roboverse_learn.teleoperation.correction_study"

@@ -1,7 +1,7 @@
 """Writes ``docs/howto/calvin.md``: how to run CALVIN's tasks and chains, and how the expert does.
 
 ``python -m docs.generate.calvin_page`` reads ``results/tasks.json``, which ``python -m envs.experts.survey``
-writes, and ``results/calvin_chains.json``, which ``python -m benchmark.calvin_chains`` writes.
+writes, and ``results/calvin_chains.json``, which ``roboverse evaluate suite=calvin chains=1000`` writes.
 """
 
 import sys
@@ -72,14 +72,15 @@ simulator that reports contacts (`mujoco`, `mujoco_warp`); others refuse with a 
 ## Chains of five instructions
 
 ```bash
-python -m benchmark.calvin_chains policy=expert chains=1000
-python -m benchmark.calvin_chains checkpoint=outputs/<run>/pretrained_model action_space=native observation_space=native looks=meshes
+roboverse evaluate policy=expert suite=calvin chains=1000
+roboverse evaluate checkpoint=outputs/<run>/pretrained_model suite=calvin chains=1000 protocol=calvin
 ```
 
 The 1,000 chains, and the state in which each begins, are the authors': the same rules and random numbers, compared one by
-one. Each instruction has 360 steps and begins where the last one ended. Results are kept chain by chain; the same command
-resumes after an interruption. A policy sees the cameras and the image size that it learned from. One that learned the scene's tasks from the
-expert's demonstrations acts in joints: [train it](multi_task.md#libero-and-calvin-on-one-gpu), and leave out the options of `native`.
+one. Each instruction has 360 steps and begins where the last one ended. Results are kept chain by chain in
+`results/calvin_chains.json`; the same command resumes after an interruption, and `first_chain=200 chains=100` runs a part.
+A policy sees the cameras and the image size that it learned from. One that learned the scene's tasks from the
+expert's demonstrations acts in joints: [train it](multi_task.md#libero-and-calvin-on-one-gpu), and leave out `protocol=calvin`.
 """  # noqa: E501
 
 EXPERT = """One expert solves all tasks: it makes a plan of skills from the task's rule, and from whatever state it is

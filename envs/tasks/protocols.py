@@ -47,5 +47,5 @@ PROTOCOLS.add(
         },
         episodes=20,
     ),
-    summary="CALVIN's actions, observations and looks, one instruction an episode; chains are a command",
+    summary="CALVIN's actions, observations and looks, one instruction an episode; its chains with chains=",
 )

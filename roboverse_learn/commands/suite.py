@@ -12,8 +12,8 @@ from envs.tasks.suites import suite_tasks
 from roboverse_learn.commands.outcomes import Evaluation
 from roboverse_learn.commands.tested_checkpoint import (
     TestedCheckpoint,
+    checkpoint_name,
     checkpoints_to_test,
-    name_without_run,
     protocol_of,
     step_of,
 )
@@ -161,7 +161,6 @@ def _run_name(config: EvaluateConfig) -> str:
     from envs.core.fingerprint import digest, file_hash
     from policies.checkpoint import weights_path
     from roboverse_learn.commands.foreign_checkpoint import open_checkpoint
-    from roboverse_learn.commands.run_folder import run_of
 
     decides: dict[str, Any] = {
         "protocol": protocol_of(config.evaluate).to_json(),
@@ -171,7 +170,6 @@ def _run_name(config: EvaluateConfig) -> str:
     base = config.policy_name
     if not base:
         checkpoint = open_checkpoint(config.checkpoint)
-        folder = run_of(checkpoint)
-        base = name_without_run(config.checkpoint, checkpoint) if folder is None else folder.name
+        base = checkpoint_name(config.checkpoint, checkpoint)
         decides |= {"weights": file_hash(weights_path(checkpoint)), "step": step_of(checkpoint)}
     return f"{base}-{digest(decides)}"

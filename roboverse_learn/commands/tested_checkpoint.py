@@ -247,6 +247,14 @@ def _checkpoint_without_run(checkpoint: Path, config: EvaluateConfig) -> TestedC
     )
 
 
+def checkpoint_name(given: str, checkpoint: Path) -> str:
+    """Returns a short name of a checkpoint: of its run, or as :func:`name_without_run` has it."""
+    from roboverse_learn.commands.run_folder import run_of
+
+    folder = run_of(checkpoint)
+    return name_without_run(given, checkpoint) if folder is None else folder.name
+
+
 def name_without_run(given: str, checkpoint: Path) -> str:
     """Returns a name, fit for a file, of a checkpoint of no run: of its folder, or that on the hub.
 

@@ -44,7 +44,7 @@ from roboverse_learn.config.command_line_keys import (
 from roboverse_learn.config.recipes import check_beside, read_recipe
 from roboverse_learn.config.schema import DEFAULT_PRESETS, NAMES_A_POLICY
 from roboverse_learn.config.serialize import default_values, env_keys, from_values, to_values
-from roboverse_learn.config.suite_check import check_suite
+from roboverse_learn.config.suite_check import check_keys_of_chains, check_suite
 from roboverse_learn.data.sources import SOURCES
 
 ALL_CAMERAS = "all"
@@ -116,6 +116,7 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
     if recipe:
         values["recipe"] = recipe
     check_suite(typed.get("suite", ""), task=typed.get("task", ""))
+    check_keys_of_chains(bool(values.get("chains")), [*keys, *read])
     _split_tasks(command, values, names_others="policy.tasks" in [*keys, *read])
     _name_task_and_cameras(command, values, typed)
     return from_values(command, values)

@@ -23,7 +23,7 @@ from roboverse_learn.config.doctor_config import DoctorConfig
 from roboverse_learn.config.export_config import ExportConfig
 from roboverse_learn.config.leaderboard_config import LeaderboardConfig
 from roboverse_learn.config.new_config import NewConfig
-from roboverse_learn.config.suite_check import check_suite, refuse_suite_of_training
+from roboverse_learn.config.suite_check import check_chains, check_suite, refuse_suite_of_training
 from roboverse_learn.config.teleoperate_config import TeleoperateConfig
 from roboverse_learn.config.view_config import ViewConfig
 from roboverse_learn.data.augmentation.config import AugmentConfig
@@ -289,6 +289,8 @@ class EvaluateConfig:
         rename_map: Camera of the task to camera of the policy, where they have other names, as in
             {front: camera1}.
         suite: Registered suite in place of a task: every task of it, and their mean.
+        chains: With suite=calvin, how many of its 1,000 chains of five instructions, not single tasks.
+        first_chain: Index of the first of them.
         protocol: Another benchmark's own protocol, as libero: its starts, interface and number of episodes.
         env: Changes of the environment that the checkpoint was trained in: some of :data:`EVALUATE_ENV_KEYS`.
             What is absent stays as it was trained. ``scenario`` is applied after the trained one's.
@@ -302,6 +304,8 @@ class EvaluateConfig:
     policy_name: str = ""
     rename_map: dict[str, str] = field(default_factory=dict)
     suite: str = ""
+    chains: int = 0
+    first_chain: int = 0
     protocol: str = ""
     env: dict[str, Any] = field(default_factory=dict)
     preset: str = "full"
@@ -311,6 +315,7 @@ class EvaluateConfig:
 
     def __post_init__(self) -> None:
         check_suite(self.suite, task=self.env.get("task", ""))
+        check_chains(self.suite, self.chains, self.first_chain)
         if self.policy_name and not (self.checkpoint and self.policy_name in policies.names()):
             self._check_baseline()
         elif not self.checkpoint:

@@ -1,29 +1,18 @@
 """CALVIN's long-horizon evaluation: scores, results that are kept, and chains of the expert."""
 
-import dataclasses
 import json
 
 import numpy as np
 import pytest
 
-import policies
 from benchmark import calvin_chains
-from benchmark.calvin_chains import (
-    ChainEnv,
-    ChainExpert,
-    ChainScores,
-    ChainSettings,
-    evaluate,
-    main,
-    run_chains,
-)
-from benchmark.chain_results import read_results, read_runs
+from benchmark.calvin_chains import ChainEnv, ChainExpert, ChainScores, evaluate_chains, run_chains
+from benchmark.chain_results import ChainResults, read_results, read_runs
+from benchmark.runner import Baseline
 from envs.core.errors import ConfigError
-from envs.core.git import git_sha
 from envs.spec import EnvSpec
 from envs.tasks.calvin import memory
 from envs.tasks.calvin.sequences import all_chains
-from tests.policies.examples import CONFIGS, FEATURES, IMAGE, SIZE, stats
 
 FIVE = ("open_drawer", "turn_on_led", "move_slider_left", "lift_red_block_table", "stack_block")
 SYMBOLS = {
@@ -38,8 +27,8 @@ SYMBOLS = {
 }
 
 
-def env(num_envs):
-    return EnvSpec(task=calvin_chains.ENV_TASK).make(
+def env(num_envs, **task_kwargs):
+    return EnvSpec(task=calvin_chains.ENV_TASK, task_kwargs=task_kwargs).make(
         num_envs, split="test", observation="state", num_threads=1
     )
 
@@ -99,9 +88,17 @@ def test_a_chain_does_not_depend_on_those_beside_it():
     np.testing.assert_array_equal(*ends)
 
 
-@pytest.fixture
-def ran(monkeypatch):
-    """The chains that were run, without an environment."""
+@pytest.mark.slow
+def test_the_expert_acts_in_calvins_own_actions_too():
+    made = env(1, action_space="native")
+    try:
+        chains = ChainEnv(made, {0: (SYMBOLS, FIVE[:2])})
+        assert list(run_chains(chains, ChainExpert(chains), [0])) == [(0, 2)]
+    finally:
+        made.close()
+
+
+def test_results_are_kept_and_only_missing_chains_are_run(monkeypatch, tmp_path):
     ran = []
 
     def run(_env, _actor, indices):
@@ -110,84 +107,40 @@ def ran(monkeypatch):
             yield index, index % 6
 
     class Env:
+        protocol_seed = 0
+
         def close(self):
-            pass
+            ran.append("closed")
 
     monkeypatch.setattr(calvin_chains, "run_chains", run)
-    monkeypatch.setattr(calvin_chains, "_env", lambda *_: Env())
-    monkeypatch.setattr(calvin_chains, "_actor", lambda *_: None)
-    return ran
-
-
-def test_results_are_kept_and_only_missing_chains_are_run(ran, tmp_path):
-    path = tmp_path / "results.json"
+    path, counts = tmp_path / "results.json", []
     old = {"command": "before", "git_sha": None, "seed": 0, "solved": {"1": 4}}
     path.write_text(json.dumps({"expert": [old], "mine": [{"solved": {"0": 2}}]}))
-    scores = evaluate(ChainSettings(chains=4, results=path), ["chains=4"])
-    assert ran == [0, 2, 3] and scores.completed == (0, 4, 2, 3)
+
+    def evaluate(first, count):
+        results = ChainResults(path, "expert", {"command": "now", "git_sha": "abc", "seed": 0})
+        make_env = lambda number: counts.append(number) or Env()  # noqa: E731
+        return evaluate_chains(Baseline("expert"), make_env, range(first, first + count), results)
+
+    scores = evaluate(0, 4)
+    assert ran == [0, 2, 3, "closed"] and counts == [3] and scores.completed == (0, 4, 2, 3)
     assert scores.chains[0] == all_chains()[0][1]
     assert read_results(path) == {"expert": {0: 0, 1: 4, 2: 2, 3: 3}, "mine": {0: 2}}
-    assert evaluate(ChainSettings(chains=2, first=2, results=path)).completed == (2, 3)
-    assert ran == [0, 2, 3]
+    assert evaluate(2, 2).completed == (2, 3) and counts == [3]
+    before, now = read_runs(path)["expert"]
+    assert before == old and now == {
+        "command": "now",
+        "git_sha": "abc",
+        "seed": 0,
+        "solved": {"0": 0, "2": 2, "3": 3},
+    }
 
 
-def test_results_say_by_which_command_commit_and_seed_they_were_made(ran, tmp_path):
+@pytest.mark.parametrize(
+    "text", ['{"expert": [1, 2', '{"expert": {"0": 5}}', '{"expert": [{"command": "no chains"}]}']
+)
+def test_a_damaged_file_of_results_is_reported(text, tmp_path):
     path = tmp_path / "results.json"
-    for _ in range(2):
-        evaluate(ChainSettings(chains=2, results=path), ["chains=2", f"results={path}"])
-    evaluate(ChainSettings(chains=1, first=7, results=path), ["first=7", "chains=1"])
-    first, second = read_runs(path)["expert"]
-    assert first["command"] == "python -m benchmark.calvin_chains chains=2 results=.../results.json"
-    assert first["solved"] == {"0": 0, "1": 1} and second["solved"] == {"7": 1}
-    assert first["git_sha"] == git_sha() and first["seed"] == 0
-
-
-def test_a_checkpoint_with_other_weights_or_another_view_is_run_anew(ran, tmp_path):
-    folder = tmp_path / "mine"
-    folder.mkdir()
-    (folder / "config.json").write_text("{}")
-    (folder / "model.safetensors").write_text("weights")
-    settings = ChainSettings(checkpoint=str(folder), chains=2, results=tmp_path / "results.json")
-    for _ in range(2):
-        evaluate(settings)
-    assert ran == [0, 1]
-    evaluate(dataclasses.replace(settings, looks="meshes"))
-    assert ran == [0, 1] * 2
-    (folder / "model.safetensors").write_text("trained further")
-    evaluate(settings)
-    assert ran == [0, 1] * 3
-    assert str(tmp_path) not in (tmp_path / "results.json").read_text(), "results are published"
-
-
-def test_bad_input_is_reported(tmp_path, capsys):
-    path = tmp_path / "results.json"
-    for text in ('{"expert": [1, 2', '{"expert": {"0": 5}}', '{"expert": [{"command": "no chains"}]}'):
-        path.write_text(text)
-        with pytest.raises(ConfigError, match="has no results of chains"):
-            read_results(path)
-    assert main(["chains=2000"]) == 2 and "from 1 to 1000, given 2000" in capsys.readouterr().err
-    assert main(["policy=nobody"]) == 2 and "checkpoint=<folder>" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_a_policy_that_reads_sees_the_images_of_its_training_and_is_asked_each_instruction(
-    tmp_path, monkeypatch
-):
-    """Its images are neither of CALVIN's sizes nor the default one."""
-    names = ("observation.images.static", "observation.images.gripper")
-    image = FEATURES[IMAGE]
-    features = {key: value for key, value in FEATURES.items() if key != IMAGE} | dict.fromkeys(names, image)
-    own_stats = stats() | dict.fromkeys(names, stats()[IMAGE])
-    policies.create("mtact", features, own_stats, CONFIGS["mtact"]).save(tmp_path / "policy")
-    monkeypatch.setattr(calvin_chains, "STEPS_PER_TASK", 6)
-    settings = ChainSettings(checkpoint=str(tmp_path / "policy"), chains=1, results=tmp_path / "results.json")
-    made = calvin_chains._env(settings, 1)
-    try:
-        assert made.camera_names == ("static", "gripper")
-        assert made.scenario.cameras[0].height == SIZE
-        chains = ChainEnv(made, {0: all_chains()[0]})
-        assert list(run_chains(chains, calvin_chains._actor(settings, chains), [0])) == [(0, 0)]
-    finally:
-        made.close()
-    given = calvin_chains._images(dataclasses.replace(settings, cameras=("gripper",), image_size=84))
-    assert given == {"cameras": ("gripper",), "image_size": 84}
+    path.write_text(text)
+    with pytest.raises(ConfigError, match="has no results of chains"):
+        read_results(path)

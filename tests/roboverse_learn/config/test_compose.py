@@ -158,6 +158,7 @@ def test_every_key_can_be_set_and_survives_the_saved_configuration(
     value = another(key, at(default_values(command, policy), key))
     words = [*REQUIRED.get(command, []), *([f"policy={policy}"] if command == "train" else [])]
     beside = {"source": "path=r.h5", "path": "source=robosuite", "cert": "key=k.pem", "key": "cert=c.pem"}
+    beside |= {"chains": "suite=calvin", "first_chain": "suite=calvin chains=1"}
     beside["only_corrections"] = "source=teleop path=r"
     beside["policy.bank_wordings"] = "policy.swap_wordings=true"
     words += beside.get(key, "").split()
