@@ -65,7 +65,8 @@ def _checked_robot(task: Task, to: str) -> RobotCfg:
         kind = f"LeRobot's '{robot.lerobot_type}'" if robot.lerobot_type else "no robot of LeRobot's"
         raise ConfigError(
             f"The checkpoint acts with '{robot.name}' in {task.name}, which is {kind}, not '{to}'. Train one "
-            "with a robot that is, as in: roboverse train policy=act task=so101/pick_cube preset=quick"
+            "with a robot that is, as in: roboverse train policy=act task=so101/pick_cube preset=quick "
+            "image_size=128"
         )
     for what, names in (("observes", task.state_names), ("acts by", task.controller.names)):
         if tuple(names) != robot.reading_names:
