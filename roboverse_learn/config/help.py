@@ -71,7 +71,7 @@ EXAMPLES = {
         "roboverse evaluate checkpoint=… levels=[] alone=[camera,lighting] splits=[test]",
         "roboverse evaluate policy=random task=PickCube   (a baseline; also zero, hold, expert)",
         "roboverse evaluate checkpoint=… suite=paper   (every task of a suite, and their mean)",
-        "roboverse evaluate checkpoint=… suite=calvin chains=1000   (CALVIN's chains of five instructions)",
+        "roboverse evaluate checkpoint=… suite=calvin chains=1000   (chains of five instructions)",
     ),
     "replay": ("roboverse replay dataset=datasets/PickCube/<name> simulator=mujoco_warp episodes=50",),
     "view": (
