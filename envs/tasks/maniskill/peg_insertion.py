@@ -68,7 +68,7 @@ class PegInsertionSide(ArmAtTable):
         box_low_m: Least x and y of the box.
         box_high_m: Largest x and y of the box.
         box_yaw_rad: Largest turn of the hole from pointing along y.
-        depth_tolerance_m: Largest distance of the peg's head from the middle of the box along the hole.
+        depth_tolerance_m: How far before the middle of the box, along the hole, the peg's head may be.
     """
 
     name: ClassVar[str] = "PegInsertionSide"
@@ -145,7 +145,7 @@ class PegInsertionSide(ArmAtTable):
     def success(self, state: State) -> Tensor:
         head = self._in_hole(state, self.peg_half_length_m)
         inside = largest(abs(head[:, 1:])) <= self.peg_radius_m + self.clearance_m
-        return inside & (abs(head[:, 0]) <= self.depth_tolerance_m)
+        return inside & (head[:, 0] >= -self.depth_tolerance_m)
 
     @override
     def reward(self, state: State) -> Tensor:

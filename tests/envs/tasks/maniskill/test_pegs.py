@@ -165,13 +165,13 @@ def inserted(head=(0.0, 0.0, 0.0), task=INSERT):
         ((0.0, 0.0, 0.0), True),
         ((-0.0149, 0.0229, -0.0229), True),
         ((-0.0151, 0.0, 0.0), False),
-        ((0.0151, 0.0, 0.0), False),
+        ((0.0151, 0.0, 0.0), True),  # further in: ManiSkill has no limit there
         ((0.0, 0.0231, 0.0), False),
         ((0.0, 0.0, -0.0231), False),
     ],
 )
 @pytest.mark.parametrize("task", [INSERT, PegInsertionSide(hole_offset_m=(0.03, -0.02))])
-def test_a_peg_is_inserted_to_the_middle_of_the_box(task, head, solved):
+def test_a_peg_is_inserted_to_the_middle_of_the_box_at_least(task, head, solved):
     assert task.success(inserted(head, task)).tolist() == [solved]
 
 
