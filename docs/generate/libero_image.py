@@ -48,7 +48,8 @@ def shown(words: Sequence[str] = ()) -> list[str]:
     """
     counts, found = read_counts(), dict[str, str]()
     for name, entry in entries().items():
-        if counts.get(name, (0.0, 0))[0] >= BAR and all(word in name for word in words):
+        counted = name in counts and counts[name].success_rate >= BAR
+        if counted and all(word in name for word in words):
             found.setdefault(name if words else entry.scene_name, name)
     if not found:
         raise ConfigError(f"No task of LIBERO that counts has the words {' and '.join(words)} in its name.")

@@ -1,4 +1,4 @@
-"""The page of tasks, made from the registry, the classes and the experts' records.
+"""The page of tasks, made from the registry, the classes and the experts' counts.
 
 ``python -m docs.generate.task_images`` writes ``docs/tasks.md`` and, for each task that has no image yet
 (but for those of Meta-World that are adapted as they are), a strip of how an episode begins and how the
@@ -22,7 +22,7 @@ from envs.core.arguments import run_program
 from envs.core.atomic import write_file
 from envs.core.errors import ConfigError
 from envs.core.registry import Entry
-from envs.experts.record import ExpertRecord, read_records
+from envs.experts.counts import ExpertCount, read_counts
 from envs.tasks import TASKS
 from envs.tasks.base import Task
 
@@ -45,23 +45,23 @@ def page(names: Iterable[str] | None = None) -> str:
         names: The tasks; by default all that are registered. Those of a family are not imported.
     """
     entries = [TASKS.entry(name) for name in (TASKS.names() if names is None else names)]
-    records = read_records()
+    counts = read_counts()
     families: dict[str, list[Entry]] = {}
     for entry in entries:
         families.setdefault(entry.info.get("family", ""), []).append(entry)
     parts = [
         "# Tasks",
         "This page is made by `python -m docs.generate.task_images`; `roboverse list` shows the same facts. "
-        "Expert success is that of the scripted expert at level 0, in the first episodes of the training "
-        "and of the test split. Images show the start of a training episode and the expert's success, or, "
-        f"of a task without an expert, the start and {RANDOM_S:g} s of random actions later.",
+        "Expert success is that of the scripted expert at level 0, in the first episodes of the test split "
+        "(`python -m envs.experts.survey`). Images show the start of a training episode and the expert's "
+        f"success, or, of a task without an expert, the start and {RANDOM_S:g} s of random actions later.",
     ]
-    parts += [section(entry, records.get(entry.name)) for entry in families.pop("", [])]
-    parts += [family_section(name, members, records) for name, members in families.items()]
+    parts += [section(entry, counts.get(entry.name)) for entry in families.pop("", [])]
+    parts += [family_section(name, members, counts) for name, members in families.items()]
     return "\n\n".join(parts) + "\n"
 
 
-def section(entry: Entry, record: ExpertRecord | None) -> str:
+def section(entry: Entry, count: ExpertCount | None) -> str:
     """Returns one task's part of the page."""
     cls = TASKS.get(entry.name)
     task = cls()
@@ -75,7 +75,7 @@ def section(entry: Entry, record: ExpertRecord | None) -> str:
         "Robot": f"{_robots(task)}; an action has {_numbers(task.controller.names)}",
         "Cameras": cameras,
         "Horizon": f"{task.max_episode_steps} steps, {task.max_episode_steps / hz:g} s at {hz:g} Hz",
-        "Expert": described(record) if task.has_expert else "none: use reinforcement learning",
+        "Expert": described(count) if task.has_expert else "none: use reinforcement learning",
         **_bar(task),
         **{f"`task_kwargs.{key}`": text for key, text in options(cls).items()},
     }
@@ -114,7 +114,7 @@ def _shown(task: Task) -> str:
     return "start and success" if task.has_expert else "start and a little later"
 
 
-def family_section(name: str, members: Sequence[Entry], records: Mapping[str, ExpertRecord]) -> str:
+def family_section(name: str, members: Sequence[Entry], counts: Mapping[str, ExpertCount]) -> str:
     """Returns the part of the page of tasks that have one source, robot and horizon: a table."""
     info = members[0].info
     if "robot" in info:  # what is said without the assets
@@ -131,7 +131,7 @@ def family_section(name: str, members: Sequence[Entry], records: Mapping[str, Ex
         "| task | what to do | expert |",
         "|---|---|---|",
     ]
-    lines += [f"| {e.name} | {e.summary} | {described(records.get(e.name))} |" for e in members]
+    lines += [f"| {e.name} | {e.summary} | {described(counts.get(e.name))} |" for e in members]
     shown = [e.name for e in members if is_drawn(e)]
     images = [f"{name}:\n\n![{name}: start and success]({image_path(name).as_posix()})" for name in shown]
     return "\n\n".join(["\n".join(lines), *images])
@@ -145,14 +145,9 @@ def is_drawn(entry: Entry) -> bool:
     return not {"adapted", "calvin", "libero", "same_scene"} & entry.tags
 
 
-def described(record: ExpertRecord | None) -> str:
-    """Returns a record in words."""
-    if record is None:
-        return "not measured"
-    return "; ".join(
-        f"{split}: {100 * row.success_rate:.1f} % of {row.num_episodes}, {row.mean_steps:.1f} steps"
-        for split, row in record.splits.items()
-    )
+def described(count: ExpertCount | None) -> str:
+    """Returns a count in words."""
+    return "not measured" if count is None else f"{count}, {count.mean_steps:.1f} steps"
 
 
 def class_text(cls: type[Task]) -> str:

@@ -1,24 +1,20 @@
 """Measures how often the expert succeeds, and how smoothly it moves.
 
 ``python -m envs.experts.check task=PickCube episodes=1000`` runs the expert in the first episodes of each
-split, without rendering, and prints one line per split; ``record=true`` writes the result to
-``envs/tasks/experts.json``, which listings and pages read.
+split, without rendering, and prints one line per split, with the episodes that it did not solve. What
+listings and pages show is counted by ``python -m envs.experts.survey``.
 """
 
 import logging
-import shlex
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from envs.core.arguments import parse
 from envs.core.errors import ConfigError, RoboVerseError, unknown_name
-from envs.core.git import git_sha
 from envs.experts.actor import expert_episodes
-from envs.experts.record import RECORDS, ExpertRecord, SplitRecord, write_record
 from envs.joint_readings import target_readings
 from envs.randomization.splits import SPLITS
 from envs.rollout import Episode
@@ -49,11 +45,6 @@ class ExpertReport:
     def success_rate(self) -> float:
         """Share of episodes that were solved, in [0, 1]."""
         return 1.0 - len(self.failures) / self.num_episodes
-
-    @property
-    def summary(self) -> SplitRecord:
-        """The figures that are recorded."""
-        return SplitRecord(self.num_episodes, round(self.success_rate, 4), round(self.mean_steps, 1))
 
 
 def summarize(
@@ -135,8 +126,6 @@ class CheckSettings:
         split: ``train`` or ``test`` alone; both by default.
         num_envs: Environments stepped at once.
         simulator: Name of a simulator.
-        record: Whether to write the result to ``records``.
-        records: File of results.
     """
 
     task: str = "PickCube"
@@ -144,8 +133,6 @@ class CheckSettings:
     split: str | None = None
     num_envs: int = 64
     simulator: str = "mujoco"
-    record: bool = False
-    records: Path = RECORDS
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -156,23 +143,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         settings = parse(_COMMAND, CheckSettings, words)
         if settings.split is not None and settings.split not in SPLITS:
             raise unknown_name("split", settings.split, SPLITS)
-        if settings.record and settings.simulator != "mujoco":
-            raise ConfigError(
-                f"Records are measured in mujoco, given simulator={settings.simulator}. "
-                "Leave out record=true."
-            )
-        splits = SPLITS if settings.split is None else (settings.split,)
-        measured = {split: _check(settings, split) for split in splits}
-        if settings.record:
-            command = shlex.join([*_COMMAND.split(), *_public(words)])
-            write_record(settings.task, ExpertRecord(measured, command, git_sha()), settings.records)
+        for split in SPLITS if settings.split is None else (settings.split,):
+            _check(settings, split)
     except RoboVerseError as error:
         logger.error("%s", error)
         return 2
     return 0
 
 
-def _check(settings: CheckSettings, split: str) -> SplitRecord:
+def _check(settings: CheckSettings, split: str) -> None:
     """Measures one split and logs the result."""
     report = check_expert(
         settings.task, split, settings.episodes, num_envs=settings.num_envs, simulator=settings.simulator
@@ -190,16 +169,6 @@ def _check(settings: CheckSettings, split: str) -> SplitRecord:
         report.largest_step_rad,
         ", ".join(map(str, report.failures)) or "none",
     )
-    return report.summary
-
-
-def _public(words: Sequence[str]) -> list[str]:
-    """Returns the words of a command with paths reduced to file names."""
-    pairs = (word.partition("=") for word in words)
-    return [
-        f"{key}={Path(value).name}" if value.startswith(("/", "~")) else f"{key}{equals}{value}"
-        for key, equals, value in pairs
-    ]
 
 
 if __name__ == "__main__":

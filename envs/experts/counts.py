@@ -4,6 +4,7 @@ The file is ``results/tasks.json`` of a checkout, and a copy of it in an install
 imported here, so that listings may read it.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,25 @@ CHECKOUT, PACKAGED = (
     Path(__file__).parents[2] / "results" / "tasks.json",
     Path(__file__).with_name("tasks.json"),
 )
+
+
+@dataclass(frozen=True, slots=True)
+class ExpertCount:
+    """How often an expert succeeded.
+
+    Attributes:
+        episodes: Starts of the test split.
+        success_rate: Share of them that were solved, in [0, 1].
+        mean_steps: Mean number of control steps.
+    """
+
+    episodes: int
+    success_rate: float
+    mean_steps: float
+
+    def __str__(self) -> str:
+        """Returns the success rate in percent and the number of starts: ``"99.6 % of 500"``."""
+        return f"{100 * self.success_rate:.4g} % of {self.episodes}"
 
 
 def counts_file() -> Path:
@@ -35,11 +55,15 @@ def _checked(rows: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
     return rows
 
 
-def read_counts() -> dict[str, tuple[float, int]]:
-    """Returns the share of solved starts and their number, of each task that was counted.
+def read_counts() -> dict[str, ExpertCount]:
+    """Returns the count of each task whose expert was counted.
 
     Raises:
         ConfigError: The file is damaged.
     """
     rows = read_rows(counts_file())
-    return {name: (row["expert"], row["episodes"]) for name, row in rows.items() if row.get("episodes")}
+    return {
+        name: ExpertCount(row["episodes"], row["expert"], row["mean_steps"])
+        for name, row in rows.items()
+        if row.get("episodes")
+    }

@@ -2,7 +2,8 @@
 
 ``python -m envs.experts.survey words=[libero,spatial]`` writes one row a task into ``results/tasks.json``.
 Tasks that are there already are left out, so that the command continues where it was interrupted;
-``again=true`` measures them again, ``episodes=0`` leaves the expert out.
+``again=true`` measures them again, ``episodes=0`` leaves the expert out. Without words it surveys every
+registered task. Listings and pages read the file: see :mod:`envs.experts.counts`.
 """
 
 import json
@@ -64,7 +65,7 @@ class SurveySettings:
 def main(words: Sequence[str] | None = None) -> int:
     """Surveys the tasks that have the words; returns the exit code."""
     given = sys.argv[1:] if words is None else words
-    command = shlex.join([*_COMMAND.split(), *given])
+    command = shlex.join([*_COMMAND.split(), *_public(given)])
     return run_program(_COMMAND, SurveySettings, lambda settings: _survey_all(settings, command), given)
 
 
@@ -88,6 +89,15 @@ def _survey_all(settings: SurveySettings, command: str) -> int:
         write_file(settings.results, text.encode())
         logger.info("%d/%d %s: %s", place, len(names), name, json.dumps(row))
     return 1 if failed else 0
+
+
+def _public(words: Sequence[str]) -> list[str]:
+    """Returns the words of a command with paths of this machine reduced to file names."""
+    pairs = (word.partition("=") for word in words)
+    return [
+        f"{key}={Path(value).name}" if value.startswith(("/", "~")) else f"{key}{equals}{value}"
+        for key, equals, value in pairs
+    ]
 
 
 def _is_done(row: dict[str, Any] | None, settings: SurveySettings) -> bool:

@@ -8,7 +8,6 @@ from pathlib import Path
 from envs.core.errors import ConfigError
 from envs.core.registry import Entry
 from envs.experts.counts import read_counts
-from envs.experts.record import read_records
 from envs.tasks import TASKS
 
 WIDTH = 110
@@ -58,39 +57,28 @@ def tasks_in_detail(datasets_dir: Path) -> str:
     Args:
         datasets_dir: The folder of datasets; those of a task lie in a folder of its name.
     """
-    experts, counts = read_records(), read_counts()
+    counts = read_counts()
     alone, families = _grouped()
     lines = _table(alone, datasets_dir)
     for name, members in families.items():
         facts = members[0].info
-        rates = [
-            split.success_rate
-            for entry in members
-            if entry.name in experts
-            for split in experts[entry.name].splits.values()
-        ]
-        counted = [entry.name for entry in members if entry.name in counts and entry.name not in experts]
-        rates += [counts[each][0] for each in counted]
-        measured = sum(entry.name in experts for entry in members) + len(counted)
+        rates = [counts[entry.name].success_rate for entry in members if entry.name in counts]
         expert = f"{100 * min(rates):.1f} to {100 * max(rates):.1f} %" if rates else "-"
         demos = sum(count_demos(datasets_dir, entry.name) for entry in members)
         lines += [
             f"  {name}, {len(members)} tasks ({facts['source']}; "
-            f"expert {expert}, {measured} measured; {demos} demos):",
+            f"expert {expert}, {len(rates)} measured; {demos} demos):",
             _names(members),
         ]
     return "\n".join(lines)
 
 
 def _table(entries: Sequence[Entry], datasets_dir: Path) -> list[str]:
-    experts, counts = read_records(), read_counts()
+    counts = read_counts()
     rows: list[tuple[str, ...]] = [HEADINGS]
     for entry in entries:
         unmeasured = "none" if "rl" in entry.tags else "-"
-        expert = str(experts[entry.name]) if entry.name in experts else unmeasured
-        if entry.name in counts and entry.name not in experts:
-            rate, starts = counts[entry.name]
-            expert = f"{100 * rate:.0f} % of {starts}"
+        expert = str(counts.get(entry.name, unmeasured))
         demos = str(count_demos(datasets_dir, entry.name))
         rows.append((entry.name, entry.info.get("source", ""), expert, demos, entry.summary))
     widths = [max(len(row[column]) for row in rows) for column in range(len(HEADINGS) - 1)]

@@ -6,6 +6,7 @@ import pytest
 from docs.generate import libero_image
 from docs.generate.libero_image import COLUMNS, PIXELS, sheet, shown
 from envs.core.errors import ConfigError
+from envs.experts.counts import ExpertCount
 from envs.tasks.libero.catalogue import entries
 
 
@@ -17,7 +18,7 @@ def test_a_task_of_each_scene_that_the_expert_solves_is_shown():
 
 def test_words_choose_tasks_that_count(monkeypatch):
     first = next(iter(entries()))
-    counts = {name: (0.8 if name == first else 0.75, 20) for name in entries()}
+    counts = {name: ExpertCount(20, 0.8 if name == first else 0.75, 90.0) for name in entries()}
     monkeypatch.setattr(libero_image, "read_counts", lambda: counts)
     assert shown(["libero/", "bowl"]) == [first]
     with pytest.raises(ConfigError, match="has the words libero/ and fridge in its name"):

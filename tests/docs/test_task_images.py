@@ -8,15 +8,13 @@ import pytest
 from PIL import Image
 
 from docs.generate import task_images as gallery
-from envs.experts.record import ExpertRecord, SplitRecord
+from envs.experts.counts import ExpertCount
 from envs.tasks import TASKS
 from envs.tasks.pick_cube import PickCube
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 DRAWN = [name for name in TASKS if gallery.is_drawn(TASKS.entry(name))]
-RECORD = ExpertRecord(
-    {"train": SplitRecord(500, 0.998, 60.25), "test": SplitRecord(400, 1.0, 61.0)}, "", None
-)
+COUNT = ExpertCount(500, 0.998, 60.25)
 
 
 def test_docstrings_become_markdown():
@@ -37,13 +35,13 @@ def test_options_are_the_fields_with_their_words_defaults_and_limits():
     assert "Attributes" not in gallery.class_text(PickCube)
 
 
-def test_record_is_described_by_split():
-    assert gallery.described(RECORD) == ("train: 99.8 % of 500, 60.2 steps; test: 100.0 % of 400, 61.0 steps")
+def test_a_count_is_described_in_words():
+    assert gallery.described(COUNT) == "99.8 % of 500, 60.2 steps"
     assert gallery.described(None) == "not measured"
 
 
 def test_a_section_says_everything_of_a_task():
-    text = gallery.section(TASKS.entry("PickCube"), RECORD)
+    text = gallery.section(TASKS.entry("PickCube"), COUNT)
     for words in (
         "## PickCube\n",
         "| Source | ManiSkill 3 ([arXiv:2410.00425](https://arxiv.org/abs/2410.00425); Apache-2.0) |",
@@ -51,7 +49,7 @@ def test_a_section_says_everything_of_a_task():
         "| Robot | franka; an action has 9 numbers, `joint1` to `gripper/finger_joint2` |",
         "| Horizon | 100 steps, 5 s at 20 Hz |",
         "front 256×256",
-        "| Expert | train: 99.8 % of 500",
+        "| Expert | 99.8 % of 500, 60.2 steps |",
         "| `task_kwargs.variant` | `goal` is ManiSkill's task",
         "![PickCube: start and success](tasks/PickCube.jpg)",
     ):
@@ -60,9 +58,9 @@ def test_a_section_says_everything_of_a_task():
 
 def test_a_family_is_one_table():
     members = [TASKS.entry("PickCube"), TASKS.entry("StackCube")]
-    text = gallery.family_section("Cubes", members, {"StackCube": RECORD})
+    text = gallery.family_section("Cubes", members, {"StackCube": COUNT})
     assert text.startswith("## Cubes\n\n2 tasks of ManiSkill 3 ([arXiv:2410.00425]")
-    assert f"| StackCube | {TASKS.entry('StackCube').summary} | train: 99.8 % of 500" in text
+    assert f"| StackCube | {TASKS.entry('StackCube').summary} | 99.8 % of 500" in text
     assert "| PickCube | grasp a 4 cm cube and hold it at the green marker | not measured |" in text
     assert text.endswith("StackCube:\n\n![StackCube: start and success](tasks/StackCube.jpg)")
 

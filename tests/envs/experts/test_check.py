@@ -70,10 +70,3 @@ def test_command_logs_a_line_per_split(monkeypatch):
 def test_unknown_task_exits_with_code_two(caplog):
     assert main(["task=PickKube", "episodes=1"]) == 2
     assert re.search(r"Unknown task 'PickKube'\. Did you mean 'PickCube'\?", caplog.text)
-
-
-def test_records_of_another_simulator_are_refused(caplog, monkeypatch):
-    report = ExpertReport(1, (), 42.5, 0.125)
-    monkeypatch.setattr("envs.experts.check.check_expert", lambda *_, **__: report)
-    assert main(["simulator=sapien", "record=true", "records=elsewhere.json"]) == 2
-    assert "Records are measured in mujoco, given simulator=sapien" in caplog.text

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from envs.experts.record import ExpertRecord, SplitRecord
+from envs.experts.counts import ExpertCount
 from envs.tasks import TASKS
 from envs.tasks.suites import SUITES
 from roboverse_learn import cli
@@ -29,8 +29,7 @@ def test_demonstrations_of_all_datasets_of_a_task_count(tmp_path):
 
 def test_every_fact_of_a_task_is_in_its_row(tmp_path, monkeypatch):
     dataset(tmp_path, "PickCube", "level0", 700)
-    splits = {"train": SplitRecord(500, 1.0, 60.0), "test": SplitRecord(500, 0.996, 60.0)}
-    monkeypatch.setattr(task_list, "read_records", lambda: {"PickCube": ExpertRecord(splits, "", None)})
+    monkeypatch.setattr(task_list, "read_counts", lambda: {"PickCube": ExpertCount(500, 0.996, 60.0)})
     rows = task_list.tasks_in_detail(tmp_path).splitlines()
     assert rows[0].split() == ["task", "source", "expert", "demos", "what", "to", "do"]
     row = next(row for row in rows if row.startswith("  PickCube "))
@@ -38,7 +37,7 @@ def test_every_fact_of_a_task_is_in_its_row(tmp_path, monkeypatch):
     assert [cell.strip() for cell in cells] == [
         "PickCube",
         "ManiSkill 3",
-        "100.0 / 99.6 %",
+        "99.6 % of 500",
         "700",
         TASKS.entry("PickCube").summary,
     ]
@@ -103,7 +102,7 @@ def test_words_choose_tasks(capsys):
 
 def test_the_last_count_of_an_expert_is_beside_the_name(tmp_path, monkeypatch):
     name = "libero/goal/open_the_middle_drawer_of_the_cabinet"
-    monkeypatch.setattr(task_list, "read_counts", lambda: {name: (0.85, 20)})
+    monkeypatch.setattr(task_list, "read_counts", lambda: {name: ExpertCount(20, 0.85, 300.0)})
     assert "  85 % of 20  " in task_list.tasks_with([name], tmp_path)
     assert "expert 85.0 to 85.0 %, 1 measured" in task_list.tasks_in_detail(tmp_path)
 
