@@ -1,9 +1,9 @@
 """The page of tasks, made from the registry, the classes and the experts' counts.
 
-``python -m docs.generate.task_images`` writes ``docs/tasks.md`` and, for each task that has no image yet
-(but for those of Meta-World that are adapted as they are), a strip of how an episode begins and how the
-expert ends it, or where half a second of random actions leads where there is no expert;
-``redraw=[PickCube]`` renders one again.
+``python -m docs.generate.task_images`` writes ``docs/tasks.md`` and, for each task that has no image yet, a
+strip of how an episode begins and how the expert ends it, or where half a second of random actions leads
+where there is no expert; ``redraw=[PickCube]`` renders one again. Strips of CALVIN's scene D and of the tasks
+that are adapted from Meta-World are small and in their tables; LIBERO has pages of its own.
 """
 
 import inspect
@@ -28,11 +28,11 @@ from envs.tasks.base import Task
 
 logger = logging.getLogger(__name__)
 
-IMAGE_SIZE = 256
+IMAGE_SIZE, SMALL_SIZE = 256, 128
 RANDOM_S = 0.5
 """Duration of random actions shown for a task without an expert."""
 
-MAX_BYTES = 20_000
+MAX_BYTES, SMALL_BYTES = 20_000, 6_000
 """Of a strip: the best JPEG quality that fits is taken."""
 
 _QUALITIES = range(92, 20, -6)
@@ -128,21 +128,31 @@ def family_section(name: str, members: Sequence[Entry], counts: Mapping[str, Exp
         f"{len(members)} tasks of {info['source']} ({_paper(info['paper'])}; {info['licence']}). "
         f"Robot: {robot}. Horizon: {horizon} steps.",
         "",
-        "| task | what to do | expert |",
-        "|---|---|---|",
+        "| task | what to do | expert |" + (" start and end |" if any(map(is_small, members)) else ""),
+        "|---|---|---|" + ("---|" if any(map(is_small, members)) else ""),
     ]
-    lines += [f"| {e.name} | {e.summary} | {described(counts.get(e.name))} |" for e in members]
-    shown = [e.name for e in members if is_drawn(e)]
+    lines += [f"| {e.name} | {e.summary} | {described(counts.get(e.name))} |{_in_row(e)}" for e in members]
+    shown = [e.name for e in members if is_drawn(e) and not is_small(e)]
     images = [f"{name}:\n\n![{name}: start and success]({image_path(name).as_posix()})" for name in shown]
     return "\n\n".join(["\n".join(lines), *images])
 
 
+def _in_row(entry: Entry) -> str:
+    image = f"![{entry.name}: start and end]({image_path(entry.name).as_posix()})"
+    return f" {image} |" if is_small(entry) else ""
+
+
 def is_drawn(entry: Entry) -> bool:
-    """Whether the page shows a task: all but those of another project's scenes, which are many.
+    """Whether the page shows a task: all but LIBERO's, which are many, and CALVIN's outside of scene D.
 
     A task tagged ``same_scene`` looks like another one that is shown.
     """
-    return not {"adapted", "calvin", "libero", "same_scene"} & entry.tags
+    return is_small(entry) or not {"calvin", "libero", "same_scene"} & entry.tags
+
+
+def is_small(entry: Entry) -> bool:
+    """Whether a task's strip is small and in its family's table."""
+    return "adapted" in entry.tags or entry.name.startswith("calvin/D/")
 
 
 def described(count: ExpertCount | None) -> str:
@@ -232,7 +242,8 @@ def _drawn(name: str, renderer: str, solution: tuple[int, np.ndarray] | None) ->
     """Returns the images before and after an episode's actions; by default random ones in the first."""
     from envs.spec import EnvSpec
 
-    env = EnvSpec(task=name, image_size=IMAGE_SIZE, renderer=renderer).make(num_threads=1)
+    size = SMALL_SIZE if is_small(TASKS.entry(name)) else IMAGE_SIZE
+    env = EnvSpec(task=name, image_size=size, renderer=renderer).make(num_threads=1)
     try:
         only = np.array([0])
         if solution is None:
@@ -257,7 +268,7 @@ def _first_image(env) -> np.ndarray:
 
 
 def encode(strip: np.ndarray) -> bytes:
-    """Returns a strip as JPEG of at most :data:`MAX_BYTES`, as good as fits."""
+    """Returns a strip as JPEG of at most :data:`MAX_BYTES`, or :data:`SMALL_BYTES`, as good as fits."""
     from PIL import Image
 
     content = b""
@@ -265,7 +276,7 @@ def encode(strip: np.ndarray) -> bytes:
         stream = io.BytesIO()
         Image.fromarray(strip).save(stream, format="JPEG", quality=quality, optimize=True)
         content = stream.getvalue()
-        if len(content) <= MAX_BYTES:
+        if len(content) <= (MAX_BYTES if len(strip) > SMALL_SIZE else SMALL_BYTES):
             break
     return content
 

@@ -10,6 +10,8 @@ from PIL import Image
 from docs.generate import task_images as gallery
 from envs.experts.counts import ExpertCount
 from envs.tasks import TASKS
+from envs.tasks.calvin.catalogue import task_facts
+from envs.tasks.metaworld.catalogue import WORDS
 from envs.tasks.pick_cube import PickCube
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -66,10 +68,20 @@ def test_a_family_is_one_table():
 
 
 @pytest.mark.slow
-def test_adapted_tasks_are_named_and_not_shown():
+def test_strips_of_many_alike_are_small_and_in_their_tables():
     text = gallery.page(["DoorClose", "metaworld/assembly"])
-    assert "| metaworld/assembly | " in text
-    assert text.count("![") == 1 and "![DoorClose: start and success](tasks/DoorClose.jpg)" in text
+    (row,) = [line for line in text.splitlines() if line.startswith("| metaworld/assembly | ")]
+    assert row.endswith("| ![metaworld/assembly: start and end](tasks/metaworld_assembly.jpg) |")
+    assert text.count("![") == 2 and "![DoorClose: start and success](tasks/DoorClose.jpg)" in text
+
+
+def test_every_task_is_shown_but_those_of_libero_and_those_that_look_like_another():
+    assert {f"calvin/D/{task}" for task in task_facts()} | set(f"metaworld/{name}" for name in WORDS) <= {
+        *DRAWN
+    }
+    hidden = [TASKS.entry(name) for name in TASKS if name not in DRAWN]
+    other = {entry.name.split("/")[0] for entry in hidden if "same_scene" not in entry.tags}
+    assert other == {"calvin", "libero", "libero_pro"}
 
 
 def test_the_page_in_the_repository_is_the_one_that_is_made():
@@ -80,11 +92,11 @@ def test_the_page_in_the_repository_is_the_one_that_is_made():
 
 @pytest.mark.parametrize("name", DRAWN)
 def test_every_task_has_a_small_image_of_its_start_and_success(name):
-    path = DOCS / gallery.image_path(name)
-    assert path.stat().st_size <= gallery.MAX_BYTES
+    path, small = DOCS / gallery.image_path(name), gallery.is_small(TASKS.entry(name))
+    assert path.stat().st_size <= (gallery.SMALL_BYTES if small else gallery.MAX_BYTES)
     with Image.open(path) as image:
         width, height = image.size
-        assert height == 256 and width in (512, 684)  # a start and an end, square or 4:3
+        assert (width, height) in ([(256, 128)] if small else [(512, 256), (684, 256)])
 
 
 def test_a_strip_is_as_good_as_fits():
