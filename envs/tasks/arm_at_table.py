@@ -122,11 +122,9 @@ class ArmAtTable(Task):
         """
         robot = self.arm(state)
         assert robot.joint_target is not None, "a simulator gives every robot's targets"
-        chain, down = chain_at_rest(self.robot)
+        chain, _ = chain_at_rest(self.robot)
         poses = chain(robot.joint_target[:1, chain.columns].to(torch.float64))
-        yaw, pitch, roll = to_euler(multiply(from_matrix(poses.rot[0].numpy()), conjugate(down)))
-        pos = poses.pos[0].numpy()
-        return Waypoint(pos=pos, yaw=yaw, pitch=pitch, roll=roll, gripper=0.0, duration_s=0.0)
+        return posed(self.robot, poses.pos[0].numpy(), from_matrix(poses.rot[0].numpy()), 0.0, 0.0)
 
     def rise(self, state: State, height_m: float) -> list[Waypoint]:
         """Returns the way straight up with an open hand, of a state of one row; none if it is high enough.
@@ -172,6 +170,45 @@ def chain_at_rest(robot: RobotCfg) -> tuple[KinematicChain, np.ndarray]:
     chain = KinematicChain(robot)
     rest = torch.tensor([robot.default_qpos], dtype=torch.float64)
     return chain, from_matrix(chain(rest[:, chain.columns]).rot[0].numpy())
+
+
+def posed(
+    robot: RobotCfg, pos: np.ndarray, rot: np.ndarray, gripper: float, duration_s: float, hold_s: float = 0.0
+) -> Waypoint:
+    """Returns the waypoint of a hand in any orientation.
+
+    Args:
+        robot: The robot.
+        pos: Position of its end effector in the world, m, (3,).
+        rot: Orientation of its end effector in the world, wxyz, (4,).
+        gripper: Distance of each fingertip from the middle, m.
+        duration_s: Time to come there.
+        hold_s: Time to wait there.
+    """
+    turn = to_euler(multiply(rot, conjugate(chain_at_rest(robot)[1])))
+    yaw, pitch, roll = (float(angle) for angle in turn)
+    return Waypoint(
+        pos=np.asarray(pos, np.float64),
+        yaw=yaw,
+        pitch=pitch,
+        roll=roll,
+        gripper=gripper,
+        duration_s=duration_s,
+        hold_s=hold_s,
+    )
+
+
+def hand_axes(forward: np.ndarray, opening: np.ndarray) -> np.ndarray:
+    """Returns the axes of a hand as columns, (3, 3): its fingers open along x, and z points forward.
+
+    Args:
+        forward: Where its fingers point, (3,).
+        opening: Line along which they open; what of it is along ``forward`` is left out, (3,).
+    """
+    z = forward / np.linalg.norm(forward)
+    x = opening - np.dot(opening, z) * z
+    x = x / np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
 
 
 def _at_rest(item: ObjectCfg, drawn: Sequence[dict[str, Start]]) -> EntityState:

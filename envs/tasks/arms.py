@@ -8,10 +8,10 @@ from typing import ClassVar, override
 import numpy as np
 
 from envs.kinematics.waypoints import Waypoint
-from envs.rotations import conjugate, from_matrix, from_yaw, multiply, rotate, to_euler
+from envs.rotations import from_matrix, from_yaw, multiply, rotate
 from envs.scenario import RobotCfg, Vec3
 from envs.state import EntityState, State
-from envs.tasks.arm_at_table import ArmAtTable, chain_at_rest
+from envs.tasks.arm_at_table import ArmAtTable, chain_at_rest, hand_axes, posed
 from envs.tasks.arms_planner import ArmsPlanner, Phase
 from envs.tasks.planner import Planner
 from envs.tasks.tabletop import ee_pos
@@ -83,30 +83,13 @@ class Hand:
         assert entity.ee_rot is not None, "a simulator gives every robot's end effector"
         self.name = robot.name
         self.pos, self.rot = ee_pos(entity)[0].numpy().copy(), entity.ee_rot[0].numpy().copy()
-        self._rest = chain_at_rest(robot)[1]
+        self._robot, self._rest = robot, chain_at_rest(robot)[1]
 
     def to(
         self, pos: np.ndarray, rot: np.ndarray, gripper: float, duration_s: float, hold_s: float = 0.0
     ) -> Waypoint:
-        """Returns a waypoint.
-
-        Args:
-            pos: Position of the end effector in the world, m, (3,).
-            rot: Orientation of the end effector in the world, wxyz, (4,).
-            gripper: Distance of each fingertip from the middle, m.
-            duration_s: Time to come there.
-            hold_s: Time to wait there.
-        """
-        yaw, pitch, roll = (float(angle) for angle in to_euler(multiply(rot, conjugate(self._rest))))
-        return Waypoint(
-            pos=np.asarray(pos, np.float64),
-            yaw=yaw,
-            pitch=pitch,
-            roll=roll,
-            gripper=gripper,
-            duration_s=duration_s,
-            hold_s=hold_s,
-        )
+        """Returns a waypoint; see :func:`~envs.tasks.arm_at_table.posed`."""
+        return posed(self._robot, pos, rot, gripper, duration_s, hold_s)
 
     def nearer(self, rot: np.ndarray) -> np.ndarray:
         """Returns an orientation (4,), with fingers exchanged where that is nearer to the posture at rest."""
@@ -129,10 +112,7 @@ def pointing(forward: Sequence[float] | np.ndarray, opening: Sequence[float] | n
         forward: Where its fingers point, (3,).
         opening: Line along which they open; what of it is along ``forward`` is left out, (3,).
     """
-    z = np.asarray(forward, np.float64) / np.linalg.norm(forward)
-    x = np.asarray(opening, np.float64) - np.dot(opening, z) * z
-    x = x / np.linalg.norm(x)
-    return from_matrix(np.stack([x, np.cross(z, x), z], axis=1))
+    return from_matrix(hand_axes(np.asarray(forward, np.float64), np.asarray(opening, np.float64)))
 
 
 def downward(opening_rad: float) -> np.ndarray:

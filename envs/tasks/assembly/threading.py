@@ -18,8 +18,8 @@ from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Quat, Rgba, Vec3
 from envs.state import State
 from envs.tasks.arm_at_table import EASY_REACH_M, above, heading
 from envs.tasks.assembly.ranges import Range, RangedTask, Ranges
-from envs.tasks.maniskill.insertion import Insertion, insertion_way
 from envs.tasks.robosuite.scene import down, pedestal
+from envs.tasks.skills.insertion import Insertion, insertion_way
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
     GRASP_CLOSED_M,

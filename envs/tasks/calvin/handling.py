@@ -3,7 +3,9 @@
 import numpy as np
 
 from envs.kinematics.waypoints import Waypoint
-from envs.tasks.calvin.look import DRAWER_MOUTH_M, UP, Block, Look, Path, clear_of, down, leaning, turn_of
+from envs.rotations import from_matrix
+from envs.tasks.arm_at_table import posed
+from envs.tasks.calvin.look import DRAWER_MOUTH_M, UP, Block, Look, Path, clear_of, down, leaning
 from envs.tasks.calvin.scene import DESK_M, HALF_WIDTH_M
 from envs.tasks.calvin_table import SCALE
 from envs.tasks.tabletop import GRASP_OPEN_M
@@ -100,7 +102,7 @@ def _yaws(block: Block) -> list[tuple[float, float]]:
 
 def _best_yaw(look: Look, block: Block, turn: float = 0.0) -> float:
     """Returns the yaw of a hand that grasps a block and can turn by ``turn`` with it."""
-    now = float(turn_of(look.hand_rot, look.robot)[0])
+    now = posed(look.robot, look.hand_pos, from_matrix(look.hand_rot), 0.0, 0.0).yaw
     others = look.others(block.colour)
 
     def cost(item: tuple[float, float]) -> float:

@@ -6,16 +6,14 @@ forward.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
-import torch
 
-from envs.kinematics.forward import KinematicChain
 from envs.kinematics.waypoints import Waypoint
-from envs.rotations import from_matrix, to_euler, to_matrix
+from envs.rotations import from_matrix, to_matrix
 from envs.scenario import RobotCfg
 from envs.state import State
+from envs.tasks.arm_at_table import hand_axes, posed
 from envs.tasks.calvin import memory
 from envs.tasks.calvin.catalogue import BLOCKS
 from envs.tasks.calvin.scene import DESK_M, HALF_WIDTH_M, TABLE, half_length
@@ -149,10 +147,7 @@ def look_at(scene: str, robot: RobotCfg, state: State, pace: float, luck: float 
 
 def down(yaw: float) -> np.ndarray:
     """Returns a hand that points down; at a yaw of 0 its fingers open along the table."""
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    x = np.array([-cosine, -sine, 0.0])
-    z = -UP
-    return np.column_stack([x, np.cross(z, x), z])
+    return hand_axes(-UP, np.array([-np.cos(yaw), -np.sin(yaw), 0.0]))
 
 
 def leaning(tilt: float, across: np.ndarray | None = None) -> np.ndarray:
@@ -163,22 +158,8 @@ def leaning(tilt: float, across: np.ndarray | None = None) -> np.ndarray:
         across: Direction in which fingers open, (3,); along the table by default.
     """
     z = np.array([0.0, np.sin(tilt), -np.cos(tilt)])
-    x = np.array([-1.0, 0.0, 0.0]) if across is None else across - (across @ z) * z
-    x = x / np.linalg.norm(x)
-    x = -x if x[0] > 0 else x
-    return np.column_stack([x, np.cross(z, x), z])
-
-
-@cache
-def _rest(robot: RobotCfg) -> np.ndarray:
-    chain = KinematicChain(robot)
-    rest = torch.tensor([robot.default_qpos], dtype=torch.float64)
-    return chain(rest[:, chain.columns]).rot[0].numpy()
-
-
-def turn_of(rot: np.ndarray, robot: RobotCfg) -> np.ndarray:
-    """Returns yaw, pitch and roll of a hand, as in a waypoint, (3,)."""
-    return np.asarray(to_euler(from_matrix(rot @ _rest(robot).T)))
+    x = np.array([-1.0, 0.0, 0.0]) if across is None else across
+    return hand_axes(z, -x if x[0] > 0 else x)
 
 
 class Path:
@@ -209,18 +190,8 @@ class Path:
         cosine = np.clip((np.trace(self.rot.T @ rot) - 1.0) / 2.0, -1.0, 1.0)
         length, angle = float(np.linalg.norm(target - self.pos)), float(np.arccos(cosine))
         seconds = self._look.pace * slow * (0.15 + max(1.7 * length, 0.55 * angle))
-        yaw, pitch, roll = turn_of(rot, self._look.robot)
-        self.waypoints.append(
-            Waypoint(
-                pos=target,
-                yaw=float(yaw),
-                pitch=float(pitch),
-                roll=float(roll),
-                gripper=self.gripper,
-                duration_s=seconds,
-                hold_s=hold_s,
-            )
-        )
+        robot = self._look.robot
+        self.waypoints.append(posed(robot, target, from_matrix(rot), self.gripper, seconds, hold_s))
         self.pos, self.rot = target, rot
         return self
 

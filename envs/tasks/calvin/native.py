@@ -15,10 +15,10 @@ from torch import Tensor
 
 from envs.hand_pose_controller import HandPoseController
 from envs.kinematics.waypoints import Waypoint, interpolate
-from envs.rotations import conjugate, from_euler, from_matrix, multiply, to_euler, to_matrix, wrapped
+from envs.rotations import from_euler, from_matrix, multiply, to_matrix, wrapped
 from envs.scenario import RobotCfg, ScenarioCfg
 from envs.state import EntityState, State
-from envs.tasks.arm_at_table import chain_at_rest
+from envs.tasks.arm_at_table import chain_at_rest, posed
 from envs.tasks.waypoint_planner import Expert
 
 MAX_REL_POS_M, MAX_REL_ORN_RAD = 0.02, 0.05
@@ -141,10 +141,7 @@ class RelativeCartesianPlanner:
         posture = robot.joint_pos[:1].to(torch.float64, copy=True)
         posture[:, list(self._robot.driven)] = robot.joint_target[:1].to(posture)
         poses = chain(posture[:, chain.columns])
-        yaw, pitch, roll = to_euler(multiply(from_matrix(poses.rot[0].numpy()), conjugate(rest)))
-        first = Waypoint(
-            pos=poses.pos[0].numpy(), yaw=yaw, pitch=pitch, roll=roll, gripper=0.0, duration_s=0.0
-        )
+        first = posed(self._robot, poses.pos[0].numpy(), from_matrix(poses.rot[0].numpy()), 0.0, 0.0)
         path = interpolate(first, self._slowed(first, waypoints), self._control_hz)
         rots = torch.from_numpy(to_matrix(multiply(from_euler(np.vstack([first.turn, path.turn])), rest)))
         euler = euler_of(tcp_rotation(rots)).numpy()

@@ -41,9 +41,7 @@ def move_door(look: Look, goal: float) -> list[Waypoint]:
     beside = sign * (DOOR_BAR_M[0] + FIST_HALF_M)
     start = point - np.array([beside + sign * 0.02, 0.0, 0.0])
     end = point + np.array([sign * (abs(moved) + OVERSHOOT_M) - beside, 0.0, 0.0])
-    path = Path(look).over(start - 0.1 * rot[:, 2], rot)
-    path.to(path.pos, gripper=0.0).to(start).to(end, slow=1.5, hold_s=0.1)
-    return path.to(end - np.array([sign * 0.02, 0.0, 0.0])).to(path.pos - 0.1 * rot[:, 2]).waypoints
+    return _push(look, rot, start, end, np.array([sign * 0.02, 0.0, 0.0]))
 
 
 def move_drawer(look: Look, goal: float) -> list[Waypoint]:
@@ -80,9 +78,16 @@ def push_switch(look: Look, up: bool) -> list[Waypoint]:
     start = bar - sign * (reach + 0.015) * SLOPE_UP - 0.004 * SLOPE_OUT
     way = (SWITCH_TRAVEL_M - look.joints[3] if up else look.joints[3]) + 0.03
     end = start + sign * way * SLOPE_UP
+    return _push(look, rot, start, end, sign * 0.012 * SLOPE_UP)
+
+
+def _push(
+    look: Look, rot: np.ndarray, start: np.ndarray, end: np.ndarray, back: np.ndarray
+) -> list[Waypoint]:
+    """Pushes with closed fingers along a line, goes back a little, and withdraws as the hand came."""
     path = Path(look).over(start - 0.1 * rot[:, 2], rot)
     path.to(path.pos, gripper=0.0).to(start).to(end, slow=1.5, hold_s=0.1)
-    return path.to(end - sign * 0.012 * SLOPE_UP).to(path.pos - 0.1 * rot[:, 2]).waypoints
+    return path.to(end - back).to(path.pos - 0.1 * rot[:, 2]).waypoints
 
 
 def press_button(look: Look) -> list[Waypoint]:

@@ -19,8 +19,8 @@ from envs.rotations import conjugate, rotate
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Rgba
 from envs.state import EntityState, State
 from envs.tasks.arm_at_table import ArmAtTable, Start, heading, point, way
-from envs.tasks.maniskill.insertion import Insertion, insertion_way
 from envs.tasks.maniskill.pegs import on_peg, peg
+from envs.tasks.skills.insertion import Insertion, insertion_way
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
     GRASP_CLOSED_M,

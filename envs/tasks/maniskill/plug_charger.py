@@ -16,8 +16,8 @@ from envs.rotations import conjugate, rotate
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Rgba
 from envs.state import State
 from envs.tasks.arm_at_table import ArmAtTable, Start, above, heading, point, way
-from envs.tasks.maniskill.insertion import Insertion, insertion_way
 from envs.tasks.maniskill.parts import WHITE, box
+from envs.tasks.skills.insertion import Insertion, insertion_way
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
     GRASP_CLOSED_M,

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kinematics.waypoints import Waypoint, approach, miss
-from envs.rotations import conjugate, from_euler, from_matrix, from_yaw, multiply, rotate, to_euler, wrapped
+from envs.rotations import conjugate, from_euler, from_matrix, from_yaw, multiply, rotate, wrapped
 from envs.state import EntityState, State
-from envs.tasks.arm_at_table import ArmAtTable, above, chain_at_rest, heading, point, travel_s
+from envs.tasks.arm_at_table import ArmAtTable, above, chain_at_rest, heading, point, posed, travel_s
 from envs.tasks.arms import in_world
 from envs.tasks.robosuite import hook_stand as parts
 from envs.tasks.robosuite.scene import UPRIGHT_PITCH_RAD, down
@@ -68,16 +68,10 @@ def moved(
     hand = ee_pos(robot)[0].numpy()
     now, rest = task.commanded(state), chain_at_rest(task.robot)[1]
     rot = multiply(turn, multiply(from_euler(now.turn), rest))
-    yaw, pitch, roll = (float(angle) for angle in to_euler(multiply(rot, conjugate(rest))))
-    return Waypoint(
-        pos=now.pos + goal.pos + rotate(turn, hand - has.pos) - hand,
-        yaw=now.yaw + float(wrapped(yaw - now.yaw)),
-        pitch=pitch,
-        roll=now.roll + float(wrapped(roll - now.roll)),
-        gripper=GRASP_CLOSED_M,
-        duration_s=duration_s,
-        hold_s=hold_s,
-    )
+    pos = now.pos + goal.pos + rotate(turn, hand - has.pos) - hand
+    there = posed(task.robot, pos, rot, GRASP_CLOSED_M, duration_s, hold_s)
+    yaw, roll = (float(wrapped(angle)) for angle in (there.yaw - now.yaw, there.roll - now.roll))
+    return replace(there, yaw=now.yaw + yaw, roll=now.roll + roll)
 
 
 def _take(
