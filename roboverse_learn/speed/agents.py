@@ -7,7 +7,7 @@ CPU neither is compiled, and the sizes are small. The replay buffer is compared 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any, cast, override
 
@@ -15,8 +15,8 @@ import torch
 
 from envs.core.errors import MissingExtraError
 from envs.core.extras import install_command
-from roboverse_learn.speed import harness
-from roboverse_learn.speed.harness import NO_GOAL, Call, DeviceProgram, Goal, Measurement, Parts, scaled
+from roboverse_learn.speed.harness import Call, DeviceProgram, Goal, Measurement, part, scaled
+from roboverse_learn.training.device import cpu_threads
 
 OBSERVATION, OBSERVED, ACTIONS, EPISODE = "observation.environment_state", 51, 19, 1000
 STEPS, ENVS, SEQUENCES, HORIZON = 100_000, 100, 256, 4
@@ -24,67 +24,7 @@ STEPS, ENVS, SEQUENCES, HORIZON = 100_000, 100, 256, 4
 GOAL = 2.0
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Agents(DeviceProgram):
-    """Compares updates and planning to plain torch, and the replay buffer to TorchRL's.
-
-    Attributes:
-        parts: tdmpc2_update, tdmpc2_planning, fasttd3_update, replay.
-        model_size: Size of TD-MPC2.
-        sequences: Its sequences per update.
-        plan_envs: Environments that are planned for at once.
-        fasttd3_steps: Steps per update of FastTD3.
-        fasttd3_dim: Width of its critics.
-        updates: Timed calls of one turn; a replayed batch is small, so 50 times as many are sampled.
-        turns: How often each side is timed.
-        compile: Whether our side is compiled, which is recorded on a GPU too; None does so on a GPU.
-    """
-
-    model_size: int = scaled(gpu=5, cpu=1)
-    sequences: int = scaled(gpu=256, cpu=4)
-    plan_envs: int = scaled(gpu=64, cpu=1)
-    fasttd3_steps: int = scaled(gpu=32_768, cpu=64)
-    fasttd3_dim: int = scaled(gpu=1024, cpu=64)
-    updates: int = scaled(gpu=50, cpu=2)
-    turns: int = scaled(gpu=5, cpu=2)
-    compile: bool | None = None
-
-    @override
-    def measurements(self) -> Parts:
-        torch.set_float32_matmul_precision("high")
-        sized = self.sized()
-        size, goal = f"size {sized.model_size}", Goal(GOAL, applies=sized.device == "cuda")
-        update = f"TD-MPC2, update, {size}, batch {sized.sequences}"
-        planning = f"TD-MPC2, planning for {sized.plan_envs} envs, {size}"
-        fasttd3 = f"FastTD3, update, batch {sized.fasttd3_steps:,}"
-        return {
-            "tdmpc2_update": partial(sized.against_torch, update, tdmpc2_update, goal),
-            "tdmpc2_planning": partial(sized.against_torch, planning, tdmpc2_planning),
-            "fasttd3_update": partial(sized.against_torch, fasttd3, fasttd3_update),
-            "replay": sized.replay,
-        }
-
-    def against_torch(self, name: str, make: Callable[..., Call], goal: Goal = NO_GOAL) -> Measurement:
-        """Compares calls of what ``make`` returns, compiled and recorded, to those in plain torch."""
-        device, on_gpu = self.device, self.device == "cuda"
-        compile = on_gpu if self.compile is None else self.compile
-        ours = make(self, compile=compile, cuda_graphs=compile and on_gpu)
-        plain = make(self, compile=False, cuda_graphs=False)
-        name = f"{name} on {device}, plain torch / ours"
-        return harness.compare(name, ours, plain, goal, turns=self.turns, calls=self.updates, device=device)
-
-    def replay(self) -> Measurement:
-        """Compares batches of both replay buffers, sampled by one thread."""
-        from roboverse_learn.training.device import cpu_threads
-
-        device, turns, calls = self.device, 5 * self.turns, 50 * self.updates
-        name = f"replay, {SEQUENCES} sequences of {HORIZON} on {device}, TorchRL's SliceSampler / ours"
-        with cpu_threads(1, device):
-            ours, theirs = (make(OBSERVED, ACTIONS, device) for make in (our_sequences, torchrl_slices))
-            return harness.compare(name, ours, theirs, turns=turns, calls=calls, device=device)
-
-
-def tdmpc2_update(sizes: Agents, **form: Any) -> Call:
+def tdmpc2_update(sizes: "Agents", **form: Any) -> Call:
     """Returns an update of a fresh TD-MPC2 on a fixed batch."""
     from policies.tdmpc2.update import Sequences, Updater
 
@@ -101,7 +41,7 @@ def tdmpc2_update(sizes: Agents, **form: Any) -> Call:
     return partial(updater.update, given)
 
 
-def tdmpc2_planning(sizes: Agents, **form: Any) -> Call:
+def tdmpc2_planning(sizes: "Agents", **form: Any) -> Call:
     """Returns the choice of actions in several environments at once."""
     from policies.tdmpc2.agent import Tdmpc2Agent
 
@@ -112,7 +52,7 @@ def tdmpc2_planning(sizes: Agents, **form: Any) -> Call:
     return partial(agent.act, seen, first)
 
 
-def _tdmpc2(sizes: Agents) -> Any:
+def _tdmpc2(sizes: "Agents") -> Any:
     from policies.tdmpc2.config import Tdmpc2Config
     from policies.tdmpc2.policy import Tdmpc2Policy
 
@@ -120,7 +60,7 @@ def _tdmpc2(sizes: Agents) -> Any:
     return Tdmpc2Policy.create(config, {OBSERVATION: OBSERVED}, ACTIONS, EPISODE, sizes.device)
 
 
-def fasttd3_update(sizes: Agents, **form: Any) -> Call:
+def fasttd3_update(sizes: "Agents", **form: Any) -> Call:
     """Returns an update of a fresh FastTD3; every second one updates the actor."""
     from policies.fasttd3.config import FastTd3Config
     from policies.fasttd3.policy import FastTd3Policy
@@ -186,3 +126,54 @@ def torchrl_slices(observed: int, actions: int, device: str) -> Callable[[], Any
     }
     buffer.extend(TensorDict(fields, batch_size=[STEPS]).to(device))
     return buffer.sample
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Agents(DeviceProgram):
+    """Compares updates and planning to plain torch, and the replay buffer to TorchRL's.
+
+    Attributes:
+        parts: tdmpc2_update, tdmpc2_planning, fasttd3_update, replay.
+        model_size: Size of TD-MPC2.
+        sequences: Its sequences per update.
+        plan_envs: Environments that are planned for at once.
+        fasttd3_steps: Steps per update of FastTD3.
+        fasttd3_dim: Width of its critics.
+        updates: Timed calls of one turn; a replayed batch is small, so 50 times as many are sampled.
+        turns: How often each side is timed.
+        compile: Whether our side is compiled, which is recorded on a GPU too; None does so on a GPU.
+    """
+
+    model_size: int = scaled(gpu=5, cpu=1)
+    sequences: int = scaled(gpu=256, cpu=4)
+    plan_envs: int = scaled(gpu=64, cpu=1)
+    fasttd3_steps: int = scaled(gpu=32_768, cpu=64)
+    fasttd3_dim: int = scaled(gpu=1024, cpu=64)
+    updates: int = scaled(gpu=50, cpu=2)
+    turns: int = scaled(gpu=5, cpu=2)
+    compile: bool | None = None
+
+    @override
+    def prepare(self) -> None:
+        torch.set_float32_matmul_precision("high")
+
+    @part("tdmpc2_update", "TD-MPC2, update, size {model_size}, batch {sequences}", tdmpc2_update, GOAL)
+    @part("tdmpc2_planning", "TD-MPC2, planning for {plan_envs} envs, size {model_size}", tdmpc2_planning)
+    @part("fasttd3_update", "FastTD3, update, batch {fasttd3_steps:,}", fasttd3_update, GOAL)
+    def against_torch(self, what: str, make: Callable[..., Call], least: float | None = None) -> Measurement:
+        """Compares calls of what ``make`` returns, compiled and recorded, to those in plain torch."""
+        goal = Goal(least, applies=self.on_gpu)
+        compile = self.on_gpu if self.compile is None else self.compile
+        ours = make(self, compile=compile, cuda_graphs=compile and self.on_gpu)
+        plain = make(self, compile=False, cuda_graphs=False)
+        name = f"{what.format_map(asdict(self))} on {self.device}, plain torch / ours"
+        return self.compare(name, ours, plain, goal, calls=self.updates)
+
+    @part("replay")
+    def replay(self) -> Measurement:
+        """Compares batches of both replay buffers, sampled by one thread."""
+        device = self.device
+        name = f"replay, {SEQUENCES} sequences of {HORIZON} on {device}, TorchRL's SliceSampler / ours"
+        with cpu_threads(1, device):
+            ours, theirs = (make(OBSERVED, ACTIONS, device) for make in (our_sequences, torchrl_slices))
+            return self.compare(name, ours, theirs, turns=5 * self.turns, calls=50 * self.updates)

@@ -27,7 +27,7 @@ from roboverse_learn.data.dataset.reader import ResidentDataset
 from roboverse_learn.data.dataset.schema import EpisodeData
 from roboverse_learn.data.dataset.video import EncoderConfig
 from roboverse_learn.data.dataset.writer import DatasetWriter
-from roboverse_learn.speed.harness import NO_GOAL, Goal, Measurement, Parts, Program, compare
+from roboverse_learn.speed.harness import NO_GOAL, Goal, Measurement, Program, part
 from roboverse_learn.speed.training import CAMERA, plain_features
 from roboverse_learn.training.device import cpu_threads
 
@@ -62,30 +62,23 @@ class Dataset(Program):
     turns: int = 1
 
     @override
-    def measurements(self) -> Parts:
+    def prepare(self) -> None:
         logging.disable(logging.WARNING)  # of the encoders
-        return {
-            "write": self.write,
-            "write_streaming": self.write_streaming,
-            "read": self.read,
-            "read_busy": self.read_busy,
-        }
 
+    @part("write")
     def write(self, encoder: str = "defaults", goal: Goal = WRITE_GOAL, **options: Any) -> Measurement:
         """Compares both writers, LeRobot's with these options, on the same frames, in seconds per frame."""
         episodes, num_frames = self._synthetic_episodes(), self.episodes * self.length
         with tempfile.TemporaryDirectory() as scratch:
             folders = (Path(scratch) / str(number) for number in itertools.count())
-
-            def ours() -> None:
-                write_ours(next(folders), episodes)
-
-            def theirs() -> None:
-                write_lerobot(next(folders), episodes, **options)
-
             name = f"writing a frame, LeRobot ({encoder}) / ours"
-            return compare(name, ours, theirs, goal, turns=self.turns, units=num_frames)
+            sides = (
+                lambda: write_ours(next(folders), episodes),
+                lambda: write_lerobot(next(folders), episodes, **options),
+            )
+            return self.compare(name, *sides, goal, units=num_frames)
 
+    @part("write_streaming")
     def write_streaming(self) -> Measurement:
         """Compares both writers, LeRobot's with its streaming encoder and our codec settings."""
         from lerobot.configs.video import RGBEncoderConfig
@@ -96,12 +89,9 @@ class Dataset(Program):
         options = {"streaming_encoding": True, "encoder_queue_maxsize": 10_000, "rgb_encoder": codec}
         return self.write("streaming", NO_GOAL, **options)
 
+    @part("read")
     def read(self) -> Measurement:
-        """Compares both readers on the same batches of one dataset, in seconds per sample.
-
-        Raises:
-            DatasetError: if the two read different values.
-        """
+        """Compares both readers on the same batches of one dataset, in seconds per sample."""
         import torch
         from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
@@ -123,11 +113,12 @@ class Dataset(Program):
             for key, values in first.items():
                 if not values.equal(their_first[key]):
                     raise DatasetError(f"The readers disagree on '{key}'. Do not compare their speed.")
-            size, sides = self.batch_size, (partial(next, ours), partial(next, theirs))
-            what = f"reading a sample, batches of {size}, LeRobot / ours"
+            what = f"reading a sample, batches of {self.batch_size}, LeRobot / ours"
             name = f"{what} (decoded beforehand in {decoding_s:.2f} s)"
-            return compare(name, *sides, READ_GOAL, turns=self.turns, calls=self.batches, units=size)
+            sides = (partial(next, ours), partial(next, theirs))
+            return self.compare(name, *sides, READ_GOAL, calls=self.batches, units=self.batch_size)
 
+    @part("read_busy")
     def read_busy(self) -> Measurement:
         """Compares our reader on two threads beside two processes that compute all the time to it alone."""
         with tempfile.TemporaryDirectory() as scratch:
@@ -140,17 +131,16 @@ class Dataset(Program):
             for indices in order:
                 resident.sample(indices, CHUNK)
 
+        def beside() -> None:
+            for process in busy:
+                process.resume()
+            alone()
+            for process in busy:
+                process.suspend()
+
         with cpu_threads(_THREADS), _suspended(_BUSY_PROCESSES) as busy:
-
-            def beside() -> None:
-                for process in busy:
-                    process.resume()
-                alone()
-                for process in busy:
-                    process.suspend()
-
             name = f"reading a sample, {_THREADS} threads, alone / beside {_BUSY_PROCESSES} busy processes"
-            return compare(name, beside, alone, BUSY_GOAL, turns=self.turns, units=order.size)
+            return self.compare(name, beside, alone, BUSY_GOAL, units=order.size)
 
     def _synthetic_episodes(self) -> list[EpisodeData]:
         return [synthetic_episode(index, self.length, self.size) for index in range(self.episodes)]
@@ -176,12 +166,8 @@ def _suspended(count: int) -> Iterator[list[Any]]:
 def synthetic_episode(index: int, length: int, size: int) -> EpisodeData:
     """Returns an episode whose images cost an encoder about as much as rendered ones.
 
-    They have a shaded background, moving squares, and the sensor noise of one ray per pixel.
-
-    Args:
-        index: Seed of the noise and the paths.
-        length: Frames.
-        size: Height and width, pixels.
+    They have ``length`` frames of ``size`` pixels a side: a shaded background, moving squares, and the sensor
+    noise of one ray per pixel. ``index`` is the seed of the noise and the paths.
     """
     rng = np.random.default_rng(index)
     y, x = np.mgrid[0:size, 0:size] * (256 / size)
@@ -206,9 +192,8 @@ def synthetic_episode(index: int, length: int, size: int) -> EpisodeData:
 
 def write_ours(root: Path, episodes: Sequence[EpisodeData]) -> None:
     """Writes with our writer."""
-    with DatasetWriter(
-        root, fps=FPS, features=plain_features(episodes[0].images["front"].shape[1])
-    ) as writer:
+    features = plain_features(episodes[0].images["front"].shape[1])
+    with DatasetWriter(root, fps=FPS, features=features) as writer:
         for episode in episodes:
             writer.add_episode(episode)
 

@@ -6,14 +6,15 @@ observation of every step, so every image is rendered. The clock is that of the 
 time that passes, less what other programs take.
 """
 
+import contextlib
 import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, override
+from typing import Any, ClassVar
 
 from envs.core.errors import SimulatorError
-from roboverse_learn.speed.harness import Goal, Measurement, Parts, Program, compare
+from roboverse_learn.speed.harness import Goal, Measurement, Program, part
 
 TASK, LEVEL, SPLIT, SEED = "PickCube", 0, "test", 0
 GOAL = Goal(5.0)
@@ -35,16 +36,9 @@ class Evaluation(Program):
     num_episodes: int = 4
     turns: int = 3
 
-    @override
-    def measurements(self) -> Parts:
-        return {"act": self.act}
-
+    @part("act")
     def act(self) -> Measurement:
-        """Compares both, in seconds per episode; the checkpoint is loaded and the env built beforehand.
-
-        Raises:
-            SimulatorError: The two did not run the same episodes.
-        """
+        """Compares both, in seconds per episode; the checkpoint is loaded and the env built beforehand."""
         import torch
         from lerobot.envs.factory import make_env_pre_post_processors
         from lerobot.scripts.lerobot_eval import eval_policy
@@ -78,12 +72,10 @@ class Evaluation(Program):
             if ran != {"LeRobot": seeds, "ours": episodes}:
                 raise SimulatorError("The two evaluations are not of the same episodes: do not compare them.")
 
-        name, clock = f"evaluation of ACT, {size}×{size}, LeRobot / ours", time.process_time
-        found = compare(
-            name, ours, theirs, GOAL, turns=self.turns, units=self.num_episodes, clock=clock, after=check
-        )
-        env.close()
-        return found
+        name = f"evaluation of ACT, {size}×{size}, LeRobot / ours"
+        how: Any = {"units": self.num_episodes, "clock": time.process_time, "after": check}
+        with contextlib.closing(env):
+            return self.compare(name, ours, theirs, GOAL, **how)
 
 
 def _quick_policy() -> tuple[int, tuple[str, ...], Any]:

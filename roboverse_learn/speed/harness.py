@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, override
 
 import numpy as np
 
@@ -112,7 +112,7 @@ def compare(
         turns: How often each is timed.
         calls: Calls of each side in a turn.
         units: Steps, frames or images of one call; the times are those of one.
-        device: Torch device, whose kernels are waited for before and after the calls of a side.
+        device: Torch device, whose kernels are waited for.
         clock: Returns seconds.
         before: Called before every turn, not timed.
         after: Called after every turn, not timed, such as a check that both computed the same.
@@ -122,15 +122,21 @@ def compare(
     for turn in range(turns + 1):
         before()
         for side in ((1, 0), (0, 1))[turn % 2]:
-            call = (ours, baseline)[side]
-            wait()
-            started = clock()
-            for _ in range(calls):
-                call()
-            wait()
-            seconds[turn, side] = clock() - started
+            seconds[turn, side] = seconds_of((ours, baseline)[side], calls, wait, clock)
         after()
     return measurement(name, seconds[1:], goal, units=calls * units)
+
+
+def seconds_of(
+    call: Call, calls: int = 1, wait: Call = nothing, clock: Callable[[], float] = time.perf_counter
+) -> float:
+    """Returns the seconds of some calls; kernels are waited for before and after them."""
+    wait()
+    started = clock()
+    for _ in range(calls):
+        call()
+    wait()
+    return clock() - started
 
 
 def measurement(name: str, seconds: np.ndarray, goal: Goal, *, units: int = 1) -> Measurement:
@@ -160,6 +166,33 @@ type Parts = Mapping[str, Callable[[], Measurement]]
 """What is measured, by the names that ``parts=[...]`` takes; each is called once."""
 
 
+def part[F: Callable[..., Measurement]](name: str, *args: Any, **options: Any) -> Callable[[F], F]:
+    """Makes a method of a :class:`Program` one of its parts; for several parts it is repeated.
+
+    Args:
+        name: Of the part.
+        *args: What the method gets.
+        **options: What it gets by name.
+    """
+
+    def mark(method: F) -> F:
+        method.__dict__["parts"] = {name: (args, options)} | method.__dict__.get("parts", {})
+        return method
+
+    return mark
+
+
+def part_each[F: Callable[..., Measurement]](*names: str) -> Callable[[F], F]:
+    """Makes a method a part of each name, which it gets; see :func:`part`."""
+
+    def mark(method: F) -> F:
+        for name in reversed(names):
+            method = part(name, name)(method)
+        return method
+
+    return mark
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Program:
     """Keys of every speed program.
@@ -182,9 +215,28 @@ class Program:
         sizes = {item.name for item in numbers if item.metadata}  # 0 of them is what suits the device
         check_ranges(self, from_0=sizes, above_0={item.name for item in numbers} - sizes)
 
+    def sized(self) -> Self:
+        """Returns what measures: this, or for a device a copy with its sizes."""
+        return self
+
+    def prepare(self) -> None:
+        """Called before anything is measured."""
+
+    def compare(self, name: str, ours: Call, baseline: Call, goal: Goal = NO_GOAL, **how: Any) -> Measurement:
+        """Returns :func:`compare`, with the turns and the device of the program where ``how`` has none."""
+        own = {key: getattr(self, key) for key in ("turns", "device") if hasattr(self, key)}
+        return compare(name, ours, baseline, goal, **(own | how))
+
     def measurements(self) -> Parts:
-        """Returns all that can be measured."""
-        raise NotImplementedError
+        """Returns all that can be measured, in the order of the class."""
+        sized = self.sized()
+        sized.prepare()
+        methods = [method for method in vars(type(self)).values() if hasattr(method, "parts")]
+        return {
+            name: partial(method, sized, *args, **options)
+            for method in methods
+            for name, (args, options) in method.parts.items()
+        }
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -197,12 +249,18 @@ class DeviceProgram(Program):
 
     device: str = "auto"
 
+    @property
+    def on_gpu(self) -> bool:
+        """Whether the device is a GPU; on a CPU goals do not apply."""
+        return self.device != "cpu"
+
+    @override
     def sized(self) -> Self:
-        """Returns a copy with the device that is there, and with its sizes."""
         from roboverse_learn.training.device import resolve_device
 
         device = resolve_device(self.device)
-        sizes = {item.name: item.metadata[device] for item in fields(self) if item.metadata}
+        kind = device.partition(":")[0]
+        sizes = {item.name: item.metadata[kind] for item in fields(self) if item.metadata}
         return replace(self, device=device, **{key: getattr(self, key) or sizes[key] for key in sizes})
 
 

@@ -5,17 +5,14 @@ that the program works.
 """
 
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, override
+from typing import Any
 
 import numpy as np
 
-from roboverse_learn.speed import harness
-from roboverse_learn.speed.harness import DeviceProgram, Goal, Measurement, Parts, scaled
+from roboverse_learn.speed.harness import DeviceProgram, Goal, Measurement, part, require_same_physics, scaled
 from roboverse_learn.speed.simulators import TASK, controlled, launched
 
 GOAL, SIMPLIFIED_GOAL = 0.9, 2.0
-IMAGE_SIZES = (128, 256)
 _COPIED = ("qpos", "qvel", "ctrl", "mocap_pos", "mocap_quat", "qacc_warmstart")
 
 
@@ -39,24 +36,11 @@ class MujocoWarp(DeviceProgram):
     images: int = scaled(gpu=5, cpu=1)
     turns: int = scaled(gpu=5, cpu=3)
 
-    @override
-    def measurements(self) -> Parts:
-        sized = self.sized()
-        images = {
-            f"{name}_{size}": partial(sized.render, size, simplified=simplified)
-            for name, simplified in (("render", True), ("unsimplified", False))
-            for size in IMAGE_SIZES
-        }
-        return {"physics": sized.physics, **images}
-
+    @part("physics")
     def physics(self) -> Measurement:
         """Compares control steps (targets in, states out) to as many bare ``mujoco_warp.step``.
 
-        Returns:
-            Seconds per physics step of all envs.
-
-        Raises:
-            SimulatorError: The two did not end in the same state.
+        The seconds are those of a physics step of all envs; both must end in the same state.
         """
         import mujoco_warp as mjw
 
@@ -80,25 +64,24 @@ class MujocoWarp(DeviceProgram):
                 step.launch(decimation)
 
         def check() -> None:  # of the average: on a GPU contacts are found in any order
-            harness.require_same_physics((handler.views.qpos - views["qpos"]).abs().mean().item(), 1e-2)
+            require_same_physics((handler.views.qpos - views["qpos"]).abs().mean().item(), 1e-2)
 
         name = f"physics of {TASK}, {self.physics_envs} envs on {on.torch}, bare mujoco_warp / ours"
-        goal, units, where = Goal(GOAL, applies=on.is_cuda), decimation * self.control_steps, str(on.torch)
-        ours, turns = controlled(handler, targets), self.turns
+        sides, goal = (controlled(handler, targets), bare), Goal(GOAL, applies=on.is_cuda)
+        units = decimation * self.control_steps
         with handler:
-            return harness.compare(
-                name, ours, bare, goal, turns=turns, units=units, device=where, before=begin, after=check
-            )
+            return self.compare(name, *sides, goal, units=units, before=begin, after=check)
 
+    @part("render_128", 128)
+    @part("render_256", 256)
+    @part("unsimplified_128", 128, simplified=False)
+    @part("unsimplified_256", 256, simplified=False)
     def render(self, image_size: int, *, simplified: bool = True) -> Measurement:
         """Compares RGB images as torch tensors to the bare tracer, which leaves packed pixels in its buffer.
 
         Ours includes the poses of the bodies, the appearance of each env, and unpacking. Both render one
         camera, square images of so many pixels a side. The bare tracer renders our simplified meshes too, or
-        the robot's own.
-
-        Returns:
-            Seconds per image of all envs.
+        the robot's own. The seconds are those of an image of all envs.
         """
         import mujoco_warp as mjw
 
@@ -130,10 +113,9 @@ class MujocoWarp(DeviceProgram):
             f"RGB {image_size}×{image_size}, {self.render_envs} envs on {on.torch}, "
             f"bare mujoco_warp.render{'' if simplified else ' of unsimplified meshes'} / ours"
         )
-        goal, where = Goal(GOAL if simplified else SIMPLIFIED_GOAL, applies=on.is_cuda), str(on.torch)
+        goal = Goal(GOAL if simplified else SIMPLIFIED_GOAL, applies=on.is_cuda)
         with handler, on.scope():
-            ours = handler.render_tensors
-            return harness.compare(name, ours, bare, goal, turns=self.turns, calls=self.images, device=where)
+            return self.compare(name, handler.render_tensors, bare, goal, calls=self.images)
 
 
 def put_physics(handler: Any) -> tuple[Any, Any]:

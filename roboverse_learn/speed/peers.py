@@ -10,27 +10,22 @@ Their packages ask for other versions than ours, so each peer may have a Python 
 ``roboverse speed peers robosuite=/other/venv/bin/python``.
 """
 
+import contextlib
 import itertools
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import ClassVar, override
+from typing import ClassVar
 
 import numpy as np
 
 from envs.core.errors import MissingExtraError, SimulatorError
-from roboverse_learn.speed.harness import Goal, Measurement, Parts, Program, compare
+from roboverse_learn.speed.harness import NO_GOAL, Goal, Measurement, Program, part
 
-GOALS = {
-    ("maniskill", "state"): Goal(5.0),
-    ("robosuite", "state"): Goal(6.0),
-    ("maniskill", "images"): Goal(10.0),
-    ("robosuite", "images"): Goal(8.0),
-}
 PROGRAM = Path(__file__).with_name("peer_env.py")
 ANSWER = "peer_env: "
 """What begins a line of that program."""
@@ -60,21 +55,15 @@ class Peers(Program):
     steps: int = 100
     turns: int = 5
 
-    @override
-    def measurements(self) -> Parts:
-        return {f"{peer}_{sees}": partial(self.step, peer, sees) for peer, sees in GOALS}
-
-    def step(self, peer: str, sees: str) -> Measurement:
-        """Compares a step of another project's environment to one of ours; both see states or images.
-
-        Raises:
-            MissingExtraError: Its Python has no such package, or cannot make the environment.
-            SimulatorError: It ended while it was timed.
-        """
+    @part("maniskill_state", "maniskill", "state", Goal(5.0))
+    @part("robosuite_state", "robosuite", "state", Goal(6.0))
+    @part("maniskill_images", "maniskill", "images", Goal(10.0))
+    @part("robosuite_images", "robosuite", "images", Goal(8.0))
+    def step(self, peer: str, sees: str, goal: Goal = NO_GOAL) -> Measurement:
+        """Compares a step of another project's environment to one of ours; both see states or images."""
         shown = "states" if sees == "state" else f"an image of {self.size}×{self.size}"
-        name, goal = f"a step with {shown}, {peer} / ours", GOALS[peer, sees]
-        with Peer(getattr(self, peer), peer, sees, self.size) as theirs:
-            step, close = _our_step(sees, self.size)
+        name = f"a step with {shown}, {peer} / ours"
+        with Peer(getattr(self, peer), peer, sees, self.size) as theirs, _our_step(sees, self.size) as step:
 
             def ours() -> None:
                 for _ in range(self.steps):
@@ -83,11 +72,8 @@ class Peers(Program):
             def cpu_s() -> float:
                 return time.process_time() + theirs.cpu_s
 
-            try:
-                other = partial(theirs.step, self.steps)
-                return compare(name, ours, other, goal, turns=self.turns, units=self.steps, clock=cpu_s)
-            finally:
-                close()
+            other = partial(theirs.step, self.steps)
+            return self.compare(name, ours, other, goal, units=self.steps, clock=cpu_s)
 
 
 class Peer:
@@ -147,8 +133,9 @@ class Peer:
         self._process.communicate()
 
 
-def _our_step(sees: str, size: int) -> tuple[Callable[[], object], Callable[[], object]]:
-    """Returns what makes a step of our environment, and what closes it."""
+@contextlib.contextmanager
+def _our_step(sees: str, size: int) -> Iterator[Callable[[], object]]:
+    """Yields what makes a step of our environment."""
     from envs import RoboVerseEnv
 
     options = {"observation": "state"} if sees == "state" else {"image_size": size, "cameras": ["front"]}
@@ -164,4 +151,5 @@ def _our_step(sees: str, size: int) -> tuple[Callable[[], object], Callable[[], 
         if sees == "images":
             assert observation["pixels"]["front"].shape == (size, size, 3)
 
-    return step, env.close
+    with contextlib.closing(env):
+        yield step

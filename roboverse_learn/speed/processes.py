@@ -14,18 +14,20 @@ import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from subprocess import DEVNULL, Popen
-from typing import NamedTuple, override
+from typing import NamedTuple
 
 import numpy as np
 
-from envs.core.errors import SimulatorError
-from roboverse_learn.speed.harness import Goal, Measurement, Parts, Program, measurement
-from roboverse_learn.speed.one_training import FAILED
+from envs.core.errors import RoboVerseError, SimulatorError
+from roboverse_learn.speed.harness import Goal, Measurement, Program, measurement, part_each
 
-POLICIES = ("act", "diffusion")
+FAILED = "Training failed: "
+"""How the line of a training begins that says why it failed, among those of the launcher."""
+
+PARTS = ("act", "act_shared", "diffusion", "diffusion_shared")
 SAME_BATCH_EACH = Goal(0.95)
 """Efficiency where each process takes the batch of one: twice the samples a step."""
 
@@ -62,26 +64,15 @@ class Processes(Program):
     turns: int = 2
     words: tuple[str, ...] = ()
 
-    @override
-    def measurements(self) -> Parts:
-        return {part: partial(self.efficiency, side) for part, side in self.sides().items()}
+    def side(self, part: str) -> Side:
+        """Returns what a part trains in several processes."""
+        policy, _, shared = part.partition("_")
+        return Side(policy, self.num_processes, self.batch_size * (1 if shared else self.num_processes))
 
-    def sides(self) -> dict[str, Side]:
-        """Returns what is trained in several processes, by part."""
-        count, batch = self.num_processes, self.batch_size
-        return {
-            f"{policy}{suffix}": Side(policy, count, together)
-            for policy in POLICIES
-            for suffix, together in (("", count * batch), ("_shared", batch))
-        }
-
-    def efficiency(self, side: Side) -> Measurement:
-        """Compares the seconds of a sample per process: several at once, and one alone.
-
-        Raises:
-            SimulatorError: Training ended with an error, whose last lines the message has.
-        """
-        policy, count, together = side
+    @part_each(*PARTS)
+    def efficiency(self, part: str) -> Measurement:
+        """Compares the seconds of a sample per process: several at once, and one alone."""
+        policy, count, together = side = self.side(part)
         alone = Side(policy, 1, self.batch_size)
         seconds = [step_s(self, each) * each.processes / each.batch for each in (side, alone)]
         name = f"{policy}, {together} samples a step in {count} processes, {alone.batch} in one: efficiency"
@@ -103,7 +94,7 @@ class Processes(Program):
         words += [f"train.batch_size={side.batch}", "train.time_limit_s=null"]
         words += [f"train.steps={steps}", f"train.save_every={steps}"]
         words += [f"train.log_every={np.gcd(self.first_step, self.steps)}"]
-        command = [sys.executable, "-m", *launcher, "roboverse_learn.speed.one_training", *words]
+        command = [sys.executable, "-m", *launcher, "roboverse_learn.speed.processes", *words]
         own = {"ACCELERATE_USE_CPU": "true"} if self.on_cpu else {}
         own |= {"CUDA_VISIBLE_DEVICES": gpu} if gpu else {}
         with run.with_suffix(".log").open("w") as log:
@@ -130,13 +121,11 @@ def step_s(settings: Processes, side: Side) -> np.ndarray:
 @cache
 def compile_losses(settings: Processes) -> None:
     """Puts every loss that is needed into the compiler's cache, spread over the GPUs."""
-    needed = dict[tuple[str, int], None]()
-    for part, side in settings.sides().items():
-        if not settings.parts or part in settings.parts:
-            batches = (settings.batch_size, side.batch // side.processes)
-            needed |= dict.fromkeys((side.policy, batch) for batch in batches)
+    sides = [settings.side(part) for part in settings.parts or PARTS]
+    batches = [(side.policy, settings.batch_size) for side in sides]
+    batches += [(side.policy, side.batch // side.processes) for side in sides]
     started = {}
-    for place, (policy, batch) in enumerate(needed):
+    for place, (policy, batch) in enumerate(dict.fromkeys(batches)):
         run = scratch(settings) / f"compile-{policy}-of-{batch}"
         gpu = str(place % settings.num_processes)
         started[run] = settings.start(run, Side(policy, 1, batch), 1, gpu=gpu)
@@ -152,7 +141,7 @@ def dataset(settings: Processes) -> str:
     from roboverse_learn.collect import collect_dataset
     from roboverse_learn.config.compose import compose
 
-    config = compose("train", [*settings.words_of(POLICIES[0]), f"datasets_dir={scratch(settings)}"])
+    config = compose("train", [*settings.words_of("act"), f"datasets_dir={scratch(settings)}"])
     return f"dataset={collect_dataset(config).root}"
 
 
@@ -176,3 +165,23 @@ def wait(started: Mapping[Path, Popen]) -> None:
             said = [line for line in text.splitlines() if line.startswith(FAILED)]
             why = said[0].removeprefix(FAILED) if said else text.strip()[-2000:]
             raise SimulatorError(f"The training {run.name} failed: {why}")
+
+
+def train(words: list[str]) -> None:
+    """Trains the policy of a run on its dataset: ``roboverse train`` without collection and evaluation."""
+    from roboverse_learn.config.compose import compose
+    from roboverse_learn.training.device import resolve_device
+    from roboverse_learn.training.learners import learner_of
+    from roboverse_learn.training.reporter import Reporter
+
+    try:
+        config = compose("train", words)
+        assert config.run and config.dataset
+        learner = learner_of(config, resolve_device(config.device))
+        learner.learn(Path(config.run), str(config.dataset), config.seed, Reporter())
+    except RoboVerseError as error:
+        sys.exit(f"{FAILED}{error}")
+
+
+if __name__ == "__main__":
+    train(sys.argv[1:])

@@ -8,35 +8,16 @@ own conventions. Times are processor time, which a busy machine hardly changes.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from time import process_time
-from typing import Any, override
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from roboverse_learn.speed import harness
-from roboverse_learn.speed.harness import Call, Goal, Measurement, Parts, Program, compare
+from roboverse_learn.speed.harness import Call, Goal, Measurement, Program, part_each, require_same_physics
 
 TASK = "PickCube"
 GOAL = Goal(1.15, at_least=False)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Simulators(Program):
-    """Compares handlers to scripts on the simulator alone.
-
-    Attributes:
-        parts: mujoco, sapien, pybullet.
-        turns: How often each side is timed.
-    """
-
-    turns: int = 11
-
-    @override
-    def measurements(self) -> Parts:
-        return {name: partial(overhead, name, self.turns) for name in SCRIPTS}
-
 
 type Script = tuple[Callable[[np.ndarray, int], object], Callable[[], np.ndarray]]
 """Makes a control step of some physics steps towards a target (J,), and reads what such a script reads; and
@@ -123,42 +104,47 @@ SCRIPTS: dict[str, Callable[[Any, Any], Script]] = {
 """Simulators to their scripts; each makes one physics step from the state that the handler was set to."""
 
 
-def overhead(simulator: str, turns: int, control_steps: int = 20) -> Measurement:
-    """Compares control steps of one environment to a script over the same scene.
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Simulators(Program):
+    """Compares handlers to scripts on the simulator alone.
 
-    Raises:
-        MissingExtraError: if the simulator is not installed.
-        SimulatorError: The two did not end in the same state.
+    Attributes:
+        parts: mujoco, sapien, pybullet.
+        turns: How often each side is timed.
     """
-    handler, scene = (launched(simulator, renderer="warp", num_threads=1) for _ in range(2))
-    robot, decimation = handler.scenario.robots[0], handler.scenario.physics.decimation
-    states = handler.get_states()
-    start = states.robots[robot.name].joint_pos.numpy()
-    low, high = np.array([joint.range for joint in robot.joints]).T
-    targets = [np.clip(start + 0.05 * np.sin(0.3 * step), low, high) for step in range(control_steps)]
-    layout = next(item for item in scene.layout.robots if item.name == robot.name)
-    script: list[Any] = []
 
-    def begin() -> None:
-        handler.set_states(states)
-        scene.set_states(states)
-        handler.step(1)  # rebuilds what a set state invalidates, outside the timed part
-        script[:] = SCRIPTS[simulator](scene, layout)
+    turns: int = 11
 
-    def theirs() -> None:
-        for target in targets:
-            script[0](target[0], decimation)
+    @part_each(*SCRIPTS)
+    def overhead(self, simulator: str, control_steps: int = 20) -> Measurement:
+        """Compares control steps of one environment to a script over the same scene, with the same end."""
+        handler, scene = (launched(simulator, renderer="warp", num_threads=1) for _ in range(2))
+        robot, decimation = handler.scenario.robots[0], handler.scenario.physics.decimation
+        states = handler.get_states()
+        start = states.robots[robot.name].joint_pos.numpy()
+        low, high = np.array([joint.range for joint in robot.joints]).T
+        targets = [np.clip(start + 0.05 * np.sin(0.3 * step), low, high) for step in range(control_steps)]
+        layout = next(item for item in scene.layout.robots if item.name == robot.name)
+        script: list[Any] = []
 
-    def check() -> None:
-        joints = handler.get_states().robots[robot.name].joint_pos[0].numpy()
-        harness.require_same_physics(np.abs(np.sort(joints) - np.sort(script[1]())).max())
+        def begin() -> None:
+            handler.set_states(states)
+            scene.set_states(states)
+            handler.step(1)  # rebuilds what a set state invalidates, outside the timed part
+            script[:] = SCRIPTS[simulator](scene, layout)
 
-    name = f"{simulator}: control step of {TASK}, handler / script on the simulator alone"
-    ours, units = controlled(handler, targets), control_steps
-    with handler, scene:
-        return compare(
-            name, ours, theirs, GOAL, turns=turns, units=units, clock=process_time, before=begin, after=check
-        )
+        def theirs() -> None:
+            for target in targets:
+                script[0](target[0], decimation)
+
+        def check() -> None:
+            joints = handler.get_states().robots[robot.name].joint_pos[0].numpy()
+            require_same_physics(np.abs(np.sort(joints) - np.sort(script[1]())).max())
+
+        name = f"{simulator}: control step of {TASK}, handler / script on the simulator alone"
+        how: Any = {"units": control_steps, "clock": process_time, "before": begin, "after": check}
+        with handler, scene:
+            return self.compare(name, controlled(handler, targets), theirs, GOAL, **how)
 
 
 def launched(

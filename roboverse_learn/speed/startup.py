@@ -4,9 +4,8 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from functools import partial
-from typing import override
 
-from roboverse_learn.speed.harness import Goal, Measurement, Parts, Program, compare
+from roboverse_learn.speed.harness import Goal, Measurement, Program, compare, part
 
 TURNS = 5
 GOAL = Goal(1.0, at_least=False, absolute=True)
@@ -31,21 +30,13 @@ class Startup(Program):
             on disk.
     """
 
-    @override
-    def measurements(self) -> Parts:
-        image = "a fresh process to its first image, 128×128"
-        commands = {
-            word: partial(started, f"roboverse {word}", "-m", "roboverse_learn.cli", word)
-            for word in ("list", "--help")
-        }
-        return commands | {"first_image": partial(started, image, "-c", FIRST_IMAGE, goal=IMAGE_GOAL)}
-
-
-def started(name: str, *words: str, goal: Goal = GOAL) -> Measurement:
-    """Compares Python with these words to an empty program."""
-    ours, empty = (partial(_run, *each) for each in (words, ("-c", "")))
-    return compare(f"{name} / an empty Python program", ours, empty, goal, turns=TURNS)
-
-
-def _run(*words: str) -> None:
-    subprocess.run([sys.executable, *words], check=True, stdout=subprocess.DEVNULL)
+    @part("list", "roboverse list", "-m", "roboverse_learn.cli", "list")
+    @part("--help", "roboverse --help", "-m", "roboverse_learn.cli", "--help")
+    @part("first_image", "a fresh process to its first image, 128×128", "-c", FIRST_IMAGE, goal=IMAGE_GOAL)
+    def started(self, name: str, *words: str, goal: Goal = GOAL) -> Measurement:
+        """Compares Python with these words to an empty program."""
+        ours, empty = (
+            partial(subprocess.run, [sys.executable, *each], check=True, stdout=subprocess.DEVNULL)
+            for each in (words, ("-c", ""))
+        )
+        return compare(f"{name} / an empty Python program", ours, empty, goal, turns=TURNS)

@@ -14,14 +14,14 @@ import tempfile
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
-from typing import ClassVar, override
+from typing import ClassVar
 
 import numpy as np
 
 from roboverse_learn.config.teleoperate_config import TeleoperateConfig
-from roboverse_learn.speed.harness import Goal, Measurement, Parts, Program, measurement
+from roboverse_learn.speed.harness import Goal, Measurement, Program, measurement, part
 from roboverse_learn.teleoperation.run import Steering, conducted, prepared
 
 DELAY = Goal(0.080, at_least=False, absolute=True)
@@ -56,19 +56,14 @@ class Teleoperation(Program):
     view_size: int = 256
     seconds: float = 10.0
 
-    @override
-    def measurements(self) -> Parts:
-        size = f"at {self.view_size}²"
-        return {
-            "delay": partial(_measured, self, "delay", f"command to image {size}", DELAY),
-            "interval": partial(_measured, self, "interval", f"between images {size}", INTERVAL),
-            "lateness": partial(_measured, self, "lateness", "lateness of a control step, 95 %", LATENESS),
-        }
-
-
-def _measured(settings: Teleoperation, part: str, name: str, goal: Goal) -> Measurement:
-    seconds = play(settings)
-    return measurement(f"{name} / an image alone", np.array([[seconds[part], seconds["image"]]]), goal)
+    @part("delay", "delay", "command to image at {}²", DELAY)
+    @part("interval", "interval", "between images at {}²", INTERVAL)
+    @part("lateness", "lateness", "lateness of a control step, 95 %", LATENESS)
+    def measured(self, figure: str, name: str, goal: Goal) -> Measurement:
+        """Compares one of the figures of :func:`play` to rendering an image."""
+        seconds = play(self)
+        title = f"{name.format(self.view_size)} / an image alone"
+        return measurement(title, np.array([[seconds[figure], seconds["image"]]]), goal)
 
 
 @cache

@@ -1,15 +1,15 @@
 """``env.step`` against ``mj_step``, an image against MuJoCo's GL: ``roboverse speed throughput``."""
 
+import contextlib
 import ctypes.util
 import os
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any, ClassVar, override
+from typing import Any, ClassVar
 
 import numpy as np
 
 from envs.core.errors import SimulatorError
-from roboverse_learn.speed.harness import Goal, Measurement, Parts, Program, compare, require_same_physics
+from roboverse_learn.speed.harness import Goal, Measurement, Program, part, require_same_physics
 
 IMAGE_SIZE = 128
 OVERHEAD, SPEEDUP = Goal(1.10, at_least=False), Goal(10.0)
@@ -31,23 +31,14 @@ class Throughput(Program):
     task: str = "PickCube"
     turns: int = 15
 
-    @override
-    def measurements(self) -> Parts:
-        return {
-            "step": self.step,
-            "step_without_visuals": partial(self.step, visuals=False),
-            "render": self.render,
-        }
-
+    @part("step")
+    @part("step_without_visuals", visuals=False)
     def step(self, *, num_steps: int = 100, visuals: bool = True) -> Measurement:
         """Compares ``env.step`` of one env with state observations to a bare ``mj_step`` loop.
 
         Both take the same actions from the same states, and must end in the same state. The loop steps the
         scene as it is, or without ``visuals`` what the env steps: the scene without what is only seen, which
         takes a tenth less time.
-
-        Raises:
-            SimulatorError: The two did not end in the same state.
         """
         import mujoco
 
@@ -72,11 +63,8 @@ class Throughput(Program):
             handler.set_joint_targets({scenario.robots[0].name: rest[None]})
             (start,) = handler.snapshot()
             mujoco.mj_resetData(model, data)
-            data.qpos[:], data.mocap_pos[:], data.mocap_quat[:] = (
-                start.qpos,
-                start.mocap_pos,
-                start.mocap_quat,
-            )
+            for name in ("qpos", "mocap_pos", "mocap_quat"):
+                getattr(data, name)[:] = getattr(start, name)
 
         def ours() -> None:
             for action in actions:
@@ -91,12 +79,10 @@ class Throughput(Program):
             require_same_physics(np.abs(handler.snapshot()[0].qpos - data.qpos).max(), 1e-8)
 
         name = f"env.step (1 env, state) / bare mj_step loop{'' if visuals else ' without visuals'}"
-        found = compare(
-            name, ours, bare, OVERHEAD, turns=self.turns, units=num_steps, before=reset, after=check
-        )
-        env.close()
-        return found
+        with contextlib.closing(env):
+            return self.compare(name, ours, bare, OVERHEAD, units=num_steps, before=reset, after=check)
 
+    @part("render")
     def render(self) -> Measurement:
         """Compares an image of the default renderer to the same one of MuJoCo's GL, rendered in software.
 
@@ -121,20 +107,11 @@ class Throughput(Program):
         looks = env.randomizer.appearance(episode)
         lights = (replace(looks.lights[0], cast_shadow=True), *looks.lights[1:])
         ours: Any = env.handler
-        baseline = type(ours)(
-            env.scenario,
-            1,
-            renderer="gl",
-            num_threads=1,
-            textures=env.randomizer.library.texture,
-            simplify_meshes=False,
-        )
-        baseline.launch()
-        baseline.set_states(env.get_states())
-        for handler in (ours, baseline):
-            handler.set_appearance(replace(looks, lights=lights), 0)
-        name = f"RGB {IMAGE_SIZE}×{IMAGE_SIZE}, MuJoCo GL (OSMesa) / warp"
-        found = compare(name, ours.render, baseline.render, SPEEDUP, turns=self.turns)
-        baseline.close()
-        env.close()
-        return found
+        own = {"renderer": "gl", "num_threads": 1, "textures": env.randomizer.library.texture}
+        with contextlib.closing(env), type(ours)(env.scenario, 1, **own, simplify_meshes=False) as baseline:
+            baseline.launch()
+            baseline.set_states(env.get_states())
+            for handler in (ours, baseline):
+                handler.set_appearance(replace(looks, lights=lights), 0)
+            name = f"RGB {IMAGE_SIZE}×{IMAGE_SIZE}, MuJoCo GL (OSMesa) / warp"
+            return self.compare(name, ours.render, baseline.render, SPEEDUP)

@@ -10,14 +10,13 @@ import itertools
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, ClassVar, override
+from typing import Any, ClassVar
 
 import torch
 
 from envs.core.errors import SimulatorError
 from roboverse_learn.data.dataset.schema import IMAGE_PREFIX, make_features
-from roboverse_learn.speed.harness import DeviceProgram, Goal, Measurement, Parts, compare, scaled
+from roboverse_learn.speed.harness import DeviceProgram, Goal, Measurement, part_each, scaled
 
 CAMERA = f"{IMAGE_PREFIX}front"
 
@@ -57,7 +56,7 @@ class GradientSteps(DeviceProgram):
         from roboverse_learn.training.config import TrainConfig
         from roboverse_learn.training.imitation.train import make_optimizer
 
-        batch, numbers = self.batches(policy), itertools.count()
+        batch = self.batches(policy)
         policy.begin_training()
         objective = policy.objective()
         if compile:
@@ -65,35 +64,30 @@ class GradientSteps(DeviceProgram):
         if cuda_graphs:
             objective = RecordedObjective(objective, batch(0), "bf16")
         config = policy.training_config(TrainConfig())
-        optimizer = make_optimizer(policy, config)
 
-        def take() -> Any:
-            number = next(numbers)
-            torch.manual_seed(number)
+        def loss_of(given: dict[str, Any]) -> Any:
             with torch.autocast(policy.device.type, torch.bfloat16):
-                loss, _terms = objective(batch(number))
-            _update(loss, policy, optimizer, config.grad_clip)
-            return loss.detach().clone()
+                return objective(given)[0]
 
-        return take
+        return _updates(policy, batch, loss_of, make_optimizer(policy, config), config.grad_clip)
 
     def lerobot_step(self, policy: Any, optimizer: Any, grad_clip: float, *, bf16: bool = True) -> Side:
         """Returns the step of ``lerobot.scripts.lerobot_train.update_policy``, in bf16 or in fp32."""
-        batch, numbers = self.batches(policy), itertools.count()
         policy.model.train()
 
-        def take() -> Any:
-            number = next(numbers)
-            torch.manual_seed(number)
-            given = batch(number)
+        def loss_of(given: dict[str, Any]) -> Any:
             given[CAMERA] = given[CAMERA].float() / 255.0  # as its dataset returns images
             given = policy.preprocessor(given)
+            with torch.autocast(policy.device.type, torch.bfloat16, enabled=bf16):
+                return policy.model.forward(given)[0]
+
+        update = _updates(policy, self.batches(policy), loss_of, optimizer, grad_clip)
+
+        def take() -> Any:
             with _tf32():
-                with torch.autocast(policy.device.type, torch.bfloat16, enabled=bf16):
-                    loss, _terms = policy.model.forward(given)
-                _update(loss, policy, optimizer, grad_clip)
+                loss = update()
             loss.item()
-            return loss.detach()
+            return loss
 
         return take
 
@@ -129,20 +123,12 @@ class GradientSteps(DeviceProgram):
         return batch
 
     def losses_apart(self, sides: tuple[Side, Side]) -> float:
-        """Returns the largest relative difference of the losses of the first steps.
-
-        Raises:
-            SimulatorError: It exceeds :attr:`same_loss`.
-        """
+        """Returns the largest relative difference of the first losses, which :attr:`same_loss` bounds."""
         losses = [[float(take()) for take in sides] for _ in range(self.compared)]
         apart = max(abs(ours - theirs) / abs(theirs) for ours, theirs in losses)
         if not apart <= self.same_loss:  # NaN is not <=
             raise SimulatorError(f"The losses differ by {apart:.1%}: the two do not train the same network.")
         return apart
-
-    def compared_steps(self, name: str, sides: tuple[Side, Side], goal: Goal) -> Measurement:
-        """Compares the steps of both sides."""
-        return compare(name, *sides, goal, turns=self.turns, calls=self.steps, device=self.device)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -158,21 +144,13 @@ class Training(GradientSteps):
 
     cuda_graphs: bool = True
 
-    @override
-    def measurements(self) -> Parts:
-        sized = self.sized()
-        return {name: partial(sized.step, name) for name in ("act", "diffusion")}
-
+    @part_each("act", "diffusion")
     def step(self, name: str) -> Measurement:
-        """Compares the steps of one policy, each side training a network of its own.
-
-        Raises:
-            SimulatorError: if the losses of the first steps differ too much.
-        """
+        """Compares the steps of one policy, each side training a network of its own."""
         import policies
         from roboverse_learn.training.imitation.estimate import plain_stats
 
-        size, on_gpu, is_act = self.image_size, self.device == "cuda", name == "act"
+        size, on_gpu, is_act = self.image_size, self.on_gpu, name == "act"
         features = plain_features(size)
         norm = {"backbone_norm": "frozen"} if is_act else {}  # as LeRobot trains
 
@@ -191,13 +169,30 @@ class Training(GradientSteps):
             f"training step of {name}, batch {self.batch_size}, {size}×{size}, bf16 on {self.device}, "
             f"LeRobot / ours (losses differ by {apart:.2%})"
         )
-        return self.compared_steps(title, sides(), Goal(2.0, applies=on_gpu))
+        return self.compare(title, *sides(), Goal(2.0, applies=on_gpu), calls=self.steps)
 
 
 def plain_features(image_size: int) -> Any:
     """Returns the features of a dataset with one camera, nine joints and nine targets."""
     joints = [str(number) for number in range(9)]
     return make_features(joints, joints, {"front": (image_size, image_size)})
+
+
+def _updates(policy: Any, batch: Any, loss_of: Callable[[Any], Any], optimizer: Any, clip: float) -> Side:
+    """Returns what updates a policy by the loss of the next batch."""
+    numbers = itertools.count()
+
+    def take() -> Any:
+        number = next(numbers)
+        torch.manual_seed(number)
+        loss = loss_of(batch(number))
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(policy.model.parameters(), clip)
+        optimizer.step()
+        optimizer.zero_grad()
+        return loss.detach()
+
+    return take
 
 
 @contextmanager
@@ -209,10 +204,3 @@ def _tf32() -> Iterator[None]:
         yield
     finally:
         torch.set_float32_matmul_precision(before)
-
-
-def _update(loss: Any, policy: Any, optimizer: Any, grad_clip: float) -> None:
-    loss.backward()
-    torch.nn.utils.clip_grad_norm_(policy.model.parameters(), grad_clip)
-    optimizer.step()
-    optimizer.zero_grad()

@@ -14,16 +14,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, override
 
-from roboverse_learn.speed.harness import NO_GOAL, Goal, Measurement, Parts, scaled
+from roboverse_learn.speed.harness import NO_GOAL, Goal, Measurement, part, scaled
 from roboverse_learn.speed.training import GradientSteps, plain_features
-
-IMAGE_TOKENS = {
-    "image_token": "<image>",
-    "fake_image_token": "<fake_token_around_image>",
-    "global_image_token": "<global-img>",
-    "end_of_utterance_token": "<end_of_utterance>",
-}
-SPECIAL_TOKENS = ["<pad>", "<s>", "</s>", *IMAGE_TOKENS.values()]
+from roboverse_learn.training.imitation.small_backbone import write_smolvlm
 
 REAL: Mapping[str, Any] = dict(
     scale_factor=4,
@@ -70,23 +63,18 @@ class Vla(GradientSteps):
     compile: bool | None = None
 
     @override
-    def measurements(self) -> Parts:
+    def prepare(self) -> None:
         from policies.zoo.preflight import check_packages
 
         check_packages("roboverse speed vla", "transformers", "peft", "num2words")
-        return {
-            f"{name}{suffix}": partial(self.sized().step, name, bf16=bool(suffix))
-            for name in ("full", "lora")
-            for suffix in ("", "_bf16")
-        }
 
+    @part("full", "full", bf16=False)
+    @part("full_bf16", "full", bf16=True)
+    @part("lora", "lora", bf16=False)
+    @part("lora_bf16", "lora", bf16=True)
     def step(self, name: str, *, bf16: bool) -> Measurement:
-        """Compares the steps of the whole network, or of adapters, each side with a network of its own.
-
-        Raises:
-            SimulatorError: if the losses of the first steps differ too much.
-        """
-        on_gpu = self.device == "cuda"
+        """Compares the steps of the whole network, or of adapters, each side with a network of its own."""
+        on_gpu = self.on_gpu
         compile = on_gpu if self.compile is None else self.compile
         with tempfile.TemporaryDirectory() as folder:
             make = self._maker(Path(folder), name, REAL if on_gpu else TINY)
@@ -100,7 +88,8 @@ class Vla(GradientSteps):
             f"{'bf16' if bf16 else 'fp32'} / ours in bf16{', compiled' if compile else ''} (losses differ by "
             f"{self.losses_apart(sides):.2%})"
         )
-        return self.compared_steps(title, sides, NO_GOAL if bf16 else Goal(1.3, applies=on_gpu))
+        goal = NO_GOAL if bf16 else Goal(1.3, applies=on_gpu)
+        return self.compare(title, *sides, goal, calls=self.steps)
 
     def _maker(self, folder: Path, name: str, sizes: Mapping[str, Any]) -> Callable[[], Any]:
         """Returns what makes a policy, each time with the same weights."""
@@ -108,7 +97,7 @@ class Vla(GradientSteps):
         from policies.zoo.config import LeRobotConfig, PeftConfig
         from roboverse_learn.training.imitation.estimate import plain_stats
 
-        write_backbone(folder / "vlm", sizes, [self.instruction], weights=False)
+        write_smolvlm(folder / "vlm", sizes, [self.instruction])
         features = plain_features(64)
         settings = {
             "vlm_model_name": str(folder / "vlm"),
@@ -126,48 +115,3 @@ class Vla(GradientSteps):
             return partial(create, whole)
         create(whole).save(folder / "base")
         return partial(create, LeRobotConfig(path=str(folder / "base"), peft=PeftConfig(method_type="LORA")))
-
-
-def write_backbone(
-    folder: Path, sizes: Mapping[str, Any], words: list[str], *, weights: bool, vocabulary: int = 320
-) -> None:
-    """Writes a SmolVLM with a tokenizer and a processor, as ``policy.vlm_model_name`` names one.
-
-    Args:
-        folder: Where.
-        sizes: Of the network, :data:`REAL` or :data:`TINY`.
-        words: Sentences that the tokenizer learns; it is byte-level, so it has every word.
-        weights: Whether random weights are written too.
-        vocabulary: Tokens of the tokenizer, special ones included.
-    """
-    import transformers
-    from tokenizers import ByteLevelBPETokenizer, Tokenizer  # pyright: ignore[reportMissingImports]
-
-    learned = ByteLevelBPETokenizer(lowercase=True)
-    vocabulary = min(vocabulary, sizes["text_config"]["vocab_size"])
-    learned.train_from_iterator(words, vocabulary, min_frequency=0, special_tokens=SPECIAL_TOKENS)
-    tokenizer = transformers.PreTrainedTokenizerFast(
-        tokenizer_object=Tokenizer.from_str(learned.to_str()),
-        pad_token="<pad>",
-        bos_token="<s>",
-        eos_token="</s>",
-        extra_special_tokens=dict(IMAGE_TOKENS),
-    )
-    llama = {"model_type": "llama", "pad_token_id": 0, "max_position_embeddings": 8192}
-    config = transformers.SmolVLMConfig(
-        scale_factor=sizes["scale_factor"],
-        image_token_id=SPECIAL_TOKENS.index("<image>"),
-        pad_token_id=0,
-        vision_config=dict(sizes["vision_config"]),
-        text_config=sizes["text_config"] | llama,
-    )
-    (transformers.SmolVLMForConditionalGeneration(config) if weights else config).save_pretrained(folder)
-    image_px, patch_px = (sizes["vision_config"][key] for key in ("image_size", "patch_size"))
-    edge = {"longest_edge": image_px}
-    sampling = {"fps": 1, "max_frames": 1}
-    transformers.SmolVLMProcessor(
-        transformers.SmolVLMImageProcessor(size=edge, max_image_size=edge, do_image_splitting=False),
-        tokenizer,
-        transformers.SmolVLMVideoProcessor(size=edge, max_image_size=edge, video_sampling=sampling),
-        image_seq_len=(image_px // patch_px // sizes["scale_factor"]) ** 2,
-    ).save_pretrained(folder)

@@ -18,7 +18,6 @@ from envs.core.errors import ConfigError, unknown_name
 from envs.spec import EnvSpec
 from envs.tasks.suites import suite_tasks
 from policies.zoo.preflight import check_type_packages
-from roboverse_learn.speed.vla import write_backbone
 
 logger = logging.getLogger(__name__)
 
@@ -26,6 +25,13 @@ _COMMAND = "python -m roboverse_learn.training.imitation.small_backbone"
 
 _VOCABULARY = 1024
 _PATCH_PX = 16
+_SMOLVLM_IMAGE_TOKENS = {
+    "image_token": "<image>",
+    "fake_image_token": "<fake_token_around_image>",
+    "global_image_token": "<global-img>",
+    "end_of_utterance_token": "<end_of_utterance>",
+}
+_SMOLVLM_TOKENS = ["<pad>", "<s>", "</s>", *_SMOLVLM_IMAGE_TOKENS.values()]
 _CLIP_TOKENS = ["<|pad|>", "<|startoftext|>", "<|endoftext|>"]
 
 
@@ -103,12 +109,60 @@ def _smolvla(folder: Path, texts: list[str], image_px: int) -> dict[str, Any]:
             num_hidden_layers=4, num_attention_heads=4, num_key_value_heads=2,
         ),
     )  # fmt: skip
-    write_backbone(folder, sizes, texts, weights=False, vocabulary=_VOCABULARY)
+    write_smolvlm(folder, sizes, texts, vocabulary=_VOCABULARY)
     return {
         "vlm_model_name": folder, "num_vlm_layers": 4, "freeze_vision_encoder": False,
         "train_expert_only": False, "resize_imgs_with_padding": [image_px, image_px], "chunk_size": 20,
         "n_action_steps": 10,
     }  # fmt: skip
+
+
+def write_smolvlm(
+    folder: Path,
+    sizes: Mapping[str, Any],
+    texts: list[str],
+    *,
+    weights: bool = False,
+    vocabulary: int = 320,
+) -> None:
+    """Writes a SmolVLM with a tokenizer and a processor, as ``policy.vlm_model_name`` names one.
+
+    Args:
+        folder: Where.
+        sizes: Of the network: ``scale_factor``, ``vision_config`` and ``text_config``.
+        texts: Sentences that the tokenizer learns; it is byte-level, so it has every word.
+        weights: Whether random weights are written too.
+        vocabulary: Tokens of the tokenizer, special ones included.
+    """
+    import transformers
+
+    vocabulary = min(vocabulary, sizes["text_config"]["vocab_size"])
+    pad, start, end, *_ = _SMOLVLM_TOKENS
+    tokenizer = transformers.PreTrainedTokenizerFast(
+        tokenizer_object=_tokenizer(texts, vocabulary, _SMOLVLM_TOKENS),
+        pad_token=pad,
+        bos_token=start,
+        eos_token=end,
+        extra_special_tokens=dict(_SMOLVLM_IMAGE_TOKENS),
+    )
+    llama = {"model_type": "llama", "pad_token_id": 0, "max_position_embeddings": 8192}
+    config = transformers.SmolVLMConfig(
+        scale_factor=sizes["scale_factor"],
+        image_token_id=_SMOLVLM_TOKENS.index("<image>"),
+        pad_token_id=0,
+        vision_config=dict(sizes["vision_config"]),
+        text_config=sizes["text_config"] | llama,
+    )
+    (transformers.SmolVLMForConditionalGeneration(config) if weights else config).save_pretrained(folder)
+    image_px, patch_px = (sizes["vision_config"][key] for key in ("image_size", "patch_size"))
+    edge = {"longest_edge": image_px}
+    sampling = {"fps": 1, "max_frames": 1}
+    transformers.SmolVLMProcessor(
+        transformers.SmolVLMImageProcessor(size=edge, max_image_size=edge, do_image_splitting=False),
+        tokenizer,
+        transformers.SmolVLMVideoProcessor(size=edge, max_image_size=edge, video_sampling=sampling),
+        image_seq_len=(image_px // patch_px // sizes["scale_factor"]) ** 2,
+    ).save_pretrained(folder)
 
 
 def _multi_task_dit(folder: Path, texts: list[str], image_px: int) -> dict[str, Any]:
@@ -136,19 +190,25 @@ def _multi_task_dit(folder: Path, texts: list[str], image_px: int) -> dict[str, 
 
 
 def _clip_tokenizer(texts: list[str]) -> Any:
-    from tokenizers import ByteLevelBPETokenizer, Tokenizer  # pyright: ignore[reportMissingImports]
     from tokenizers.processors import TemplateProcessing  # pyright: ignore[reportMissingImports]
     from transformers import PreTrainedTokenizerFast
 
-    learned = ByteLevelBPETokenizer(lowercase=True)
-    learned.train_from_iterator(texts, _VOCABULARY, min_frequency=0, special_tokens=_CLIP_TOKENS)
-    tokenizer = Tokenizer.from_str(learned.to_str())
+    tokenizer = _tokenizer(texts, _VOCABULARY, _CLIP_TOKENS)
     pad, start, end = _CLIP_TOKENS
     tokenizer.post_processor = TemplateProcessing(
         single=f"{start} $A {end}",
         special_tokens=[(token, tokenizer.token_to_id(token)) for token in (start, end)],
     )
     return PreTrainedTokenizerFast(tokenizer_object=tokenizer, pad_token=pad, bos_token=start, eos_token=end)
+
+
+def _tokenizer(texts: list[str], vocabulary: int, special: list[str]) -> Any:
+    """Returns a tokenizer that has learned texts, with special tokens before all others."""
+    from tokenizers import ByteLevelBPETokenizer, Tokenizer  # pyright: ignore[reportMissingImports]
+
+    learned = ByteLevelBPETokenizer(lowercase=True)
+    learned.train_from_iterator(texts, vocabulary, min_frequency=0, special_tokens=special)
+    return Tokenizer.from_str(learned.to_str())
 
 
 def _word(value: Any) -> str:

@@ -292,9 +292,10 @@ def test_a_step_is_compared_to_lerobots_on_the_same_losses(name):
 def test_the_backbone_of_the_comparison_has_the_published_size(tmp_path):
     from transformers import AutoConfig, SmolVLMForConditionalGeneration
 
-    from roboverse_learn.speed.vla import REAL, write_backbone
+    from roboverse_learn.speed.vla import REAL
+    from roboverse_learn.training.imitation.small_backbone import write_smolvlm
 
-    write_backbone(tmp_path, REAL, list(tiny.WORDS), weights=False)
+    write_smolvlm(tmp_path, REAL, list(tiny.WORDS))
     with torch.device("meta"):
         model = SmolVLMForConditionalGeneration(AutoConfig.from_pretrained(tmp_path))
     assert sum(each.numel() for each in model.parameters()) == pytest.approx(507e6, rel=0.02)

@@ -29,9 +29,10 @@ def bpe(specials: list[str], size: int = 320) -> Any:
 
 def smolvla(folder: Path) -> dict[str, Any]:
     """A SmolVLM of two text layers and its processor; returns the settings of a policy on it."""
-    from roboverse_learn.speed.vla import TINY, write_backbone
+    from roboverse_learn.speed.vla import TINY
+    from roboverse_learn.training.imitation.small_backbone import write_smolvlm
 
-    write_backbone(folder, TINY, list(WORDS), weights=True)
+    write_smolvlm(folder, TINY, list(WORDS), weights=True)
     return {
         "vlm_model_name": str(folder), "load_vlm_weights": True, "num_vlm_layers": 2, "chunk_size": 8,
         "n_action_steps": 8, "num_steps": 2, "resize_imgs_with_padding": [64, 64],

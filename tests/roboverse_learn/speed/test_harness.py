@@ -16,6 +16,8 @@ from roboverse_learn.speed.harness import (
     Program,
     compare,
     measurement,
+    part,
+    part_each,
     program,
     scaled,
     table,
@@ -104,15 +106,14 @@ class Toy(Program):
 
     ratio: float = 3.0
 
-    def measurements(self):
-        def fail(error):
-            raise error
+    @part("fast")
+    def measured(self):
+        return one("fast", self.ratio)
 
-        return {
-            "fast": lambda: one("fast", self.ratio),
-            "absent": lambda: fail(MissingExtraError("pip install it")),
-            "broken": lambda: fail(SimulatorError("not the same physics")),
-        }
+    @part("absent", MissingExtraError("pip install it"))
+    @part("broken", SimulatorError("not the same physics"))
+    def fail(self, error):
+        raise error
 
 
 def test_help_has_the_keys_of_every_program(capsys):
@@ -130,10 +131,38 @@ class SizedToy(DeviceProgram):
     envs: int = scaled(gpu=8, cpu=2)
     turns: int = scaled(gpu=5, cpu=3)
 
+    @part("one", "one turn")
+    @part("more", text="{} turns")
+    def measured(self, text):
+        return text.format(self.turns)
 
-def test_sizes_that_are_not_given_suit_the_device():
+    @part_each("cup", "box")
+    def named(self, name):
+        return f"{self.envs} {name}"
+
+
+def test_sizes_that_are_not_given_suit_the_device(monkeypatch):
     sized = SizedToy(device="cpu", turns=7).sized()
-    assert (sized.envs, sized.turns, sized.device) == (2, 7, "cpu")
+    assert (sized.envs, sized.turns, sized.device, sized.on_gpu) == (2, 7, "cpu", False)
+    monkeypatch.setattr("roboverse_learn.training.device.resolve_device", lambda device: device)
+    second = SizedToy(device="cuda:1").sized()
+    assert (second.envs, second.device, second.on_gpu) == (8, "cuda:1", True)
+
+
+def test_a_program_compares_as_often_as_its_turns_say():
+    calls = []
+    found = SizedToy(device="cpu", turns=2).compare("a", lambda: calls.append("ours"), lambda: None)
+    assert (calls, found.goal) == (["ours"] * 3, Goal())  # one turn more warms up
+
+
+def test_parts_are_measured_with_what_they_are_given_in_the_order_of_the_class():
+    found = {name: measure() for name, measure in SizedToy(device="cpu").measurements().items()}
+    assert list(found.items()) == [
+        ("one", "one turn"),
+        ("more", "3 turns"),
+        ("cup", "2 cup"),
+        ("box", "2 box"),
+    ]
 
 
 @pytest.mark.parametrize(

@@ -113,7 +113,7 @@ def test_other_physics_is_not_compared(monkeypatch):
 
     monkeypatch.setitem(simulators.SCRIPTS, "mujoco", script)
     with pytest.raises(SimulatorError, match="this is not the same physics"):
-        simulators.overhead("mujoco", turns=1, control_steps=3)
+        Simulators(turns=1).overhead("mujoco", control_steps=3)
 
 
 @pytest.mark.parametrize(("simplified", "goal"), [(True, 0.9), (False, 2.0)])
