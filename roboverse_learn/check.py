@@ -12,7 +12,7 @@ from typing import Any
 
 from envs.core.errors import ConfigError
 from roboverse_learn.checks.report import Checked
-from roboverse_learn.config.check_config import CheckConfig
+from roboverse_learn.config.other_commands import CheckConfig
 from roboverse_learn.progress import StageProgress
 
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from roboverse_learn.config.convert_config import ConvertConfig
+from roboverse_learn.config.other_commands import ConvertConfig
 
 
 def convert_robot(config: ConvertConfig) -> str:

@@ -15,7 +15,7 @@ from envs.core.errors import ConfigError, PolicyError
 from envs.joint_readings import joint_readings
 from envs.scenario import CameraCfg, RobotCfg
 from envs.tasks.base import Task
-from roboverse_learn.config.export_config import ExportConfig
+from roboverse_learn.config.other_commands import ExportConfig
 
 ROBOT_FILE = "robot.json"
 

@@ -9,7 +9,7 @@ if __name__ == "__main__":  # as a script: this folder's `data` or `run` must no
 from dataclasses import asdict
 from typing import Any
 
-from roboverse_learn.config.leaderboard_config import LeaderboardConfig
+from roboverse_learn.config.other_commands import LeaderboardConfig
 
 
 def leaderboard(config: LeaderboardConfig) -> Any:

@@ -13,7 +13,7 @@ from typing import Any
 
 from envs.core.atomic import atomic_directory
 from envs.core.errors import ConfigError
-from roboverse_learn.config.new_config import NewConfig
+from roboverse_learn.config.other_commands import NewConfig
 
 TEMPLATES = Path(__file__).parent / "skeletons"
 """Templates, part of the package: a folder for each kind, and what all kinds share."""

@@ -10,8 +10,8 @@ import logging
 import os
 import time
 
+from roboverse_learn.config.other_commands import ViewConfig
 from roboverse_learn.config.preflight import check_installed, check_materials
-from roboverse_learn.config.view_config import ViewConfig
 
 log = logging.getLogger(__name__)
 

@@ -84,9 +84,10 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
         UnknownNameError: A key, policy, preset, task, simulator or renderer does not exist.
         ConfigError: A value is of the wrong kind or out of range, or a word is not ``key=value``.
     """
-    pairs = [_split(word) for word in words]
-    read = {key: to_json_values(value) for key, value in flat(given or {}, leaves=MAPS).items()}
-    typed = dict(pairs) | {key: value for key, value in read.items() if isinstance(value, str)}
+    settings: list[tuple[str, str, Any]] = [(word, *_split(word)) for word in words]
+    read = flat(given or {}, leaves=MAPS)
+    settings += [("", key, to_json_values(value)) for key, value in read.items()]  # no word is to be read
+    typed = {key: value for _, key, value in settings if isinstance(value, str)}
     saved = _saved_values(typed.get("run", "")) if command == "train" else {}
     recipe, of_recipe = _recipe(command, typed.get("recipe", ""))
     chosen = of_recipe.get("policy_name", saved.get("policy_name", "act"))
@@ -97,9 +98,8 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
             raise unknown_name(kind, name, names, OF_YOUR_OWN if kind == "policy" else "")
     defaults = default_values(command, policy)
     known = flat_keys(defaults)
-    keys = [full_key(command, own_key(policy, key), known) for key, _ in pairs]
-    read = {full_key(command, own_key(policy, key), known): value for key, value in read.items()}
-    check_beside(recipe or str(saved.get("recipe", "")), chosen, policy, [*keys, *read])
+    keys = [full_key(command, own_key(policy, key), known) for _, key, _ in settings]
+    check_beside(recipe or str(saved.get("recipe", "")), chosen, policy, keys)
     values = merged(copy.deepcopy(_composed(command, policy, preset)), of_recipe)
     if saved.get("policy_name") == policy:
         values = saved | ({"preset": preset} if "preset" in typed else {})
@@ -108,16 +108,16 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
         values = merged(values, _protocol(typed.get("protocol", "")))
     if command in NAMES_A_POLICY:
         values["policy_name"] = typed.get("policy", "")
-    for word, key, (_, text) in zip(words, keys, pairs, strict=True):
+    for key, (word, _, value) in zip(keys, settings, strict=True):
         if key not in _GROUPS:
-            _put(values, key, _value(word, text, command, key, at(defaults, key)))
-    for key in read.keys() - _GROUPS:
-        _put(values, key, _in_list(read[key], at(defaults, key)))
+            default = at(defaults, key)
+            value = _value(word, value, command, key, default) if word else _in_list(value, default)
+            _put(values, key, value)
     if recipe:
         values["recipe"] = recipe
     check_suite(typed.get("suite", ""), task=typed.get("task", ""))
-    check_keys_of_chains(bool(values.get("chains")), [*keys, *read])
-    _split_tasks(command, values, names_others="policy.tasks" in [*keys, *read])
+    check_keys_of_chains(bool(values.get("chains")), keys)
+    _split_tasks(command, values, names_others="policy.tasks" in keys)
     _name_task_and_cameras(command, values, typed)
     return from_values(command, values)
 

@@ -2,8 +2,9 @@
 
 import importlib
 import inspect
+import pkgutil
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,6 @@ from roboverse_learn.config.scenario_overrides import SECTION, scenario_keys
 from roboverse_learn.config.schema import COMMANDS, baselines
 from roboverse_learn.config.serialize import default_values
 from roboverse_learn.config.value_text import as_text
-from roboverse_learn.data.sources import SOURCES
-from roboverse_learn.launch import LAUNCHERS
 
 SUMMARIES = {
     "train": "collect what is missing, train, evaluate over the levels, write the leaderboard",
@@ -185,21 +184,39 @@ def list_command(words: Sequence[str]) -> str:
     return listing(folder, kinds, chosen)
 
 
-KINDS = (
-    "tasks",
-    "suites",
-    "protocols",
-    "policies",
-    "simulators",
-    "renderers",
-    "robots",
-    "channels",
-    "levels",
-    "sources",
-    "launchers",
-    "presets",
-)
-"""Sections of ``roboverse list``, in order."""
+PRESETS = {
+    "full": "the full size, for a GPU (default)",
+    "gpu": "one cell of the leaderboard in about ten minutes of one data-centre GPU",
+    "locomotion": "the full size, with PPO's horizon and noise for robots on legs",
+    "quick": "the whole loop on two CPU cores in about ten minutes",
+}
+
+
+def _levels() -> list[tuple[str, str]]:
+    """Returns each level with its channels; a named one as it is given."""
+    levels = importlib.import_module("envs.randomization.levels")
+    numbered = [(str(level), " + ".join(levels.channels_of(level))) for level in levels.LEVELS]
+    named = levels.NAMED_LEVELS
+    return [*numbered, *((f"only={name}", named.entry(name).summary) for name in named)]
+
+
+KINDS: Mapping[str, str | Callable[[], list[tuple[str, str]]]] = {
+    "tasks": "envs.tasks:TASKS",
+    "suites": lambda: [
+        (name, f"{len(suite_tasks(name)):>3} tasks  {SUITES.entry(name).summary}") for name in SUITES
+    ],
+    "protocols": "envs.tasks.protocols:PROTOCOLS",
+    "policies": lambda: [(name, policies.summary(name)) for name in policies.names()],
+    "simulators": "envs.simulators:HANDLERS",
+    "renderers": "envs.simulators:RENDERERS",
+    "robots": "envs.robots:ROBOTS",
+    "channels": "envs.randomization.channels:CHANNELS",
+    "levels": _levels,
+    "sources": "roboverse_learn.data.sources:SOURCES",
+    "launchers": "roboverse_learn.launch:LAUNCHERS",
+    "presets": lambda: [(name, PRESETS.get(name, "")) for name in preset_names()],
+}
+"""Sections of ``roboverse list``, in order: a registry, or what returns the rows."""
 
 _MANY = {"tasks": (TASKS.names, PAPER[:3]), "suites": (SUITES.names, ("paper", "libero", "metaworld"))}
 """Kinds of which a help text gives the number and a few names."""
@@ -214,43 +231,11 @@ def _named(kind: str, datasets_dir: str | None, words: Sequence[str] = ()) -> st
         tasks = importlib.import_module("roboverse_learn.commands.task_list")
         folder = Path(datasets_dir or "")
         return tasks.tasks_with(words, folder) if words else tasks.tasks_in_detail(folder)
-    if kind == "suites":
-        about = {name: SUITES.entry(name).summary for name in SUITES}
-        return _rows([(name, f"{len(suite_tasks(name)):>3} tasks  {about[name]}") for name in about])
-    if kind == "policies":
-        return _rows([(name, policies.summary(name)) for name in policies.names()])
-    if kind == "presets":
-        return _rows([(name, PRESETS.get(name, "")) for name in preset_names()])
-    if kind == "levels":
-        return _rows(list(_levels()))
-    handlers = importlib.import_module("envs.simulators")
-    registries = {
-        "simulators": handlers.HANDLERS,
-        "renderers": handlers.RENDERERS,
-        "robots": importlib.import_module("envs.robots").ROBOTS,
-        "protocols": importlib.import_module("envs.tasks.protocols").PROTOCOLS,
-        "channels": importlib.import_module("envs.randomization.channels").CHANNELS,
-        "sources": SOURCES,
-        "launchers": LAUNCHERS,
-    }
-    return _rows([(name, registries[kind].entry(name).summary) for name in registries[kind]])
-
-
-def _levels() -> Iterator[tuple[str, str]]:
-    """Yields each level with its channels; a named one as it is given."""
-    levels = importlib.import_module("envs.randomization.levels")
-    for level in levels.LEVELS:
-        yield str(level), " + ".join(levels.channels_of(level))
-    for name in levels.NAMED_LEVELS:
-        yield f"only={name}", levels.NAMED_LEVELS.entry(name).summary
-
-
-PRESETS = {
-    "full": "the full size, for a GPU (default)",
-    "gpu": "one cell of the leaderboard in about ten minutes of one data-centre GPU",
-    "locomotion": "the full size, with PPO's horizon and noise for robots on legs",
-    "quick": "the whole loop on two CPU cores in about ten minutes",
-}
+    rows = KINDS[kind]
+    if isinstance(rows, str):
+        registry = pkgutil.resolve_name(rows)
+        return _rows([(name, registry.entry(name).summary) for name in registry])
+    return _rows(rows())
 
 
 def key_rows(command: str, skip: tuple[str, ...] = (), policy: str = "act") -> list[tuple[str, str]]:

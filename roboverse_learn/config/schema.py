@@ -6,7 +6,7 @@ module is data only; :mod:`roboverse_learn.config.compose` reads words and files
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal
+from typing import Any
 
 import policies
 from benchmark.protocol import LEVELS, SPLITS, check_instruction_tests
@@ -16,23 +16,25 @@ from envs.randomization.levels import channels_of
 from envs.randomization.splits import load_split
 from envs.spec import EnvSpec
 from policies.base import listed
-from roboverse_learn.config.check_config import CheckConfig
-from roboverse_learn.config.conservation_config import ConservationConfig
-from roboverse_learn.config.convert_config import ConvertConfig
-from roboverse_learn.config.doctor_config import DoctorConfig
-from roboverse_learn.config.export_config import ExportConfig
-from roboverse_learn.config.leaderboard_config import LeaderboardConfig
-from roboverse_learn.config.new_config import NewConfig
+from roboverse_learn.config.other_commands import (
+    CheckConfig,
+    ConservationConfig,
+    ConvertConfig,
+    DoctorConfig,
+    ExportConfig,
+    LeaderboardConfig,
+    NewConfig,
+    Replay,
+    ReplayConfig,
+    Split,
+    TeleoperateConfig,
+    ViewConfig,
+)
 from roboverse_learn.config.suite_check import check_chains, check_suite, refuse_suite_of_training
-from roboverse_learn.config.teleoperate_config import TeleoperateConfig
-from roboverse_learn.config.view_config import ViewConfig
 from roboverse_learn.data.augmentation.config import AugmentConfig
 from roboverse_learn.data.sources import SOURCES
 from roboverse_learn.launch import make_launcher
 from roboverse_learn.training.config import TrainConfig
-
-Split = Literal["train", "test"]
-Replay = Literal["states", "controls"]
 
 
 def _within_splits(splits: Sequence[Split], key: str, count: int) -> None:
@@ -342,36 +344,6 @@ class EvaluateConfig:
             )
         if "task" not in self.env and not self.suite:
             raise ConfigError(f"{given} needs task=<name>, as in: roboverse evaluate {given} task=PickCube")
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ReplayConfig:
-    """``roboverse replay``: replays recorded episodes in another simulator, by states and by controls.
-
-    Attributes:
-        dataset: Folder of a dataset that was collected here.
-        simulator: Registered simulator that replays.
-        by: states sets every recorded state, controls gives the recorded actions.
-        episodes: Episodes of the dataset, from the first on; 0 takes all.
-        num_envs: Environments that step at once.
-        note: Remark on the page, such as why few replays succeed.
-        out: Folder that gets the summary, the plots and the page of all its summaries.
-    """
-
-    dataset: str = ""
-    simulator: str = "mujoco"
-    by: tuple[Replay, ...] = ("states", "controls")
-    episodes: int = 0
-    num_envs: int = 10
-    note: str = ""
-    out: str = "replays"
-
-    def __post_init__(self) -> None:
-        if not self.dataset:
-            raise ConfigError("replay needs dataset=<folder>, as in dataset=datasets/PickCube/<name>.")
-        if not self.by:
-            raise ConfigError("replay needs a way, as in by=[states,controls].")
-        check_ranges(self, above_0=("num_envs",), from_0=("episodes",))
 
 
 COMMANDS: dict[str, type] = {

@@ -20,7 +20,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from roboverse_learn.config.teleoperate_config import TeleoperateConfig
+from roboverse_learn.config.other_commands import TeleoperateConfig
 from roboverse_learn.speed.harness import Goal, Measurement, Program, measurement, part
 from roboverse_learn.teleoperation.run import Steering, conducted, prepared
 

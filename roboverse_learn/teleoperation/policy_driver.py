@@ -10,8 +10,8 @@ from envs.core.errors import ConfigError
 from envs.rollout import Episode
 from envs.vector_env import RoboVerseVectorEnv
 from roboverse_learn.commands.tested_checkpoint import TestedCheckpoint, checkpoint_to_test
+from roboverse_learn.config.other_commands import TeleoperateConfig
 from roboverse_learn.config.schema import EvaluateConfig
-from roboverse_learn.config.teleoperate_config import TeleoperateConfig
 from roboverse_learn.teleoperation.station import Station
 
 

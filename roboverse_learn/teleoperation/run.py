@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from envs.core.errors import ConfigError
 from envs.core.machine import num_cores
 from envs.vector_env import RoboVerseVectorEnv
-from roboverse_learn.config.teleoperate_config import TeleoperateConfig
+from roboverse_learn.config.other_commands import TeleoperateConfig
 from roboverse_learn.teleoperation.certificate import addresses, tls_of
 from roboverse_learn.teleoperation.conductor import Conductor, Figures
 from roboverse_learn.teleoperation.episode_book import EpisodeBook

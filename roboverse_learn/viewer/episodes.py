@@ -12,7 +12,7 @@ import numpy as np
 from envs.core.errors import ConfigError, ResultError
 from envs.spec import EnvSpec
 from envs.vector_env import RoboVerseVectorEnv
-from roboverse_learn.config.view_config import ViewConfig
+from roboverse_learn.config.other_commands import ViewConfig
 from roboverse_learn.viewer.recording import EpisodeRecording
 
 

@@ -10,7 +10,7 @@ import pytest
 from envs.core.registry import PLUGINS_VARIABLE
 from roboverse_learn import cli
 from roboverse_learn.config.compose import compose
-from roboverse_learn.config.new_config import NEW_KINDS, NewConfig
+from roboverse_learn.config.other_commands import NEW_KINDS, NewConfig
 from roboverse_learn.new import TEMPLATES, render
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from roboverse_learn.config.new_config import NewConfig
+from roboverse_learn.config.other_commands import NewConfig
 from roboverse_learn.new import new
 from tests import imported_process
 
