@@ -15,8 +15,8 @@ Replay = Literal["states", "controls"]
 NEW_KINDS = ("task", "policy", "robot")
 """What a skeleton can be made of."""
 
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
-_EXAMPLES = {"task": "LiftBlock", "policy": "my_cnn", "robot": "my_arm"}
+_NEW_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
+_NEW_EXAMPLES = {"task": "LiftBlock", "policy": "my_cnn", "robot": "my_arm"}
 
 MAX_OPERATORS = 8
 
@@ -72,10 +72,10 @@ class NewConfig:
         if self.kind not in NEW_KINDS:
             hint = "As in: roboverse new task name=LiftBlock"
             raise unknown_name("kind of skeleton", self.kind, NEW_KINDS, hint)
-        example = f"as in: roboverse new {self.kind} name={_EXAMPLES[self.kind]}"
+        example = f"as in: roboverse new {self.kind} name={_NEW_EXAMPLES[self.kind]}"
         if not self.name:
             raise ConfigError(f"new {self.kind} needs name=<name>, {example}")
-        if not _NAME.fullmatch(self.name):
+        if not _NEW_NAME.fullmatch(self.name):
             raise ConfigError(
                 f"name={self.name} is no name of letters, digits and underscores that begins with a letter, "
                 f"{example}"
