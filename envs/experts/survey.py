@@ -104,7 +104,8 @@ def _is_done(row: dict[str, Any] | None, settings: SurveySettings) -> bool:
     if row is None or "error" in row:
         return False
     wants_image = bool(settings.images) and not row.get("rendered")
-    return row.get("episodes", 0) >= settings.episodes and not wants_image
+    has_none = "expert" in row and row["expert"] is None
+    return (has_none or row.get("episodes", 0) >= settings.episodes) and not wants_image
 
 
 def survey(name: str, settings: SurveySettings) -> dict[str, Any]:
@@ -122,8 +123,8 @@ def survey(name: str, settings: SurveySettings) -> dict[str, Any]:
             path.parent.mkdir(parents=True, exist_ok=True)
             Image.fromarray(image).save(path)
             row["rendered"] = bool(image.std() > 1.0)
-        if settings.episodes and env.task.has_expert:
-            row |= _expert_count(env, settings.episodes)
+        if settings.episodes:
+            row |= _expert_count(env, settings.episodes) if env.task.has_expert else {"expert": None}
         return row
     finally:
         env.close()

@@ -26,6 +26,21 @@ def test_a_survey_writes_a_row_a_task_and_goes_on_where_it_ended(tmp_path, monke
     assert survey.main(words) == 0
 
 
+@pytest.mark.slow
+def test_a_task_without_an_expert_is_looked_at_once(tmp_path, monkeypatch):
+    results = tmp_path / "tasks.json"
+    words = ["tasks=[control/cartpole]", f"results={results}"]
+    assert survey.main(words) == 0
+    row = json.loads(results.read_text())["control/cartpole"]
+    assert row["expert"] is None and "episodes" not in row and row["moved_m"] == 0.0
+
+    def refuse(name, settings):
+        raise AssertionError(f"{name} is measured twice")
+
+    monkeypatch.setattr(survey, "survey", refuse)
+    assert survey.main(words) == 0
+
+
 def test_a_task_that_fails_is_named_and_the_others_go_on(tmp_path, monkeypatch):
     results = tmp_path / "tasks.json"
 
