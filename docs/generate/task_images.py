@@ -126,7 +126,7 @@ def family_section(name: str, members: Sequence[Entry], counts: Mapping[str, Exp
         f"## {name}",
         "",
         f"{len(members)} tasks of {info['source']} ({_paper(info['paper'])}; {info['licence']}). "
-        f"Robot: {robot}. Horizon: {horizon} steps.",
+        f"Robot: {robot}. Horizon: {horizon} steps.{_where_images_are(members)}",
         "",
         "| task | what to do | expert |" + (" start and end |" if any(map(is_small, members)) else ""),
         "|---|---|---|" + ("---|" if any(map(is_small, members)) else ""),
@@ -135,6 +135,15 @@ def family_section(name: str, members: Sequence[Entry], counts: Mapping[str, Exp
     shown = [e.name for e in members if is_drawn(e) and not is_small(e)]
     images = [f"{name}:\n\n![{name}: start and success]({image_path(name).as_posix()})" for name in shown]
     return "\n\n".join(["\n".join(lines), *images])
+
+
+def _where_images_are(members: Sequence[Entry]) -> str:
+    """Returns what draws a family's images where none are here; nothing where some are."""
+    if any(map(is_drawn, members)):
+        return ""
+    why = " of objects that may not be shared freely" if "libero" in members[0].tags else ""
+    command = f"python -m docs.generate.task_images redraw=[{members[0].name}]"
+    return f" Images{why} are not in this repository: `{command}` draws one."
 
 
 def _in_row(entry: Entry) -> str:

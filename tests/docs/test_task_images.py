@@ -75,6 +75,16 @@ def test_strips_of_many_alike_are_small_and_in_their_tables():
     assert text.count("![") == 2 and "![DoorClose: start and success](tasks/DoorClose.jpg)" in text
 
 
+def test_a_family_without_images_says_how_one_is_drawn():
+    of_libero = gallery.page(["libero/goal/turn_on_the_stove"])
+    assert (
+        "Images of objects that may not be shared freely are not in this repository: `python -m "
+        "docs.generate.task_images redraw=[libero/goal/turn_on_the_stove]` draws one." in of_libero
+    )
+    assert "steps. Images are not in this repository" in gallery.page(["calvin/A/open_drawer"])
+    assert "Images are not" not in gallery.page(["calvin/D/open_drawer"])
+
+
 def test_every_task_is_shown_but_those_of_libero_and_those_that_look_like_another():
     assert {f"calvin/D/{task}" for task in task_facts()} | set(f"metaworld/{name}" for name in WORDS) <= {
         *DRAWN
