@@ -1,6 +1,7 @@
 """N environments of one task with images as tensors, for reinforcement learning from cameras.
 
-Shapes: N environments, F frames of an observation, C = 3 × cameras channels of a frame, P pixels a side.
+Shapes: N environments, F frames of an observation, C = 3 × cameras channels of a frame, P pixels a side, S
+numbers of the robot's own state.
 """
 
 from collections.abc import Mapping, Sequence
@@ -9,6 +10,7 @@ from typing import Any, override
 import torch
 from torch import Tensor
 
+from envs.core.byte_rows import pack
 from envs.core.errors import ConfigError
 from envs.scenario import ScenarioCfg
 from envs.simulators.base import Handler
@@ -31,11 +33,13 @@ class PixelVectorEnv(TorchVectorEnv):
 
     Attributes:
         num_frames: F.
+        image_size: P.
         observation_shape: (F C, P, P).
     """
 
     def __init__(self, task: Task, handler: Handler, *, num_frames: int = 3, **options: Any) -> None:
         self.num_frames, self._frames = num_frames, torch.empty(0)
+        self.image_size = handler.scenario.cameras[0].height
         super().__init__(task, handler, **options)
 
     @override
@@ -48,7 +52,8 @@ class PixelVectorEnv(TorchVectorEnv):
     def _observe_started(self, ids: Tensor) -> Tensor:
         if not len(ids):
             return self._frames
-        first = self._draw(ids).repeat(1, self.num_frames, 1, 1)
+        frame = self._draw(ids)
+        first = torch.cat([frame] * self.num_frames, dim=1)
         if len(ids) == self.num_envs:
             self._frames = first
         else:
@@ -72,6 +77,24 @@ class PixelVectorEnv(TorchVectorEnv):
         super().load_state_dict(state)
         self._frames = state["frames"].to(self.device, copy=True)
         return self._frames
+
+
+class PixelAndStateVectorEnv(PixelVectorEnv):
+    """A :class:`PixelVectorEnv` that also gives the robot's own state, as ``observation.state`` is.
+
+    A frame is a row of bytes, (C P P + 4 S,) uint8, which :func:`envs.core.byte_rows.unpack` takes apart.
+
+    Attributes:
+        observation_shape: (F (C P P + 4 S),).
+        num_state: S.
+    """
+
+    @override
+    def _draw(self, ids: Tensor | None = None) -> Tensor:
+        states = self.handler.get_states(ids)
+        own = self.task.proprioception(states).to(self.device)
+        self.num_state = own.shape[1]
+        return pack(super()._draw(ids), own)
 
 
 def watched(task: str, scene: ScenarioCfg, cameras: Sequence[str], image_size: int) -> ScenarioCfg:
