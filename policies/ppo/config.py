@@ -76,8 +76,8 @@ class PpoConfig:
             raise PolicyError(f"policy.backend must be one of {', '.join(BACKENDS)}, given {self.backend!r}.")
         if self.backend == "sb3" and self.observation == "pixels":
             raise PolicyError(
-                "policy.backend=sb3 keeps rollouts on the host as floats, which images are too large for. With "
-                "policy.observation=pixels take policy.backend=rsl_rl or torchrl."
+                "policy.backend=sb3 keeps rollouts on the host as floats, which images are too large for. "
+                "With policy.observation=pixels take policy.backend=rsl_rl or torchrl."
             )
         above_0 = ("num_envs", "num_steps", "num_epochs", "num_minibatches", "clip", "desired_kl", "init_std",
                    "num_frames")  # fmt: skip

@@ -25,9 +25,7 @@ def make(num_frames: int = NUM_FRAMES) -> PpoPolicy:
 def observation(n: int, num_frames: int = NUM_FRAMES) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(0)
     time = () if num_frames == 1 else (num_frames,)
-    images = {
-        key: rng.integers(0, 256, (n, *time, 40, 40, 3), np.uint8) for key in SIZES if "images" in key
-    }
+    images = {key: rng.integers(0, 256, (n, *time, 40, 40, 3), np.uint8) for key in SIZES if "images" in key}
     return images | {"observation.state": rng.normal(size=(n, *time, 3)).astype(np.float32)}
 
 
@@ -93,11 +91,12 @@ def test_features_are_those_of_each_row_and_the_state_alone_is_normalized() -> N
     torch.testing.assert_close(encoder(rows.unflatten(0, (2, 3))), features.unflatten(0, (2, 3)))
 
 
-def test_smaller_images_have_no_convolution_left() -> None:
-    with pytest.raises(RuntimeError, match="Kernel size can't be greater|Calculated padded input size"):
-        PixelEncoder(1, LEAST_PIXELS - 1, 1, 1)(torch.zeros(1, 3 * (LEAST_PIXELS - 1) ** 2 + 4).byte())
+def test_of_smaller_images_convolutions_leave_nothing() -> None:
+    with pytest.warns(UserWarning, match="zero-element"):
+        assert PixelEncoder(1, LEAST_PIXELS - 1, 1, 1).images[-2].in_features == 0
+    assert PixelEncoder(1, LEAST_PIXELS, 1, 1).images[-2].in_features == 64
 
 
 def test_stable_baselines3_keeps_no_images() -> None:
-    with pytest.raises(PolicyError, match=r"backend=sb3 keeps rollouts on the host .* rsl_rl or torchrl"):
+    with pytest.raises(PolicyError, match=r"backend=sb3 keeps rollouts on the host .*=rsl_rl or torchrl"):
         PpoConfig(backend="sb3", observation="pixels")

@@ -46,7 +46,9 @@ class PpoAlgorithm(ABC):
         if own.observation == "pixels":
             self.settings |= {"observation": policy.sizes, "num_frames": own.num_frames}
         actor = policy.model
-        self.critic = perceptron(actor.norm.size, self.config.hidden_dims, 1, self.config.activation).to(policy.device)
+        self.critic = perceptron(actor.norm.size, self.config.hidden_dims, 1, self.config.activation).to(
+            policy.device
+        )
         initialize(actor, self.critic)
         self.parameters = [*actor.parameters(), *self.critic.parameters()]
         self.lr = train.lr
