@@ -10,7 +10,6 @@ from typing import Any, override
 import torch
 from torch import Tensor
 
-from envs.core.byte_rows import pack
 from envs.core.errors import ConfigError
 from envs.scenario import ScenarioCfg
 from envs.simulators.base import Handler
@@ -82,7 +81,8 @@ class PixelVectorEnv(TorchVectorEnv):
 class PixelAndStateVectorEnv(PixelVectorEnv):
     """A :class:`PixelVectorEnv` that also gives the robot's own state, as ``observation.state`` is.
 
-    A frame is a row of bytes, (C P P + 4 S,) uint8, which :func:`envs.core.byte_rows.unpack` takes apart.
+    A frame is a row of bytes, (C P P + 4 S,) uint8: its pixels, then the state's float32. Libraries of
+    reinforcement learning keep one tensor per step, of one type.
 
     Attributes:
         observation_shape: (F (C P P + 4 S),).
@@ -92,9 +92,9 @@ class PixelAndStateVectorEnv(PixelVectorEnv):
     @override
     def _draw(self, ids: Tensor | None = None) -> Tensor:
         states = self.handler.get_states(ids)
-        own = self.task.proprioception(states).to(self.device)
+        own = self.task.proprioception(states).to(self.device).float().contiguous()
         self.num_state = own.shape[1]
-        return pack(super()._draw(ids), own)
+        return torch.cat((super()._draw(ids).flatten(1), own.view(torch.uint8)), dim=1)
 
 
 def watched(task: str, scene: ScenarioCfg, cameras: Sequence[str], image_size: int) -> ScenarioCfg:

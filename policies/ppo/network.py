@@ -9,7 +9,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-from envs.core.byte_rows import row_size, unpack
+from policies.byte_rows import row_size, unpack
 
 EPS = 1e-2
 """Added to standard deviations, as rsl_rl's ``EmpiricalNormalization`` does."""

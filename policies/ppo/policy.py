@@ -7,8 +7,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from envs.core.byte_rows import pack
 from policies.base import Observation, observed
+from policies.byte_rows import pack
 from policies.flat_observation import sizes_of
 from policies.flat_policy import FlatPolicy
 from policies.ppo.config import PpoConfig

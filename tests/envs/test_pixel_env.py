@@ -6,12 +6,12 @@ from dataclasses import replace
 import pytest
 import torch
 
-from envs.core.byte_rows import row_size, unpack
 from envs.core.errors import ConfigError, UnknownNameError
 from envs.pixel_env import PixelAndStateVectorEnv, PixelVectorEnv
 from envs.simulators.mujoco.handler import MujocoHandler
 from envs.spec import EnvSpec
 from envs.tasks.control.cartpole import Cartpole
+from policies.byte_rows import row_size, unpack
 
 
 def make(num_envs=2, *, cameras=(), simulator="mujoco", **options):

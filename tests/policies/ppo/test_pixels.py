@@ -5,8 +5,8 @@ import pytest
 import torch
 
 import policies
-from envs.core.byte_rows import pack
 from envs.core.errors import PolicyError
+from policies.byte_rows import pack
 from policies.checkpoint import seen_cameras
 from policies.ppo.config import PpoConfig
 from policies.ppo.network import LEAST_PIXELS, PixelEncoder

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from envs.core.byte_rows import pack, row_size
+from policies.byte_rows import pack, row_size
 from tests.roboverse_learn.training.point_mass import PointMass
 
 PIXELS = 36

@@ -5,7 +5,7 @@ import struct
 import pytest
 import torch
 
-from envs.core.byte_rows import pack, row_size, unpack
+from policies.byte_rows import pack, row_size, unpack
 
 
 def test_a_row_is_the_pixels_and_then_the_bytes_of_the_numbers() -> None:
