@@ -35,7 +35,8 @@ class DriveLengths:
             return joints
         if self._driven.device != joints.device:
             self._driven = self._driven.to(joints.device)
-            self._further = [tuple(part.to(joints.device) for part in parts) for parts in self._further]
+            further = [[part.to(joints.device) for part in parts] for parts in self._further]
+            self._further = [(rows, columns, weights) for rows, columns, weights in further]
         lengths = joints[:, self._driven]
         for rows, columns, coefficients in self._further:
             lengths[:, rows] += coefficients.to(joints.dtype) * joints[:, columns]

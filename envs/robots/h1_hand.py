@@ -67,9 +67,6 @@ _HAND = (
 )
 """Actuators of a hand: the classes ``left_hand`` and ``right_hand`` of the file, which are alike."""
 
-_WRIST_YAW = ("wrist_yaw", 100.0, 2.0, 18.0, (-0.15, 1.57), 0.0)
-"""The joint between elbow and hand: name, kp, kd, force limit, range, rest."""
-
 
 def _of_hand(side: str) -> tuple[JointCfg, ...]:
     joints = []
@@ -89,19 +86,18 @@ def _of_hand(side: str) -> tuple[JointCfg, ...]:
 
 
 def _of_body(first: int, last: int) -> tuple[JointCfg, ...]:
-    return tuple(_of_servo(*servo) for servo in SERVOS[first:last])
-
-
-def _of_servo(
-    name: str, kp: float, kd: float, force: float, limits: tuple[float, float], rest: float
-) -> JointCfg:
-    return JointCfg(name=name, kp=kp, kd=kd, force_limit=force, range=limits, default=rest)
+    return tuple(
+        JointCfg(name=name, kp=kp, kd=kd, force_limit=force, range=limits, default=rest)
+        for name, kp, kd, force, limits, rest in SERVOS[first:last]
+    )
 
 
 def _arm(side: str, first: int) -> tuple[JointCfg, ...]:
-    yaw, *numbers = _WRIST_YAW
-    wrist = _of_servo(f"{side}_{yaw}", *numbers)
-    return (*_of_body(first, first + 4), wrist, *_of_hand(f"{side[0]}h"))
+    """Returns an arm of four joints, the one between elbow and hand, and the hand."""
+    turn = JointCfg(
+        name=f"{side}_wrist_yaw", kp=100.0, kd=2.0, force_limit=18.0, range=(-0.15, 1.57), default=0.0
+    )
+    return (*_of_body(first, first + 4), turn, *_of_hand(f"{side[0]}h"))
 
 
 H1_HAND = RobotCfg(

@@ -44,7 +44,7 @@ SOLVER = {
 }
 """MuJoCo's defaults, as the published scenes leave them. A robot on the ground has up to 40 contacts."""
 
-SOLVER_WITH_HANDS = {**SOLVER, "mujoco_warp": {"nconmax": 160, "njmax": 640}}
+SOLVER_WITH_HANDS = {**SOLVER, "mujoco_warp": {"nconmax": 160, "njmax": 800}}
 """The same with hands, of which 48 joints have dry friction, a constraint each."""
 
 LOOKS = Appearance(

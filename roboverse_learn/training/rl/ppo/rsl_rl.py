@@ -10,6 +10,7 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 
 from envs.adapters.rsl_rl import GROUP
+from policies.ppo.network import PixelEncoder, RunningNorm
 from policies.ppo.policy import PpoPolicy
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.rl.ppo.algorithm import PpoAlgorithm
@@ -42,7 +43,7 @@ class _SeenOnce(nn.Module):
         features: Makes the features of an observation.
     """
 
-    def __init__(self, features: nn.Module) -> None:
+    def __init__(self, features: RunningNorm | PixelEncoder) -> None:
         super().__init__()
         self.features = features
         self._kept: tuple[Any, Tensor] | None = None
