@@ -1,6 +1,7 @@
 """N environments of one task with images as tensors, for reinforcement learning from cameras.
 
-Shapes: N environments, F frames of an observation, C = 3 × cameras channels of a frame, P pixels a side.
+Shapes: N environments, F frames of an observation, C = 3 × cameras channels of a frame, P pixels a side, S
+numbers of the robot's own state.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,11 +32,13 @@ class PixelVectorEnv(TorchVectorEnv):
 
     Attributes:
         num_frames: F.
+        image_size: P.
         observation_shape: (F C, P, P).
     """
 
     def __init__(self, task: Task, handler: Handler, *, num_frames: int = 3, **options: Any) -> None:
         self.num_frames, self._frames = num_frames, torch.empty(0)
+        self.image_size = handler.scenario.cameras[0].height
         super().__init__(task, handler, **options)
 
     @override
@@ -48,7 +51,8 @@ class PixelVectorEnv(TorchVectorEnv):
     def _observe_started(self, ids: Tensor) -> Tensor:
         if not len(ids):
             return self._frames
-        first = self._draw(ids).repeat(1, self.num_frames, 1, 1)
+        frame = self._draw(ids)
+        first = torch.cat([frame] * self.num_frames, dim=1)
         if len(ids) == self.num_envs:
             self._frames = first
         else:
@@ -72,6 +76,25 @@ class PixelVectorEnv(TorchVectorEnv):
         super().load_state_dict(state)
         self._frames = state["frames"].to(self.device, copy=True)
         return self._frames
+
+
+class PixelAndStateVectorEnv(PixelVectorEnv):
+    """A :class:`PixelVectorEnv` that also gives the robot's own state, as ``observation.state`` is.
+
+    A frame is a row of bytes, (C P P + 4 S,) uint8: its pixels, then the state's float32. Libraries of
+    reinforcement learning keep one tensor per step, of one type.
+
+    Attributes:
+        observation_shape: (F (C P P + 4 S),).
+        num_state: S.
+    """
+
+    @override
+    def _draw(self, ids: Tensor | None = None) -> Tensor:
+        states = self.handler.get_states(ids)
+        own = self.task.proprioception(states).to(self.device).float().contiguous()
+        self.num_state = own.shape[1]
+        return torch.cat((super()._draw(ids).flatten(1), own.view(torch.uint8)), dim=1)
 
 
 def watched(task: str, scene: ScenarioCfg, cameras: Sequence[str], image_size: int) -> ScenarioCfg:

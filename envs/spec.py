@@ -193,7 +193,7 @@ class EnvSpec:
         self,
         num_envs: int,
         *,
-        observation: Literal["state", "pixels"] = "state",
+        observation: Literal["state", "pixels", "pixels_and_state"] = "state",
         num_frames: int = 3,
         substeps: int | None = None,
         num_threads: int = 0,
@@ -204,7 +204,8 @@ class EnvSpec:
         Args:
             num_envs: Number of environments.
             observation: ``"state"`` for the task's ``rl_observation``; ``"pixels"`` for images, see
-                :class:`~envs.pixel_env.PixelVectorEnv`. The randomization level has no effect.
+                :class:`~envs.pixel_env.PixelVectorEnv`, and ``"pixels_and_state"`` for the robot's own state
+                beside them, as bytes. The randomization level has no effect.
             num_frames: Frames of an observation of images.
             substeps: Physics steps per control step; the task's by default. Fewer are longer, faster and
                 less accurate.
@@ -215,13 +216,14 @@ class EnvSpec:
             UnknownNameError: A name does not exist.
             ConfigError: A value is out of range, or the task has no camera to observe.
         """
-        from envs.pixel_env import PixelVectorEnv, watched
+        from envs.pixel_env import PixelAndStateVectorEnv, PixelVectorEnv, watched
         from envs.randomization import MaterialLibrary
         from envs.simulators import HANDLERS
         from envs.torch_env import TorchVectorEnv
 
-        if observation not in ("state", "pixels"):
-            raise unknown_name("observation", str(observation), ("state", "pixels"))
+        of_images = {"pixels": PixelVectorEnv, "pixels_and_state": PixelAndStateVectorEnv}
+        if observation not in ("state", *of_images):
+            raise unknown_name("observation", str(observation), ("state", *of_images))
         task = self.make_task()
         scene = self._scene(task, num_envs)
         if substeps is not None:
@@ -232,7 +234,7 @@ class EnvSpec:
         else:
             scene = watched(self.task, scene, self.cameras, self.image_size)
             handler = self._handler(scene, num_envs, num_threads, MaterialLibrary.chosen(self.materials))
-            env = PixelVectorEnv(task, handler, num_frames=num_frames, **options)
+            env = of_images[observation](task, handler, num_frames=num_frames, **options)
         env.env_spec = self
         return env
 

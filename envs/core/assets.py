@@ -70,6 +70,41 @@ ASSETS.add(
     summary="CALVIN's four play tables and their blocks",
 )
 
+_OF_H1_HAND = (
+    "robots/h1hand_pos.xml",
+    "envs/h1hand_pos_walk.xml",
+    "common/visual.xml",
+    "common/floor.xml",
+    *(f"shadow_hand_menagerie/{part}" for part in ("LICENSE", "left_hand.xml", "right_hand.xml", "assets")),
+    "h1/LICENSE",
+    *(f"h1/assets/{part}.stl" for part in ("pelvis", "torso_link", "logo_link")),
+    *(
+        f"h1/assets/{side}_{part}_link.stl"
+        for side in ("left", "right")
+        for part in (
+            *("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle"),
+            *("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow"),
+        )
+    ),
+)
+
+ASSETS.add(
+    "humanoid_bench",
+    AssetFolder(
+        repository="https://github.com/carlosferrazza/humanoid-bench",
+        commit="791405f5eacf879adbc99105adb3fee73f5a49fc",
+        paths=tuple(f"humanoid_bench/assets/{part}" for part in _OF_H1_HAND),
+        needs=tuple(f"humanoid_bench/assets/{part}" for part in _OF_H1_HAND if "." in part),
+        sha256="5c8a5abdcf2d48a2ac06461084150c5ddcd24bb8012a6b098df6490bb250708c",
+        size_mb=18.3,
+        licence="MIT, with meshes under BSD-3-Clause (Unitree) and Apache-2.0 (Shadow Robot)",
+        licence_file="LICENSE",
+        used_by="robot=h1_hand and the tasks humanoid/h1hand_*",
+        other_names=("humanoid-bench",),
+    ),
+    summary="HumanoidBench's H1 with two Shadow hands",
+)
+
 ASSETS.add(
     "xarm7",
     AssetFolder(

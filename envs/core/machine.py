@@ -6,10 +6,26 @@ import os
 import sys
 from collections.abc import Iterator
 
+from envs.core.errors import ConfigError
+
 
 def num_cores() -> int:
     """Returns the CPU cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def check_device_name(device: str) -> None:
+    """Checks the name of a torch device, without torch.
+
+    Args:
+        device: ``auto`` (a GPU if there is one), ``cpu``, ``cuda`` or ``cuda:<index>``.
+
+    Raises:
+        ConfigError: if it is none of these.
+    """
+    kind, _, index = device.partition(":")
+    if kind not in ("auto", "cpu", "cuda") or (index and not (kind == "cuda" and index.isdigit())):
+        raise ConfigError(f"Unknown device '{device}'. Valid: auto, cpu, cuda, cuda:<index>.")
 
 
 def use_one_core() -> None:

@@ -5,7 +5,10 @@ from typing import Literal
 
 import mujoco
 import numpy as np
+import torch
+from torch import Tensor
 
+from envs.mjcf.drives import DriveLengths, holding
 from envs.mjcf.model import touch_sensor
 from envs.mjcf.robots import ROOT_JOINT
 from envs.scenario import ObjectCfg, RobotCfg, ScenarioCfg
@@ -29,6 +32,7 @@ class EntityLayout:
         qvel: Addresses of its joints in qvel, (J,).
         ctrl: Addresses of the actuators of its driven joints in ctrl, or empty.
         driven: Indices of its driven joints among its joints.
+        lengths: What their actuators measure.
         holds: For each of them 1.0 if its target is a position, 0.0 if it is a torque.
         ee_site: Id of the end effector's site, or -1.
         touches: Addresses of its contact sensors in sensordata.
@@ -45,9 +49,15 @@ class EntityLayout:
     qvel: np.ndarray
     ctrl: np.ndarray
     driven: np.ndarray
+    lengths: DriveLengths | None
     holds: np.ndarray
     ee_site: int
     touches: np.ndarray
+
+    def held(self, joint_pos: Tensor) -> Tensor:
+        """Returns the targets (N, D) that hold a robot's joints (N, J) where they are; of torques, none."""
+        assert self.lengths is not None, "an object has no actuators"
+        return self.lengths(joint_pos) * torch.from_numpy(self.holds).to(joint_pos)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +88,8 @@ def layout_of(model: mujoco.MjModel, scenario: ScenarioCfg) -> Layout:
                 qvel=np.array([joint.dofadr[0] for joint in joints], np.intp),
                 ctrl=np.array([model.actuator(f"{robot.name}/{name}").id for name in driven], np.intp),
                 driven=np.array(robot.driven, np.intp),
-                holds=np.array([robot.joints[i].drive == "position" for i in robot.driven], np.float64),
+                lengths=DriveLengths(robot),
+                holds=holding(robot),
                 ee_site=model.site(f"{robot.name}/{robot.ee_site}").id,
                 touches=_touches(model, robot),
             )
@@ -100,6 +111,7 @@ def layout_of(model: mujoco.MjModel, scenario: ScenarioCfg) -> Layout:
                 qvel=np.array([joint.dofadr[0] for joint in joints], np.intp),
                 ctrl=np.zeros(0, np.intp),
                 driven=np.zeros(0, np.intp),
+                lengths=None,
                 holds=np.zeros(0),
                 ee_site=-1,
                 touches=_touches(model, item),

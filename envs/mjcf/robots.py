@@ -10,7 +10,7 @@ from envs.core.errors import ConfigError, unknown_name
 from envs.mjcf.files import keep_only, parsed, take_options
 from envs.mjcf.meshes import VISUAL_GROUP, simplify_visuals
 from envs.mjcf.objects import HIDDEN_GROUP, SCENE_GROUP, SHAPES, add_geom
-from envs.scenario import IDENTITY, BodyCfg, RobotCfg
+from envs.scenario import IDENTITY, BodyCfg, JointCfg, RobotCfg
 
 ROOT_JOINT = "root"
 """Name of the free joint of a robot whose base is not bolted down."""
@@ -213,6 +213,9 @@ def _set_joints(spec: mujoco.MjSpec, robot: RobotCfg, gripper_in_degrees: bool) 
         if not cfg.driven:
             continue
         actuator = spec.add_actuator(name=cfg.name, target=cfg.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        if cfg.pulls:
+            _add_tendon(spec, robot, cfg)
+            actuator.trntype = mujoco.mjtTrn.mjTRN_TENDON
         actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
         actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
         actuator.gainprm[0] = cfg.kp if cfg.drive == "position" else 1.0
@@ -220,6 +223,23 @@ def _set_joints(spec: mujoco.MjSpec, robot: RobotCfg, gripper_in_degrees: bool) 
         actuator.ctrllimited = actuator.forcelimited = 1
         actuator.ctrlrange = cfg.target_range or cfg.range
         actuator.forcerange = (-cfg.force_limit, cfg.force_limit)
+
+
+def _add_tendon(spec: mujoco.MjSpec, robot: RobotCfg, cfg: JointCfg) -> None:
+    """Adds the tendon that a joint's actuator pulls, by the joint's name.
+
+    Raises:
+        ConfigError: It runs over what is none of the robot's joints, or over one that has an actuator.
+    """
+    free = [joint.name for joint in robot.joints if not joint.driven]
+    tendon = spec.add_tendon(name=cfg.name)
+    tendon.wrap_joint(cfg.name, 1.0)
+    for name, coefficient in cfg.pulls:
+        if name not in free:
+            raise unknown_name(
+                f"joint without an actuator that '{cfg.name}' of '{robot.name}' pulls", name, free
+            )
+        tendon.wrap_joint(name, coefficient)
 
 
 def _tie_joints(spec: mujoco.MjSpec, robot: RobotCfg) -> None:

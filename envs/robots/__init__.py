@@ -48,6 +48,11 @@ ROBOTS.add(
 )
 ROBOTS.add("h1", "envs.robots.h1:H1", extra="humanoid", summary="Unitree H1, a humanoid without hands")
 ROBOTS.add(
+    "h1_hand",
+    "envs.robots.h1_hand:H1_HAND",
+    summary="Unitree H1 with two Shadow hands (roboverse assets get humanoid_bench), 69 joints, 61 driven",
+)
+ROBOTS.add(
     "sawyer", "envs.robots.sawyer:SAWYER", extra="metaworld", summary="Rethink Sawyer with a parallel gripper"
 )
 ROBOTS.add(

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from envs.scenario import BodyCfg, JointCfg, RobotCfg, SiteCfg, Vec3
 
-_SERVOS = (
+SERVOS = (
     # name, kp (N·m/rad), kd (N·m·s/rad), force limit (N·m), range (rad), rest (rad)
     ("left_hip_yaw", 200.0, 5.0, 200.0, (-0.43, 0.43), 0.0),
     ("left_hip_roll", 200.0, 5.0, 200.0, (-0.43, 0.43), 0.0),
@@ -133,7 +133,7 @@ def _joints(own_names: bool) -> tuple[JointCfg, ...]:
             armature=0.1,
             frictionloss=0.0,
         )
-        for name, kp, kd, force, limits, rest in _SERVOS
+        for name, kp, kd, force, limits, rest in SERVOS
     )
 
 

@@ -56,6 +56,10 @@ class JointCfg:
         reading: How datasets and policies read it; None is its position, rad (m), by its name.
         follows: A driven joint and a ratio: this one is tied to the ratio times the other's position, as bars
             of a closed loop are. It is not driven itself.
+        pulls: Further joints, not driven themselves, with a coefficient each: the actuator pulls one tendon
+            over all of them. A target, in ``target_range``, is its length: this joint's position and each
+            coefficient times that of the other, rad (m). kp, kd and force_limit are of this length; each
+            joint feels its coefficient times the force, this one all of it.
     """
 
     name: str
@@ -73,6 +77,7 @@ class JointCfg:
     drive: Literal["position", "torque"] = "position"
     reading: ReadingCfg | None = None
     follows: tuple[str, float] | None = None
+    pulls: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
         if self.follows is not None and self.driven:
@@ -81,11 +86,11 @@ class JointCfg:
             raise ConfigError(
                 f"Joint '{self.name}' is driven by a torque, so it needs a target_range (N·m) and kp=0."
             )
-
-    @property
-    def rest_target(self) -> float:
-        """Target at rest: its rest position, or no torque."""
-        return self.default if self.drive == "position" else 0.0
+        if self.pulls and (not self.driven or self.target_range is None):
+            raise ConfigError(
+                f"Joint '{self.name}' pulls a tendon over {', '.join(name for name, _ in self.pulls)} too, "
+                "so it needs an actuator (driven=True) and a target_range of the tendon's length, rad (m)."
+            )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

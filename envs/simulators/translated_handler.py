@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from envs.core.errors import ConfigError, SimulatorError, unknown_name
+from envs.mjcf.drives import rest_targets
 from envs.mjcf.layout import EntityLayout, as_slice, block, layout_of
 from envs.mjcf.model import build_model
 from envs.mjcf.objects import rest_joints
@@ -108,6 +109,11 @@ class TranslatedHandler[Settings: SimulatorSettings](ModelHandler):
                     f"This simulator drives joints to positions, and '{joint.name}' is driven by a torque. "
                     "Take another one, as in: simulator=mujoco"
                 )
+            if joint.pulls:
+                raise SimulatorError(
+                    f"This simulator drives single joints, and '{joint.name}' pulls a tendon over several. "
+                    "Take another one, as in: simulator=mujoco, or simulator=mujoco_warp"
+                )
         self.model = model = build_model(self.scenario)
         self._data = mujoco.MjData(model)
         self.layout = layout_of(model, self.scenario)
@@ -134,7 +140,7 @@ class TranslatedHandler[Settings: SimulatorSettings](ModelHandler):
         qpos, ctrl = model.qpos0.copy(), np.zeros(model.nu)
         for robot, cfg in zip(self.layout.robots, self.scenario.robots, strict=True):
             qpos[robot.qpos] = cfg.default_qpos
-            ctrl[robot.ctrl] = [cfg.joints[index].rest_target for index in cfg.driven]
+            ctrl[robot.ctrl] = rest_targets(cfg)
         for item, cfg in zip(self.layout.objects, self.scenario.objects, strict=True):
             qpos[item.qpos] = rest_joints(cfg)
         rows = (qpos, np.zeros(model.nv), ctrl, model.body_pos[mocap], model.body_quat[mocap])
@@ -233,7 +239,7 @@ class TranslatedHandler[Settings: SimulatorSettings](ModelHandler):
         if len(item.ctrl):
             target = entity.joint_target
             if target is None:
-                target = entity.joint_pos[:, item.driven] * torch.from_numpy(item.holds)
+                target = item.held(entity.joint_pos)
             self._ctrl[columns, item.ctrl] = _array(target)
 
     def _put(self, row: int) -> None:

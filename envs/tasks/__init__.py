@@ -143,6 +143,14 @@ for _name, _target, _summary in (
 ):
     _add(f"humanoid/{_name}", f"humanoid.{_target}", _summary, _HUMANOID, "humanoid", "rl", extra="humanoid")
 
+for _name, _summary in (
+    ("stand", "stand upright with two hands of five fingers and keep still for 20 s"),
+    ("walk", "walk forwards at 1 m/s with two hands of five fingers"),
+    ("run", "run forwards at 5 m/s with two hands of five fingers"),
+):
+    _target = f"humanoid.locomotion:{_name.title()}WithHands"
+    _add(f"humanoid/h1hand_{_name}", _target, _summary, _HUMANOID, "humanoid", "rl", "hands")
+
 for _name, _target, _summary in (
     ("cartpole", "cartpole:Cartpole", "push a cart so that the pole on it stays upright"),
     ("ant", "ant:Ant", "run on four legs"),

@@ -160,11 +160,15 @@ class Attention(nn.Module):
             nn.Linear(dim, dim),
         )
 
-    def forward(self, tokens: Tensor, memory: Tensor) -> Tensor:
-        """Returns what the tokens attend to, (B, T, D); tokens (1, T, D) are the same for every sample."""
+    def forward(self, tokens: Tensor, memory: Tensor, is_key: Tensor | None = None) -> Tensor:
+        """Returns what the tokens attend to, (B, T, D); tokens (1, T, D) are the same for every sample.
+
+        Where ``is_key``, bool (B, S), is given, they attend to those places of the memory alone.
+        """
         query = self._split(self.query(tokens)).expand(len(memory), -1, -1, -1)
         key, value = map(self._split, self.key_value(memory).chunk(2, -1))
-        attended = functional.scaled_dot_product_attention(query, key, value)
+        mask = None if is_key is None else is_key[:, None, None]
+        attended = functional.scaled_dot_product_attention(query, key, value, attn_mask=mask)
         return self.out(attended.transpose(1, 2).flatten(2))
 
     def _split(self, x: Tensor) -> Tensor:
@@ -185,10 +189,10 @@ class Block(nn.Module):
         self.norm, self.attention = nn.LayerNorm(dim), Attention(dim, heads)
         self.feedforward = _feedforward(dim, feedforward)
 
-    def forward(self, tokens: Tensor) -> Tensor:
-        """Returns the tokens (B, S, D) of the next layer."""
+    def forward(self, tokens: Tensor, is_key: Tensor | None = None) -> Tensor:
+        """Returns the tokens (B, S, D) of the next layer; ``is_key`` as for :class:`Attention`."""
         normed = self.norm(tokens)
-        tokens = tokens + self.attention(normed, normed)
+        tokens = tokens + self.attention(normed, normed, is_key)
         return tokens + self.feedforward(tokens)
 
 

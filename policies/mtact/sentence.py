@@ -41,8 +41,10 @@ class WordsEncoder(nn.Module):
         if self.training and self.dropout:
             is_word = is_word & (torch.rand(is_word.shape, device=words.device) >= self.dropout)
         words = (words + self.positions) * is_word
+        is_key = is_word.squeeze(2)
+        is_key = is_key | ~is_key.any(1, keepdim=True)  # attention to no place at all would be NaN
         for block in self.blocks:
-            words = block(words)
+            words = block(words, is_key)
         return self.norm((words * is_word).sum(1) / is_word.sum(1).clamp_min(1))
 
 

@@ -1,7 +1,7 @@
 """Settings of proximal policy optimization."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 from envs.core.errors import PolicyError
 from envs.core.ranges import check_ranges
@@ -20,6 +20,9 @@ class PpoConfig:
 
     Attributes:
         backend: Whose implementation: ``rsl_rl``, ``sb3`` (Stable-Baselines3) or ``torchrl``.
+        observation: What it sees: the state of the task, or pixels, the images of the cameras of the run
+            beside the robot's own joint positions (cameras=[front,wrist] image_size=64).
+        num_frames: Frames of an observation of pixels, the last ones.
         num_envs: Environments.
         num_steps: Steps of every environment between two updates.
         num_epochs: Passes over a rollout.
@@ -43,7 +46,12 @@ class PpoConfig:
         expert_starts: Share of the training episodes that begin somewhere on the way of the task's expert.
     """
 
+    younger: ClassVar[tuple[str, ...]] = ("observation", "num_frames")
+    """Keys that are no part of a run's name at their defaults: older runs, made without them, keep theirs."""
+
     backend: Backend = "rsl_rl"
+    observation: Literal["state", "pixels"] = "state"
+    num_frames: int = 1
     num_envs: int = 4096
     num_steps: int = 8
     num_epochs: int = 5
@@ -66,7 +74,13 @@ class PpoConfig:
     def __post_init__(self) -> None:
         if self.backend not in BACKENDS:
             raise PolicyError(f"policy.backend must be one of {', '.join(BACKENDS)}, given {self.backend!r}.")
-        above_0 = ("num_envs", "num_steps", "num_epochs", "num_minibatches", "clip", "desired_kl", "init_std")
+        if self.backend == "sb3" and self.observation == "pixels":
+            raise PolicyError(
+                "policy.backend=sb3 keeps rollouts on the host as floats, which images are too large for. "
+                "With policy.observation=pixels take policy.backend=rsl_rl or torchrl."
+            )
+        above_0 = ("num_envs", "num_steps", "num_epochs", "num_minibatches", "clip", "desired_kl", "init_std",
+                   "num_frames")  # fmt: skip
         check_ranges(self, "policy.", above_0=above_0, error=PolicyError)
         for name in ("gamma", "lam", "expert_starts"):
             if not 0.0 <= getattr(self, name) <= 1.0:

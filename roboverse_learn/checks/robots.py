@@ -7,6 +7,7 @@ import torch
 
 from envs.kinematics.inverse import PathFollower
 from envs.kinematics.waypoints import Waypoint
+from envs.mjcf.drives import rest_targets
 from envs.robots import ROBOTS
 from envs.scenario import PhysicsCfg, RobotCfg, ScenarioCfg
 from envs.simulators import HANDLERS
@@ -70,7 +71,7 @@ class CheckedRobot:
     @property
     def rest(self) -> np.ndarray:
         """Targets at rest of the driven joints, (D,)."""
-        return np.array([joint.rest_target for joint in self.robot.joints])[list(self.robot.driven)]
+        return rest_targets(self.robot)
 
     @property
     def positions(self) -> list[int]:
@@ -79,7 +80,9 @@ class CheckedRobot:
         return [
             index
             for index in self.robot.driven
-            if joints[index].drive == "position" and joints[index].target_range in (None, joints[index].range)
+            if joints[index].drive == "position"
+            and joints[index].target_range in (None, joints[index].range)
+            and not joints[index].pulls
         ]
 
     def close(self) -> None:

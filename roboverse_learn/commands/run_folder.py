@@ -65,6 +65,9 @@ def identity(config: TrainRunConfig) -> dict[str, Any]:
             del values[younger]
     if len(config.tasks) == 1:
         values["policy"].pop("tasks", None)
+    for younger in getattr(config.policy, "younger", ()):
+        if getattr(config.policy, younger) == getattr(type(config.policy)(), younger):
+            del values["policy"][younger]
     if not values["policy"].get("wrong_instructions", True):
         del values["policy"]["wrong_instructions"]
     given = values["train"].pop("resume_from", "")

@@ -9,6 +9,7 @@ from typing import Any
 
 from benchmark.protocol import Protocol
 from envs.core.errors import ConfigError
+from envs.core.machine import check_device_name
 from envs.simulators.settings import check_settings
 from envs.spec import EnvSpec
 from roboverse_learn.commands.scene_labels import recorded_materials, scenario_name
@@ -270,11 +271,12 @@ def _baseline(config: EvaluateConfig) -> TestedCheckpoint:
     """Returns a baseline in the scene of its task.
 
     Raises:
-        ConfigError: It is the expert, and the task has none.
+        ConfigError: It is the expert, and the task has none; or there is no device of that name.
     """
     from envs.tasks import TASKS
     from roboverse_learn.config.serialize import to_values
 
+    check_device_name(config.device)
     env = _changed_env(EnvSpec(), config.env)
     if config.policy_name == "expert" and not TASKS.get(env.task).has_expert:
         raise ConfigError(

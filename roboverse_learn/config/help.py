@@ -188,6 +188,7 @@ PRESETS = {
     "full": "the full size, for a GPU (default)",
     "gpu": "one cell of the leaderboard in about ten minutes of one data-centre GPU",
     "locomotion": "the full size, with PPO's horizon and noise for robots on legs",
+    "pixels": "the full size, with PPO learning from images of 64 pixels a side",
     "quick": "the whole loop on two CPU cores in about ten minutes",
 }
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import torch
 
 from envs.core.errors import ConfigError
-from envs.core.machine import keep_freed_memory, num_cores
+from envs.core.machine import check_device_name, keep_freed_memory, num_cores
 from roboverse_learn.training.config import Precision
 
 
@@ -20,12 +20,11 @@ def resolve_device(device: str = "auto") -> str:
     Raises:
         ConfigError: if there is no such device on this machine.
     """
+    check_device_name(device)
     has_gpu = torch.cuda.is_available()
     if device == "auto":
         device = "cuda" if has_gpu else "cpu"
     kind, _, index = device.partition(":")
-    if kind not in ("cpu", "cuda") or (index and not index.isdigit()):
-        raise ConfigError(f"Unknown device '{device}'. Valid: auto, cpu, cuda, cuda:<index>.")
     if kind == "cuda":
         count = torch.cuda.device_count() if has_gpu else 0
         number = int(index or os.environ.get("LOCAL_RANK", 0))

@@ -25,6 +25,7 @@ LEARNED_BY_REWARD = (
     "humanoid/stand",
     "humanoid/walk",
     "humanoid/run",
+    "humanoid/h1hand_walk",
 )
 
 NUM_ENVS, STEPS = 2, 3
@@ -85,7 +86,7 @@ def test_agent_steps_and_gets_reward(name, simulator):
 
 def test_tasks_without_an_expert_are_tagged_rl():
     names = [name for name in TASKS if {"humanoid", "control"} & set(TASKS.entry(name).tags)]
-    assert len(names) == 16
+    assert len(names) == 19
     assert set(names) == set(TASKS.names("rl"))
     for name in names:
         task = TASKS.get(name)()

@@ -13,6 +13,7 @@ from envs.tasks import TASKS
 from roboverse_learn.checks.checked_task import CheckedTask
 from roboverse_learn.checks.contract import NotApplicableError
 from roboverse_learn.checks.tasks import TASK_CONTRACTS
+from tests.robot_files import needs_files_of_task
 from tests.sweeps import sweep
 
 NUM_ENVS = 3
@@ -31,6 +32,7 @@ QUICK = {"options", "words", "scenario", "initial_states"}
 @pytest.fixture(scope="module", params=sweep(NAMES, REPRESENTATIVE))
 def checked(request):
     """The expert of each of our tasks solves all of its first starts."""
+    needs_files_of_task(request.param)
     spec = EnvSpec(task=request.param, image_size=32)
     checked = CheckedTask(spec, num_envs=NUM_ENVS, episodes=2 * NUM_ENVS, required=1.0)
     try:

@@ -7,6 +7,7 @@ import torch
 from envs.core.errors import MissingExtraError
 from envs.simulators import HANDLERS
 from envs.tasks import TASKS
+from tests.robot_files import needs_files_of_task
 from tests.sweeps import sweep
 
 NUM_ENVS, STEPS = 2, 4
@@ -21,6 +22,7 @@ NAMES = sweep(sorted(TASKS.names("rl")), QUICK)
 @pytest.mark.parametrize("name", NAMES)
 def test_the_same_actions_lead_to_the_same_states(name):
     """Some control steps of random actions: states, touches, rewards and ends, to single precision."""
+    needs_files_of_task(name)
     task = TASKS.get(name)()
     initial = task.initial_state([np.random.default_rng(i) for i in range(NUM_ENVS)])
     controller, rng = task.rl_controller, np.random.default_rng(0)

@@ -7,10 +7,11 @@ import pytest
 import torch
 
 from envs.core.errors import ConfigError, UnknownNameError
-from envs.pixel_env import PixelVectorEnv
+from envs.pixel_env import PixelAndStateVectorEnv, PixelVectorEnv
 from envs.simulators.mujoco.handler import MujocoHandler
 from envs.spec import EnvSpec
 from envs.tasks.control.cartpole import Cartpole
+from policies.byte_rows import row_size, unpack
 
 
 def make(num_envs=2, *, cameras=(), simulator="mujoco", **options):
@@ -131,3 +132,31 @@ def test_task_without_camera_is_refused(monkeypatch):
 def test_unknown_camera_suggests_nearest():
     with pytest.raises(UnknownNameError, match=r"camera 'frnot'. Did you mean 'front'.*front, rail"):
         make(cameras=("frnot",))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("simulator", ["mujoco", "mujoco_warp"])
+def test_robots_own_state_is_beside_each_frame(simulator):
+    cameras = ("front", "rail")
+    env = make(3, observation="pixels_and_state", simulator=simulator, cameras=cameras, num_frames=2)
+    assert isinstance(env, PixelAndStateVectorEnv)
+    shape, num_state = (6, 64, 64), env.num_state
+    assert env.observation_shape == (2 * row_size(shape, num_state),)
+    env.elapsed_steps = torch.tensor([0, 0, env.max_episode_steps - 2])  # the last ends in the second step
+    before = env.reset(torch.zeros(3, dtype=torch.bool))
+    for action in (1.0, -0.5):
+        step = env.step(torch.full((3, 1), action))
+        images, state = unpack(step.obs.unflatten(1, (2, -1)), shape)
+        own = env.task.proprioception(env.get_states())
+        assert state[:, 1].equal(own.float().to(state.device))
+        drawn = env.handler.render_tensors(None, cameras)
+        expected = torch.cat([drawn[camera]["rgb"] for camera in cameras], dim=-1).permute(0, 3, 1, 2)
+        assert images[:, 1].equal(expected)
+        lived = ~(step.terminated | step.truncated)
+        assert step.obs[lived, : env.observation_size // 2].equal(before[lived, env.observation_size // 2 :])
+        before = step.obs
+    assert step.truncated.tolist() == [False, False, True]
+    images, state = unpack(step.obs.unflatten(1, (2, -1)), shape)
+    assert images[2, 0].equal(images[2, 1]) and state[2, 0].equal(state[2, 1])
+    assert not step.final_obs[2].equal(step.obs[2])
+    env.close()

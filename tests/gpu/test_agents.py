@@ -37,9 +37,9 @@ WORDS = {
                "num_pi_trajs=8", "iterations=2", "seed_steps=320", "buffer_size=8000", "update_ratio=0.125"),
 }  # fmt: skip
 WORDS["tdmpc2 of two tasks"] = (*WORDS["tdmpc2"], "policy.tasks=[PickCube]")
-WORDS["tdmpc2 of images"] = (
-    *WORDS["tdmpc2"], "policy.observation=pixels", "cameras=[front,rail]", "image_size=64"
-)  # fmt: skip
+OF_IMAGES = ("policy.observation=pixels", "cameras=[front,rail]", "image_size=64")
+WORDS["tdmpc2 of images"] = (*WORDS["tdmpc2"], *OF_IMAGES)
+WORDS["ppo of images"] = (*WORDS["ppo"], *OF_IMAGES)
 
 TWO_UPDATES = {
     "fasttd3": ("policy.num_envs=8", "policy.batch_size=32", "actor_dim=32", "critic_dim=32",
@@ -116,9 +116,10 @@ def test_updates_of_fasttd3_that_are_played_back_learn_as_plain_ones_do(bf16):
 @pytest.mark.parametrize("name", sorted(WORDS))
 @pytest.mark.parametrize("compile", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_run_on_a_gpu_resumes_where_it_stopped(name, compile, tmp_path):
-    if compile and name == "ppo":
+    is_ppo = name.startswith("ppo")
+    if compile and is_ppo:
         pytest.skip("PPO is not compiled")
-    own = () if name == "ppo" else (f"policy.compile={compile}".lower(),)
+    own = () if is_ppo else (f"policy.compile={compile}".lower(),)
 
     def run(steps):
         config = configured(name, *WORDS[name], *own, f"steps={steps}", "save_every=100000", "log_every=512")
@@ -154,3 +155,23 @@ def test_the_first_updates_are_those_of_the_cpu(name):
     ours, theirs = (first_updates(config, device) for device in ("cuda", "cpu"))
     assert ours == pytest.approx(theirs, rel=2e-2, abs=1e-4)
     assert abs(theirs["loss"]) > 1e-3
+
+
+@pytest.mark.parametrize("backend", ["rsl_rl", "torchrl"])
+def test_images_of_a_rollout_stay_on_the_gpu_as_bytes(backend):
+    config = configured("ppo", *WORDS["ppo of images"], f"policy.backend={backend}")
+    learner = learner_of(config, "cuda")
+    with closing(learner.open_env(0)) as env:
+        agent = learner.make_agent(env, 0)
+        loop = Loop(agent, env, config.train, Path(), 0, Reporter())
+        loop.begin(None)
+        assert (loop.observation.dtype, loop.observation.device.type) == (torch.uint8, "cuda")
+        before = {key: weight.clone() for key, weight in agent.policy.state_dict().items()}
+        while not loop.updates:
+            loop.advance()
+        if backend == "rsl_rl":
+            (kept,) = agent.ppo.storage.observations.values()
+            assert (kept.dtype, kept.device.type) == (torch.uint8, "cuda")
+        after = agent.policy.state_dict()
+        for key in ("norm.images.0.weight", "norm.images.4.weight", "norm.state.weight"):
+            assert not after[key].equal(before[key]) and after[key].isfinite().all(), key

@@ -12,6 +12,7 @@ from mujoco.batch import Batch, SimulationError
 from torch import Tensor
 
 from envs.core.errors import ConfigError, SimulatorError, unknown_name
+from envs.mjcf.drives import rest_targets
 from envs.mjcf.layout import EntityLayout, as_slice, block, layout_of
 from envs.mjcf.model import build_models
 from envs.mjcf.objects import rest_joints
@@ -69,7 +70,7 @@ class MujocoHandler(ModelHandler):
         )
         for robot, cfg in zip(self.layout.robots, self.scenario.robots, strict=True):
             self._qpos[:, robot.qpos] = cfg.default_qpos
-            self._ctrl[:, robot.ctrl] = [cfg.joints[index].rest_target for index in cfg.driven]
+            self._ctrl[:, robot.ctrl] = rest_targets(cfg)
         for layout, item in zip(self.layout.objects, self.scenario.objects, strict=True):
             self._qpos[:, layout.qpos] = rest_joints(item)
         low, high = self.model.actuator_ctrlrange.T.copy()
@@ -119,7 +120,7 @@ class MujocoHandler(ModelHandler):
         if len(layout.ctrl):
             target = entity.joint_target
             if target is None:
-                target = entity.joint_pos[:, layout.driven] * torch.from_numpy(layout.holds)
+                target = layout.held(entity.joint_pos)
             self._ctrl[columns, layout.ctrl] = target
 
     @override

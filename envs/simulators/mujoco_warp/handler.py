@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from envs.core.errors import ConfigError, unknown_name
+from envs.mjcf.drives import rest_targets
 from envs.mjcf.layout import EntityLayout, as_slice, layout_of
 from envs.mjcf.model import build_models
 from envs.mjcf.objects import rest_joints
@@ -95,7 +96,7 @@ class MujocoWarpHandler(ModelHandler):
         for robot, cfg in zip(self.layout.robots, self.scenario.robots, strict=True):
             joints, _, targets = self._columns[robot.name]
             views.qpos[:, joints] = self._float(cfg.default_qpos)
-            views.ctrl[:, targets] = self._float([cfg.joints[index].rest_target for index in cfg.driven])
+            views.ctrl[:, targets] = self._float(rest_targets(cfg))
         for layout, item in zip(self.layout.objects, self.scenario.objects, strict=True):
             views.qpos[:, self._columns[layout.name][0]] = self._float(rest_joints(item))
         with device.scope():
@@ -223,7 +224,7 @@ class MujocoWarpHandler(ModelHandler):
         if len(layout.ctrl):
             target = entity.joint_target
             if target is None:
-                target = self._float(entity.joint_pos)[:, layout.driven] * self._float(layout.holds)
+                target = layout.held(self._float(entity.joint_pos))
             _put(views.ctrl, rows, targets, self._float(target))
 
     def _place(self, layout: EntityLayout, pos: object, rot: object, rows: slice | Tensor) -> None:

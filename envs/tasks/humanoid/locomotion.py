@@ -3,6 +3,9 @@
 Sferrazza et al., "HumanoidBench: Simulated Humanoid Benchmark for Whole-Body Locomotion and Manipulation",
 RSS 2024. Rewards are products of standing upright, small torques, and the commanded motion, each in [0, 1];
 an episode of 1,000 steps is a success if its return reaches the published threshold.
+
+Each is also done by the H1 with two Shadow hands, HumanoidBench's ``h1hand``: the same rewards and bars, with
+151 numbers observed and 61 actuators.
 """
 
 from dataclasses import dataclass
@@ -53,3 +56,27 @@ class Run(Walk):
     name: ClassVar[str] = "humanoid/run"
     instructions: ClassVar[tuple[str, ...]] = ("run forwards",)
     speed_m_s: ClassVar[float] = 5.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class StandWithHands(Stand):
+    """Stand upright with hands, and do not move (``h1hand-stand-v0``)."""
+
+    name: ClassVar[str] = "humanoid/h1hand_stand"
+    has_hands: ClassVar[bool] = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkWithHands(Walk):
+    """Walk with hands: keep the centre of mass moving forwards at 1 m/s or more (``h1hand-walk-v0``)."""
+
+    name: ClassVar[str] = "humanoid/h1hand_walk"
+    has_hands: ClassVar[bool] = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunWithHands(Run):
+    """Run with hands: keep the centre of mass moving forwards at 5 m/s or more (``h1hand-run-v0``)."""
+
+    name: ClassVar[str] = "humanoid/h1hand_run"
+    has_hands: ClassVar[bool] = True

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from envs.kinematics.body_poses import BodyTree
+from envs.mjcf.drives import DriveLengths
 from envs.scenario import RobotCfg, Vec3
 from envs.state import EntityState
 from envs.tasks.rewards import tolerance
@@ -34,7 +35,7 @@ class Measures:
         feet: Heights of the left and the right foot, m, (N, 2).
         upright: How far the torso's z axis points up, in [-1, 1], (N,).
         com_vel: Velocity of the centre of mass, m/s, (N, 3).
-        forces: Torques of the actuators, N·m, (N, 19).
+        forces: Torques of the actuators, N·m, (N, 19), or (N, 61) with hands.
     """
 
     head: Tensor
@@ -88,15 +89,17 @@ def measure(tree: BodyTree, cfg: RobotCfg, robot: EntityState) -> Measures:
 
 
 def actuator_forces(cfg: RobotCfg, robot: EntityState) -> Tensor:
-    """Returns the torques of the position actuators of a robot whose joints are all driven, N·m, (N, J)."""
+    """Returns the torques of a robot's position actuators, N·m, (N, D)."""
     assert robot.joint_target is not None, "a simulator gives every robot's targets"
-    kp, kd, limit = _gains(cfg, robot.joint_pos.device, robot.joint_pos.dtype)
-    force = kp * (robot.joint_target - robot.joint_pos) - kd * robot.joint_vel
+    kp, kd, limit, lengths = _drives(cfg, robot.joint_pos.device, robot.joint_pos.dtype)
+    force = kp * (robot.joint_target - lengths(robot.joint_pos)) - kd * lengths(robot.joint_vel)
     return torch.minimum(torch.maximum(force, -limit), limit)
 
 
 @lru_cache(maxsize=8)
-def _gains(cfg: RobotCfg, device: torch.device, dtype: torch.dtype) -> tuple[Tensor, Tensor, Tensor]:
-    rows = [(joint.kp, joint.kd, joint.force_limit) for joint in cfg.joints]
+def _drives(
+    cfg: RobotCfg, device: torch.device, dtype: torch.dtype
+) -> tuple[Tensor, Tensor, Tensor, DriveLengths]:
+    rows = [(joint.kp, joint.kd, joint.force_limit) for joint in cfg.joints if joint.driven]
     kp, kd, limit = torch.tensor(rows, device=device, dtype=dtype).unbind(-1)
-    return kp, kd, limit
+    return kp, kd, limit, DriveLengths(cfg)

@@ -13,6 +13,7 @@ from torch import Tensor
 from envs.controllers import Controller, NormalizedPositionController
 from envs.kinematics.body_poses import BodyTree
 from envs.robots.h1 import STAND_HEIGHT_M, h1_of
+from envs.robots.h1_hand import h1_hand_of
 from envs.scenario import (
     Appearance,
     CameraCfg,
@@ -29,6 +30,7 @@ from envs.tasks.base import Task
 from envs.tasks.humanoid.measures import Measures, measure
 
 ROBOT = "h1"
+"""Name of the robot without hands."""
 
 RESET_NOISE = 0.01
 """Half width of the uniform noise on every number of the initial ``qpos``: ``env.py``, DEFAULT_RANDOMNESS."""
@@ -41,6 +43,9 @@ SOLVER = {
     "mujoco_warp": {"nconmax": 64, "njmax": 320},
 }
 """MuJoCo's defaults, as the published scenes leave them. A robot on the ground has up to 40 contacts."""
+
+SOLVER_WITH_HANDS = {**SOLVER, "mujoco_warp": {"nconmax": 160, "njmax": 800}}
+"""The same with hands, of which 48 joints have dry friction, a constraint each."""
 
 LOOKS = Appearance(
     materials={
@@ -62,7 +67,8 @@ class HumanoidTask(Task):
 
     Attributes:
         model: HumanoidBench's own folder of assets, whose robot is taken; empty is the one of the package
-            ``robosuite_models``, with the published numbers.
+            ``robosuite_models``, with the published numbers, and with hands that of ``roboverse assets get
+            humanoid_bench``.
     """
 
     max_episode_steps: ClassVar[int] = 1000
@@ -81,12 +87,24 @@ class HumanoidTask(Task):
     feels: ClassVar[tuple[str, ...]] = ()
     """Objects whose contacts with the robot the task needs."""
 
+    has_hands: ClassVar[bool] = False
+    """Whether the H1 has hands."""
+
     model: str = ""
 
     @property
     def robot(self) -> RobotCfg:
         """The H1."""
-        return dataclasses.replace(h1_of(self.model), pos=self.start_pos, feels=self.feels)
+        return dataclasses.replace(self._published, pos=self.start_pos, feels=self.feels)
+
+    @property
+    def _published(self) -> RobotCfg:
+        """The robot as HumanoidBench has it."""
+        return h1_hand_of(self.model) if self.has_hands else h1_of(self.model)
+
+    @property
+    def _name(self) -> str:
+        return "h1_hand" if self.has_hands else ROBOT
 
     @property
     def objects(self) -> tuple[ObjectCfg, ...]:
@@ -102,7 +120,7 @@ class HumanoidTask(Task):
             cameras=(
                 CameraCfg(
                     name="front",
-                    mount=f"{ROBOT}/pelvis",
+                    mount=f"{self._name}/pelvis",
                     turns=False,
                     pos=self.camera_pos,
                     look_at=(0.0, 0.0, 0.0),
@@ -113,7 +131,7 @@ class HumanoidTask(Task):
             room=None,
             ground_half_size_m=GROUND_HALF_SIZE_M,
             physics=CONTROL_50_HZ,
-            simulators=SOLVER,
+            simulators=SOLVER_WITH_HANDS if self.has_hands else SOLVER,
         )
 
     @property
@@ -138,7 +156,7 @@ class HumanoidTask(Task):
             item.name: EntityState.at_rest(*_pose(qpos[:, joints + 7 * index :]))
             for index, item in enumerate(moving)
         }
-        return State({ROBOT: EntityState.at_rest(*_pose(qpos), qpos[:, 7:joints])}, objects)
+        return State({self._name: EntityState.at_rest(*_pose(qpos), qpos[:, 7:joints])}, objects)
 
     def place(self, rng: np.random.Generator, qpos: np.ndarray) -> None:
         """Changes one sampled ``qpos`` further; does nothing by default."""
@@ -156,15 +174,16 @@ class HumanoidTask(Task):
     def failure(self, state: State) -> Tensor:
         if self.fallen_below_m is None:
             return super().failure(state)
-        return state.robots[ROBOT].pos[:, 2] < self.fallen_below_m
+        return state.robots[self._name].pos[:, 2] < self.fallen_below_m
 
     def observe(self, state: State) -> Tensor:
         """Returns all positions, then all velocities, as MuJoCo's ``qpos`` and ``qvel`` have them.
 
-        The robot's place, orientation and 19 joints, then what moves beside it; linear velocities are the
-        world's, angular ones the body's: (N, 51), and 13 more for each free object.
+        The robot's place, orientation and 19 joints (69 with hands), then what moves beside it; linear
+        velocities are the world's, angular ones the body's: (N, 51) or (N, 151), and 13 more for each free
+        object.
         """
-        robot = state.robots[ROBOT]
+        robot = state.robots[self._name]
         qpos = [robot.pos, robot.rot, robot.joint_pos]
         qvel = [robot.lin_vel, robot.ang_vel, robot.joint_vel]
         for item in (state.objects[cfg.name] for cfg in self._moving):
@@ -178,8 +197,7 @@ class HumanoidTask(Task):
 
     def measures(self, state: State) -> Measures:
         """Returns what the rewards are made of."""
-        robot = state.robots[ROBOT]
-        cfg = h1_of(self.model)
+        robot, cfg = state.robots[self._name], self._published
         return measure(_tree(cfg, robot.pos.device, robot.pos.dtype), cfg, robot)
 
 

@@ -1,7 +1,7 @@
 """The env of a reinforcement learning run, from the keys that every such run has."""
 
 from contextlib import ExitStack
-from typing import Any
+from typing import Any, Literal
 
 from envs.core.errors import ConfigError
 
@@ -51,7 +51,15 @@ def make_multi_task_env(config: Any, num_envs: int, seed: int, device: str) -> A
 
 
 def make_pixel_env(
-    config: Any, num_envs: int, seed: int, device: str, *, num_frames: int, image_size: int
+    config: Any,
+    num_envs: int,
+    seed: int,
+    device: str,
+    *,
+    num_frames: int,
+    image_size: int,
+    observation: Literal["pixels", "pixels_and_state"] = "pixels",
+    **own: Any,
 ) -> Any:
     """Makes the env of a run that learns from images.
 
@@ -62,37 +70,41 @@ def make_pixel_env(
         device: ``cpu`` or ``cuda``.
         num_frames: Frames of an observation.
         image_size: Pixels a side that the policy's network takes.
+        observation: ``pixels_and_state`` for the robot's own state beside the images.
+        own: As in :func:`make_env`.
 
     Raises:
         ConfigError, UnknownNameError: as :func:`check_images`.
     """
-    check_images(config, image_size)
+    check_images(config, image_size, expert_starts=own.get("expert_starts", 0.0))
     spec = config.env.replace(image_size=image_size)
     return spec.make_torch(
         num_envs,
-        observation="pixels",
+        observation=observation,
         num_frames=num_frames,
         num_threads=config.train.num_threads,
         device=device,
         seed=seed,
+        **own,
     )
 
 
-def check_images(config: Any, image_size: int) -> None:
+def check_images(config: Any, image_size: int, *, expert_starts: float = 0.0) -> None:
     """Checks that the task of a run has the images that an agent is to learn from, and a reward.
 
     Args:
         config: Configuration of the run.
         image_size: Pixels a side that the policy's network takes.
+        expert_starts: As in :func:`check_env`.
 
     Raises:
         ConfigError: if the task has no reward or no camera, or the requested images have another size or
-            level.
+            level or are not square; and as :func:`check_env`.
         UnknownNameError: if the task has no camera of a name.
     """
     from envs.pixel_env import watched
 
-    check_env(config)
+    check_env(config, expert_starts=expert_starts)
     if config.env.image_size != image_size:
         raise ConfigError(
             f"policy={config.policy_name} takes images of {image_size} pixels a side, given image_size="
@@ -106,7 +118,12 @@ def check_images(config: Any, image_size: int) -> None:
             "other levels can be evaluated, as in evaluate.levels=[0,1,2,3]."
         )
     scene = config.env.make_task().scenario
-    watched(config.env.task, scene, config.env.cameras, image_size)
+    for camera in watched(config.env.task, scene, config.env.cameras, image_size).cameras:
+        if camera.width != camera.height:
+            raise ConfigError(
+                f"policy={config.policy_name} learns from square images, and those of camera '{camera.name}' "
+                f"have {camera.width} × {camera.height} pixels. Take cameras=[…] whose images are square."
+            )
 
 
 def check_env(config: Any, *, expert_starts: float = 0.0) -> None:

@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from torch.nn import functional
 
 import policies
 from envs.core.errors import PolicyError
 from policies.checkpoint import learned_tasks, policy_type
 from policies.learned_tasks import Instructions, LearnedTask
 from policies.mtact.decoders import FlowDecoder
+from policies.mtact.sentence import WordsEncoder
 from policies.mtact.vision import Film
 from tests import imported_process
 from tests.policies.examples import IMAGE, NARROW, SIZE, generators, observation
@@ -105,6 +107,18 @@ def test_with_swapped_wordings_the_wording_of_a_frame_does_not_matter_and_its_ta
             same.append(bool(first == second))
             assert loss_of(policy, frames((2,) * 4)) != first
     assert same == [True, False]
+
+
+def test_a_sentence_is_the_same_among_more_empty_places():
+    torch.manual_seed(0)
+    short, long = WordsEncoder(50, 4, 8, 2, 2, 0.0), WordsEncoder(50, 9, 8, 2, 2, 0.0)
+    known = short.state_dict()
+    known["positions"] = torch.cat([known["positions"], torch.randn(5, 8)])
+    long.load_state_dict(known)
+    parts = torch.tensor([[[3, 7], [5, 0], [0, 0], [0, 0]], [[0, 0]] * 4])  # two words, and none
+    more = functional.pad(parts, (0, 0, 0, 5))
+    torch.testing.assert_close(long(more), short(parts))
+    assert short(parts).isfinite().all()
 
 
 def test_dropped_words_change_the_loss_and_no_action():

@@ -33,6 +33,11 @@ def test_a_rule_is_evaluated_and_evaluated_once(tmp_path, capsys):
     assert "random" in (tmp_path / "leaderboard.md").read_text()
 
 
+def test_an_unknown_device_is_refused_though_a_rule_uses_none(tmp_path, capsys):
+    assert cli.main(["evaluate", "policy=random", *WORDS, f"results_dir={tmp_path}", "device=tpu"]) == 2
+    assert "Unknown device 'tpu'. Valid: auto, cpu, cuda, cuda:<index>." in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_the_expert_solves_what_a_policy_would_be_tested_on(tmp_path):
     expert, zero = result_of("expert", tmp_path, "videos=1"), result_of("zero", tmp_path)

@@ -85,10 +85,10 @@ def failure(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         ),
         (["train", "policy.down_dims=[64]"], "Unknown key 'policy.down_dims' of train."),
         (
-            ["train", "policy=ppo", "policy.observation=pixels"],
-            "Unknown key 'policy.observation' of train. It is a key of policy=tdmpc2. Valid: ",
+            ["train", "policy=ppo", "policy.model_size=5"],
+            "Unknown key 'policy.model_size' of train. It is a key of policy=tdmpc2. Valid: ",
         ),
-        (["train", "policy=fasttd3", "observation=pixels"], "It is a key of policy=tdmpc2."),
+        (["train", "policy=fasttd3", "observation=pixels"], "It is a key of policy=ppo and policy=tdmpc2."),
         (["train", "policy=tdmpc2", "policy.observation=pixel"], "input should be 'state' or 'pixels'"),
         (["train", "policy_name=act"], "Unknown key 'policy_name' of train. Did you mean 'policy'?"),
         (["train", "steps"], "'steps' is not key=value."),

@@ -34,7 +34,7 @@ class PpoAlgorithm(ABC):
         train: Learning rate and largest norm of the gradient.
 
     Attributes:
-        critic: Values of normalized observations.
+        critic: Values of the features of observations, which are the actor's.
         parameters: All that is learned.
         optimizer: Adam.
     """
@@ -43,9 +43,12 @@ class PpoAlgorithm(ABC):
         self.policy, self.config, self.train, own = policy, policy.config, train, policy.config
         self.batch_size = own.rollout_size
         self.settings: dict[str, Any] = {"backend": own.backend, "num_steps": own.num_steps}
+        if own.observation == "pixels":
+            self.settings |= {"observation": policy.sizes, "num_frames": own.num_frames}
         actor = policy.model
-        size = actor.norm.mean.numel()
-        self.critic = perceptron(size, self.config.hidden_dims, 1, self.config.activation).to(policy.device)
+        self.critic = perceptron(actor.norm.size, self.config.hidden_dims, 1, self.config.activation).to(
+            policy.device
+        )
         initialize(actor, self.critic)
         self.parameters = [*actor.parameters(), *self.critic.parameters()]
         self.lr = train.lr

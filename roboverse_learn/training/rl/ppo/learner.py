@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING, Any, override
 
 import torch
 
-from envs.core.errors import MissingExtraError
+from envs.core.errors import ConfigError, MissingExtraError
 from envs.core.extras import install_command
 from policies.ppo.config import PpoConfig
-from policies.ppo.policy import PpoPolicy
+from policies.ppo.network import LEAST_PIXELS
+from policies.ppo.policy import STATE, PpoPolicy
+from roboverse_learn.data.dataset.schema import IMAGE_PREFIX
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.learners import AgentLearner
 from roboverse_learn.training.rl import loop
-from roboverse_learn.training.rl.environment import check_env, make_env
+from roboverse_learn.training.rl.environment import check_env, check_images, make_env, make_pixel_env
 from roboverse_learn.training.rl.ppo.algorithm import PpoAlgorithm
 
 if TYPE_CHECKING:
@@ -36,19 +38,37 @@ class PpoLearner(AgentLearner):
     def check(self) -> None:
         own: PpoConfig = self.config.policy
         check_installed(own.backend)
-        check_env(self.config, expert_starts=own.expert_starts)
+        if own.observation == "state":
+            check_env(self.config, expert_starts=own.expert_starts)
+            return
+        size = self.config.env.image_size
+        if size < LEAST_PIXELS:
+            raise ConfigError(
+                f"image_size={size} is too small for the convolutions of policy=ppo, which need "
+                f"{LEAST_PIXELS} pixels a side. Take image_size=64."
+            )
+        check_images(self.config, size, expert_starts=own.expert_starts)
 
     @override
     def open_env(self, seed: int) -> Any:
-        own: PpoConfig = self.config.policy
-        return make_env(
-            self.config,
+        config, device = self.config, self.device
+        own: PpoConfig = config.policy
+        training: dict[str, Any] = {
+            "max_episode_steps": own.max_episode_steps,
+            "substeps": own.substeps,
+            "expert_starts": own.expert_starts,
+        }
+        if own.observation == "state":
+            return make_env(config, own.num_envs, seed, device, **training)
+        return make_pixel_env(
+            config,
             own.num_envs,
             seed,
-            self.device,
-            max_episode_steps=own.max_episode_steps,
-            substeps=own.substeps,
-            expert_starts=own.expert_starts,
+            device,
+            num_frames=own.num_frames,
+            image_size=config.env.image_size,
+            observation="pixels_and_state",
+            **training,
         )
 
     @override
@@ -106,9 +126,17 @@ def _run(
 def _agent(config: PpoConfig, env: Any, train_config: TrainConfig, task: str, seed: int) -> PpoAlgorithm:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        policy = PpoPolicy(config, {loop.OBSERVATION: env.observation_size}, env.action_size, env.device)
+        policy = PpoPolicy(config, _sizes(config, env), env.action_size, env.device)
         policy.task = task
         return make_algorithm(policy, env, train_config)
+
+
+def _sizes(config: PpoConfig, env: Any) -> dict[str, int]:
+    """Returns the sizes of what the policy sees, as :class:`PpoPolicy` has them."""
+    if config.observation == "state":
+        return {loop.OBSERVATION: env.observation_size}
+    cameras = {f"{IMAGE_PREFIX}{camera}": env.image_size for camera in env.camera_names}
+    return cameras | {STATE: env.num_state}
 
 
 def make_algorithm(policy: PpoPolicy, env: Any, train_config: TrainConfig) -> PpoAlgorithm:

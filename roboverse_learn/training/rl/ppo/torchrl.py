@@ -51,7 +51,13 @@ class TorchRlPpo(PpoAlgorithm):
             default_interaction_type=InteractionType.RANDOM,
         )
         value = ValueOperator(nn.Sequential(policy.model.norm, self.critic), ["observation"])
-        self.gae = GAE(gamma=config.gamma, lmbda=config.lam, value_network=value, average_gae=True)
+        self.gae = GAE(
+            gamma=config.gamma,
+            lmbda=config.lam,
+            value_network=value,
+            average_gae=True,
+            deactivate_vmap=config.observation == "pixels",  # vmap cannot read bytes as floats
+        )
         self.loss = ClipPPOLoss(
             self.actor,
             value,

@@ -11,10 +11,11 @@ from scipy import linalg
 from envs.core.errors import ConfigError
 from envs.kinematics.batched_inverse import BatchedInverseKinematics
 from envs.kinematics.forward import rotation_vector
+from envs.mjcf.drives import rest_targets
 from envs.mjcf.model import build_model
 from envs.robots.ant import ANT
 from envs.rotations import to_matrix
-from envs.scenario import JointCfg
+from envs.scenario import JointCfg, RobotCfg
 from envs.simulators.mujoco.handler import MujocoHandler
 from envs.state import EntityState, State
 from envs.tasks import TASKS
@@ -252,7 +253,8 @@ def test_a_torque_needs_a_range_and_no_gain():
     for wrong in ({"kp": 0.0}, {"kp": 1.0, "target_range": (-1.0, 1.0)}):
         with pytest.raises(ConfigError, match="'j' is driven by a torque, so it needs a target_range"):
             JointCfg(**given, **wrong)
-    assert JointCfg(**given, kp=0.0, target_range=(-1.0, 1.0)).rest_target == 0.0
+    joint = JointCfg(**given, kp=0.0, target_range=(-1.0, 1.0))
+    assert rest_targets(RobotCfg(name="r", mjcf="", root="", ee_site="", joints=(joint,))) == 0.0
 
 
 @pytest.mark.parametrize("name", NAMES)

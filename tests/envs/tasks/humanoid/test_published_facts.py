@@ -37,7 +37,9 @@ def task(request):
 
 
 def test_none_is_missing():
-    assert set(TASKS.names("humanoid")) == {f"humanoid/{name}" for name in BARS}
+    with_hands = {f"humanoid/h1hand_{name}" for name in ("stand", "walk", "run")}
+    assert set(TASKS.names("humanoid")) == {f"humanoid/{name}" for name in BARS} | with_hands
+    assert set(TASKS.names("hands")) == with_hands
 
 
 def test_an_episode_is_a_thousand_steps_of_a_fiftieth_of_a_second(task):

@@ -1,13 +1,19 @@
 """Arguments that PPO's learner refuses and accepts."""
 
 import importlib.util
+from dataclasses import replace
 
 import pytest
 import torch
 
-from envs.core.errors import MissingExtraError, PolicyError
+import policies
+from envs.core.errors import ConfigError, MissingExtraError, PolicyError
+from envs.tasks.control.cartpole import Cartpole
 from policies.ppo.config import PpoConfig
+from roboverse_learn.commands.run_folder import identity, run_name
+from roboverse_learn.config.command_line_keys import at, flat_keys
 from roboverse_learn.config.compose import compose
+from roboverse_learn.config.serialize import to_values
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.rl.ppo import learner
 from tests.roboverse_learn.training.rl.ppo.reach import Reach
@@ -31,6 +37,54 @@ def test_the_command_line_reaches_ppo():
     config = compose("train", ["policy=ppo", "backend=sb3", "task=PickCube", "policy.num_envs=64", "lr=1e-3"])
     assert config.policy == PpoConfig(backend="sb3", num_envs=64)
     assert config.train.lr == 1e-3 and config.evaluate.levels == (0,)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("policy", policies.names())
+def test_pixels_preset_changes_ppo_alone(policy):
+    plain, seeing = (
+        to_values(compose("train", [f"policy={policy}", f"preset={name}"])) for name in ("full", "pixels")
+    )
+    changed = {key for key in flat_keys(plain) if at(plain, key) != at(seeing, key)}
+    if policy != "ppo":
+        assert changed == {"preset"}
+        return
+    assert {"image_size", "policy.observation", "train.steps"} <= changed
+    assert (seeing["policy"]["observation"], seeing["image_size"]) == ("pixels", 64)
+    assert seeing["train"]["time_limit_s"] is None  # it ends by steps
+
+
+def test_runs_from_states_keep_their_names():
+    plain, words = compose("train", ["policy=ppo"]), "policy.observation=pixels"
+    assert not {"policy.observation", "policy.num_frames"} & set(identity(plain))
+    assert run_name(plain) == "full-level0-seed0-764f26fd"  # before there were images
+    assert identity(compose("train", ["policy=ppo", words]))["policy.observation"] == "pixels"
+    assert run_name(compose("train", ["policy=ppo", words])) != run_name(plain)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["image_size=35"], r"image_size=35 is too small .* need 36 pixels a side"),
+        (["image_size=64", "level=2"], r"policy=ppo learns from images of level 0, given level=2"),
+    ],
+)
+def test_images_that_it_cannot_learn_from_are_refused(words, message):
+    given = ["policy=ppo", "task=control/cartpole", "policy.observation=pixels", *words]
+    with pytest.raises(ConfigError, match=message):
+        learner.PpoLearner(compose("train", given), "cpu").check()
+
+
+def test_images_that_are_not_square_are_refused(monkeypatch):
+    scene = Cartpole().scenario
+    wide = replace(scene, cameras=tuple(replace(camera, width=512) for camera in scene.cameras))
+    monkeypatch.setattr(Cartpole, "scenario", property(lambda _: wide))
+    config = compose(
+        "train", ["policy=ppo", "task=control/cartpole", "policy.observation=pixels", "image_size=64"]
+    )
+    message = r"square images, and those of camera 'front' have 128 × 64 pixels. Take cameras="
+    with pytest.raises(ConfigError, match=message):
+        learner.PpoLearner(config, "cpu").check()
 
 
 @pytest.mark.parametrize(
