@@ -27,7 +27,8 @@ HANDLERS.add(
     extra="sapien",
     summary="SAPIEN 3: PhysX on CPU, environments stepped by threads; its own Vulkan renderer",
     info={
-        "cannot": "no welds, coupled or ball joints; friction of two things is the mean of theirs; float32"
+        "cannot": "no welds, tendons, coupled or ball joints; friction of two things is the mean of theirs; "
+        "float32"
     },
 )
 HANDLERS.add(
@@ -35,7 +36,7 @@ HANDLERS.add(
     "envs.simulators.newton.handler:NewtonHandler",
     extra="newton",
     summary="Newton 1.8: its MuJoCo solver on CPU, one model for each environment",
-    info={"cannot": "no welds, coupled or ball joints; up to about 250 shapes; float32"},
+    info={"cannot": "no welds, tendons, coupled or ball joints; up to about 250 shapes; float32"},
 )
 
 HANDLERS.add(
@@ -44,8 +45,8 @@ HANDLERS.add(
     extra="pybullet",
     summary="Bullet by PyBullet on CPU, one client per environment; its own software rasterizer",
     info={
-        "cannot": "no welds, coupled or ball joints, nor torques; friction of two things is the product of "
-        "theirs; hulls are 1 mm thicker; float32"
+        "cannot": "no welds, tendons, coupled or ball joints, nor torques; friction of two things is the "
+        "product of theirs; hulls are 1 mm thicker; float32"
     },
 )
 
@@ -54,7 +55,9 @@ HANDLERS.add(
     "envs.simulators.genesis.handler:GenesisHandler",
     extra="genesis",
     summary="Genesis 1.4 on CPU: all environments are one batch; its first use compiles for minutes",
-    info={"cannot": "no welds, coupled or ball joints, nor torques; friction is at least 0.01; float32"},
+    info={
+        "cannot": "no welds, tendons, coupled or ball joints, nor torques; friction is at least 0.01; float32"
+    },
 )
 
 RENDERERS: "Registry[type[Renderer]]" = Registry("renderer")
