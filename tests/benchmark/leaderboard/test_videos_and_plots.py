@@ -10,6 +10,7 @@ from benchmark.leaderboard.plots import plot_learning, plot_levels, plot_losses
 from benchmark.runner import evaluate_cell
 from benchmark.videos import choose_episodes, film_cell, record_episode, write_video
 from envs.core.errors import WriteError
+from envs.spec import EnvSpec
 
 MEASURE = {"mid": [0.0, 0.5], "low": None, "high": None}
 
@@ -61,6 +62,21 @@ def test_video_keeps_the_image(tmp_path):
     assert np.abs(decoded.astype(int) - frames[:, :32, :46]).mean() < 4
     assert np.array_equal(np.asarray(Image.open(tmp_path / "a.png")), frames[-1])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mp4", "a.png"]
+
+
+@pytest.mark.slow
+def test_the_same_frames_are_the_same_bytes(tmp_path):
+    env = EnvSpec(task="PickCube", cameras=("front",), image_size=32).make(1)
+    env.reset(seed=0)
+    rng, frames = np.random.default_rng(0), []
+    for _ in range(50):
+        env.step(rng.uniform(env.action_space.low, env.action_space.high))
+        frames.append(np.array(env.image(0)))
+    written = set()
+    for _ in range(20):
+        write_video(tmp_path / "a.mp4", np.stack(frames), 10.0)
+        written.add((tmp_path / "a.mp4").read_bytes())
+    assert len(written) == 1
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path):
