@@ -34,7 +34,8 @@ class PpoConfig:
         entropy_coef: Weight of the entropy.
         schedule: ``adaptive`` raises and lowers the learning rate so that the updates of a rollout change the
             policy by about ``desired_kl`` (rsl_rl after every gradient step, the others after every rollout),
-            ``fixed`` keeps it.
+            ``fixed`` keeps it, as images need: while the first policy hardly moves, ``adaptive`` raises it
+            to 0.01, at which no unit of their encoder is left alive.
         desired_kl: Mean Kullback-Leibler divergence of new from old policy, nats.
         hidden_dims: Widths of the hidden layers of policy and value.
         activation: Between the layers: ``elu``, ``tanh`` or ``relu``.

@@ -10,6 +10,7 @@ import policies
 from envs.core.errors import CheckpointError
 from policies.ppo.config import PpoConfig
 from policies.ppo.network import PixelEncoder
+from roboverse_learn.config.compose import compose
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.rl.ppo import learner
@@ -33,7 +34,7 @@ def run(backend: str, folder, *, seed: int = 0, steps: int = 96, **changes):
 
 def rolled_out(backend: str, *, lr: float = 1e-3, **changes):
     """Returns an algorithm whose first rollout is full."""
-    config = config_of(backend, schedule="fixed", **changes)
+    config = config_of(backend, **({"schedule": "fixed"} | changes))
     env = FilmedPointMass(8)
     algorithm = learner._agent(config, env, TrainConfig(lr=lr, grad_clip=0.0), "Filmed", 0)
     observation, first = env.reset(), torch.ones(8, dtype=torch.bool)
@@ -95,6 +96,27 @@ def test_rollouts_are_kept_as_bytes():
     algorithm, _ = rolled_out("rsl_rl")
     (kept,) = algorithm.ppo.storage.observations.values()
     assert kept.dtype == torch.uint8 and kept.shape == (4, 8, FilmedPointMass.observation_size)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lr", [None, 1e-2])
+def test_encoder_survives_the_first_rollout_at_the_rate_of_the_preset(lr, monkeypatch):
+    """Rewards are less 1, as where success ends an episode. At 0.01, the largest adaptive rate, it dies."""
+    step = FilmedPointMass.step
+
+    def shifted(self, actions):
+        found = step(self, actions)
+        return found._replace(reward=found.reward - 1.0)
+
+    monkeypatch.setattr(FilmedPointMass, "step", shifted)
+    preset = compose("train", ["policy=ppo", "preset=pixels"])
+    own = {key: getattr(preset.policy, key) for key in ("num_epochs", "num_minibatches", "gamma", "lam")}
+    assert preset.policy.schedule == "fixed"
+    algorithm, seen = rolled_out("rsl_rl", lr=lr or preset.train.lr, **own, num_steps=16, hidden_dims=(512,))
+    algorithm.learn()
+    with torch.no_grad():
+        differ = algorithm.policy.model.norm(seen)[:, :256].std(0).max().item()
+    assert (differ > 1e-3) == (lr is None)  # other images, other features
 
 
 @pytest.mark.parametrize("backend", sweep(BACKENDS, {"rsl_rl"}))
