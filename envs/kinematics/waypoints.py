@@ -63,6 +63,17 @@ def miss(rng: np.random.Generator, *, often_m: float = 0.015, seldom_m: float = 
     return seldom_m if rng.uniform() < 0.3 else often_m
 
 
+def first_miss(
+    rng: np.random.Generator,
+    up_m: tuple[float, float] | None = None,
+    often_m: float = 0.01,
+    seldom_m: float = 0.03,
+) -> np.ndarray:
+    """Draws how far an expert's waypoint is off, m, (3,): by :func:`miss`, and above by ``up_m``."""
+    aside = rng.normal(0.0, miss(rng, often_m=often_m, seldom_m=seldom_m), 2)
+    return np.array([*aside, rng.uniform(*up_m) if up_m else 0.0])
+
+
 def approach(way: Waypoint, rng: np.random.Generator, seldom_m: float = 0.05) -> list[Waypoint]:
     """Returns the path to a waypoint: direct, or with a probability of 0.3 by a point beside it.
 

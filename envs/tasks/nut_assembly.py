@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from envs.kinematics.waypoints import Waypoint, approach, correction_s, miss
+from envs.kinematics.waypoints import Waypoint, correction_s, miss
 from envs.rotations import from_yaw, rotate, wrapped, yaw_of
 from envs.scenario import GeomCfg, ObjectCfg, RobotCfg, ScenarioCfg, TableCfg
 from envs.state import EntityState, State
@@ -21,6 +21,7 @@ from envs.tasks.arm_at_table import above
 from envs.tasks.base import Task
 from envs.tasks.parameters import interval, parameter
 from envs.tasks.robosuite.scene import UPRIGHT_PITCH_RAD, panda, pedestal
+from envs.tasks.skills.from_above import grasp
 from envs.tasks.tabletop import (
     CONTROL_20_HZ,
     FRONT_CAMERA,
@@ -299,14 +300,10 @@ class NutAssembly(Task):
         turn = _grasp_turn(float(yaw_of(body.rot[0].numpy())))
         # The approach first misses: the next motion demonstrates the correction.
         over_handle = handle + np.array([*rng.normal(0.0, self.approach_noise_m, 2), rng.uniform(0.06, 0.09)])
-        hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
+        turn_s = 0.7 + 0.4 * abs(turn - hand_yaw(robot))
         return [
-            *approach(
-                _way(over_handle, turn, hold, 0.7 + 0.4 * abs(turn - hand_yaw(robot))), rng, self.detour_m
-            ),
-            _way(handle, turn, hold, 0.5, hold_s=0.1),
-            _way(handle, turn, grip, 0.3),
-            _way(np.array([*handle[:2], CARRY_HEIGHT_M]), turn, grip, 0.7),
+            *grasp(_way(over_handle, turn, GRASP_OPEN_M, turn_s), handle, rng, self.detour_m),
+            _way(np.array([*handle[:2], CARRY_HEIGHT_M]), turn, GRASP_CLOSED_M, 0.7),
         ]
 
     def _place(

@@ -24,7 +24,7 @@ import torch
 from torch import Tensor
 
 from envs.core.errors import ConfigError
-from envs.kinematics.waypoints import Waypoint, grasp_yaw, miss
+from envs.kinematics.waypoints import Waypoint, first_miss, grasp_yaw, miss
 from envs.robots.franka import FRANKA
 from envs.rotations import conjugate, rotate, to_matrix
 from envs.scenario import ObjectCfg, RobotCfg, RoomCfg, ScenarioCfg
@@ -239,7 +239,7 @@ class PickChocolatePudding(Task):
         # Over the basket the pudding's long side is along world x, and its centre over the basket's.
         goal[0] += shift
         # Both ends first miss, above everything: the next motion demonstrates the correction.
-        near = target + np.array([*rng.normal(0.0, miss(rng), 2), rng.uniform(0.16, 0.20)])
+        near = target + first_miss(rng, (0.16, 0.20), often_m=0.015, seldom_m=0.05)
         above = target + np.array([0.0, 0.0, 0.07])
         carry = np.array([*(goal[:2] + rng.normal(0.0, miss(rng), 2)), CARRY_HEIGHT_M])
         lifted = np.array([target[0], target[1], CARRY_HEIGHT_M])

@@ -12,13 +12,14 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import at_least, concatenate, norm, stack
-from envs.kinematics.waypoints import Waypoint, approach, correction_s, grasp_yaw
+from envs.kinematics.waypoints import Waypoint, correction_s, grasp_yaw
 from envs.rotations import from_yaw, yaw_of
 from envs.scenario import GeomCfg, ObjectCfg, RobotCfg, ScenarioCfg, TableCfg
 from envs.state import EntityState, State
 from envs.tasks.base import Task
 from envs.tasks.parameters import parameter
 from envs.tasks.robot_columns import columns_of
+from envs.tasks.skills.from_above import grasp
 from envs.tasks.tabletop import (
     CONTROL_20_HZ,
     FRANKA_AT_TABLE,
@@ -186,16 +187,14 @@ class PickCube(Task):
             target = position + np.array([0.0, 0.0, self.lift_height_m + 0.05])
         # All ends first miss, the marker twice: the next motion demonstrates the correction.
         above = position + np.array([*rng.normal(0.0, self.approach_noise_m, 2), rng.uniform(0.06, 0.09)])
-        hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
-        come = approach(Waypoint(pos=above, yaw=yaw, gripper=hold, duration_s=0.6), rng)
+        grip, over = GRASP_CLOSED_M, Waypoint(pos=above, yaw=yaw, gripper=GRASP_OPEN_M, duration_s=0.6)
+        come = grasp(over, position, rng, 0.05, down_s=0.3, close_s=0.2)
         near, nearer = (self._beside(target, rng, noise_m) for noise_m in MARKER_MISSES_M)
         carry = 0.25 + 1.3 * float(np.linalg.norm(near - position))
         back = 0.1 + correction_s(nearer - near)
         home = 0.25 + 2.0 * max(0.0, float(np.linalg.norm(nearer - target)) - 0.03)
         return [
             *come,
-            Waypoint(pos=position, yaw=yaw, gripper=hold, duration_s=0.3, hold_s=0.1),
-            Waypoint(pos=position, yaw=yaw, gripper=grip, duration_s=0.2),
             Waypoint(pos=near, yaw=yaw, gripper=grip, duration_s=carry),
             Waypoint(pos=nearer, yaw=yaw, gripper=grip, duration_s=back),
             Waypoint(pos=target, yaw=yaw, gripper=grip, duration_s=home, hold_s=1.0),

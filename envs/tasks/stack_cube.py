@@ -15,13 +15,14 @@ import torch
 from torch import Tensor
 
 from envs.core.errors import ConfigError
-from envs.kinematics.waypoints import Waypoint, approach, correction_s, grasp_yaw, miss
+from envs.kinematics.waypoints import Waypoint, correction_s, grasp_yaw, miss
 from envs.rotations import from_yaw, yaw_of
 from envs.scenario import GeomCfg, ObjectCfg, Rgba, RobotCfg, ScenarioCfg, TableCfg
 from envs.state import EntityState, State
 from envs.tasks.arm_at_table import above
 from envs.tasks.base import Task
 from envs.tasks.parameters import parameter
+from envs.tasks.skills.from_above import grasp
 from envs.tasks.tabletop import (
     CONTROL_20_HZ,
     FRANKA_AT_TABLE,
@@ -182,17 +183,13 @@ class StackCube(Task):
         place = above(base, 2 * self.cube_half_size_m)
         hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
         turn_s = 0.65 + 0.2 * abs(yaw - hand_yaw(robot))
-        come = approach(Waypoint(pos=over_cube, yaw=yaw, gripper=hold, duration_s=turn_s), rng, self.detour_m)
+        come = Waypoint(pos=over_cube, yaw=yaw, gripper=hold, duration_s=turn_s)
+        take = grasp(come, start, rng, self.detour_m, down_s=0.4, close_s=0.25)
         over = above(place, self.carry_height_m)
         aside = rng.normal(0.0, miss(rng, often_m=self.approach_noise_m, seldom_m=self.detour_m), 2)
         near, back = over + np.array([*aside, 0.0]), correction_s(aside)
         lift = np.array([*start[:2], near[2]])
         carry = 0.3 + 1.5 * float(np.linalg.norm(near - lift))
-        grasp = [
-            *come,
-            Waypoint(pos=start, yaw=yaw, gripper=hold, duration_s=0.4, hold_s=0.1),
-            Waypoint(pos=start, yaw=yaw, gripper=grip, duration_s=0.25),
-        ]
         stack = [
             Waypoint(pos=lift, yaw=yaw, gripper=grip, duration_s=0.5),
             Waypoint(pos=near, yaw=yaw, gripper=grip, duration_s=carry),
@@ -202,7 +199,7 @@ class StackCube(Task):
             Waypoint(pos=above(place, 0.1), yaw=yaw, gripper=hold, duration_s=0.5),
         ]
         low = hand[2] < over_cube[2] - 0.02
-        return [*([up] if low else []), *grasp, *stack]
+        return [*([up] if low else []), *take, *stack]
 
     def _cube(self, name: str, rgba: Rgba, y: float) -> ObjectCfg:
         half = self.cube_half_size_m

@@ -29,7 +29,6 @@ from envs.tasks.tabletop import (
     distance,
     ee_pos,
     flat_distance,
-    hand_yaw,
     is_held,
     nearness,
     point_on,
@@ -190,9 +189,9 @@ class Coffee(RangedTask):
                 opening_m=0.03,
             )
             return lowering_way(self, state, where, rng)
-        hand, yaw = self._hand(state, rng)
+        hand = Hand.of(self, state, rng)
         # Fingers close across the machine's front: the open lid is behind the hand.
-        return take(hand, yaw, place + np.array([0.0, 0.0, GRIP_M]), turn, TRAVEL_M, rng)
+        return take(hand, place + np.array([0.0, 0.0, GRIP_M]), turn, TRAVEL_M, rng)
 
     @override
     def foreseen(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
@@ -201,14 +200,9 @@ class Coffee(RangedTask):
         over = replace(way[-1], pos=self.holder(state)[0].numpy() + np.array([0.0, 0.0, OVER_M]))
         return [*way, over, *self._shut(state, rng)]
 
-    def _hand(self, state: State, rng: np.random.Generator) -> tuple[Hand, float]:
-        robot, pace = self.arm(state), float(rng.uniform(0.9, 1.1))
-        return Hand(ee_pos(robot)[0].numpy().copy(), self.down_pitch_rad, pace), hand_yaw(robot)
-
     def _shut(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
         """Returns the way that pushes the lid over from behind, and down."""
-        hand, yaw = self._hand(state, rng)
-        stand, shut = state.objects["machine"], GRASP_CLOSED_M
+        hand, stand, shut = Hand.of(self, state, rng), state.objects["machine"], GRASP_CLOSED_M
         turn, now = grasp_yaw(heading(stand), np.pi), float(stand.joint_pos[0, 0])
 
         def at(ahead: float, up: float) -> np.ndarray:
@@ -223,7 +217,7 @@ class Coffee(RangedTask):
         stops = [pushing(angle) for angle in np.linspace(min(now, OPEN_RAD - 0.1), 0.0, 7).tolist()]
         stops[-1][2] -= 0.004
         behind = stops[0] + at(-0.03, 0.0) - at(0.0, 0.0)
-        way = way_across(hand, yaw, at_height(behind, TRAVEL_M), turn, shut, TRAVEL_M)
+        way = way_across(hand, at_height(behind, TRAVEL_M), turn, shut, TRAVEL_M)
         high = replace(hand, pos=at_height(behind, TRAVEL_M))
         way.append(high.to(behind, turn, shut))
         pace = rng.uniform(0.9, 1.1)

@@ -20,10 +20,9 @@ from envs.state import State
 from envs.tasks.arm_at_table import heading, point
 from envs.tasks.assembly.ranges import Range, RangedTask, Ranges
 from envs.tasks.robosuite.scene import pedestal
-from envs.tasks.skills.from_above import drag, push, put, take
-from envs.tasks.skills.hands import FINGER_HALF_M
+from envs.tasks.skills.from_above import drag, put, shut_drawer, take
 from envs.tasks.skills.moves import Hand
-from envs.tasks.tabletop import FRONT_CAMERA, ee_pos, hand_yaw, point_on
+from envs.tasks.tabletop import FRONT_CAMERA, ee_pos, point_on
 from envs.tasks.task_zoo import parts
 
 RADIUS_M, WALL_M, HEIGHT_M = 0.032, 0.0025, 0.056
@@ -148,28 +147,25 @@ class MugCleanup(RangedTask):
 
     @override
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
-        robot, pace = self.arm(state), float(rng.uniform(0.9, 1.1))
-        hand, yaw = Hand(ee_pos(robot)[0].numpy().copy(), self.down_pitch_rad, pace), hand_yaw(robot)
+        hand = Hand.of(self, state, rng)
         out, turn = float(self.out_m(state)[0]), heading(state.objects["cabinet"])
         x, y, z = parts.DRAWER_BAR_M
         bar = self._at(state, (x, y - out, z))
         ahead = self._at(state, (x, y - out + 1.0, z)) - bar
         if bool(self.mug_inside(state)[0]):
-            before = bar - (0.009 + 2 * FINGER_HALF_M[1] + 0.02) * ahead
-            return push(hand, yaw, before, before + (out + 0.026) * ahead, turn, TRAVEL_M, rng)
+            return shut_drawer(hand, bar, ahead, out, turn, TRAVEL_M, rng)
         if out < WIDE_M:
             end = bar - (OPEN_M - out) * ahead
-            return drag(hand, yaw, bar, end, turn, TRAVEL_M, rng, BAR_OPENING_M)
+            return drag(hand, bar, end, turn, TRAVEL_M, rng, BAR_OPENING_M)
         item = state.objects["mug"]
         grip = point(item) + np.array([0.0, 0.0, GRIP_M])
         across = grasp_yaw(heading(item), np.pi)  # fingers close beside the handle
-        way = take(hand, yaw, grip, across, TRAVEL_M, rng, opening_m=0.04)
+        way = take(hand, grip, across, TRAVEL_M, rng, opening_m=0.04)
         middle = self._at(state, (0.0, (-0.092 - 0.095 - out) / 2, FLOOR_M + HEIGHT_M / 2 + GRIP_M + 0.003))
         # The mug's handle goes along the drawer's front, where there is room.
         ways = [each for each in (turn, turn + np.pi, turn - np.pi) if abs(each) < MOST_TURN_RAD]
         turned = min(ways, key=lambda each: abs(each - across))
-        held = replace(hand, pos=way[-1].pos)
-        return [*way, *put(held, across, middle, turned, TRAVEL_M, rng, opening_m=RELEASE_OPENING_M)]
+        return [*way, *put(hand.after(way), middle, turned, TRAVEL_M, rng, opening_m=RELEASE_OPENING_M)]
 
     def _at(self, state: State, place: Vec3) -> np.ndarray:
         """Returns a point of the cabinet's frame in the world, m, (3,), in a state of one row."""

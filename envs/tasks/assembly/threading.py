@@ -12,13 +12,14 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import Array, concatenate
-from envs.kinematics.waypoints import Waypoint, approach, miss
+from envs.kinematics.waypoints import Waypoint, first_miss
 from envs.rotations import conjugate, rotate, wrapped
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Quat, Rgba, Vec3
 from envs.state import State
 from envs.tasks.arm_at_table import EASY_REACH_M, above, heading
 from envs.tasks.assembly.ranges import Range, RangedTask, Ranges
 from envs.tasks.robosuite.scene import down, pedestal
+from envs.tasks.skills.from_above import grasp
 from envs.tasks.skills.insertion import Insertion, insertion_way
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
@@ -155,17 +156,12 @@ class Threading(RangedTask):
         if bool(held[0]) and handle[0, 2] > 2 * HANDLE_M:
             return self._thread(state, rng)
         start, turn = handle[0].numpy().copy(), self._turns(state)[0]
-        noise = np.array(
-            [*rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=0.03), 2), rng.uniform(0.06, 0.09)]
-        )
-        hold, shut = GRASP_OPEN_M, GRASP_CLOSED_M
+        noise = first_miss(rng, (0.06, 0.09))
         turn_s = 0.7 + 0.4 * abs(turn - hand_yaw(self.arm(state)))
         return [
             *self.rise(state, 0.25),
-            *approach(down(start + noise, turn, hold, turn_s), rng, 0.03),
-            down(start, turn, hold, 0.5, hold_s=0.1),
-            down(start, turn, shut, 0.3),
-            down(above(start, RING_Z_M + 0.03), turn, shut, 0.8, hold_s=0.1),
+            *grasp(down(start + noise, turn, GRASP_OPEN_M, turn_s), start, rng),
+            down(above(start, RING_Z_M + 0.03), turn, GRASP_CLOSED_M, 0.8, hold_s=0.1),
         ]
 
     @override

@@ -21,7 +21,7 @@ from envs.tasks.assembly.ranges import Range, RangedTask, Ranges
 from envs.tasks.robosuite.scene import pedestal
 from envs.tasks.skills.from_above import take
 from envs.tasks.skills.moves import Hand
-from envs.tasks.tabletop import FRONT_CAMERA, distance, ee_pos, flat_distance, hand_yaw, is_held, nearness
+from envs.tasks.tabletop import FRONT_CAMERA, distance, ee_pos, flat_distance, is_held, nearness
 
 NEAR_M = 0.02
 """Largest distance of a piece from where it belongs."""
@@ -175,10 +175,8 @@ class ThreePieceAssembly(RangedTask):
         item = state.objects[_BLOCKS[index]]
         if bool(self.held(state, index)[0]) and item.pos[0, 2] > 0.06:
             return lowering_way(self, state, self._place(state, index), rng)
-        robot, pace = self.arm(state), float(rng.uniform(0.9, 1.1))
-        hand, yaw = Hand(ee_pos(robot)[0].numpy().copy(), self.down_pitch_rad, pace), hand_yaw(robot)
         grip = point(item) + np.array([0.0, 0.0, GRIP_M[index]])
-        return take(hand, yaw, grip, grasp_yaw(heading(item), np.pi), TRAVEL_M, rng)
+        return take(Hand.of(self, state, rng), grip, grasp_yaw(heading(item), np.pi), TRAVEL_M, rng)
 
     @override
     def foreseen(self, state: State, rng: np.random.Generator) -> list[Waypoint]:

@@ -15,7 +15,6 @@ from envs.tasks.calvin.catalogue import task_facts
 from envs.tasks.calvin.handling import (
     carry_sideways,
     drawer_is_reachable,
-    grasp,
     lift,
     put_in_cabinet,
     put_in_drawer,
@@ -23,7 +22,7 @@ from envs.tasks.calvin.handling import (
     put_on_desk,
     turn_block,
 )
-from envs.tasks.calvin.look import Look, Path, look_at
+from envs.tasks.calvin.look import Look, look_at
 from envs.tasks.calvin.memory import ANY_BLOCK, PART_BITS, ROBOT_BIT, SWITCH_ON_M
 from envs.tasks.calvin.parts import move_door, move_drawer, press_button, push_switch
 from envs.tasks.calvin_table import DRAWER_TRAVEL_M, SCALE
@@ -68,7 +67,7 @@ def _joint(look: Look, rng: np.random.Generator, joint: str, metres: float) -> l
 def _lift(look: Look, rng: np.random.Generator, block: str, metres: float, link: str) -> list[Waypoint]:
     del metres, link
     colour = _colour(block)
-    return _make_way(look, rng, colour) or lift(look, colour)
+    return _make_way(look, rng, colour) or lift(look, colour).waypoints
 
 
 def _make_way(look: Look, rng: np.random.Generator, colour: str) -> list[Waypoint]:
@@ -93,11 +92,16 @@ def _make_way(look: Look, rng: np.random.Generator, colour: str) -> list[Waypoin
 
 def _place(look: Look, rng: np.random.Generator, link: str) -> list[Waypoint]:
     if look.held is None:
-        lost = [block.colour for block in look.blocks.values() if block.began == ROBOT_BIT]
-        return grasp(look, lost[0], rise=True) if lost else []
+        return _lift_lost(look)
     if link == "drawer_link":
         return put_in_drawer(look, look.held, rng)
     return put_in_cabinet(look, look.held)
+
+
+def _lift_lost(look: Look) -> list[Waypoint]:
+    """Returns the way to take up again what began in the hand."""
+    lost = [block.colour for block in look.blocks.values() if block.began == ROBOT_BIT]
+    return lift(look, lost[0]).waypoints if lost else []
 
 
 def _push_into(look: Look, rng: np.random.Generator, source: str, target: str) -> list[Waypoint]:
@@ -107,30 +111,21 @@ def _push_into(look: Look, rng: np.random.Generator, source: str, target: str) -
         return []
     if not drawer_is_reachable(look):
         return move_drawer(look, DRAWER_TRAVEL_M)
-    path = Path(look)
     colour = min(able, key=lambda block: abs(block.pos[0] - look.layout.drawer * SCALE)).colour
-    return put_in_drawer(look, colour, rng, path=grasp_path(path, look, colour))
-
-
-def grasp_path(path: Path, look: Look, colour: str) -> Path:
-    """Returns a path that ends with a block in the hand, a little above where it lay."""
-    path.waypoints = grasp(look, colour, rise=True, path=path)
-    return path
+    return put_in_drawer(look, colour, rng, lift(look, colour))
 
 
 def _stack(look: Look, rng: np.random.Generator) -> list[Waypoint]:
     del rng
     if look.held is None:
-        lost = [block.colour for block in look.blocks.values() if block.began & ANY_BLOCK == 0]
-        lost = [c for c in lost if look.blocks[c].began == ROBOT_BIT]
-        return grasp(look, lost[0], rise=True) if lost else []
+        return _lift_lost(look)
     return put_on_block(look, look.held)
 
 
 def _unstack(look: Look, rng: np.random.Generator) -> list[Waypoint]:
     del rng
     tops = [b for b in look.blocks.values() if b.began & ANY_BLOCK and not b.began & ~ANY_BLOCK]
-    return lift(look, tops[0].colour) if tops else []
+    return lift(look, tops[0].colour).waypoints if tops else []
 
 
 def _light(look: Look, rng: np.random.Generator, light: str, before: float, after: float) -> list[Waypoint]:

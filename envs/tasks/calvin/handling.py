@@ -5,10 +5,9 @@ import numpy as np
 from envs.kinematics.waypoints import Waypoint
 from envs.rotations import from_matrix
 from envs.tasks.arm_at_table import posed
-from envs.tasks.calvin.look import DRAWER_MOUTH_M, UP, Block, Look, Path, clear_of, down, leaning
+from envs.tasks.calvin.look import DRAWER_MOUTH_M, UP, Block, Look, TablePath, clear_of, down, leaning
 from envs.tasks.calvin.scene import DESK_M, HALF_WIDTH_M
 from envs.tasks.calvin_table import SCALE
-from envs.tasks.tabletop import GRASP_OPEN_M
 
 CABINET_TILT_RAD = 1.0
 """Lean of a hand that takes a block out of the cabinet: its front leans by 60 degrees."""
@@ -46,13 +45,12 @@ DRAWER_FRONT_M = -0.16
 """Inner side of the front of a shut drawer, y."""
 
 
-def grasp(look: Look, colour: str, *, rise: bool = False, path: Path | None = None) -> list[Waypoint]:
-    """Grasps a block where it lies, and lifts it clear with ``rise``."""
-    block, path = look.blocks[colour], path or Path(look)
+def lift(look: Look, colour: str) -> TablePath:
+    """Grasps a block where it lies, and lifts it clear."""
+    block = look.blocks[colour]
     if block.pos[2] > DESK_M and (block.pos[1] > 0.03 or _is_below_handle(look, block.pos)):
-        return _grasp_in_cabinet(look, block, path, rise)
-    yaw = _best_yaw(look, block)
-    return _grasp_from_above(block, path, yaw, LIFT_M if rise else 0.0).waypoints
+        return _lift_in_cabinet(look, block)
+    return _lift_from_above(look, block, _best_yaw(look, block), LIFT_M)
 
 
 def _is_below_handle(look: Look, pos: np.ndarray) -> bool:
@@ -61,32 +59,20 @@ def _is_below_handle(look: Look, pos: np.ndarray) -> bool:
     return bool(pos[1] > HANDLE_FRONT_M and abs(pos[0] - handle) < HANDLE_ROOM_M)
 
 
-def lift(look: Look, colour: str) -> list[Waypoint]:
-    """Grasps and lifts a block."""
-    return grasp(look, colour, rise=True)
-
-
-def _grasp_from_above(block: Block, path: Path, yaw: float, rise_m: float) -> Path:
-    rot = down(yaw)
+def _lift_from_above(look: Look, block: Block, yaw: float, rise_m: float) -> TablePath:
     point = block.pos + np.array([0.0, 0.0, 0.004])
-    path.over(point + 0.09 * UP, rot).to(path.pos, gripper=GRASP_OPEN_M)
-    path.to(point, hold_s=0.05).to(point, gripper=0.0, hold_s=0.25)
-    return path.to(point + rise_m * UP) if rise_m else path
+    return TablePath(look).over(point + 0.09 * UP, down(yaw)).grasp(point).to(point + rise_m * UP)
 
 
-def _grasp_in_cabinet(look: Look, block: Block, path: Path, rise: bool) -> list[Waypoint]:
+def _lift_in_cabinet(look: Look, block: Block) -> TablePath:
     """Grasps with a hand that leans; it may hardly turn, for the cabinet is not much wider than a hand."""
     axis, _, _ = min(block.level_axes(), key=lambda item: (item[1] > 0.03, abs(item[0][1])))
     axis = axis * np.sign(axis[0])
     most = MOST_CABINET_TURN if look.luck < 0.3 else np.inf
     rot = leaning(CABINET_TILT_RAD, np.array([1.0, float(np.clip(axis[1] / axis[0], -most, most)), 0.0]))
     point = block.pos - CABINET_BACK_M * rot[:, 2]
-    before = point - 0.12 * rot[:, 2]
-    path.over(before, rot).to(before, gripper=GRASP_OPEN_M)
-    path.to(point, hold_s=0.05).to(point, gripper=0.0, hold_s=0.25)
-    if rise:
-        path.to(point + 0.02 * UP).to(point + 0.02 * UP - 0.12 * rot[:, 2])
-    return path.waypoints
+    before, up = point - 0.12 * rot[:, 2], point + 0.02 * UP
+    return TablePath(look).over(before, rot).grasp(point).to(up).to(up - 0.12 * rot[:, 2])
 
 
 def _yaws(block: Block) -> list[tuple[float, float]]:
@@ -126,14 +112,9 @@ def turn_block(look: Look, colour: str, angle: float) -> list[Waypoint]:
     """Turns a block about the vertical, a little above the desk, and drops it."""
     block = look.blocks[colour]
     yaw = _best_yaw(look, block, angle)
-    path = _grasp_from_above(block, Path(look), yaw, DROP_M)
+    path = _lift_from_above(look, block, yaw, DROP_M)
     path.to(path.pos, down(yaw + angle / 2)).to(path.pos, down(yaw + angle), hold_s=0.1)
-    return _let_go(path).waypoints
-
-
-def _let_go(path: Path) -> Path:
-    path.to(path.pos, gripper=GRASP_OPEN_M, hold_s=0.2)
-    return path.to(path.pos - 0.09 * path.rot[:, 2])
+    return path.let_go().waypoints
 
 
 def carry_sideways(look: Look, colour: str, sign: float, rng: np.random.Generator) -> list[Waypoint]:
@@ -147,10 +128,9 @@ def carry_sideways(look: Look, colour: str, sign: float, rng: np.random.Generato
     between = [start + share * (place - start) for share in np.linspace(0.0, 1.0, 8)]
     free = all(clear_of(point, look.others(colour), block.radius_m + 0.02) for point in between)
     height = DROP_M if free else 0.1
-    path = _grasp_from_above(block, Path(look), yaw, height)
-    over = np.array([*place, path.pos[2]])
-    path.to(over)
-    return _let_go(path.by(0.0, 0.0, DROP_M - height) if not free else path).waypoints
+    path = _lift_from_above(look, block, yaw, height)
+    path.to(np.array([*place, path.pos[2]]))
+    return (path if free else path.to(path.pos + (DROP_M - height) * UP)).let_go().waypoints
 
 
 def _free_place(look: Look, colour: str, rng: np.random.Generator, sign: float = 0.0) -> np.ndarray | None:
@@ -188,8 +168,8 @@ def _place_with(
 
 
 def _put(
-    look: Look, colour: str, path: Path, place: np.ndarray, *, level: bool = False, lean: float = 0.0
-) -> Path:
+    look: Look, colour: str, path: TablePath, place: np.ndarray, *, level: bool = False, lean: float = 0.0
+) -> list[Waypoint]:
     """Carries a held block so that its middle reaches ``place`` (3,), lying, and lets go of it.
 
     Args:
@@ -212,11 +192,10 @@ def _put(
         rot = np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]]) @ rot
     offset = rot @ in_block[0].T @ in_block[1]
     point = place + offset
-    path.over(point + 0.07 * UP, rot)
-    return _let_go(path.to(point, hold_s=0.1, slow=1.3))
+    return path.over(point + 0.07 * UP, rot).to(point, hold_s=0.1, slow=1.3).let_go().waypoints
 
 
-def _in_hand(look: Look, block: Block, path: Path) -> tuple[np.ndarray, np.ndarray]:
+def _in_hand(look: Look, block: Block, path: TablePath) -> tuple[np.ndarray, np.ndarray]:
     """Returns the hand in a block's frame: orientation (3, 3), position (3,)."""
     if look.held == block.colour:
         return block.rot.T @ look.hand_rot, block.rot.T @ (look.hand_pos - block.pos)
@@ -242,7 +221,7 @@ def put_on_desk(look: Look, colour: str, rng: np.random.Generator) -> list[Waypo
     if place is None:
         return []
     height = DESK_M + HALF_WIDTH_M + DROP_M
-    return _put(look, colour, Path(look), np.array([*place, height])).waypoints
+    return _put(look, colour, TablePath(look), np.array([*place, height]))
 
 
 def put_on_block(look: Look, colour: str) -> list[Waypoint]:
@@ -257,7 +236,7 @@ def put_on_block(look: Look, colour: str) -> list[Waypoint]:
         return []
     below = min(able, key=lambda b: float(np.linalg.norm(b.pos - look.hand_pos)))
     place = np.array([*below.pos[:2], below.top_m + HALF_WIDTH_M + 0.004])
-    return _put(look, colour, Path(look), place).waypoints
+    return _put(look, colour, TablePath(look), place)
 
 
 def _is_covered(block: Block, others: list[Block]) -> bool:
@@ -277,7 +256,7 @@ def drawer_is_reachable(look: Look, y: float | None = None) -> bool:
 
 
 def put_in_drawer(
-    look: Look, colour: str, rng: np.random.Generator, path: Path | None = None
+    look: Look, colour: str, rng: np.random.Generator, path: TablePath | None = None
 ) -> list[Waypoint]:
     """Puts a held block into the open drawer."""
     front = DRAWER_FRONT_M - float(look.joints[1])
@@ -288,7 +267,7 @@ def put_in_drawer(
     room = [min((abs(x - b.pos[0]) for b in in_drawer), default=1.0) for x in spots]
     x = float(spots[int(np.argmax(np.minimum(room, 0.09)))]) + float(rng.uniform(-0.01, 0.01))
     place = np.array([x, y, 0.34 + HALF_WIDTH_M + 0.02])
-    return _put(look, colour, path or Path(look), place, level=True).waypoints
+    return _put(look, colour, path or TablePath(look), place, level=True)
 
 
 def put_in_cabinet(look: Look, colour: str) -> list[Waypoint]:
@@ -305,8 +284,8 @@ def put_in_cabinet(look: Look, colour: str) -> list[Waypoint]:
     middle, upright = (low + high) / 2, DESK_M + HALF_WIDTH_M + 0.008
     if all(abs(x - middle) > 0.085 for x in inside):
         place = np.array([middle, CABINET_PLACE_Y_M, upright])
-        return _put(look, colour, Path(look), place, level=True).waypoints
+        return _put(look, colour, TablePath(look), place, level=True)
     spots = np.linspace(low + 0.045, high - 0.045, 9)
     x = float(max(spots, key=lambda spot: min(abs(spot - other) for other in inside)))
     place = np.array([x, CABINET_LEAN_Y_M, DESK_M + 0.05])
-    return _put(look, colour, Path(look), place, level=True, lean=CABINET_LEAN_RAD).waypoints
+    return _put(look, colour, TablePath(look), place, level=True, lean=CABINET_LEAN_RAD)

@@ -1,23 +1,20 @@
-"""What CALVIN's expert sees of one state, and how it moves the hand.
-
-A hand's orientation is a matrix whose columns are the axes of ``grip_site``: fingers open along x, z points
-forward.
-"""
+"""What CALVIN's expert sees of one state, and how its hand comes from one place of the table to another."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
-from envs.kinematics.waypoints import Waypoint
-from envs.rotations import from_matrix, to_matrix
+from envs.rotations import to_matrix
 from envs.scenario import RobotCfg
 from envs.state import State
-from envs.tasks.arm_at_table import hand_axes, posed
+from envs.tasks.arm_at_table import hand_axes
 from envs.tasks.calvin import memory
 from envs.tasks.calvin.catalogue import BLOCKS
 from envs.tasks.calvin.scene import DESK_M, HALF_WIDTH_M, TABLE, half_length
 from envs.tasks.calvin_table import LAYOUTS, SCALE, TableLayout
+from envs.tasks.skills.path import Path
 from envs.tasks.tabletop import GRASP_OPEN_M, ee_pos, finger_gap, target_gap
 
 LANE_Y_M, LANE_Z_M = -0.15, 0.58
@@ -162,44 +159,18 @@ def leaning(tilt: float, across: np.ndarray | None = None) -> np.ndarray:
     return hand_axes(z, -x if x[0] > 0 else x)
 
 
-class Path:
-    """Waypoints of a hand, one after another.
+class TablePath(Path):
+    """Waypoints of a hand at CALVIN's table.
 
     Args:
         look: Where it begins.
     """
 
     def __init__(self, look: Look) -> None:
-        self._look = look
-        self.pos, self.rot = look.hand_pos, look.hand_rot
-        self.gripper = 0.0 if look.held else GRASP_OPEN_M
-        self.waypoints: list[Waypoint] = []
+        gripper = 0.0 if look.held else GRASP_OPEN_M
+        super().__init__(look.robot, look.hand_pos, look.hand_rot, gripper, look.pace)
 
-    def to(
-        self,
-        pos: Sequence[float] | np.ndarray,
-        rot: np.ndarray | None = None,
-        gripper: float | None = None,
-        hold_s: float = 0.0,
-        slow: float = 1.0,
-    ) -> "Path":
-        """Adds a waypoint; what is left out stays as it is."""
-        target = np.asarray(pos, dtype=np.float64)
-        rot = self.rot if rot is None else rot
-        self.gripper = self.gripper if gripper is None else gripper
-        cosine = np.clip((np.trace(self.rot.T @ rot) - 1.0) / 2.0, -1.0, 1.0)
-        length, angle = float(np.linalg.norm(target - self.pos)), float(np.arccos(cosine))
-        seconds = self._look.pace * slow * (0.15 + max(1.7 * length, 0.55 * angle))
-        robot = self._look.robot
-        self.waypoints.append(posed(robot, target, from_matrix(rot), self.gripper, seconds, hold_s))
-        self.pos, self.rot = target, rot
-        return self
-
-    def by(self, *move: float, **options) -> "Path":
-        """Adds a waypoint so far from the last one."""
-        return self.to(self.pos + np.array(move), **options)
-
-    def over(self, pos: Sequence[float] | np.ndarray, rot: np.ndarray) -> "Path":
+    def over(self, pos: Sequence[float] | np.ndarray, rot: np.ndarray) -> Self:
         """Goes to a place by the lane along the table, above and in front of everything."""
         target = np.asarray(pos, dtype=np.float64)
         if np.linalg.norm(target[:2] - self.pos[:2]) < 0.05 and target[2] > self.pos[2]:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from envs.kinematics.waypoints import Waypoint
-from envs.tasks.calvin.look import Look, Path, down, leaning
+from envs.tasks.calvin.look import UP, Look, TablePath, down, leaning
 from envs.tasks.calvin_table import SCALE, SLOPE_RAD, SWITCH_TRAVEL_M, scaled
 
 FIST_HALF_M = 0.022
@@ -59,10 +59,8 @@ def move_drawer(look: Look, goal: float) -> list[Waypoint]:
         start = np.array([x, bar_y - 0.045, bar_z + 0.01])
         end = start + np.array([0.0, opened - goal + OVERSHOOT_M + 0.01, 0.0])
         above = start + np.array([0.0, 0.0, 0.2])
-    path = Path(look).over(above, rot)
-    path.to(above, gripper=0.0).to(start).to(end, slow=1.5, hold_s=0.1)
-    back = np.array([0.0, 0.012 if goal > opened else -0.02, 0.0])
-    return path.by(*back).by(0.0, 0.0, 0.15).waypoints
+    back = end + np.array([0.0, 0.012 if goal > opened else -0.02, 0.0])
+    return TablePath(look).over(above, rot).push(start, end, back, back + 0.15 * UP).waypoints
 
 
 def push_switch(look: Look, up: bool) -> list[Waypoint]:
@@ -85,15 +83,13 @@ def _push(
     look: Look, rot: np.ndarray, start: np.ndarray, end: np.ndarray, back: np.ndarray
 ) -> list[Waypoint]:
     """Pushes with closed fingers along a line, goes back a little, and withdraws as the hand came."""
-    path = Path(look).over(start - 0.1 * rot[:, 2], rot)
-    path.to(path.pos, gripper=0.0).to(start).to(end, slow=1.5, hold_s=0.1)
-    return path.to(end - back).to(path.pos - 0.1 * rot[:, 2]).waypoints
+    away = 0.1 * rot[:, 2]
+    path = TablePath(look).over(start - away, rot)
+    return path.push(start, end, end - back, end - back - away).waypoints
 
 
 def press_button(look: Look) -> list[Waypoint]:
     """Presses the button once."""
     x, y, top = look.layout.button * SCALE, -0.15 * SCALE, 0.605 * SCALE
-    rot = down(0.0)
-    path = Path(look).over([x, y, top + 0.1], rot)
-    path.to(path.pos, gripper=0.0).to([x, y, top + 0.025]).to([x, y, top - 0.012], slow=2.0, hold_s=0.1)
-    return path.to([x, y, top + 0.1]).waypoints
+    over, start, end = (np.array([x, y, top + up]) for up in (0.1, 0.025, -0.012))
+    return TablePath(look).over(over, down(0.0)).push(start, end, over, slow=2.0).waypoints

@@ -14,12 +14,13 @@ from torch import Tensor
 
 from envs.array_ops import Array, concatenate, constant, largest, norm, stack, tanh
 from envs.core.errors import ConfigError
-from envs.kinematics.waypoints import Waypoint, approach, miss
+from envs.kinematics.waypoints import Waypoint, first_miss
 from envs.rotations import conjugate, rotate
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Rgba
 from envs.state import EntityState, State
 from envs.tasks.arm_at_table import ArmAtTable, Start, heading, point, way
 from envs.tasks.maniskill.pegs import on_peg, peg
+from envs.tasks.skills.from_above import grasp
 from envs.tasks.skills.insertion import Insertion, insertion_way
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
@@ -176,18 +177,13 @@ class PegInsertionSide(ArmAtTable):
             return self._insert(state, rng)
         start, turn = grip[0].numpy().copy(), heading(item)
         start[2] = self.peg_radius_m
-        noise = np.array(
-            [*rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=0.03), 2), rng.uniform(0.06, 0.09)]
-        )
+        noise = first_miss(rng, (0.06, 0.09))
         lift = np.array([*start[:2], self._height + rng.uniform(0.01, 0.03)])
-        hold, shut = GRASP_OPEN_M, GRASP_CLOSED_M
         turn_s = 0.6 + 0.4 * abs(turn - hand_yaw(self.arm(state)))
         return [
             *self.rise(state, 0.12),
-            *approach(way(start + noise, turn, hold, turn_s), rng, 0.03),
-            way(start, turn, hold, 0.5, hold_s=0.1),
-            way(start, turn, shut, 0.3),
-            way(lift, turn, shut, 0.7, hold_s=0.1),
+            *grasp(way(start + noise, turn, GRASP_OPEN_M, turn_s), start, rng),
+            way(lift, turn, GRASP_CLOSED_M, 0.7, hold_s=0.1),
         ]
 
     def _insert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:

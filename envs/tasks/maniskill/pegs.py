@@ -12,12 +12,13 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import Array, concatenate, constant, where
-from envs.kinematics.waypoints import Waypoint, approach, miss
+from envs.kinematics.waypoints import Waypoint, approach, first_miss
 from envs.rotations import rotate, yaw_of
 from envs.scenario import CameraCfg, ObjectCfg, Rgba
 from envs.state import EntityState, State
 from envs.tasks.arm_at_table import ArmAtTable, Start, above, heading, point, tip_to_reach, travel_s, way
 from envs.tasks.maniskill.parts import BLUE, CUBE_HALF_SIZE_M, GOAL_Z_M, RED, box, cube, target
+from envs.tasks.skills.from_above import grasp
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
     GRASP_CLOSED_M,
@@ -137,9 +138,7 @@ class LiftPegUpright(ArmAtTable):
         reach = self.grip_m + rng.uniform(-0.005, 0.005)
         place = point(item) + reach * forward
         place[2] = self.peg_half_width_m
-        noise = np.array(
-            [*rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=0.03), 2), rng.uniform(0.06, 0.09)]
-        )
+        noise = first_miss(rng, (0.06, 0.09))
         # The peg turns about the lower edge of its tail, and in the fingers where the hand tips less.
         long, wide = self.peg_half_length_m + reach, self.peg_half_width_m
         edge = point(item) - self.peg_half_length_m * forward
@@ -267,8 +266,7 @@ class PokeCube(ArmAtTable):
 
     @override
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
-        item, cube_ = state.objects["peg"], state.objects["cube"]
-        hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
+        item, cube_, grip = state.objects["peg"], state.objects["cube"], GRASP_CLOSED_M
         start, turn, goal = point(item), heading(item), point(state.objects["goal"])
         line = heading(cube_)
         line -= np.pi / 2 * round(line / (np.pi / 2))
@@ -283,17 +281,12 @@ class PokeCube(ArmAtTable):
         push = far * np.array([np.cos(half), np.sin(half), 0.0])
         end = above(contact, 0.001) + push
         tip = tip_to_reach(end, self.robot)
-        noise = np.array(
-            [*rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=0.03), 2), rng.uniform(0.06, 0.09)]
-        )
-        aside = rng.normal(0.0, miss(rng, often_m=0.008, seldom_m=0.02), 2)
-        over = above(behind, 0.04) + np.array([*aside, 0.0])
+        noise = first_miss(rng, (0.06, 0.09))
+        over = above(behind, 0.04) + first_miss(rng, often_m=0.008, seldom_m=0.02)
         push_s = 0.3 + 5.0 * float(np.linalg.norm(push))
         return [
             *self.rise(state, 0.1),
-            *approach(way(start + noise, turn, hold, 0.8, pitch=tip), rng, 0.03),
-            way(start, turn, hold, 0.4, 0.1, tip),
-            way(start, turn, grip, 0.3, 0.0, tip),
+            *grasp(way(start + noise, turn, GRASP_OPEN_M, 0.8, pitch=tip), start, rng, down_s=0.4),
             way(above(start, 0.04), turn, grip, 0.4, 0.0, tip),
             way(over, line, grip, travel_s(start, over, 0.5), 0.0, tip),
             way(above(behind, 0.001), line, grip, 0.5, 0.1, tip),

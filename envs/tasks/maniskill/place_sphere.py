@@ -11,11 +11,12 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import Array, concatenate, constant, norm, where
-from envs.kinematics.waypoints import Waypoint, approach, correction_s, miss
+from envs.kinematics.waypoints import Waypoint, correction_s, first_miss, miss
 from envs.scenario import GeomCfg, ObjectCfg, Rgba
 from envs.state import State
 from envs.tasks.arm_at_table import ArmAtTable, Start, above, point, travel_s, way
 from envs.tasks.maniskill.parts import BLUE, STATIC_SPEED_M_S, STATIC_SPEED_RAD_S
+from envs.tasks.skills.from_above import grasp
 from envs.tasks.tabletop import (
     DENSITY_KG_M3,
     GRASP_CLOSED_M,
@@ -125,15 +126,13 @@ class PlaceSphere(ArmAtTable):
         if bool(self._in_bin(state)[0]):
             return self.rise(state, 0.12)
         place = above(point(state.objects["bin"]), self.wall_half_m + self.radius_m + 0.006)
-        noise = np.array([*rng.normal(0.0, miss(rng), 2), rng.uniform(0.06, 0.09)])
+        noise = first_miss(rng, (0.06, 0.09), often_m=0.015, seldom_m=0.05)
         aside = rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=0.03), 2)
         over = above(place, 0.05)
         near = over + np.array([*aside, 0.0])
         return [
             *self.rise(state, 0.08),
-            *approach(way(ball + noise, 0.0, hold, 0.6), rng),
-            way(ball, 0.0, hold, 0.4, hold_s=0.1),
-            way(ball, 0.0, grip, 0.3),
+            *grasp(way(ball + noise, 0.0, hold, 0.6), ball, rng, 0.05, down_s=0.4),
             way(above(ball, 0.06), 0.0, grip, 0.4),
             way(near, 0.0, grip, travel_s(ball, near)),
             way(over, 0.0, grip, correction_s(aside) + 0.1),

@@ -11,7 +11,7 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import Array, concatenate, norm
-from envs.kinematics.waypoints import Waypoint, approach, miss
+from envs.kinematics.waypoints import Waypoint, approach, first_miss
 from envs.rotations import conjugate, rotate
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Rgba
 from envs.state import State
@@ -184,9 +184,7 @@ class PlugCharger(ArmAtTable):
             return insertion_way(self, state, where, rng)
         start, turn = body[0].numpy().copy(), heading(item)
         start[2] = self.base_half_size_m[2] + 0.004
-        noise = np.array(
-            [*rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=0.03), 2), rng.uniform(0.19, 0.21)]
-        )
+        noise = first_miss(rng, (0.19, 0.21))
         lift = np.array([*start[:2], HEIGHT_M + rng.uniform(0.01, 0.03)])
         hold, shut = self.base_half_size_m[1] + OPEN_M, GRASP_CLOSED_M
         turn_s = 0.6 + 0.4 * abs(turn - hand_yaw(self.arm(state)))

@@ -11,7 +11,7 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import Array, concatenate, constant, norm, within
-from envs.kinematics.waypoints import Waypoint, approach, correction_s, miss
+from envs.kinematics.waypoints import Waypoint, correction_s, first_miss, miss
 from envs.rotations import conjugate, rotate
 from envs.scenario import CameraCfg, ObjectCfg
 from envs.state import State
@@ -26,6 +26,7 @@ from envs.tasks.arm_at_table import (
     way,
 )
 from envs.tasks.maniskill.parts import BLUE, CUBE_HALF_SIZE_M, RED, box, cube
+from envs.tasks.skills.from_above import grasp
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
     GRASP_CLOSED_M,
@@ -148,8 +149,7 @@ class PullCubeTool(ArmAtTable):
 
     @override
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
-        tool, item = state.objects["tool"], point(state.objects["cube"])
-        hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
+        tool, item, grip = state.objects["tool"], point(state.objects["cube"]), GRASP_CLOSED_M
         turn, base = heading(tool), np.array(self.robot.pos)
         start = point(tool) + GRIP_M * np.array([np.cos(turn), np.sin(turn), 0.0])
         start[2] = self.height_m / 2
@@ -162,18 +162,14 @@ class PullCubeTool(ArmAtTable):
         x, y = self._hooked
         hook = np.array([item[0], item[1], start[2]]) - (x - HOOK_SLACK_M - GRIP_M) * ahead - y * left
         tip = tip_to_reach(hook, self.robot)
-        noise = np.array(
-            [*rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=0.02), 2), rng.uniform(0.06, 0.09)]
-        )
+        noise = first_miss(rng, (0.06, 0.09), seldom_m=0.02)
         aside = rng.normal(0.0, miss(rng, often_m=0.008, seldom_m=0.02), 2)
         over = above(hook, LIFT_M)
         near = over + np.array([*aside, 0.0])
         back = hook - (far - self.near_m + FINAL_M + HOOK_SLACK_M) * ahead
         return [
             *self.rise(state, 0.12),
-            *approach(way(start + noise, turn, hold, 1.0, pitch=tip), rng, 0.02),
-            way(start, turn, hold, 0.5, 0.1, tip),
-            way(start, turn, grip, 0.3, 0.0, tip),
+            *grasp(way(start + noise, turn, GRASP_OPEN_M, 1.0, pitch=tip), start, rng, 0.02),
             way(above(start, LIFT_M), turn, grip, 0.5, 0.0, tip),
             way(near, line, grip, travel_s(start, near, 0.6), 0.0, tip),
             way(over, line, grip, correction_s(aside) + 0.1, 0.1, tip),

@@ -10,7 +10,7 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import concatenate, constant
-from envs.kinematics.waypoints import Waypoint, approach, miss
+from envs.kinematics.waypoints import Waypoint, approach, first_miss
 from envs.scenario import CameraCfg, ObjectCfg
 from envs.state import State
 from envs.tasks.arm_at_table import ArmAtTable, Start, point, way
@@ -84,7 +84,7 @@ class SlideCube(ArmAtTable):
         along = np.array([self.side, 0.0, 0.0])
         behind = item - (touch + rng.uniform(0.015, 0.03)) * along
         # The approach first misses: the next motion demonstrates the correction.
-        noise = np.array([*rng.normal(0.0, miss(rng, seldom_m=0.03), 2), rng.uniform(0.06, 0.09)])
+        noise = first_miss(rng, (0.06, 0.09), often_m=0.015)
         noise[0] = -self.side * abs(noise[0])
         end = np.array([goal[0], item[1], item[2]]) - (touch + 0.6 * self.goal_radius_m) * along
         push = 0.3 + 4.0 * float(np.linalg.norm(end - behind)) * rng.uniform(0.9, 1.2)

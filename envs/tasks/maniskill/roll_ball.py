@@ -11,12 +11,13 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import concatenate, norm, tanh, where
-from envs.kinematics.waypoints import Waypoint, approach, miss
+from envs.kinematics.waypoints import Waypoint, first_miss
 from envs.rotations import from_yaw
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, RobotCfg, TableCfg
 from envs.state import State
 from envs.tasks.arm_at_table import ArmAtTable, Start, above, point, travel_s, way
 from envs.tasks.maniskill.parts import BLUE, GOAL_Z_M, target
+from envs.tasks.skills.from_above import grasp
 from envs.tasks.tabletop import (
     DENSITY_KG_M3,
     FRANKA_AT_TABLE,
@@ -134,15 +135,11 @@ class RollBall(ArmAtTable):
         turn = float(np.arctan2(along[1], along[0]) + np.pi / 2)
         tip = float(np.clip(NEAR_BASE_TIP_RAD * (NEAR_BASE_M - far), 0.0, 0.5))
         # The approach first misses: the next motion demonstrates the correction.
-        noise = np.array(
-            [*rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=0.03), 2), rng.uniform(0.1, 0.13)]
-        )
+        noise = first_miss(rng, (0.1, 0.13))
         hold, grip, speed = GRASP_OPEN_M, GRASP_CLOSED_M, rng.uniform(0.7, 0.8)
         return [
             *self.rise(state, 0.12),
-            *approach(way(ball + noise, turn, hold, 1.0, pitch=tip), rng, 0.02),
-            way(ball, turn, hold, 0.6, 0.1, tip),
-            way(ball, turn, grip, 0.3, 0.0, tip),
+            *grasp(way(ball + noise, turn, hold, 1.0, pitch=tip), ball, rng, 0.02, down_s=0.6),
             way(above(ball, 0.03), turn, grip, 0.3, 0.0, tip),
             way(above(start, 0.03), turn, grip, travel_s(ball, start) + tip),
             way(above(start, 1e-3), turn, grip, 0.3, 0.1),

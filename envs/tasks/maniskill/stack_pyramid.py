@@ -11,7 +11,7 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import Array, at_least, concatenate, constant, norm, where
-from envs.kinematics.waypoints import Waypoint, approach, correction_s, grasp_yaw, miss
+from envs.kinematics.waypoints import Waypoint, approach, correction_s, first_miss, grasp_yaw, miss
 from envs.scenario import CameraCfg, ObjectCfg
 from envs.state import EntityState, State
 from envs.tasks.arm_at_table import ArmAtTable, Start, above, heading, point, travel_s, way
@@ -163,9 +163,7 @@ class StackPyramid(ArmAtTable):
         item = state.objects[name]
         start, yaw = point(item), grasp_yaw(heading(item))
         yaw = max((yaw, yaw - np.copysign(np.pi / 2, yaw)), key=lambda turn: _clearance(turn, start, others))
-        noise = np.array(
-            [*rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=DETOUR_M), 2), rng.uniform(0.07, 0.1)]
-        )
+        noise = first_miss(rng, (0.07, 0.1), seldom_m=DETOUR_M)
         aside = rng.normal(0.0, miss(rng, often_m=0.008, seldom_m=DETOUR_M), 2)
         over = above(place, 0.07)
         near = over + np.array([*aside, 0.0])

@@ -13,7 +13,7 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import Array, at_least, concatenate, constant, norm, where
-from envs.kinematics.waypoints import Waypoint, grasp_yaw, miss
+from envs.kinematics.waypoints import Waypoint, first_miss, grasp_yaw
 from envs.robots.franka import FRANKA
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, RobotCfg, TableCfg
 from envs.state import EntityState, State
@@ -94,7 +94,7 @@ class TwoRobots(ArmsAtTable):
         """
         start, turn = point(item), grasp_yaw(heading(item))
         rot = hand.nearer(pointing((0.0, ahead, -1.0), (np.cos(turn), np.sin(turn), 0.0)))
-        noise = _beside(rng, 0.01, 0.03) + np.array([0.0, 0.0, rng.uniform(0.07, 0.1)])
+        noise = first_miss(rng, (0.07, 0.1))
         return [
             hand.to(start + noise, rot, GRASP_OPEN_M, travel_s(hand.pos, start + noise, 0.6)),
             hand.to(start, rot, GRASP_OPEN_M, 0.5, hold_s=0.1),
@@ -213,7 +213,7 @@ class TwoRobotPickCube(TwoRobots):
             ready = [right.to(waits, right.nearer(across), GRASP_OPEN_M, 1.0)]
             phases.append({left.name: [*grasp, *self.put_down(grasp[-1], place, 0.1)], right.name: ready})
         rot = right.nearer(downward(turn))
-        over = above(place, 0.1) + _beside(rng, 0.01, 0.03)
+        over = above(place, 0.1) + first_miss(rng)
         takes = [
             right.to(over, rot, GRASP_OPEN_M, travel_s(waits, over, 0.6)),
             right.to(place, rot, GRASP_OPEN_M, 0.6, hold_s=0.1),
@@ -325,7 +325,12 @@ class TwoRobotStackCube(TwoRobots):
         top = above(place, 2 * half)
         put = replace(picks[-1], pos=above(top, PUT_M), duration_s=0.5, hold_s=0.1)
         stacks = [
-            replace(put, pos=above(top, 0.08) + _beside(rng, 0.008, 0.02), duration_s=0.8, hold_s=0.0),
+            replace(
+                put,
+                pos=above(top, 0.08) + first_miss(rng, often_m=0.008, seldom_m=0.02),
+                duration_s=0.8,
+                hold_s=0.0,
+            ),
             replace(put, pos=above(top, 0.06), duration_s=0.3),
             put,
             replace(put, gripper=HALF_OPEN_M, duration_s=0.25, hold_s=0.0),
@@ -340,8 +345,3 @@ class TwoRobotStackCube(TwoRobots):
 
     def _on_target(self, state: State) -> Array:
         return flat_distance(state.objects["cube_b"].pos, state.objects["goal"].pos) < self.goal_radius_m
-
-
-def _beside(rng: np.random.Generator, often_m: float, seldom_m: float) -> np.ndarray:
-    """Draws by how much a motion first misses in the plane, m, (3,)."""
-    return np.array([*rng.normal(0.0, miss(rng, often_m=often_m, seldom_m=seldom_m), 2), 0.0])

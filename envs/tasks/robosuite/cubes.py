@@ -12,11 +12,12 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import Array, concatenate, largest, where
-from envs.kinematics.waypoints import Waypoint, approach, correction_s, grasp_yaw, miss
+from envs.kinematics.waypoints import Waypoint, correction_s, first_miss, grasp_yaw, miss
 from envs.scenario import GeomCfg, ObjectCfg, Rgba
 from envs.state import EntityState, State
 from envs.tasks.arm_at_table import Start, above, heading, point, travel_s
 from envs.tasks.robosuite.scene import RobosuiteTask, down, pedestal
+from envs.tasks.skills.from_above import grasp
 from envs.tasks.tabletop import (
     DENSITY_KG_M3,
     GRASP_CLOSED_M,
@@ -101,15 +102,14 @@ class Lift(RobosuiteTask):
         cube = state.objects["cube"]
         start, turn = point(cube), grasp_yaw(heading(cube))
         # The approach first misses: the next motion demonstrates the correction.
-        noise = np.array([*rng.normal(0.0, miss(rng), 2), rng.uniform(0.06, 0.09)])
-        hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
+        noise = first_miss(rng, (0.06, 0.09), often_m=0.015, seldom_m=0.05)
         turn_s = 0.7 + 0.3 * abs(turn - hand_yaw(self.arm(state)))
         return [
             *self.rise(state, 0.08),
-            *approach(down(start + noise, turn, hold, turn_s), rng),
-            down(start, turn, hold, 0.4, hold_s=0.1),
-            down(start, turn, grip, 0.25),
-            down(above(start, 0.1), turn, grip, 0.7),
+            *grasp(
+                down(start + noise, turn, GRASP_OPEN_M, turn_s), start, rng, 0.05, down_s=0.4, close_s=0.25
+            ),
+            down(above(start, 0.1), turn, GRASP_CLOSED_M, 0.7),
         ]
 
 
@@ -190,9 +190,7 @@ class Stack(RobosuiteTask):
         # At turn 0 fingers close along y: they stay off the other cube.
         aside = [abs((base - start)[:2] @ (-np.sin(t), np.cos(t))) for t in (turn, other)]
         turn = float(other if aside[0] > aside[1] and np.linalg.norm((base - start)[:2]) < 0.13 else turn)
-        noise = np.array(
-            [*rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=DETOUR_M), 2), rng.uniform(0.07, 0.1)]
-        )
+        noise = first_miss(rng, (0.07, 0.1), seldom_m=DETOUR_M)
         off = rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=DETOUR_M), 2)
         over = above(place, 0.06)
         near = over + np.array([*off, 0.0])
@@ -200,9 +198,7 @@ class Stack(RobosuiteTask):
         turn_s = 0.7 + 0.3 * abs(turn - hand_yaw(self.arm(state)))
         return [
             *self.rise(state, 0.1),
-            *approach(down(start + noise, turn, hold, turn_s), rng, DETOUR_M),
-            down(start, turn, hold, 0.5, hold_s=0.1),
-            down(start, turn, grip, 0.25),
+            *grasp(down(start + noise, turn, hold, turn_s), start, rng, DETOUR_M, close_s=0.25),
             down(lift, turn, grip, 0.5),
             down(near, turn, grip, travel_s(lift, near)),
             down(over, turn, grip, correction_s(off) + 0.1),

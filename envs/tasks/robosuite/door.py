@@ -12,7 +12,7 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import Array, concatenate, constant, within
-from envs.kinematics.waypoints import Waypoint, approach, miss
+from envs.kinematics.waypoints import Waypoint, approach, first_miss, miss
 from envs.rotations import from_yaw, multiply, rotate
 from envs.scenario import CameraCfg, GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg, Quat, Rgba, TableCfg
 from envs.state import State
@@ -209,9 +209,7 @@ class Door(RobosuiteTask):
             pos = self._in_world(state, local, angle)
             return dataclasses.replace(down(pos, turn + angle, shut, duration_s, hold_s), roll=LEAN_RAD)
 
-        noise = np.array(
-            [*rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=0.025), 2), rng.uniform(0.0, 0.02)]
-        )
+        noise = first_miss(rng, (0.0, 0.02), seldom_m=0.025)
         over = at(0.0, now, 1.2, 0.1)
         return [
             *self.rise(state, 0.4),

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from envs.kinematics.waypoints import Waypoint, miss
+from envs.kinematics.waypoints import Waypoint, first_miss, miss
 from envs.rotations import conjugate, from_matrix, multiply, rotate
 from envs.state import EntityState
 from envs.tasks.arm_at_table import above, point, travel_s
@@ -44,7 +44,7 @@ def pick_up(
     ahead = 1.0 if handle[1] > HEAD_FIRST else -1.0
     grip = along(hammer, (SIDE if ahead < 0.0 else -MIDDLE) * length_m)
     rot, met = _grips(hand, hammer, ahead, slope)
-    aside = np.array([*rng.normal(0.0, miss(rng, often_m=0.008, seldom_m=0.02), 2), 0.0])
+    aside = first_miss(rng, often_m=0.008, seldom_m=0.02)
     over, wide, shut = above(grip, 0.1) + aside, GRASP_OPEN_M, GRASP_CLOSED_M
     way = [
         hand.to(over, rot, wide, travel_s(hand.pos, over, 1.0)),

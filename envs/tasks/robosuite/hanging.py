@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kinematics.waypoints import Waypoint, approach, miss
+from envs.kinematics.waypoints import Waypoint, approach, first_miss, miss
 from envs.rotations import conjugate, from_euler, from_matrix, from_yaw, multiply, rotate, wrapped
 from envs.state import EntityState, State
 from envs.tasks.arm_at_table import ArmAtTable, above, chain_at_rest, heading, point, posed, travel_s
@@ -86,7 +86,7 @@ def _take(
     """Returns the way to grasp something that lies, from above, and to lift it; the approach first misses."""
     robot = task.arm(state)
     hand, turn = ee_pos(robot)[0].numpy().copy(), hand_yaw(robot)
-    noise = np.array([*rng.normal(0.0, miss(rng, often_m=0.008, seldom_m=0.02), 2), rng.uniform(0.05, 0.07)])
+    noise = first_miss(rng, (0.05, 0.07), often_m=0.008, seldom_m=0.02)
     turn_s = travel_s(hand, grip, 0.6) + 0.3 * abs(yaw - turn)
     ways = []
     if hand[2] < 0.2:
@@ -216,7 +216,7 @@ def hang_tool(task: ArmAtTable, state: State, rng: np.random.Generator) -> list[
     off = float(np.linalg.norm((ring - middle)[:2]))
     if off > FAR_M or abs(spin) > 0.3:
         # The way first misses: the next motion demonstrates the correction.
-        aside = np.array([*rng.normal(0.0, miss(rng, often_m=0.004, seldom_m=0.01), 2), 0.0])
+        aside = first_miss(rng, often_m=0.004, seldom_m=0.01)
         far = at(ABOVE_HOOK_M + 0.02, 1.5 + 0.7 * abs(spin), 0.2)
         return [replace(far, pos=far.pos + aside)]
     if off > RING_EXACT_M or abs(spin) > 0.05:

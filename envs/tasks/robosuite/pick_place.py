@@ -13,7 +13,7 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import Array, at_least, concatenate, constant, largest, norm, stack, where
-from envs.kinematics.waypoints import Waypoint, approach, correction_s, miss
+from envs.kinematics.waypoints import Waypoint, approach, correction_s, first_miss, miss
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Rgba, RobotCfg, TableCfg
 from envs.state import State
 from envs.tasks.arm_at_table import Start, above, heading, point, tip_to_reach, travel_s
@@ -200,9 +200,7 @@ class PickPlaceSingle(RobosuiteTask):
         drop = np.array([*near_corner, CARRY_M + good.bottom_m + good.grip_m])
         tip = tip_to_reach(drop, self.robot)
         # Both ends first miss: the next motion demonstrates the correction.
-        noise = np.array(
-            [*rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=0.02), 2), rng.uniform(0.08, 0.1)]
-        )
+        noise = first_miss(rng, (0.08, 0.1), seldom_m=0.02)
         aside = rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=0.03), 2)
         lift = np.array([*start[:2], drop[2]])
         near = drop + np.array([*aside, 0.0])

@@ -12,7 +12,7 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import at_least, concatenate
-from envs.kinematics.waypoints import Waypoint, miss
+from envs.kinematics.waypoints import Waypoint, first_miss
 from envs.rotations import uprightness
 from envs.scenario import GeomCfg, ObjectCfg, Quat, Rgba, Vec3
 from envs.state import State
@@ -137,8 +137,7 @@ class TwoArmLift(TwoArms):
         x, y, z = HANDLES[index]
         bar = in_world(pot, (x, y + math.copysign(0.005, y), z))
         rot = hand.nearer(pointing(DOWN, in_world(pot, (0.0, 1.0, 0.0)) - in_world(pot, (0.0, 0.0, 0.0))))
-        aside = rng.normal(0.0, miss(rng, often_m=0.008, seldom_m=0.03), 2)
-        over = above(bar, 0.08) + np.array([*aside, rng.uniform(0.0, 0.02)])
+        over = above(bar, 0.08) + first_miss(rng, (0.0, 0.02), often_m=0.008)
         return [
             hand.to(over, rot, GRASP_OPEN_M, travel_s(hand.pos, over, 1.0)),
             hand.to(above(bar, 0.05), rot, GRASP_OPEN_M, 0.3, hold_s=0.1),

@@ -13,7 +13,7 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import Array, concatenate, largest
-from envs.kinematics.waypoints import Waypoint, grasp_yaw, miss
+from envs.kinematics.waypoints import Waypoint, first_miss, grasp_yaw
 from envs.rotations import from_matrix
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Rgba, RobotCfg, TableCfg
 from envs.state import State
@@ -291,7 +291,7 @@ def _moved(
     hand: Hand, grip: np.ndarray, place: np.ndarray, rot: np.ndarray, rng: np.random.Generator
 ) -> list[Waypoint]:
     """Returns the way to grasp something from above and to let go of it elsewhere."""
-    aside = np.array([*rng.normal(0.0, miss(rng, often_m=0.005, seldom_m=0.015), 2), 0.0])
+    aside = first_miss(rng, often_m=0.005, seldom_m=0.015)
     over, there = above(grip, 0.12) + aside, np.array([*place[:2], CARRY_Z_M])
     lifted = np.array([*grip[:2], CARRY_Z_M])
     wide, shut = GRASP_OPEN_M, GRASP_CLOSED_M

@@ -12,7 +12,7 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import Array, concatenate, constant, norm, stack, where
-from envs.kinematics.waypoints import Waypoint, approach, miss
+from envs.kinematics.waypoints import Waypoint, approach, first_miss
 from envs.robots.franka import FRANKA_STICK
 from envs.rotations import conjugate, rotate
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Rgba, RobotCfg, SiteCfg, TableCfg
@@ -177,9 +177,7 @@ class Wipe(RobosuiteTask):
         over = np.array([*press[0][:2], TRAVEL_M])
         up = np.array([tip[0], tip[1], max(TRAVEL_M, float(tip[2]))])
         rises = [] if tip[2] >= TRAVEL_M - 0.01 else [down(up, yaw, 0.0, 0.6)]
-        aside = np.array(
-            [*rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=0.03), 2), rng.uniform(0.0, 0.02)]
-        )
+        aside = first_miss(rng, (0.0, 0.02))
         travel_s = 0.5 + 1.5 * float(np.linalg.norm(over - up)) + 0.4 * abs(yaw)
         way = [
             *rises,

@@ -1,13 +1,17 @@
 """Waypoints of a hand that points down and knows where it goes: take, put, push with closed fingers.
 
 Positions are those of the grip site. Ways between places are level, at a height that clears everything.
+Throughout, ``hand`` is where the hand is, ``yaw`` its turn at the place (at 0 its fingers close along y),
+``travel_z`` that height, m, ``opening_m`` the distance of each open finger from the middle, and ``rng``
+varies the way, whose end first misses, and its pace.
 """
 
 from dataclasses import replace
 
 import numpy as np
 
-from envs.kinematics.waypoints import Waypoint, approach, correction_s, miss
+from envs.kinematics.waypoints import Waypoint, approach, correction_s, first_miss
+from envs.tasks.skills.hands import FINGER_HALF_M
 from envs.tasks.skills.moves import Hand, at_height
 from envs.tasks.tabletop import GRASP_CLOSED_M, GRASP_OPEN_M
 
@@ -24,53 +28,48 @@ PUSH_M_S = 0.1
 """Mean speed of a push."""
 
 
-def way_across(
-    hand: Hand, now_yaw: float, over: np.ndarray, yaw: float, gripper: float, travel_z: float
-) -> list[Waypoint]:
-    """Returns the way up, and over to a place, at a height that clears everything.
-
-    Args:
-        hand: Where the hand is.
-        now_yaw: Its turn, rad.
-        over: Where it goes; a higher place is reached directly.
-        yaw: Its turn there.
-        gripper: Distance of each finger from the middle, m.
-        travel_z: Height that clears everything, m.
-    """
+def way_across(hand: Hand, over: np.ndarray, yaw: float, gripper: float, travel_z: float) -> list[Waypoint]:
+    """Returns the way up, and over to a place (3,), at a height that clears everything or higher."""
     high, way = max(travel_z, float(over[2])), list[Waypoint]()
     if hand.pos[2] < high - 0.01:
         up = at_height(hand.pos, high)
-        way.append(hand.to(up, now_yaw, gripper))
+        way.append(hand.to(up, hand.yaw, gripper))
         hand = replace(hand, pos=up)
     stop = hand.to(at_height(over, high), yaw, gripper)
-    way.append(replace(stop, duration_s=stop.duration_s + TURN_S * abs(yaw - now_yaw)))
+    way.append(replace(stop, duration_s=stop.duration_s + TURN_S * abs(yaw - hand.yaw)))
     return way
+
+
+def grasp(
+    over: Waypoint,
+    grip: np.ndarray,
+    rng: np.random.Generator,
+    beside_m: float = 0.03,
+    *,
+    down_s: float = 0.5,
+    close_s: float = 0.3,
+) -> list[Waypoint]:
+    """Returns the way of an open hand to about over a known place, on to it, and the grasp there.
+
+    At times the first part goes by a point ``beside_m`` off; see :func:`~envs.kinematics.waypoints.approach`.
+    """
+    down = replace(over, pos=grip, duration_s=down_s, hold_s=0.1)
+    closed = replace(down, gripper=GRASP_CLOSED_M, duration_s=close_s, hold_s=0.0)
+    return [*approach(over, rng, beside_m), down, closed]
 
 
 def take(
     hand: Hand,
-    now_yaw: float,
     grip: np.ndarray,
     yaw: float,
     travel_z: float,
     rng: np.random.Generator,
     opening_m: float = GRASP_OPEN_M,
 ) -> list[Waypoint]:
-    """Returns the way to a grasp, the grasp, and the way up with what is held.
-
-    Args:
-        hand: Where the hand is.
-        now_yaw: Its turn, rad.
-        grip: The grip site in the grasp, m, (3,).
-        yaw: Turn of the hand there: at 0 fingers close along y.
-        travel_z: Height that clears everything, m.
-        rng: Varies the way, whose end first misses.
-        opening_m: Distance of each finger from the middle before the grasp.
-    """
+    """Returns the way to a grasp at ``grip`` (3,), m, the grasp, and the way up with what is held."""
     over = grip + np.array([0.0, 0.0, OVER_M])
-    noise = np.array([*rng.normal(0.0, miss(rng, often_m=OFTEN_M, seldom_m=SELDOM_M), 2), 0.0])
-    noise[2] = rng.uniform(0.0, 0.02)
-    *lead, last = way_across(hand, now_yaw, over + noise, yaw, opening_m, travel_z)
+    noise = first_miss(rng, (0.0, 0.02), OFTEN_M, SELDOM_M)
+    *lead, last = way_across(hand, over + noise, yaw, opening_m, travel_z)
     high, still = replace(hand, pos=last.pos), replace(hand, pos=grip)
     return [
         *lead,
@@ -84,30 +83,18 @@ def take(
 
 def put(
     hand: Hand,
-    now_yaw: float,
     target: np.ndarray,
     yaw: float,
     travel_z: float,
     rng: np.random.Generator,
     opening_m: float = GRASP_OPEN_M,
 ) -> list[Waypoint]:
-    """Returns the way of a hand that holds something to a place, letting go of it, and the way up.
-
-    Args:
-        hand: Where the hand is.
-        now_yaw: Its turn, rad.
-        target: The grip site where it lets go, m, (3,).
-        yaw: Turn of the hand there.
-        travel_z: Height that clears everything, m.
-        rng: Varies the way, whose end first misses.
-        opening_m: Distance of each finger from the middle when it has let go.
-    """
+    """Returns the way of a hand that holds something to ``target`` (3,), m, letting go, and the way up."""
     over = at_height(target, max(travel_z, float(target[2]) + 0.02))
-    aside = rng.normal(0.0, miss(rng, often_m=OFTEN_M, seldom_m=SELDOM_M), 2)
-    near = over + np.array([*aside, 0.0])
+    aside = first_miss(rng, None, OFTEN_M, SELDOM_M)
     still = replace(hand, pos=target)
     return [
-        *way_across(hand, now_yaw, near, yaw, GRASP_CLOSED_M, travel_z),
+        *way_across(hand, over + aside, yaw, GRASP_CLOSED_M, travel_z),
         replace(hand.to(over, yaw, GRASP_CLOSED_M), duration_s=correction_s(aside) + 0.2),
         replace(hand, pos=over).to(target, yaw, GRASP_CLOSED_M, hold_s=0.15),
         still.to(target, yaw, opening_m, hold_s=0.15),
@@ -117,30 +104,19 @@ def put(
 
 def push(
     hand: Hand,
-    now_yaw: float,
     start: np.ndarray,
     end: np.ndarray,
     yaw: float,
     travel_z: float,
     rng: np.random.Generator,
 ) -> list[Waypoint]:
-    """Returns the way that pushes something level with closed fingers, and the way up.
-
-    Args:
-        hand: Where the hand is.
-        now_yaw: Its turn, rad.
-        start: Where the fingers come down, m, (3,).
-        end: Where the push ends, at the same height.
-        yaw: Turn of the hand.
-        travel_z: Height that clears everything, m.
-        rng: Varies the way and its pace.
-    """
+    """Returns the way of closed fingers down to ``start``, pushing level to ``end``, (3,), m, and up."""
     shut, back = GRASP_CLOSED_M, start - end
     aside = 0.01 * abs(rng.normal()) * back / np.linalg.norm(back)
     first = start + aside
     push_s = 0.3 + float(np.linalg.norm(end - start)) / PUSH_M_S * rng.uniform(0.9, 1.1)
     return [
-        *way_across(hand, now_yaw, at_height(first, travel_z), yaw, shut, travel_z),
+        *way_across(hand, at_height(first, travel_z), yaw, shut, travel_z),
         replace(hand, pos=at_height(first, travel_z)).to(first, yaw, shut),
         replace(hand, pos=first).to(start, yaw, shut),
         replace(hand.to(end, yaw, shut, hold_s=0.1), duration_s=push_s),
@@ -149,9 +125,26 @@ def push(
     ]
 
 
+def shut_drawer(
+    hand: Hand,
+    bar: np.ndarray,
+    ahead: np.ndarray,
+    out_m: float,
+    yaw: float,
+    travel_z: float,
+    rng: np.random.Generator,
+) -> list[Waypoint]:
+    """Returns the way that pushes a drawer shut by its handle's bar, 18 mm thick; see :func:`push`.
+
+    ``bar`` is its middle, m, ``ahead`` the level direction in which the drawer shuts, (3,), and ``out_m`` how
+    far it is open.
+    """
+    start = bar - (0.009 + 2 * FINGER_HALF_M[1] + 0.02) * ahead
+    return push(hand, start, start + (out_m + 0.02 + 0.006) * ahead, yaw, travel_z, rng)
+
+
 def drag(
     hand: Hand,
-    now_yaw: float,
     grip: np.ndarray,
     end: np.ndarray,
     yaw: float,
@@ -161,17 +154,9 @@ def drag(
 ) -> list[Waypoint]:
     """Returns the way that grasps something, moves it level to a place, lets go of it, and the way up.
 
-    Args:
-        hand: Where the hand is.
-        now_yaw: Its turn, rad.
-        grip: The grip site in the grasp, m, (3,).
-        end: The grip site where it lets go, at the same height.
-        yaw: Turn of the hand.
-        travel_z: Height that clears everything, m.
-        rng: Varies the way, whose end first misses, and its pace.
-        opening_m: Distance of each finger from the middle before the grasp and after it.
+    The grip site moves from ``grip`` to ``end``, (3,), m, at the same height.
     """
-    *way, _ = take(hand, now_yaw, grip, yaw, travel_z, rng, opening_m)
+    *way, _ = take(hand, grip, yaw, travel_z, rng, opening_m)
     still = replace(hand, pos=end)
     drag_s = 0.4 + float(np.linalg.norm(end - grip)) / PUSH_M_S * rng.uniform(0.9, 1.1)
     return [

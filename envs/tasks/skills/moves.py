@@ -6,9 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from envs.kinematics.waypoints import Waypoint
+from envs.state import State
+from envs.tasks.arm_at_table import ArmAtTable
 from envs.tasks.skills.clouds import Heights, Underside
 from envs.tasks.skills.grasps import Grasp
 from envs.tasks.skills.hands import FINGER_HALF_M, FINGER_MOST_M, TIP_BELOW_M, hand_underside
+from envs.tasks.tabletop import ee_pos, hand_yaw
 
 CLEARANCE_M = 0.025
 """Least height over what is passed."""
@@ -36,11 +39,23 @@ class Hand:
         pos: The grip site, m, (3,).
         tilt: Pitch at which its fingers point straight down, rad.
         pace: Multiplies every duration.
+        yaw: Its turn, rad.
     """
 
     pos: np.ndarray
     tilt: float = 0.0
     pace: float = 1.0
+    yaw: float = 0.0
+
+    @classmethod
+    def of(cls, task: ArmAtTable, state: State, rng: np.random.Generator) -> "Hand":
+        """Returns the hand of a task's arm in a state of one row, at a pace that is drawn."""
+        arm, pace = task.arm(state), float(rng.uniform(0.9, 1.1))
+        return cls(ee_pos(arm)[0].numpy().copy(), task.down_pitch_rad, pace, hand_yaw(arm))
+
+    def after(self, way: Sequence[Waypoint]) -> "Hand":
+        """Returns the hand at the end of a way."""
+        return replace(self, pos=way[-1].pos, yaw=way[-1].yaw)
 
     def to(
         self, pos: np.ndarray, yaw: float, gripper: float, *, hold_s: float = 0.0, **turn: float

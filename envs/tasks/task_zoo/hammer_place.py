@@ -19,10 +19,9 @@ from envs.state import State
 from envs.tasks.arm_at_table import Start
 from envs.tasks.robosuite.hammer import LYING, Hammer, along, axis_of
 from envs.tasks.robosuite.scene import pedestal
-from envs.tasks.skills.from_above import drag, push, put, take
-from envs.tasks.skills.hands import FINGER_HALF_M
+from envs.tasks.skills.from_above import drag, put, shut_drawer, take
 from envs.tasks.skills.moves import Hand
-from envs.tasks.tabletop import ee_pos, hand_yaw
+from envs.tasks.tabletop import ee_pos
 from envs.tasks.task_zoo import parts
 from envs.tasks.task_zoo.parts import INSET_M, SHUT_M, TABLE_X_M
 
@@ -129,34 +128,28 @@ class HammerPlace(parts.ZooTask):
 
     @override
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
-        robot, pace = self.arm(state), float(rng.uniform(0.9, 1.1))
-        hand, yaw = Hand(ee_pos(robot)[0].numpy().copy(), self.down_pitch_rad, pace), hand_yaw(robot)
+        hand = Hand.of(self, state, rng)
         out = float(self.out_m(state)[0])
         x, y, z = parts.DRAWER_BAR_M
         bar = np.array(CABINET_M) + np.array([x, y - out, z])
         if self._in_drawer(state, out):
-            before = bar - np.array([0.0, 0.009 + 2 * FINGER_HALF_M[1] + 0.02, 0.0])
-            end = before + np.array([0.0, out + 0.02 + 0.006, 0.0])
-            return push(hand, yaw, before, end, 0.0, TRAVEL_M, rng)
+            return shut_drawer(hand, bar, np.array([0.0, 1.0, 0.0]), out, 0.0, TRAVEL_M, rng)
         if out < WIDE_M:
             end = bar - np.array([0.0, OPEN_M - out, 0.0])
-            return drag(hand, yaw, bar, end, 0.0, TRAVEL_M, rng, BAR_OPENING_M)
-        return self._store(state, hand, yaw, out, rng)
+            return drag(hand, bar, end, 0.0, TRAVEL_M, rng, BAR_OPENING_M)
+        return self._store(state, hand, out, rng)
 
-    def _store(
-        self, state: State, hand: Hand, yaw: float, out: float, rng: np.random.Generator
-    ) -> list[Waypoint]:
+    def _store(self, state: State, hand: Hand, out: float, rng: np.random.Generator) -> list[Waypoint]:
         """Returns the way that takes the hammer and lets go of it in the open drawer."""
         item = state.objects["hammer"]
         axis = axis_of(item)[0].numpy()
         grip = along(item, -0.1 * self.length_m)
         turn = grasp_yaw(math.atan2(axis[1], axis[0]), np.pi)  # fingers close across the handle
-        way = take(hand, yaw, grip, turn, TRAVEL_M, rng)
+        way = take(hand, grip, turn, TRAVEL_M, rng)
         middle = (CABINET_M[1] - 0.092 + CABINET_M[1] - 0.105 + 0.01 - out) / 2
         place = np.array([CABINET_M[0], middle, DROP_M])
         lengthwise = math.copysign(np.pi / 2, turn) if abs(turn) > 0.2 else -np.pi / 2
-        held = replace(hand, pos=way[-1].pos)
-        return [*way, *put(held, turn, place, lengthwise, TRAVEL_M, rng, opening_m=0.025)]
+        return [*way, *put(hand.after(way), place, lengthwise, TRAVEL_M, rng, opening_m=0.025)]
 
     def _in_drawer(self, state: State, out: float) -> bool:
         """Returns whether the hammer lies in the drawer, wherever that is, in a state of one row."""

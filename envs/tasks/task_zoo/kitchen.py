@@ -21,7 +21,7 @@ from envs.tasks.robosuite.scene import panda, pedestal
 from envs.tasks.skills.from_above import push, put, take
 from envs.tasks.skills.hands import FINGER_HALF_M
 from envs.tasks.skills.moves import Hand
-from envs.tasks.tabletop import ee_pos, hand_yaw, point_on
+from envs.tasks.tabletop import ee_pos, point_on
 from envs.tasks.task_zoo import parts
 from envs.tasks.task_zoo.parts import INSET_M, TABLE_HEIGHT_M, TABLE_X_M
 
@@ -175,36 +175,28 @@ class KitchenTask(parts.ZooTask):
         ways = (bread.pos - hand, pot.pos - bread.pos)
         return concatenate((bread.pos, bread.rot, pot.pos, pot.rot, lever, hand, *ways))
 
-    def hand(self, state: State, rng: np.random.Generator) -> tuple[Hand, float]:
-        """Returns the hand of a state of one row, and its turn, rad."""
-        robot = self.arm(state)
-        pace = float(rng.uniform(0.9, 1.1))
-        return Hand(ee_pos(robot)[0].numpy().copy(), self.down_pitch_rad, pace), hand_yaw(robot)
-
     def flip(self, state: State, on: bool, rng: np.random.Generator) -> list[Waypoint]:
         """Returns the way that pushes the lever over."""
-        hand, yaw = self.hand(state, rng)
+        hand = Hand.of(self, state, rng)
         x, y = self.layout.button
         side = -1.0 if on else 1.0
         behind = np.array([x, y + side * 0.075, LEVER_Z_M])
         # The pad leans over by 15 mm; half of it and two fingers are between its middle and the hand's.
         end = np.array([x, y + side * (0.0125 + 2 * FINGER_HALF_M[1] - 0.014), LEVER_Z_M])
-        return push(hand, yaw, behind, end, 0.0, TRAVEL_M, rng)
+        return push(hand, behind, end, 0.0, TRAVEL_M, rng)
 
     def fill(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
         """Returns the way that takes the bread and drops it into the pot."""
-        hand, yaw = self.hand(state, rng)
-        bread, pot = state.objects["bread"], state.objects["pot"]
+        hand, bread, pot = Hand.of(self, state, rng), state.objects["bread"], state.objects["pot"]
         grip, turn = point(bread), heading(bread)
         grip[2] += 0.006
         turn = grasp_yaw(turn, np.pi)  # across its narrow sides
         narrow = turn + np.pi / 2 if self.layout.bread_half_m[0] < self.layout.bread_half_m[1] else turn
         narrow = grasp_yaw(narrow, np.pi)
-        way = take(hand, yaw, grip, narrow, TRAVEL_M, rng)
+        way = take(hand, grip, narrow, TRAVEL_M, rng)
         over = point(pot) + np.array([0.0, 0.0, 0.1])
-        held = replace(hand, pos=way[-1].pos)
         along = grasp_yaw(heading(pot), np.pi)
-        return [*way, *put(held, narrow, over, along, TRAVEL_M, rng, opening_m=0.03)]
+        return [*way, *put(hand.after(way), over, along, TRAVEL_M, rng, opening_m=0.03)]
 
     def carry(
         self,
@@ -223,24 +215,22 @@ class KitchenTask(parts.ZooTask):
             rng: Varies the way.
             side: Sign of the handle's y in the pot's frame.
         """
-        hand, yaw = self.hand(state, rng)
-        pot = state.objects["pot"]
+        hand, pot = Hand.of(self, state, rng), state.objects["pot"]
         turn = grasp_yaw(heading(pot), np.pi)
         x, y, z = parts.POT_HANDLE_M
         grip = point_on(pot, (x, side * y, z))[0].numpy().copy()
-        way = take(hand, yaw, grip, turn, TRAVEL_M, rng)
-        held = replace(hand, pos=way[-1].pos)
+        way = take(hand, grip, turn, TRAVEL_M, rng)
         place = np.array([to[0], to[1] + side * y, floor_m + parts.POT_BOTTOM_M + z + 0.004])
-        return [*way, *put(held, turn, place, 0.0, TRAVEL_M, rng)]
+        return [*way, *put(hand.after(way), place, 0.0, TRAVEL_M, rng)]
 
     def serve(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
         """Returns the way that pushes the pot into the region from behind."""
-        hand, yaw = self.hand(state, rng)
+        hand = Hand.of(self, state, rng)
         pot, turn = point(state.objects["pot"]), grasp_yaw(heading(state.objects["pot"]), np.pi)
         gone = self.layout.region[0] - 0.015 - pot[0]
         behind = np.array([pot[0] - parts.POT_HALF_M[0] - FINGER_HALF_M[0] - 0.03, pot[1], 0.03])
         end = behind + np.array([gone + 0.03, 0.0, 0.0])
-        return push(hand, yaw, behind, end, turn, TRAVEL_M, rng)
+        return push(hand, behind, end, turn, TRAVEL_M, rng)
 
     def bread_inside(self, state: State) -> Array:
         """Returns whether the bread is inside the pot, by their places, (N,)."""

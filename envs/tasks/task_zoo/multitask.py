@@ -16,8 +16,8 @@ from envs.scenario import CameraCfg, ObjectCfg
 from envs.state import State
 from envs.tasks.arm_at_table import Start
 from envs.tasks.entry_classes import classes_of
-from envs.tasks.skills.from_above import push
-from envs.tasks.skills.hands import FINGER_HALF_M
+from envs.tasks.skills.from_above import shut_drawer
+from envs.tasks.skills.moves import Hand
 from envs.tasks.task_zoo import parts
 from envs.tasks.task_zoo.catalogue import HORIZON, Entry, entries
 from envs.tasks.task_zoo.kitchen import TRAVEL_M, KitchenTask, Layout
@@ -135,13 +135,11 @@ class MultitaskKitchen(KitchenTask):
 
     def _close(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
         """Returns the way that pushes the drawer shut by its handle's bar."""
-        hand, yaw = self.hand(state, rng)
         x, y, z = parts.DRAWER_BAR_M
         out = -float(state.objects["cabinet"].joint_pos[0, 0])
         bar = np.array([CABINET_M[0] - x, CABINET_M[1] - y + out, CABINET_M[2] + z])
-        before = bar + np.array([0.0, 0.009 + 2 * FINGER_HALF_M[1] + 0.02, 0.0])
-        end = before - np.array([0.0, out + 0.02 + 0.006, 0.0])
-        return push(hand, yaw, before, end, 0.0, TRAVEL_M, rng)
+        ahead = np.array([0.0, -1.0, 0.0])
+        return shut_drawer(Hand.of(self, state, rng), bar, ahead, out, 0.0, TRAVEL_M, rng)
 
 
 __getattr__ = classes_of(

@@ -17,7 +17,7 @@ from envs.tasks.arm_at_table import Start, heading, point
 from envs.tasks.robosuite.scene import pedestal
 from envs.tasks.skills.from_above import PUSH_M_S, put, take
 from envs.tasks.skills.moves import Hand, at_height
-from envs.tasks.tabletop import GRASP_CLOSED_M, GRASP_OPEN_M, ee_pos, flat_distance, hand_yaw, point_on
+from envs.tasks.tabletop import GRASP_CLOSED_M, GRASP_OPEN_M, ee_pos, flat_distance, point_on
 from envs.tasks.task_zoo import parts
 from envs.tasks.task_zoo.parts import TABLE_X_M
 
@@ -119,28 +119,26 @@ class ToolUse(parts.ZooTask):
 
     @override
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
-        robot, pace = self.arm(state), float(rng.uniform(0.9, 1.1))
-        hand, yaw = Hand(ee_pos(robot)[0].numpy().copy(), self.down_pitch_rad, pace), hand_yaw(robot)
-        cube = state.objects["cube"]
+        hand, cube = Hand.of(self, state, rng), state.objects["cube"]
         if cube.pos[0, 0] > FAR_X_M:
-            return self._pull(state, hand, yaw, rng)
+            return self._pull(state, hand, rng)
         # Fingers close along x: handle and hook of the tool are beside the cube.
         turn = heading(cube) + np.pi / 2 * round((np.pi / 2 - heading(cube)) / (np.pi / 2))
         turn -= np.pi if turn > np.pi / 2 + 0.3 else 0.0
         grip = point(cube) + np.array([0.0, 0.0, 0.004])
-        way = take(hand, yaw, grip, turn, TRAVEL_M, rng)
-        held, over = replace(hand, pos=way[-1].pos), point(state.objects["pot"])
-        return [*way, *put(held, turn, at_height(over, 0.1), 0.0, TRAVEL_M, rng, opening_m=0.035)]
+        way = take(hand, grip, turn, TRAVEL_M, rng)
+        over = at_height(point(state.objects["pot"]), 0.1)
+        return [*way, *put(hand.after(way), over, 0.0, TRAVEL_M, rng, opening_m=0.035)]
 
-    def _pull(self, state: State, hand: Hand, yaw: float, rng: np.random.Generator) -> list[Waypoint]:
+    def _pull(self, state: State, hand: Hand, rng: np.random.Generator) -> list[Waypoint]:
         """Returns the way that takes the tool, sets its hook behind the cube, pulls, and frees the cube."""
         tool, cube = state.objects["tool"], point(state.objects["cube"])
         grip = point_on(tool, (GRIP_M, 0.0, 0.008))[0].numpy().copy()
         turn = grasp_yaw(heading(tool), np.pi)
-        way = take(hand, yaw, grip, turn, TRAVEL_M, rng)
+        way = take(hand, grip, turn, TRAVEL_M, rng)
         x = cube[0] + CUBE_HALF_M[1] + BEHIND_M + HOOK_HALF_M - HOOK_X_M + GRIP_M
         down = np.array([x, cube[1] - BESIDE_M, grip[2] + 0.001])
-        lower = put(replace(hand, pos=way[-1].pos), turn, down, 0.0, TRAVEL_M, rng)[:-2]
+        lower = put(hand.after(way), down, 0.0, TRAVEL_M, rng)[:-2]
         near = down - np.array([PULL_M, 0.0, 0.0])
         free, shut, wide = near + np.array([FREE_M, 0.0, 0.0]), GRASP_CLOSED_M, GRASP_OPEN_M
         pulls = replace(hand.to(near, 0.0, shut, hold_s=0.1), duration_s=0.4 + PULL_M / PUSH_M_S)
