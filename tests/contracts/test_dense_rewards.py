@@ -8,6 +8,7 @@ from envs.core.errors import ConfigError, MissingExtraError
 from envs.spec import EnvSpec
 from envs.state import State
 from envs.tasks import TASKS
+from tests.robot_files import needs_files_of_task
 
 LEARNED_BY_REWARD = (
     "PickCube",
@@ -53,6 +54,7 @@ PAIRS = [
 
 
 def made(name, simulator):
+    needs_files_of_task(name)
     try:
         return EnvSpec(task=name, simulator=simulator).make_torch(
             NUM_ENVS,
