@@ -17,8 +17,7 @@ from typing import Any
 import gymnasium as gym
 import mani_skill.envs  # pyright: ignore[reportMissingImports]  # noqa: F401
 import numpy as np
-import sapien.render  # pyright: ignore[reportMissingImports]
-import sapien.wrapper.urdf_loader  # pyright: ignore[reportMissingImports]
+from maniskill_unseen import without_materials  # beside this file, which is run by its path
 
 FILE = Path(__file__).resolve().parents[2] / "tests" / "envs" / "tasks" / "maniskill_motion.json"
 UP = {
@@ -28,23 +27,9 @@ UP = {
 REPEAT, UP_ACTIONS, ACTIONS = 5, 3, 10
 
 
-class _Unseen:
-    """Stands for materials where SAPIEN finds no renderer."""
-
-    def __init__(self, *_: Any, **__: Any) -> None:
-        pass
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        return lambda *_, **__: None
-
-
 def main() -> None:
     """Runs the motions and writes the file."""
-    for module in (sapien.render, sapien.pysapien.render, sapien.wrapper.urdf_loader):
-        for name in ("RenderMaterial", "RenderTexture2D"):
-            setattr(module, name, _Unseen)
+    without_materials()
     motions = json.loads(FILE.read_text()) if FILE.is_file() else {}
     for mode, up in UP.items():
         actions = motions.get(mode, {}).get("actions") or _drawn(up)

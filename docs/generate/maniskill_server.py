@@ -12,32 +12,17 @@ from typing import Any
 import gymnasium as gym
 import mani_skill.envs  # pyright: ignore[reportMissingImports]  # noqa: F401
 import numpy as np
-import sapien.render  # pyright: ignore[reportMissingImports]
-import sapien.wrapper.urdf_loader  # pyright: ignore[reportMissingImports]
 from mani_skill.envs.tasks.tabletop import push_t  # pyright: ignore[reportMissingImports]
 from mani_skill.utils.wrappers.flatten import FlattenActionSpaceWrapper  # pyright: ignore[reportMissingImports]
 from mani_skill.utils.wrappers.record import RecordEpisode  # pyright: ignore[reportMissingImports]
+from maniskill_unseen import without_materials  # beside this file, which is run by its path
 
 MARK = "@@"
 
 
-class _Unseen:
-    """Stands for materials where SAPIEN finds no renderer."""
-
-    def __init__(self, *_: Any, **__: Any) -> None:
-        pass
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        return lambda *_, **__: None
-
-
 def main(env_id: str, folder: str) -> None:
     """Answers requests until the input ends."""
-    for module in (sapien.render, sapien.pysapien.render, sapien.wrapper.urdf_loader):
-        for name in ("RenderMaterial", "RenderTexture2D"):
-            setattr(module, name, _Unseen)
+    without_materials()
     push_t.WhiteTableSceneBuilder.build = push_t.TableSceneBuilder.build  # a white table needs a renderer
     env: Any = gym.make(
         env_id,
