@@ -68,7 +68,8 @@ class PixelEncoder(nn.Module):
     As in ManiSkill 3's PPO for images (``examples/baselines/ppo/ppo_rgb.py``, Apache-2.0): the images of all
     cameras are channels of one, 32, 64 and 64 channels with kernels of 8, 4 and 3 and strides of 4, 2 and 1
     (Mnih et al. 2015, doi:10.1038/nature14236), and 256 features of the images beside 256 of the state. Here
-    the state is normalized, and several frames are seen side by side.
+    the state is normalized, pixels are from -0.5 to 0.5, or the first gradients would move all weights of a
+    channel alike and leave it dead, and several frames are seen side by side.
 
     Shapes: F frames, C = 3 × cameras channels of a frame, P pixels a side, S numbers of the state.
 
@@ -105,7 +106,7 @@ class PixelEncoder(nn.Module):
     def forward(self, seen: Tensor) -> Tensor:
         """Returns the features (…, 512) of rows of bytes (…, F (C P P + 4 S))."""
         images, state = self._unpacked(seen.flatten(0, -2))
-        features = (self.images(images.float().div_(255.0)), self.state(self.norm(state)))
+        features = (self.images(images.float().div_(255.0).sub_(0.5)), self.state(self.norm(state)))
         return torch.cat(features, dim=-1).unflatten(0, seen.shape[:-1])
 
     def update(self, seen: Tensor) -> None:

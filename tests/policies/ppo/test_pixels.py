@@ -87,7 +87,7 @@ def test_features_are_those_of_each_row_and_the_state_alone_is_normalized() -> N
     features = encoder(rows)
     assert features.shape == (6, encoder.size) == (6, 512)
     torch.testing.assert_close(features[:, 256:], encoder.state(encoder.norm(state)))
-    torch.testing.assert_close(features[:, :256], encoder.images(images / 255.0))
+    torch.testing.assert_close(features[:, :256], encoder.images(images / 255.0 - 0.5))
     torch.testing.assert_close(encoder(rows.unflatten(0, (2, 3))), features.unflatten(0, (2, 3)))
 
 
