@@ -34,8 +34,9 @@ class PpoConfig:
         entropy_coef: Weight of the entropy.
         schedule: ``adaptive`` raises and lowers the learning rate so that the updates of a rollout change the
             policy by about ``desired_kl`` (rsl_rl after every gradient step, the others after every rollout),
-            ``fixed`` keeps it, as images need: while the first policy hardly moves, ``adaptive`` raises it
-            to 0.01, at which no unit of their encoder is left alive.
+            ``fixed`` keeps it, and ``linear`` lowers it evenly to 0 at the end of the run. Images need one of
+            the last two: while the first policy hardly moves, ``adaptive`` raises it to 0.01, at which no
+            unit of their encoder is left alive.
         desired_kl: Mean Kullback-Leibler divergence of new from old policy, nats.
         hidden_dims: Widths of the hidden layers of policy and value.
         activation: Between the layers: ``elu``, ``tanh`` or ``relu``.
@@ -62,7 +63,7 @@ class PpoConfig:
     clip: float = 0.2
     value_coef: float = 0.5
     entropy_coef: float = 0.0
-    schedule: Literal["adaptive", "fixed"] = "adaptive"
+    schedule: Literal["adaptive", "fixed", "linear"] = "adaptive"
     desired_kl: float = 0.016
     hidden_dims: tuple[int, ...] = (256, 256, 256)
     activation: Literal["elu", "tanh", "relu"] = "elu"

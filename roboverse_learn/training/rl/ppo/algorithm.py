@@ -132,13 +132,18 @@ class PpoAlgorithm(ABC):
                 self.lr = max(MIN_LR, self.lr / LR_FACTOR)
             elif 0.0 < moved < 0.5 * self.config.desired_kl:
                 self.lr = min(MAX_LR, self.lr * LR_FACTOR)
-            for group in self.optimizer.param_groups:
-                group["lr"] = self.lr
+            self._use_lr()
         return moved
 
     def set_progress(self, fraction: float) -> None:
-        """Hears how much of the run is done; PPO has no schedule over it."""
-        del fraction
+        """Hears how much of the run is done, from 0 to 1, which ``schedule=linear`` follows."""
+        if self.config.schedule == "linear":
+            self.lr = self.train.lr * (1.0 - fraction)
+            self._use_lr()
+
+    def _use_lr(self) -> None:
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.lr
 
     def may_stop(self) -> bool:
         """Whether no rollout is under way, which a checkpoint would lose."""
@@ -157,8 +162,7 @@ class PpoAlgorithm(ABC):
         self.critic.load_state_dict(checkpoint.part(tensors, "critic"))
         checkpoint.load_moments(self.optimizer, tensors, "adam")
         self.lr, self.updates = numbers["lr"], numbers["updates"]
-        for group in self.optimizer.param_groups:
-            group["lr"] = self.lr
+        self._use_lr()
 
 
 def initialize(actor: Actor, critic: nn.Sequential) -> None:

@@ -111,7 +111,7 @@ class RslRlPpo(PpoAlgorithm):
             learning_rate=train.lr,
             max_grad_norm=train.grad_clip or float("inf"),
             use_clipped_value_loss=False,
-            schedule=config.schedule,
+            schedule="adaptive" if config.schedule == "adaptive" else "fixed",  # linear is PpoAlgorithm's
             desired_kl=config.desired_kl,
             device=device,
         )

@@ -56,6 +56,15 @@ def test_a_run_leaves_metrics_curves_and_a_policy_that_acts(backend, tmp_path):
     assert not list(tmp_path.rglob("*.pt"))
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_linear_rate_falls_evenly_to_the_end_of_the_run(backend, tmp_path):
+    config, train = config_of(backend, schedule="linear"), optimization(lr=1e-3)
+    learner.train(config, Reach(8), train, tmp_path, "Reach")
+    # 24, 56 and 88 of 96 steps are over at the last step before each of the three updates.
+    rates = [row["lr"] for row in read_metrics(tmp_path)]
+    assert rates == pytest.approx([1e-3 * 72 / 96, 1e-3 * 40 / 96, 1e-3 * 8 / 96])
+
+
 def test_nothing_is_left_outside_the_run_folder(tmp_path, monkeypatch):
     temporary, folder = tmp_path / "temporary", tmp_path / "run"
     temporary.mkdir()

@@ -19,14 +19,15 @@ from tests.roboverse_learn.training.rl.ppo.reach import Reach
 EQUAL = {"num_steps": 16, "schedule": "fixed", "hidden_dims": (32, 32), "gamma": 0.97, "lam": 0.95}
 
 
-def first_update(backend: str, **changes) -> dict[str, torch.Tensor]:
-    """Returns how far the weights move in one gradient step on the same rollout."""
+def first_update(backend: str, done: float = 0.0, **changes) -> dict[str, torch.Tensor]:
+    """Returns how far the weights move in one gradient step on the same rollout, a share of the run done."""
     values = EQUAL | {"num_envs": 32, "num_epochs": 1, "num_minibatches": 1} | changes
     env, config = Reach(32), PpoConfig(backend=backend, **values)
     torch.manual_seed(0)
     policy = PpoPolicy(config, {OBSERVATION: 4}, 2)
     algorithm = learner.make_algorithm(policy, env, TrainConfig(lr=1e-3, grad_clip=0.0))
     before = {key: value.clone() for key, value in policy.state_dict().items()}
+    algorithm.set_progress(done)
     observation, first = env.reset(), torch.ones(32, dtype=torch.bool)
     torch.manual_seed(1)
     for _ in range(16):
@@ -47,6 +48,14 @@ def test_the_first_gradient_step_is_the_same(backend):
         # Adam's first step is the sign of the gradient: where that is near 0, rounding decides.
         same = torch.isclose(ours[key], change, rtol=1e-2, atol=1e-6).float().mean()
         assert same > 0.98, key
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_linear_rate_makes_a_gradient_step_as_much_smaller(backend):
+    whole = first_update(backend)
+    quarter = first_update(backend, done=0.75, schedule="linear")
+    for key, change in whole.items():
+        torch.testing.assert_close(quarter[key], change / 4, rtol=1e-3, atol=1e-8)
 
 
 @pytest.mark.long
