@@ -105,6 +105,15 @@ ASSETS.add(
     summary="HumanoidBench's H1 with two Shadow hands",
 )
 
+_OF_XARM_GRIPPER = (
+    "base_link",
+    *(
+        f"{side}_{part}"
+        for side in ("left", "right")
+        for part in ("finger", "inner_knuckle", "outer_knuckle")
+    ),
+)
+
 ASSETS.add(
     "xarm7",
     AssetFolder(
@@ -116,9 +125,25 @@ ASSETS.add(
         size_mb=2.1,
         licence="BSD-3-Clause",
         licence_file="LICENSE",
-        used_by="robot=xarm7 and robot=xarm7_2f85",
+        used_by="robot=xarm7, xarm7_2f85 and xarm7_xarm_gripper",
     ),
     summary="the meshes of UFACTORY's xArm7",
+)
+
+ASSETS.add(
+    "xarm_gripper",
+    AssetFolder(
+        repository="https://github.com/xArm-Developer/xarm_ros2",
+        commit="5109131e7870c7d6e1075042d531e659d072cdb0",
+        paths=("xarm_description/meshes/gripper/xarm",),
+        needs=tuple(f"xarm_description/meshes/gripper/xarm/{part}.stl" for part in _OF_XARM_GRIPPER),
+        sha256="b451039ac1d5bd64c0b66531af5f841a0332172ff95e1768baeacc67e6f70e5a",
+        size_mb=2.5,
+        licence="BSD-3-Clause",
+        licence_file="LICENSE",
+        used_by="robot=xarm7_xarm_gripper, beside the folder xarm7",
+    ),
+    summary="the meshes of UFACTORY's xArm Gripper",
 )
 
 

@@ -1,7 +1,7 @@
 """Robots: one file each, constants with their sources, no logic.
 
-Arms of :data:`ARMS` carry the Franka hand, and as ``<arm>_<gripper>`` each of :data:`GRIPPERS`. A
-further arm or gripper is one row.
+Arms of :data:`ARMS` carry the Franka hand, and as ``<arm>_<gripper>`` the Robotiq 2F-85 and the gripper that
+their maker sells with them. A further arm or gripper is one row.
 """
 
 from typing import NamedTuple
@@ -11,32 +11,53 @@ from envs.scenario import GripperCfg, RobotCfg
 
 ROBOTS: Registry[RobotCfg] = Registry("robot", group="roboverse.robots")
 GRIPPERS: Registry[GripperCfg] = Registry("gripper")
-GRIPPERS.add("2f85", "envs.robots.robotiq_2f85:ROBOTIQ_2F85", summary="the Robotiq 2F-85")
+ANY_ARM = "any arm"
+"""Tag of grippers that every arm is listed with; the others are some arm's ``own``."""
+
+GRIPPERS.add("2f85", "envs.robots.robotiq_2f85:ROBOTIQ_2F85", tags={ANY_ARM}, summary="the Robotiq 2F-85")
+GRIPPERS.add(
+    "rethink",
+    "envs.robots.rethink_gripper:RETHINK_GRIPPER",
+    summary="its maker's parallel gripper",
+)
+GRIPPERS.add(
+    "three_finger",
+    "envs.robots.jaco_three_finger:JACO_THREE_FINGER",
+    summary="its maker's gripper of three fingers",
+)
+GRIPPERS.add(
+    "xarm_gripper",
+    "envs.robots.xarm_gripper:XARM_GRIPPER",
+    summary="its maker's gripper (roboverse assets get xarm_gripper)",
+)
 
 
 class _Arm(NamedTuple):
-    """An arm: its name with the Franka hand, its target, and what it is."""
+    """An arm: its name with the Franka hand, its target, what it is, and the gripper of its maker."""
 
     name: str
     target: str
     summary: str
+    own: str = ""
 
 
 ARMS = {
     "franka": _Arm("franka", "franka:FRANKA", "Franka Emika Panda, 7 joints"),
     "iiwa": _Arm("iiwa", "robosuite_arms:IIWA", "KUKA LBR iiwa 14, 7 joints"),
     "ur5e": _Arm("ur5e", "robosuite_arms:UR5E", "Universal Robots UR5e, 6 joints"),
-    "sawyer": _Arm("sawyer_panda", "robosuite_arms:SAWYER_PANDA", "Rethink Sawyer, 7 joints"),
+    "sawyer": _Arm("sawyer_panda", "robosuite_arms:SAWYER_PANDA", "Rethink Sawyer, 7 joints", "rethink"),
     "kinova3": _Arm("kinova3", "robosuite_arms:KINOVA3", "Kinova Gen3, 7 joints"),
-    "xarm7": _Arm("xarm7", "xarm7:XARM7", "UFACTORY xArm7 (roboverse assets get xarm7), 7 joints"),
-    "jaco": _Arm("jaco", "robosuite_arms:JACO", "Kinova Jaco, 7 joints"),
+    "xarm7": _Arm(
+        "xarm7", "xarm7:XARM7", "UFACTORY xArm7 (roboverse assets get xarm7), 7 joints", "xarm_gripper"
+    ),
+    "jaco": _Arm("jaco", "robosuite_arms:JACO", "Kinova Jaco, 7 joints", "three_finger"),
 }
 """Arms that take any gripper."""
 
 for _name, _arm in ARMS.items():
     _hand = f"{_arm.summary}, with the Franka hand"
     ROBOTS.add(_arm.name, f"envs.robots.{_arm.target}", tags={"arm"}, summary=_hand)
-    for _gripper in GRIPPERS:
+    for _gripper in (*GRIPPERS.names(ANY_ARM), *([_arm.own] if _arm.own else [])):
         ROBOTS.add(
             f"{_name}_{_gripper}",
             f"envs.robots.with_grippers:{_name.upper()}_{_gripper.upper()}",

@@ -16,7 +16,7 @@ _TIMESTEP_S = 0.002
 
 @cache
 def __getattr__(name: str) -> RobotCfg:
-    arm, _, gripper = name.lower().rpartition("_")
+    arm, _, gripper = name.lower().partition("_")
     if arm not in ARMS or gripper not in GRIPPERS:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
     bare = ROBOTS.get(ARMS[arm].name)

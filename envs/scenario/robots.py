@@ -145,6 +145,7 @@ class GripperCfg:
         gripper_joints: Names of those that a command opens and closes.
         range: Closed and open position of each of them; see :class:`RobotCfg`.
         opening_m: Distance between the fingertips when open, m; see :class:`RobotCfg`.
+        closed_m: Distance between the fingertips when closed, m.
     """
 
     mjcf: AssetRef
@@ -154,6 +155,7 @@ class GripperCfg:
     gripper_joints: tuple[str, ...]
     range: tuple[tuple[float, float], ...] = ()
     opening_m: float | None = None
+    closed_m: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -175,6 +177,7 @@ class RobotCfg:
             ranges, the lower one closed.
         gripper_opening_m: Distance between the fingertips when open, m; None is the sum of the strokes of
             fingers that slide.
+        gripper_closed_m: Distance between the fingertips when closed, m.
         camera_mount: Body that carries the wrist camera; None is ``gripper_mount``.
         hollow_meshes: Whether the file's meshes are surfaces without a volume, which MuJoCo refuses unless
             this is set; masses are the file's all the same.
@@ -204,6 +207,7 @@ class RobotCfg:
     gripper_joints: tuple[str, ...] = ()
     gripper_range: tuple[tuple[float, float], ...] = ()
     gripper_opening_m: float | None = None
+    gripper_closed_m: float = 0.0
     camera_mount: str | None = None
     hollow_meshes: bool = False
     apart: tuple[tuple[str, str], ...] = ()
@@ -263,11 +267,12 @@ class RobotCfg:
 
         Args:
             half_gap_m: Half the distance between the fingertips, m, (...); what is wider than the gripper
-                opens is its opening.
+                opens is its opening, and what is narrower than it closes is its closed position.
         """
         if not self.gripper_joints:
             return np.zeros((*np.shape(half_gap_m), 0))
-        share = np.clip(2.0 * np.asarray(half_gap_m) / self.opening_m, 0.0, 1.0)[..., None]
+        stroke = self.opening_m - self.gripper_closed_m
+        share = np.clip((2.0 * np.asarray(half_gap_m) - self.gripper_closed_m) / stroke, 0.0, 1.0)[..., None]
         shut, wide = np.array(self.finger_limits).T
         return shut + share * (wide - shut)
 
@@ -294,4 +299,5 @@ class RobotCfg:
             gripper_joints=gripper.gripper_joints,
             gripper_range=gripper.range,
             gripper_opening_m=gripper.opening_m,
+            gripper_closed_m=gripper.closed_m,
         )

@@ -244,7 +244,8 @@ def _placed(robot: RobotCfg, own: RobotCfg, arm: np.ndarray, move: tuple[float, 
     qpos[list(robot.arm)] = np.round(arm, 6) + 0.0  # no -0.0
     own_open = np.array([own.joints[index].default for index in own.fingers])
     shut, wide = np.array(own.finger_limits).T
-    half_gap = float(np.mean((own_open - shut) / (wide - shut))) * own.opening_m / 2
+    share = float(np.mean((own_open - shut) / (wide - shut)))
+    half_gap = (share * (own.opening_m - own.gripper_closed_m) + own.gripper_closed_m) / 2
     qpos[list(robot.fingers)] = robot.finger_positions(half_gap)
     return replace(robot, pos=(pos[0], pos[1], pos[2])).with_home([float(value) for value in qpos])
 

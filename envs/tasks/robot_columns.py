@@ -18,6 +18,7 @@ class RobotColumns:
         finger_targets: Columns of the gripper's among the targets.
         shut: Position of each of the gripper's joints when closed.
         metres: Distance between the fingertips per unit of each of these joints.
+        closed_m: Distance between the fingertips when closed, m.
     """
 
     arm: slice | list[int]
@@ -26,6 +27,7 @@ class RobotColumns:
     finger_targets: tuple[int, ...]
     shut: tuple[float, ...]
     metres: tuple[float, ...]
+    closed_m: float
 
     def gap(self, values: Any, columns: Sequence[int]) -> Any:
         """Returns the distance between the fingertips (N,), m, of positions or targets (N, D)."""
@@ -36,7 +38,7 @@ class RobotColumns:
         total = next(parts)
         for part in parts:
             total = total + part
-        return total
+        return total + self.closed_m if self.closed_m else total
 
 
 _KNOWN: dict[int, tuple[RobotCfg, RobotColumns]] = {}
@@ -57,7 +59,7 @@ def columns_of(robot: RobotCfg) -> RobotColumns:
 
 def _columns_of(robot: RobotCfg) -> RobotColumns:
     driven, fingers, limits = list(robot.driven), robot.fingers, robot.finger_limits
-    share = robot.opening_m / max(1, len(fingers))
+    share = (robot.opening_m - robot.gripper_closed_m) / max(1, len(fingers))
     return RobotColumns(
         arm=_as_slice(robot.arm),
         arm_targets=_as_slice([driven.index(column) for column in robot.arm]),
@@ -65,6 +67,7 @@ def _columns_of(robot: RobotCfg) -> RobotColumns:
         finger_targets=tuple(driven.index(column) for column in fingers),
         shut=tuple(shut for shut, _ in limits),
         metres=tuple(share / (wide - shut) for shut, wide in limits),
+        closed_m=robot.gripper_closed_m,
     )
 
 

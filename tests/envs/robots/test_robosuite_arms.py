@@ -18,10 +18,12 @@ from tests.sweeps import sweep
 ARMS = ("iiwa", "ur5e", "sawyer_panda", "kinova3", "xarm7", "jaco")
 LIGHT = tuple(f"{arm}_2f85" for arm in ("franka", "iiwa", "ur5e", "sawyer", "kinova3", "xarm7", "jaco"))
 """A gripper without the inertia of robosuite's Franka hand."""
+OWN = ("sawyer_rethink", "xarm7_xarm_gripper", "jaco_three_finger")
+"""With the gripper of the arm's maker."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sweep([*ARMS, *LIGHT], [*ARMS, "iiwa_2f85"]))
+@pytest.mark.parametrize("name", sweep([*ARMS, *LIGHT, *OWN], [*ARMS, "iiwa_2f85", "jaco_three_finger"]))
 def test_an_arm_comes_to_rest_after_a_jump_of_its_targets(name):
     """A wrist whose motors turn their whole force round in every step would chatter for ever."""
     needs_files_of(name)

@@ -2,70 +2,26 @@
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 
 from envs.core.errors import SimulatorError
-from envs.mjcf.layout import layout_of
-from envs.mjcf.model import build_model
 from envs.robots import ARMS, GRIPPERS, ROBOTS, with_grippers
 from envs.robots.franka import FRANKA
 from envs.robots.panda_hand import PANDA_HAND
 from envs.robots.robotiq_2f85 import ROBOTIQ_2F85
-from envs.scenario import GeomCfg, ObjectCfg, ScenarioCfg
+from envs.scenario import ScenarioCfg
 from envs.simulators import HANDLERS
 from envs.tasks.make import make_task
 from envs.tasks.tabletop import CONTROL_20_HZ
+from tests.gripping_hand import GrippingHand
 
 ROBOT = ROBOTS.get("ur5e_2f85")
 LEADER = ROBOT.fingers[0]
 
 
-class Hand:
-    """The gripper on its arm, and perhaps a cube between the fingertips."""
-
-    def __init__(self, cube_m=None):
-        cube = [] if cube_m is None else [self._cube(cube_m)]
-        scene = ScenarioCfg(
-            robots=(ROBOT,), objects=tuple(cube), table=None, room=None, physics=CONTROL_20_HZ
-        )
-        self.model = build_model(scene)
-        self.model.opt.gravity[:] = 0.0
-        self.data = mujoco.MjData(self.model)
-        self.layout = layout_of(self.model, scene).robots[0]
-        self.data.qpos[self.layout.qpos] = ROBOT.default_qpos
-        rest = np.array([joint.default for joint in ROBOT.joints])
-        self.data.ctrl[self.layout.ctrl] = rest[list(ROBOT.driven)]
-        mujoco.mj_forward(self.model, self.data)
-        self.tips = [geom for geom in range(self.model.ngeom) if self.model.geom_contype[geom] == 2]
-        if cube:
-            first = int(self.model.jnt_qposadr[self.model.body("cube").jntadr[0]])
-            site, turn = self.data.site(self.layout.ee_site), np.empty(4)
-            mujoco.mju_mat2Quat(turn, site.xmat)
-            behind = 0.01 * site.xmat.reshape(3, 3)[:, 2]
-            self.data.qpos[first : first + 7] = [*(site.xpos - behind), *turn]
-
-    @staticmethod
-    def _cube(edge_m):
-        return ObjectCfg(name="cube", geoms=(GeomCfg(shape="box", size=(edge_m / 2,) * 3, mass_kg=0.1),))
-
-    def close(self, seconds, target=0.8):
-        self.data.ctrl[self.layout.ctrl[list(ROBOT.driven).index(LEADER)]] = target
-        mujoco.mj_step(self.model, self.data, round(seconds / self.model.opt.timestep))
-
-    @property
-    def gap_m(self):
-        mujoco.mj_kinematics(self.model, self.data)
-        return mujoco.mj_geomDistance(self.model, self.data, *self.tips, 1.0, None)
-
-    @property
-    def joints(self):
-        return self.data.qpos[self.layout.qpos]
-
-
 def test_it_opens_to_85_mm_and_closes_at_150_mm_per_second():
-    hand = Hand()
+    hand = GrippingHand(ROBOT)
     assert hand.gap_m == pytest.approx(ROBOT.opening_m, abs=0.001)
     hand.close(0.2)
     before = hand.gap_m
@@ -77,9 +33,9 @@ def test_it_opens_to_85_mm_and_closes_at_150_mm_per_second():
 
 
 def test_the_loops_stay_closed_and_the_fingertips_parallel():
-    hand = Hand()
+    hand = GrippingHand(ROBOT)
     for target in (0.3, 0.8, 0.0):
-        hand.close(1.0, target)
+        hand.move(1.0, target)
         for index, joint in enumerate(ROBOT.joints):
             if joint.follows is not None:
                 assert hand.joints[index] == pytest.approx(joint.follows[1] * hand.joints[LEADER], abs=1e-3)
@@ -88,17 +44,10 @@ def test_the_loops_stay_closed_and_the_fingertips_parallel():
 
 
 def test_it_presses_a_cube_with_what_the_motor_gives():
-    hand = Hand(cube_m=0.04)
+    hand = GrippingHand(ROBOT, cube_m=0.04)
     hand.close(1.0)
     assert hand.gap_m == pytest.approx(0.04, abs=0.001)
-    presses = []
-    for tip in hand.tips:
-        force, total = np.zeros(6), 0.0
-        for index, pair in enumerate(hand.data.contact.geom):
-            if tip in pair:
-                mujoco.mj_contactForce(hand.model, hand.data, index, force)
-                total += force[0]
-        presses.append(total)
+    presses = hand.presses()
     assert presses == pytest.approx([46.0, 46.0], rel=0.1)
     assert 20.0 <= min(presses) <= max(presses) <= 235.0, "the data sheet's range"
     for index, joint in enumerate(ROBOT.joints):  # the grip does not bend the ties
@@ -107,14 +56,22 @@ def test_it_presses_a_cube_with_what_the_motor_gives():
 
 
 def test_every_arm_takes_every_gripper():
-    for arm, (own, *_) in ARMS.items():
+    for arm in ARMS:
         for gripper in GRIPPERS:
-            robot = ROBOTS.get(f"{arm}_{gripper}")
-            assert robot.name == f"{arm}_{gripper}" and robot.arm == ROBOTS.get(own).arm
+            robot = getattr(with_grippers, f"{arm}_{gripper}".upper())
+            assert robot.name == f"{arm}_{gripper}" and robot.arm == ROBOTS.get(ARMS[arm].name).arm
             assert robot.gripper_joints == GRIPPERS.get(gripper).gripper_joints
-            assert GRIPPERS.entry(gripper).summary in ROBOTS.entry(robot.name).summary
     with pytest.raises(AttributeError, match="no attribute 'UR5E_TONGS'"):
         _ = with_grippers.UR5E_TONGS
+
+
+def test_an_arm_is_listed_with_the_2f85_and_with_the_gripper_of_its_maker():
+    listed = {(arm, gripper) for arm in ARMS for gripper in GRIPPERS if f"{arm}_{gripper}" in ROBOTS}
+    own = {("sawyer", "rethink"), ("jaco", "three_finger"), ("xarm7", "xarm_gripper")}
+    assert listed == {(arm, "2f85") for arm in ARMS} | own
+    for arm, gripper in listed:
+        assert ROBOTS.get(f"{arm}_{gripper}").name == f"{arm}_{gripper}"
+        assert GRIPPERS.entry(gripper).summary in ROBOTS.entry(f"{arm}_{gripper}").summary
 
 
 def test_a_gripper_is_exchanged_for_another_and_back():

@@ -65,6 +65,16 @@ def test_gaps_are_measured_in_metres_for_every_gripper():
     assert grips_something(hinged, 0.03, HINGED).item()
 
 
+def test_gaps_of_fingertips_that_do_not_meet_begin_where_they_close():
+    blunt = replace(HINGED, name="blunt", gripper_closed_m=0.015)
+    assert blunt.finger_positions(0.0075).tolist() == [0.8, 0.8]
+    assert blunt.finger_positions(0.0).tolist() == [0.8, 0.8], "narrower than it closes"
+    np.testing.assert_allclose(blunt.finger_positions(0.025), [0.4, 0.4])
+    robot = state([0.0] * 7 + [0.4, 0.4, 0.4], [0.0] * 7 + [0.8, 0.8])
+    assert finger_gap(robot, blunt).item() == pytest.approx(0.05)
+    assert target_gap(robot, blunt).item() == pytest.approx(0.015)
+
+
 def test_speed_of_an_arm_ignores_its_fingers():
     speeds = [0.1] * 6 + [5.0, 5.0]
     ur5e = ROBOTS.get("ur5e")
