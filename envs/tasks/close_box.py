@@ -24,6 +24,7 @@ from envs.scenario import GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg, Quat, Rob
 from envs.state import EntityState, State
 from envs.tasks.base import Task
 from envs.tasks.parameters import interval, parameter
+from envs.tasks.skills.joints import along_joint
 from envs.tasks.tabletop import (
     CONTROL_20_HZ,
     FRONT_CAMERA,
@@ -235,9 +236,13 @@ class CloseBox(Task):
                 duration_s=pace * duration_s,
             )
 
-        way = [at(start - 0.4, 0.12, grip + 0.08, 1.3), at(start, 0.04, grip, 0.9)]
-        way += [at(angle, 0.0, grip, 0.4) for angle in np.linspace(start, FALLING_RAD, 5).tolist()]
-        return [*way, at(FALLING_RAD + 0.2, 0.05, grip + 0.1, 0.5)]
+        return [
+            at(start - 0.4, 0.12, grip + 0.08, 1.3),
+            at(start, 0.04, grip, 0.9),
+            at(start, 0.0, grip, 0.4),
+            *along_joint(lambda angle: at(angle, 0.0, grip, 0.4), start, FALLING_RAD, 4),
+            at(FALLING_RAD + 0.2, 0.05, grip + 0.1, 0.5),
+        ]
 
 
 def _heading(rot: np.ndarray) -> float:

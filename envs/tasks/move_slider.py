@@ -36,9 +36,9 @@ from envs.tasks.calvin_table import (
     scaled,
 )
 from envs.tasks.parameters import interval, parameter
+from envs.tasks.skills.from_above import grasp, slide
 from envs.tasks.tabletop import (
     CONTROL_20_HZ,
-    GRASP_CLOSED_M,
     GRASP_OPEN_M,
     TABLETOP_LOOKS,
     distance,
@@ -200,17 +200,10 @@ class MoveSliderLeft(Task):
         travel = self.success_travel_m or SUCCESS_TRAVEL_M["calvin"]
         way = travel + rng.uniform(0.04, 0.08) - float(table.joint_pos[0, 0])
 
-        def at(pos: np.ndarray, gripper: float, duration_s: float, hold_s: float = 0.0) -> Waypoint:
-            return Waypoint(
-                pos=pos, yaw=0.0, roll=tilt, gripper=gripper, duration_s=pace * duration_s, hold_s=hold_s
-            )
-
-        return [
-            at(point - rng.uniform(0.07, 0.1) * towards, GRASP_OPEN_M, 0.9),
-            at(point, GRASP_OPEN_M, 0.5),
-            at(point, GRASP_CLOSED_M, 0.2, hold_s=0.1),
-            at(point + way * left, GRASP_CLOSED_M, 1.3, hold_s=0.3),
-        ]
+        before = point - rng.uniform(0.07, 0.1) * towards
+        come = Waypoint(pos=before, yaw=0.0, roll=tilt, gripper=GRASP_OPEN_M, duration_s=pace * 0.9)
+        taken = grasp(come, point, None, down_s=pace * 0.5, settle_s=0.0, close_s=pace * 0.2, hold_s=0.1)
+        return [*taken, *slide(taken[-1], (point + way * left,), (pace * 1.3,), hold_s=0.3)]
 
     @property
     def _travel_m(self) -> float:

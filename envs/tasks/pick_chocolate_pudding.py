@@ -32,6 +32,7 @@ from envs.state import EntityState, State
 from envs.tasks.base import Task
 from envs.tasks.libero_objects import GROCERIES, INIT_STATES, libero_root, read_init_states
 from envs.tasks.parameters import parameter
+from envs.tasks.skills.from_above import grasp
 from envs.tasks.tabletop import (
     CONTROL_20_HZ,
     FRONT_CAMERA,
@@ -244,20 +245,19 @@ class PickChocolatePudding(Task):
         carry = np.array([*(goal[:2] + rng.normal(0.0, miss(rng), 2)), CARRY_HEIGHT_M])
         lifted = np.array([target[0], target[1], CARRY_HEIGHT_M])
         target = np.array([target[0], target[1], height])
-        path = (
-            # place, yaw, fingers, time to come here, time to wait
-            (near, grip_yaw, hold, 0.4 + 1.6 * self._gap(state, near), 0.0),
-            (above, grip_yaw, hold, 0.3 + 1.6 * float(np.linalg.norm(above - near)), 0.0),
-            (target, grip_yaw, hold, 0.35, 0.1),
-            (target, grip_yaw, grip, 0.25, 0.0),
-            (lifted, grip_yaw, grip, 0.6, 0.0),
-            (carry, 0.0, grip, 0.4 + 1.8 * float(np.linalg.norm(carry - lifted)), 0.0),
-            (goal, 0.0, grip, 0.3 + 1.6 * float(np.linalg.norm(goal - carry)), 0.1),
-            (goal, 0.0, hold, 0.2, 0.8),
-        )
+
+        def at(pos: np.ndarray, yaw: float, gripper: float, time_s: float, hold_s: float = 0.0) -> Waypoint:
+            turn = {"yaw": yaw, "pitch": HOME_TILT_RAD}
+            return Waypoint(pos=pos, gripper=gripper, duration_s=time_s, hold_s=hold_s, **turn)
+
+        over = at(above, grip_yaw, hold, 0.3 + 1.6 * float(np.linalg.norm(above - near)))
         return [
-            Waypoint(pos=pos, yaw=yaw, gripper=fingers, duration_s=time, hold_s=wait, pitch=HOME_TILT_RAD)
-            for pos, yaw, fingers, time, wait in path
+            at(near, grip_yaw, hold, 0.4 + 1.6 * self._gap(state, near)),
+            *grasp(over, target, None, down_s=0.35, close_s=0.25),
+            at(lifted, grip_yaw, grip, 0.6),
+            at(carry, 0.0, grip, 0.4 + 1.8 * float(np.linalg.norm(carry - lifted))),
+            at(goal, 0.0, grip, 0.3 + 1.6 * float(np.linalg.norm(goal - carry)), 0.1),
+            at(goal, 0.0, hold, 0.2, 0.8),
         ]
 
     def _grasp(self, state: State) -> tuple[np.ndarray, float, float]:

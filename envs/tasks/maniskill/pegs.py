@@ -12,13 +12,14 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import Array, concatenate, constant, where
-from envs.kinematics.waypoints import Waypoint, approach, first_miss
+from envs.kinematics.waypoints import Waypoint, first_miss
 from envs.rotations import rotate, yaw_of
 from envs.scenario import CameraCfg, ObjectCfg, Rgba
 from envs.state import EntityState, State
 from envs.tasks.arm_at_table import ArmAtTable, Start, above, heading, point, tip_to_reach, travel_s, way
 from envs.tasks.maniskill.parts import BLUE, CUBE_HALF_SIZE_M, GOAL_Z_M, RED, box, cube, target
-from envs.tasks.skills.from_above import grasp
+from envs.tasks.skills.from_above import grasp, slide
+from envs.tasks.skills.joints import along_joint
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
     GRASP_CLOSED_M,
@@ -153,12 +154,11 @@ class LiftPegUpright(ArmAtTable):
             pos = edge + along * forward + np.array([0.0, 0.0, up])
             return way(pos, turn, gripper, pace * seconds, hold_s, tip)
 
+        over = way(place + noise, turn, hold, 0.8, pitch=tip)
         return [
             *self.rise(state, 0.1),
-            *approach(way(place + noise, turn, hold, 0.8, pitch=tip), rng, 0.03),
-            way(place, turn, hold, 0.4, 0.1, tip),
-            way(place, turn, grip, 0.3, 0.0, tip),
-            *(at(angle, 0.35) for angle in np.linspace(0.0, STEEP_RAD, 6)[1:].tolist()),
+            *grasp(over, place, rng, closed_m=grip, down_s=0.4),
+            *along_joint(lambda angle: at(angle, 0.35), 0.0, STEEP_RAD, 5),
         ]
 
     def _finish(self, state: State, axis: np.ndarray, grip: float) -> list[Waypoint]:
@@ -282,16 +282,16 @@ class PokeCube(ArmAtTable):
         end = above(contact, 0.001) + push
         tip = tip_to_reach(end, self.robot)
         noise = first_miss(rng, (0.06, 0.09))
-        over = above(behind, 0.04) + first_miss(rng, often_m=0.008, seldom_m=0.02)
+        near = above(behind, 0.04) + first_miss(rng, often_m=0.008, seldom_m=0.02)
+        over = way(near, line, grip, travel_s(start, near, 0.5), 0.0, tip)
+        places = (above(behind, 0.001), above(contact, 0.001), end)
         push_s = 0.3 + 5.0 * float(np.linalg.norm(push))
         return [
             *self.rise(state, 0.1),
             *grasp(way(start + noise, turn, GRASP_OPEN_M, 0.8, pitch=tip), start, rng, down_s=0.4),
             way(above(start, 0.04), turn, grip, 0.4, 0.0, tip),
-            way(over, line, grip, travel_s(start, over, 0.5), 0.0, tip),
-            way(above(behind, 0.001), line, grip, 0.5, 0.1, tip),
-            way(above(contact, 0.001), line, grip, 0.3, 0.0, tip),
-            way(end, line, grip, push_s, 0.2, tip),
+            over,
+            *slide(over, places, (0.5, 0.3, push_s), settle_s=0.1, hold_s=0.2),
         ]
 
     def _gap(self, state: State) -> Array:

@@ -26,7 +26,7 @@ from envs.tasks.arm_at_table import (
     way,
 )
 from envs.tasks.maniskill.parts import BLUE, CUBE_HALF_SIZE_M, RED, box, cube
-from envs.tasks.skills.from_above import grasp
+from envs.tasks.skills.from_above import grasp, slide
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
     GRASP_CLOSED_M,
@@ -167,14 +167,16 @@ class PullCubeTool(ArmAtTable):
         over = above(hook, LIFT_M)
         near = over + np.array([*aside, 0.0])
         back = hook - (far - self.near_m + FINAL_M + HOOK_SLACK_M) * ahead
+        come = way(over, line, grip, correction_s(aside) + 0.1, 0.1, tip)
+        pull_s = 0.3 + 4.0 * float(np.linalg.norm(back - hook))
+        places = (above(hook, 0.002), above(back, 0.002))
         return [
             *self.rise(state, 0.12),
             *grasp(way(start + noise, turn, GRASP_OPEN_M, 1.0, pitch=tip), start, rng, 0.02),
             way(above(start, LIFT_M), turn, grip, 0.5, 0.0, tip),
             way(near, line, grip, travel_s(start, near, 0.6), 0.0, tip),
-            way(over, line, grip, correction_s(aside) + 0.1, 0.1, tip),
-            way(above(hook, 0.002), line, grip, 0.6, 0.1, tip),
-            way(above(back, 0.002), line, grip, 0.3 + 4.0 * float(np.linalg.norm(back - hook)), 0.2, tip),
+            come,
+            *slide(come, places, (0.6, pull_s), settle_s=0.1, hold_s=0.2),
         ]
 
     @property

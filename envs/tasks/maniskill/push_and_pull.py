@@ -15,6 +15,7 @@ from envs.scenario import CameraCfg, ObjectCfg
 from envs.state import State
 from envs.tasks.arm_at_table import ArmAtTable, Start, point, way
 from envs.tasks.maniskill.parts import BLUE, CUBE_HALF_SIZE_M, GOAL_Z_M, cube, target
+from envs.tasks.skills.from_above import slide
 from envs.tasks.tabletop import FRONT_CAMERA, GRASP_CLOSED_M, distance, ee_pos, flat_distance, nearness
 
 FINGER_HALF_WIDTH_M = 0.011
@@ -87,13 +88,12 @@ class SlideCube(ArmAtTable):
         noise = first_miss(rng, (0.06, 0.09), often_m=0.015)
         noise[0] = -self.side * abs(noise[0])
         end = np.array([goal[0], item[1], item[2]]) - (touch + 0.6 * self.goal_radius_m) * along
-        push = 0.3 + 4.0 * float(np.linalg.norm(end - behind)) * rng.uniform(0.9, 1.2)
-        shut = GRASP_CLOSED_M
+        push_s = 0.3 + 4.0 * float(np.linalg.norm(end - behind)) * rng.uniform(0.9, 1.2)
+        come = approach(way(behind + noise, 0.0, GRASP_CLOSED_M, 0.8), rng, 0.03)
         return [
             *self.rise(state, 0.08),
-            *approach(way(behind + noise, 0.0, shut, 0.8), rng, 0.03),
-            way(behind, 0.0, shut, 0.5, hold_s=0.1),
-            way(end, 0.0, shut, push, hold_s=0.1),
+            *come,
+            *slide(come[-1], (behind, end), (0.5, push_s), settle_s=0.1),
         ]
 
     def _left(self, state: State) -> Tensor:

@@ -19,6 +19,7 @@ from envs.state import State
 from envs.tasks.arm_at_table import ArmAtTable, Start, heading, point, way
 from envs.tasks.maniskill.parts import GOAL_Z_M
 from envs.tasks.maniskill.tee_pushes import BARS, STICK_ROOM_M, best_push
+from envs.tasks.skills.from_above import slide
 from envs.tasks.tabletop import FRONT_CAMERA, distance, ee_pos, nearness
 
 HALF_THICKNESS_M = 0.02
@@ -157,7 +158,10 @@ class PushT(ArmAtTable):
 
     @override
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
-        """Returns one push; the next one is planned from where the block is then."""
+        """Returns one push; the next one is planned from where the block is then.
+
+        Which push brings the block nearest to its goal is for :mod:`envs.tasks.maniskill.tee_pushes` to say.
+        """
         tee, tip = state.objects["tee"], ee_pos(self.arm(state))[0].numpy()
         push = best_push(point(tee)[:2], heading(tee), np.array(self.goal_m), self.goal_yaw_rad)
         touching = push.point + (STICK_ROOM_M - 0.002) * push.normal
@@ -165,13 +169,12 @@ class PushT(ArmAtTable):
         start = touching + (0.004 + rng.uniform(0.0, 0.004)) * push.normal
         end = touching + push.length_m * push.direction
         up, over = np.array([tip[0], tip[1], TRAVEL_Z_M]), np.array([*start, TRAVEL_Z_M])
-        travel = float(np.linalg.norm(over - up))
+        come = way(over, 0.0, 0.0, 0.2 + 2.0 * float(np.linalg.norm(over - up)), hold_s=0.15)
+        places = [np.array([*place, PUSH_Z_M]) for place in (start, touching, end)]
         return [
             way(up, 0.0, 0.0, 0.1 + 4.0 * abs(TRAVEL_Z_M - float(tip[2]))),
-            way(over, 0.0, 0.0, 0.2 + 2.0 * travel, hold_s=0.15),
-            way(np.array([*start, PUSH_Z_M]), 0.0, 0.0, 0.35),
-            way(np.array([*touching, PUSH_Z_M]), 0.0, 0.0, 0.15),
-            way(np.array([*end, PUSH_Z_M]), 0.0, 0.0, 0.2 + push.length_m / PUSH_M_S, hold_s=0.15),
+            come,
+            *slide(come, places, (0.35, 0.15, 0.2 + push.length_m / PUSH_M_S), hold_s=0.15),
         ]
 
 

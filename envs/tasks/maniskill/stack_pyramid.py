@@ -16,6 +16,7 @@ from envs.scenario import CameraCfg, ObjectCfg
 from envs.state import EntityState, State
 from envs.tasks.arm_at_table import ArmAtTable, Start, above, heading, point, travel_s, way
 from envs.tasks.maniskill.parts import BLUE, CUBE_HALF_SIZE_M, GREEN, RED, cube, is_still
+from envs.tasks.skills.from_above import grasp
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
     GRASP_CLOSED_M,
@@ -173,9 +174,7 @@ class StackPyramid(ArmAtTable):
         return [
             *self.rise(state, 0.1),
             *approach(way(start + noise, yaw, hold, turn_s), rng, DETOUR_M),
-            way(above(start, 0.05), yaw, hold, 0.3),
-            way(start, yaw, hold, 0.4, hold_s=0.1),
-            way(start, yaw, grip, 0.25),
+            *grasp(way(above(start, 0.05), yaw, hold, 0.3), start, None, down_s=0.4, close_s=0.25),
             way(lift, yaw, grip, 0.5),
             way(near, line, grip, travel_s(lift, near) + 0.2 * abs(line - yaw)),
             way(over, line, grip, correction_s(aside) + 0.1, hold_s=0.1),

@@ -22,6 +22,7 @@ from envs.tasks.arms import ArmsAtTable, Hand, downward, facing, pointing
 from envs.tasks.arms_planner import Phase
 from envs.tasks.maniskill.parts import BLUE, CUBE_HALF_SIZE_M, GOAL_Z_M, GREEN, RED, cube, target
 from envs.tasks.robot_columns import columns_of
+from envs.tasks.skills.from_above import grasp
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
     GRASP_CLOSED_M,
@@ -95,11 +96,8 @@ class TwoRobots(ArmsAtTable):
         start, turn = point(item), grasp_yaw(heading(item))
         rot = hand.nearer(pointing((0.0, ahead, -1.0), (np.cos(turn), np.sin(turn), 0.0)))
         noise = first_miss(rng, (0.07, 0.1))
-        return [
-            hand.to(start + noise, rot, GRASP_OPEN_M, travel_s(hand.pos, start + noise, 0.6)),
-            hand.to(start, rot, GRASP_OPEN_M, 0.5, hold_s=0.1),
-            hand.to(start, rot, GRASP_CLOSED_M, 0.25),
-        ]
+        over = hand.to(start + noise, rot, GRASP_OPEN_M, travel_s(hand.pos, start + noise, 0.6))
+        return grasp(over, start, None, close_s=0.25)
 
     def put_down(self, last: Waypoint, place: np.ndarray, height_m: float) -> list[Waypoint]:
         """Returns the way of a held cube to a place, and of the hand back up; nothing is turned.
@@ -209,15 +207,14 @@ class TwoRobotPickCube(TwoRobots):
         place, turn = point(item), grasp_yaw(heading(item))
         if place[1] < -0.06:
             place = np.array([rng.uniform(-0.04, 0.04), rng.uniform(-0.015, 0.015), self.cube_half_size_m])
-            grasp = self.grasp(left, item, rng)
+            taken = self.grasp(left, item, rng)
             ready = [right.to(waits, right.nearer(across), GRASP_OPEN_M, 1.0)]
-            phases.append({left.name: [*grasp, *self.put_down(grasp[-1], place, 0.1)], right.name: ready})
+            phases.append({left.name: [*taken, *self.put_down(taken[-1], place, 0.1)], right.name: ready})
         rot = right.nearer(downward(turn))
         over = above(place, 0.1) + first_miss(rng)
+        come = right.to(over, rot, GRASP_OPEN_M, travel_s(waits, over, 0.6))
         takes = [
-            right.to(over, rot, GRASP_OPEN_M, travel_s(waits, over, 0.6)),
-            right.to(place, rot, GRASP_OPEN_M, 0.6, hold_s=0.1),
-            right.to(place, rot, GRASP_CLOSED_M, 0.25),
+            *grasp(come, place, None, down_s=0.6, close_s=0.25),
             right.to(above(place, 0.03), rot, GRASP_CLOSED_M, 0.3),
             right.to(goal, rot, GRASP_CLOSED_M, travel_s(place, goal, 0.5), hold_s=0.2),
         ]

@@ -18,6 +18,7 @@ from envs.scenario import CameraCfg, GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg
 from envs.state import State
 from envs.tasks.arm_at_table import Start, heading, point
 from envs.tasks.robosuite.scene import TABLE_HEIGHT_M, RobosuiteTask, down, pedestal
+from envs.tasks.skills.joints import along_joint
 from envs.tasks.tabletop import FRONT_CAMERA, GRASP_CLOSED_M, distance, ee_pos, nearness
 
 PLACE_M = (-0.2, -0.35, 0.3)
@@ -182,13 +183,12 @@ class Door(RobosuiteTask):
         # The approach first misses: the next motion demonstrates the correction.
         side, off = rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=0.025)), rng.normal(0.0, 0.006)
         pace = rng.uniform(0.9, 1.1)
-        angles = np.linspace(now, self.open_rad + 0.08, 5)[1:].tolist()
         return [
             *self.rise(state, 0.4),
             *approach(at(now, free + off, 0.12, 1.2, side), rng, 0.01),
             at(now, free, 0.12, 0.4),
             at(now, free, 0.0, 0.6),
-            *(at(angle, pull, 0.0, 0.4 * pace) for angle in angles),
+            *along_joint(lambda angle: at(angle, pull, 0.0, 0.4 * pace), now, self.open_rad + 0.08, 4),
         ]
 
     def _unlock(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
@@ -216,8 +216,8 @@ class Door(RobosuiteTask):
             *approach(dataclasses.replace(over, pos=over.pos + noise), rng, 0.01),
             at(0.0, now, 0.4, 0.04),
             at(0.0, now, 0.4),
-            *(at(handle, now, 0.3 * pace) for handle in np.linspace(0.0, PRESSED_RAD, 6)[1:].tolist()),
-            *(at(PRESSED_RAD, angle, 0.5 * pace) for angle in np.linspace(now, PULLED_RAD, 8)[1:].tolist()),
+            *along_joint(lambda handle: at(handle, now, 0.3 * pace), 0.0, PRESSED_RAD, 5),
+            *along_joint(lambda angle: at(PRESSED_RAD, angle, 0.5 * pace), now, PULLED_RAD, 7),
         ]
 
     def _in_world(self, state: State, local: np.ndarray, angle: float) -> np.ndarray:

@@ -11,6 +11,7 @@ from envs.tasks.arm_at_table import above, point, travel_s
 from envs.tasks.arms import Hand, exchanged, pointing
 from envs.tasks.arms_planner import Phase
 from envs.tasks.robosuite.hammer import along
+from envs.tasks.skills.from_above import grasp
 from envs.tasks.tabletop import GRASP_CLOSED_M, GRASP_OPEN_M
 
 FROM_RIGHT = (0.0, -0.25, -1.0)
@@ -48,9 +49,7 @@ def pick_up(
     over, wide, shut = above(grip, 0.1) + aside, GRASP_OPEN_M, GRASP_CLOSED_M
     way = [
         hand.to(over, rot, wide, travel_s(hand.pos, over, 1.0)),
-        hand.to(above(grip, 0.05), rot, wide, 0.3, hold_s=0.1),
-        hand.to(grip, rot, wide, 0.5, hold_s=0.1),
-        hand.to(grip, rot, shut, 0.3),
+        *grasp(hand.to(above(grip, 0.05), rot, wide, 0.3, hold_s=0.1), grip, None),
         hand.to(above(grip, 0.2), rot, shut, 0.8),
     ]
     return way, met

@@ -8,13 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.kinematics.waypoints import Waypoint, approach, first_miss, miss
+from envs.kinematics.waypoints import Waypoint, first_miss, miss
 from envs.rotations import conjugate, from_euler, from_matrix, from_yaw, multiply, rotate, wrapped
 from envs.state import EntityState, State
 from envs.tasks.arm_at_table import ArmAtTable, above, chain_at_rest, heading, point, posed, travel_s
 from envs.tasks.arms import in_world
 from envs.tasks.robosuite import hook_stand as parts
 from envs.tasks.robosuite.scene import UPRIGHT_PITCH_RAD, down
+from envs.tasks.skills.from_above import grasp
 from envs.tasks.tabletop import GRASP_CLOSED_M, GRASP_OPEN_M, ee_pos, hand_yaw
 
 LEVEL_PITCH_RAD = UPRIGHT_PITCH_RAD - np.pi / 2
@@ -94,9 +95,7 @@ def _take(
         ways.append(replace(leave, pitch=task.commanded(state).pitch))
     return [
         *ways,
-        *approach(down(grip + noise, yaw, GRASP_OPEN_M, turn_s, tip=lean), rng, 0.02),
-        down(grip, yaw, GRASP_OPEN_M, 0.5, hold_s=0.1, tip=lean),
-        down(grip, yaw, GRASP_CLOSED_M, 0.3, hold_s=0.1, tip=lean),
+        *grasp(down(grip + noise, yaw, GRASP_OPEN_M, turn_s, tip=lean), grip, rng, 0.02, hold_s=0.1),
         down(above(grip, rise_m), yaw, GRASP_CLOSED_M, 1.0, hold_s=0.1, tip=lean),
     ]
 

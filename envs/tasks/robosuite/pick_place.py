@@ -18,6 +18,7 @@ from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Rgba, RobotCfg, TableCf
 from envs.state import State
 from envs.tasks.arm_at_table import Start, above, heading, point, tip_to_reach, travel_s
 from envs.tasks.robosuite.scene import RobosuiteTask, down, panda, pedestal
+from envs.tasks.skills.from_above import grasp
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
     GRASP_CLOSED_M,
@@ -210,9 +211,7 @@ class PickPlaceSingle(RobosuiteTask):
         return [
             *self.rise(state, 0.22),
             *approach(down(over + noise, turn, hold, turn_s), rng, 0.02),
-            down(over, turn, hold, 0.3),
-            down(start, turn, hold, 0.6, hold_s=0.1),
-            down(start, turn, grip, 0.3),
+            *grasp(down(over, turn, hold, 0.3), start, None, down_s=0.6),
             down(lift, turn, grip, 0.6),
             down(near, turn, grip, travel_s(lift, near, 0.5), tip=tip),
             down(drop, turn, grip, correction_s(aside) + 0.1, tip=tip),

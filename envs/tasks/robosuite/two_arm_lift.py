@@ -20,9 +20,9 @@ from envs.tasks.arm_at_table import Start, above, travel_s
 from envs.tasks.arms import DOWN, Hand, in_world, pointing
 from envs.tasks.arms_planner import Phase
 from envs.tasks.robosuite.two_arms import TwoArms
+from envs.tasks.skills.from_above import grasp
 from envs.tasks.tabletop import (
     DENSITY_KG_M3,
-    GRASP_CLOSED_M,
     GRASP_OPEN_M,
     distance,
     ee_pos,
@@ -140,9 +140,7 @@ class TwoArmLift(TwoArms):
         over = above(bar, 0.08) + first_miss(rng, (0.0, 0.02), often_m=0.008)
         return [
             hand.to(over, rot, GRASP_OPEN_M, travel_s(hand.pos, over, 1.0)),
-            hand.to(above(bar, 0.05), rot, GRASP_OPEN_M, 0.3, hold_s=0.1),
-            hand.to(bar, rot, GRASP_OPEN_M, 0.5, hold_s=0.1),
-            hand.to(bar, rot, GRASP_CLOSED_M, 0.3),
+            *grasp(hand.to(above(bar, 0.05), rot, GRASP_OPEN_M, 0.3, hold_s=0.1), bar, None),
         ]
 
     def _hand(self, state: State, index: int) -> Tensor:

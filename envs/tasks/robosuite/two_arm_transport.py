@@ -24,6 +24,7 @@ from envs.tasks.robosuite.hammer import Hammer
 from envs.tasks.robosuite.handing_over import FROM_RIGHT, hand_over, pick_up
 from envs.tasks.robosuite.scene import TABLE_HEIGHT_M, panda
 from envs.tasks.robosuite.two_arms import TwoArms, opposed
+from envs.tasks.skills.from_above import grasp
 from envs.tasks.tabletop import (
     DENSITY_KG_M3,
     FRONT_CAMERA,
@@ -298,9 +299,7 @@ def _moved(
     return [
         hand.to(np.array([*over[:2], CARRY_Z_M]), rot, wide, travel_s(hand.pos, over, 1.0)),
         hand.to(over, rot, wide, 0.5),
-        hand.to(above(grip, 0.08), rot, wide, 0.3, hold_s=0.1),
-        hand.to(grip, rot, wide, 0.5, hold_s=0.1),
-        hand.to(grip, rot, shut, 0.3),
+        *grasp(hand.to(above(grip, 0.08), rot, wide, 0.3, hold_s=0.1), grip, None),
         hand.to(lifted, rot, shut, 1.0),
         hand.to(there, rot, shut, travel_s(lifted, there, 0.7), hold_s=0.1),
         hand.to(place, rot, shut, 1.0, hold_s=0.1),

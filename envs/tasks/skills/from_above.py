@@ -1,11 +1,14 @@
-"""Waypoints of a hand that points down and knows where it goes: take, put, push with closed fingers.
+"""Waypoints of a hand that knows where it goes: grasp, slide, take, put, push with closed fingers.
 
-Positions are those of the grip site. Ways between places are level, at a height that clears everything.
+Positions are those of the grip site. :func:`grasp` and :func:`slide` keep the hand turned as it comes, and
+take their times; elsewhere it points down, and its times follow from its ways. Ways between places are level,
+at a height that clears everything.
 Throughout, ``hand`` is where the hand is, ``yaw`` its turn at the place (at 0 its fingers close along y),
 ``travel_z`` that height, m, ``opening_m`` the distance of each open finger from the middle, and ``rng``
 varies the way, whose end first misses, and its pace.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -43,19 +46,56 @@ def way_across(hand: Hand, over: np.ndarray, yaw: float, gripper: float, travel_
 def grasp(
     over: Waypoint,
     grip: np.ndarray,
-    rng: np.random.Generator,
+    rng: np.random.Generator | None,
     beside_m: float = 0.03,
     *,
+    closed_m: float = GRASP_CLOSED_M,
     down_s: float = 0.5,
+    settle_s: float = 0.1,
     close_s: float = 0.3,
+    hold_s: float = 0.0,
 ) -> list[Waypoint]:
     """Returns the way of an open hand to about over a known place, on to it, and the grasp there.
 
-    At times the first part goes by a point ``beside_m`` off; see :func:`~envs.kinematics.waypoints.approach`.
+    Args:
+        over: Where it comes from, open.
+        grip: The place, m, (3,).
+        rng: At times the first part goes by a point beside its end; None comes straight.
+        beside_m: How far beside; see :func:`~envs.kinematics.waypoints.approach`.
+        closed_m: Distance of each finger from the middle in the grasp.
+        down_s: Time to the place.
+        settle_s: Time to wait there.
+        close_s: Time to close.
+        hold_s: Time to wait then.
     """
-    down = replace(over, pos=grip, duration_s=down_s, hold_s=0.1)
-    closed = replace(down, gripper=GRASP_CLOSED_M, duration_s=close_s, hold_s=0.0)
-    return [*approach(over, rng, beside_m), down, closed]
+    down = replace(over, pos=grip, duration_s=down_s, hold_s=settle_s)
+    closed = replace(down, gripper=closed_m, duration_s=close_s, hold_s=hold_s)
+    return [*([over] if rng is None else approach(over, rng, beside_m)), down, closed]
+
+
+def slide(
+    last: Waypoint,
+    places: Sequence[np.ndarray],
+    seconds: Sequence[float],
+    *,
+    settle_s: float = 0.0,
+    hold_s: float = 0.1,
+) -> list[Waypoint]:
+    """Returns the way of a hand along a surface or a slide, with what it pushes, holds or hooks.
+
+    Args:
+        last: Where it comes from; its turn and its fingers stay as they are there.
+        places: Where it begins, where it touches if that is elsewhere, and where it ends, m, (3,) each; the
+            end alone for a hand that holds something already.
+        seconds: Time to come to each.
+        settle_s: Time to wait where it begins.
+        hold_s: Time to wait where it ends.
+    """
+    waits = [settle_s, *[0.0] * (len(places) - 2), hold_s][-len(places) :]
+    return [
+        replace(last, pos=pos, duration_s=time_s, hold_s=wait_s)
+        for pos, time_s, wait_s in zip(places, seconds, waits, strict=True)
+    ]
 
 
 def take(
@@ -115,14 +155,10 @@ def push(
     aside = 0.01 * abs(rng.normal()) * back / np.linalg.norm(back)
     first = start + aside
     push_s = 0.3 + float(np.linalg.norm(end - start)) / PUSH_M_S * rng.uniform(0.9, 1.1)
-    return [
-        *way_across(hand, at_height(first, travel_z), yaw, shut, travel_z),
-        replace(hand, pos=at_height(first, travel_z)).to(first, yaw, shut),
-        replace(hand, pos=first).to(start, yaw, shut),
-        replace(hand.to(end, yaw, shut, hold_s=0.1), duration_s=push_s),
-        replace(hand, pos=end).to(start, yaw, shut),
-        replace(hand, pos=start).to(at_height(start, travel_z), yaw, shut),
-    ]
+    way = way_across(hand, at_height(first, travel_z), yaw, shut, travel_z)
+    seconds = (hand.travel_s(way[-1].pos, first), hand.travel_s(first, start), push_s)
+    leave = ((start, yaw, shut, 0.0), (at_height(start, travel_z), yaw, shut, 0.0))
+    return [*way, *slide(way[-1], (first, start, end), seconds), *replace(hand, pos=end).chain(*leave)]
 
 
 def shut_drawer(
@@ -161,7 +197,7 @@ def drag(
     drag_s = 0.4 + float(np.linalg.norm(end - grip)) / PUSH_M_S * rng.uniform(0.9, 1.1)
     return [
         *way,
-        replace(hand.to(end, yaw, GRASP_CLOSED_M, hold_s=0.1), duration_s=drag_s),
+        *slide(way[-1], (end,), (drag_s,)),
         still.to(end, yaw, opening_m, hold_s=0.1),
         still.to(at_height(end, travel_z), yaw, opening_m),
     ]

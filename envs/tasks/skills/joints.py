@@ -1,5 +1,6 @@
-"""Moving a part of an articulated object by its handle: a drawer, a door, a knob."""
+"""Moving a part of an articulated object along its joint: a drawer, a door, a knob, a lid."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -55,6 +56,18 @@ def half_along(parts: ObjectParts, entity: EntityState, box: PartBox, direction:
     """Returns half the extent of a box in a direction, m."""
     axes = to_matrix(parts.box_pose(entity, box)[1][0].numpy())
     return float(np.abs(axes.T @ direction) @ box.half)
+
+
+def along_joint(contact: Callable[[float], Waypoint], now: float, to: float, stops: int) -> list[Waypoint]:
+    """Returns the way of a hand that moves a part along its joint, which it holds or pushes.
+
+    Args:
+        contact: Where the hand is when the joint is at a position; its time is that of the way between stops.
+        now: Position of the joint, rad (m).
+        to: Position to reach.
+        stops: Stops on the way, evenly spaced: between them the hand moves straight.
+    """
+    return [contact(position) for position in np.linspace(now, to, stops + 1)[1:].tolist()]
 
 
 def slide_part(
@@ -181,11 +194,12 @@ def turn_knob(
         _stop(grip, 0.04, {"yaw": yaw, "pitch": hand.tilt}, hold_s=0.1),
         _stop(grip, 0.0, {"yaw": yaw, "pitch": hand.tilt}, 0.1, hold_s=0.2),
     ]
-    for share in np.linspace(0.0, 1.0, 6)[1:]:
+
+    def turned(share: float) -> Waypoint:
         at = parts.box_pose(moved_to(entity, joint.column, now + share * (to - now)), box)[0][0].numpy()
-        stops.append(
-            _stop(np.array([at[0], at[1], grip[2]]), 0.0, {"yaw": yaw + share * turn, "pitch": hand.tilt})
-        )
+        return _stop(np.array([at[0], at[1], grip[2]]), 0.0, {"yaw": yaw + share * turn, "pitch": hand.tilt})
+
+    stops += along_joint(turned, 0.0, 1.0, 5)
     end = stops[-1]
     stops.append(replace(end, gripper=0.04, duration_s=0.1, hold_s=0.2))
     stops.append(replace(end, gripper=0.04, pos=end.pos + np.array([0.0, 0.0, 0.1])))

@@ -62,15 +62,12 @@ class Hand:
     ) -> Waypoint:
         """Returns a waypoint whose time follows from the way; a hand that points down unless turned."""
         angles = {"pitch": self.tilt} | turn
-        way = float(np.linalg.norm(pos - self.pos))
-        return Waypoint(
-            pos=pos,
-            yaw=yaw,
-            gripper=gripper,
-            duration_s=self.pace * (0.25 + 2.2 * way),
-            hold_s=hold_s,
-            **angles,
-        )
+        seconds = self.travel_s(self.pos, pos)
+        return Waypoint(pos=pos, yaw=yaw, gripper=gripper, duration_s=seconds, hold_s=hold_s, **angles)
+
+    def travel_s(self, start: np.ndarray, end: np.ndarray) -> float:
+        """Returns the time of a motion between two points, (3,), m."""
+        return self.pace * (0.25 + 2.2 * float(np.linalg.norm(end - start)))
 
     def chain(self, *stops: tuple[np.ndarray, float, float, float]) -> list[Waypoint]:
         """Returns waypoints through stops: position, yaw, fingers, time to wait."""

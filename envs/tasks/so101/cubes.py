@@ -11,6 +11,7 @@ from envs.kinematics.waypoints import Waypoint, grasp_yaw, miss
 from envs.scenario import GeomCfg, ObjectCfg, Rgba
 from envs.state import State
 from envs.tasks.arm_at_table import Start, heading, point, travel_s
+from envs.tasks.skills.from_above import slide
 from envs.tasks.so101.scene import CLOSED_M, HIGH_M, LOW_M, OPEN_M, So101Task, grasp, lifted
 from envs.tasks.tabletop import distance, ee_pos, finger_gap, flat_distance, is_held, nearness, target_gap
 
@@ -266,21 +267,18 @@ class PushCube(So101Task):
     @override
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
         pos, goal = point(state.objects["cube"]), point(state.objects["target"])
-        way = goal[:2] - pos[:2]
-        ahead = np.array([*(way / max(float(np.linalg.norm(way)), 1e-6)), 0.0])
+        left = goal[:2] - pos[:2]
+        ahead = np.array([*(left / max(float(np.linalg.norm(left)), 1e-6)), 0.0])
         yaw = float(np.arctan2(ahead[1], ahead[0]))
         low = np.array([pos[0], pos[1], LOW_M + 0.002])
         behind = low - (_TOUCHING_M + rng.uniform(0.015, 0.02)) * ahead
         hand = ee_pos(self.arm(state))[0].numpy()
         end = np.array([goal[0], goal[1], low[2]]) - (_TOUCHING_M - rng.uniform(0.0, 0.004)) * ahead
         push_s = 0.5 + 8.0 * float(np.linalg.norm(end - behind))
-        over = lifted(behind, rng.uniform(0.055, 0.065))
-        return [
-            *_clear(self.commanded(state)),
-            Waypoint(pos=over, yaw=yaw, gripper=CLOSED_M, duration_s=travel_s(hand, over, 0.5)),
-            Waypoint(pos=behind, yaw=yaw, gripper=CLOSED_M, duration_s=0.5),
-            Waypoint(pos=end, yaw=yaw, gripper=CLOSED_M, duration_s=push_s, hold_s=0.3),
-        ]
+        high = lifted(behind, rng.uniform(0.055, 0.065))
+        over = Waypoint(pos=high, yaw=yaw, gripper=CLOSED_M, duration_s=travel_s(hand, high, 0.5))
+        way = slide(over, (behind, end), (0.5, push_s), hold_s=0.3)
+        return [*_clear(self.commanded(state)), over, *way]
 
     def _left(self, state: State) -> Tensor:
         """Returns how far the cube is from the target, (N,), m."""

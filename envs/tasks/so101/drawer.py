@@ -12,7 +12,8 @@ from envs.rotations import rotate
 from envs.scenario import CameraCfg, GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg, Rgba
 from envs.state import State
 from envs.tasks.arm_at_table import Start, heading, travel_s
-from envs.tasks.so101.scene import CLOSED_M, FRONT_CAMERA, OPEN_M, So101Task, grasp, lifted
+from envs.tasks.skills.from_above import slide
+from envs.tasks.so101.scene import FRONT_CAMERA, OPEN_M, So101Task, grasp, lifted
 from envs.tasks.tabletop import distance, ee_pos, nearness
 
 RANGE_M = 0.08
@@ -122,9 +123,8 @@ class OpenDrawer(So101Task):
         rise: list[Waypoint] = []
         if now.pos[2] < 0.055:
             rise = [Waypoint(pos=lifted(now.pos, 0.07), yaw=now.yaw, gripper=OPEN_M, duration_s=0.5)]
-        end = ways[-1].pos + pull
-        pull_s = 0.3 + 12.0 * float(np.linalg.norm(pull))
-        return [*rise, *ways, Waypoint(pos=end, yaw=yaw, gripper=CLOSED_M, duration_s=pull_s, hold_s=0.3)]
+        held, pull_s = ways[-1], 0.3 + 12.0 * float(np.linalg.norm(pull))
+        return [*rise, *ways, *slide(held, (held.pos + pull,), (pull_s,), hold_s=0.3)]
 
     def _handle(self, state: State) -> Tensor:
         """Returns the middle of the handle's post in the world, (N, 3), m."""

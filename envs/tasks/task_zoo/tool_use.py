@@ -15,7 +15,7 @@ from envs.scenario import ObjectCfg
 from envs.state import State
 from envs.tasks.arm_at_table import Start, heading, point
 from envs.tasks.robosuite.scene import pedestal
-from envs.tasks.skills.from_above import PUSH_M_S, put, take
+from envs.tasks.skills.from_above import PUSH_M_S, put, slide, take
 from envs.tasks.skills.moves import Hand, at_height
 from envs.tasks.tabletop import GRASP_CLOSED_M, GRASP_OPEN_M, ee_pos, flat_distance, point_on
 from envs.tasks.task_zoo import parts
@@ -141,8 +141,8 @@ class ToolUse(parts.ZooTask):
         lower = put(hand.after(way), down, 0.0, TRAVEL_M, rng)[:-2]
         near = down - np.array([PULL_M, 0.0, 0.0])
         free, shut, wide = near + np.array([FREE_M, 0.0, 0.0]), GRASP_CLOSED_M, GRASP_OPEN_M
-        pulls = replace(hand.to(near, 0.0, shut, hold_s=0.1), duration_s=0.4 + PULL_M / PUSH_M_S)
+        pulls = slide(lower[-1], (near,), (0.4 + PULL_M / PUSH_M_S,))
         frees = replace(hand, pos=near).to(free, 0.0, shut)
         still = replace(hand, pos=free)
         up = [still.to(free, 0.0, wide, hold_s=0.1), still.to(at_height(free, TRAVEL_M), 0.0, wide)]
-        return [*way, *lower, pulls, frees, *up]
+        return [*way, *lower, *pulls, frees, *up]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from envs.kinematics.waypoints import Waypoint
-from envs.tasks.skills.from_above import grasp, put, shut_drawer, take
+from envs.tasks.skills.from_above import grasp, push, put, shut_drawer, slide, take
 from envs.tasks.skills.moves import Hand
 from envs.tasks.tabletop import GRASP_CLOSED_M, GRASP_OPEN_M
 
@@ -25,6 +25,38 @@ def test_a_grasp_ends_closed_at_its_place_as_the_hand_is_turned_over_it():
         *(GRASP_CLOSED_M, 0.2),
     )
     assert {(stop.yaw, stop.pitch) for stop in way} == {(0.3, 0.1)}
+
+
+def test_a_grasp_without_misses_is_three_stops_of_the_given_times():
+    pos = np.array([0.1, 0.2, 0.02])
+    over = Waypoint(pos=pos + 0.05, yaw=0.0, gripper=GRASP_OPEN_M, duration_s=1.0)
+    way = grasp(over, pos, None, closed_m=0.01, down_s=0.4, settle_s=0.0, close_s=0.2, hold_s=0.3)
+    assert [(stop.gripper, stop.duration_s, stop.hold_s) for stop in way] == [
+        *((GRASP_OPEN_M, 1.0, 0.0), (GRASP_OPEN_M, 0.4, 0.0)),
+        (0.01, 0.2, 0.3),
+    ]
+
+
+def test_a_hand_slides_as_it_is_turned_and_waits_where_it_begins_and_ends():
+    last = Waypoint(pos=np.zeros(3), yaw=0.3, roll=0.2, gripper=0.01, duration_s=1.0, hold_s=0.5)
+    places = [np.array([x, 0.0, 0.02]) for x in (0.1, 0.12, 0.3)]
+    way = slide(last, places, (0.5, 0.2, 1.5), settle_s=0.1, hold_s=0.4)
+    np.testing.assert_array_equal([stop.pos for stop in way], places)
+    assert [(stop.duration_s, stop.hold_s) for stop in way] == [(0.5, 0.1), (0.2, 0.0), (1.5, 0.4)]
+    assert {(stop.yaw, stop.roll, stop.gripper) for stop in way} == {(0.3, 0.2, 0.01)}
+    (drawn,) = slide(last, places[-1:], (2.0,), settle_s=0.1, hold_s=0.3)  # no beginning
+    assert (drawn.duration_s, drawn.hold_s) == (2.0, 0.3) and drawn.pos is places[-1]
+    with pytest.raises(ValueError):
+        slide(last, places, (0.5, 0.2))
+
+
+def test_a_push_goes_down_beside_its_start_and_back_before_it_rises():
+    start, end = np.array([0.1, 0.0, 0.03]), np.array([0.2, 0.0, 0.03])
+    *_, first, touches, pushes, back, up = push(HAND, start, end, 0.0, 0.2, rng())
+    assert first.pos[0] < 0.1 and first.pos[1:].tolist() == [0.0, 0.03]
+    np.testing.assert_array_equal([touches.pos, pushes.pos, back.pos], [start, end, start])
+    assert (up.pos[2], pushes.hold_s) == (0.2, 0.1)
+    assert 0.3 + 0.9 <= pushes.duration_s <= 0.3 + 1.1  # 0.1 m at 0.1 m/s, at a pace that is drawn
 
 
 def test_what_was_taken_is_put_down_from_where_it_is_held():
