@@ -8,7 +8,7 @@ import numpy as np
 from envs.randomization import channel_rng
 from envs.rollout import Actor, Episode, in_order, rollout
 from envs.state import State
-from envs.tasks.plan_following import TAIL_STEPS, plan_all
+from envs.tasks.plan_following import TAIL_STEPS, plan_all, plan_each
 from envs.tasks.planner import Planner
 from envs.vector_env import RoboVerseVectorEnv
 
@@ -18,8 +18,8 @@ class ExpertActor(Actor):
 
     Args:
         env: The environment.
-        planner: Makes the plans; the task's by default. If it can, it plans for many states at once on a
-            simulator that steps all environments together.
+        planner: Makes the plans; the task's by default. It plans for many states at once if it can; on a
+            simulator that steps all environments together, as fast as it can, up to rounding.
     """
 
     tail_steps = TAIL_STEPS
@@ -42,10 +42,7 @@ class ExpertActor(Actor):
         if not going:
             return chunks
         rngs, present = [episodes[row].memory for row in going], states().select(going)
-        if self._at_once:
-            plans = plan_all(self._planner, present, rngs)
-        else:
-            plans = [self._planner.plan(present.select([row]), rng) for row, rng in enumerate(rngs)]
+        plans = (plan_all if self._at_once else plan_each)(self._planner, present, rngs)
         for row, plan in zip(going, plans, strict=True):
             episode = episodes[row]
             actions = self._controller.of_joint_targets(plan)

@@ -51,6 +51,11 @@ class BatchedTargets:
     targets: Tensor
     lengths: np.ndarray
 
+    def each(self) -> list[np.ndarray]:
+        """Returns every path's targets, (T, J), without what it holds beyond its end."""
+        rows = self.targets.cpu().numpy()
+        return [row[:length] for row, length in zip(rows, self.lengths.tolist(), strict=True)]
+
 
 class BatchedInverseKinematics:
     """Joint displacements that bring end effectors to their targets.

@@ -12,7 +12,7 @@ from envs.kinematics.inverse import PathFollower
 from envs.kinematics.waypoints import Waypoint
 from envs.scenario import RobotCfg
 from envs.state import State
-from envs.tasks.waypoint_planner import present_targets
+from envs.tasks.waypoint_planner import Follow, present_targets
 
 Phase = Mapping[str, Sequence[Waypoint]]
 """Robots to their waypoints. All begin at once, and the phase is over when the last has arrived: who is early
@@ -73,30 +73,36 @@ class ArmsPlanner:
 
     def plan(self, state: State, rng: np.random.Generator) -> np.ndarray:
         """Returns targets (T, D) float32 of all driven joints; see :class:`envs.tasks.planner.Planner`."""
-        arms = scheduled(self._phases(state, rng), self._names, self._control_hz)
-        parts = []
-        for robot, follower in zip(self._robots, self._followers, strict=True):
-            arm, start = arms[robot.name], present_targets(state, robot)[0].numpy()
-            moves = [follower.joint_targets(start, arm.ways)] if arm.ways else []
-            parts.append(_after_wait(start, arm.wait, moves, robot))
-        return np.concatenate(parts, axis=1)
+        return self.plan_each(state, [rng])[0]
+
+    def plan_each(self, state: State, rngs: Sequence[np.random.Generator]) -> list[np.ndarray]:
+        """Returns the plans of all rows of ``state``; see :class:`envs.tasks.planner.ExactBatchPlanner`."""
+        return self._plans(state, rngs, [follower.targets_of_all for follower in self._followers])
 
     def plan_batch(self, state: State, rngs: Sequence[np.random.Generator]) -> list[np.ndarray]:
         """Returns the plans of all rows of ``state``; see :class:`envs.tasks.planner.BatchPlanner`."""
+        follow = [
+            lambda starts, ways, follower=follower: follower.joint_targets(starts, ways).each()
+            for follower in self._batched
+        ]
+        return self._plans(state, rngs, follow)
+
+    def _plans(
+        self, state: State, rngs: Sequence[np.random.Generator], follow: Sequence[Follow]
+    ) -> list[np.ndarray]:
         each = [
             scheduled(self._phases(state.select([row]), rng), self._names, self._control_hz)
             for row, rng in enumerate(rngs)
         ]
         plans: list[list[np.ndarray]] = [[] for _ in each]
-        for robot, follower in zip(self._robots, self._batched, strict=True):
+        for robot, follow_all in zip(self._robots, follow, strict=True):
             starts = present_targets(state, robot).numpy()
             arms = [arms[robot.name] for arms in each]
             moving = [row for row, arm in enumerate(arms) if arm.ways]
             moves: dict[int, np.ndarray] = {}
             if moving:
-                found = follower.joint_targets(starts[moving], [arms[row].ways for row in moving])
-                targets = found.targets.cpu().numpy()
-                moves = {row: targets[place, : found.lengths[place]] for place, row in enumerate(moving)}
+                found = follow_all(starts[moving], [arms[row].ways for row in moving])
+                moves = dict(zip(moving, found, strict=True))
             for row, arm in enumerate(arms):
                 moved = [moves[row]] if row in moves else []
                 plans[row].append(_after_wait(starts[row], arm.wait, moved, robot))

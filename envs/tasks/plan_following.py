@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from envs.state import State
-from envs.tasks.planner import BatchPlanner, Planner
+from envs.tasks.planner import BatchPlanner, ExactBatchPlanner, Planner
 
 TAIL_STEPS = 5
 """Control steps of a demonstration after success, so that a policy learns to stay."""
@@ -68,4 +68,11 @@ def plan_all(planner: Planner, state: State, rngs: Sequence[np.random.Generator]
     """Returns a plan (T, A) for each row of ``state``, in one batch where the planner supports it."""
     if isinstance(planner, BatchPlanner):
         return planner.plan_batch(state, rngs)
+    return plan_each(planner, state, rngs)
+
+
+def plan_each(planner: Planner, state: State, rngs: Sequence[np.random.Generator]) -> list[np.ndarray]:
+    """Returns a plan (T, A) for each row of ``state``, bit by bit as of that row alone."""
+    if isinstance(planner, ExactBatchPlanner):
+        return planner.plan_each(state, rngs)
     return [planner.plan(state.select([row]), rng) for row, rng in enumerate(rngs)]

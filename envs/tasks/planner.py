@@ -20,6 +20,15 @@ class Planner(Protocol):
 
 
 @runtime_checkable
+class ExactBatchPlanner(Planner, Protocol):
+    """A planner that plans for many states in one call, and for each as for that one alone."""
+
+    def plan_each(self, state: State, rngs: Sequence[np.random.Generator]) -> list[np.ndarray]:
+        """Returns the next actions (T, A) from each row of ``state``: :meth:`plan`'s, bit by bit."""
+        ...
+
+
+@runtime_checkable
 class BatchPlanner(Planner, Protocol):
     """A planner that is faster with many states at once."""
 

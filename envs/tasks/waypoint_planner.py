@@ -16,6 +16,9 @@ from envs.state import State
 Expert = Callable[[State, np.random.Generator], list[Waypoint]]
 """See :meth:`envs.tasks.base.Task.expert`."""
 
+Follow = Callable[[np.ndarray, Sequence[Sequence[Waypoint]]], list[np.ndarray]]
+"""Joint targets of each way, (T, J), from joint positions (N, J)."""
+
 
 class WaypointPlanner:
     """Follows an expert's waypoints with the first robot of a scenario.
@@ -33,31 +36,25 @@ class WaypointPlanner:
 
     def plan(self, state: State, rng: np.random.Generator) -> np.ndarray:
         """Returns actions (T, D) float32, joint targets; see :class:`envs.tasks.planner.Planner`."""
-        waypoints = self._expert(state, rng)
-        if not waypoints:
-            return self._nothing()
-        targets = self._follower.joint_targets(self._starts(state)[0].numpy(), waypoints)
-        return self._readings.read(targets[:, self._driven]).astype(np.float32)
+        return self.plan_each(state, [rng])[0]
+
+    def plan_each(self, state: State, rngs: Sequence[np.random.Generator]) -> list[np.ndarray]:
+        """Returns the plans of all rows of ``state``; see :class:`envs.tasks.planner.ExactBatchPlanner`."""
+        return self._plans(state, rngs, self._follower.targets_of_all)
 
     def plan_batch(self, state: State, rngs: Sequence[np.random.Generator]) -> list[np.ndarray]:
         """Returns the plans of all rows of ``state``; see :class:`envs.tasks.planner.BatchPlanner`."""
+        return self._plans(state, rngs, lambda starts, ways: self._batched.joint_targets(starts, ways).each())
+
+    def _plans(self, state: State, rngs: Sequence[np.random.Generator], follow: Follow) -> list[np.ndarray]:
         ways = [self._expert(state.select([row]), rng) for row, rng in enumerate(rngs)]
-        plans = [self._nothing()] * len(ways)
+        plans = [np.zeros((0, len(self._driven)), np.float32)] * len(ways)
         rows = [row for row, way in enumerate(ways) if way]
         if rows:
-            starts = self._starts(state)[rows].numpy()
-            found = self._batched.joint_targets(starts, [ways[row] for row in rows])
-            targets = found.targets.cpu().numpy()
-            for place, row in enumerate(rows):
-                followed = targets[place, : found.lengths[place]][:, self._driven]
-                plans[row] = self._readings.read(followed).astype(np.float32)
+            starts = present_targets(state, self._robot)[rows].numpy()
+            for row, targets in zip(rows, follow(starts, [ways[row] for row in rows]), strict=True):
+                plans[row] = self._readings.read(targets[:, self._driven]).astype(np.float32)
         return plans
-
-    def _starts(self, state: State) -> torch.Tensor:
-        return present_targets(state, self._robot)
-
-    def _nothing(self) -> np.ndarray:
-        return np.zeros((0, len(self._driven)), np.float32)
 
     @cached_property
     def _batched(self) -> BatchedPathFollower:

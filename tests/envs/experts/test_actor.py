@@ -9,7 +9,8 @@ from envs.experts.actor import expert_episodes
 from envs.rollout import Episode
 from envs.state import State
 from envs.tasks.pick_cube import PickCube
-from envs.tasks.plan_following import TAIL_STEPS, plan_all
+from envs.tasks.plan_following import TAIL_STEPS, plan_all, plan_each
+from envs.tasks.waypoint_planner import WaypointPlanner
 
 
 class OneByOne:
@@ -189,3 +190,22 @@ def test_a_batch_of_plans_has_a_plan_for_each():
         assert ours.dtype == theirs.dtype == np.float32
         assert ours.shape == theirs.shape
         np.testing.assert_allclose(ours, theirs, atol=1e-3)
+
+
+def test_plans_made_together_are_those_of_each_state_alone():
+    """To the bit, though they end at other steps, and one of them gives up."""
+    task = PickCube()
+    states = task.initial_state([np.random.default_rng(seed) for seed in range(4)])
+    planner = WaypointPlanner(
+        task.scenario, lambda state, rng: [] if rng.uniform() < 0.3 else task.expert(state, rng)
+    )
+
+    def rngs():
+        return [np.random.default_rng(20 + row) for row in range(4)]
+
+    together = plan_each(planner, states, rngs())
+    alone = [planner.plan(states.select([row]), rng) for row, rng in enumerate(rngs())]
+    assert [len(plan) for plan in together].count(0) == 1
+    assert len({len(plan) for plan in together}) > 2
+    for ours, theirs in zip(together, alone, strict=True):
+        np.testing.assert_array_equal(ours, theirs)

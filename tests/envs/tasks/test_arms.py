@@ -73,6 +73,8 @@ def test_one_arm_moves_while_the_other_waits_and_then_both_at_once(two):
     assert plan.shape == (20, 18) and plan.dtype == np.float32
     for batched in planner.plan_batch(state, [rng, rng]):
         np.testing.assert_allclose(batched, plan, atol=2e-3)
+    for exact in planner.plan_each(state, [rng, rng]):
+        np.testing.assert_array_equal(exact, plan)
     assert (plan[:10, 9:] == plan[0, 9:]).all() and np.abs(plan[10:, 9:] - plan[0, 9:]).max() > 0.05
     controller = TASK.controller
     starts = [state.robots[robot.name].ee_pos.clone() for robot in (LEFT, RIGHT)]
