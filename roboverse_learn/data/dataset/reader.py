@@ -17,6 +17,7 @@ import numpy as np
 from envs.core.errors import DatasetError
 from roboverse_learn.data.dataset.images import load_images
 from roboverse_learn.data.dataset.info import DatasetInfo
+from roboverse_learn.data.dataset.on_device import constant, sent
 
 if TYPE_CHECKING:
     import torch
@@ -116,7 +117,7 @@ class ResidentDataset:
         index = torch.as_tensor(indices, dtype=torch.int64).reshape(-1)
         if len(index) and (int(index.min()) < 0 or int(index.max()) >= len(self)):
             raise DatasetError(f"Frame indices go from 0 to {len(self) - 1}; given {indices}.")
-        index = index.to(self._starts.device)
+        index = sent(index, self._starts.device)
         batch: dict[str, torch.Tensor] = {}
         windows: dict[tuple[int, ...], tuple[torch.Tensor, torch.Tensor]] = {}
         for key in wanted:
@@ -179,7 +180,7 @@ def clamp_window(
     """
     import torch
 
-    rows = index[:, None] + torch.as_tensor(window, dtype=torch.int64, device=index.device)[None, :]
+    rows = index[:, None] + constant(tuple(window), torch.int64, index.device)[None, :]
     is_pad = (rows < starts[:, None]) | (rows >= ends[:, None])
     return torch.minimum(torch.maximum(rows, starts[:, None]), ends[:, None] - 1), is_pad
 

@@ -7,11 +7,13 @@ Shapes: B samples, T observations in time, C=3 channels, H, W pixels.
 
 import math
 from collections.abc import Callable, Mapping
+from functools import cache
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
+from roboverse_learn.data.dataset.on_device import constant
 from roboverse_learn.data.dataset.schema import IMAGE_PREFIX
 from roboverse_learn.training.config import AugmentConfig
 
@@ -47,13 +49,7 @@ def augment(images: Tensor, config: AugmentConfig, camera: str = "") -> Tensor:
         images = _toned(images, config.tone)
     if config.shadow:
         images = _shadowed(images, config.shadow)
-    # Brightness leaves the grey of an image to the two after it, so the order is fixed.
-    images = _blend(images, config.brightness, torch.zeros_like)
-    images = _blend(images, config.contrast, lambda x: _grey(x).mean(dim=(-1, -2), keepdim=True))
-    images = _blend(images, config.saturation, _grey)
-    if config.hue:
-        images = _recoloured(images, _turned_hues(len(images), config.hue, images.device))
-    return images.clamp_(0.0, 1.0)
+    return _recoloured(images, config).clamp_(0.0, 1.0)
 
 
 def shift(images: Tensor, offsets: Tensor) -> Tensor:
@@ -77,14 +73,6 @@ def shift(images: Tensor, offsets: Tensor) -> Tensor:
 
 def _offsets(num: int, largest: int, device: torch.device) -> Tensor:
     return torch.randint(-largest, largest + 1, (num, 2), device=device)
-
-
-def _blend(images: Tensor, strength: float, other: Callable[[Tensor], Tensor]) -> Tensor:
-    """Moves each sample away from or towards ``other``, by a factor within ``1 ± strength``."""
-    if not strength:
-        return images
-    factor = 1.0 + strength * (2.0 * _per_sample(images, torch.rand) - 1.0)
-    return torch.lerp(other(images).expand_as(images), images, factor)
 
 
 def _per_sample(images: Tensor, draw: Callable[..., Tensor]) -> Tensor:
@@ -123,17 +111,17 @@ def _smooth_colours(images: Tensor) -> Tensor:
 
 
 _KNOTS = 6
-"""Values of a random curve of luma, between which it is linear."""
+"""Values of a random curve of luma, between which it is linear; beyond them it falls to 0."""
 
 
 def _toned(images: Tensor, share: float) -> Tensor:
     """Moves the luma of a share of the samples along a random curve; chroma stays."""
     luma = _grey(images)
     heights = torch.rand([_KNOTS, len(images)] + [1] * (images.ndim - 1), device=images.device)
-    place = luma * (_KNOTS - 1)
-    moved = torch.zeros_like(luma)
-    for knot, height in enumerate(heights):
-        moved = moved + height * (1.0 - (place - knot).abs()).clamp_(min=0.0)
+    curves = functional.pad(heights.reshape(_KNOTS, -1).T, (1, 1))  # (B, knots), 0 at both ends
+    place = (luma.flatten(1) * (_KNOTS - 1) + 1.0).clamp_(0.0, _KNOTS + 1.0)
+    knot = place.long().clamp_(max=_KNOTS)
+    moved = torch.lerp(curves.gather(1, knot), curves.gather(1, knot + 1), place - knot).view_as(luma)
     return (images + (moved - luma) * (_per_sample(images, torch.rand) < share)).clamp_(0.0, 1.0)
 
 
@@ -150,28 +138,60 @@ def _shadowed(images: Tensor, share: float) -> Tensor:
     return images * (1.0 - depth * spots)
 
 
-_TO_YIQ = ((0.299, 0.587, 0.114), (0.5959, -0.2746, -0.3213), (0.2115, -0.5227, 0.3112))
+_IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+_LUMA = (0.299, 0.587, 0.114)
+"""Of red, green and blue, by ITU-R BT.601."""
+
+_TO_YIQ = (_LUMA, (0.5959, -0.2746, -0.3213), (0.2115, -0.5227, 0.3112))
 """Luma and chroma of NTSC, whose chroma plane a hue is an angle in."""
 
 
+def _recoloured(images: Tensor, config: AugmentConfig) -> Tensor:
+    """Changes brightness, contrast, saturation and hue of each sample, in this order.
+
+    All are affine in a pixel's colours, so that they are one matrix and one grey for each image.
+    """
+    if not any((config.brightness, config.contrast, config.saturation, config.hue)):
+        return images
+    frames = images.reshape(len(images), -1, 3, images.shape[-2] * images.shape[-1])
+    brightness, contrast, saturation = (
+        _factor(frames, strength) for strength in (config.brightness, config.contrast, config.saturation)
+    )
+    scale, grey = brightness * contrast, 0.0
+    if config.contrast:
+        grey = brightness * (1.0 - contrast) * _grey(images).reshape(*frames.shape[:2], 1, -1).mean(-1, True)
+    if not (config.saturation or config.hue):
+        return (frames * scale + grey).view_as(images)
+    matrix = constant(_IDENTITY, torch.float32, images.device)
+    if config.saturation:
+        matrix = torch.lerp(constant((_LUMA,) * 3, torch.float32, images.device), matrix, saturation)
+    if config.hue:
+        matrix = _turned_hues(len(images), config.hue, images.device) @ matrix
+    changed = (scale * matrix) @ frames
+    return changed.add_(matrix.sum(-1, keepdim=True) * grey).view_as(images)
+
+
+def _factor(frames: Tensor, strength: float) -> Tensor | float:
+    """Draws a factor within ``1 ± strength`` for each sample, (B, 1, 1, 1); 1 without a strength."""
+    return 1.0 + strength * (2.0 * _per_sample(frames, torch.rand) - 1.0) if strength else 1.0
+
+
 def _turned_hues(num: int, largest: float, device: torch.device) -> Tensor:
-    """Returns matrices (B, 3, 3) that turn the hue of colours by at most ``largest`` of a turn."""
+    """Returns matrices (B, 1, 3, 3) that turn the hue of colours by at most ``largest`` of a turn."""
     angle = 2.0 * math.pi * largest * (2.0 * torch.rand(num, device=device) - 1.0)
-    turn = torch.eye(3, device=device).repeat(num, 1, 1)
-    turn[:, 1, 1] = turn[:, 2, 2] = torch.cos(angle)
-    turn[:, 2, 1] = torch.sin(angle)
-    turn[:, 1, 2] = -turn[:, 2, 1]
-    to_yiq = torch.tensor(_TO_YIQ, device=device)
-    return torch.linalg.inv(to_yiq) @ turn @ to_yiq
+    turn = torch.eye(3, device=device).repeat(num, 1, 1, 1)
+    turn[:, 0, 1, 1] = turn[:, 0, 2, 2] = torch.cos(angle)
+    turn[:, 0, 2, 1] = torch.sin(angle)
+    turn[:, 0, 1, 2] = -turn[:, 0, 2, 1]
+    return constant(_from_yiq(), torch.float32, device) @ turn @ constant(_TO_YIQ, torch.float32, device)
 
 
-def _recoloured(images: Tensor, matrices: Tensor) -> Tensor:
-    """Multiplies the colours of every sample by its matrix (B, 3, 3)."""
-    pixels = images.reshape(len(images), -1, 3, images.shape[-2] * images.shape[-1])
-    return (matrices[:, None] @ pixels).reshape(images.shape)
+@cache
+def _from_yiq() -> tuple[tuple[float, ...], ...]:
+    return tuple(map(tuple, torch.linalg.inv(torch.tensor(_TO_YIQ, dtype=torch.float64)).tolist()))
 
 
 def _grey(images: Tensor) -> Tensor:
-    """Luma (B, [T,] 1, H, W) by ITU-R BT.601."""
-    weights = torch.tensor([0.299, 0.587, 0.114], device=images.device).reshape(3, 1, 1)
-    return (images * weights).sum(dim=-3, keepdim=True)
+    """Luma (B, [T,] 1, H, W)."""
+    return (images * constant(_LUMA, torch.float32, images.device).reshape(3, 1, 1)).sum(dim=-3, keepdim=True)

@@ -150,6 +150,28 @@ class TestAugmentation:
         expected = (luma + factor * (torch.tensor([200.0, 100.0, 0.0]) - luma)) / 255
         torch.testing.assert_close(changed, expected.clamp(0, 1))
 
+    def test_brightness_contrast_saturation_and_hue_follow_each_other(self):
+        images = torch.randint(90, 160, (3, 3, 2, 5), dtype=torch.uint8)  # nothing is clamped
+        strengths = {"brightness": 0.2, "contrast": 0.3, "saturation": 0.4, "hue": 0.05}
+        torch.manual_seed(4)
+        changed = augment(images, AugmentConfig(**strengths))
+        torch.manual_seed(4)
+        brightness, contrast, saturation = (1 + s * (2 * torch.rand(3) - 1) for s in (0.2, 0.3, 0.4))
+        angles = 2 * np.pi * 0.05 * (2 * torch.rand(3) - 1)
+        luma = np.array([0.299, 0.587, 0.114])
+        yiq = np.array([luma, [0.5959, -0.2746, -0.3213], [0.2115, -0.5227, 0.3112]])
+        for i in range(3):
+            pixels = images[i].numpy().reshape(3, -1) / 255 * float(brightness[i])
+            mean = (luma @ pixels).mean()
+            pixels = mean + (pixels - mean) * float(contrast[i])
+            grey = luma @ pixels
+            pixels = grey + (pixels - grey) * float(saturation[i])
+            y, chroma_i, chroma_q = yiq @ pixels
+            cos, sin = np.cos(float(angles[i])), np.sin(float(angles[i]))
+            turned = np.stack([y, cos * chroma_i - sin * chroma_q, sin * chroma_i + cos * chroma_q])
+            expected = np.linalg.solve(yiq, turned).reshape(3, 2, 5)
+            np.testing.assert_allclose(changed[i].numpy(), expected, atol=1e-5)
+
     @pytest.mark.parametrize("step", [0, 7])
     def test_a_step_draws_the_same_whatever_came_before(self, step):
         config = AugmentConfig(shift_px=2, brightness=0.3, contrast=0.2, saturation=0.2)
