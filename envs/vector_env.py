@@ -233,7 +233,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
         out = {"observation.state": self._agent_pos(states)[back]}
         if self.observation == "pixels":
             for camera, images in self.handler.render(None, ("rgb",), ordered).items():
-                out[f"observation.images.{camera}"] = self._as_observed(images["rgb"])[back]
+                out[f"observation.images.{camera}"] = self.as_observed(images["rgb"])[back]
         else:
             out["observation.environment_state"] = self._environment_state(states)[back]
         out["task"] = np.array([self._instructions[env_id] for env_id in ids])
@@ -323,7 +323,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
 
         def draw() -> dict[str, np.ndarray]:
             images = self.handler.render_jobs(jobs)
-            return {name: self._as_observed(kinds["rgb"]) for name, kinds in images.items()}
+            return {name: self.as_observed(kinds["rgb"]) for name, kinds in images.items()}
 
         observation["pixels"] = LazyPixels(self.camera_names, draw)
         return observation
@@ -336,7 +336,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
     def _agent_pos(self, states: State) -> np.ndarray:
         return to_numpy(self.task.proprioception(states)).astype(np.float32)
 
-    def _as_observed(self, images: np.ndarray) -> np.ndarray:
+    def as_observed(self, images: np.ndarray) -> np.ndarray:
         """Returns images (n, H, W, 3) as a policy gets them."""
         return np.ascontiguousarray(images[:, :, ::-1]) if self.task.mirrored_images else images
 

@@ -124,19 +124,23 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
 
 
 def _check_recordable(config: CollectConfig) -> None:
-    """Checks that a dataset can hold what the task observes: joints, and images as the cameras see them.
+    """Checks that the source records what the task observes.
 
     Raises:
-        ConfigError: The task's observation is another benchmark's.
+        ConfigError: The task's observation is another benchmark's, and the source records joints and images
+            as the cameras see them.
     """
     if "observation_space" not in config.env.task_kwargs:
         return
-    task = config.env.make_task()
-    if task.mirrored_images or task.state_names != task.reading_names:
-        raise ConfigError(
-            f"Collection of {task.name} records positions of joints and images as the cameras see them. "
-            "Leave out task_kwargs.observation_space; task_kwargs.action_space may stay."
-        )
+    task, source = config.env.make_task(), SOURCES.get(config.source)
+    if source.native_observations or not (task.mirrored_images or task.state_names != task.reading_names):
+        return
+    others = [name for name in SOURCES.names() if SOURCES.get(name).native_observations]
+    raise ConfigError(
+        f"source={config.source} records positions of joints and images as the cameras see them. Leave out "
+        "task_kwargs.observation_space (task_kwargs.action_space may stay), or collect with source="
+        f"{' or '.join(others)}."
+    )
 
 
 @contextlib.contextmanager

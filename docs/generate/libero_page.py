@@ -69,14 +69,18 @@ lerobot-eval --env.type=roboverse --env.task=libero_10 --env.protocol=libero --p
 | key | value | what it is |
 |---|---|---|
 | `episodes`, `levels`, `splits` | 50, `[0]`, `[test]` | the k-th episode begins in the k-th of the task's 50 start states |
-| `task_kwargs.starts` | `libero` | these states, objects seated; LIBERO and LeRobot let them fall for some steps instead |
+| `task_kwargs.starts` | `libero` | these states, objects seated; LIBERO and LeRobot let them fall for some steps instead, and the arm is where it is after these |
 | `task_kwargs.action_space` | `native` | robosuite's `OSC_POSE` at 20 Hz: x, y, z (1 is 5 cm), a rotation vector (1 is 0.5 rad), gripper (1 closes); the arm is driven by torques |
 | `task_kwargs.observation_space` | `native` | `observation.images.image` and `image2`, mirrored as LeRobot turns them, and `observation.state` of 8: position of the hand, axis times angle, both fingers |
 | `task_kwargs.horizon` | 600 | of LIBERO's own evaluation; `protocol=libero_lerobot` has LeRobot's: 280, 280, 300, 520, 400 for spatial, object, goal, 10, 90 |
 
 The expert acts by these actions, too, by looking at the hand in every step; it is slower than by joint targets. So
-`roboverse collect task=libero/goal/turn_on_the_stove task_kwargs.action_space=native` records LIBERO's actions (beside our
-own state and images: a dataset with the native observation cannot be collected yet), and `policy=expert` in place of the checkpoint shows what can be reached.
+`policy=expert` in place of the checkpoint shows what can be reached, and this records demonstrations with LIBERO's actions,
+state and images, which LeRobot's own programs read:
+
+```bash
+roboverse collect task=libero/goal/turn_on_the_stove task_kwargs.action_space=native task_kwargs.observation_space=native 'cameras=[all]'
+```
 
 `lerobot-eval` numbers tasks as LIBERO does; with seeds in a row, as it gives them, 50 episodes begin in the 50 states.
 
@@ -84,8 +88,13 @@ Compared with the original, hf-libero 0.1.4 with robosuite 1.4.0 and MuJoCo 3.2.
 states with the same 50 random actions on eleven tasks of all suites: on five where the arm touches nothing its joints stay
 within 1.3e-7 rad of the original's; on six with contacts objects end within 1 cm on four, and what was knocked over rolls
 elsewhere on two. Whether the goal holds is equal at every step of all. `tests/envs/robosuite_motion.json` has one of these
-motions, and `docs/generate/robosuite_motion.py` records it. Images are not the original's: another renderer, simplified
-meshes, other lights. A policy that depends on such details may do worse here than there.
+motions, and `docs/generate/robosuite_motion.py` records it.
+
+Episodes begin with the hand within 0.2 mm and 0.001 rad of where LeRobot's environment has it, and images have its cameras,
+their orientation and about its brightness (`docs/generate/libero_starts.py`). They are not the original's to the pixel: at the
+first start of `turn_on_the_stove` they differ by 16 of 255 on average from the side and by 26 at the hand. Meshes are simplified,
+highlights are drawn by pixel and not by corner, and the light at MuJoCo's camera is a fixed one here. A policy that
+depends on such details may do worse here than there.
 
 ## A first policy
 

@@ -16,7 +16,7 @@ from envs.kinematics.tree import path_to
 from envs.mjcf.model import build_models
 from envs.robots.franka import FRANKA_TORQUE
 from envs.rotations import multiply
-from envs.scenario import RobotCfg, ScenarioCfg
+from envs.scenario import LightCfg, RobotCfg, ScenarioCfg
 from envs.state import EntityState
 
 CAMERAS = {"agentview": "image", "robot0_eye_in_hand": "image2"}
@@ -31,6 +31,15 @@ STATE_LIMITS = ((-2.0,) * 3 + (-7.0,) * 3 + (-0.1,) * 2, (2.0,) * 3 + (7.0,) * 3
 AIR = {"integrator": "euler", "density": 1.2, "viscosity": 2e-5}
 """robosuite's options of MuJoCo (``models/assets/base.xml``); drag slows its arm of large inertias."""
 
+LIGHTS = (
+    LightCfg(kind="distant", direction=(-0.3, 0.0, -1.0), intensity=0.35),
+    LightCfg(kind="area", pos=(1.0, 1.0, 4.0), direction=(0.0, -0.15, -1.0), intensity=0.4),
+)
+"""In place of MuJoCo's light at the camera, and LIBERO's ``light1``; neither casts shadows there.
+
+Intensities are fitted to images of the original, whose lights shade a mesh by its corners.
+"""
+
 _HAND = "right_hand"
 
 
@@ -42,10 +51,10 @@ def with_native_robot(scenario: ScenarioCfg) -> ScenarioCfg:
     return replace(scenario, robots=(robot,), simulators=settings)
 
 
-def with_native_cameras(scenario: ScenarioCfg) -> ScenarioCfg:
-    """Returns a scene whose cameras have the names of LeRobot's images."""
+def with_native_view(scenario: ScenarioCfg) -> ScenarioCfg:
+    """Returns a scene lit as LIBERO's, whose cameras have the names of LeRobot's images."""
     cameras = (replace(camera, name=CAMERAS[camera.name]) for camera in scenario.cameras)
-    return replace(scenario, cameras=tuple(cameras))
+    return replace(scenario, cameras=tuple(cameras), appearance=replace(scenario.appearance, lights=LIGHTS))
 
 
 def native_state(cfg: RobotCfg, robot: EntityState) -> Tensor:

@@ -59,11 +59,6 @@ class Starts:
             for pos, half in _outlines(scene.parts[name], self.fixed.objects[name])
         ]
 
-    def of_libero(self, rngs: Sequence[np.random.Generator]) -> State:
-        """Returns one of LIBERO's 50 states for each generator, with the arm as it is there."""
-        rows = [int(rng.integers(self.fixed.num_envs)) for rng in rngs]
-        return self.fixed.select(rows)
-
     def drawn(self, rngs: Sequence[np.random.Generator]) -> State:
         """Returns states whose objects are anywhere in their regions, one for each generator.
 

@@ -88,9 +88,13 @@ class LiberoTask(NativeSpaces):
 
     @override
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
-        starts = starts_of(self.entry)
-        state = starts.drawn(rngs) if self.starts == "regions" else starts.of_libero(rngs)
-        return self._with_open_hand(state)
+        if self.starts == "libero":
+            fixed = self._fixed
+            return fixed.select([int(rng.integers(fixed.num_envs)) for rng in rngs])
+        state = starts_of(self.entry).drawn(rngs)
+        if self.action_space == "native":  # LIBERO's files have it half open, and evaluations open it first
+            state.robots[self.robot.name].joint_pos[:, list(self.robot.fingers)] = GRASP_OPEN_M
+        return state
 
     @property
     @override
@@ -99,7 +103,7 @@ class LiberoTask(NativeSpaces):
 
     @override
     def fixed_starts(self, indices: Sequence[int]) -> State:
-        return self._with_open_hand(starts_of(self.entry).fixed.select(list(indices)))
+        return self._fixed.select(list(indices))
 
     def fixed_start(self, index: int) -> State:
         """Returns one of LIBERO's 50 initial states, seated, as a state of one row.
@@ -107,19 +111,16 @@ class LiberoTask(NativeSpaces):
         Raises:
             ConfigError: There is none of that index.
         """
-        fixed = starts_of(self.entry).fixed
+        fixed = self._fixed
         if not 0 <= index < fixed.num_envs:
             raise ConfigError(f"{self.name} has {fixed.num_envs} fixed starts; given index {index}.")
         return fixed.select([index])
 
-    def _with_open_hand(self, state: State) -> State:
-        """Opens the hand in the native action space, in place.
-
-        LIBERO's files have it half open, and evaluations begin with steps that open it while objects fall.
-        """
+    @property
+    def _fixed(self) -> State:
         if self.action_space == "native":
-            state.robots[self.robot.name].joint_pos[:, list(self.robot.fingers)] = GRASP_OPEN_M
-        return state
+            return _after_waiting(self.entry)
+        return starts_of(self.entry).fixed
 
     @override
     def same_scene_tasks(self) -> tuple[str, ...]:
@@ -169,9 +170,20 @@ def _goal_of(entry: Entry) -> Goal:
 
 
 @lru_cache(maxsize=8)
+def _after_waiting(entry: Entry) -> State:
+    """Returns LIBERO's states with the arm where it is when an evaluation begins."""
+    from envs.tasks.libero.waiting import joints_after_waiting
+
+    fixed, (robot,) = starts_of(entry).fixed, _scenario_of(entry, "native", "joints").robots
+    state = fixed.select(list(range(fixed.num_envs)))
+    state.robots[robot.name].joint_pos = joints_after_waiting(robot, state.robots[robot.name].joint_pos)
+    return state
+
+
+@lru_cache(maxsize=8)
 def _scenario_of(entry: Entry, action_space: Space, observation_space: Space) -> ScenarioCfg:
     """Returns a task's scene with the robot of its actions and the cameras of its observation."""
     scenario = scene_of(entry).scenario
     if action_space == "native":
         scenario = native.with_native_robot(scenario)
-    return native.with_native_cameras(scenario) if observation_space == "native" else scenario
+    return native.with_native_view(scenario) if observation_space == "native" else scenario

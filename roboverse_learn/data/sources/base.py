@@ -79,6 +79,7 @@ class DemonstrationSource:
         num_demos_is_most: Whether ``num_demos`` is only the most that is taken.
         augments: Whether it takes the keys ``augment.*``.
         corrects: Whether it takes ``only_corrections``.
+        native_observations: Whether it also records another benchmark's observation of the task.
         demonstrates: What demonstrates, for the report.
         columns: Further columns of its datasets: options of
             :func:`~roboverse_learn.data.dataset.schema.make_features`.
@@ -89,6 +90,7 @@ class DemonstrationSource:
     num_demos_is_most: ClassVar[bool] = False
     augments: ClassVar[bool] = False
     corrects: ClassVar[bool] = False
+    native_observations: ClassVar[bool] = False
     demonstrates: ClassVar[str] = "the expert"
     columns: ClassVar[tuple[str, ...]] = ()
 

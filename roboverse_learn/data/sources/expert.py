@@ -16,6 +16,7 @@ class ExpertSource(DemonstrationSource):
     """``source=expert``."""
 
     episodes: ClassVar = "roboverse_learn.data.sources.expert:ExpertEpisodes"
+    native_observations: ClassVar = True
 
     @override
     def check(self) -> None:
@@ -77,11 +78,14 @@ class ExpertEpisodes:
             "success": True,
             "initial_state_hash": outcome.initial_state_hash,
         }
+        images = outcome.images
+        if self._env.task.mirrored_images:
+            images = {name: self._env.as_observed(images[name]) for name in images}
         return EpisodeData(
             # What a policy would have observed, by the function that live observations come from.
             states=to_numpy(self._env.task.proprioception(outcome.states))[:-1].astype(np.float32),
             actions=outcome.actions,
-            images=outcome.images,
+            images=images,
             task=outcome.instruction,
             raw=outcome.raw,
             metadata=self._metadata | own | facts,

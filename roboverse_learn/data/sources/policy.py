@@ -97,6 +97,7 @@ class PolicySource(DemonstrationSource):
     """``source=policy``."""
 
     episodes: ClassVar = "roboverse_learn.data.sources.policy:PolicyEpisodes"
+    native_observations: ClassVar = True
     needs: ClassVar = {
         "checkpoint": "<folder>: that of a run of a policy that was trained by reinforcement learning, as in "
         "checkpoint=runs/PickCube/ppo/<run>."

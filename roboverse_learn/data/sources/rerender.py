@@ -28,6 +28,7 @@ class RerenderSource(DemonstrationSource):
     """``source=rerender from=<dataset>``."""
 
     episodes: ClassVar = "roboverse_learn.data.sources.rerender:RerenderedEpisodes"
+    native_observations: ClassVar = True
     needs: ClassVar = {
         "from_dataset": "<folder>: a dataset with raw states, as in from=datasets/PickCube/<name>."
     }
