@@ -81,9 +81,9 @@ class RoboVerseEnv(gymnasium.Env):
         if action.shape != self.action_space.shape:
             names = self.batch.controller.names
             raise wrong_shape(action, (len(names),), names)
-        observation, reward, terminated, truncated, info = self.batch.step(action[None])
-        own_info = self._info(bool(info["is_success"][0]))
-        return row_of(observation, 0), float(reward[0]), bool(terminated[0]), bool(truncated[0]), own_info
+        observation, result = self.batch.step_without_restarts(action[None])
+        reward, terminated, truncated, success = (values.item() for values in result)
+        return row_of(observation, 0), reward, terminated, truncated, self._info(success)
 
     def _info(self, success: bool) -> dict[str, Any]:
         return {"success": success, "is_success": success, "episode_index": int(self.batch.episodes[0])}

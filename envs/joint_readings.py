@@ -18,6 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from envs.core.identity_cache import cached_by_identity
 from envs.scenario import RobotCfg
 
 
@@ -69,11 +70,13 @@ class JointReadings:
         return torch.as_tensor(self._scale).to(exact), torch.as_tensor(self._zero).to(exact), exact
 
 
+@cached_by_identity
 def joint_readings(robot: RobotCfg) -> JointReadings:
     """Returns the readings of all joints: the order of a robot's state."""
     return _readings(robot, tuple(range(len(robot.joints))))
 
 
+@cached_by_identity
 def target_readings(robot: RobotCfg) -> JointReadings:
     """Returns the readings of the driven joints: the order of joint targets."""
     return _readings(robot, robot.driven)

@@ -284,10 +284,8 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
             InvalidActionError: They have another shape, or are not finite.
             ResetNeededError: An environment was never reset.
         """
-        actions = np.asarray(actions)
-        check_step(actions, self.controller.names, self.episodes)
         restarts = self._autoreset is AutoresetMode.NEXT_STEP and self._over.any()
-        states, result = self._advance(actions)
+        states, result = self._checked_step(np.asarray(actions))
         if restarts:
             started = self._over.copy()
             self._restart(started.nonzero()[0])
@@ -301,6 +299,20 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
             self._restart(self._over.nonzero()[0])
             observation = self._gym_observation(self._present())
         return observation, result.reward, result.terminated, result.truncated, info
+
+    def step_without_restarts(self, actions: np.ndarray) -> tuple[dict[str, Any], StepResult]:
+        """Does what :meth:`step` does with ``AutoresetMode.DISABLED``, and makes no ``info``.
+
+        Returns:
+            The observations, and the outcome of the step.
+        """
+        states, result = self._checked_step(actions)
+        self._over = result.over
+        return self._gym_observation(states), result
+
+    def _checked_step(self, actions: np.ndarray) -> tuple[State, StepResult]:
+        check_step(actions, self.controller.names, self.episodes)
+        return self._advance(actions)
 
     def _restart(self, env_ids: np.ndarray, episodes: Sequence[int] | None = None) -> None:
         """Starts episodes in these environments, by default ones that their generators sample."""

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from envs.core.identity_cache import cached_by_identity
 from envs.scenario import RobotCfg
 
 
@@ -41,23 +42,9 @@ class RobotColumns:
         return total + self.closed_m if self.closed_m else total
 
 
-_KNOWN: dict[int, tuple[RobotCfg, RobotColumns]] = {}
-"""By identity: a reward asks at every step, and hashing a robot takes longer than the reward."""
-
-_MOST_KNOWN = 256
-
-
+@cached_by_identity
 def columns_of(robot: RobotCfg) -> RobotColumns:
     """Returns the columns of a robot's joints by their role."""
-    known = _KNOWN.get(id(robot))
-    if known is None or known[0] is not robot:
-        if len(_KNOWN) >= _MOST_KNOWN:
-            _KNOWN.clear()
-        known = _KNOWN[id(robot)] = (robot, _columns_of(robot))
-    return known[1]
-
-
-def _columns_of(robot: RobotCfg) -> RobotColumns:
     driven, fingers, limits = list(robot.driven), robot.fingers, robot.finger_limits
     share = (robot.opening_m - robot.gripper_closed_m) / max(1, len(fingers))
     return RobotColumns(
