@@ -16,9 +16,10 @@ import numpy as np
 from envs.mjcf.meshes import VISUAL_GROUP
 from envs.mjcf.model import TEXTURE_SIZE
 from envs.mjcf.objects import HIDDEN_GROUP, SCENE_GROUP
-from envs.scenario import SURFACES
+from envs.scenario import SURFACES, Appearance
 from envs.simulators.mujoco.mesh_bounds import MeshBounds
 from envs.simulators.mujoco.render import Renderer, RenderJob, Stage, texture_of
+from envs.simulators.mujoco.still_images import Images, StillImages
 from envs.simulators.mujoco.tracer_parts import tracer_parts
 from envs.simulators.mujoco.warp_launches import Launches
 from envs.start_warp import start_warp
@@ -40,6 +41,9 @@ _COMPILING = Lock()
 
 KEPT_TEXTURES = 32
 """Textures that a renderer keeps, 4 MiB each: those of ten environments, which it draws in turn."""
+
+_FAR_M = 1e4
+"""Where geoms are put that rays must not meet."""
 
 _POSE_FIELDS = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
 
@@ -142,12 +146,26 @@ class _Tracer:
         groups = model.geom_group[slots].copy()
         if not furnished:
             model.geom_group[slots] = HIDDEN_GROUP
-        context = create_context(model, self._cameras, self._modalities, num_worlds=1)
+        # Depth for still images; an image that needs none is traced without.
+        context = create_context(model, self._cameras, (*self._modalities, "depth"), num_worlds=1)
         model.geom_group[slots] = groups
         bounds = Launches(partial(self._parts.refit_bvh, self._model, self._data, context))
         with _compiled_without_nan():
             rays = Launches(partial(self._parts.render, self._model, self._data, context))
-        return _Room(context, bounds, rays, MeshBounds(model, context))
+        still = StillImages(
+            model,
+            context.enabled_geom_ids.numpy(),
+            [model.camera(name).id for name in self._cameras],
+            self._rays_of(context),
+            self._modalities,
+        )
+        return _Room(context, self._modalities, bounds, rays, MeshBounds(model, context), still)
+
+    def _rays_of(self, context: Any) -> list[np.ndarray]:
+        """Returns each camera's rays in its frame, (H, W, 3)."""
+        ends = np.cumsum([width * height for width, height in self._sizes])[:-1]
+        parts = np.split(context.ray.numpy().copy(), ends)
+        return [part.reshape(h, w, 3) for part, (w, h) in zip(parts, self._sizes, strict=True)]
 
     def draw(self, job: RenderJob, out: dict, index: int) -> None:
         """Draws one job into row ``index`` of ``out``."""
@@ -158,8 +176,7 @@ class _Tracer:
             _copy(self._stage.model, self._looks)
             self._upload_textures()
         _copy(self._stage.data, self._poses)
-        self._room.trace(self._stage.data)
-        self._fetch(out, index)
+        self._fetch(self._room.trace(self._stage.data, job.appearance), out, index)
 
     def _upload_textures(self) -> None:
         wp, registry = self._wp, self._room.context.textures_registry
@@ -171,9 +188,8 @@ class _Tracer:
         if changed:
             self._room.rays.replace("textures", wp.array(registry, dtype=wp.Texture2D))
 
-    def _fetch(self, out: dict, index: int) -> None:
+    def _fetch(self, images: Images, out: dict, index: int) -> None:
         start = 0
-        images = self._room.images
         for name, (width, height) in zip(self._cameras, self._sizes, strict=True):
             span, shape = slice(start, start + width * height), (height, width)
             if "rgb" in self._modalities:
@@ -191,27 +207,114 @@ class _Room:
     """The tree of a scene's visible geometry and the launches that trace rays through it.
 
     Args:
-        context: mujoco_warp's render context.
+        context: mujoco_warp's render context, with depth.
+        modalities: What images are to have.
         bounds: The launches of its ``refit_bvh``.
         rays: The launches of its ``render``.
         meshes: Tighter bounds of its meshes.
+        still: Images without what moves.
     """
 
-    def __init__(self, context: Any, bounds: Launches, rays: Launches, meshes: MeshBounds) -> None:
-        self.context, self._bounds, self.rays, self._meshes = context, bounds, rays, meshes
+    def __init__(
+        self,
+        context: Any,
+        modalities: tuple[str, ...],
+        bounds: Launches,
+        rays: Launches,
+        meshes: MeshBounds,
+        still: StillImages,
+    ) -> None:
+        self.context, self._bounds, self.rays, self._meshes, self._still = (
+            context,
+            bounds,
+            rays,
+            meshes,
+            still,
+        )
+        self._has_depth = "depth" in modalities
         self.images = {
             "rgb": context.rgb_data.numpy(),
             "depth": context.depth_data.numpy(),
             "segmentation": context.seg_data.numpy(),
         }
+        self._depth = context.render_depth.numpy()
+        self._depth[:] = self._has_depth
+        self._lower, self._upper = context.lower.numpy(), context.upper.numpy()
+        self._pixels = _Pixels(context)
 
-    def trace(self, data: mujoco.MjData) -> None:
-        """Does what ``refit_bvh`` and ``render`` do for a model without flexible bodies."""
+    def trace(self, data: mujoco.MjData, appearance: Appearance) -> Images:
+        """Returns the images that ``refit_bvh`` and ``render`` make; valid until the next call."""
+        still = self._still.of(appearance, data, lambda: self._without_moving(data))
+        if still is None:
+            self._trace(data)
+            return self.images
+        touched = self._still.touched(still, data)
+        self._trace(data, touched)
+        images = {kind: image.copy() for kind, image in still.images.items()}
+        for kind, image in images.items():
+            image[0, touched] = self.images[kind][0, : len(touched)]
+        return images
+
+    def _trace(self, data: mujoco.MjData, pixels: np.ndarray | None = None) -> None:
+        self._update_bounds(data)
+        self.context.bvh.refit()
+        self._trace_rays(pixels)
+
+    def _without_moving(self, data: mujoco.MjData) -> Images:
+        """Traces the scene without what moves, depth included."""
+        self._update_bounds(data)
+        self._lower[self._still.moving] = self._upper[self._still.moving] = _FAR_M
+        self.context.bvh.refit()
+        self._depth[:] = True
+        try:
+            self._trace_rays()
+        finally:
+            self._depth[:] = self._has_depth
+        return self.images
+
+    def _update_bounds(self, data: mujoco.MjData) -> None:
         self._bounds.launch()
         self._meshes.write(data)
-        self.context.bvh.refit()
-        self.images["segmentation"].fill(-1)
-        self.rays.launch()
+
+    def _trace_rays(self, pixels: np.ndarray | None = None) -> None:
+        count = self._pixels.choose(pixels)
+        if count:
+            self.images["segmentation"].fill(-1)
+            self.rays.resize((1, count))
+            self.rays.launch()
+
+
+class _Pixels:
+    """Which pixels of a context are traced; the first rows of its images are theirs, in their order."""
+
+    def __init__(self, context: Any) -> None:
+        self._rays = context.ray.numpy()  # all begin at their camera: their offsets are zero
+        self._every = self._rays.copy()
+        self._size = context.cam_res.numpy()
+        self._own_size = self._size.copy()
+        self._starts = [context.rgb_adr.numpy(), context.depth_adr.numpy(), context.seg_adr.numpy()]
+        self._own_starts = [starts.copy() for starts in self._starts]
+        self._ends = np.cumsum(self._own_size.prod(axis=1))
+        self._all = True
+
+    def choose(self, pixels: np.ndarray | None) -> int:
+        """Chooses pixels in ascending order, or all; returns how many they are."""
+        if pixels is not None:
+            ends = np.searchsorted(pixels, self._ends)
+            starts = np.concatenate([[0], ends[:-1]])
+            self._size[:] = np.stack([ends - starts, np.ones_like(ends)], axis=1)
+            np.take(self._every, pixels, axis=0, out=self._rays[: len(pixels)], mode="clip")
+            for own, values in zip(self._starts, self._own_starts, strict=True):
+                own[:] = np.where(values < 0, values, starts)
+            self._all = False
+            return len(pixels)
+        if not self._all:
+            self._size[:] = self._own_size
+            self._rays[:] = self._every
+            for own, values in zip(self._starts, self._own_starts, strict=True):
+                own[:] = values
+            self._all = True
+        return int(self._ends[-1])
 
 
 def _copy(source: mujoco.MjModel | mujoco.MjData, targets: Mapping[str, np.ndarray]) -> None:

@@ -41,6 +41,11 @@ class Launches:
         for command in self._commands:
             command.launch()
 
+    def resize(self, dim: tuple[int, ...]) -> None:
+        """Gives every kernel another number of threads."""
+        for command in self._commands:
+            command.set_dim(dim)
+
     def replace(self, argument: str, value: Any) -> None:
         """Gives every kernel that has this argument another value of it.
 

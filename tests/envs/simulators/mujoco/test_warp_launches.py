@@ -57,6 +57,13 @@ def test_an_argument_is_replaced_in_all_kernels_that_have_it(total):
         launches.replace("texture", None)
 
 
+def test_launches_of_another_size(total):
+    launches = Launches(lambda: _add_to(total, 1.0))
+    launches.resize((2,))
+    launches.launch()
+    assert total.numpy().tolist() == [2.0, 2.0, 1.0]
+
+
 def test_launches_of_other_threads_are_not_recorded(total):
     other = wp.zeros(3, dtype=float, device="cpu")
 
@@ -91,19 +98,21 @@ def test_a_trace_is_what_mujoco_warp_renders():
     model = build_model(scenario)
     renderer = WarpRenderer(model, scenario, num_threads=1)
     modalities, names = ("rgb", "depth", "segmentation"), tuple(camera.name for camera in cameras)
-    for turn in (0.0, 0.5):  # radians of a joint of the arm
+    for turn in (0.0, 0.5, 0.7):  # radians of a joint of the arm
         qpos = model.qpos0.copy()
         qpos[1] += turn
         job = RenderJob(qpos, np.zeros((model.nmocap, 3)), np.zeros((model.nmocap, 4)), scenario.appearance)
-        renderer.render([job], names, modalities)
+        drawn = renderer.render([job], names, modalities)
     tracer = renderer._idle[(names, modalities)].get()
-    context = tracer._room.context
-    arrays = (context.rgb_data, context.depth_data, context.seg_data)
-    ours = [array.numpy().copy() for array in arrays]
-    for array in arrays:
+    room = tracer._room
+    room._pixels.choose(None)
+    for array in (room.context.rgb_data, room.context.depth_data, room.context.seg_data):
         array.zero_()
-    mjw.refit_bvh(tracer._model, tracer._data, context)
-    mjw.render(tracer._model, tracer._data, context)
-    for array, expected in zip(arrays, ours, strict=True):
-        assert np.array_equal(array.numpy(), expected)
+    mjw.refit_bvh(tracer._model, tracer._data, room.context)
+    mjw.render(tracer._model, tracer._data, room.context)
+    expected = renderer.empty(1, names, modalities)
+    tracer._fetch(room.images, expected, 0)
+    for name in names:
+        for kind in modalities:
+            assert np.array_equal(drawn[name][kind], expected[name][kind])
     renderer.close()
