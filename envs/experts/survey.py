@@ -1,9 +1,10 @@
 """Looks at many tasks in turn: each is made, started, held still, rendered, and its expert counted.
 
 ``python -m envs.experts.survey words=[libero,spatial]`` writes one row a task into ``results/tasks.json``.
-Tasks that are there already are left out, so that the command continues where it was interrupted;
-``again=true`` measures them again, ``episodes=0`` leaves the expert out. Without words it surveys every
-registered task. Listings and pages read the file: see :mod:`envs.experts.counts`.
+Tasks that are there already are left out; ``again=true`` measures them again, ``episodes=0`` leaves the
+expert out. Either way the same command continues where it was interrupted, and says at the end how long all
+its pieces took. Without words it surveys every registered task. Listings and pages read the file: see
+:mod:`envs.experts.counts`.
 """
 
 import json
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from filelock import FileLock
 from PIL import Image
 
 from envs.core.arguments import run_program
@@ -25,6 +27,7 @@ from envs.core.errors import ConfigError, RoboVerseError
 from envs.core.git import git_sha
 from envs.experts.actor import expert_episodes
 from envs.experts.counts import read_rows
+from envs.experts.survey_progress import SurveyProgress, clocks
 from envs.spec import EnvSpec
 from envs.tasks import TASKS
 from envs.vector_env import RoboVerseVectorEnv
@@ -49,7 +52,8 @@ class SurveySettings:
         results: File of results.
         images: Folder of images of the starts; none are rendered without it.
         image_size: Pixels along their sides.
-        again: Measure tasks that are in the file already.
+        again: Measure tasks that are in the file already, except for what this command measured before it was
+            interrupted.
     """
 
     words: tuple[str, ...] = ()
@@ -75,20 +79,33 @@ def _survey_all(settings: SurveySettings, command: str) -> int:
     names = [name for name in named if all(word.lower() in name.lower() for word in settings.words)]
     if not names:
         raise ConfigError(f"No task has the words {' and '.join(settings.words)} in its name.")
-    failed = 0
+    failed, sha = 0, git_sha()
+    progress = SurveyProgress.of(settings.results, command, sha)
     for place, name in enumerate(names, 1):
-        rows = read_rows(settings.results)
-        if not settings.again and _is_done(rows.get(name), settings):
+        kept = read_rows(settings.results).get(name)
+        if name in progress.done if settings.again else _is_done(kept, settings):
             continue
+        began = clocks()
         try:
             row = survey(name, settings)
         except RoboVerseError as error:  # the others go on without it, and the row says why
             row, failed = {"error": str(error)}, failed + 1
-        rows[name] = {**rows.get(name, {}), **row, "command": command, "git_sha": git_sha()}
-        text = json.dumps({key: rows[key] for key in sorted(rows)}, indent=1) + "\n"
-        write_file(settings.results, text.encode())
+        _write_row(settings.results, name, {**row, "command": command, "git_sha": sha})
+        if "error" not in row:
+            progress.add(name, began, settings.results)
         logger.info("%d/%d %s: %s", place, len(names), name, json.dumps(row))
+    progress.finish(settings.results)
     return 1 if failed else 0
+
+
+def _write_row(results: Path, name: str, row: dict[str, Any]) -> None:
+    """Writes the row of one task; surveys of other tasks may write theirs at the same time."""
+    results.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(results.with_name(f".{results.name}.lock")):
+        rows = read_rows(results)
+        rows[name] = {**rows.get(name, {}), **row}
+        text = json.dumps({key: rows[key] for key in sorted(rows)}, indent=1) + "\n"
+        write_file(results, text.encode())
 
 
 def _public(words: Sequence[str]) -> list[str]:

@@ -73,3 +73,85 @@ def test_a_damaged_file_of_results_is_named(tmp_path):
     (tmp_path / "a.json").write_text("[1")
     with pytest.raises(ConfigError, match=r"a\.json has no rows of tasks"):
         survey.read_rows(tmp_path / "a.json")
+
+
+class Interrupted(BaseException):
+    """Ends a survey as a signal does."""
+
+
+def surveyed(monkeypatch, results, *, at_most=99, sha="abc"):
+    """Starts a survey again=true of four tasks; returns those that it measured until it was interrupted."""
+    measured = []
+
+    def measure(name, settings):
+        if len(measured) == at_most:
+            raise Interrupted
+        measured.append(name)
+        return {"episodes": settings.episodes, "expert": 1.0}
+
+    monkeypatch.setattr(survey, "survey", measure)
+    monkeypatch.setattr(survey, "git_sha", lambda: sha)
+    words = ["tasks=[Door,Lift,PickCube,Stack]", f"results={results}", "again=true"]
+    try:
+        assert survey.main(words) == 0
+    except Interrupted:
+        assert len(measured) == at_most
+    return measured
+
+
+def test_an_interrupted_survey_of_all_tasks_again_goes_on_and_counts_nothing_twice(
+    tmp_path, monkeypatch, caplog
+):
+    results = tmp_path / "tasks.json"
+    with caplog.at_level("INFO"):
+        assert surveyed(monkeypatch, results) == ["Door", "Lift", "PickCube", "Stack"]
+        assert surveyed(monkeypatch, results, at_most=1) == ["Door"]  # complete: all are measured anew
+        assert surveyed(monkeypatch, results, at_most=2) == ["Lift", "PickCube"]
+        caplog.clear()
+        assert surveyed(monkeypatch, results) == ["Stack"]
+    said = caplog.messages[-1]
+    assert "Measured 4 tasks in" in said and "min of wall time, " in said and "started 3 times" in said
+    assert [path.name for path in tmp_path.glob(".*.survey.json")] == []
+    assert surveyed(monkeypatch, results, at_most=1) == ["Door"]
+
+
+def test_another_commit_or_command_measures_anew(tmp_path, monkeypatch):
+    results = tmp_path / "tasks.json"
+    assert surveyed(monkeypatch, results, at_most=3) == ["Door", "Lift", "PickCube"]
+    assert surveyed(monkeypatch, results, at_most=2, sha="def") == ["Door", "Lift"]
+    assert json.loads(results.read_text())["Lift"]["git_sha"] == "def"
+    monkeypatch.setattr(survey, "survey", lambda name, settings: {"episodes": settings.episodes})
+    assert survey.main(["tasks=[Door]", f"results={results}", "again=true", "episodes=3"]) == 0
+    assert surveyed(monkeypatch, results, sha="def") == ["PickCube", "Stack"]
+
+
+def test_a_task_that_failed_is_tried_again_when_the_survey_goes_on(tmp_path, monkeypatch):
+    results, words = tmp_path / "tasks.json", ["tasks=[Door,Lift,Stack]", "again=true"]
+    tried = []
+
+    def measure(name, settings):
+        tried.append(name)
+        if name == "Door" and tried.count("Door") == 1:
+            raise ConfigError("no door.")
+        if name == "Stack" and tried.count("Stack") == 1:
+            raise Interrupted
+        return {"episodes": settings.episodes}
+
+    monkeypatch.setattr(survey, "survey", measure)
+    with pytest.raises(Interrupted):
+        survey.main([*words, f"results={results}"])
+    assert survey.main([*words, f"results={results}"]) == 0
+    assert tried == ["Door", "Lift", "Stack", "Door", "Stack"]
+
+
+def test_surveys_side_by_side_keep_each_others_rows(tmp_path, monkeypatch):
+    results = tmp_path / "tasks.json"
+
+    def measure(name, settings):
+        if name == "Lift":  # another one ends meanwhile
+            assert survey.main(["tasks=[Stack]", f"results={results}"]) == 0
+        return {"episodes": settings.episodes}
+
+    monkeypatch.setattr(survey, "survey", measure)
+    assert survey.main(["tasks=[Lift]", f"results={results}"]) == 0
+    assert list(json.loads(results.read_text())) == ["Lift", "Stack"]
