@@ -152,11 +152,11 @@ def _place(look: _Look, atom: Atom, rng: np.random.Generator) -> list[Waypoint]:
         return drag(look.hand, points, way, look.heights(), alone)
     base = float(points[:, 2].min())
     grasps = top_grasps(points, look.others(thing), base + LOWEST_GRIP_M, rng)
-    heights = look.heights(without=thing)
+    heights, candidates = look.heights(without=thing), _candidates(look, atom)
     best: tuple[float, Grasp, np.ndarray, float, Underside] | None = None
     for grasp in grasps[:GRASPS_TRIED]:
         for turn in TURNS:
-            found = _place_for(look, atom, grasp, turn, heights)
+            found = _place_for(look, atom, candidates, grasp, turn, heights)
             if found is not None and (best is None or found[0] + grasp.score > best[0]):
                 best = (found[0] + grasp.score, grasp, *found[1:])
     if best is None:
@@ -175,7 +175,12 @@ def _is_dragged(look: _Look, atom: Atom) -> bool:
 
 
 def _place_for(
-    look: _Look, atom: Atom, grasp: Grasp, turn: float, heights: Heights
+    look: _Look,
+    atom: Atom,
+    candidates: tuple[np.ndarray, np.ndarray],
+    grasp: Grasp,
+    turn: float,
+    heights: Heights,
 ) -> tuple[float, np.ndarray, float, Underside] | None:
     """Returns score, grip site, yaw and underside of the best place for a grasp, or None."""
     thing = atom.args[0]
@@ -186,10 +191,11 @@ def _place_for(
     spin = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     origin = spin @ (look.state.objects[thing].pos[0].numpy() - grasp.pos)
     own = Underside.of((look.clouds[thing] - grasp.pos) @ spin.T)
-    both = own.joined(hand_underside(yaw, grasp.opening_m))
-    middle, places = _candidates(look, atom)
+    hand = hand_underside(yaw, grasp.opening_m)
+    middle, places = candidates
     grips = places - origin[:2]
-    rests, lets_go = heights.rest(grips, own), heights.rest(grips, both)
+    rests = heights.rest(grips, own)
+    lets_go = np.maximum(rests, heights.rest(grips, hand))
     ends = np.column_stack([places, rests + origin[2]])
     good = _holds_at(look, atom, ends)
     if not good.any():
@@ -198,7 +204,7 @@ def _place_for(
     score = -8.0 * away - 6.0 * (lets_go - rests) - 0.4 * abs(turn) - 5.0 * (rests - rests[good].min())
     index = int(np.where(good, score, -np.inf).argmax())
     target = np.array([*grips[index], lets_go[index] + RELEASE_M])
-    return float(score[index]), target, yaw, both
+    return float(score[index]), target, yaw, own.joined(hand)
 
 
 def _candidates(look: _Look, atom: Atom) -> tuple[np.ndarray, np.ndarray]:

@@ -21,6 +21,12 @@ MARGIN_M = 0.004
 CENTRES = 48
 """Places on an object that are tried."""
 
+FREE_BELOW_M = 0.002
+"""Room that fingertips need below."""
+
+MOST_SHIFT_M = 0.02
+"""Largest distance along the way of the fingers between a place and the middle of what is held there."""
+
 PAD_HALF_M = 0.009
 """Half the height and half the depth of a finger's pad."""
 
@@ -56,12 +62,13 @@ def top_grasps(
     middle = (points.min(0) + points.max(0)) / 2
     reach = np.linalg.norm(points[:, :2] - middle[:2], axis=1).max() + 0.15
     near = np.linalg.norm(obstacles[:, :2] - middle[:2], axis=1) < reach
-    solid = np.concatenate([points, obstacles[near]])
-    own = np.arange(len(solid)) < len(points)
     centres = _centres(points, rng)
+    deepest = max(centres[:, 2].min() - max(DEPTHS_M), lowest_z)
+    near &= obstacles[:, 2] > deepest - TIP_BELOW_M - FREE_BELOW_M
+    solid = np.concatenate([points, obstacles[near]])
     grasps: list[Grasp] = []
     for yaw in YAWS + rng.uniform(0.0, YAWS[1] - YAWS[0]):
-        grasps += _at_yaw(solid, own, centres, float(yaw), middle, lowest_z, rng)
+        grasps += _at_yaw(solid, len(points), centres, float(yaw), middle, lowest_z, rng)
     return sorted(grasps, key=lambda grasp: -grasp.score)
 
 
@@ -79,60 +86,99 @@ def _centres(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 def _at_yaw(
     solid: np.ndarray,
-    own: np.ndarray,
+    own: int,
     centres: np.ndarray,
     yaw: float,
     middle: np.ndarray,
     lowest_z: float,
     rng: np.random.Generator,
 ) -> list[Grasp]:
+    """Returns the grasps of a turn; the first ``own`` points of ``solid`` are the object's."""
     cosine, sine = np.cos(yaw), np.sin(yaw)
     turn = np.array([[cosine, -sine], [sine, cosine]])  # columns: along depth, along closing
     flat, at = solid[:, :2] @ turn, centres[:, :2] @ turn
-    x = np.abs(flat[:, 0] - at[:, :1])  # (C, P)
-    y = flat[:, 1] - at[:, 1:]
-    in_depth = (x < PAD_HALF_M) & (np.abs(y) < FINGER_MOST_M)
+    under = _Under.of(flat, at, solid[:, 2])
     found = []
     for depth in DEPTHS_M:
-        z = solid[:, 2] - np.maximum(centres[:, 2:] - depth, lowest_z)
-        held = in_depth & own & (np.abs(z) < PAD_HALF_M)
-        some = held.any(1)
-        low = np.where(some, np.where(held, y, np.inf).min(1), 0.0)
-        high = np.where(some, np.where(held, y, -np.inf).max(1), 0.0)
+        height = np.maximum(centres[:, 2] - depth, lowest_z)
+        z = under.z - height[under.centre]
+        held = (under.point < own) & (under.x < PAD_HALF_M) & (abs(under.y) < FINGER_MOST_M)
+        held &= abs(z) < PAD_HALF_M
+        some = under.any(held)
+        low, high = (np.where(some, end, 0.0) for end in under.ends(under.y, held))
         shift, width = (low + high) / 2, high - low
-        good = some & (width < 2 * FINGER_MOST_M - 2 * MARGIN_M) & (np.abs(shift) < 0.02)
-        for index in np.flatnonzero(good):
-            grasp = _checked(
-                x[index], y[index] - shift[index], z[index], float(width[index]), held[index], flat
-            )
-            if grasp is None:
-                continue
-            opening, score = grasp
-            place = at[index] + np.array([0.0, shift[index]])
-            pos = np.array([*(turn @ place), max(centres[index, 2] - depth, lowest_z)])
+        good = some & (width < 2 * FINGER_MOST_M - 2 * MARGIN_M) & (abs(shift) < MOST_SHIFT_M)
+        opening = _openings(under, abs(under.y - shift[under.centre]), z, width)
+        least, most = under.ends(flat[under.point, 0], held)
+        index = np.flatnonzero(good & (opening > 0.0))
+        luck = rng.uniform(0.0, 0.15, len(index))
+        for row, drawn in zip(index.tolist(), luck.tolist(), strict=True):
+            pos = np.array([*(turn @ (at[row] + np.array([0.0, shift[row]]))), height[row]])
             away = float(np.linalg.norm(pos[:2] - middle[:2]))
-            total = score - away / 0.05 - abs(yaw) / np.pi * 0.5 + rng.uniform(0.0, 0.15)
-            found.append(Grasp(pos, yaw, opening, total + 10.0 * depth))
+            score = min(float(most[row] - least[row]), 0.018) / 0.018 * 0.5
+            total = score - away / 0.05 - abs(yaw) / np.pi * 0.5 + drawn
+            found.append(Grasp(pos, yaw, float(opening[row]), total + 10.0 * depth))
     return found
 
 
-def _checked(
-    x: np.ndarray,
-    y: np.ndarray,
-    z: np.ndarray,
-    width: float,
-    held: np.ndarray,
-    flat: np.ndarray,
-) -> tuple[float, float] | None:
-    """Returns how far the fingers open and a score, or None where the hand has no room."""
-    palm = (x < PALM_HALF_M[0]) & (np.abs(y) < PALM_HALF_M[1]) & (z > PALM_M)
-    if palm.any():
-        return None
-    finger = (x < FINGER_HALF_M[0] + 0.002) & (z > -TIP_BELOW_M - 0.002)
-    for opening in OPENINGS_M:
-        if width / 2 + MARGIN_M > opening:
-            continue
-        room = (np.abs(y) > opening - 0.001) & (np.abs(y) < opening + 2 * FINGER_HALF_M[1] + 0.002)
-        if not (finger & room).any():
-            return opening, min(float(np.ptp(flat[held, 0])), 0.018) / 0.018 * 0.5
-    return None
+@dataclass(frozen=True, slots=True, eq=False)
+class _Under:
+    """All points that are near places of the hand, with the place: K pairs, of C places.
+
+    Attributes:
+        count: C.
+        centre: Index of the place, (K,).
+        point: Index of the point, (K,).
+        x: Distance of the point along the depth of the hand, m, (K,).
+        y: Where it is along the way of the fingers, (K,).
+        z: Its height, (K,).
+    """
+
+    count: int
+    centre: np.ndarray
+    point: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    z: np.ndarray
+
+    @classmethod
+    def of(cls, flat: np.ndarray, at: np.ndarray, z: np.ndarray) -> "_Under":
+        """Returns the pairs of points (P, 2), of heights (P,), and places (C, 2)."""
+        order = np.argsort(flat[:, 0])  # those that are near along the depth are next to each other
+        ahead = np.searchsorted(flat[order, 0], at[:, :1] + np.array([-1.0, 1.0]) * (PALM_HALF_M[0] + 1e-9))
+        counts = ahead[:, 1] - ahead[:, 0]
+        centre = np.repeat(np.arange(len(at)), counts)
+        begins = ahead[:, 0] - (np.cumsum(counts) - counts)
+        point = order[np.arange(len(centre)) + begins[centre]]
+        x, y = abs(flat[point, 0] - at[centre, 0]), flat[point, 1] - at[centre, 1]
+        near = (x < PALM_HALF_M[0]) & (abs(y) < PALM_HALF_M[1] + MOST_SHIFT_M)
+        return cls(len(at), centre[near], point[near], x[near], y[near], z[point[near]])
+
+    def any(self, chosen: np.ndarray) -> np.ndarray:
+        """Returns at which places some pair is chosen, (C,)."""
+        return np.bincount(self.centre[chosen], minlength=self.count) > 0
+
+    def ends(self, values: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the least and the largest of the chosen values at each place, (C,); inf, -inf of none."""
+        low, high = np.full(self.count, np.inf), np.full(self.count, -np.inf)
+        np.minimum.at(low, self.centre[chosen], values[chosen])
+        np.maximum.at(high, self.centre[chosen], values[chosen])
+        return low, high
+
+
+def _openings(under: _Under, y: np.ndarray, z: np.ndarray, width: np.ndarray) -> np.ndarray:
+    """Returns how far the fingers open at each place, (C,); 0 where the hand has no room.
+
+    Args:
+        under: What is near.
+        y: Distance of every point from the middle between the fingers, m, (K,).
+        z: Its height over the grip site, (K,).
+        width: Of what is held, (C,).
+    """
+    free = ~under.any((y < PALM_HALF_M[1]) & (z > PALM_M))
+    finger = (under.x < FINGER_HALF_M[0] + 0.002) & (z > -TIP_BELOW_M - FREE_BELOW_M)
+    opening = np.zeros(under.count)
+    for wide in reversed(OPENINGS_M):  # the widest is chosen last
+        room = (y > wide - 0.001) & (y < wide + 2 * FINGER_HALF_M[1] + 0.002)
+        opening[free & (width / 2 + MARGIN_M <= wide) & ~under.any(finger & room)] = wide
+    return opening

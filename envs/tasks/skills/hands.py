@@ -4,6 +4,8 @@ The frame is that of the waypoints: its origin between the fingertips (``grip_si
 the hand, y along which the fingers close, z upwards while the hand points down.
 """
 
+from functools import lru_cache
+
 import numpy as np
 
 from envs.tasks.skills.clouds import Underside, box_points
@@ -31,13 +33,19 @@ def hand_underside(yaw: float, opening_m: float = FINGER_MOST_M) -> Underside:
         yaw: Turn of the hand about z, rad.
         opening_m: Distance of each finger from the middle.
     """
-    palm = _slab(0.0, PALM_HALF_M, PALM_M)
-    middle = opening_m + FINGER_HALF_M[1]
-    fingers = [_slab(side * middle, FINGER_HALF_M, -TIP_BELOW_M) for side in (-1.0, 1.0)]
-    points = np.concatenate([palm, *fingers])
+    points = _points(opening_m)
     cosine, sine = np.cos(yaw), np.sin(yaw)
     turned = points[:, :2] @ np.array([[cosine, sine], [-sine, cosine]])
     return Underside.of(np.column_stack([turned, points[:, 2]]))
+
+
+@lru_cache(maxsize=16)
+def _points(opening_m: float) -> np.ndarray:
+    """Returns the undersides of palm and fingers, (P, 3)."""
+    palm = _slab(0.0, PALM_HALF_M, PALM_M)
+    middle = opening_m + FINGER_HALF_M[1]
+    fingers = [_slab(side * middle, FINGER_HALF_M, -TIP_BELOW_M) for side in (-1.0, 1.0)]
+    return np.concatenate([palm, *fingers])
 
 
 def _slab(y: float, half: tuple[float, float], z: float) -> np.ndarray:

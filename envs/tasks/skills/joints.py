@@ -42,7 +42,9 @@ def outward(parts: ObjectParts, entity: EntityState, part: int, opens: float) ->
 def handle_of(parts: ObjectParts, entity: EntityState, part: int, direction: np.ndarray) -> PartBox:
     """Returns the box of a part that sticks out farthest in a direction."""
     boxes = [box for box in parts.boxes if box.part == part]
-    return max(boxes, key=lambda box: float(parts.box_pose(entity, box)[0][0].numpy() @ direction))
+    pos, rot = (values[0].numpy() for values in parts.part_pose(entity, part))
+    middles = pos + rotate(rot, np.array([box.pos for box in boxes]))
+    return max(zip(boxes, middles, strict=True), key=lambda item: float(item[1] @ direction))[0]
 
 
 def moved_to(entity: EntityState, column: int, position: float) -> EntityState:

@@ -4,8 +4,15 @@ import numpy as np
 import pytest
 
 from envs.tasks.skills.clouds import Heights, Underside, box_points, thinned
-from envs.tasks.skills.grasps import Grasp, top_grasps
-from envs.tasks.skills.hands import PALM_M, TIP_BELOW_M, hand_underside
+from envs.tasks.skills.grasps import PAD_HALF_M, Grasp, top_grasps
+from envs.tasks.skills.hands import (
+    FINGER_HALF_M,
+    FINGER_MOST_M,
+    PALM_HALF_M,
+    PALM_M,
+    TIP_BELOW_M,
+    hand_underside,
+)
 from envs.tasks.skills.moves import Hand, drag, escape, pick, put
 
 NOTHING = np.zeros((0, 3))
@@ -62,6 +69,40 @@ def test_a_neighbour_keeps_fingers_out():
     walls = np.concatenate([box((0.002, 0.2, 0.1), (x, 0, 0.1)) for x in (-0.03, 0.03)])
     grasps = top_grasps(item, walls, 0.012, rng())
     assert all(abs(grasp.yaw) < 0.6 for grasp in grasps)  # fingers close along y, where there is room
+
+
+def in_hand(points, grasp):
+    """Points in the hand's frame: along its depth, along the way of its fingers, and upwards."""
+    cosine, sine = np.cos(grasp.yaw), np.sin(grasp.yaw)
+    return (points - grasp.pos) @ np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+
+
+def test_every_grasp_holds_something_and_has_room_for_fingers_and_palm():
+    """A bowl beside a box and under a shelf: all grasps are looked at, one by one."""
+    item = bowl() + np.array([0.2, 0.0, 0.0])
+    around = np.concatenate(
+        [box((0.02, 0.02, 0.05), (0.29, 0.0, 0.05)), box((0.05, 0.02, 0.01), (0.2, 0.14, 0.09))]
+    )
+    grasps = top_grasps(item, around, 0.012, rng())
+    assert len(grasps) > 50
+    assert [grasp.score for grasp in grasps] == sorted((grasp.score for grasp in grasps), reverse=True)
+    for grasp in grasps:
+        own, solid = in_hand(item, grasp), in_hand(np.concatenate([item, around]), grasp)
+        held = own[(np.abs(own) < (PAD_HALF_M, FINGER_MOST_M, PAD_HALF_M)).all(1)]
+        assert len(held) and np.abs(held[:, 1]).max() < grasp.opening_m
+        x, y, z = np.abs(solid[:, 0]), np.abs(solid[:, 1]), solid[:, 2]
+        assert not ((x < PALM_HALF_M[0]) & (y < PALM_HALF_M[1]) & (z > PALM_M)).any()
+        beside = (y > grasp.opening_m) & (y < grasp.opening_m + 2 * FINGER_HALF_M[1])
+        assert not ((x < FINGER_HALF_M[0]) & beside & (z > -TIP_BELOW_M)).any()
+
+
+def test_a_place_at_the_edge_of_the_heights_rests_as_in_a_larger_grid():
+    item, block = Underside.of(box((0.03, 0.03, 0.02))), box((0.05, 0.05, 0.05), (0.2, 0.0, 0.05))
+    narrow = Heights([block], 0.0, (0.1, -0.1), (0.26, 0.1))
+    places = np.array([(0.13, 0.0), (0.2, 0.0), (0.24, 0.02)])
+    np.testing.assert_array_equal(narrow.rest(places, item), Heights([block], 0.0).rest(places, item))
+    inside = places[:2]
+    np.testing.assert_array_equal(narrow.rest(inside, item), narrow.rest(places, item)[:2])
 
 
 def test_something_comes_to_rest_on_the_highest_thing_below_it():
