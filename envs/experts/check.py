@@ -67,6 +67,8 @@ def summarize(
         steps.append(len(episode.actions))
         if not episode.success:
             failures.append(episode.episode)
+        if not len(episode.actions):  # the expert gave up at once
+            continue
         jumps = np.abs(np.diff(positions(episode.actions)[:, list(arm)], axis=0))
         largest = max(largest, float(jumps.max(initial=0.0)))
     if not steps:

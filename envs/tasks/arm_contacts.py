@@ -33,7 +33,8 @@ class ArmContacts:
     """
 
     def __init__(self, scenario: ScenarioCfg, robot: RobotCfg, *, gripper: bool = False) -> None:
-        scene = replace(scenario, robots=(robot,), cameras=())
+        unfeeling = tuple(replace(item, feels=()) for item in scenario.objects)  # of the robot that is gone
+        scene = replace(scenario, robots=(robot,), objects=unfeeling, cameras=())
         _, self._model = build_models(scene, prune=True)
         self._data = mujoco.MjData(self._model)
         self._layout = layout_of(self._model, scene)

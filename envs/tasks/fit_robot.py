@@ -261,6 +261,9 @@ def _ways(task: Task) -> _Ways:
     hand = ik.chain(robot.joint_pos[:, ik.chain.columns])
     robot.ee_pos, robot.ee_rot = hand.pos, torch.from_numpy(from_matrix(hand.rot.numpy()))
     robot.joint_target = robot.joint_pos[:, list(own.driven)]
+    for item in task.scenario.objects:  # before the first step nothing is felt
+        if item.feels:
+            state.objects[item.name].touched = torch.zeros(NUM_EPISODES, len(item.feels))
     down = from_matrix(ik.upright.numpy())
     paths = [_path(task, state, row, rngs[row], down) for row in range(NUM_EPISODES)]
     longest = max(len(pos) for pos, _ in paths)

@@ -1,7 +1,7 @@
 """A task by its name, with its options, and with its scene changed."""
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin
 
@@ -90,16 +90,22 @@ def _with_robot(task: Task, options: Mapping[str, Any], name: str) -> Task:
     Raises:
         ConfigError: if the robot cannot, or if the task's scene names its own.
     """
-    cls, robot = type(task), ROBOTS.get(name)
-    if robot.name == task.robot.name:
+    cls, own, robot = type(task), task.robot, ROBOTS.get(name)
+    if robot.name == own.name:
         return task
     from envs.tasks.fit_robot import check_arm, fitted
 
     task.only_robot("robot=")
     check_arm(task, robot)
-    if _subclass(cls, {"robot": property(lambda _: robot)})(**options).scenario.robots[0] is not robot:
+    if not own.gripper_joints or not own.fixed_base:
         raise ConfigError(
-            f"{task.name} has a robot of its own, '{task.robot.name}', and takes no other. A task takes any "
+            f"{task.name} has a robot of its own, '{own.name}', and takes no other: that is no arm with a "
+            "gripper."
+        )
+    there = replace(robot, pos=own.pos, rot=own.rot)  # a scene may build what its robot stands on
+    if _subclass(cls, {"robot": property(lambda _: there)})(**options).scenario.robots[0] != there:
+        raise ConfigError(
+            f"{task.name} has a robot of its own, '{own.name}', and takes no other. A task takes any "
             "robot where its scene, start and rules use self.robot."
         )
     placed = fitted(task, robot)

@@ -44,7 +44,7 @@ class Teleoperation(Program):
     """Measures delays of teleoperation, all in one episode.
 
     Attributes:
-        parts: delay, interval, lateness.
+        parts: delay, interval, lateness, latest.
         task: Registered task.
         view_size: Height and width of the images, pixels.
         seconds: Duration of the episode.
@@ -59,6 +59,7 @@ class Teleoperation(Program):
     @part("delay", "delay", "command to image at {}²", DELAY)
     @part("interval", "interval", "between images at {}²", INTERVAL)
     @part("lateness", "lateness", "lateness of a control step, 95 %", LATENESS)
+    @part("latest", "latest", "lateness of the latest control step", LATENESS)
     def measured(self, figure: str, name: str, goal: Goal) -> Measurement:
         """Compares one of the figures of :func:`play` to rendering an image."""
         seconds = play(self)
@@ -73,7 +74,7 @@ def play(settings: Teleoperation) -> Mapping[str, float]:
     Returns:
         Seconds: ``image``, rendering one alone, median; ``delay``, from sending a motion to the arrival of
         the first image with its effect, median; ``interval`` between images, mean; ``lateness`` of a control
-        step, 95th percentile.
+        step, 95th percentile, and ``latest``, that of the latest one.
     """
     from envs.spec import EnvSpec
 
@@ -122,9 +123,10 @@ async def _steer(steering: Steering, seconds: float) -> Mapping[str, float]:
                 shown = [seq for seq in sent if seq <= header["seq"]]
                 delays += [arrivals[-1] - sent.pop(seq) for seq in shown]
             mover.cancel()
-        late_ms = conductor.figures().late_ms[1]
+        _, late_ms, latest_ms = conductor.figures().late_ms
     return {
         "delay": float(np.median(delays)),
         "interval": float(np.diff(arrivals[WARM_UP:]).mean()),
         "lateness": max(late_ms, 1e-3) / 1e3,
+        "latest": max(latest_ms, 1e-3) / 1e3,
     }

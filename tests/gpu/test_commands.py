@@ -12,6 +12,7 @@ from roboverse_learn import cli
 from roboverse_learn.collect import collect_dataset
 from roboverse_learn.commands.run_folder import read_facts
 from roboverse_learn.config.compose import compose
+from roboverse_learn.data import DatasetInfo
 from roboverse_learn.data.dataset.reader import ResidentDataset
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import ProgressReporter
@@ -53,6 +54,18 @@ def test_demonstrations_are_collected_on_the_gpu(level):
     state, action = dataset.frames["observation.state"], dataset.frames["action"]
     assert state.isfinite().all() and action.isfinite().all()
     assert (state[1:] - state[:-1]).abs().max() > 0.005
+
+
+def test_another_arm_follows_demonstrations_on_the_gpu(folder):
+    """All paths are followed in one batch of inverse kinematics."""
+    made = ["task=PickCube", "cameras=[front]", "image_size=16", "num_demos=3"]
+    recorded = collect_dataset(compose("collect", [*made, "simulator=mujoco", "dataset=recorded"]))
+    words = [*made, "source=retarget", f"from={recorded.root}", "robot=ur5e", "simulator=mujoco_warp"]
+    summary = collect_dataset(compose("collect", [*words, "num_envs=3"]))
+    assert summary.outcome == "3 of 3 retargeted demonstrations were kept (100.0 %)"
+    info = DatasetInfo.open(summary.root)
+    assert info.robot_type == "ur5e"
+    assert all(facts["max_error_m"] < 1e-3 for facts in info.episode_metadata)
 
 
 def stopped_and_resumed(words, stop_at, monkeypatch, caplog):

@@ -71,16 +71,16 @@ class _Look:
         return np.concatenate([points for other, points in self.clouds.items() if other != name])
 
 
-def plan(scene: LiberoScene, goal: Goal, state: State, rng: np.random.Generator) -> list[Waypoint]:
-    """Returns the waypoints of the next skill from a state of one row; empty gives up."""
+def plan(
+    scene: LiberoScene, goal: Goal, state: State, rng: np.random.Generator, robot: str
+) -> list[Waypoint]:
+    """Returns the waypoints of the next skill of a robot from a state of one row; empty gives up."""
     names = (*scene.problem.objects, *scene.fixtures)
     look = _Look(
         scene=scene,
         goal=goal,
         state=state,
-        hand=Hand(
-            ee_pos(state.robots[scene.robot.name])[0].numpy(), HOME_TILT_RAD, float(rng.uniform(0.9, 1.15))
-        ),
+        hand=Hand(ee_pos(state.robots[robot])[0].numpy(), HOME_TILT_RAD, float(rng.uniform(0.9, 1.15))),
         clouds={name: cloud(scene.parts[name], state.objects[name]) for name in names},
     )
     for atom in _steps(look):

@@ -1,7 +1,7 @@
 """A LIBERO task as one of ours: a task file's scene, starts and goal."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import ClassVar, Literal, override
 
@@ -12,12 +12,12 @@ from torch import Tensor
 from envs.controllers import Controller
 from envs.core.errors import ConfigError
 from envs.kinematics.waypoints import Waypoint
-from envs.scenario import ScenarioCfg
+from envs.scenario import CameraCfg, RobotCfg, ScenarioCfg
 from envs.state import EntityState, State
 from envs.tasks.libero import native
 from envs.tasks.libero.catalogue import HORIZON, LEROBOT_HORIZONS, Entry
 from envs.tasks.libero.goals import Goal
-from envs.tasks.libero.scene import LiberoScene, scene_of
+from envs.tasks.libero.scene import HOME, LiberoScene, scene_of
 from envs.tasks.libero.starts import starts_of
 from envs.tasks.native_spaces import NativeSpaces, Space
 from envs.tasks.planner import Planner
@@ -76,9 +76,18 @@ class LiberoTask(NativeSpaces):
 
     @property
     @override
+    def robot(self) -> RobotCfg:
+        return _scenario_of(self.entry, self.action_space, self.observation_space).robots[0]
+
+    @property
+    @override
     def scenario(self) -> ScenarioCfg:
         _goal_of(self.entry)  # raises before anything begins where a goal cannot be decided
-        return _scenario_of(self.entry, self.action_space, self.observation_space)
+        scenario = _scenario_of(self.entry, self.action_space, self.observation_space)
+        own, robot = scenario.robots[0], self.robot
+        if robot is own or "native" in (self.action_space, self.observation_space):
+            return scenario
+        return replace(scenario, robots=(robot,), cameras=_on_robot(scenario.cameras, own.name, robot))
 
     @override
     def native_controller(self) -> Controller:
@@ -90,11 +99,11 @@ class LiberoTask(NativeSpaces):
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
         if self.starts == "libero":
             fixed = self._fixed
-            return fixed.select([int(rng.integers(fixed.num_envs)) for rng in rngs])
+            return self._with_robot(fixed.select([int(rng.integers(fixed.num_envs)) for rng in rngs]))
         state = starts_of(self.entry).drawn(rngs)
         if self.action_space == "native":  # LIBERO's files have it half open, and evaluations open it first
             state.robots[self.robot.name].joint_pos[:, list(self.robot.fingers)] = GRASP_OPEN_M
-        return state
+        return self._with_robot(state)
 
     @property
     @override
@@ -103,7 +112,7 @@ class LiberoTask(NativeSpaces):
 
     @override
     def fixed_starts(self, indices: Sequence[int]) -> State:
-        return self._fixed.select(list(indices))
+        return self._with_robot(self._fixed.select(list(indices)))
 
     def fixed_start(self, index: int) -> State:
         """Returns one of LIBERO's 50 initial states, seated, as a state of one row.
@@ -114,13 +123,26 @@ class LiberoTask(NativeSpaces):
         fixed = self._fixed
         if not 0 <= index < fixed.num_envs:
             raise ConfigError(f"{self.name} has {fixed.num_envs} fixed starts; given index {index}.")
-        return fixed.select([index])
+        return self._with_robot(fixed.select([index]))
 
     @property
     def _fixed(self) -> State:
         if self.action_space == "native":
             return _after_waiting(self.entry)
         return starts_of(self.entry).fixed
+
+    def _with_robot(self, state: State) -> State:
+        """Puts another robot in the place of the scene's: as far from its rest as that one is."""
+        own, robot = self.scene.robot, self.robot
+        if robot.name == own.name:
+            return state
+        away = state.robots[own.name].joint_pos[:, list(own.arm)] - torch.tensor(HOME)[list(own.arm)]
+        count = min(len(own.arm), len(robot.arm))
+        qpos = torch.tensor(robot.default_qpos, dtype=away.dtype).repeat(len(away), 1)
+        qpos[:, list(robot.arm[:count])] += away[:, :count]
+        place = np.tile(robot.pos, (len(away), 1))
+        arm = EntityState.at_rest(place, np.tile(robot.rot, (len(away), 1)), qpos.numpy())
+        return State({robot.name: arm}, state.objects)
 
     @override
     def same_scene_tasks(self) -> tuple[str, ...]:
@@ -141,7 +163,7 @@ class LiberoTask(NativeSpaces):
     @override
     def observe(self, state: State) -> Tensor:
         """Returns the hand's position, poses of all objects and joints of all fixtures, (N, D)."""
-        parts = [ee_pos(state.robots[self.scene.robot.name])]
+        parts = [ee_pos(state.robots[self.robot.name])]
         for name in (*self.scene.problem.objects, *self.scene.fixtures):
             entity = state.objects[name]
             parts += [entity.pos, entity.rot, entity.joint_pos]
@@ -161,7 +183,18 @@ class LiberoTask(NativeSpaces):
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
         from envs.tasks.libero.expert import plan
 
-        return plan(self.scene, self.goal, state, rng)
+        return plan(self.scene, self.goal, state, rng, self.robot.name)
+
+
+def _on_robot(cameras: Sequence[CameraCfg], own: str, robot: RobotCfg) -> tuple[CameraCfg, ...]:
+    """Returns cameras of which that on the hand is on another robot's."""
+    mount = robot.camera_mount or robot.gripper_mount
+    return tuple(
+        replace(camera, mount=f"{robot.name}/{mount}")
+        if camera.mount is not None and camera.mount.startswith(f"{own}/")
+        else camera
+        for camera in cameras
+    )
 
 
 @lru_cache(maxsize=8)

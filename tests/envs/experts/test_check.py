@@ -29,6 +29,11 @@ def test_report_of_known_episodes():
     assert report.largest_step_rad == pytest.approx(0.25)
 
 
+def test_an_expert_that_gives_up_at_once_has_failed():
+    report = summarize([recorded(7, [], success=False), recorded(8, [[0.0], [0.5]])], arm=(0,))
+    assert (report.failures, report.largest_step_rad, report.mean_steps) == ((7,), 0.5, 1.0)
+
+
 def test_no_episode_is_refused():
     with pytest.raises(ConfigError, match="needs at least one episode, given none"):
         summarize([], arm=(0,))

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 import envs
-from envs.core.errors import ConfigError, UnknownNameError
+from envs.core.errors import ConfigError, MissingExtraError, UnknownNameError
 from envs.experts.actor import expert_episodes
 from envs.kinematics.batched_inverse import BatchedInverseKinematics
 from envs.kinematics.forward import rotation_vector
@@ -111,9 +111,60 @@ def test_a_task_that_names_its_robot_takes_no_other():
         make_task("control/cartpole", robot="ur5e")
 
 
+@pytest.mark.parametrize("task", ["PushT", "Wipe", "humanoid/slide"])
+def test_a_task_of_a_tool_or_of_a_humanoid_takes_no_other(task):
+    with pytest.raises(ConfigError, match="and takes no other: that is no arm with a gripper"):
+        make_task(task, robot="ur5e")
+
+
 def test_an_unknown_robot_suggests_the_nearest():
     with pytest.raises(UnknownNameError, match=r"Unknown robot 'ur5'.*Did you mean 'ur5e'"):
         EnvSpec(robot="ur5").make_task()
+
+
+LIBERO = "libero/object/pick_up_the_milk_and_place_it_in_the_basket"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", ["calvin/D/open_drawer", LIBERO])
+def test_tasks_of_other_benchmarks_take_another_robot(task):
+    """CALVIN builds what its robot stands on, and feels it; LIBERO's files of starts hold a Franka."""
+    try:
+        env = envs.make_vec(task, 4, split="test", observation="state", robot="iiwa", num_threads=1)
+    except MissingExtraError as error:
+        pytest.skip(str(error))
+    own = envs.make_vec(task, 4, split="test", observation="state", num_threads=1)
+    episodes = env.split_indices[:4]
+    for each in (env, own):
+        each.reset_envs(np.arange(4), episodes)
+    ours, theirs = env.get_states(), own.get_states()
+    assert set(ours.robots) == {"iiwa"} and set(theirs.robots) == {"franka"}
+    for name in theirs.objects:
+        torch.testing.assert_close(ours.objects[name].pos, theirs.objects[name].pos)
+    mine, other = (state.robots[name].ee_pos for state, name in ((ours, "iiwa"), (theirs, "franka")))
+    assert mine is not None and other is not None and (mine - other).norm(dim=-1).max() < 0.06
+    outcomes = [run.success for run in expert_episodes(env, episodes.tolist())]
+    assert sum(outcomes) >= 3
+    env.close()
+    own.close()
+
+
+def test_liberos_own_actions_are_those_of_its_robot():
+    try:
+        make_task(LIBERO)
+    except MissingExtraError as error:
+        pytest.skip(str(error))
+    with pytest.raises(ConfigError, match="'franka', and takes no other"):
+        make_task(LIBERO, {"action_space": "native"}, robot="iiwa")
+
+
+def test_the_wrist_camera_of_libero_is_on_the_robot():
+    try:
+        make_task(LIBERO)
+    except MissingExtraError as error:
+        pytest.skip(str(error))
+    mounts = [camera.mount for camera in make_task(LIBERO, robot="iiwa").scenario.cameras]
+    assert mounts == [None, "iiwa/right_hand"]
 
 
 def test_contacts_of_an_arm_are_counted_and_those_of_the_gripper_are_not():

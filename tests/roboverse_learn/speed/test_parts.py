@@ -62,7 +62,12 @@ def is_measured(found: Measurement, text: str = "") -> bool:
         ),
         *rows(
             Teleoperation(view_size=32, seconds=2.0),
-            {"delay": "image at 32²", "interval": "between images", "lateness": "lateness of a control step"},
+            {
+                "delay": "image at 32²",
+                "interval": "between images",
+                "lateness": "lateness of a control step",
+                "latest": "lateness of the latest control step",
+            },
         ),
     ],
 )
