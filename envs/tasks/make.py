@@ -102,6 +102,11 @@ def _with_robot(task: Task, options: Mapping[str, Any], name: str) -> Task:
             f"{task.name} has a robot of its own, '{own.name}', and takes no other: that is no arm with a "
             "gripper."
         )
+    if "native" in (getattr(task, "action_space", ""), getattr(task, "observation_space", "")):
+        raise ConfigError(
+            f"{task.name} with native actions or observations has a robot of its own, '{own.name}', and "
+            "takes no other."
+        )
     there = replace(robot, pos=own.pos, rot=own.rot)  # a scene may build what its robot stands on
     if _subclass(cls, {"robot": property(lambda _: there)})(**options).scenario.robots[0] != there:
         raise ConfigError(

@@ -85,7 +85,7 @@ class LiberoTask(NativeSpaces):
         _goal_of(self.entry)  # raises before anything begins where a goal cannot be decided
         scenario = _scenario_of(self.entry, self.action_space, self.observation_space)
         own, robot = scenario.robots[0], self.robot
-        if robot is own or "native" in (self.action_space, self.observation_space):
+        if robot is own:
             return scenario
         return replace(scenario, robots=(robot,), cameras=_on_robot(scenario.cameras, own.name, robot))
 

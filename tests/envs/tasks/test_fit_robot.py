@@ -149,13 +149,15 @@ def test_tasks_of_other_benchmarks_take_another_robot(task):
     own.close()
 
 
-def test_liberos_own_actions_are_those_of_its_robot():
+@pytest.mark.parametrize("task", ["calvin/D/open_drawer", LIBERO])
+@pytest.mark.parametrize("space", ["action_space", "observation_space"])
+def test_actions_and_observations_of_another_benchmark_are_those_of_its_robot(task, space):
     try:
-        make_task(LIBERO)
+        make_task(task)
     except MissingExtraError as error:
         pytest.skip(str(error))
-    with pytest.raises(ConfigError, match="'franka', and takes no other"):
-        make_task(LIBERO, {"action_space": "native"}, robot="iiwa")
+    with pytest.raises(ConfigError, match="native actions or observations has a robot of its own, 'franka'"):
+        make_task(task, {space: "native"}, robot="iiwa")
 
 
 def test_the_wrist_camera_of_libero_is_on_the_robot():
