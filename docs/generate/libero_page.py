@@ -105,7 +105,7 @@ task in both:
 |---|---|---|---|
 | LeRobot's `libero`: hf-libero 0.1.4, robosuite 1.4.0, MuJoCo 3.2.7 | `lerobot-eval --env.type=libero` | 20 of 20 | 9 of 10 |
 | here | `roboverse evaluate`, `protocol=libero_lerobot` | 49 of 50 | 50 of 50 |
-| here | `lerobot-eval --env.type=roboverse` | 20 of 20 | |
+| here | `lerobot-eval --env.type=roboverse` | 20 of 20 | 20 of 20 |
 
 They are of LeRobot's type `act`, with 64 pixels and the state of 8; the expert demonstrated, with things anywhere in the task
 file's regions, and none of LIBERO's 50 states was trained on. That with `image` alone had 160 demonstrations (16,882 frames) and

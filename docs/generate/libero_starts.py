@@ -3,7 +3,7 @@
 The file is ``tests/envs/tasks/libero/original_starts.json``: states of some of the 50 starts, and small images
 of the first. It runs in an environment of its own, that of ``docs/generate/robosuite_motion.py`` with LeRobot beside:
 
-    uv pip install --python original lerobot==0.6.1 "mujoco==3.2.7" easydict
+    uv pip install --python original "lerobot[dataset,evaluation]==0.6.1" "mujoco==3.2.7"
     LIBERO_CONFIG_PATH=<folder of its config.yaml> MUJOCO_GL=osmesa original/bin/python docs/generate/libero_starts.py
 
 The library of OSMesa (``apt-get install libosmesa6``) renders without a GPU. The same environment evaluates a checkpoint:
