@@ -62,9 +62,6 @@ CARRY_HEIGHT_M = PEG_TOP_M + 0.045
 RELEASE_HEIGHT_M = 0.035
 """Height at which the expert opens the gripper: the peg guides the nut, and the hand clears the peg."""
 
-NEAR_NOISE_M = 0.005
-"""Standard deviation of where the expert begins to come down on a nut."""
-
 YAW_RANGE_RAD = (-1.9, 3.0)
 """Turns of the hand that the wrist's joint limits leave over nuts and pegs alike."""
 
@@ -135,9 +132,7 @@ class NutAssembly(Task):
         tolerance_z_m: Height below which it is, m; for ``roboverse`` above the peg's middle.
         roboverse_tolerance_m: The variant ``roboverse``: horizontal distance of nut and peg, m.
         qpos_noise_rad: Standard deviation of the arm's joints at the start, rad.
-        approach_noise_m: Standard deviation of where the expert first comes to over a nut, m.
-        turn_noise_rad: Standard deviation of how its hand is turned there: where the handle of a ring points
-            is hard to see from afar, and demonstrations show how to correct it from near.
+        approach_noise_m: Standard deviation of where the expert begins to come down on a nut, m.
         detour_m: Lateral offset of the expert's detours, in three of ten motions, m; 0.05 reaches joint
             limits.
     """
@@ -159,7 +154,6 @@ class NutAssembly(Task):
     roboverse_tolerance_m: float = parameter(0.02, above=0.0, at_most=0.1)
     qpos_noise_rad: float = parameter(0.02, at_least=0.0, at_most=0.2)
     approach_noise_m: float = parameter(0.01, at_least=0.0, at_most=0.1)
-    turn_noise_rad: float = parameter(0.3, at_least=0.0, at_most=1.0)
     detour_m: float = parameter(0.03, at_least=0.0, at_most=0.1)
 
     @property
@@ -304,16 +298,11 @@ class NutAssembly(Task):
         handle = _on_handle(body, nut.grip_m)[0].numpy()
         handle[2] = max(handle[2], NUT_HALF_HEIGHT_M)
         turn = _grasp_turn(float(yaw_of(body.rot[0].numpy())))
-        # The way first misses, aside and turned: the next motion, nearer, demonstrates the correction.
-        aside = rng.normal(0.0, miss(rng, often_m=self.approach_noise_m, seldom_m=self.detour_m), 2)
-        missed_turn = float(np.clip(turn + rng.normal(0.0, self.turn_noise_rad), *YAW_RANGE_RAD))
-        missed = handle + np.array([*aside, rng.uniform(0.06, 0.09)])
-        near = handle + np.array([*rng.normal(0.0, NEAR_NOISE_M, 2), rng.uniform(0.03, 0.045)])
-        turn_s = 0.7 + 0.4 * abs(missed_turn - hand_yaw(robot))
-        back_s = max(correction_s(aside), 0.2 + 0.6 * abs(missed_turn - turn))
+        # The approach first misses: the next motion demonstrates the correction.
+        over_handle = handle + np.array([*rng.normal(0.0, self.approach_noise_m, 2), rng.uniform(0.06, 0.09)])
+        turn_s = 0.7 + 0.4 * abs(turn - hand_yaw(robot))
         return [
-            _way(missed, missed_turn, GRASP_OPEN_M, turn_s),
-            *grasp(_way(near, turn, GRASP_OPEN_M, back_s), handle, rng, self.detour_m),
+            *grasp(_way(over_handle, turn, GRASP_OPEN_M, turn_s), handle, rng, self.detour_m),
             _way(np.array([*handle[:2], CARRY_HEIGHT_M]), turn, GRASP_CLOSED_M, 0.7),
         ]
 
