@@ -1,5 +1,6 @@
 """The arm at the beginning of an evaluation, against LeRobot's own environment of LIBERO."""
 
+import importlib.util
 import json
 from pathlib import Path
 
@@ -10,6 +11,10 @@ from envs.core.errors import MissingExtraError
 from envs.spec import EnvSpec
 from envs.tasks.libero.native import CAMERAS
 from envs.tasks.protocols import PROTOCOLS
+
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec("libero") is None, reason="LIBERO's tasks need the extra libero"
+)
 
 ORIGINAL = json.loads((Path(__file__).parent / "original_starts.json").read_text())
 """Of ``docs/generate/libero_starts.py``: states of some starts, and images of the first, 16 pixels wide."""
