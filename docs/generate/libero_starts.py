@@ -35,9 +35,9 @@ def main() -> None:
         if not images:
             images = {name: _small(seen[f"observation.images.{name}"][0]) for name in ("image", "image2")}
     rows = ",\n  ".join(map(json.dumps, states))
-    pictures = ",\n  ".join(f"{json.dumps(name)}: {json.dumps(image)}" for name, image in images.items())
+    pixels = ",\n  ".join(f"{json.dumps(name)}: {json.dumps(image)}" for name, image in images.items())
     FILE.write_text(
-        f'{{\n "task": "{TASK}",\n "states": [\n  {rows}\n ],\n "images": {{\n  {pictures}\n }}\n}}\n'
+        f'{{\n "task": "{TASK}",\n "states": [\n  {rows}\n ],\n "images": {{\n  {pixels}\n }}\n}}\n'
     )
     env.close()
 

@@ -87,7 +87,7 @@ def slide(
         last: Where it comes from; its turn and its fingers stay as they are there.
         places: Where it begins, where it touches if that is elsewhere, and where it ends, m, (3,) each; the
             end alone for a hand that holds something already.
-        seconds: Time to come to each.
+        seconds: Time to reach each.
         settle_s: Time to wait where it begins.
         hold_s: Time to wait where it ends.
     """

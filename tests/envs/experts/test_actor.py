@@ -193,7 +193,7 @@ def test_a_batch_of_plans_has_a_plan_for_each():
 
 
 def test_plans_made_together_are_those_of_each_state_alone():
-    """To the bit, though they end at other steps, and one of them gives up."""
+    """Bit-identical, though they end at other steps, and one of them gives up."""
     task = PickCube()
     states = task.initial_state([np.random.default_rng(seed) for seed in range(4)])
     planner = WaypointPlanner(

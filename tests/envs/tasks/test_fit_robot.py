@@ -1,6 +1,5 @@
 """Another robot in a task: its hand starts where the task's own does, among the same objects."""
 
-import importlib.util
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +7,7 @@ import pytest
 import torch
 
 import envs
-from envs.core.errors import ConfigError, MissingExtraError, UnknownNameError
+from envs.core.errors import ConfigError, UnknownNameError
 from envs.experts.actor import expert_episodes
 from envs.kinematics.batched_inverse import BatchedInverseKinematics
 from envs.kinematics.forward import rotation_vector
@@ -19,7 +18,7 @@ from envs.tasks import fit_robot, kept_fits
 from envs.tasks.arm_contacts import ArmContacts
 from envs.tasks.fit_robot import BASE_MOVES_M, fitted
 from envs.tasks.make import make_task
-from tests.robot_files import needs_files_of
+from tests.robot_files import needs_files_of, needs_files_of_task
 from tests.sweeps import sweep
 
 ARMS = [name for name in ROBOTS.names("arm") if name != "franka"]
@@ -130,10 +129,8 @@ LIBERO = "libero/object/pick_up_the_milk_and_place_it_in_the_basket"
 @pytest.mark.parametrize("task", ["calvin/D/open_drawer", LIBERO])
 def test_tasks_of_other_benchmarks_take_another_robot(task):
     """CALVIN builds what its robot stands on, and feels it; LIBERO's files of starts hold a Franka."""
-    try:
-        env = envs.make_vec(task, 4, split="test", observation="state", robot="iiwa", num_threads=1)
-    except MissingExtraError as error:
-        pytest.skip(str(error))
+    needs_files_of_task(task)
+    env = envs.make_vec(task, 4, split="test", observation="state", robot="iiwa", num_threads=1)
     own = envs.make_vec(task, 4, split="test", observation="state", num_threads=1)
     episodes = env.split_indices[:4]
     for each in (env, own):
@@ -153,20 +150,13 @@ def test_tasks_of_other_benchmarks_take_another_robot(task):
 @pytest.mark.parametrize("task", ["calvin/D/open_drawer", LIBERO])
 @pytest.mark.parametrize("space", ["action_space", "observation_space"])
 def test_actions_and_observations_of_another_benchmark_are_those_of_its_robot(task, space):
-    try:
-        make_task(task)
-    except MissingExtraError as error:
-        pytest.skip(str(error))
+    needs_files_of_task(task)
     with pytest.raises(ConfigError, match="native actions or observations has a robot of its own, 'franka'"):
         make_task(task, {space: "native"}, robot="iiwa")
 
 
-@pytest.mark.skipif(importlib.util.find_spec("libero") is None, reason="LIBERO's tasks need the extra libero")
 def test_the_wrist_camera_of_libero_is_on_the_robot():
-    try:
-        make_task(LIBERO)
-    except MissingExtraError as error:
-        pytest.skip(str(error))
+    needs_files_of_task(LIBERO)
     mounts = [camera.mount for camera in make_task(LIBERO, robot="iiwa").scenario.cameras]
     assert mounts == [None, "iiwa/right_hand"]
 

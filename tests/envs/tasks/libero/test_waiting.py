@@ -1,20 +1,15 @@
 """The arm at the beginning of an evaluation, against LeRobot's own environment of LIBERO."""
 
-import importlib.util
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from envs.core.errors import MissingExtraError
 from envs.spec import EnvSpec
 from envs.tasks.libero.native import CAMERAS
 from envs.tasks.protocols import PROTOCOLS
-
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("libero") is None, reason="LIBERO's tasks need the extra libero"
-)
+from tests.robot_files import needs_files_of_task
 
 ORIGINAL = json.loads((Path(__file__).parent / "original_starts.json").read_text())
 """Of ``docs/generate/libero_starts.py``: states of some starts, and images of the first, 16 pixels wide."""
@@ -25,11 +20,9 @@ KWARGS = dict(PROTOCOLS.get("libero").env["task_kwargs"])
 
 @pytest.fixture(scope="module")
 def env():
+    needs_files_of_task(ORIGINAL["task"])
     spec = EnvSpec(task=ORIGINAL["task"], task_kwargs=KWARGS, cameras=("image", "image2"), image_size=64)
-    try:
-        env = spec.make(len(STATES), split="test", num_threads=1)
-    except MissingExtraError as error:
-        pytest.skip(str(error))
+    env = spec.make(len(STATES), split="test", num_threads=1)
     env.reset_envs(np.arange(len(STATES)), env.split_indices[: len(STATES)])
     yield env
     env.close()
@@ -46,6 +39,7 @@ def test_episodes_begin_with_the_arm_where_lerobots_environment_has_it(env):
 
 @pytest.mark.slow
 def test_a_start_without_the_native_actions_is_that_of_the_file():
+    needs_files_of_task(ORIGINAL["task"])
     ours = EnvSpec(task=ORIGINAL["task"], task_kwargs={"starts": "libero"}).make_task().fixed_start(0)
     theirs = EnvSpec(task=ORIGINAL["task"], task_kwargs=KWARGS).make_task().fixed_start(0)
     joints = [each.robots["franka"].joint_pos[0].numpy() for each in (ours, theirs)]
