@@ -93,7 +93,7 @@ motions, and `docs/generate/robosuite_motion.py` records it.
 Episodes begin with the hand within 0.2 mm and 0.001 rad of where LeRobot's environment has it, and images have its cameras,
 their orientation and about its brightness (`docs/generate/libero_starts.py`). They are not the original's to the pixel: at the
 first start of `turn_on_the_stove` they differ by 16 of 255 on average from the side and by 26 at the hand. Meshes are simplified,
-highlights are drawn by pixel and not by corner, and the light at MuJoCo's camera is a fixed one here. A policy that
+highlights are computed per pixel and not per vertex, and the light at MuJoCo's camera is a fixed one here. A policy that
 depends on such details may do worse here than there.
 
 ## One checkpoint in both environments
