@@ -120,11 +120,7 @@ class ArmAtTable(Task):
 
         A load keeps the hand from it. A correction of where the hand is, added to it, ends where it should.
         """
-        robot = self.arm(state)
-        assert robot.joint_target is not None, "a simulator gives every robot's targets"
-        chain, _ = chain_at_rest(self.robot)
-        poses = chain(robot.joint_target[:1, chain.columns].to(torch.float64))
-        return posed(self.robot, poses.pos[0].numpy(), from_matrix(poses.rot[0].numpy()), 0.0, 0.0)
+        return commanded(self.robot, self.arm(state))
 
     def rise(self, state: State, height_m: float) -> list[Waypoint]:
         """Returns the way straight up with an open hand, of a state of one row; none if it is high enough.
@@ -170,6 +166,14 @@ def chain_at_rest(robot: RobotCfg) -> tuple[KinematicChain, np.ndarray]:
     chain = KinematicChain(robot)
     rest = torch.tensor([robot.default_qpos], dtype=torch.float64)
     return chain, from_matrix(chain(rest[:, chain.columns]).rot[0].numpy())
+
+
+def commanded(robot: RobotCfg, arm: EntityState) -> Waypoint:
+    """Returns the pose of a hand that a robot's targets stand for; see :meth:`ArmAtTable.commanded`."""
+    assert arm.joint_target is not None, "a simulator gives every robot's targets"
+    chain, _ = chain_at_rest(robot)
+    poses = chain(arm.joint_target[:1, chain.columns].to(torch.float64))
+    return posed(robot, poses.pos[0].numpy(), from_matrix(poses.rot[0].numpy()), 0.0, 0.0)
 
 
 def posed(

@@ -18,10 +18,11 @@ from envs.rotations import rotate
 from envs.scenario import CameraCfg, GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg, Quat, Rgba, Vec3
 from envs.state import State
 from envs.tasks.arm_at_table import heading, point
-from envs.tasks.assembly.lowering import Lowering, lowering_way
 from envs.tasks.assembly.ranges import Range, RangedTask, Ranges
 from envs.tasks.robosuite.scene import pedestal
 from envs.tasks.skills.from_above import take, way_across
+from envs.tasks.skills.held import Held, Pose
+from envs.tasks.skills.insertion import DOWN, Insertion, insertion_way
 from envs.tasks.skills.moves import Hand, at_height
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
@@ -179,16 +180,15 @@ class Coffee(RangedTask):
         if bool(held[0]) and place[2] > 0.05:
             goal = self.holder(state)[0].numpy().copy()
             goal[2] += RELEASE_M - HOLDER_M[2]
-            where = Lowering(
-                item="pod",
-                goal=goal,
-                yaw=heading(item),  # it is round
-                over_m=OVER_M,
+            where = Insertion(
+                goal=Pose.level(goal, heading(item)),  # it is round
+                into=DOWN,
+                back_m=OVER_M,
                 exact_m=0.002,
                 exact_rad=0.1,
                 opening_m=0.03,
             )
-            return lowering_way(self, state, where, rng)
+            return insertion_way(Held.of(self, state, "pod"), where, rng)
         hand = Hand.of(self, state, rng)
         # Fingers close across the machine's front: the open lid is behind the hand.
         return take(hand, place + np.array([0.0, 0.0, GRIP_M]), turn, TRAVEL_M, rng)

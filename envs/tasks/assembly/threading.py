@@ -20,6 +20,7 @@ from envs.tasks.arm_at_table import EASY_REACH_M, above, heading
 from envs.tasks.assembly.ranges import Range, RangedTask, Ranges
 from envs.tasks.robosuite.scene import down, pedestal
 from envs.tasks.skills.from_above import grasp
+from envs.tasks.skills.held import Held, Pose
 from envs.tasks.skills.insertion import Insertion, insertion_way
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
@@ -201,12 +202,12 @@ class Threading(RangedTask):
     def _thread(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
         """Returns the way of a held needle to before the ring, a correction, or through it."""
         line, _ = self._line(state, hand_yaw(self.arm(state)))
+        goal = Pose.level(self.ring(state)[0].numpy().copy(), line)
         where = Insertion(
-            item="needle",
-            goal=self.ring(state)[0].numpy().copy(),
-            line=line,
+            goal=goal,
+            into=goal.ahead,
             back_m=READY_M,
             exact_m=EXACT_M,
             exact_rad=EXACT_RAD,
         )
-        return insertion_way(self, state, where, rng)
+        return insertion_way(Held.of(self, state, "needle"), where, rng)

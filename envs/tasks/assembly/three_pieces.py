@@ -16,10 +16,11 @@ from envs.kinematics.waypoints import Waypoint, grasp_yaw
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Rgba, Vec3
 from envs.state import EntityState, State
 from envs.tasks.arm_at_table import heading, point
-from envs.tasks.assembly.lowering import Lowering, lowering_way
 from envs.tasks.assembly.ranges import Range, RangedTask, Ranges
 from envs.tasks.robosuite.scene import pedestal
 from envs.tasks.skills.from_above import take
+from envs.tasks.skills.held import Held, Pose
+from envs.tasks.skills.insertion import DOWN, Insertion, insertion_way
 from envs.tasks.skills.moves import Hand
 from envs.tasks.tabletop import FRONT_CAMERA, distance, ee_pos, flat_distance, is_held, nearness
 
@@ -174,7 +175,7 @@ class ThreePieceAssembly(RangedTask):
         index = int(bool(self._placed(state)[0]) and not bool(self.held(state, 0)[0]))
         item = state.objects[_BLOCKS[index]]
         if bool(self.held(state, index)[0]) and item.pos[0, 2] > 0.06:
-            return lowering_way(self, state, self._place(state, index), rng)
+            return insertion_way(Held.of(self, state, _BLOCKS[index]), self._place(state, index), rng)
         grip = point(item) + np.array([0.0, 0.0, GRIP_M[index]])
         return take(Hand.of(self, state, rng), grip, grasp_yaw(heading(item), np.pi), TRAVEL_M, rng)
 
@@ -191,7 +192,7 @@ class ThreePieceAssembly(RangedTask):
         low = abs(first[:, 2] - base[:, 2] + FRAME_Z_M - ABOVE_M[0]) < 0.006
         return low & (flat_distance(first, base) < NEAR_M)
 
-    def _place(self, state: State, index: int) -> Lowering:
+    def _place(self, state: State, index: int) -> Insertion:
         """Returns where a block goes."""
         base, item = state.objects["base"], state.objects[_BLOCKS[index]]
         symmetry, onto = ((np.pi / 2, base), (np.pi, state.objects["piece_1"]))[index]
@@ -199,11 +200,10 @@ class ThreePieceAssembly(RangedTask):
         turn += symmetry * round((now - turn) / symmetry)
         middle = point(onto)
         middle[2] = float(base.pos[0, 2]) - FRAME_Z_M + ABOVE_M[index] + 0.004
-        return Lowering(
-            item=_BLOCKS[index],
-            goal=middle,
-            yaw=turn,
-            over_m=OVER_M,
+        return Insertion(
+            goal=Pose.level(middle, turn),
+            into=DOWN,
+            back_m=OVER_M,
             exact_m=EXACT_M,
             exact_rad=EXACT_RAD,
             opening_m=OPENING_M[index],

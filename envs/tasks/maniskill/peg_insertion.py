@@ -21,6 +21,7 @@ from envs.state import EntityState, State
 from envs.tasks.arm_at_table import ArmAtTable, Start, heading, point, way
 from envs.tasks.maniskill.pegs import on_peg, peg
 from envs.tasks.skills.from_above import grasp
+from envs.tasks.skills.held import Held, Pose
 from envs.tasks.skills.insertion import Insertion, insertion_way
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
@@ -191,15 +192,15 @@ class PegInsertionSide(ArmAtTable):
         box, depth = state.objects["box"], self.peg_half_length_m - AHEAD_M
         line, (y, z) = heading(box), self.hole_offset_m
         hole = point(box) + y * np.array([-np.sin(line), np.cos(line), 0.0]) + np.array([0.0, 0.0, z])
+        goal = Pose.level(hole - depth * np.array([np.cos(line), np.sin(line), 0.0]), line)
         where = Insertion(
-            item="peg",
-            goal=hole - depth * np.array([np.cos(line), np.sin(line), 0.0]),
-            line=line,
+            goal=goal,
+            into=goal.ahead,
             back_m=2 * self.peg_half_length_m + READY_M - depth,
             exact_m=EXACT_M,
             exact_rad=EXACT_RAD,
         )
-        return insertion_way(self, state, where, rng)
+        return insertion_way(Held.of(self, state, "peg"), where, rng)
 
     @property
     def _height(self) -> float:

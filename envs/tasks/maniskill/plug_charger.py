@@ -17,6 +17,7 @@ from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Rgba
 from envs.state import State
 from envs.tasks.arm_at_table import ArmAtTable, Start, above, heading, point, way
 from envs.tasks.maniskill.parts import WHITE, box
+from envs.tasks.skills.held import Held, Pose
 from envs.tasks.skills.insertion import Insertion, insertion_way
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
@@ -172,16 +173,16 @@ class PlugCharger(ArmAtTable):
         held = is_held(self.arm(state), body, GRASP_REACH_M, 2 * self.base_half_size_m[1], cfg=self.robot)
         if bool(held[0]) and item.pos[0, 2] > 3 * self.base_half_size_m[2]:
             receptacle = state.objects["receptacle"]
+            goal = Pose.level(point(receptacle), heading(receptacle) - np.pi)
             where = Insertion(
-                item="charger",
-                goal=point(receptacle),
-                line=heading(receptacle) - np.pi,
+                goal=goal,
+                into=goal.ahead,
                 back_m=2 * self.pin_half_size_m[0] + READY_M,
                 exact_m=EXACT_M,
                 exact_rad=EXACT_RAD,
                 speed_m_s=0.04,
             )
-            return insertion_way(self, state, where, rng)
+            return insertion_way(Held.of(self, state, "charger"), where, rng)
         start, turn = body[0].numpy().copy(), heading(item)
         start[2] = self.base_half_size_m[2] + 0.004
         noise = first_miss(rng, (0.19, 0.21))

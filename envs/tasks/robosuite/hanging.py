@@ -9,13 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.kinematics.waypoints import Waypoint, first_miss, miss
-from envs.rotations import conjugate, from_euler, from_matrix, from_yaw, multiply, rotate, wrapped
+from envs.rotations import conjugate, from_matrix, from_yaw, rotate, wrapped
 from envs.state import EntityState, State
-from envs.tasks.arm_at_table import ArmAtTable, above, chain_at_rest, heading, point, posed, travel_s
+from envs.tasks.arm_at_table import ArmAtTable, above, heading, point, travel_s
 from envs.tasks.arms import in_world
 from envs.tasks.robosuite import hook_stand as parts
 from envs.tasks.robosuite.scene import UPRIGHT_PITCH_RAD, down
 from envs.tasks.skills.from_above import grasp
+from envs.tasks.skills.held import Held, Pose
 from envs.tasks.tabletop import GRASP_CLOSED_M, GRASP_OPEN_M, ee_pos, hand_yaw
 
 LEVEL_PITCH_RAD = UPRIGHT_PITCH_RAD - np.pi / 2
@@ -45,34 +46,6 @@ HOLE_M = parts.RING.radius_m - parts.RING.block_m
 
 FREE_M = 0.001
 """Distance of the ring's inner block from bar and prong when the wrench is tilted."""
-
-
-class Pose(NamedTuple):
-    """A position, m, (3,), and an orientation, wxyz, (4,)."""
-
-    pos: np.ndarray
-    rot: np.ndarray
-
-    @classmethod
-    def of(cls, entity: EntityState) -> "Pose":
-        """Returns the pose of an entity, of a state of one row."""
-        return cls(point(entity), entity.rot[0].numpy().copy())
-
-
-def moved(
-    task: ArmAtTable, state: State, item: str, goal: Pose, duration_s: float, hold_s: float = 0.0
-) -> Waypoint:
-    """Returns the waypoint of the hand that brings a held thing to a pose, of a state of one row."""
-    robot, has = task.arm(state), Pose.of(state.objects[item])
-    assert robot.ee_rot is not None, "a simulator gives every robot's end effector"
-    turn = multiply(goal.rot, conjugate(has.rot))
-    hand = ee_pos(robot)[0].numpy()
-    now, rest = task.commanded(state), chain_at_rest(task.robot)[1]
-    rot = multiply(turn, multiply(from_euler(now.turn), rest))
-    pos = now.pos + goal.pos + rotate(turn, hand - has.pos) - hand
-    there = posed(task.robot, pos, rot, GRASP_CLOSED_M, duration_s, hold_s)
-    yaw, roll = (float(wrapped(angle)) for angle in (there.yaw - now.yaw, there.roll - now.roll))
-    return replace(there, yaw=now.yaw + yaw, roll=now.roll + roll)
 
 
 def _take(
@@ -148,17 +121,18 @@ def fit_of(state: State) -> Fit:
 def insert_frame(task: ArmAtTable, state: State, rng: np.random.Generator) -> list[Waypoint]:
     """Returns the next part of the way of the held frame: over the socket, a correction, down, or let go."""
     fit, depth = fit_of(state), parts.SOCKET_TOP_M - parts.SOCKET_FLOOR_M
+    held = Held.of(task, state, "frame")
 
     def at(high_m: float, duration_s: float, hold_s: float, aside: np.ndarray | None = None) -> Waypoint:
         """The frame upright in the line of the socket, its tip so far above the floor."""
         place = in_world(state.objects["stand"], (*parts.SOCKET_M, parts.SOCKET_FLOOR_M + high_m))
         pos = place - rotate(fit.goal, np.array(parts.TIP))
         goal = Pose(pos if aside is None else pos + aside, fit.goal)
-        return moved(task, state, "frame", goal, duration_s, hold_s)
+        return held.to(goal, duration_s, hold_s)
 
     inside = fit.high < depth - 0.005 and fit.off < 0.006
     if inside and fit.high < 0.008:
-        now = replace(task.commanded(state), gripper=GRASP_OPEN_M)
+        now = replace(held.now, gripper=GRASP_OPEN_M)
         back = now.pos - 0.12 * np.array([np.cos(now.yaw), np.sin(now.yaw), 0.0])
         return [
             replace(now, duration_s=0.3, hold_s=0.2),
@@ -191,7 +165,7 @@ def _flip(frame: EntityState) -> float:
 
 def hang_tool(task: ArmAtTable, state: State, rng: np.random.Generator) -> list[Waypoint]:
     """Returns the next part of the way of the held wrench: its ring over the prong, or down and let go."""
-    tool, frame = state.objects["tool"], state.objects["frame"]
+    tool, frame, held = state.objects["tool"], state.objects["frame"], Held.of(task, state, "tool")
     outward = rotate(frame.rot[0].numpy(), np.array([-1.0, 0.0, 0.0]))
     ahead = np.array([outward[0], outward[1], 0.0]) / np.linalg.norm(outward[:2])
     foot = in_world(frame, parts.PRONG)
@@ -208,7 +182,7 @@ def hang_tool(task: ArmAtTable, state: State, rng: np.random.Generator) -> list[
         place = foot + edge * ahead + (FREE_M + up_m) * up
         place = place + HOLE_M * x + parts.RING_HALF_M * across
         goal = Pose(place - rotate(rot, np.array(parts.RING_POS)), rot)
-        return moved(task, state, "tool", goal, duration_s, hold_s)
+        return held.to(goal, duration_s, hold_s)
 
     spin = float(wrapped(np.arctan2(ahead[1], ahead[0]) - heading(tool)))
     middle = foot + (HOLE_M - parts.THICK_M / 2 - FREE_M) * ahead

@@ -13,15 +13,17 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import Array, concatenate, constant, norm, tanh
-from envs.kinematics.waypoints import Waypoint, miss
+from envs.kinematics.waypoints import Waypoint
 from envs.robots.franka import FRANKA
 from envs.rotations import from_matrix, rotate
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Quat, Rgba, RobotCfg, ScenarioCfg, SiteCfg, Vec3
 from envs.state import State
-from envs.tasks.arm_at_table import Start, travel_s
+from envs.tasks.arm_at_table import Start, hand_axes, travel_s
 from envs.tasks.arms_planner import Phase
 from envs.tasks.robosuite.scene import BASE_HEIGHT_M, HOME
 from envs.tasks.robosuite.two_arms import TwoArms, opposed
+from envs.tasks.skills.held import Held, Pose
+from envs.tasks.skills.insertion import Insertion, insertion_way
 from envs.tasks.tabletop import DENSITY_KG_M3, FRONT_CAMERA, ee_pos
 
 PEG_HALF_M = 0.13
@@ -45,8 +47,14 @@ _WOOD: Rgba = (0.45, 0.12, 0.08, 1.0)
 FREE_M = 0.25
 """Distance of the peg's middle from the plate before it goes in."""
 
-MEETING_M = np.array([0.0, 0.15, 1.42])
-"""Where the expert holds the hole: high enough for the left elbow to stay above its hand."""
+EXACT_M, EXACT_RAD = 0.008, 0.04
+"""What may lack of peg and hole then."""
+
+MEETING_M = np.array([0.0, 0.15, 1.52])
+"""Where the expert holds the hole: high enough for the left wrist to hold the peg level behind it."""
+
+SPREAD_M = 0.03
+"""Largest distance from there along each axis."""
 
 
 def _arm(tool: tuple[GeomCfg, ...], name: str, place: Vec3) -> RobotCfg:
@@ -186,25 +194,31 @@ class TwoArmPegInHole(TwoArms):
 
     @override
     def phases(self, state: State, rng: np.random.Generator) -> list[Phase]:
-        peg, hole = self.hand(state, 0), self.hand(state, 1)
-        place = MEETING_M + rng.uniform(-0.03, 0.03, 3)
-        side, ahead, up = np.eye(3)
+        """Returns the way of the hole to where they meet, and the next part of that of the peg into it."""
+        left, hole = self.robots[0], self.hand(state, 1)
+        place, rot, shown = hole.pos, hole.rot, list[Waypoint]()
+        if np.abs(place - MEETING_M).max() > SPREAD_M + 0.02:
+            place = MEETING_M + rng.uniform(-SPREAD_M, SPREAD_M, 3)
+            rot = hole.nearer(_MET)
+            shown = [hole.to(place, rot, 0.0, travel_s(hole.pos, place, 2.0))]
+        normal = rotate(rot, np.array([0.0, 1.0, 0.0]))
+        into = np.copysign(1.0, normal[1]) * normal  # away from the left robot
+        along = rng.uniform(0.06, 0.1)
         # The left hand turns from pointing down to ahead, about the world's x axis alone.
-        level = from_matrix(np.stack([up, side, ahead], axis=1))
-        normal = hole.nearer(from_matrix(np.stack([-side, ahead, -up], axis=1)))
-        noise = rng.normal(0.0, miss(rng, often_m=0.008, seldom_m=0.02), 3) * (1.0, 0.0, 1.0)
-        free, end = place - FREE_M * ahead, place - rng.uniform(0.06, 0.1) * ahead
+        level = from_matrix(hand_axes(into, np.array([0.0, 0.0, 1.0])))
+        where = Insertion(
+            goal=Pose(place - along * into, level),
+            into=into,
+            back_m=FREE_M - along,
+            exact_m=EXACT_M,
+            exact_rad=EXACT_RAD,
+            carry_m_s=0.67,
+        )
+        peg = Held.tool(left, state.robots[left.name])
+        return [{left.name: insertion_way(peg, where, rng), hole.name: shown}]
 
-        def at(pos: np.ndarray, duration_s: float, hold_s: float = 0.0) -> Waypoint:
-            return peg.to(pos, level, 0.0, duration_s, hold_s)
 
-        return [
-            {
-                peg.name: [at(free + noise, travel_s(peg.pos, free, 2.0))],
-                hole.name: [hole.to(place, normal, 0.0, travel_s(hole.pos, place, 2.0))],
-            },
-            {peg.name: [at(free, 0.4, hold_s=0.2), at(end, 1.2, hold_s=0.1)]},
-        ]
-
+_MET = from_matrix(np.array([[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]))
+"""Orientation of the plate's flange where peg and hole meet: the hole is ahead of the left robot, along y."""
 
 _NAMES = ("franka_left", "franka_right")

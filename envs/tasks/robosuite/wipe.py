@@ -12,14 +12,16 @@ import numpy as np
 from torch import Tensor
 
 from envs.array_ops import Array, concatenate, constant, norm, stack, where
-from envs.kinematics.waypoints import Waypoint, approach, first_miss
+from envs.kinematics.waypoints import Waypoint
 from envs.robots.franka import FRANKA_STICK
 from envs.rotations import conjugate, rotate
 from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Rgba, RobotCfg, SiteCfg, TableCfg
 from envs.state import State
 from envs.tasks.arm_at_table import Start
-from envs.tasks.robosuite.scene import BASE_HEIGHT_M, HOME, RobosuiteTask, down, pedestal
-from envs.tasks.tabletop import FRONT_CAMERA, ee_pos, hand_yaw, nearness
+from envs.tasks.robosuite.scene import BASE_HEIGHT_M, HOME, RobosuiteTask, pedestal
+from envs.tasks.skills.from_above import wipe
+from envs.tasks.skills.moves import Hand, at_height
+from envs.tasks.tabletop import FRONT_CAMERA, ee_pos, nearness
 
 TABLE_HEIGHT_M = 0.9
 WIPER_M = (0.025, 0.06, 0.015)
@@ -40,11 +42,11 @@ WIPED_Z_M = -0.02
 """Height of a marker that has been wiped off: inside the table."""
 
 SHOWN_Z_M = 1e-3
-TRAVEL_M, PRESS_M = 0.08, 0.003
-"""Height at which the expert travels, and how far below the table's top it presses."""
+TRAVEL_M = 0.08
+"""Height at which the expert travels. It wipes at the table's top: pressed below it, the wiper tips over."""
 
-EVERY, WIPE_M_S = 6, 0.12
-"""Markers from one waypoint of the expert to the next, and its mean speed."""
+EVERY = 6
+"""Markers from one waypoint of the expert to the next."""
 
 _DIRT: Rgba = (0.25, 0.16, 0.08, 1.0)
 _GREY: Rgba = (0.25, 0.25, 0.25, 1.0)
@@ -166,26 +168,9 @@ class Wipe(RobosuiteTask):
 
     @override
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
-        places = self.dirt(state)[0].numpy()[self.left(state)[0].numpy()]
-        tip, yaw = ee_pos(self.arm(state))[0].numpy().copy(), hand_yaw(self.arm(state))
+        hand, places = Hand.of(self, state, rng), self.dirt(state)[0].numpy()[self.left(state)[0].numpy()]
         if not len(places):  # the last step of its plan wiped the last marker
-            return [down(tip, yaw, 0.0, 0.5)]
-        line = [*places[:-1:EVERY], places[-1]]
-        if np.linalg.norm(line[-1][:2] - tip[:2]) < np.linalg.norm(line[0][:2] - tip[:2]):
-            line.reverse()
-        press = [np.array([*place[:2], -PRESS_M]) for place in line]
-        over = np.array([*press[0][:2], TRAVEL_M])
-        up = np.array([tip[0], tip[1], max(TRAVEL_M, float(tip[2]))])
-        rises = [] if tip[2] >= TRAVEL_M - 0.01 else [down(up, yaw, 0.0, 0.6)]
-        aside = first_miss(rng, (0.0, 0.02))
-        travel_s = 0.5 + 1.5 * float(np.linalg.norm(over - up)) + 0.4 * abs(yaw)
-        way = [
-            *rises,
-            *approach(down(over + aside, 0.0, 0.0, travel_s), rng, 0.03),
-            down(press[0], 0.0, 0.0, 0.7),
-        ]
-        pace, last = rng.uniform(0.9, 1.1), press[0]
-        for place in press[1:]:
-            way.append(down(place, 0.0, 0.0, max(0.1, pace * float(np.linalg.norm(place - last)) / WIPE_M_S)))
-            last = place
-        return [*way, down(last, 0.0, 0.0, 0.1, hold_s=0.1)]
+            return [hand.to(hand.pos, hand.yaw, 0.0)]
+        line = [at_height(place, 0.0) for place in (*places[:-1:EVERY], places[-1])]
+        begin, end = (float(np.linalg.norm((line[index] - hand.pos)[:2])) for index in (0, -1))
+        return wipe(hand, line if begin <= end else line[::-1], 0.0, TRAVEL_M, rng)

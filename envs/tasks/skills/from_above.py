@@ -10,6 +10,7 @@ varies the way, whose end first misses, and its pace.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -27,8 +28,8 @@ OFTEN_M, SELDOM_M = 0.008, 0.025
 TURN_S = 0.3
 """Time for which a turn of one radian makes a motion longer."""
 
-PUSH_M_S = 0.1
-"""Mean speed of a push."""
+PUSH_M_S, WIPE_M_S = 0.1, 0.12
+"""Mean speeds of a push, and of wiping a surface."""
 
 
 def way_across(hand: Hand, over: np.ndarray, yaw: float, gripper: float, travel_z: float) -> list[Waypoint]:
@@ -159,6 +160,25 @@ def push(
     seconds = (hand.travel_s(way[-1].pos, first), hand.travel_s(first, start), push_s)
     leave = ((start, yaw, shut, 0.0), (at_height(start, travel_z), yaw, shut, 0.0))
     return [*way, *slide(way[-1], (first, start, end), seconds), *replace(hand, pos=end).chain(*leave)]
+
+
+def wipe(
+    hand: Hand,
+    line: Sequence[np.ndarray],
+    yaw: float,
+    travel_z: float,
+    rng: np.random.Generator,
+) -> list[Waypoint]:
+    """Returns the way of a tool or of closed fingers down to where a line on a surface begins, and along it.
+
+    ``line`` has places of the grip site, m, (3,) each; those below the surface are pressed on.
+    """
+    over = at_height(line[0], travel_z) + first_miss(rng, (0.0, 0.02))
+    *lead, come = way_across(hand, over, yaw, GRASP_CLOSED_M, travel_z)
+    lengths = [float(np.linalg.norm(end - start)) for start, end in pairwise(line)]
+    seconds = [max(0.1, hand.pace * length / WIPE_M_S) for length in lengths]
+    along = slide(come, line, (0.3 + hand.travel_s(over, line[0]), *seconds))
+    return [*lead, *approach(come, rng, SELDOM_M), *along]
 
 
 def shut_drawer(

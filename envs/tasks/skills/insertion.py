@@ -1,83 +1,89 @@
-"""The expert's way of a held thing to before a hole, and into it."""
+"""The way of a held thing to before its place, and into it: level into a hole, or down into a frame."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from envs.kinematics.waypoints import Waypoint, correction_s, miss
-from envs.rotations import from_yaw, rotate, wrapped
-from envs.state import State
-from envs.tasks.arm_at_table import ArmAtTable, heading, point, travel_s
-from envs.tasks.tabletop import GRASP_CLOSED_M, ee_pos
+from envs.tasks.skills.held import Held, Pose
 
 FAR_M = 0.02
 """Error from which the expert moves as if it had just begun."""
 
+UP, DOWN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Insertion:
     """Where a thing goes.
 
     Attributes:
-        item: Name of the object, whose x axis points into the hole.
-        goal: Its position when it is inserted, m, (3,).
-        line: Heading of the hole, rad.
-        back_m: Distance from there, against the heading, at which it is lined up.
-        exact_m: Error across the hole at which the expert begins to insert it.
-        exact_rad: Likewise of its turn and its tilt.
+        goal: Its pose when it is inserted.
+        into: Direction of the last part of its way, (3,).
+        back_m: Distance from the goal, against that direction, at which it is lined up.
+        exact_m: Error across the direction at which the expert begins to insert it.
+        exact_rad: Likewise of its orientation.
         speed_m_s: Mean speed of the insertion.
+        carry_m_s: Mean speed of the way to where it is lined up; what is round slips out of a faster hand.
+        opening_m: Distance of each finger from the middle when the hand has let go and draws back; without it
+            the hand keeps the thing.
     """
 
-    item: str
-    goal: np.ndarray
-    line: float
+    goal: Pose
+    into: np.ndarray
     back_m: float
     exact_m: float
     exact_rad: float
     speed_m_s: float = 0.125
+    carry_m_s: float = 0.33
+    opening_m: float | None = None
 
 
-def insertion_way(
-    task: ArmAtTable, state: State, where: Insertion, rng: np.random.Generator
-) -> list[Waypoint]:
-    """Returns the next part of the way, of a state of one row: to the hole, a correction, or into it.
-
-    A load keeps the hand from its targets: each part moves the targets by what the thing still lacks.
-    """
-    item, now = state.objects[where.item], task.commanded(state)
-    hand = ee_pos(task.arm(state))[0].numpy()
-    spin = float(wrapped(where.line - heading(item)))
-    droop = float(rotate(item.rot[0].numpy(), np.array([1.0, 0.0, 0.0]))[2])
-    in_hand = rotate(from_yaw(spin), hand - point(item))
-    axis = np.array([np.cos(where.line), np.sin(where.line), 0.0])
+def insertion_way(held: Held, where: Insertion, rng: np.random.Generator) -> list[Waypoint]:
+    """Returns the next part of the way: to before the place, a correction, or into it."""
+    into, back = where.into, where.back_m
 
     def at(along_m: float, duration_s: float, hold_s: float, aside: np.ndarray | None = None) -> Waypoint:
-        """The thing so far along the hole from its goal."""
-        pos = now.pos + where.goal + along_m * axis + in_hand - hand
-        return Waypoint(
-            pos=pos if aside is None else pos + aside,
-            yaw=now.yaw + spin,
-            pitch=now.pitch + droop,
-            roll=now.roll,
-            gripper=GRASP_CLOSED_M,
-            duration_s=duration_s,
-            hold_s=hold_s,
-        )
+        """The thing so far along the direction from its goal."""
+        pos = where.goal.pos + along_m * into
+        return held.to(Pose(pos if aside is None else pos + aside, where.goal.rot), duration_s, hold_s)
 
-    ready = where.goal - where.back_m * axis
-    left = ready - point(item)
-    ahead = -float(left @ axis)  # of where it is lined up
-    off = float(np.linalg.norm(left + ahead * axis))
-    lined = off < where.exact_m and max(abs(spin), abs(droop)) < where.exact_rad
-    if lined or (ahead > 1.5 * FAR_M and off < FAR_M):
-        return [at(0.0, 0.4 + (where.back_m - ahead) / where.speed_m_s, 0.2)]
+    ready = where.goal.pos - back * into
+    left, turn = ready - held.pose.pos, held.pose.turn_to(where.goal)
+    ahead = -float(left @ into)  # of where it is lined up
+    off = float(np.linalg.norm(left + ahead * into))
+    lined = off < where.exact_m and turn < where.exact_rad
+    # What is part of the way in goes on; but what is let go of at the end lines up again.
+    part_in = where.opening_m is None and ahead > 1.5 * FAR_M and off < FAR_M
+    if lined or part_in:
+        inside = at(0.0, 0.4 + max(back - ahead, 0.0) / where.speed_m_s, 0.2)
+        return [inside, *_let_go(inside, where)]
     if off < FAR_M:
-        return [at(-where.back_m, 0.3, 0.25)]
+        return [at(-back, 0.3 + 2.0 * abs(ahead), 0.25)]
     # The way first misses: the next motion demonstrates the correction.
-    aside = rng.normal(0.0, miss(rng, often_m=0.008, seldom_m=0.02), 2)
-    missed = np.array([aside[0], 0.0, 0.5 * abs(aside[1])])
-    way_s = travel_s(point(item), ready, 0.5) + 0.4 * abs(spin)
+    aside = _beside(into, rng)
+    way_s = 0.5 + float(np.linalg.norm(ready - held.pose.pos)) / where.carry_m_s + 0.4 * turn
+    lower = float(left @ UP)
     return [
-        at(-where.back_m - 0.02, way_s, 0.0, missed),
-        at(-where.back_m, correction_s(aside) + 0.3, 0.2),
+        *([held.moved(lower * UP, 0.5 + 1.5 * lower)] if lower > FAR_M else []),
+        at(-back - 0.02, way_s, 0.0, aside),
+        at(-back, correction_s(aside) + 0.3, 0.2),
     ]
+
+
+def _let_go(inside: Waypoint, where: Insertion) -> list[Waypoint]:
+    """Returns the way of fingers that open, and of the hand back out; none if it keeps what it holds."""
+    if where.opening_m is None:
+        return []
+    opened = replace(inside, gripper=where.opening_m, duration_s=0.3, hold_s=0.15)
+    back = inside.pos - (where.back_m + 0.04) * where.into
+    return [opened, replace(opened, pos=back, duration_s=0.6, hold_s=0.0)]
+
+
+def _beside(into: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Draws how far the end of the way is off, across the direction, m, (3,); of a level one never below."""
+    first, second = rng.normal(0.0, miss(rng, often_m=0.008, seldom_m=0.02), 2)
+    side = np.cross(into, UP)
+    if np.linalg.norm(side) < 0.1:
+        return np.array([first, second, 0.0])
+    return first * side / np.linalg.norm(side) + 0.5 * abs(second) * UP

@@ -7,7 +7,7 @@ import numpy as np
 
 from envs.kinematics.waypoints import Waypoint
 from envs.state import State
-from envs.tasks.arm_at_table import ArmAtTable
+from envs.tasks.arm_at_table import ArmAtTable, posed
 from envs.tasks.skills.clouds import Heights, Underside
 from envs.tasks.skills.grasps import Grasp
 from envs.tasks.skills.hands import FINGER_HALF_M, FINGER_MOST_M, TIP_BELOW_M, hand_underside
@@ -51,7 +51,15 @@ class Hand:
     def of(cls, task: ArmAtTable, state: State, rng: np.random.Generator) -> "Hand":
         """Returns the hand of a task's arm in a state of one row, at a pace that is drawn."""
         arm, pace = task.arm(state), float(rng.uniform(0.9, 1.1))
-        return cls(ee_pos(arm)[0].numpy().copy(), task.down_pitch_rad, pace, hand_yaw(arm))
+        assert arm.ee_rot is not None, "a simulator gives every robot's end effector"
+        pos = ee_pos(arm)[0].numpy().copy()
+        # The frame of a tool in place of a hand is turned otherwise than that of fingers.
+        yaw = (
+            hand_yaw(arm)
+            if task.robot.fingers
+            else posed(task.robot, pos, arm.ee_rot[0].numpy(), 0.0, 0.0).yaw
+        )
+        return cls(pos, task.down_pitch_rad, pace, yaw)
 
     def after(self, way: Sequence[Waypoint]) -> "Hand":
         """Returns the hand at the end of a way."""

@@ -10,7 +10,7 @@ import torch
 from envs.mjcf.model import build_model
 from envs.rotations import from_matrix, from_yaw, to_matrix
 from envs.tasks.robosuite.two_arm_lift import HANDLES, TwoArmLift
-from envs.tasks.robosuite.two_arm_peg_in_hole import HOLE_POS, PLATE_POS, TwoArmPegInHole
+from envs.tasks.robosuite.two_arm_peg_in_hole import FREE_M, HOLE_POS, MEETING_M, PLATE_POS, TwoArmPegInHole
 from envs.tasks.robosuite.two_arms import AT_TABLE
 from envs.tasks.tabletop import point_on
 from tests.envs.tasks.table_states import assert_fills, put, vector
@@ -115,6 +115,22 @@ def test_how_a_peg_fits_is_measured_along_it():
     assert float(fit.along[0]) == pytest.approx(0.1)
     assert float(fit.off[0]) == pytest.approx(0.03)
     assert float(fit.cosine[0]) == pytest.approx(math.cos(0.2))
+
+
+def test_the_hole_is_held_still_once_it_is_where_they_meet():
+    """A new plan aims the peg at where the hole is, not at where it was to be."""
+    state = facing_state(along=0.5)
+    first = PEG.phases(state, np.random.default_rng(0))
+    assert len(first[0][RIGHT]) == 1 and len(first[0][LEFT]) > 1
+    place = MEETING_M + np.array([0.02, -0.01, 0.03])
+    state.robots[LEFT].ee_pos = vector(place[0], place[1] - FREE_M, place[2])
+    state.robots[RIGHT].ee_pos = vector(*place)
+    (phase,) = PEG.phases(state, np.random.default_rng(0))
+    (inserts,) = phase[LEFT]
+    assert not phase[RIGHT]
+    moved = inserts.pos - PEG.commanded(state).pos
+    assert moved[1] == pytest.approx(FREE_M - 0.08, abs=0.021)
+    np.testing.assert_allclose(moved[[0, 2]], 0.0, atol=1e-9)
 
 
 def test_plate_and_peg_are_tools_of_the_size_that_robosuite_gives():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from envs.kinematics.waypoints import Waypoint
-from envs.tasks.skills.from_above import grasp, push, put, shut_drawer, slide, take
+from envs.tasks.skills.from_above import grasp, push, put, shut_drawer, slide, take, wipe
 from envs.tasks.skills.moves import Hand
 from envs.tasks.tabletop import GRASP_CLOSED_M, GRASP_OPEN_M
 
@@ -57,6 +57,17 @@ def test_a_push_goes_down_beside_its_start_and_back_before_it_rises():
     np.testing.assert_array_equal([touches.pos, pushes.pos, back.pos], [start, end, start])
     assert (up.pos[2], pushes.hold_s) == (0.2, 0.1)
     assert 0.3 + 0.9 <= pushes.duration_s <= 0.3 + 1.1  # 0.1 m at 0.1 m/s, at a pace that is drawn
+
+
+def test_a_wipe_comes_down_where_its_line_begins_and_follows_it_at_an_even_pace():
+    line = [np.array([x, 0.1, 0.0]) for x in (0.1, 0.13, 0.22)]
+    way = wipe(HAND, line, 0.2, 0.08, rng())
+    *lead, begins, along, ends = way
+    np.testing.assert_array_equal([begins.pos, along.pos, ends.pos], line)
+    assert min(stop.pos[2] for stop in lead) >= 0.08
+    assert {(stop.yaw, stop.gripper) for stop in way} == {(0.2, GRASP_CLOSED_M)}
+    assert ends.duration_s / along.duration_s == pytest.approx(3.0)
+    assert along.duration_s == pytest.approx(0.03 / 0.12)
 
 
 def test_what_was_taken_is_put_down_from_where_it_is_held():
