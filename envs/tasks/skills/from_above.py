@@ -28,6 +28,9 @@ OFTEN_M, SELDOM_M = 0.008, 0.025
 TURN_S = 0.3
 """Time for which a turn of one radian makes a motion longer."""
 
+BESIDE_S = 0.2
+"""Time in which a hand that came down beside a thing moves to it."""
+
 PUSH_M_S, WIPE_M_S = 0.1, 0.12
 """Mean speeds of a push, and of wiping a surface."""
 
@@ -50,6 +53,7 @@ def grasp(
     rng: np.random.Generator | None,
     beside_m: float = 0.03,
     *,
+    clear: np.ndarray | None = None,
     closed_m: float = GRASP_CLOSED_M,
     down_s: float = 0.5,
     settle_s: float = 0.1,
@@ -63,15 +67,18 @@ def grasp(
         grip: The place, m, (3,).
         rng: At times the first part goes by a point beside its end; None comes straight.
         beside_m: How far beside; see :func:`~envs.kinematics.waypoints.approach`.
+        clear: How far from the place the hand comes down, m, (3,), and then moves level to it: a finger that
+            does not close by itself has to be brought to the thing.
         closed_m: Distance of each finger from the middle in the grasp.
         down_s: Time to the place.
         settle_s: Time to wait there.
         close_s: Time to close.
         hold_s: Time to wait then.
     """
-    down = replace(over, pos=grip, duration_s=down_s, hold_s=settle_s)
-    closed = replace(down, gripper=closed_m, duration_s=close_s, hold_s=hold_s)
-    return [*([over] if rng is None else approach(over, rng, beside_m)), down, closed]
+    down = replace(over, pos=grip if clear is None else grip + clear, duration_s=down_s, hold_s=settle_s)
+    there = [] if clear is None else slide(down, (grip,), (BESIDE_S,), hold_s=0.0)
+    closed = replace(down, pos=grip, gripper=closed_m, duration_s=close_s, hold_s=hold_s)
+    return [*([over] if rng is None else approach(over, rng, beside_m)), down, *there, closed]
 
 
 def slide(

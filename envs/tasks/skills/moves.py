@@ -11,7 +11,7 @@ from envs.tasks.arm_at_table import ArmAtTable, posed
 from envs.tasks.skills.clouds import Heights, Underside
 from envs.tasks.skills.grasps import Grasp
 from envs.tasks.skills.hands import FINGER_HALF_M, FINGER_MOST_M, TIP_BELOW_M, hand_underside
-from envs.tasks.tabletop import ee_pos, hand_yaw
+from envs.tasks.tabletop import ee_pos
 
 CLEARANCE_M = 0.025
 """Least height over what is passed."""
@@ -53,12 +53,7 @@ class Hand:
         arm, pace = task.arm(state), float(rng.uniform(0.9, 1.1))
         assert arm.ee_rot is not None, "a simulator gives every robot's end effector"
         pos = ee_pos(arm)[0].numpy().copy()
-        # The frame of a tool in place of a hand is turned otherwise than that of fingers.
-        yaw = (
-            hand_yaw(arm)
-            if task.robot.fingers
-            else posed(task.robot, pos, arm.ee_rot[0].numpy(), 0.0, 0.0).yaw
-        )
+        yaw = posed(task.robot, pos, arm.ee_rot[0].numpy(), 0.0, 0.0).yaw
         return cls(pos, task.down_pitch_rad, pace, yaw)
 
     def after(self, way: Sequence[Waypoint]) -> "Hand":

@@ -11,8 +11,9 @@ from envs.kinematics.waypoints import Waypoint, grasp_yaw, miss
 from envs.scenario import GeomCfg, ObjectCfg, Rgba
 from envs.state import State
 from envs.tasks.arm_at_table import Start, heading, point, travel_s
-from envs.tasks.skills.from_above import slide
-from envs.tasks.so101.scene import CLOSED_M, HIGH_M, LOW_M, OPEN_M, So101Task, grasp, lifted
+from envs.tasks.skills.from_above import put, slide
+from envs.tasks.skills.moves import Hand
+from envs.tasks.so101.scene import CLOSED_M, HIGH_M, LOW_M, OPEN_M, RISE_M, So101Task, beside, lifted, take
 from envs.tasks.tabletop import distance, ee_pos, finger_gap, flat_distance, is_held, nearness, target_gap
 
 HALF_M = 0.015
@@ -115,9 +116,11 @@ class PickCube(So101Task):
         turned = 0.0
         if self.turn_miss_rad and rng.uniform() < 0.5:
             turned = rng.uniform(-self.turn_miss_rad, self.turn_miss_rad)
+        come_s = travel_s(hand, above, 0.4) + 0.4 * abs(turned)
+        come = Waypoint(pos=above, yaw=yaw + turned, gripper=OPEN_M, duration_s=come_s)
         return [
-            *_clear(self.commanded(state)),
-            *grasp(middle, HALF_M, yaw, above, travel_s(hand, above, 0.4), off, turned),
+            *self.rise(state, RISE_M),
+            *take(come, beside(middle, HALF_M, yaw), yaw, off),
             Waypoint(pos=up, yaw=yaw, gripper=CLOSED_M, duration_s=0.7, hold_s=0.2),
         ]
 
@@ -177,25 +180,15 @@ class StackCube(So101Task):
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
         red, green = point(state.objects["red"]), point(state.objects["green"])
         if bool(self._on_top(state)[0]):
-            return _clear(self.commanded(state), 0.08)
+            return self.rise(state, 0.08)
         yaw = grasp_yaw(heading(state.objects["red"]))
         hand = ee_pos(self.arm(state))[0].numpy()
         spread = miss(rng, often_m=0.006, seldom_m=0.015)
         above = lifted(red + np.array([*rng.normal(0.0, spread, 2), 0.0]), rng.uniform(0.06, 0.07))
-        middle = hold_point(red)
-        place = hold_point(green) + np.array([0.0, 0.0, 2 * HALF_M])
-        near = lifted(place + np.array([*rng.normal(0.0, spread, 2), 0.0]), HIGH_M)
-        carry, on = travel_s(middle, near, 0.5), lifted(place, place[2] + 0.001)
-        return [
-            *_clear(self.commanded(state)),
-            *grasp(middle, HALF_M, yaw, above, travel_s(hand, above, 0.4)),
-            Waypoint(pos=lifted(middle), yaw=yaw, gripper=CLOSED_M, duration_s=0.6),
-            Waypoint(pos=near, yaw=yaw, gripper=CLOSED_M, duration_s=carry),
-            Waypoint(pos=lifted(place), yaw=yaw, gripper=CLOSED_M, duration_s=0.3),
-            Waypoint(pos=on, yaw=yaw, gripper=CLOSED_M, duration_s=0.4, hold_s=0.2),
-            Waypoint(pos=place, yaw=yaw, gripper=OPEN_M, duration_s=0.3, hold_s=0.2),
-            Waypoint(pos=lifted(place, 0.08), yaw=yaw, gripper=OPEN_M, duration_s=0.5),
-        ]
+        come = Waypoint(pos=above, yaw=yaw, gripper=OPEN_M, duration_s=travel_s(hand, above, 0.4))
+        way = [*self.rise(state, RISE_M), *take(come, beside(hold_point(red), HALF_M, yaw), yaw)]
+        place = hold_point(green) + way[-1].pos - hold_point(red) + np.array([0.0, 0.0, 2 * HALF_M + 0.001])
+        return [*way, *put(Hand.of(self, state, rng).after(way), place, yaw, HIGH_M, rng, OPEN_M)]
 
     def _held(self, state: State) -> Tensor:
         return is_held(self.arm(state), state.objects["red"].pos, 0.025, 2 * HALF_M, self.robot)
@@ -278,7 +271,7 @@ class PushCube(So101Task):
         high = lifted(behind, rng.uniform(0.055, 0.065))
         over = Waypoint(pos=high, yaw=yaw, gripper=CLOSED_M, duration_s=travel_s(hand, high, 0.5))
         way = slide(over, (behind, end), (0.5, push_s), hold_s=0.3)
-        return [*_clear(self.commanded(state)), over, *way]
+        return [*self.rise(state, RISE_M), over, *way]
 
     def _left(self, state: State) -> Tensor:
         """Returns how far the cube is from the target, (N,), m."""
@@ -288,11 +281,3 @@ class PushCube(So101Task):
 _TOUCHING_M = HALF_M - 0.007
 """Distance of the grip site behind a cube's middle when closed fingers touch it: the jaw's outer face is 7 mm
 nearer to the base than the site."""
-
-
-def _clear(now: Waypoint, height_m: float = 0.06) -> list[Waypoint]:
-    """Returns the way straight up with an open hand from the pose that targets stand for, if it is low."""
-    if now.pos[2] >= height_m - 0.005:
-        return []
-    rise_s = 0.3 + 4.0 * float(height_m - now.pos[2])
-    return [Waypoint(pos=lifted(now.pos, height_m), yaw=now.yaw, gripper=OPEN_M, duration_s=rise_s)]

@@ -13,7 +13,7 @@ from envs.scenario import CameraCfg, GeomCfg, LinkCfg, ObjectCfg, ObjectJointCfg
 from envs.state import State
 from envs.tasks.arm_at_table import Start, heading, travel_s
 from envs.tasks.skills.from_above import slide
-from envs.tasks.so101.scene import FRONT_CAMERA, OPEN_M, So101Task, grasp, lifted
+from envs.tasks.so101.scene import FRONT_CAMERA, OPEN_M, RISE_M, So101Task, beside, lifted, take
 from envs.tasks.tabletop import distance, ee_pos, nearness
 
 RANGE_M = 0.08
@@ -118,13 +118,10 @@ class OpenDrawer(So101Task):
         hand = ee_pos(self.arm(state))[0].numpy()
         spread = miss(rng, often_m=0.005, seldom_m=0.012)
         above = lifted(middle + np.array([*rng.normal(0.0, spread, 2), 0.0]), rng.uniform(0.068, 0.076))
-        ways = grasp(middle, POST_HALF_M, yaw, above, travel_s(hand, above, 0.7))
-        now = self.commanded(state)
-        rise: list[Waypoint] = []
-        if now.pos[2] < 0.055:
-            rise = [Waypoint(pos=lifted(now.pos, 0.07), yaw=now.yaw, gripper=OPEN_M, duration_s=0.5)]
+        come = Waypoint(pos=above, yaw=yaw, gripper=OPEN_M, duration_s=travel_s(hand, above, 0.7))
+        ways = take(come, beside(middle, POST_HALF_M, yaw), yaw)
         held, pull_s = ways[-1], 0.3 + 12.0 * float(np.linalg.norm(pull))
-        return [*rise, *ways, *slide(held, (held.pos + pull,), (pull_s,), hold_s=0.3)]
+        return [*self.rise(state, RISE_M), *ways, *slide(held, (held.pos + pull,), (pull_s,), hold_s=0.3)]
 
     def _handle(self, state: State) -> Tensor:
         """Returns the middle of the handle's post in the world, (N, 3), m."""

@@ -16,7 +16,9 @@ import numpy as np
 from envs.kinematics.waypoints import Waypoint
 from envs.robots.so101 import SO101
 from envs.scenario import CameraCfg, PhysicsCfg, RobotCfg, ScenarioCfg, TableCfg
+from envs.state import State
 from envs.tasks.arm_at_table import ArmAtTable
+from envs.tasks.skills.from_above import grasp
 
 REST_RAD = (-0.0013879, -0.4283394, 0.4628485, 1.5362872, 0.0472916, 0.6)
 """Posture whose hand is 8 cm above the table, 0.19 m from the base, and points straight down."""
@@ -53,11 +55,17 @@ WRIST_CAMERA = CameraCfg(
 SITE_TO_FINGER_M = 0.015
 """Distance from the grip site to the face of the finger that does not move (``so101.xml``)."""
 
+CLEAR_M = 0.006
+"""Distance from there to a thing when the open hand comes down beside it."""
+
 LOW_M = 0.019
 """Least height of the grip site: the closed jaw's tip is then 4 mm above the table."""
 
 HIGH_M = 0.075
 """Height of the grip site at which a hand passes over what lies on the table."""
+
+RISE_M = 0.06
+"""Height to which a low hand rises before it goes anywhere."""
 
 NEAR_M = 0.048
 """Height of the grip site at which the fingertips, 15 mm below it, are just above a cube of 3 cm."""
@@ -81,18 +89,14 @@ class So101Task(ArmAtTable):
         wrist = replace(WRIST_CAMERA, mount=own.cameras[1].mount)
         return replace(own, cameras=(self.camera, wrist), physics=CONTROL_30_HZ)
 
-
-def beside(middle: np.ndarray, half_width_m: float, yaw: float, clearance_m: float = 0.0) -> np.ndarray:
-    """Returns where the grip site is when the finger that does not move is beside a thing.
-
-    Args:
-        middle: Middle of the thing, at the height of the site, m, (3,).
-        half_width_m: Half its width along the hand's x axis.
-        yaw: Turn of the hand, as in a waypoint.
-        clearance_m: Distance left between finger and thing.
-    """
-    along = SITE_TO_FINGER_M - half_width_m - clearance_m
-    return middle + along * np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    @override
+    def rise(self, state: State, height_m: float) -> list[Waypoint]:
+        """See :meth:`ArmAtTable.rise`; from where its targets are, since its small motors give way."""
+        now = self.commanded(state)
+        if now.pos[2] >= height_m - 0.005:
+            return []
+        rise_s = 0.3 + 4.0 * float(height_m - now.pos[2])
+        return [replace(now, pos=lifted(now.pos, height_m), gripper=OPEN_M, duration_s=rise_s)]
 
 
 def lifted(pos: np.ndarray, height_m: float = HIGH_M) -> np.ndarray:
@@ -100,45 +104,33 @@ def lifted(pos: np.ndarray, height_m: float = HIGH_M) -> np.ndarray:
     return np.array([pos[0], pos[1], height_m])
 
 
-def grasp(
-    middle: np.ndarray,
-    half_width_m: float,
-    yaw: float,
-    above: np.ndarray,
-    come_s: float,
-    off_m: np.ndarray | None = None,
-    turned_rad: float = 0.0,
-) -> list[Waypoint]:
-    """Returns the way of an open hand to a thing and of its fingers round it.
+def beside(middle: np.ndarray, half_width_m: float, yaw: float) -> np.ndarray:
+    """Returns where the grip site is when the finger that does not move touches a thing.
 
     Args:
-        middle: Middle of the thing, at the height of the grip site, m, (3,).
-        half_width_m: Half its width between the fingers.
-        yaw: Turn of the hand.
-        above: Where the hand comes down from, m, (3,).
-        come_s: Time to come there.
-        off_m: How far the hand is off when its fingers are just above the thing, m, (2,), which it corrects;
-            without it the hand comes straight down.
-        turned_rad: How far the hand is turned too much above the thing, which it then corrects.
+        middle: Middle of the thing, at the height of the site, m, (3,).
+        half_width_m: Half its width along the hand's x axis.
+        yaw: Turn of the hand, as in a waypoint.
     """
-    open_at = beside(middle, half_width_m, yaw, 0.006)
-    held_at = beside(middle, half_width_m, yaw)
-    return [
-        Waypoint(pos=above, yaw=yaw + turned_rad, gripper=OPEN_M, duration_s=come_s + 0.4 * abs(turned_rad)),
-        *_come_down(open_at, yaw, float(above[2]), off_m, 0.2 + abs(turned_rad)),
-        Waypoint(pos=open_at, yaw=yaw, gripper=OPEN_M, duration_s=0.5, hold_s=0.07),
-        Waypoint(pos=held_at, yaw=yaw, gripper=OPEN_M, duration_s=0.2),
-        Waypoint(pos=held_at, yaw=yaw, gripper=CLOSED_M, duration_s=0.2, hold_s=0.2),
-    ]
+    return middle + (SITE_TO_FINGER_M - half_width_m) * np.array([np.cos(yaw), np.sin(yaw), 0.0])
 
 
-def _come_down(
-    open_at: np.ndarray, yaw: float, height_m: float, off_m: np.ndarray | None, over_s: float
-) -> list[Waypoint]:
-    """Returns the way to straight above the place where the hand takes hold; see :func:`grasp`."""
-    over = Waypoint(pos=lifted(open_at, height_m), yaw=yaw, gripper=OPEN_M, duration_s=over_s)
-    if off_m is None:
-        return [over]
-    near = lifted(open_at, NEAR_M)
-    beside_it = replace(over, pos=near + np.array([*off_m, 0.0]), duration_s=0.3)
-    return [over, beside_it, replace(over, pos=near, duration_s=0.1 + 10.0 * float(np.linalg.norm(off_m)))]
+def take(come: Waypoint, grip: np.ndarray, yaw: float, off_m: np.ndarray | None = None) -> list[Waypoint]:
+    """Returns the way of an open hand to a thing and the grasp, from where the hand first comes.
+
+    Args:
+        come: The first waypoint, over the thing; it may be off, and its turn too.
+        grip: The grip site in the grasp; see :func:`beside`.
+        yaw: Turn of the hand in the grasp.
+        off_m: How far the hand is off once more when its fingers are just above the thing, m, (2,).
+    """
+    clear = -CLEAR_M * np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    turn_s = 0.2 + abs(yaw - come.yaw)
+    over = replace(come, pos=lifted(grip + clear, float(come.pos[2])), yaw=yaw, duration_s=turn_s)
+    ways, last = [come], over
+    if off_m is not None:
+        near = lifted(grip + clear, NEAR_M)
+        ways += [over, replace(over, pos=near + np.array([*off_m, 0.0]), duration_s=0.3)]
+        last = replace(over, pos=near, duration_s=0.1 + 10.0 * float(np.linalg.norm(off_m)))
+    held = grasp(last, grip, None, clear=clear, settle_s=0.07, close_s=0.2, hold_s=0.2)
+    return [*ways, *held]

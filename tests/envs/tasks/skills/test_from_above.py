@@ -37,6 +37,15 @@ def test_a_grasp_without_misses_is_three_stops_of_the_given_times():
     ]
 
 
+def test_a_hand_with_one_moving_finger_comes_down_beside_a_thing_and_moves_to_it():
+    pos, clear = np.array([0.1, 0.2, 0.02]), np.array([-0.006, 0.0, 0.0])
+    over = Waypoint(pos=pos + 0.05, yaw=0.3, gripper=0.02, duration_s=1.0)
+    _, down, beside, closed = grasp(over, pos, None, clear=clear)
+    np.testing.assert_allclose(down.pos, pos + clear)
+    np.testing.assert_array_equal([beside.pos, closed.pos], [pos, pos])
+    assert (down.gripper, beside.gripper, closed.gripper) == (0.02, 0.02, GRASP_CLOSED_M)
+
+
 def test_a_hand_slides_as_it_is_turned_and_waits_where_it_begins_and_ends():
     last = Waypoint(pos=np.zeros(3), yaw=0.3, roll=0.2, gripper=0.01, duration_s=1.0, hold_s=0.5)
     places = [np.array([x, 0.0, 0.02]) for x in (0.1, 0.12, 0.3)]

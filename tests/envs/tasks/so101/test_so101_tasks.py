@@ -7,12 +7,15 @@ from lerobot.robots import make_robot_from_config
 
 from envs.experts.actor import expert_episodes
 from envs.lerobot import RoboVerseEnvConfig, RoboVerseRobotConfig
+from envs.rotations import from_yaw, multiply
 from envs.spec import EnvSpec
 from envs.state import State
 from envs.tasks import TASKS
+from envs.tasks.arm_at_table import chain_at_rest
 from envs.tasks.make import make_task
+from envs.tasks.skills.moves import Hand
 from envs.tasks.so101.cubes import HALF_M, REACH_M
-from envs.tasks.so101.scene import LOW_M
+from envs.tasks.so101.scene import LOW_M, OPEN_M
 from roboverse_learn.data.sources.expert import ExpertEpisodes
 
 NAMES = [name for name in TASKS if name.startswith("so101/")]
@@ -113,6 +116,30 @@ def test_rewards_rise_with_progress_and_stay_below_one():
     state.objects["cabinet"].joint_pos[:] = 0.06
     assert (shut < half).all() and (half < task.reward(state)).all() and (task.reward(state) < 1).all()
     assert task.success(state).all()
+
+
+def test_the_turn_of_a_hand_is_that_of_its_waypoint_whatever_its_frame():
+    """At turn 0 the jaw opens away from the base, and fingers of a Panda to its left."""
+    task = make_task("so101/stack_cube")
+    state = with_targets(starts(task, 1), task)
+    arm = state.robots["so101"]
+    for turn in (-0.9, 0.0, 0.4):
+        rest = chain_at_rest(task.robot)[1]
+        arm.ee_rot = torch.from_numpy(multiply(from_yaw(np.array([turn])), rest))
+        assert Hand.of(task, state, np.random.default_rng(0)).yaw == pytest.approx(turn)
+
+
+def test_a_low_hand_rises_from_where_its_targets_are():
+    task = make_task("so101/pick_cube")
+    state = with_targets(starts(task, 1), task)
+    arm = state.robots["so101"]
+    assert task.rise(state, 0.06) == [], "at rest it is 8 cm above the table"
+    arm.joint_target[:, 1] += 0.4
+    now = task.commanded(state)
+    (up,) = task.rise(state, now.pos[2] + 0.02)
+    assert now.pos[2] != pytest.approx(arm.ee_pos[0, 2].item())
+    np.testing.assert_allclose(up.pos, now.pos + np.array([0.0, 0.0, 0.02]))
+    assert (up.yaw, up.pitch, up.gripper) == (now.yaw, now.pitch, OPEN_M)
 
 
 @pytest.mark.slow
