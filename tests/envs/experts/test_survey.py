@@ -41,6 +41,16 @@ def test_a_task_without_an_expert_is_looked_at_once(tmp_path, monkeypatch):
     assert survey.main(words) == 0
 
 
+@pytest.mark.slow
+def test_a_start_that_comes_to_be_solved_as_the_robot_holds_still_is_not_solved_at_the_start(tmp_path):
+    """The block in the hand falls into the drawer when the fingers stay where they are."""
+    results = tmp_path / "tasks.json"
+    assert survey.main(["tasks=[calvin/A/place_in_drawer]", "episodes=1", f"results={results}"]) == 0
+    row = json.loads(results.read_text())["calvin/A/place_in_drawer"]
+    assert row["moved"].startswith("block_") and row["moved_m"] > 0.1
+    assert row["solved_at_start"] is False and row["expert"] == 1.0
+
+
 def test_a_task_that_fails_is_named_and_the_others_go_on(tmp_path, monkeypatch):
     results = tmp_path / "tasks.json"
 
