@@ -21,7 +21,7 @@ from envs.tasks.arm_at_table import above
 from envs.tasks.base import Task
 from envs.tasks.parameters import interval, parameter
 from envs.tasks.robosuite.scene import UPRIGHT_PITCH_RAD, panda, pedestal
-from envs.tasks.skills.from_above import grasp
+from envs.tasks.skills.from_above import grasp, set_down
 from envs.tasks.tabletop import (
     CONTROL_20_HZ,
     FRONT_CAMERA,
@@ -320,13 +320,10 @@ class NutAssembly(Task):
         aside = rng.normal(0.0, miss(rng, often_m=self.approach_noise_m, seldom_m=self.detour_m), 2)
         near = over + np.array([*aside, rng.uniform(0.0, 0.02)])
         travel = float(np.linalg.norm(near - hand))
-        hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
+        come = _way(over, turn, GRASP_CLOSED_M, max(0.4, correction_s(aside)), hold_s=0.1)
         return [
-            _way(near, turn, grip, 0.4 + 2.0 * travel + 0.4 * abs(spin)),
-            _way(over, turn, grip, max(0.4, correction_s(aside)), hold_s=0.1),
-            _way(low, turn, grip, 0.8, hold_s=0.1),
-            _way(low, turn, hold, 0.3),
-            _way(above(low, CARRY_HEIGHT_M), turn, hold, 0.6),
+            _way(near, turn, GRASP_CLOSED_M, 0.4 + 2.0 * travel + 0.4 * abs(spin)),
+            *set_down(come, low, down_s=0.8, settle_s=0.1, rise_m=CARRY_HEIGHT_M, rise_s=0.6),
         ]
 
 

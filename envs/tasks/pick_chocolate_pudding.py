@@ -32,7 +32,7 @@ from envs.state import EntityState, State
 from envs.tasks.base import Task
 from envs.tasks.libero_objects import GROCERIES, INIT_STATES, libero_root, read_init_states
 from envs.tasks.parameters import parameter
-from envs.tasks.skills.from_above import grasp
+from envs.tasks.skills.from_above import grasp, set_down
 from envs.tasks.tabletop import (
     CONTROL_20_HZ,
     FRONT_CAMERA,
@@ -251,13 +251,13 @@ class PickChocolatePudding(Task):
             return Waypoint(pos=pos, gripper=gripper, duration_s=time_s, hold_s=hold_s, **turn)
 
         over = at(above, grip_yaw, hold, 0.3 + 1.6 * float(np.linalg.norm(above - near)))
+        come = at(carry, 0.0, grip, 0.4 + 1.8 * float(np.linalg.norm(carry - lifted)))
+        lower_s = 0.3 + 1.6 * float(np.linalg.norm(goal - carry))
         return [
             at(near, grip_yaw, hold, 0.4 + 1.6 * self._gap(state, near)),
             *grasp(over, target, None, down_s=0.35, close_s=0.25),
             at(lifted, grip_yaw, grip, 0.6),
-            at(carry, 0.0, grip, 0.4 + 1.8 * float(np.linalg.norm(carry - lifted))),
-            at(goal, 0.0, grip, 0.3 + 1.6 * float(np.linalg.norm(goal - carry)), 0.1),
-            at(goal, 0.0, hold, 0.2, 0.8),
+            *set_down(come, goal, down_s=lower_s, settle_s=0.1, open_s=0.2, wait_s=0.8, rise_m=0.0),
         ]
 
     def _grasp(self, state: State) -> tuple[np.ndarray, float, float]:

@@ -22,7 +22,7 @@ from envs.state import EntityState, State
 from envs.tasks.arm_at_table import above
 from envs.tasks.base import Task
 from envs.tasks.parameters import parameter
-from envs.tasks.skills.from_above import grasp
+from envs.tasks.skills.from_above import grasp, set_down
 from envs.tasks.tabletop import (
     CONTROL_20_HZ,
     FRANKA_AT_TABLE,
@@ -180,23 +180,21 @@ class StackCube(Task):
             return [up]
         # Both ends first miss: the next motion demonstrates the correction.
         over_cube = start + np.array([*rng.normal(0.0, self.approach_noise_m, 2), rng.uniform(0.07, 0.1)])
-        place = above(base, 2 * self.cube_half_size_m)
+        top = above(base, 2 * self.cube_half_size_m)
         hold, grip = GRASP_OPEN_M, GRASP_CLOSED_M
         turn_s = 0.65 + 0.2 * abs(yaw - hand_yaw(robot))
         come = Waypoint(pos=over_cube, yaw=yaw, gripper=hold, duration_s=turn_s)
         take = grasp(come, start, rng, self.detour_m, down_s=0.4, close_s=0.25)
-        over = above(place, self.carry_height_m)
+        over = above(top, self.carry_height_m)
         aside = rng.normal(0.0, miss(rng, often_m=self.approach_noise_m, seldom_m=self.detour_m), 2)
         near, back = over + np.array([*aside, 0.0]), correction_s(aside)
         lift = np.array([*start[:2], near[2]])
         carry = 0.3 + 1.5 * float(np.linalg.norm(near - lift))
+        puts = set_down(Waypoint(pos=over, yaw=yaw, gripper=grip, duration_s=back), above(top, 0.001))
         stack = [
             Waypoint(pos=lift, yaw=yaw, gripper=grip, duration_s=0.5),
             Waypoint(pos=near, yaw=yaw, gripper=grip, duration_s=carry),
-            *([Waypoint(pos=over, yaw=yaw, gripper=grip, duration_s=back)] if back > 0.16 else []),
-            Waypoint(pos=above(place, 0.001), yaw=yaw, gripper=grip, duration_s=0.5, hold_s=0.15),
-            Waypoint(pos=place, yaw=yaw, gripper=hold, duration_s=0.3),
-            Waypoint(pos=above(place, 0.1), yaw=yaw, gripper=hold, duration_s=0.5),
+            *puts[0 if back > 0.16 else 1 :],
         ]
         low = hand[2] < over_cube[2] - 0.02
         return [*([up] if low else []), *take, *stack]

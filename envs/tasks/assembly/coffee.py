@@ -23,6 +23,7 @@ from envs.tasks.robosuite.scene import pedestal
 from envs.tasks.skills.from_above import take, way_across
 from envs.tasks.skills.held import Held, Pose
 from envs.tasks.skills.insertion import DOWN, Insertion, insertion_way
+from envs.tasks.skills.joints import along_joint
 from envs.tasks.skills.moves import Hand, at_height
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
@@ -209,18 +210,18 @@ class Coffee(RangedTask):
             local = constant((ahead, 0.0, up), stand.pos)
             return (stand.pos + rotate(stand.rot, local))[0].numpy().copy()
 
-        def pushing(angle: float) -> np.ndarray:
+        def pushing(angle: float) -> Waypoint:
             cosine, sine = math.cos(angle), math.sin(angle)
             x, _, z = HINGE_M
-            return at(x + REACH_M * cosine - AWAY_M * sine, z + REACH_M * sine + AWAY_M * cosine)
+            pos = at(x + REACH_M * cosine - AWAY_M * sine, z + REACH_M * sine + AWAY_M * cosine)
+            pos[2] -= 0.0 if angle else 0.004  # at the end it presses
+            return replace(hand.to(pos, turn, shut), duration_s=0.25 * pace)
 
-        stops = [pushing(angle) for angle in np.linspace(min(now, OPEN_RAD - 0.1), 0.0, 7).tolist()]
-        stops[-1][2] -= 0.004
-        behind = stops[0] + at(-0.03, 0.0) - at(0.0, 0.0)
+        pace, begin = rng.uniform(0.9, 1.1), min(now, OPEN_RAD - 0.1)
+        pushes = [pushing(begin), *along_joint(pushing, begin, 0.0, 6)]
+        behind, end = pushes[0].pos + at(-0.03, 0.0) - at(0.0, 0.0), hand.after(pushes)
         way = way_across(hand, at_height(behind, TRAVEL_M), turn, shut, TRAVEL_M)
         high = replace(hand, pos=at_height(behind, TRAVEL_M))
         way.append(high.to(behind, turn, shut))
-        pace = rng.uniform(0.9, 1.1)
-        way += [replace(hand.to(stop, turn, shut), duration_s=0.25 * pace) for stop in stops]
-        end = replace(hand, pos=stops[-1])
-        return [*way, end.to(stops[-1], turn, shut), end.to(at_height(stops[-1], TRAVEL_M), turn, shut)]
+        leaves = end.to(end.pos, turn, shut), end.to(at_height(end.pos, TRAVEL_M), turn, shut)
+        return [*way, *pushes, *leaves]

@@ -16,7 +16,7 @@ from envs.scenario import GeomCfg, ObjectCfg, Rgba
 from envs.state import State
 from envs.tasks.arm_at_table import ArmAtTable, Start, above, point, travel_s, way
 from envs.tasks.maniskill.parts import BLUE, STATIC_SPEED_M_S, STATIC_SPEED_RAD_S
-from envs.tasks.skills.from_above import grasp
+from envs.tasks.skills.from_above import grasp, set_down
 from envs.tasks.tabletop import (
     DENSITY_KG_M3,
     GRASP_CLOSED_M,
@@ -125,20 +125,24 @@ class PlaceSphere(ArmAtTable):
         ball, hold, grip = point(state.objects["sphere"]), GRASP_OPEN_M, GRASP_CLOSED_M
         if bool(self._in_bin(state)[0]):
             return self.rise(state, 0.12)
-        place = above(point(state.objects["bin"]), self.wall_half_m + self.radius_m + 0.006)
+        spot = above(point(state.objects["bin"]), self.wall_half_m + self.radius_m + 0.006)
         noise = first_miss(rng, (0.06, 0.09), often_m=0.015, seldom_m=0.05)
         aside = rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=0.03), 2)
-        over = above(place, 0.05)
+        over = above(spot, 0.05)
         near = over + np.array([*aside, 0.0])
         return [
             *self.rise(state, 0.08),
             *grasp(way(ball + noise, 0.0, hold, 0.6), ball, rng, 0.05, down_s=0.4),
             way(above(ball, 0.06), 0.0, grip, 0.4),
             way(near, 0.0, grip, travel_s(ball, near)),
-            way(over, 0.0, grip, correction_s(aside) + 0.1),
-            way(place, 0.0, grip, 0.5, hold_s=0.2),
-            way(place, 0.0, hold, 0.2, hold_s=0.1),
-            way(above(place, 0.1), 0.0, hold, 0.5, hold_s=0.3),
+            *set_down(
+                way(over, 0.0, grip, correction_s(aside) + 0.1),
+                spot,
+                settle_s=0.2,
+                open_s=0.2,
+                wait_s=0.1,
+                hold_s=0.3,
+            ),
         ]
 
     def _place(self, state: State) -> Array:

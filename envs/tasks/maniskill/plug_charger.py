@@ -17,6 +17,7 @@ from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Rgba
 from envs.state import State
 from envs.tasks.arm_at_table import ArmAtTable, Start, above, heading, point, way
 from envs.tasks.maniskill.parts import WHITE, box
+from envs.tasks.skills.from_above import grasp
 from envs.tasks.skills.held import Held, Pose
 from envs.tasks.skills.insertion import Insertion, insertion_way
 from envs.tasks.tabletop import (
@@ -187,15 +188,14 @@ class PlugCharger(ArmAtTable):
         start[2] = self.base_half_size_m[2] + 0.004
         noise = first_miss(rng, (0.19, 0.21))
         lift = np.array([*start[:2], HEIGHT_M + rng.uniform(0.01, 0.03)])
-        hold, shut = self.base_half_size_m[1] + OPEN_M, GRASP_CLOSED_M
+        hold = self.base_half_size_m[1] + OPEN_M
         turn_s = 0.6 + 0.4 * abs(turn - hand_yaw(self.arm(state)))
+        over = way(above(start, 0.04), turn, hold, 0.6, pitch=TIP_RAD)
         return [
             *self.rise(state, 0.16),
             *approach(way(start + noise, turn, hold, turn_s, pitch=TIP_RAD), rng, 0.02),
-            way(above(start, 0.04), turn, hold, 0.6, 0.0, TIP_RAD),
-            way(start, turn, hold, 0.4, 0.1, TIP_RAD),
-            way(start, turn, shut, 0.3, 0.1, TIP_RAD),
-            way(lift, turn, shut, 0.7, 0.1, TIP_RAD),
+            *grasp(over, start, None, down_s=0.4, hold_s=0.1),
+            way(lift, turn, GRASP_CLOSED_M, 0.7, 0.1, TIP_RAD),
         ]
 
     def _body(self, state: State) -> Array:

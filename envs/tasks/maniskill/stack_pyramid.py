@@ -16,7 +16,7 @@ from envs.scenario import CameraCfg, ObjectCfg
 from envs.state import EntityState, State
 from envs.tasks.arm_at_table import ArmAtTable, Start, above, heading, point, travel_s, way
 from envs.tasks.maniskill.parts import BLUE, CUBE_HALF_SIZE_M, GREEN, RED, cube, is_still
-from envs.tasks.skills.from_above import grasp
+from envs.tasks.skills.from_above import grasp, set_down
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
     GRASP_CLOSED_M,
@@ -137,17 +137,17 @@ class StackPyramid(ArmAtTable):
             for sign in (-1.0, 1.0)
         ]
         free = [option for option in options if np.linalg.norm((option[1] - c)[:2]) > CLEAR_M]
-        turn, place = min(
+        turn, spot = min(
             free or options, key=lambda option: abs(option[0]) + 3 * np.linalg.norm(option[1] - a)
         )
-        return self._move(state, "cube_a", (b, c), place, turn, rng)
+        return self._move(state, "cube_a", (b, c), spot, turn, rng)
 
     def _move(
         self,
         state: State,
         name: str,
         others: tuple[np.ndarray, np.ndarray],
-        place: np.ndarray,
+        spot: np.ndarray,
         line: float,
         rng: np.random.Generator,
     ) -> list[Waypoint]:
@@ -157,7 +157,7 @@ class StackPyramid(ArmAtTable):
             state: A state of one row.
             name: The cube.
             others: Positions of the two others, (3,), m.
-            place: Where its centre goes, (3,), m.
+            spot: Where its centre goes, (3,), m.
             line: Turn of the hand there.
             rng: Varies the way.
         """
@@ -166,7 +166,7 @@ class StackPyramid(ArmAtTable):
         yaw = max((yaw, yaw - np.copysign(np.pi / 2, yaw)), key=lambda turn: _clearance(turn, start, others))
         noise = first_miss(rng, (0.07, 0.1), seldom_m=DETOUR_M)
         aside = rng.normal(0.0, miss(rng, often_m=0.008, seldom_m=DETOUR_M), 2)
-        over = above(place, 0.07)
+        over = above(spot, 0.07)
         near = over + np.array([*aside, 0.0])
         lift = np.array([*start[:2], max(near[2], 0.1)])
         hold, grip = OPEN_M, GRASP_CLOSED_M
@@ -177,10 +177,15 @@ class StackPyramid(ArmAtTable):
             *grasp(way(above(start, 0.05), yaw, hold, 0.3), start, None, down_s=0.4, close_s=0.25),
             way(lift, yaw, grip, 0.5),
             way(near, line, grip, travel_s(lift, near) + 0.2 * abs(line - yaw)),
-            way(over, line, grip, correction_s(aside) + 0.1, hold_s=0.1),
-            way(above(place, 0.001), line, grip, 0.6, hold_s=0.2),
-            way(above(place, 0.001), line, hold, 0.3),
-            way(above(place, 0.1), line, hold, 0.5, hold_s=0.1),
+            *set_down(
+                way(over, line, grip, correction_s(aside) + 0.1, hold_s=0.1),
+                above(spot, 0.001),
+                opening_m=hold,
+                down_s=0.6,
+                settle_s=0.2,
+                rise_m=0.099,
+                hold_s=0.1,
+            ),
         ]
 
     def _near(self, a: EntityState, b: EntityState) -> Array:

@@ -22,7 +22,7 @@ from envs.tasks.arms import ArmsAtTable, Hand, downward, facing, pointing
 from envs.tasks.arms_planner import Phase
 from envs.tasks.maniskill.parts import BLUE, CUBE_HALF_SIZE_M, GOAL_Z_M, GREEN, RED, cube, target
 from envs.tasks.robot_columns import columns_of
-from envs.tasks.skills.from_above import grasp
+from envs.tasks.skills.from_above import grasp, set_down
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
     GRASP_CLOSED_M,
@@ -99,28 +99,28 @@ class TwoRobots(ArmsAtTable):
         over = hand.to(start + noise, rot, GRASP_OPEN_M, travel_s(hand.pos, start + noise, 0.6))
         return grasp(over, start, None, close_s=0.25)
 
-    def put_down(self, last: Waypoint, place: np.ndarray, height_m: float) -> list[Waypoint]:
+    def put_down(self, last: Waypoint, spot: np.ndarray, height_m: float) -> list[Waypoint]:
         """Returns the way of a held cube to a place, and of the hand back up; nothing is turned.
 
         Args:
             last: Where it was grasped.
-            place: Where the cube's centre goes, m, (3,).
+            spot: Where the cube's centre goes, m, (3,).
             height_m: Height above the table in which it travels.
         """
-        lift, over = above(last.pos, height_m), above(place, height_m)
-        down = replace(last, pos=above(place, PUT_M), duration_s=0.5, hold_s=0.1)
-        return [
-            replace(last, pos=lift, duration_s=0.4),
-            replace(last, pos=over, duration_s=travel_s(lift, over)),
-            down,
-            replace(down, gripper=HALF_OPEN_M, duration_s=0.25, hold_s=0.0),
-            replace(down, pos=above(place, 0.08), gripper=HALF_OPEN_M, duration_s=0.4, hold_s=0.0),
-        ]
+        lift, over = above(last.pos, height_m), above(spot, height_m)
+        come = replace(last, pos=over, duration_s=travel_s(lift, over))
+        return [replace(last, pos=lift, duration_s=0.4), *_put(come, spot)]
 
     def withdrawn(self, index: int, x_m: float, opening_rad: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Returns the pose of a hand that is out of the other's way."""
         side = -1.0 if index == 0 else 1.0
         return np.array([x_m, side * AWAY_M, 0.2]), downward(opening_rad)
+
+
+def _put(over: Waypoint, spot: np.ndarray) -> list[Waypoint]:
+    """Returns the way of a held cube from over its place (3,), m, to there, and of the hand back up."""
+    times = {"settle_s": 0.1, "open_s": 0.25, "rise_s": 0.4}
+    return set_down(over, above(spot, PUT_M), opening_m=HALF_OPEN_M, rise_m=0.08 - PUT_M, **times)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -320,19 +320,9 @@ class TwoRobotStackCube(TwoRobots):
             moves = self.put_down(takes[-1], place, 0.1)
             phases = [{left.name: [*picks, *lifted, *aside]}, {right.name: [*takes, *moves, leaves]}]
         top = above(place, 2 * half)
-        put = replace(picks[-1], pos=above(top, PUT_M), duration_s=0.5, hold_s=0.1)
-        stacks = [
-            replace(
-                put,
-                pos=above(top, 0.08) + first_miss(rng, often_m=0.008, seldom_m=0.02),
-                duration_s=0.8,
-                hold_s=0.0,
-            ),
-            replace(put, pos=above(top, 0.06), duration_s=0.3),
-            put,
-            replace(put, gripper=HALF_OPEN_M, duration_s=0.25, hold_s=0.0),
-            replace(put, pos=above(top, 0.08), gripper=HALF_OPEN_M, duration_s=0.4, hold_s=0.0),
-        ]
+        missed = above(top, 0.08) + first_miss(rng, often_m=0.008, seldom_m=0.02)
+        come = replace(picks[-1], pos=above(top, 0.06), duration_s=0.3, hold_s=0.1)
+        stacks = [replace(come, pos=missed, duration_s=0.8, hold_s=0.0), *_put(come, top)]
         return [*phases, {left.name: stacks}]
 
     def _on_top(self, state: State) -> Array:

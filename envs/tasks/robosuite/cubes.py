@@ -17,7 +17,7 @@ from envs.scenario import GeomCfg, ObjectCfg, Rgba
 from envs.state import EntityState, State
 from envs.tasks.arm_at_table import Start, above, heading, point, travel_s
 from envs.tasks.robosuite.scene import RobosuiteTask, down, pedestal
-from envs.tasks.skills.from_above import grasp
+from envs.tasks.skills.from_above import grasp, set_down
 from envs.tasks.tabletop import (
     DENSITY_KG_M3,
     GRASP_CLOSED_M,
@@ -184,7 +184,7 @@ class Stack(RobosuiteTask):
     def expert(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
         a, hold, grip = state.objects["cube_a"], GRASP_OPEN_M, GRASP_CLOSED_M
         start, base = point(a), point(state.objects["cube_b"])
-        place = above(base, self.cube_a_half_size_m + self.cube_b_half_size_m + 0.001)
+        top = above(base, self.cube_a_half_size_m + self.cube_b_half_size_m + 0.001)
         turn = grasp_yaw(heading(a))
         other = turn - np.copysign(np.pi / 2, turn)
         # At turn 0 fingers close along y: they stay off the other cube.
@@ -192,7 +192,7 @@ class Stack(RobosuiteTask):
         turn = float(other if aside[0] > aside[1] and np.linalg.norm((base - start)[:2]) < 0.13 else turn)
         noise = first_miss(rng, (0.07, 0.1), seldom_m=DETOUR_M)
         off = rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=DETOUR_M), 2)
-        over = above(place, 0.06)
+        over = above(top, 0.06)
         near = over + np.array([*off, 0.0])
         lift = np.array([*start[:2], near[2]])
         turn_s = 0.7 + 0.3 * abs(turn - hand_yaw(self.arm(state)))
@@ -201,10 +201,7 @@ class Stack(RobosuiteTask):
             *grasp(down(start + noise, turn, hold, turn_s), start, rng, DETOUR_M, close_s=0.25),
             down(lift, turn, grip, 0.5),
             down(near, turn, grip, travel_s(lift, near)),
-            down(over, turn, grip, correction_s(off) + 0.1),
-            down(place, turn, grip, 0.5, hold_s=0.15),
-            down(place, turn, hold, 0.3),
-            down(above(place, 0.1), turn, hold, 0.5),
+            *set_down(down(over, turn, grip, correction_s(off) + 0.1), top),
         ]
 
     def _touches(self, state: State) -> Array:

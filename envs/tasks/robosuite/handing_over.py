@@ -79,11 +79,10 @@ def hand_over(
     noise = rng.normal(0.0, miss(rng, often_m=0.004, seldom_m=0.012), 3)
     away = giver.pos + 0.12 * rotate(giver.rot, np.array([0.0, 0.0, -1.0]))
     wide, shut = GRASP_OPEN_M, GRASP_CLOSED_M
+    near = taker.to(taken + 0.06 * back, rot, wide, 0.3, hold_s=0.1)
     grasps = [
         taker.to(taken + 0.1 * back + noise, rot, wide, 1.0),
-        taker.to(taken + 0.06 * back, rot, wide, 0.3, hold_s=0.1),
-        taker.to(taken, rot, wide, 0.6, hold_s=0.1),
-        taker.to(taken, rot, shut, 0.3, hold_s=0.1),
+        *grasp(near, taken, None, down_s=0.6, hold_s=0.1),
     ]
     lets_go = [giver.to(giver.pos, giver.rot, wide, 0.3), giver.to(away, giver.rot, wide, 0.5)]
     keeps = [taker.to(above(taken, 0.05), rot, shut, 0.5)]

@@ -18,7 +18,7 @@ from envs.scenario import CameraCfg, GeomCfg, ObjectCfg, Rgba, RobotCfg, TableCf
 from envs.state import State
 from envs.tasks.arm_at_table import Start, above, heading, point, tip_to_reach, travel_s
 from envs.tasks.robosuite.scene import RobosuiteTask, down, panda, pedestal
-from envs.tasks.skills.from_above import grasp
+from envs.tasks.skills.from_above import grasp, set_down
 from envs.tasks.tabletop import (
     FRONT_CAMERA,
     GRASP_CLOSED_M,
@@ -205,7 +205,6 @@ class PickPlaceSingle(RobosuiteTask):
         aside = rng.normal(0.0, miss(rng, often_m=0.01, seldom_m=0.03), 2)
         lift = np.array([*start[:2], drop[2]])
         near = drop + np.array([*aside, 0.0])
-        lower = above(drop, -0.07)
         over = above(point(item), good.top_m + 0.035)
         turn_s = 0.9 + 0.3 * abs(turn - hand_yaw(self.arm(state)))
         return [
@@ -214,10 +213,14 @@ class PickPlaceSingle(RobosuiteTask):
             *grasp(down(over, turn, hold, 0.3), start, None, down_s=0.6),
             down(lift, turn, grip, 0.6),
             down(near, turn, grip, travel_s(lift, near, 0.5), tip=tip),
-            down(drop, turn, grip, correction_s(aside) + 0.1, tip=tip),
-            down(lower, turn, grip, 0.4, 0.1, tip),
-            down(lower, turn, hold, 0.3, tip=tip),
-            down(above(drop, 0.03), turn, hold, 0.4, 0.2, tip),
+            *set_down(
+                down(drop, turn, grip, correction_s(aside) + 0.1, tip=tip),
+                above(drop, -0.07),
+                down_s=0.4,
+                settle_s=0.1,
+                rise_s=0.4,
+                hold_s=0.2,
+            ),
         ]
 
     def grasp_turn(self, state: State) -> float:

@@ -24,7 +24,7 @@ from envs.tasks.robosuite.hammer import Hammer
 from envs.tasks.robosuite.handing_over import FROM_RIGHT, hand_over, pick_up
 from envs.tasks.robosuite.scene import TABLE_HEIGHT_M, panda
 from envs.tasks.robosuite.two_arms import TwoArms, opposed
-from envs.tasks.skills.from_above import grasp
+from envs.tasks.skills.from_above import grasp, set_down
 from envs.tasks.tabletop import (
     DENSITY_KG_M3,
     FRONT_CAMERA,
@@ -246,22 +246,17 @@ class TwoArmTransport(TwoArms):
         """Returns the way to drop the cube into the trash."""
         trash = state.objects["trash"]
         rot = hand.nearer(downward(grasp_yaw(heading(trash))))
-        place = above(point(state.objects["trash_floor"]), 0.05)
-        return _moved(hand, point(trash), place, rot, rng)
+        spot = above(point(state.objects["trash_floor"]), 0.05)
+        return _moved(hand, point(trash), spot, rot, rng)
 
     def _deliver(self, state: State, hand: Hand) -> list[Waypoint]:
         """Returns the way of the held hammer into its bin."""
         off = hand.pos - point(state.objects["payload"])
-        place = above(point(state.objects["target_floor"]) + off, 0.045)
-        over = np.array([*place[:2], MEETING_M[2]])
-        shut, wide = GRASP_CLOSED_M, GRASP_OPEN_M
+        spot = above(point(state.objects["target_floor"]) + off, 0.045)
+        over = np.array([*spot[:2], MEETING_M[2]])
         rot = hand.nearer(downward(0.0))  # near its base, fingers that reach ahead strain the wrist
-        return [
-            hand.to(over, rot, shut, travel_s(hand.pos, over, 1.5), hold_s=0.1),
-            hand.to(place, rot, shut, 1.0, hold_s=0.1),
-            hand.to(place, rot, wide, 0.3),
-            hand.to(over, rot, wide, 0.8),
-        ]
+        come = hand.to(over, rot, GRASP_CLOSED_M, travel_s(hand.pos, over, 1.5), hold_s=0.1)
+        return set_down(come, spot, down_s=1.0, settle_s=0.1, rise_m=float(over[2] - spot[2]), rise_s=0.8)
 
     def _holds(self, state: State, index: int) -> Array:
         hand = ee_pos(state.robots[self.robots[index].name])
@@ -289,11 +284,11 @@ def _off_walls(face: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def _moved(
-    hand: Hand, grip: np.ndarray, place: np.ndarray, rot: np.ndarray, rng: np.random.Generator
+    hand: Hand, grip: np.ndarray, spot: np.ndarray, rot: np.ndarray, rng: np.random.Generator
 ) -> list[Waypoint]:
     """Returns the way to grasp something from above and to let go of it elsewhere."""
     aside = first_miss(rng, often_m=0.005, seldom_m=0.015)
-    over, there = above(grip, 0.12) + aside, np.array([*place[:2], CARRY_Z_M])
+    over, there = above(grip, 0.12) + aside, np.array([*spot[:2], CARRY_Z_M])
     lifted = np.array([*grip[:2], CARRY_Z_M])
     wide, shut = GRASP_OPEN_M, GRASP_CLOSED_M
     return [
@@ -301,8 +296,12 @@ def _moved(
         hand.to(over, rot, wide, 0.5),
         *grasp(hand.to(above(grip, 0.08), rot, wide, 0.3, hold_s=0.1), grip, None),
         hand.to(lifted, rot, shut, 1.0),
-        hand.to(there, rot, shut, travel_s(lifted, there, 0.7), hold_s=0.1),
-        hand.to(place, rot, shut, 1.0, hold_s=0.1),
-        hand.to(place, rot, wide, 0.3),
-        hand.to(there, rot, wide, 0.7),
+        *set_down(
+            hand.to(there, rot, shut, travel_s(lifted, there, 0.7), hold_s=0.1),
+            spot,
+            down_s=1.0,
+            settle_s=0.1,
+            rise_m=CARRY_Z_M - float(spot[2]),
+            rise_s=0.7,
+        ),
     ]

@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from envs.kinematics.waypoints import Waypoint, approach, correction_s, first_miss
+from envs.tasks.arm_at_table import above
 from envs.tasks.skills.hands import FINGER_HALF_M
 from envs.tasks.skills.moves import Hand, at_height
 from envs.tasks.tabletop import GRASP_CLOSED_M, GRASP_OPEN_M
@@ -81,6 +82,39 @@ def grasp(
     return [*([over] if rng is None else approach(over, rng, beside_m)), down, *there, closed]
 
 
+def set_down(
+    over: Waypoint,
+    spot: np.ndarray,
+    *,
+    opening_m: float = GRASP_OPEN_M,
+    down_s: float = 0.5,
+    settle_s: float = 0.15,
+    open_s: float = 0.3,
+    wait_s: float = 0.0,
+    rise_m: float = 0.1,
+    rise_s: float = 0.5,
+    hold_s: float = 0.0,
+) -> list[Waypoint]:
+    """Returns the way of a hand that holds something to over its place, down, letting go, and up.
+
+    Args:
+        over: Where it comes first, over the place.
+        spot: Where it lets go, m, (3,).
+        opening_m: Distance of each finger from the middle after it has let go.
+        down_s: Time to the place.
+        settle_s: Time to wait there.
+        open_s: Time to let go.
+        wait_s: Time to wait then.
+        rise_m: How far it rises; by nothing, it stays there.
+        rise_s: Time to rise.
+        hold_s: Time to wait at the end.
+    """
+    down = replace(over, pos=spot, duration_s=down_s, hold_s=settle_s)
+    opened = replace(down, gripper=opening_m, duration_s=open_s, hold_s=wait_s)
+    up = replace(opened, pos=above(spot, rise_m), duration_s=rise_s, hold_s=hold_s)
+    return [over, down, opened, *([up] if rise_m else [])]
+
+
 def slide(
     last: Waypoint,
     places: Sequence[np.ndarray],
@@ -140,13 +174,13 @@ def put(
     """Returns the way of a hand that holds something to ``target`` (3,), m, letting go, and the way up."""
     over = at_height(target, max(travel_z, float(target[2]) + 0.02))
     aside = first_miss(rng, None, OFTEN_M, SELDOM_M)
-    still = replace(hand, pos=target)
+    down_s, open_s = hand.travel_s(over, target), hand.travel_s(target, target)
+    come = replace(hand.to(over, yaw, GRASP_CLOSED_M), duration_s=correction_s(aside) + 0.2)
+    rise_m = float(over[2] - target[2])
+    times = {"down_s": down_s, "open_s": open_s, "wait_s": 0.15, "rise_s": down_s}
     return [
         *way_across(hand, over + aside, yaw, GRASP_CLOSED_M, travel_z),
-        replace(hand.to(over, yaw, GRASP_CLOSED_M), duration_s=correction_s(aside) + 0.2),
-        replace(hand, pos=over).to(target, yaw, GRASP_CLOSED_M, hold_s=0.15),
-        still.to(target, yaw, opening_m, hold_s=0.15),
-        still.to(over, yaw, opening_m),
+        *set_down(come, target, opening_m=opening_m, rise_m=rise_m, **times),
     ]
 
 

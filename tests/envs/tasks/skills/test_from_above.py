@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from envs.kinematics.waypoints import Waypoint
-from envs.tasks.skills.from_above import grasp, push, put, shut_drawer, slide, take, wipe
+from envs.tasks.skills.from_above import grasp, push, put, set_down, shut_drawer, slide, take, wipe
 from envs.tasks.skills.moves import Hand
 from envs.tasks.tabletop import GRASP_CLOSED_M, GRASP_OPEN_M
 
@@ -44,6 +44,21 @@ def test_a_hand_with_one_moving_finger_comes_down_beside_a_thing_and_moves_to_it
     np.testing.assert_allclose(down.pos, pos + clear)
     np.testing.assert_array_equal([beside.pos, closed.pos], [pos, pos])
     assert (down.gripper, beside.gripper, closed.gripper) == (0.02, 0.02, GRASP_CLOSED_M)
+
+
+def test_what_is_set_down_is_let_go_of_at_its_place_as_the_hand_is_turned_over_it():
+    spot = np.array([0.1, 0.2, 0.05])
+    over = Waypoint(pos=spot + 0.06, yaw=0.3, pitch=0.1, gripper=GRASP_CLOSED_M, duration_s=1.0, hold_s=0.1)
+    first, down, opened, up = set_down(over, spot, opening_m=0.03, down_s=0.6, wait_s=0.2, rise_m=0.08)
+    assert first is over
+    np.testing.assert_array_equal([down.pos, opened.pos], [spot, spot])
+    np.testing.assert_allclose(up.pos, spot + np.array([0.0, 0.0, 0.08]))
+    assert [(stop.gripper, stop.duration_s, stop.hold_s) for stop in (down, opened, up)] == [
+        *((GRASP_CLOSED_M, 0.6, 0.15), (0.03, 0.3, 0.2)),
+        (0.03, 0.5, 0.0),
+    ]
+    assert {(stop.yaw, stop.pitch) for stop in (down, opened, up)} == {(0.3, 0.1)}
+    assert len(set_down(over, spot, rise_m=0.0)) == 3
 
 
 def test_a_hand_slides_as_it_is_turned_and_waits_where_it_begins_and_ends():
