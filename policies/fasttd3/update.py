@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from policies.compilation import compiled
-from policies.cuda_graphs import recorded
+from policies.cuda_graphs import Recorded
 from policies.fasttd3.config import FastTd3Config
 from policies.fasttd3.networks import Actor, Critics, RunningNorm, project
 
@@ -50,7 +50,7 @@ class Updater:
         self.actor_optimizer = torch.optim.AdamW(actor.parameters(), **options)
         self._critic_loss = compiled(self.critic_loss) if compile else self.critic_loss
         self._actor_loss = compiled(self.actor_loss) if compile else self.actor_loss
-        record = recorded if cuda_graphs else lambda function: function
+        record: Any = Recorded if cuda_graphs else lambda function: function
         self._both, self._critic = record(self.step), record(self.critic_step)
         self.updates = 0
 

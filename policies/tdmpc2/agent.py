@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from policies.compilation import compiled
-from policies.cuda_graphs import recorded
+from policies.cuda_graphs import Recorded
 from policies.tdmpc2.config import Tdmpc2Config
 from policies.tdmpc2.planner import improved, plan, shifted
 from policies.tdmpc2.world_model import WorldModel
@@ -42,7 +42,7 @@ class Tdmpc2Agent:
         self._improve: Any = compiled(improved) if compile else improved
         self._plan: Any = self.plan
         if cuda_graphs:
-            self._plan = recorded(self.plan)
+            self._plan = Recorded(self.plan)
 
     @torch.no_grad()
     def act(self, observation: Tensor, first: Tensor) -> Tensor:

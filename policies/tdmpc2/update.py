@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from policies.compilation import compiled
-from policies.cuda_graphs import recorded
+from policies.cuda_graphs import Recorded
 from policies.tdmpc2.config import Tdmpc2Config
 from policies.tdmpc2.scale import RunningScale
 from policies.tdmpc2.world_model import WorldModel
@@ -79,7 +79,7 @@ class Updater:
         self._prior_loss = compiled(self.prior_loss) if compile else self.prior_loss
         self._step: Any = self.step
         if cuda_graphs:
-            self._step = recorded(self.step)
+            self._step = Recorded(self.step)
 
     def update(self, batch: Sequences) -> dict[str, Tensor]:
         """Learns from one batch; returns the terms of both losses, on the device."""

@@ -54,7 +54,7 @@ class GradientSteps(DeviceProgram):
         from policies.compilation import compile_objective
         from policies.cuda_graphs import RecordedObjective
         from roboverse_learn.training.config import TrainConfig
-        from roboverse_learn.training.imitation.train import make_optimizer
+        from roboverse_learn.training.imitation.optimizer import make_optimizer
 
         batch = self.batches(policy)
         policy.begin_training()

@@ -12,7 +12,8 @@ from policies.compilation import compile_objective
 from policies.cuda_graphs import RecordedObjective
 from policies.learned_tasks import Instructions, LearnedTask
 from roboverse_learn.training.imitation.fast_objective import NUM_BATCHES, EagerGradients, fast_objective
-from roboverse_learn.training.imitation.train import make_optimizer, train
+from roboverse_learn.training.imitation.optimizer import make_optimizer
+from roboverse_learn.training.imitation.train import train
 from roboverse_learn.training.metrics import read_metrics
 from tests.gpu.draws import DrawnOnTheCpu
 from tests.gpu.marks import COMPILES

@@ -23,7 +23,7 @@ def batch(policy: Any, n: int = 2) -> dict[str, torch.Tensor]:
 def steps(policy: Any, words: Sequence[str], lr: float = 1e-3, count: int = 1) -> list[float]:
     """Takes gradient steps on one batch; returns the losses."""
     from roboverse_learn.training.config import TrainConfig
-    from roboverse_learn.training.imitation.train import make_optimizer
+    from roboverse_learn.training.imitation.optimizer import make_optimizer
 
     policy.instructions = words
     policy.begin_training()

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 
 import torch
 from torch import Tensor
-from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 
 class Ema:
@@ -33,14 +32,28 @@ class Ema:
         """Returns the decay of the next update."""
         return min(self.max_decay, 1.0 - (1.0 + self.num_updates) ** -self.power)
 
-    @torch.no_grad()
-    def update(self, weights: Mapping[str, Tensor]) -> None:
-        """Takes the weights after one more gradient step into the average."""
-        decay = self.decay()
+    def next_share(self) -> float:
+        """Counts one more update; returns the share of the weights in it."""
+        share = 1.0 - self.decay()
         self.num_updates += 1
+        return share
+
+    @torch.no_grad()
+    def update(self, weights: Mapping[str, Tensor], share: Tensor | None = None) -> None:
+        """Takes the weights after one more gradient step into the average.
+
+        Args:
+            weights: The named tensors.
+            share: What :meth:`next_share` returned, where the update is recorded and its numbers are given.
+        """
         averaged = [key for key, average in self.average.items() if average.is_floating_point()]
-        # One call for all tensors: on a GPU a call for each would take longer than the gradient step.
-        update = get_ema_multi_avg_fn(decay)
-        update([self.average[key] for key in averaged], [weights[key] for key in averaged], None)
+        averages, latest = [self.average[key] for key in averaged], [weights[key] for key in averaged]
+        # Few calls for all tensors: on a GPU a call for each would take longer than the gradient step.
+        if share is None:
+            torch._foreach_lerp_(averages, latest, self.next_share())  # pyright: ignore[reportPrivateImportUsage]
+        else:
+            moves = torch._foreach_sub(latest, averages)  # pyright: ignore[reportPrivateImportUsage]
+            torch._foreach_mul_(moves, share)  # pyright: ignore[reportPrivateImportUsage]
+            torch._foreach_add_(averages, moves)  # pyright: ignore[reportPrivateImportUsage]
         for key in self.average.keys() - set(averaged):
             self.average[key].copy_(weights[key])

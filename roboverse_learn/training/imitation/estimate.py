@@ -12,7 +12,7 @@ from torch import Tensor
 from policies.imitation import ImitationPolicy
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.device import cpu_threads, resolve_precision
-from roboverse_learn.training.imitation.train import make_optimizer
+from roboverse_learn.training.imitation.optimizer import make_optimizer
 from roboverse_learn.training.reporter import Reporter
 from roboverse_learn.training.rl.loop import Loop
 

@@ -37,6 +37,12 @@ class MuonAdamW(torch.optim.AdamW):
     def __init__(self, groups: list[dict[str, Any]], **options: Any) -> None:
         super().__init__(groups, **options)
 
+    def make_capturable(self) -> None:
+        """Readies the optimizer for steps in a CUDA graph, whose learning rates are tensors."""
+        for group in self.param_groups:
+            group["capturable"] = True
+        self._warned_capturable_if_run_uncaptured = True  # PyTorch warns of the first steps otherwise
+
     @torch.no_grad()
     def step(self, closure: Any = None) -> Any:
         """Takes one step; the gradients of the matrices are dropped afterwards."""
@@ -44,28 +50,37 @@ class MuonAdamW(torch.optim.AdamW):
             if not group.get("muon"):
                 continue
             matrices = [matrix for matrix in group["params"] if matrix.grad is not None]
+            if not matrices:
+                continue
             updates = orthogonalized(self._momenta(matrices))
-            for matrix, update in zip(matrices, updates, strict=True):
-                scale = _RMS * max(matrix.shape) ** 0.5
-                matrix.mul_(1.0 - group["lr"] * group["weight_decay"])
-                matrix.add_(update, alpha=-group["lr"] * scale)
+            scales = [_RMS * max(matrix.shape) ** 0.5 for matrix in matrices]
+            rate, decay = group["lr"], group["weight_decay"]
+            if isinstance(rate, Tensor):  # of a recorded step, whose number changes: few calls for all
+                torch._foreach_mul_(matrices, 1.0 - rate * decay)  # pyright: ignore[reportPrivateImportUsage]
+                torch._foreach_mul_(updates, scales)  # pyright: ignore[reportPrivateImportUsage]
+                torch._foreach_mul_(updates, -rate)  # pyright: ignore[reportPrivateImportUsage]
+                torch._foreach_add_(matrices, updates)  # pyright: ignore[reportPrivateImportUsage]
+            else:
+                for matrix, update, scale in zip(matrices, updates, scales, strict=True):
+                    matrix.mul_(1.0 - rate * decay)
+                    matrix.add_(update, alpha=-rate * scale)
+            for matrix in matrices:
                 matrix.grad = None  # AdamW passes over parameters without a gradient
         return super().step(closure)
 
     def _momenta(self, matrices: Sequence[Tensor]) -> list[Tensor]:
         """Returns the look-ahead momenta of matrices, and updates what they are made of."""
-        gradients, averages = [], []
+        gradients, averages, counts = [], [], []
         for matrix in matrices:
             state, gradient = self.state[matrix], matrix.grad
             assert gradient is not None, "matrices without a gradient are passed over"
             if not state:
-                state["step"] = torch.zeros(())  # AdamW expects one when it is loaded
+                state["step"] = torch.zeros((), device=matrix.device)  # AdamW expects one when it is loaded
                 state["exp_avg"] = torch.zeros_like(matrix)
-            state["step"] += 1
             gradients.append(gradient)
             averages.append(state["exp_avg"])
-        if not gradients:
-            return []
+            counts.append(state["step"])
+        torch._foreach_add_(counts, 1.0)  # pyright: ignore[reportPrivateImportUsage]
         torch._foreach_lerp_(averages, gradients, 1.0 - MOMENTUM)  # pyright: ignore[reportPrivateImportUsage]
         return list(torch._foreach_lerp(gradients, averages, MOMENTUM))  # pyright: ignore[reportPrivateImportUsage]
 

@@ -6,7 +6,7 @@ The loop is independent of losses and networks: a policy normalizes its batch an
 import logging
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from envs.core.errors import RoboVerseError
 from policies.checkpoint import read_weights, weights_path
+from policies.cuda_graphs import Recorded, RecordedObjective
 from policies.imitation import ImitationPolicy
 from policies.objective import Loss
 from roboverse_learn.data.dataset.info import DatasetInfo
@@ -27,8 +28,9 @@ from roboverse_learn.training.imitation.ema import Ema
 from roboverse_learn.training.imitation.fast_objective import NUM_BATCHES, fast_objective
 from roboverse_learn.training.imitation.gradient_mean import average_gradients, share_weights
 from roboverse_learn.training.imitation.image_augmentation import augment_cameras
-from roboverse_learn.training.imitation.muon import MuonAdamW
+from roboverse_learn.training.imitation.optimizer import make_optimizer
 from roboverse_learn.training.imitation.schedule import learning_rate_factor, progress
+from roboverse_learn.training.imitation.update import Update
 from roboverse_learn.training.interruption import Interruption, signals_noted
 from roboverse_learn.training.metrics import MetricsWriter, open_writers, plot_training
 from roboverse_learn.training.reporter import Progress, Reporter, TrainResult, seconds_left
@@ -89,45 +91,6 @@ def train(
         return trainer.run(resume)
 
 
-def make_optimizer(policy: ImitationPolicy, config: TrainConfig) -> torch.optim.AdamW:
-    """Returns the optimizer of a policy, with groups for its backbone and for what Muon trains."""
-    if own := policy.parameter_groups():
-        return _adamw(
-            [{"params": members, "peak_lr": config.lr * share, "muon": False} for members, share in own],
-            config,
-        )
-    named = {name: p for name, p in policy.model.named_parameters() if p.requires_grad}
-    linear = {f"{name}.weight" for name, m in policy.model.named_modules() if isinstance(m, nn.Linear)}
-    peak_lr = {"": config.lr, "backbone": config.lr, "muon": config.lr_muon}
-    if config.lr_backbone is not None:
-        peak_lr["backbone"] = config.lr_backbone
-    parameters: dict[str, list[nn.Parameter]] = {kind: [] for kind in peak_lr}
-    for name, parameter in named.items():
-        if "backbone" in name:
-            kind = "backbone"
-        elif config.lr_muon is not None and name in linear and "head" not in name:
-            kind = "muon"  # its authors leave the last layer to AdamW
-        else:
-            kind = ""
-        parameters[kind].append(parameter)
-    groups = [
-        {"params": members, "peak_lr": peak_lr[kind], "muon": kind == "muon"}
-        for kind, members in parameters.items()
-        if members
-    ]
-    return _adamw(groups, config)
-
-
-def _adamw(groups: list[dict[str, Any]], config: TrainConfig) -> MuonAdamW:
-    return MuonAdamW(
-        groups,
-        lr=config.lr,
-        betas=(config.betas[0], config.betas[1]),
-        weight_decay=config.weight_decay,
-        fused=True,
-    )
-
-
 def step_seed(seed: int, step: int, rank: int) -> int:
     """Returns the seed of dropout, noise and augmentation of one gradient step in one process."""
     source = np.random.SeedSequence(seed, spawn_key=(step, rank))
@@ -166,13 +129,19 @@ class _Trainer:
         policy.begin_training()
         if self.world > 1:
             share_weights(policy.model)
+        self.augmented: Callable[..., dict[str, Tensor]] = self._augmented
         self.objective, self.optimizer = self._make_objective(), make_optimizer(policy, config)
-        self.parameters = list(policy.model.parameters())
         self.ema = self._make_ema()
+        recorded = isinstance(self.objective, RecordedObjective)
+        if recorded:
+            self.augmented = Recorded(self._augmented)
+        self.update = Update(policy, self.optimizer, self.ema, grad_clip=config.grad_clip, record=recorded)
+        self.parameters = list(policy.model.parameters())
         self.step, self.first_step, self.elapsed_before = 0, 0, 0.0
         self.losses: list[dict[str, Tensor]] = []
         self.loss: float | None = None
         self.grad_norm: Tensor | float = 0.0
+        self.lr = 0.0
         self.start = time.perf_counter()
 
     def _make_objective(self) -> nn.Module:
@@ -222,24 +191,17 @@ class _Trainer:
         return self._finish()
 
     def _gradient_step(self) -> None:
-        config, optimizer = self.config, self.optimizer
         torch.manual_seed(step_seed(self.seed, self.step, self.rank))
-        factor = learning_rate_factor(config, self.step, self._elapsed())
-        for group in optimizer.param_groups:
-            group["lr"] = group["peak_lr"] * factor
+        factor = learning_rate_factor(self.config, self.step, self._elapsed())
+        self.lr = self.optimizer.param_groups[0]["peak_lr"] * factor
         loss, terms = self.forward(self._batch())
         loss.backward()
         if self.world > 1:
             average_gradients(self.parameters, self.world)
-        if config.grad_clip:
-            self.grad_norm = nn.utils.clip_grad_norm_(self.parameters, config.grad_clip)
-        optimizer.step()
-        optimizer.zero_grad()
+        self.grad_norm = self.update(factor)
         # Copies, for a CUDA graph writes the next step's to the same memory.
         self.losses.append({name: value.detach().clone() for name, value in {"loss": loss, **terms}.items()})
         self.step += 1
-        if self.ema is not None:
-            self.ema.update(self.policy.state_dict())
 
     def forward(self, batch: dict[str, Tensor]) -> Loss:
         """Returns the loss of a batch, and its terms."""
@@ -251,10 +213,13 @@ class _Trainer:
         """Returns this process's share of the step's batch, augmented, on the device."""
         batch = self.dataset.sample(self.sampler.next_batch(), self.policy.delta_indices, keys=self.keys)
         if self.config.augment.enabled:
-            images = {key: batch[key].to(self.policy.device) for key in self.policy.image_keys}
-            batch |= augment_cameras(images, self.config.augment)
+            batch |= self.augmented(*(batch[key].to(self.policy.device) for key in self.policy.image_keys))
         device = self.policy.device
         return {key: value.to(device, non_blocking=True) for key, value in batch.items()}
+
+    def _augmented(self, *images: Tensor) -> dict[str, Tensor]:
+        """Returns the augmented images of the cameras, which are given in the order of the policy's."""
+        return augment_cameras(dict(zip(self.policy.image_keys, images, strict=True)), self.config.augment)
 
     def _make_ema(self) -> Ema | None:
         wanted = self.policy.default_ema if self.config.ema is None else self.config.ema
@@ -275,7 +240,7 @@ class _Trainer:
         if not math.isfinite(row["loss"]):
             raise self._diverged(f"The loss is {self.loss}")
         row |= {
-            "lr": self.optimizer.param_groups[0]["lr"],
+            "lr": self.lr,
             "grad_norm": float(self.grad_norm),
             "samples_per_s": self._samples_per_s() or 0.0,
             "elapsed_s": self._elapsed(),

@@ -6,7 +6,7 @@ import torch
 import policies
 from policies.lerobot_policy import policy_features
 from roboverse_learn.config.compose import compose, configs_folder, preset_names
-from roboverse_learn.training.imitation.train import make_optimizer
+from roboverse_learn.training.imitation.optimizer import make_optimizer
 from tests.policies.examples import LEARNED, generators, observation, stats
 
 PAIRS = [(preset, policy) for preset in preset_names() for policy in LEARNED]

@@ -17,8 +17,9 @@ from envs.core.errors import ConfigError
 from roboverse_learn.training.config import AugmentConfig, TrainConfig
 from roboverse_learn.training.imitation.ema import Ema
 from roboverse_learn.training.imitation.image_augmentation import augment, shift
+from roboverse_learn.training.imitation.optimizer import make_optimizer
 from roboverse_learn.training.imitation.schedule import learning_rate_factor, progress
-from roboverse_learn.training.imitation.train import make_optimizer, step_seed
+from roboverse_learn.training.imitation.train import step_seed
 from roboverse_learn.training.metrics import JsonlWriter, WandbWriter, check_wandb, read_metrics
 from tests.policies.examples import CONFIGS, FEATURES, stats
 

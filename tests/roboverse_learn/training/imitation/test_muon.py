@@ -7,7 +7,7 @@ from torch import nn
 from roboverse_learn.training.checkpoint import load_moments, moments
 from roboverse_learn.training.config import ConfigError, TrainConfig
 from roboverse_learn.training.imitation.muon import MuonAdamW, orthogonalized
-from roboverse_learn.training.imitation.train import make_optimizer
+from roboverse_learn.training.imitation.optimizer import make_optimizer
 
 
 @pytest.mark.parametrize("shape", [(4, 9), (9, 4), (5, 5)])
