@@ -4,12 +4,11 @@ Both things are moved by their own poses: each part of a way moves the hand's ta
 """
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
-from envs.kinematics.waypoints import Waypoint, first_miss, miss
-from envs.rotations import conjugate, from_matrix, from_yaw, rotate, wrapped
+from envs.kinematics.waypoints import Waypoint, first_miss
+from envs.rotations import conjugate, from_matrix, rotate, wrapped
 from envs.state import EntityState, State
 from envs.tasks.arm_at_table import ArmAtTable, above, heading, point, travel_s
 from envs.tasks.arms import in_world
@@ -17,6 +16,7 @@ from envs.tasks.robosuite import hook_stand as parts
 from envs.tasks.robosuite.scene import UPRIGHT_PITCH_RAD, down
 from envs.tasks.skills.from_above import grasp
 from envs.tasks.skills.held import Held, Pose
+from envs.tasks.skills.insertion import FAR_M, UP, Insertion, insertion_way
 from envs.tasks.tabletop import GRASP_CLOSED_M, GRASP_OPEN_M, ee_pos, hand_yaw
 
 LEVEL_PITCH_RAD = UPRIGHT_PITCH_RAD - np.pi / 2
@@ -30,9 +30,6 @@ TURNING_M, INSERT_YAW_RAD = np.array([-0.1, -0.12, 0.42]), np.pi / 2
 
 OVER_M, EXACT_M, EXACT_RAD = 0.02, 0.0012, 0.02
 """Height of the tip over the socket where it is lined up, and what may lack then."""
-
-FAR_M = 0.02
-"""Error from which the expert moves as if it had just begun."""
 
 ABOVE_HOOK_M, RING_EXACT_M = 0.05, 0.002
 """Height over the bar at which the ring is lined up, and the error at which it is lowered."""
@@ -84,54 +81,13 @@ def take_frame(task: ArmAtTable, state: State, rng: np.random.Generator) -> list
     return [*ways, turned, replace(turned, pitch=LEVEL_PITCH_RAD, duration_s=2.0, hold_s=0.2)]
 
 
-class Fit(NamedTuple):
-    """How a frame is to the socket, of a state of one row.
-
-    Attributes:
-        high: Height of its tip above the socket's floor, m.
-        off: Level distance of its tip from the socket's middle, m.
-        lean: Angle of its rod to the socket, rad.
-        goal: Its orientation in the socket, of those that fit the one that is nearest, wxyz, (4,).
-        spin: Angle to that about the vertical, rad.
-    """
-
-    high: float
-    off: float
-    lean: float
-    goal: np.ndarray
-    spin: float
-
-
-def fit_of(state: State) -> Fit:
-    """Returns how the frame is to the socket."""
-    frame, stand = state.objects["frame"], state.objects["stand"]
-    tip = rotate(conjugate(stand.rot[0].numpy()), in_world(frame, parts.TIP) - point(stand))
-    rod = rotate(frame.rot[0].numpy(), np.array([0.0, 0.0, 1.0]))
-    turn, base = heading(frame), heading(stand)
-    fitting = base + np.pi / 2 * round((turn - base) / (np.pi / 2))
-    return Fit(
-        high=float(tip[2]) - parts.SOCKET_FLOOR_M,
-        off=float(np.linalg.norm(tip[:2] - np.array(parts.SOCKET_M))),
-        lean=float(np.arccos(np.clip(rod[2], -1.0, 1.0))),
-        goal=from_yaw(fitting),
-        spin=float(abs(wrapped(fitting - turn))),
-    )
-
-
 def insert_frame(task: ArmAtTable, state: State, rng: np.random.Generator) -> list[Waypoint]:
     """Returns the next part of the way of the held frame: over the socket, a correction, down, or let go."""
-    fit, depth = fit_of(state), parts.SOCKET_TOP_M - parts.SOCKET_FLOOR_M
-    held = Held.of(task, state, "frame")
-
-    def at(high_m: float, duration_s: float, hold_s: float, aside: np.ndarray | None = None) -> Waypoint:
-        """The frame upright in the line of the socket, its tip so far above the floor."""
-        place = in_world(state.objects["stand"], (*parts.SOCKET_M, parts.SOCKET_FLOOR_M + high_m))
-        pos = place - rotate(fit.goal, np.array(parts.TIP))
-        goal = Pose(pos if aside is None else pos + aside, fit.goal)
-        return held.to(goal, duration_s, hold_s)
-
-    inside = fit.high < depth - 0.005 and fit.off < 0.006
-    if inside and fit.high < 0.008:
+    frame, stand = state.objects["frame"], state.objects["stand"]
+    held, floor = Held.of(task, state, "frame"), (*parts.SOCKET_M, parts.SOCKET_FLOOR_M)
+    tip = Pose(in_world(frame, parts.TIP), held.pose.rot)
+    off = rotate(conjugate(stand.rot[0].numpy()), tip.pos - in_world(stand, floor))
+    if off[2] < 0.008 and np.linalg.norm(off[:2]) < 0.006:
         now = replace(held.now, gripper=GRASP_OPEN_M)
         back = now.pos - 0.12 * np.array([np.cos(now.yaw), np.sin(now.yaw), 0.0])
         return [
@@ -139,15 +95,18 @@ def insert_frame(task: ArmAtTable, state: State, rng: np.random.Generator) -> li
             replace(now, pos=back, duration_s=0.8),
             replace(now, pos=above(back, 0.12), duration_s=0.8),
         ]
-    if inside:
-        return [at(max(0.002, fit.high - 0.06), 0.3 + 12.0 * min(0.06, fit.high), 0.15)]
-    if fit.off < FAR_M and fit.lean < 0.3 and fit.high > depth - 0.005:
-        if fit.off < EXACT_M and fit.lean < EXACT_RAD and fit.spin < 2 * EXACT_RAD:
-            return [at(depth - 0.03, 0.8, 0.1)]
-        return [at(depth + OVER_M, 0.4, 0.25)]
-    # The way first misses: the next motion demonstrates the correction.
-    aside = np.array([*rng.normal(0.0, miss(rng, often_m=0.004, seldom_m=0.01), 2), 0.01])
-    return [at(depth + OVER_M + 0.02, 2.5, 0.0, aside), at(depth + OVER_M, 0.6, 0.25)]
+    turn, base = heading(frame), heading(stand)
+    fitting = base + np.pi / 2 * round((turn - base) / (np.pi / 2))
+    where = Insertion(
+        goal=Pose.level(in_world(stand, above(np.array(floor), 0.002)), fitting),
+        into=-rotate(stand.rot[0].numpy(), UP),
+        back_m=parts.SOCKET_TOP_M - parts.SOCKET_FLOOR_M + OVER_M - 0.002,
+        exact_m=EXACT_M,
+        exact_rad=EXACT_RAD,
+        speed_m_s=0.08,
+        step_m=0.06,
+    )
+    return insertion_way(replace(held, pose=tip), where, rng)
 
 
 def take_tool(task: ArmAtTable, state: State, rng: np.random.Generator) -> list[Waypoint]:

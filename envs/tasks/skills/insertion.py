@@ -1,5 +1,6 @@
 """The way of a held thing to before its place, and into it: level into a hole, or down into a frame."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +26,7 @@ class Insertion:
         exact_rad: Likewise of its orientation.
         speed_m_s: Mean speed of the insertion.
         carry_m_s: Mean speed of the way to where it is lined up; what is round slips out of a faster hand.
+        step_m: Longest part of the insertion, after which what lacks is corrected.
         opening_m: Distance of each finger from the middle when the hand has let go and draws back; without it
             the hand keeps the thing.
     """
@@ -36,6 +38,7 @@ class Insertion:
     exact_rad: float
     speed_m_s: float = 0.125
     carry_m_s: float = 0.33
+    step_m: float = math.inf
     opening_m: float | None = None
 
 
@@ -56,8 +59,9 @@ def insertion_way(held: Held, where: Insertion, rng: np.random.Generator) -> lis
     # What is part of the way in goes on; but what is let go of at the end lines up again.
     part_in = where.opening_m is None and ahead > 1.5 * FAR_M and off < FAR_M
     if lined or part_in:
-        inside = at(0.0, 0.4 + max(back - ahead, 0.0) / where.speed_m_s, 0.2)
-        return [inside, *_let_go(inside, where)]
+        length = min(back - ahead, where.step_m)
+        inside = at(ahead + length - back, 0.4 + max(length, 0.0) / where.speed_m_s, 0.2)
+        return [inside, *(_let_go(inside, where) if length < where.step_m else [])]
     if off < FAR_M:
         return [at(-back, 0.3 + 2.0 * abs(ahead), 0.25)]
     # The way first misses: the next motion demonstrates the correction.

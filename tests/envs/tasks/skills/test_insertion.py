@@ -102,3 +102,18 @@ def test_what_is_let_go_of_is_lined_up_even_part_of_the_way_in_and_the_hand_draw
     assert [stop.gripper for stop in (inside, opened, back)] == [GRASP_CLOSED_M, 0.03, 0.03]
     np.testing.assert_allclose(opened.pos, inside.pos)
     np.testing.assert_allclose(back.pos, inside.pos + 0.14 * UP)
+
+
+def test_a_long_way_in_goes_step_by_step_and_lets_go_after_the_last_one():
+    given = where(DOWN, step_m=0.06)
+    lined = Pose(GOAL.pos - 0.1 * DOWN, GOAL.rot)
+    (first,) = insertion_way(held(lined), given, rng())
+    reached = brought(lined, first)
+    np.testing.assert_allclose(reached.pos, GOAL.pos - 0.04 * DOWN, atol=1e-9)
+    off = Pose(reached.pos + np.array([0.005, 0.0, 0.0]), from_yaw(np.array(0.5)))
+    (second,) = insertion_way(held(off), given, rng())
+    np.testing.assert_allclose(brought(off, second).pos, GOAL.pos, atol=1e-9)
+    assert brought(off, second).turn_to(GOAL) < 1e-6
+    assert first.duration_s == pytest.approx(0.4 + 0.06 / 0.125)
+    letting_go = where(DOWN, step_m=0.06, opening_m=0.03)
+    assert [len(insertion_way(held(thing), letting_go, rng())) for thing in (lined, reached)] == [1, 3]
