@@ -109,6 +109,15 @@ def test_calls_of_one_operating_system_are_guarded() -> None:
     assert not found, "Guard these, or use psutil or filelock:\n" + "\n".join(found)
 
 
+def test_cores_are_counted_that_this_process_may_use() -> None:
+    """A container's share of a machine of 200 cores may be 16: 200 threads there are slower than two."""
+    counts = re.compile(r"cpu_count\(\)|ThreadPoolExecutor\((None)?\)|PoolExecutor\([^)]*\bor None\b")
+    may = {"envs/core/machine.py", "roboverse_learn/doctor.py"}
+    found = {path for path in SOURCES if counts.search(path.read_text(encoding="utf-8"))}
+    found = {path.relative_to(ROOT).as_posix() for path in found}
+    assert found == may, "Take envs.core.machine.num_cores()."
+
+
 @pytest.mark.parametrize(
     "source",
     [

@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from envs.core.errors import ConfigError, SimulatorError, unknown_name
+from envs.core.machine import num_cores
 from envs.mjcf.drives import rest_targets
 from envs.mjcf.layout import EntityLayout, as_slice, block, layout_of
 from envs.mjcf.model import build_model
@@ -128,7 +129,7 @@ class TranslatedHandler[Settings: SimulatorSettings](ModelHandler):
         self._rest_rows()
         self.worlds = [*self.make_worlds(model)]
         if self.steps_in_threads and self.num_threads != 1 and self.num_envs > 1:
-            self._pool = ThreadPoolExecutor(self.num_threads or None, thread_name_prefix="step")
+            self._pool = ThreadPoolExecutor(self.num_threads or num_cores(), thread_name_prefix="step")
         for row in range(self.num_envs):
             self._put(row)
 

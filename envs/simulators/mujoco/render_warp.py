@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -13,6 +12,7 @@ from typing import Any, override
 import mujoco
 import numpy as np
 
+from envs.core.machine import num_cores
 from envs.mjcf.meshes import VISUAL_GROUP
 from envs.mjcf.model import TEXTURE_SIZE
 from envs.mjcf.objects import HIDDEN_GROUP, SCENE_GROUP
@@ -55,7 +55,7 @@ class WarpRenderer(Renderer):
 
     def __init__(self, model, scenario, *, textures=None, num_threads: int = 0) -> None:
         super().__init__(model, scenario, textures=textures, num_threads=num_threads)
-        self._size = num_threads or os.cpu_count() or 1
+        self._size = num_threads or num_cores()
         self._pool = ThreadPoolExecutor(self._size, thread_name_prefix="render")
         self._idle: dict[tuple, SimpleQueue[_Tracer]] = {}
         self._textures_of_names: dict[str | None, Any] = {}

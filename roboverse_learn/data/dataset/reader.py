@@ -7,7 +7,6 @@ Shape legend: N = frames of the dataset, B = batch, T = time steps of a window, 
 """
 
 import logging
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from envs.core.errors import DatasetError
+from envs.core.machine import num_cores
 from roboverse_learn.data.dataset.images import load_images
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.on_device import constant, sent
@@ -63,7 +63,7 @@ class ResidentDataset:
         chosen = _chosen_features(self.info, keys)
         cameras = [key for key in chosen if key in self.info.camera_keys]
         columns = self.info.read_columns([key for key in chosen if key not in cameras])
-        images = load_images(self.info, cameras, memory_fraction, num_threads or os.cpu_count() or 1)
+        images = load_images(self.info, cameras, memory_fraction, num_threads or num_cores())
         self.frames: dict[str, torch.Tensor] = {
             key: torch.from_numpy(array) for key, array in {**columns, **images}.items()
         }
