@@ -202,12 +202,12 @@ class Threading(RangedTask):
     def _thread(self, state: State, rng: np.random.Generator) -> list[Waypoint]:
         """Returns the way of a held needle to before the ring, a correction, or through it."""
         line, _ = self._line(state, hand_yaw(self.arm(state)))
-        goal = Pose.level(self.ring(state)[0].numpy().copy(), line)
+        held, into = Held.of(self, state, "needle"), np.array([np.cos(line), np.sin(line), 0.0])
         where = Insertion(
-            goal=goal,
-            into=goal.ahead,
+            goal=Pose(self.ring(state)[0].numpy().copy(), held.pose.pointing(into).rot),
+            into=into,
             back_m=READY_M,
             exact_m=EXACT_M,
             exact_rad=EXACT_RAD,
         )
-        return insertion_way(Held.of(self, state, "needle"), where, rng)
+        return insertion_way(held, where, rng)

@@ -34,6 +34,14 @@ class Pose(NamedTuple):
         """The thing's x axis in the world, (3,)."""
         return rotate(self.rot, np.array([1.0, 0.0, 0.0]))
 
+    def pointing(self, way: np.ndarray) -> Self:
+        """Returns the pose turned as little as brings its x axis along a unit vector, (3,)."""
+        ahead = self.ahead
+        half = np.array([1.0 + float(ahead @ way), *np.cross(ahead, way)])
+        if half[0] < 1e-6:  # opposite
+            half = np.array([0.0, 0.0, 0.0, 1.0])
+        return type(self)(self.pos, multiply(half / np.linalg.norm(half), self.rot))
+
     def turn_to(self, other: "Pose") -> float:
         """Returns the angle between two orientations, rad."""
         w, *axis = multiply(other.rot, conjugate(self.rot))

@@ -13,7 +13,13 @@ from envs.tasks.tabletop import FRANKA_AT_TABLE, GRASP_CLOSED_M
 HAND = np.array([0.1, 0.0, 0.3])
 SAG_M = np.array([0.0, 0.0, 0.004])
 GOAL = Pose.level(np.array([0.2, 0.1, 0.15]), 0.4)
-AHEAD = np.array([np.cos(0.4), np.sin(0.4), 0.0])
+
+
+def from_x(turn):
+    return np.array([np.cos(turn), np.sin(turn), 0.0])
+
+
+AHEAD = from_x(0.4)
 
 
 def held(pose):
@@ -49,6 +55,17 @@ def test_a_hand_brings_what_it_holds_to_a_pose_with_what_its_load_takes():
 def test_the_angle_between_poses_is_that_of_the_smaller_turn():
     a, b = Pose(HAND, from_yaw(np.array(0.2))), Pose(HAND, -from_yaw(np.array(1.5)))
     assert a.turn_to(b) == b.turn_to(a) == pytest.approx(1.3)
+
+
+@pytest.mark.parametrize(("way", "turn"), [(AHEAD, 0.6), (UP, np.pi / 2), (-from_x(1.0), np.pi)])
+def test_a_pose_turns_as_little_as_points_its_x_axis_along_a_direction(way, turn):
+    """A roll about that axis stays: a needle is as good however it is rolled."""
+    for roll in (0.0, 1.5):
+        start = Pose(HAND, from_euler(np.array([1.0, 0.0, roll])))
+        pointing = start.pointing(way)
+        np.testing.assert_allclose(pointing.ahead, way, atol=1e-9)
+        assert start.turn_to(pointing) == pytest.approx(turn)
+        np.testing.assert_array_equal(pointing.pos, HAND)
 
 
 @pytest.mark.parametrize("into", [AHEAD, DOWN])
