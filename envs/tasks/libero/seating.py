@@ -61,14 +61,17 @@ def seated_starts(entry: Entry, scene: LiberoScene) -> State:
     names = list(scene.problem.objects)
     poses = _stored(path, (starts.num_envs, len(names), 7))
     if poses is None:
-        seater = Seater(scene)
-        rows = [seater.seat(starts, row)[0] for row in range(starts.num_envs)]
-        poses = np.array(rows)
+        poses = Seater(scene).poses(starts)
         with atomic_path(path, keep_suffix=True) as partial:
             np.savez(partial, poses=poses)
-    poses = torch.from_numpy(poses)
-    for index, name in enumerate(names):
-        starts.objects[name].pos, starts.objects[name].rot = poses[:, index, :3], poses[:, index, 3:]
+    return with_poses(scene, starts, poses)
+
+
+def with_poses(scene: LiberoScene, starts: State, poses: np.ndarray) -> State:
+    """Returns the states, objects put into poses (rows, objects, 7) in the order of the task file."""
+    seated = torch.from_numpy(poses)
+    for index, name in enumerate(scene.problem.objects):
+        starts.objects[name].pos, starts.objects[name].rot = seated[:, index, :3], seated[:, index, 3:]
     return starts
 
 
@@ -110,6 +113,10 @@ class Seater:
         self._movable.sort(key=lambda item: order[item.name])
         roots = np.asarray(self._model.body_rootid)[np.asarray(self._model.geom_bodyid)]
         self._geoms = {item.name: roots == self._model.body(item.name).id for item in self._movable}
+
+    def poses(self, starts: State) -> np.ndarray:
+        """Returns the seated poses of all rows, (rows, objects, 7), in the order of the task file."""
+        return np.array([self.seat(starts, row)[0] for row in range(starts.num_envs)])
 
     def seat(self, starts: State, row: int) -> tuple[np.ndarray, Seat]:
         """Returns the seated poses (objects, 7) of one row of states, and how well that went."""

@@ -16,18 +16,26 @@ ROBOT_JOINTS = 9
 def fixed_starts(entry: Entry, scene: LiberoScene) -> State:
     """Returns the 50 states, (50 rows), as they are: objects hang over their places, some in the table.
 
-    A row of the file is time, joints of the robot, poses of the objects and joints of the fixtures, each in
-    the order of the task file, and velocities, which are not taken over.
-
     Raises:
         ConfigError: The file has rows of another width, or is damaged.
     """
-    path = start_file(entry)
-    objects, fixtures = list(scene.problem.objects), scene.fixtures
-    joints = [len(scene.parts[name].joints) for name in fixtures]
-    num_qpos = ROBOT_JOINTS + 7 * len(objects) + sum(joints)
-    width = 1 + num_qpos + (num_qpos - len(objects))
-    rows = read_init_states(path, width)
+    num_qpos = ROBOT_JOINTS + 7 * len(scene.problem.objects) + sum(_num_joints(scene))
+    width = 1 + num_qpos + (num_qpos - len(scene.problem.objects))
+    return states_of_rows(scene, read_init_states(start_file(entry), width))
+
+
+def states_of_rows(scene: LiberoScene, rows: np.ndarray) -> State:
+    """Returns states of robosuite's as states of the scene, objects where they are.
+
+    Args:
+        scene: The scene.
+        rows: A row each: time, joints of the robot, poses of the objects and joints of the fixtures, each in
+            the order of the task file, and velocities, which are not taken over.
+
+    Raises:
+        ConfigError: An orientation is none.
+    """
+    objects, fixtures, joints = list(scene.problem.objects), scene.fixtures, _num_joints(scene)
     count = len(rows)
     arm = rows[:, 1 : 1 + ROBOT_JOINTS] * np.array([1.0] * (ROBOT_JOINTS - 1) + [-1.0])
     poses = rows[:, 1 + ROBOT_JOINTS :][:, : 7 * len(objects)].reshape(count, len(objects), 7)
@@ -50,6 +58,10 @@ def fixed_starts(entry: Entry, scene: LiberoScene) -> State:
     return State(
         {scene.robot.name: robot}, {item.name: entities[item.name] for item in scene.scenario.objects}
     )
+
+
+def _num_joints(scene: LiberoScene) -> list[int]:
+    return [len(scene.parts[name].joints) for name in scene.fixtures]
 
 
 def _unit(quats: np.ndarray) -> np.ndarray:
