@@ -57,6 +57,9 @@ RELEASE_M = 0.123
 REACH_M, AWAY_M = 0.065, 0.016
 """Where fingers push the lid: distance from the hinge, and of their middle from the lid's."""
 
+CARRY_M_S = 0.33
+"""Mean speed of the held pod, which is round: it slips out of a faster hand as that stops."""
+
 TRAVEL_M, OVER_M = 0.3, 0.09
 GRASP_REACH_M = 0.03
 _SIDES = 12
@@ -187,6 +190,7 @@ class Coffee(RangedTask):
                 back_m=OVER_M,
                 exact_m=0.002,
                 exact_rad=0.1,
+                carry_m_s=CARRY_M_S,
                 opening_m=0.03,
             )
             return insertion_way(Held.of(self, state, "pod"), where, rng)

@@ -44,7 +44,7 @@ LINED_UP_M = 0.01
 READY_M = 0.02
 """Gap between the peg's head and the box where the expert lines it up."""
 
-EXACT_M, EXACT_RAD = 1e-3, 0.012
+EXACT_M, EXACT_RAD = 1e-3, 0.016
 """Errors of the peg's pose at which the expert begins to insert it."""
 
 AHEAD_M = 0.005
@@ -192,15 +192,15 @@ class PegInsertionSide(ArmAtTable):
         box, depth = state.objects["box"], self.peg_half_length_m - AHEAD_M
         line, (y, z) = heading(box), self.hole_offset_m
         hole = point(box) + y * np.array([-np.sin(line), np.cos(line), 0.0]) + np.array([0.0, 0.0, z])
-        goal = Pose.level(hole - depth * np.array([np.cos(line), np.sin(line), 0.0]), line)
+        ahead, held = np.array([np.cos(line), np.sin(line), 0.0]), Held.of(self, state, "peg")
         where = Insertion(
-            goal=goal,
-            into=goal.ahead,
+            goal=Pose.level(hole - depth * ahead, line).rolled(held.pose, 4),  # it is square
+            into=ahead,
             back_m=2 * self.peg_half_length_m + READY_M - depth,
             exact_m=EXACT_M,
             exact_rad=EXACT_RAD,
         )
-        return insertion_way(Held.of(self, state, "peg"), where, rng)
+        return insertion_way(held, where, rng)
 
     @property
     def _height(self) -> float:

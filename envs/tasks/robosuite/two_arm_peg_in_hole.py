@@ -212,7 +212,6 @@ class TwoArmPegInHole(TwoArms):
             back_m=FREE_M - along,
             exact_m=EXACT_M,
             exact_rad=EXACT_RAD,
-            carry_m_s=0.67,
         )
         peg = Held.tool(left, state.robots[left.name])
         return [{left.name: insertion_way(peg, where, rng), hole.name: shown}]

@@ -42,6 +42,12 @@ class Pose(NamedTuple):
             half = np.array([0.0, 0.0, 0.0, 1.0])
         return type(self)(self.pos, multiply(half / np.linalg.norm(half), self.rot))
 
+    def rolled(self, nearest: "Pose", sides: int) -> Self:
+        """Returns the pose rolled about its x axis by whole sides, as near to another as can be."""
+        angles = np.pi / sides * np.arange(sides)  # halves of the turns
+        options = [multiply(self.rot, np.array([np.cos(a), np.sin(a), 0.0, 0.0])) for a in angles]
+        return min((type(self)(self.pos, rot) for rot in options), key=nearest.turn_to)
+
     def turn_to(self, other: "Pose") -> float:
         """Returns the angle between two orientations, rad."""
         w, *axis = multiply(other.rot, conjugate(self.rot))

@@ -25,7 +25,7 @@ class Insertion:
         exact_m: Error across the direction at which the expert begins to insert it.
         exact_rad: Likewise of its orientation.
         speed_m_s: Mean speed of the insertion.
-        carry_m_s: Mean speed of the way to where it is lined up; what is round slips out of a faster hand.
+        carry_m_s: Mean speed of the way to where it is lined up.
         step_m: Longest part of the insertion, after which what lacks is corrected.
         opening_m: Distance of each finger from the middle when the hand has let go and draws back; without it
             the hand keeps the thing.
@@ -37,7 +37,7 @@ class Insertion:
     exact_m: float
     exact_rad: float
     speed_m_s: float = 0.125
-    carry_m_s: float = 0.33
+    carry_m_s: float = 0.67
     step_m: float = math.inf
     opening_m: float | None = None
 

@@ -68,6 +68,15 @@ def test_a_pose_turns_as_little_as_points_its_x_axis_along_a_direction(way, turn
         np.testing.assert_array_equal(pointing.pos, HAND)
 
 
+@pytest.mark.parametrize(("roll", "left"), [(0.2, 0.2), (1.5, np.pi / 2 - 1.5), (-3.0, np.pi - 3.0)])
+def test_a_square_thing_is_rolled_to_the_nearest_side(roll, left):
+    start = Pose(HAND, multiply(GOAL.rot, from_euler(np.array([0.0, 0.0, roll]))))
+    rolled = GOAL.rolled(start, 4)
+    np.testing.assert_allclose(rolled.ahead, GOAL.ahead)
+    assert start.turn_to(rolled) == pytest.approx(left)
+    assert GOAL.rolled(start, 1).turn_to(GOAL) == 0.0
+
+
 @pytest.mark.parametrize("into", [AHEAD, DOWN])
 def test_what_is_far_goes_to_before_the_place_and_misses_it_first(into):
     start = Pose(GOAL.pos - 0.1 * into + np.array([0.0, -0.2, 0.05]), from_yaw(np.array(1.0)))
