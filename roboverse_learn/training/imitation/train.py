@@ -132,7 +132,8 @@ class _Trainer:
         self.augmented: Callable[..., dict[str, Tensor]] = self._augmented
         self.objective, self.optimizer = self._make_objective(), make_optimizer(policy, config)
         self.ema = self._make_ema()
-        recorded = isinstance(self.objective, RecordedObjective)
+        # Of several processes the gradients alone: a recording beside their messages is not tried.
+        recorded = isinstance(self.objective, RecordedObjective) and self.world == 1
         if recorded:
             self.augmented = Recorded(self._augmented)
         self.update = Update(policy, self.optimizer, self.ema, grad_clip=config.grad_clip, record=recorded)
