@@ -55,6 +55,7 @@ class GradientSteps(DeviceProgram):
         from policies.cuda_graphs import RecordedObjective
         from roboverse_learn.training.config import TrainConfig
         from roboverse_learn.training.imitation.optimizer import make_optimizer
+        from roboverse_learn.training.imitation.update import Update
 
         batch = self.batches(policy)
         policy.begin_training()
@@ -69,7 +70,9 @@ class GradientSteps(DeviceProgram):
             with torch.autocast(policy.device.type, torch.bfloat16):
                 return objective(given)[0]
 
-        return _updates(policy, batch, loss_of, make_optimizer(policy, config), config.grad_clip)
+        optimizer = make_optimizer(policy, config)
+        update = Update(policy, optimizer, grad_clip=config.grad_clip, record=cuda_graphs)
+        return _steps(batch, loss_of, lambda: update(1.0))
 
     def lerobot_step(self, policy: Any, optimizer: Any, grad_clip: float, *, bf16: bool = True) -> Side:
         """Returns the step of ``lerobot.scripts.lerobot_train.update_policy``, in bf16 or in fp32."""
@@ -81,11 +84,16 @@ class GradientSteps(DeviceProgram):
             with torch.autocast(policy.device.type, torch.bfloat16, enabled=bf16):
                 return policy.model.forward(given)[0]
 
-        update = _updates(policy, self.batches(policy), loss_of, optimizer, grad_clip)
+        def update() -> None:
+            torch.nn.utils.clip_grad_norm_(policy.model.parameters(), grad_clip)
+            optimizer.step()
+            optimizer.zero_grad()
+
+        step = _steps(self.batches(policy), loss_of, update)
 
         def take() -> Any:
             with _tf32():
-                loss = update()
+                loss = step()
             loss.item()
             return loss
 
@@ -178,8 +186,8 @@ def plain_features(image_size: int) -> Any:
     return make_features(joints, joints, {"front": (image_size, image_size)})
 
 
-def _updates(policy: Any, batch: Any, loss_of: Callable[[Any], Any], optimizer: Any, clip: float) -> Side:
-    """Returns what updates a policy by the loss of the next batch."""
+def _steps(batch: Callable[[int], Any], loss_of: Callable[[Any], Any], update: Callable[[], object]) -> Side:
+    """Returns what takes a step by the loss of the next batch."""
     numbers = itertools.count()
 
     def take() -> Any:
@@ -187,9 +195,7 @@ def _updates(policy: Any, batch: Any, loss_of: Callable[[Any], Any], optimizer: 
         torch.manual_seed(number)
         loss = loss_of(batch(number))
         loss.backward()
-        torch.nn.utils.clip_grad_norm_(policy.model.parameters(), clip)
-        optimizer.step()
-        optimizer.zero_grad()
+        update()
         return loss.detach()
 
     return take

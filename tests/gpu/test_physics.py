@@ -90,8 +90,8 @@ def test_it_works_in_any_stream_of_torch(gpu):
     torch.testing.assert_close(found, expected, atol=1e-6, rtol=0)
 
 
-def test_unused_torch_graph_is_freed_before_a_capture(gpu):
-    """As a policy's recorded loss is after its training: freed amid a capture it breaks it."""
+def test_unused_torch_graph_is_not_freed_amid_a_capture(gpu):
+    """As a policy's recorded loss could be after its training: it would break the capture."""
     number, unused = torch.zeros(1, device="cuda"), torch.cuda.CUDAGraph()
     with torch.cuda.graph(unused):
         number += 1
@@ -99,10 +99,28 @@ def test_unused_torch_graph_is_freed_before_a_capture(gpu):
     cycle.append(cycle)
     del unused, cycle
     values = wp.zeros(4, dtype=float, device="cuda:0")
-    graph = gpu.on.capture(lambda: (gc.collect(), values.fill_(2.0)))
+
+    def launches():
+        assert not gc.isenabled()
+        more = [[] for _ in range(3 * gc.get_threshold()[0])]  # would start the collector
+        values.fill_(2.0)
+        del more
+
+    graph = gpu.on.capture(launches)
+    assert gc.isenabled()
     with gpu.on.scope():
         graph.launch()
     assert values.numpy().tolist() == [2.0] * 4
+
+
+def test_collector_is_on_after_a_capture_that_fails(gpu):
+    with pytest.raises(RuntimeError, match="no launch"):
+        gpu.on.capture(fail)
+    assert gc.isenabled()
+
+
+def fail():
+    raise RuntimeError("no launch")
 
 
 def test_other_environments_stay_bit_identical(gpu):

@@ -13,7 +13,6 @@ from multiprocessing import active_children, current_process, get_context
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from threading import Lock
-from types import ModuleType
 from typing import Any
 
 from envs.core.errors import DatasetError
@@ -22,6 +21,7 @@ from envs.core.registry import registered_by_hand
 from roboverse_learn.data.collection.config import CollectionConfig
 from roboverse_learn.data.collection.worker import Attempt, Stage, encoded_by, run_batch, start, work
 from roboverse_learn.data.dataset.staging import STAGING_DIRECTORY
+from roboverse_learn.data.processes import script_of_processes
 
 
 def attempts(config: CollectionConfig, next_batch: Callable[[], list[int]]) -> Generator[list[Attempt]]:
@@ -109,7 +109,7 @@ def _processes(config: CollectionConfig, count: int) -> Iterator[Callable[..., F
         def submit(function: Callable[..., Any], *args: Any) -> Future[Any]:
             if len(workers) == count:  # all have started
                 return pool.submit(function, *args)
-            with starting, _starting(count), _script_of_workers(script):
+            with starting, _starting(count), script_of_processes(script):
                 future = pool.submit(function, *args)
             workers.update(set(active_children()) - others)
             return future
@@ -150,22 +150,6 @@ def check_not_in_a_worker() -> None:
 def _needs_script(config: CollectionConfig) -> bool:
     """Returns whether workers must run the script to know what they collect."""
     return config.source.startswith("__main__:") or bool(registered_by_hand())
-
-
-@contextlib.contextmanager
-def _script_of_workers(script: ModuleType | None) -> Iterator[None]:
-    """Lets processes that start here run a script first; without one, none is run, so it needs no guard."""
-    main = sys.modules["__main__"]
-    if main is script:
-        yield
-        return
-    names = {name: vars(main)[name] for name in ("__file__", "__spec__") if name in vars(main)}
-    main.__spec__ = None
-    vars(main).pop("__file__", None)
-    try:
-        yield
-    finally:
-        vars(main).update(names)
 
 
 @contextlib.contextmanager

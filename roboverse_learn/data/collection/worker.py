@@ -4,22 +4,20 @@ Where one process simulates, as on a GPU, others may encode for it: threads woul
 """
 
 import os
-import signal
-import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any
 
 from envs.core.errors import DatasetError, RoboVerseError
 from roboverse_learn.data.collection.config import CollectionConfig
-from roboverse_learn.data.collection.shared_images import Place, shared
 from roboverse_learn.data.dataset.schema import EpisodeData, check_episode
 from roboverse_learn.data.dataset.staging import stage_episode, staged_directory
+from roboverse_learn.data.processes import end_with_parent
+from roboverse_learn.data.shared_images import Place, shared
 from roboverse_learn.data.sources.base import EpisodeSource
 
 Attempt = tuple[int, Path | None]
@@ -33,19 +31,11 @@ _process: dict[str, Any] = {}
 
 def start(config: CollectionConfig, log: Path) -> None:
     """Prepares a worker process, which logs to a file and ends when its parent does, however that ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the collecting process, which ends this one
-    threading.Thread(target=_exit_with_parent, daemon=True).start()
+    end_with_parent()
     _process.update(config=config, log=log / f"worker_{os.getpid()}.log")
     with open(_process["log"], "wb") as file:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
-
-
-def _exit_with_parent() -> None:
-    parent = parent_process()
-    assert parent is not None
-    parent.join()
-    os._exit(1)
 
 
 def work(indices: Sequence[int]) -> list[Attempt]:

@@ -5,7 +5,9 @@ import io
 import logging
 import os
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +19,13 @@ from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.tables import read_parquet
 from roboverse_learn.data.dataset.video import decode_video
 from roboverse_learn.data.free_memory import free_memory_bytes
+from roboverse_learn.data.processes import end_with_parent, script_of_processes
+from roboverse_learn.data.shared_images import Place, can_share, to_fill
 
 _LOG = logging.getLogger(__name__)
 CACHE_DIRECTORY = ".cache"
+FRAMES_A_PROCESS = 10_000
+"""Fewer are decoded by threads: a process takes half a second to start."""
 
 
 def load_images(
@@ -31,7 +37,7 @@ def load_images(
         info: The dataset.
         keys: Image features.
         memory_fraction: Share of the free memory that they may take; beyond it they are memory-mapped.
-        num_threads: Files decoded side by side.
+        num_threads: Files decoded side by side, by processes if they are many and by threads otherwise.
 
     Returns:
         uint8 (num_frames, C, H, W) by key.
@@ -41,14 +47,17 @@ def load_images(
     """
     shapes = {key: _resident_shape(info, key) for key in keys}
     in_memory = sum(int(np.prod(shape)) for shape in shapes.values()) <= memory_fraction * free_memory_bytes()
-    images = {}
-    for key, shape in shapes.items():
-        if in_memory:
-            images[key] = np.empty(shape, dtype=np.uint8)
-            _decode(info, key, images[key], num_threads)
-        else:
-            images[key] = _mapped(info, key, shape, num_threads)
-    return images
+    if not in_memory:
+        return {key: _mapped(info, key, shape, num_threads) for key, shape in shapes.items()}
+    videos = {key: shape for key, shape in shapes.items() if info.features[key]["dtype"] != "image"}
+    processes = min(num_threads, len(videos) * info.num_frames // FRAMES_A_PROCESS)
+    if processes <= 2 or not can_share():
+        videos = {}
+    images = _decoded_by_processes(info, videos, processes) if videos else {}
+    for key in shapes.keys() - videos.keys():
+        images[key] = np.empty(shapes[key], dtype=np.uint8)
+        _decode(info, key, images[key], num_threads)
+    return {key: images[key] for key in keys}
 
 
 def _resident_shape(info: DatasetInfo, key: str) -> tuple[int, int, int, int]:
@@ -61,6 +70,37 @@ def _resident_shape(info: DatasetInfo, key: str) -> tuple[int, int, int, int]:
     if feature["dtype"] == "image" and (feature.get("names") or [""])[0] in ("channel", "channels"):
         channels, height, width = feature["shape"]
     return info.num_frames, channels, height, width
+
+
+def _decoded_by_processes(
+    info: DatasetInfo, shapes: dict[str, tuple[int, int, int, int]], count: int
+) -> dict[str, np.ndarray]:
+    """Returns the frames of videos, decoded by processes: many threads wait for the interpreter's lock."""
+    jobs = [(key, *job) for key in shapes for job in _video_jobs(info, key)]
+    pieces = [jobs[first :: 4 * count] for first in range(min(4 * count, len(jobs)))]
+    with (
+        to_fill(shapes) as places,
+        script_of_processes(None),
+        ProcessPoolExecutor(count, get_context("spawn"), end_with_parent) as pool,
+    ):
+        futures = [pool.submit(_fill, places, piece) for piece in pieces]
+        try:
+            for future in futures:
+                future.result()
+        except BrokenProcessPool as error:
+            raise DatasetError(
+                "A process that decodes videos died; out of memory? Free some, or lower memory_fraction."
+            ) from error
+        finally:
+            pool.shutdown(cancel_futures=True)
+        return {key: place.open(write=True) for key, place in places.items()}
+
+
+def _fill(places: dict[str, Place], jobs: list[tuple[str, Path, np.ndarray, np.ndarray]]) -> None:
+    """Decodes videos in one of several processes."""
+    images = {key: place.open(write=True) for key, place in places.items()}
+    for key, path, times, rows in jobs:
+        decode_video(path, times, rows, images[key])
 
 
 def _decode(info: DatasetInfo, key: str, out: np.ndarray, num_threads: int) -> None:

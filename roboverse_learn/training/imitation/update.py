@@ -51,19 +51,19 @@ class Update:
             return self._take(rates)
         share = 1.0 if self._ema is None else self._ema.next_share()
         numbers = [torch.full((), number, device=self._policy.device) for number in (share, *rates)]
-        norm = self._recorded(*numbers, *self._gradients())
+        norm = self._recorded(*numbers, *(gradient for _, gradient in self._trained()))
         self._optimizer.zero_grad()
         return norm
 
-    def _gradients(self) -> list[Tensor]:
-        return [each.grad for each in self._parameters if each.grad is not None]
+    def _trained(self) -> list[tuple[nn.Parameter, Tensor]]:
+        """Returns the parameters that have gradients, and these."""
+        return [(each, each.grad) for each in self._parameters if each.grad is not None]
 
     def _take_given(self, share: Tensor, *given: Tensor) -> Tensor:
         """Takes a step by given learning rates of the groups, and gradients of what has some."""
         number = len(self._optimizer.param_groups)
         rates, gradients = given[:number], given[number:]
-        trained = [each for each in self._parameters if each.grad is not None]
-        for parameter, gradient in zip(trained, gradients, strict=True):
+        for (parameter, _), gradient in zip(self._trained(), gradients, strict=True):
             parameter.grad = gradient
         return self._take(rates, share)
 

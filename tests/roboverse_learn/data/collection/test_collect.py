@@ -5,18 +5,15 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from multiprocessing import get_context
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from envs.core.errors import ConfigError, DatasetError, RoboVerseError
 from roboverse_learn.data import CollectionConfig, DatasetInfo, DatasetWriter, collect, dataset_hash
 from roboverse_learn.data.collection.schedule import TooFewSuccessesError
-from roboverse_learn.data.collection.shared_images import shared
 from tests.roboverse_learn.data.synthetic_episodes import FEATURES, FPS
 from tests.sweeps import sweep
 
@@ -85,19 +82,6 @@ def test_the_dataset_does_not_depend_on_the_processes_that_encode(undisturbed, t
     summary = collect(replace(config(tmp_path / "d"), num_encoders=2))
     assert summary.dataset_hash == undisturbed.dataset_hash
     assert [path.name for path in (tmp_path / "d").glob(".*")] == [".lock"]
-
-
-def test_images_of_several_cameras_reach_another_process_whole():
-    images = {
-        name: np.random.default_rng(n).integers(0, 256, (3, 4, 6, 3), np.uint8) for n, name in enumerate("ab")
-    }
-    with shared(images) as places, ProcessPoolExecutor(1, get_context("spawn")) as pool:
-        for name, place in places.items():
-            np.testing.assert_array_equal(pool.submit(place.open).result(), images[name])
-        opened = places["a"].open()
-    np.testing.assert_array_equal(opened, images["a"])  # who opened it keeps it
-    with pytest.raises(FileNotFoundError):
-        places["a"].open()
 
 
 def test_progress_is_reported(tmp_path):
