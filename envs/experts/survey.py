@@ -3,8 +3,8 @@
 ``python -m envs.experts.survey words=[libero,spatial]`` writes one row a task into ``results/tasks.json``.
 Tasks that are there already are left out; ``again=true`` measures them again, ``episodes=0`` leaves the
 expert out. Either way the same command continues where it was interrupted, and says at the end how long all
-its pieces took. Without words it surveys every registered task. Listings and pages read the file: see
-:mod:`envs.experts.counts`.
+its pieces took. Without words it surveys every registered task; one whose files or packages are not on this
+machine is left out with a warning. Listings and pages read the file: see :mod:`envs.experts.counts`.
 """
 
 import json
@@ -23,7 +23,7 @@ from PIL import Image
 
 from envs.core.arguments import run_program
 from envs.core.atomic import write_file
-from envs.core.errors import ConfigError, RoboVerseError
+from envs.core.errors import ConfigError, MissingAssetError, MissingExtraError, RoboVerseError
 from envs.core.git import git_sha
 from envs.experts.actor import expert_episodes
 from envs.experts.counts import read_rows
@@ -88,6 +88,11 @@ def _survey_all(settings: SurveySettings, command: str) -> int:
         began = clocks()
         try:
             row = survey(name, settings)
+        except (MissingAssetError, MissingExtraError) as error:
+            logger.warning(
+                "%d/%d %s is left out, for it cannot be made here: %s", place, len(names), name, error
+            )
+            continue
         except RoboVerseError as error:  # the others go on without it, and the row says why
             row, failed = {"error": str(error)}, failed + 1
         _write_row(settings.results, name, {**row, "command": command, "git_sha": sha})

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from envs.core.errors import ConfigError
+from envs.core.errors import ConfigError, MissingAssetError
 from envs.experts import survey
 
 
@@ -63,6 +63,20 @@ def test_a_task_that_fails_is_named_and_the_others_go_on(tmp_path, monkeypatch):
     assert survey.main(["words=[Cube]", f"results={results}"]) == 1
     rows = json.loads(results.read_text())
     assert rows["PickCube"]["error"] == "no cube." and rows["StackCube"]["expert"] == 1.0
+
+
+def test_a_task_whose_files_are_not_here_is_left_out(tmp_path, monkeypatch, caplog):
+    results = tmp_path / "tasks.json"
+
+    def survey_of(name, settings):
+        if name == "PickCube":
+            raise MissingAssetError("There is no cube. roboverse assets get cube")
+        return {"expert": 1.0, "episodes": settings.episodes}
+
+    monkeypatch.setattr(survey, "survey", survey_of)
+    assert survey.main(["tasks=[PickCube,StackCube]", f"results={results}"]) == 0
+    assert list(json.loads(results.read_text())) == ["StackCube"]
+    assert "PickCube is left out" in caplog.text and "assets get cube" in caplog.text
 
 
 def test_named_tasks_are_surveyed_and_no_others(tmp_path, monkeypatch, capsys):
