@@ -2,11 +2,11 @@
 
 import dataclasses
 import logging
-import os
 
 from envs.core.machine import num_cores
 from roboverse_learn.config.schema import CollectConfig
 from roboverse_learn.data.free_memory import free_memory_bytes
+from roboverse_learn.data.shared_images import can_share
 
 WORKER_BYTES = 700 << 20
 """Memory of one process: Python, torch and a compiled scene."""
@@ -57,7 +57,7 @@ def num_encoders(config: CollectConfig) -> int:
     from envs.simulators import HANDLERS
 
     together = HANDLERS.get(config.env.simulator).steps_together and config.collect.num_workers == 1
-    if not together or num_cores() < LEAST_CORES or not hasattr(os, "memfd_create"):
+    if not together or num_cores() < LEAST_CORES or not can_share():
         return 0
     return min(num_cores() // 2, MOST_ENCODERS, config.collect.num_demos // EPISODES_OF_ENCODER)
 

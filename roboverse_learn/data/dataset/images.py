@@ -89,7 +89,7 @@ def _decoded_by_processes(
                 future.result()
         except BrokenProcessPool as error:
             raise DatasetError(
-                "A process that decodes videos died; out of memory? Free some, or lower memory_fraction."
+                "A process that decodes videos died; out of memory? Free some, or take fewer demonstrations."
             ) from error
         finally:
             pool.shutdown(cancel_futures=True)

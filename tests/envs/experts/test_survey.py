@@ -51,15 +51,20 @@ def test_a_start_that_comes_to_be_solved_as_the_robot_holds_still_is_not_solved_
     assert row["solved_at_start"] is False and row["expert"] == 1.0
 
 
-def test_a_task_that_fails_is_named_and_the_others_go_on(tmp_path, monkeypatch):
-    results = tmp_path / "tasks.json"
+def without_a_cube(error):
+    """Returns a survey of one task that raises the error for PickCube."""
 
-    def broken(name, settings):
+    def survey_of(name, settings):
         if name == "PickCube":
-            raise ConfigError("no cube.")
+            raise error
         return {"expert": 1.0, "episodes": settings.episodes}
 
-    monkeypatch.setattr(survey, "survey", broken)
+    return survey_of
+
+
+def test_a_task_that_fails_is_named_and_the_others_go_on(tmp_path, monkeypatch):
+    results = tmp_path / "tasks.json"
+    monkeypatch.setattr(survey, "survey", without_a_cube(ConfigError("no cube.")))
     assert survey.main(["words=[Cube]", f"results={results}"]) == 1
     rows = json.loads(results.read_text())
     assert rows["PickCube"]["error"] == "no cube." and rows["StackCube"]["expert"] == 1.0
@@ -67,13 +72,8 @@ def test_a_task_that_fails_is_named_and_the_others_go_on(tmp_path, monkeypatch):
 
 def test_a_task_whose_files_are_not_here_is_left_out(tmp_path, monkeypatch, caplog):
     results = tmp_path / "tasks.json"
-
-    def survey_of(name, settings):
-        if name == "PickCube":
-            raise MissingAssetError("There is no cube. roboverse assets get cube")
-        return {"expert": 1.0, "episodes": settings.episodes}
-
-    monkeypatch.setattr(survey, "survey", survey_of)
+    missing = MissingAssetError("There is no cube. roboverse assets get cube")
+    monkeypatch.setattr(survey, "survey", without_a_cube(missing))
     assert survey.main(["tasks=[PickCube,StackCube]", f"results={results}"]) == 0
     assert list(json.loads(results.read_text())) == ["StackCube"]
     assert "PickCube is left out" in caplog.text and "assets get cube" in caplog.text
