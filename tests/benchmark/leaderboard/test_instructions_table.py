@@ -50,7 +50,8 @@ def test_held_out_wordings_are_compared_with_known_ones(tested, make_result, tmp
     text, page = (written[f"instructions {kind}"].read_text() for kind in ("markdown", "html"))
     gap = points(row["gaps"]["new_words"])
     assert f"| **50** ({gap}) | {gap} |" in text and "| known − new words |" in text
-    assert f">{gap}</td>" in page and "known − new frame" not in page
+    number, interval = gap.split(", ")
+    assert f"<b>{number}</b><small>{interval}</small></td>" in page and "known − new frame" not in page
 
 
 def test_other_tables_are_those_without_instruction_tests(make_result, publish, tmp_path):
