@@ -137,6 +137,7 @@ def evaluate_checkpoint(
     else:
         for old in _videos(path):
             old.unlink()
+            old.with_suffix(".png").unlink(missing_ok=True)  # its poster
     view = view_of(tested.checkpoint)
     records, facts = _run_cells(policy, name, tested, config, view, video_dir(path), finished)
     facts["env"] = tested.env.replace(cameras=facts.pop("cameras"), materials=materials)

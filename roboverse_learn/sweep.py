@@ -15,7 +15,7 @@ from pathlib import Path
 
 import policies
 from envs.core.atomic import write_file
-from envs.core.errors import RoboVerseError, unknown_name
+from envs.core.errors import ConfigError, RoboVerseError, unknown_name
 from envs.tasks.suites import suite_tasks
 from roboverse_learn.collect import dataset_folder
 from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
@@ -63,13 +63,20 @@ def plan(words: Sequence[str]) -> Sweep:
     """
     own = flat_keys(to_values(SweepConfig()))
     typed = [word.partition("=")[0] for word in words]
+    if "run" in typed:
+        raise ConfigError(
+            "run= names the folder of one run, and a sweep names its runs itself. Leave it out, or give "
+            "runs_dir=<folder>."
+        )
     is_own = [key in own or open_section(key) in own for key in typed]
     config = compose("sweep", [word for word, mine in zip(words, is_own, strict=True) if mine])
     check_suite(config.suite, task=",".join(word[5:] for word in words if word.startswith("task=")))
     tasks = suite_tasks(config.suite) if config.suite else ()
     if config.recipe:
         rest = tuple(word for word, mine in zip(words, is_own, strict=True) if not mine)
-        return Sweep(config, _runs_of_recipes(replace(config, suite="", tasks=tasks or config.tasks), rest))
+        return _checked(
+            config, _runs_of_recipes(replace(config, suite="", tasks=tasks or config.tasks), rest)
+        )
     choices = [values_of_key(word) for word, mine in zip(words, is_own, strict=True) if not mine]
     choices += [[f"task={task}" for task in tasks]] if tasks else []
     combinations = dict.fromkeys(itertools.product(*choices))
@@ -78,7 +85,13 @@ def plan(words: Sequence[str]) -> Sweep:
         run = compose("train", each)
         check_folders(run)
         runs.append((each, given_dataset(run).config if learns_from_given(run) else run))
-    return Sweep(config, tuple(runs))
+    return _checked(config, tuple(runs))
+
+
+def _checked(config: SweepConfig, runs: tuple[tuple[tuple[str, ...], TrainRunConfig], ...]) -> Sweep:
+    if not runs:
+        raise ConfigError("The sweep has no run: a key was given without a value. Give each at least one.")
+    return Sweep(config, runs)
 
 
 def _runs_of_recipes(

@@ -32,7 +32,7 @@ def task_cameras(env: EnvSpec) -> tuple[str, ...]:
 
 
 def seen_env(checkpoint: Path, given: Mapping[str, Any], rename_map: Mapping[str, str]) -> EnvSpec:
-    """Returns the cameras and the image size that a policy is evaluated with.
+    """Returns the cameras of a task that a policy sees, and the size of its images in pixels.
 
     Args:
         checkpoint: A pretrained folder.
@@ -52,14 +52,13 @@ def seen_env(checkpoint: Path, given: Mapping[str, Any], rename_map: Mapping[str
         from policies.openvla.config import IMAGE_PX
 
         chosen = tuple(rename_map)[:1] or present[:1]
-        return EnvSpec(cameras=chosen, image_size=given.get("image_size") or IMAGE_PX)
+        return EnvSpec(cameras=chosen, image_size=IMAGE_PX)
     cameras = seen_cameras(checkpoint, rename_map)
     found = tuple(name for name in present if name in cameras)
     if cameras and not found:
         missing_cameras(policy_label(checkpoint), list(cameras), present, present, given["task"])
     sizes = set(cameras.values())
-    size = sizes.pop() if len(sizes) == 1 else _DEFAULT_PX
-    return EnvSpec(cameras=found, image_size=given.get("image_size") or size)
+    return EnvSpec(cameras=found, image_size=sizes.pop() if len(sizes) == 1 else _DEFAULT_PX)
 
 
 def check_fits(checkpoint: Path, env: EnvSpec, rename_map: Mapping[str, str]) -> None:

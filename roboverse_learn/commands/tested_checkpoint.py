@@ -233,13 +233,13 @@ def _checkpoint_without_run(checkpoint: Path, config: EvaluateConfig) -> TestedC
             raise ConfigError(
                 f"Checkpoint '{checkpoint}' has images of sizes {sorted(sizes)}: add image_size=<pixels>."
             )
-        seen = EnvSpec(cameras=tuple(cameras), image_size=config.env.get("image_size") or sizes.pop())
+        seen = EnvSpec(cameras=tuple(cameras), image_size=sizes.pop() if len(sizes) == 1 else _VIDEO_PX)
     env = _changed_env(seen, config.env)
     weights = file_hash(weights_path(checkpoint))[:8]
     name = name_without_run(config.checkpoint, checkpoint)
     return TestedCheckpoint(
         checkpoint=checkpoint,
-        run="-".join([name, weights, *_evaluation_in_name(config, env)]),
+        run="-".join([name, weights, *_evaluation_in_name(config, env, seen)]),
         env=env,
         device=resolve_device(config.device),
         rename_map=config.rename_map,
@@ -293,11 +293,16 @@ def _baseline(config: EvaluateConfig) -> TestedCheckpoint:
     )
 
 
-def _evaluation_in_name(config: EvaluateConfig, env: EnvSpec) -> list[str]:
-    """Returns the protocol and the changed environment of what was not trained here, as parts of a name."""
+def _evaluation_in_name(config: EvaluateConfig, env: EnvSpec, seen: EnvSpec | None = None) -> list[str]:
+    """Returns the protocol and the changed environment of what was not trained here, as parts of a name.
+
+    Images are in it where they are not those that a checkpoint has ``seen``; a baseline sees none.
+    """
     named = ("task_kwargs", "robot", "simulator", "simulator_settings", "renderer")
     parts = [protocol_of(config.evaluate).hash[:6]]
     parts += [_in_name(key, config.env[key]) for key in named if key in config.env]
+    for key in ("cameras", "image_size") if seen is not None else ():
+        parts += [_in_name(key, getattr(env, key))] if getattr(env, key) != getattr(seen, key) else []
     if env.scenario:
         parts.append(_in_name("scenario", env.scenario))
     if config.evaluate.materials:

@@ -48,6 +48,17 @@ def test_the_expert_solves_what_a_policy_would_be_tested_on(tmp_path):
     assert len(list(tmp_path.glob("*/PickCube/expert/*/*.mp4"))) == 1
 
 
+@pytest.mark.slow
+def test_an_evaluation_that_is_repeated_leaves_no_video_or_poster_of_the_one_before(tmp_path):
+    result_of("expert", tmp_path, "videos=1")
+    (result,) = tmp_path.glob("*/PickCube/expert/*.json")
+    result.unlink()
+    videos = result.with_suffix("")
+    assert {path.suffix for path in videos.iterdir()} == {".mp4", ".png"}
+    result_of("expert", tmp_path)
+    assert not videos.exists() or not list(videos.iterdir())
+
+
 @pytest.mark.parametrize("policy", baselines())
 def test_a_baseline_survives_the_saved_configuration(policy):
     config = compose("evaluate", [f"policy={policy}", "task=PickCube", "preset=quick"])

@@ -82,6 +82,17 @@ class TestWords:
         with pytest.raises(UnknownNameError, match=said):
             plan([word])
 
+    @pytest.mark.parametrize(
+        ("words", "said"),
+        [
+            (["seed=range(0)"], "has no run"),
+            (["seed=0,1", "run=mine"], "a sweep names its runs itself"),
+        ],
+    )
+    def test_what_gives_no_run_or_one_folder_for_several_is_refused(self, words, said):
+        with pytest.raises(ConfigError, match=said):
+            plan(words)
+
     def test_no_run_at_a_time_is_no_sweep(self):
         with pytest.raises(ConfigError, match="jobs_per_gpu"):
             plan(["jobs_per_gpu=0"])

@@ -142,6 +142,18 @@ def test_another_scene_of_a_checkpoint_without_a_run_is_in_its_name(tmp_path: Pa
     assert other.startswith(f"{usual}-") and Path(other).name == other
 
 
+@pytest.mark.parametrize("word", ["image_size=64", "cameras=[wrist]"])
+@pytest.mark.parametrize("policy", ["act", "smolvla"])
+def test_other_images_of_a_checkpoint_without_a_run_are_in_its_name(
+    tmp_path: Path, word: str, policy: str
+) -> None:
+    folder = write_checkpoint(tmp_path / "their run/model", {**ACT, "type": policy})
+    usual, same, other = (
+        to_test(folder, "task=PickCube", *words).run for words in ([], ["image_size=128"], [word])
+    )
+    assert usual == same and other.startswith(f"{usual}-") and Path(other).name == other
+
+
 def test_other_materials_of_a_checkpoint_without_a_run_are_in_its_name(tmp_path: Path, images: Path) -> None:
     folder = write_checkpoint(tmp_path / "their run/model")
     usual, other = (to_test(folder, "task=PickCube", *w).run for w in ([], [f"materials={images}"]))
