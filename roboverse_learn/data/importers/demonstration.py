@@ -3,8 +3,10 @@
 Shape legend: R = recorded moments, T = control steps, J = joints of our robot.
 """
 
+import contextlib
+import xml.etree.ElementTree as ElementTree
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
@@ -12,11 +14,45 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import torch
 
-from envs.core.errors import DatasetError
+from envs.core.errors import DatasetError, RoboVerseError
 from envs.rotations import conjugate, from_yaw, multiply, rotate, yaw_of
 from envs.scenario import RobotCfg
 from envs.state import EntityState, State
 from envs.tasks.base import Task
+
+_DAMAGE = (
+    LookupError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    ArithmeticError,
+    OSError,
+    RuntimeError,
+    ElementTree.ParseError,
+)
+"""Errors that come of reading foreign values which are absent, of another kind, or out of range."""
+
+
+@contextlib.contextmanager
+def damage_named(path: Path, name: str = "") -> Iterator[None]:
+    """Turns whatever a damaged file raises into an error that names it.
+
+    Args:
+        path: The file that is read.
+        name: The episode that is read; empty for the file itself.
+
+    Raises:
+        DatasetError: Something of the file is absent, of another kind, or out of range.
+    """
+    try:
+        yield
+    except RoboVerseError:
+        raise
+    except _DAMAGE as error:
+        what = f"'{name}' of '{path}'" if name else f"'{path}'"
+        raise DatasetError(
+            f"{what} is incomplete or damaged ({type(error).__name__}: {error}). Download or record it again."
+        ) from error
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -61,21 +97,32 @@ class DemonstrationFile(ABC):
     path: Path
     names: tuple[str, ...]
 
-    @abstractmethod
     def __init__(self, path: Path, task: Task) -> None:
         """Opens a file.
 
         Raises:
             DatasetError: It is absent, damaged, or of another task.
         """
+        self.path = path
+        with damage_named(path):
+            self._open(task)
 
-    @abstractmethod
     def read(self, name: str) -> Demonstration:
         """Reads one episode.
 
         Raises:
             DatasetError: The episode is damaged; the others may be whole.
         """
+        with damage_named(self.path, name):
+            return self._read(name)
+
+    @abstractmethod
+    def _open(self, task: Task) -> None:
+        """Opens ``path`` and sets ``names``; a damaged file may raise what it does."""
+
+    @abstractmethod
+    def _read(self, name: str) -> Demonstration:
+        """Reads one episode; a damaged one may raise what it does."""
 
     def close(self) -> None:
         """Releases the file; nothing to do for one that was read whole."""

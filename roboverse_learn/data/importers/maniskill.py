@@ -31,7 +31,7 @@ from roboverse_learn.data.importers.demonstration import (
     servo_targets,
     within_range,
 )
-from roboverse_learn.data.importers.hdf5 import READ_ERRORS, open_hdf5
+from roboverse_learn.data.importers.hdf5 import open_hdf5
 from roboverse_learn.data.importers.maniskill_sizes import check_sizes, peg_sizes
 from roboverse_learn.data.sources.importer import FileSource
 
@@ -80,8 +80,8 @@ class ManiSkillFile(DemonstrationFile):
     suffixes: ClassVar[tuple[str, ...]] = (".h5",)
 
     @override
-    def __init__(self, path: Path, task: Task) -> None:
-        self.path = path
+    def _open(self, task: Task) -> None:
+        path = self.path
         info = _read_json(path)
         env = info["env_info"]
         self._scene = check_scene(path, str(env["env_id"]), SCENES, task)
@@ -107,12 +107,6 @@ class ManiSkillFile(DemonstrationFile):
         self.names = tuple(self._episodes)
 
     @override
-    def read(self, name: str) -> Demonstration:
-        try:
-            return self._read(name)
-        except READ_ERRORS as error:
-            raise DatasetError(f"Its record is incomplete or damaged: {error}.") from error
-
     def _read(self, name: str) -> Demonstration:
         group, episode = self._file[name], self._episodes[name]
         if "env_states" not in group:

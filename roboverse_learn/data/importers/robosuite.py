@@ -6,7 +6,6 @@ closes the gripper when positive. The attribute ``model_file`` holds the XML, or
 """
 
 import json
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, override
 
@@ -113,8 +112,8 @@ class RobosuiteFile(DemonstrationFile):
     suffixes: ClassVar[tuple[str, ...]] = (".hdf5",)
 
     @override
-    def __init__(self, path: Path, task: Task) -> None:
-        self.path = path
+    def _open(self, task: Task) -> None:
+        path = self.path
         self._file = open_hdf5(path)
         try:
             group = self._file["data"]
@@ -136,14 +135,6 @@ class RobosuiteFile(DemonstrationFile):
         self._retargeter: Retargeter | None = None
 
     @override
-    def read(self, name: str) -> Demonstration:
-        try:
-            return self._read(name)
-        except (*READ_ERRORS, ValueError, ElementTree.ParseError) as error:
-            if isinstance(error, DatasetError):
-                raise
-            raise DatasetError(f"Its record is incomplete or damaged: {error}.") from error
-
     def _read(self, name: str) -> Demonstration:
         group = self._file["data"][name]
         model = compile_motion(_model_xml(self.path, str(group.attrs["model_file"])))

@@ -74,8 +74,8 @@ class RoboVerseFile(DemonstrationFile):
     suffixes: ClassVar[tuple[str, ...]] = (".pkl.gz", ".pkl", ".json.gz", ".json")
 
     @override
-    def __init__(self, path: Path, task: Task) -> None:
-        self.path, self._task = path, task
+    def _open(self, task: Task) -> None:
+        path, self._task = self.path, task
         scenario = task.scenario
         self._scenario, self._robot = scenario, scenario.robots[0]
         self._hz = scenario.physics.control_hz
@@ -100,8 +100,8 @@ class RoboVerseFile(DemonstrationFile):
 
     def _check_task(self) -> None:
         """Refuses a file of another task, whose objects are not ours."""
-        first = next((e for e in self._episodes if isinstance(e, dict) and "init_state" in e), None)
-        named = set() if first is None else set(first["init_state"]) - {self._source}
+        first = next((e["init_state"] for e in self._episodes if _has_start(e)), None)
+        named = set() if first is None else set(first) - {self._source}
         renamed = {self._ours(name) for name in named}
         wanted = {item.name for item in self._scenario.objects if item.kind != "marker"}
         if first is not None and not wanted <= renamed:
@@ -114,14 +114,8 @@ class RoboVerseFile(DemonstrationFile):
         return OBJECTS.get(self._task.name, {}).get(name, name)
 
     @override
-    def read(self, name: str) -> Demonstration:
-        episode = self._episodes[self.names.index(name)]
-        try:
-            return self._read(name, episode)
-        except (KeyError, TypeError, AttributeError, IndexError) as error:
-            raise DatasetError(f"Its record is incomplete or damaged: {error!r}.") from error
-
-    def _read(self, name: str, episode: Mapping[str, Any]) -> Demonstration:
+    def _read(self, name: str) -> Demonstration:
+        episode: Mapping[str, Any] = self._episodes[self.names.index(name)]
         frames: list[Frame] = [episode["init_state"], *(episode.get("states") or ())]
         actions = [action["dof_pos_target"] for action in episode["actions"]]
         if len(frames) > 1:  # actions continue where the states end
@@ -208,6 +202,11 @@ class RoboVerseSource(FileSource):
     """``source=roboverse``."""
 
     file_type: ClassVar = RoboVerseFile
+
+
+def _has_start(episode: Any) -> bool:
+    """Returns whether an episode, which may be damaged, says how it begins."""
+    return isinstance(episode, dict) and isinstance(episode.get("init_state"), dict)
 
 
 def _joint(given: Mapping[str, float], name: str, cfg: ObjectCfg) -> str:

@@ -91,6 +91,66 @@ def test_a_demonstration_that_breaks_the_simulation_is_named(tmp_path, played, p
     assert "no longer finite" in summary.skipped[0].error or "MuJoCo stopped" in summary.skipped[0].error
 
 
+def still_clock(folder, played):
+    with h5py.File(write_robosuite(folder / "a.hdf5", played), "r+") as content:
+        content["data/demo_1/states"][:, 0] = 0.5
+
+
+def robots_that_are_a_number(folder, played):
+    with h5py.File(write_robosuite(folder / "a.hdf5", played), "r+") as content:
+        content["data"].attrs["env_info"] = json.dumps({"robots": 1})
+
+
+def model_that_is_no_xml(folder, played):
+    with h5py.File(write_robosuite(folder / "a.hdf5", played), "r+") as content:
+        content["data/demo_1"].attrs["model_file"] = "<mujoco><worldbody></mujoco>"
+
+
+def start_that_is_null(folder, played):
+    (folder / "a.json").write_text(json.dumps({"franka": [{"init_state": None, "actions": []}]}))
+
+
+def frequency_that_is_a_word(folder, played):
+    write_maniskill(folder / "a", played, sim_config={"control_freq": "fast"})
+
+
+def whole(source, folder, played):
+    """Writes a file of one demonstration; returns its path."""
+    if source == "maniskill":
+        return write_maniskill(folder / "b", played)
+    if source == "robosuite":
+        return write_robosuite(folder / "b.hdf5", played)
+    (folder / "b.json").write_text(json.dumps({"franka": [roboverse_episode(one) for one in played]}))
+    return folder / "b.json"
+
+
+@pytest.mark.parametrize(
+    ("source", "damaged", "name", "says"),
+    [
+        ("robosuite", still_clock, "demo_1", "ZeroDivisionError: "),
+        ("robosuite", robots_that_are_a_number, "", "TypeError: 'int' object is not iterable"),
+        ("robosuite", model_that_is_no_xml, "demo_1", "ParseError: mismatched tag"),
+        ("roboverse", start_that_is_null, "franka_0", "TypeError: 'NoneType' object is not"),
+        ("maniskill", frequency_that_is_a_word, "", "ValueError: could not convert string to float: 'fast'"),
+    ],
+)
+def test_a_file_of_wrong_values_is_refused_by_name_and_the_others_are_imported(
+    tmp_path, request, source, damaged, name, says
+):
+    env, played = ("pick_env", "played") if source == "maniskill" else ("lift_env", "lifted")
+    env, played = request.getfixturevalue(env), request.getfixturevalue(played)[:1]
+    damaged(tmp_path, played)
+    other = whole(source, tmp_path, played)
+    summary = judge(**given(tmp_path, source=source), env=env)
+    assert [(v.file, v.states) for v in summary.read] == [(other.name, True)]
+    (skipped,) = summary.skipped
+    file = other.with_stem("a")
+    assert (skipped.file, skipped.name) == (file.name, name)
+    what = f"'{name}' of '{file}'" if name else f"'{file}'"
+    assert skipped.error.startswith(f"{what} is incomplete or damaged ({says}")
+    assert skipped.error.endswith(" Download or record it again.")
+
+
 def test_what_is_no_demonstration_is_refused(tmp_path, folder, pick_env, lift_env, lifted):
     with pytest.raises(DatasetError, match=r"does not exist\. Give a file of maniskill, or a folder of them"):
         find_files(ManiSkillFile, tmp_path / "nowhere")
