@@ -90,6 +90,8 @@ def _refuse_taken(config: NewConfig, folder: Path, entries: list[tuple[str, str,
     Raises:
         ConfigError: Something has, or is.
     """
+    if folder.resolve() == Path.cwd():
+        raise ConfigError(f"out={folder} is the folder that you are in. Leave out= away, or name a new one.")
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
         raise ConfigError(
             f"'{folder}' exists, and nothing is overwritten. Choose another folder by out=, or another name."

@@ -103,6 +103,11 @@ def test_package_and_class_are_named_after_the_name(name: str, module: str, clas
         (["task", "A", "B"], "'B' is not key=value."),
         (["task", "nam=A"], "Unknown key 'nam' of new. Did you mean 'name'?"),
         (["task", "name=A", "out=/proc/x"], "out=/proc/x: No such file or directory."),
+        (
+            ["task", "name=LiftBlock", "out=."],
+            "out=. is the folder that you are in. Leave out= away, or name a new one.",
+        ),
+        (["task", "name=LiftBlock", "out=new/.."], "out=new/.. is the folder that you are in."),
     ],
 )
 def test_a_wrong_word_is_one_sentence(
