@@ -22,6 +22,7 @@ from typing import Any, override
 from envs.core.atomic import write_file
 from envs.core.errors import ConfigError
 from envs.core.ranges import check_ranges
+from roboverse_learn.folder_lock import lock_directory
 from roboverse_learn.launch.base import Job, Launcher, OnEnd
 
 log = logging.getLogger(__name__)
@@ -94,7 +95,11 @@ class SlurmLauncher(Launcher):
                     "machine that submits jobs of the cluster, or leave out launcher=slurm."
                 )
         logs = logs.resolve()
-        numbers = self._submit(jobs, logs)
+        lock = lock_directory(logs, wait=True)  # sweeps of one folder add to the same file
+        try:
+            numbers = self._submit(jobs, logs)
+        finally:
+            lock.release()
         try:
             return self._watch(jobs, numbers, logs, on_end)
         except KeyboardInterrupt:

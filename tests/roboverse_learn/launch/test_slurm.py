@@ -4,6 +4,7 @@ import json
 import os
 import shlex
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pytest
 from envs.core.errors import ConfigError, UnknownNameError
 from roboverse_learn.launch import make_launcher
 from roboverse_learn.launch.base import Job
-from roboverse_learn.launch.slurm import ENDED_BY_SLURM, SlurmLauncher, SlurmSettings
+from roboverse_learn.launch.slurm import ENDED_BY_SLURM, SUBMITTED, SlurmLauncher, SlurmSettings
 from roboverse_learn.sweep import SweepError, plan, sweep
 
 FAKE = Path(__file__).with_name("fake_slurm.py")
@@ -142,6 +143,32 @@ def test_an_interrupted_sweep_watches_its_jobs_again_and_submits_none_twice(
     other = [ShellJob("long", ("echo other words",))]  # no work of the one that ended
     assert run(other, logs) == {"long": 0}
     assert len(submitted(cluster)) == 3
+
+
+@pytest.mark.slow
+def test_sweeps_that_start_at_once_keep_each_others_jobs(cluster, logs):
+    codes, sweeps = {}, []
+
+    def start(job):
+        sweeps.append(threading.Thread(target=lambda: codes.update(run([job], logs))))
+        sweeps[-1].start()
+
+    class Slow(ShellJob):
+        """While it is submitted, another sweep starts, and has time to submit its own job."""
+
+        @property
+        def program(self):
+            start(ShellJob("other", ("true",)))
+            end = time.monotonic() + 2.0
+            while not (logs / SUBMITTED).exists() and time.monotonic() < end:
+                time.sleep(0.02)
+            return super().program
+
+    start(Slow("slow", ("exit 3",)))
+    for one in sweeps:  # grows by the other sweep while the first is waited for
+        one.join()
+    assert codes == {"slow": 3, "other": 0}
+    assert json.loads((logs / SUBMITTED).read_text()) == {"roboverse 'exit 3'": "1", "roboverse true": "2"}
 
 
 @pytest.mark.slow
