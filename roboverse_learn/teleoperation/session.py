@@ -242,6 +242,8 @@ class Session:
             self.station.restore(self._tape.rewind(left))
             self._still()
             self._gripper = self.station.gripper()
+            if self.acting == "policy" and self._driver is not None and self.episode is not None:
+                self._driver.begin(self.episode)  # its plan was made for a later state
             self.phase, self.note = Phase.PAUSED, "One second taken back. Press start to continue."
         elif self._made:
             path = self._made.pop()

@@ -246,6 +246,21 @@ def test_a_policy_acts_until_the_person_takes_over_and_again_when_handed_back(ma
     assert policy.begun[:2] == [recording.facts["episode"]] * 2
 
 
+def test_a_policy_plans_anew_after_undo_and_a_person_who_acts_leaves_it_alone(make_session):
+    policy = Policy()
+    session = make_session(driver=policy)
+    press(session, Button.START)
+    move(session, 25)
+    assert policy.begun == [session.episode]
+    press(session, Button.UNDO)
+    assert policy.begun == [session.episode] * 2 and session.acting == "policy"
+    press(session, Button.START)
+    move(session, 2)
+    press(session, Button.TAKEOVER)
+    press(session, Button.UNDO)
+    assert policy.begun == [session.episode] * 2 and session.acting == "person"
+
+
 def gripper(session):
     return session.station.gripper()
 
