@@ -247,12 +247,13 @@ class TeleoperationServer:
     async def _attend(self, socket: web.WebSocketResponse, seat: _Seat) -> None:
         """Reads a browser's messages and sends it news, until it goes."""
         place = {"operator": self._seats.index(seat), "operators": len(self._seats)}
-        await socket.send_str(json.dumps({"type": "hello", **self._facts, **place}))
-        seat.session.connected = True
-        seat.session.version += 1
-        sender = asyncio.create_task(_send_news(socket, seat))
         bucket = TokenBucket(MESSAGES_PER_S, MESSAGE_BURST)
+        sender: asyncio.Task[None] | None = None
         try:
+            await socket.send_str(json.dumps({"type": "hello", **self._facts, **place}))
+            seat.session.connected = True
+            seat.session.version += 1
+            sender = asyncio.create_task(_send_news(socket, seat))
             async for message in socket:
                 if message.type is not WSMsgType.TEXT:
                     raise ProtocolError("Messages are texts.")
@@ -266,7 +267,8 @@ class TeleoperationServer:
                     seat.news.set()
                 seat.session.submit(given)
         finally:
-            sender.cancel()
+            if sender is not None:
+                sender.cancel()
             if seat.socket is socket:
                 seat.socket, seat.session.connected = None, False
 

@@ -10,6 +10,7 @@ import threading
 
 import aiohttp
 import pytest
+from aiohttp import web
 
 from envs.core.errors import ConfigError
 from envs.spec import EnvSpec
@@ -132,6 +133,27 @@ def test_each_operator_has_an_environment_and_one_too_many_is_reported(make_sess
             async with site.client("a") as again:
                 await again.until("hello")
                 assert again.hello["operator"] == one.hello["operator"]
+
+    run(body)
+
+
+def test_an_operator_who_goes_before_the_first_word_leaves_the_environment_free(make_session, monkeypatch):
+    session = make_session()
+    say = web.WebSocketResponse.send_str
+
+    async def lost(self, *_, **__):
+        raise aiohttp.ClientConnectionResetError("Cannot write to closing transport")
+
+    async def body():
+        async with Site([session]) as site:
+            monkeypatch.setattr(web.WebSocketResponse, "send_str", lost)
+            async with site.http.ws_connect(site.url("ws")) as opened:
+                await Client(opened).join("ada")
+                await closed_by_server(opened)
+            assert not session.connected
+            monkeypatch.setattr(web.WebSocketResponse, "send_str", say)
+            async with site.client("grace") as client:
+                assert await client.read() == "hello"
 
     run(body)
 
