@@ -72,7 +72,8 @@ def _weight(made: Mapping[str, int], row: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 def _steps(row: Mapping[str, Any]) -> int:
-    return max(run["checkpoint"]["step"] for run in row["runs"])
+    """Returns the most training steps of a row's runs; 0 where none says how many it had."""
+    return max(run["checkpoint"]["step"] or 0 for run in row["runs"])
 
 
 def _training(row: Mapping[str, Any]) -> Table:

@@ -353,9 +353,15 @@ def _check_whole(checkpoint: Path, expected: str) -> None:
 
 
 def step_of(checkpoint: Path) -> int | None:
-    """Returns the training step of a checkpoint, from the name of its folder."""
-    name = checkpoint.resolve().parent.name
-    return int(name) if name.isdecimal() else None
+    """Returns the training step of a checkpoint, from the name of its folder; None where no name says it."""
+    from policies.checkpoint import HASHES
+
+    checkpoint = checkpoint.resolve()
+    folders, hashes = [checkpoint.parent], checkpoint / HASHES
+    if checkpoint.parent.name == "last" and hashes.is_file():  # copied as a folder, beside the one it was
+        twins = checkpoint.parent.parent.glob(f"[0-9]*/{checkpoint.name}/{HASHES}")
+        folders = [twin.parent.parent for twin in twins if twin.read_bytes() == hashes.read_bytes()]
+    return max((int(each.name) for each in folders if each.name.isdecimal()), default=None)
 
 
 def _warn_of_control_rate(trained: TrainRunConfig, env: EnvSpec) -> None:

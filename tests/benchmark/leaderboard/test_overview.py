@@ -46,6 +46,7 @@ def test_rows_are_tasks_and_policies_by_the_level_they_were_trained_at(publish, 
         ({"protocol": TEN}, {"protocol": Protocol(episodes=8), "demonstrations": 900}),
         ({"demonstrations": 200}, {"checkpoint": Checkpoint(step=9000, hash="ab" * 32)}),
         ({"checkpoint": Checkpoint(step=9000, hash="ab" * 32)}, {"created": "2026-05-01T12:00:00Z"}),
+        ({}, {"checkpoint": Checkpoint(step=None, hash="ab" * 32), "created": "2026-05-01T12:00:00Z"}),
         ({}, {"recipe": "act_rare", "created": "2026-05-01T12:00:00Z"}),
         ({"created": "2026-05-01T12:00:00Z"}, {}),
     ],
@@ -56,6 +57,21 @@ def test_overview_shows_the_row_with_most_test_episodes(publish, tmp_path, bette
     publish(task="CloseBox")
     (table,) = tables(tmp_path)
     assert rates(table["rows"][1])["0"] == 0.0
+
+
+def test_a_checkpoint_that_does_not_say_its_step_is_shown_without(publish, tmp_path):
+    unknown = Checkpoint(step=None, hash="ab" * 32)
+    publish(checkpoint=unknown)
+    publish(task="CloseBox", checkpoint=unknown)
+    publish(task="CloseBox", policy="diffusion", seed=1, checkpoint=unknown)
+    publish(task="CloseBox", policy="diffusion", seed=2)
+    board = leaderboard.build(tmp_path)
+    (table,) = board["overview"]
+    steps = [row["trainings"]["0"]["steps"] for row in table["rows"]]
+    assert steps == [0, 2000, 0]
+    html = render_studies_html(board)
+    assert "100 demonstrations, 1 seed" in html and "100 demonstrations, 2000 steps, 1 seed" in html
+    assert "None" not in render_studies_markdown(board)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import yaml
 from PIL import Image
 
 from envs.core.errors import ConfigError, PolicyError, UnknownNameError
-from policies.checkpoint import CONFIG, WEIGHTS
+from policies.checkpoint import CONFIG, WEIGHTS, write_hashes
 from roboverse_learn.commands.run_folder import RunFolder
 from roboverse_learn.commands.tested_checkpoint import (
     TestedCheckpoint,
@@ -239,6 +239,19 @@ def test_an_earlier_checkpoint_has_a_results_file_of_its_own(run: Path) -> None:
     earlier = to_test(run / "checkpoints/000100")
     assert earlier.run == f"{run.name}-step100"
     assert step_of(earlier.checkpoint) == 100
+
+
+def test_a_last_checkpoint_that_was_copied_as_a_folder_has_the_step_of_its_weights(run: Path) -> None:
+    checkpoints = run / "checkpoints"
+    (checkpoints / "last").unlink()
+    write_checkpoint(checkpoints / "last/pretrained_model", weights=b"of step 100")
+    assert step_of(to_test(run).checkpoint) is None, "there are no hashes"
+    for name, weights in (("last", b"of step 100"), ("000100", b"of step 100"), ("000200", b"others")):
+        (checkpoints / name / "pretrained_model" / WEIGHTS).write_bytes(weights)
+        write_hashes(checkpoints / name / "pretrained_model")
+    assert step_of(to_test(run).checkpoint) == 100
+    (checkpoints / "000100/pretrained_model/sha256.json").unlink()
+    assert step_of(to_test(run).checkpoint) is None
 
 
 def test_a_checkpoint_without_a_run_names_its_images(tmp_path: Path) -> None:
