@@ -18,6 +18,7 @@ from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, RoboVerseError, unknown_name
 from envs.tasks.suites import suite_tasks
 from roboverse_learn.collect import dataset_folder
+from roboverse_learn.commands.collect_words import collect_words
 from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
 from roboverse_learn.commands.run_folder import CONFIG_FILE, default_folder, read_config, read_facts
 from roboverse_learn.commands.tested_checkpoint import protocol_of
@@ -25,10 +26,9 @@ from roboverse_learn.config.command_line_keys import flat_keys, open_section
 from roboverse_learn.config.compose import compose, configs_folder, values_of_key
 from roboverse_learn.config.preflight import check_folders
 from roboverse_learn.config.recipes import find_recipes, read_recipe, runs_in_order
-from roboverse_learn.config.schema import CollectConfig, SweepConfig, TrainRunConfig
+from roboverse_learn.config.schema import SweepConfig, TrainRunConfig
 from roboverse_learn.config.serialize import to_values
 from roboverse_learn.config.suite_check import check_suite
-from roboverse_learn.config.value_text import as_text
 from roboverse_learn.launch import make_launcher
 from roboverse_learn.launch.base import Job
 
@@ -171,7 +171,7 @@ def make_jobs(the_sweep: Sweep) -> tuple[list[Job], list[Path]]:
             dataset = dataset_folder(config)
             name = f"collect-{config.env.task}-{dataset.name}".replace("/", "-")
             if dataset not in collections:
-                collections[dataset] = Job(name, ("collect", *_collect_words(config)))
+                collections[dataset] = Job(name, ("collect", *collect_words(config)))
                 jobs.append(collections[dataset])
             after = collections[dataset].name
         name = f"train-{config.env.task}-{config.policy_name}-{folder.name}".replace("/", "-")
@@ -215,23 +215,6 @@ def _has_result(run: str, config: TrainRunConfig) -> bool:
         if (document.get("recipe"), document.get("protocol_hash")) == (config.recipe, protocol.hash):
             return True
     return False
-
-
-def _collect_words(config: TrainRunConfig) -> list[str]:
-    """Returns the words of the collection that a run begins with."""
-    values, defaults = to_values(config), to_values(CollectConfig())
-    words = []
-    for key in flat_keys(defaults):
-        if key == "preset":  # what it says, and what overrides it, follows by itself
-            continue
-        section, _, last = key.rpartition(".")
-        value = values[section][last] if section else values[key]
-        default = defaults[section][last] if section else defaults[key]
-        if isinstance(value, dict):
-            words += [f"{key}.{name}={as_text(item)}" for name, item in value.items()]
-        elif value != default:
-            words.append(f"{key}={value if isinstance(default, str) else as_text(value)}")
-    return words
 
 
 def _last_line(log_file: Path) -> str:

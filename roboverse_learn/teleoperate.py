@@ -8,8 +8,10 @@ if __name__ == "__main__":  # as a script: this folder's `data` or `run` must no
 
 import dataclasses
 import logging
+import shlex
 from typing import TYPE_CHECKING, Any
 
+from roboverse_learn.commands.collect_words import collect_words
 from roboverse_learn.config.preflight import check_installed, check_materials, check_scenario_files
 from roboverse_learn.config.schema import CollectConfig, DemonstrationConfig, TeleoperateConfig
 
@@ -45,7 +47,7 @@ def teleoperate(config: TeleoperateConfig) -> Any:
         rows, kept = steering.book.rows(), steering.book.kept
         table = episodes_table(rows, expert_quality(steering.env, rows))
     dataset = render(config, folder) if config.render and kept else None
-    again = collect_words(config, folder) if kept else ""
+    again = collect_command(config, folder) if kept else ""
     return teleoperation_report(table, folder, dataset, figures, again)
 
 
@@ -111,9 +113,15 @@ def collect_config(config: TeleoperateConfig, folder: Path) -> CollectConfig:
     )
 
 
-def collect_words(config: TeleoperateConfig, folder: Path) -> str:
-    """Returns the command that renders the recordings again, at another level."""
-    return f"roboverse collect source=teleop path={folder} task={config.env.task} level=3"
+def collect_command(config: TeleoperateConfig, folder: Path) -> str:
+    """Returns the command, quoted for a shell, that renders the recordings again, at another level."""
+    again = CollectConfig(
+        env=config.env.replace(level=3, only=None),
+        datasets_dir=config.datasets_dir,
+        source="teleop",
+        path=str(folder),
+    )
+    return shlex.join(["roboverse", "collect", *collect_words(again)])
 
 
 if __name__ == "__main__":

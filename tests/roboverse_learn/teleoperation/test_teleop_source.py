@@ -1,6 +1,8 @@
 """From recordings to a dataset: rendered afterwards, at any level, as often as wanted."""
 
+import contextlib
 import dataclasses
+import shlex
 
 import numpy as np
 import pytest
@@ -14,8 +16,15 @@ from roboverse_learn.data.dataset.merge import merge
 from roboverse_learn.data.dataset.raw import read_raw
 from roboverse_learn.data.dataset.reader import ResidentDataset
 from roboverse_learn.data.dataset.schema import ACTION_KEY, INTERVENTION_KEY, SUCCESS_KEY
-from roboverse_learn.teleoperate import recordings_folder, teleoperate
-from roboverse_learn.teleoperation.recording import Mark, Recording, RecordingFolder, recordings_in
+from roboverse_learn.data.sources import SOURCES
+from roboverse_learn.teleoperate import collect_command, recordings_folder, teleoperate
+from roboverse_learn.teleoperation.recording import (
+    Mark,
+    Recording,
+    RecordingFolder,
+    recordings_in,
+    scene_of,
+)
 from roboverse_learn.train import train_run
 
 SMALL = ("task=PickCube", "image_size=32")
@@ -27,7 +36,7 @@ def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("teleoperation")
     words = [*SMALL, "actor=expert", "num_demos=2", f"datasets_dir={folder}", f"dataset={folder / 'level0'}"]
     report = teleoperate(compose("teleoperate", words))
-    assert "roboverse collect source=teleop path=" in str(report.renderables[-1])
+    assert "with other looks: roboverse collect " in str(report.renderables[-1])
     return folder
 
 
@@ -221,3 +230,34 @@ def test_recordings_of_a_changed_scene_have_a_folder_of_their_own():
     lifted = folder("task_kwargs.variant=lift")
     assert lifted != folder() and lifted == folder("task_kwargs.variant=lift", "level=2")
     assert folder("robot=iiwa") != folder()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["task=PickCube", "level=1", "image_size=64"],
+        ["task=StackCube", "robot=iiwa"],
+        ["task_kwargs.variant=lift", "task_kwargs.cube_half_size_m=0.025", "only=camera"],
+        ["scenario.physics.decimation=40", "simulator=mujoco_warp", "simulator_settings.njmax=768"],
+    ],
+    ids=" ".join,
+)
+def test_the_printed_command_renders_the_recordings_of_a_changed_scene(words, tmp_path):
+    folder = tmp_path / "what I've recorded"
+    config = compose("teleoperate", [*words, f"recordings={folder}", f"datasets_dir={tmp_path / 'my data'}"])
+    scene = scene_of(config.env)
+    recording = Recording(
+        states={"time": np.zeros((2, 1))},
+        actions=np.zeros((1, 8), np.float32),
+        hand_actions=np.zeros((1, 7), np.float32),
+        successes=np.ones(1, bool),
+        interventions=np.ones(1, bool),
+        facts={"scene": scene, "episode": 3, "mark": str(Mark.SUCCESS)},
+    )
+    with contextlib.closing(RecordingFolder(folder, scene)) as opened:
+        opened.add(recording)
+    program, command, *typed = shlex.split(collect_command(config, recordings_folder(config)))
+    again = compose(command, typed)
+    SOURCES.get("teleop")(again).check()
+    assert program == "roboverse" and again.env == config.env.replace(level=3, only=None)
+    assert (again.datasets_dir, again.dataset) == (str(tmp_path / "my data"), "")
