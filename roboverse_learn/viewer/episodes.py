@@ -56,11 +56,11 @@ def record_dataset(config: ViewConfig) -> EpisodeRecording:
     """
     from envs.state import State
     from roboverse_learn.data.dataset.info import DatasetInfo
-    from roboverse_learn.data.dataset.recording import read_recordings
+    from roboverse_learn.data.dataset.recording import RecordingReader
 
     info = DatasetInfo.open(config.dataset)
     _check_index(config.episode, info.num_episodes, "dataset")
-    recorded = read_recordings(config.dataset, config.episode + 1)[-1]
+    recorded = RecordingReader(config.dataset).read(config.episode)
     facts = recorded.metadata
     images = {key.rpartition(".")[2]: _frames(info, key, config.episode) for key in info.camera_keys}
     known = {item.name for item in fields(EnvSpec)}
@@ -84,7 +84,7 @@ def record_result(config: ViewConfig) -> EpisodeRecording:
 
     Raises:
         ResultError: The results file is damaged, or there are no videos beside it.
-        ConfigError: It has no such video.
+        ConfigError: It has no such video, or had materials and none are given.
     """
     from benchmark.results import read_result, video_dir
 
@@ -99,6 +99,7 @@ def record_result(config: ViewConfig) -> EpisodeRecording:
     video = videos[config.episode]
     record = filmed[video.stem.rpartition("-")[0]]
     spec = _with_all_cameras(result.env).replace(level=record.level or 0, only=record.only)
+    spec = spec.replace(materials=_given_materials(config, result.env.materials))
     env = spec.make(1, split=record.split, observation="state", protocol_seed=record.seed)
     env.reset_envs([0], [record.episode])
     if record.instruction is not None:
@@ -119,6 +120,18 @@ def _with_all_cameras(spec: EnvSpec) -> EnvSpec:
     """Returns a spec that names every camera of its task where it names none."""
     cameras = tuple(camera.name for camera in spec.make_task().scenario.cameras)
     return spec if spec.cameras else spec.replace(cameras=cameras)
+
+
+def _given_materials(config: ViewConfig, recorded: str) -> str:
+    """Returns the given materials; a result records a label of its own, which is no folder."""
+    given = config.env.materials
+    if recorded and not given:
+        plus, name = "+" * recorded.startswith("+"), recorded.removeprefix("+").rpartition("-")[0]
+        raise ConfigError(
+            f"result={config.result} was evaluated with the materials '{recorded}', whose images it does not "
+            f"hold: add materials={plus}<path of the folder '{name}'>."
+        )
+    return given
 
 
 def _check_index(index: int, count: int, of: str) -> None:

@@ -3,15 +3,19 @@
 import sys
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from envs.core.errors import ConfigError, MissingExtraError
+from envs.core.errors import ConfigError, DatasetError, MissingExtraError
 from envs.spec import EnvSpec
 from roboverse_learn import cli
 from roboverse_learn.config.compose import compose
 from roboverse_learn.view import has_display, view
+from roboverse_learn.viewer import episodes
 
 
 @pytest.mark.parametrize(
@@ -41,6 +45,70 @@ def test_display_is_found_by_the_environment(monkeypatch: pytest.MonkeyPatch) ->
     assert not has_display()
     monkeypatch.setenv("DISPLAY", ":0")
     assert has_display()
+
+
+@pytest.fixture
+def result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Returns the file of a result with one video, evaluated with a folder of materials."""
+    record = SimpleNamespace(
+        cell=SimpleNamespace(name="level2-test"), episode=3, level=2, only=None, split="train", seed=0,
+        instruction=None, policy="act", success=True, switched_to=None,
+    )  # fmt: skip
+    found = SimpleNamespace(
+        env=EnvSpec(task="PickCube", image_size=32, materials="+my-images-1a2b3c4d"), records=[record], run="run"
+    )
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run/level2-test-3-success.mp4").touch()
+    monkeypatch.setattr("benchmark.results.read_result", lambda _: found)
+    monkeypatch.setattr(episodes, "_video", lambda _: ([np.zeros((32, 32, 3), np.uint8)], 20.0))
+    return tmp_path / "run.json"
+
+
+class Recorded:
+    """Takes what is recorded, in place of the viewer's library."""
+
+    def __init__(self, env: Any, title: str) -> None:
+        self.env, self.title, self.text = env, title, ""
+
+    def start(self, text: str) -> None:
+        self.text = text
+
+    def add(self, *_: Any) -> None:
+        pass
+
+
+def test_a_result_is_viewed_with_the_materials_that_are_given(
+    result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(episodes, "EpisodeRecording", Recorded)
+    images = tmp_path / "my-images"
+    images.mkdir()
+    for number in range(4):
+        Image.new("RGB", (16, 16), (60 * number, 100, 200)).save(images / f"{number}.png")
+    config = compose("view", [f"result={result}", f"materials=+{images}"])
+    shown: Any = episodes.record_result(config)
+    assert shown.env.env_spec.materials == f"+{images}" and shown.env.env_spec.level == 2
+    assert "# PickCube, level 2" in shown.text
+
+
+def test_a_result_with_materials_says_to_add_them(result: Path) -> None:
+    with pytest.raises(ConfigError, match=r"'\+my-images-1a2b3c4d', .*add materials=\+<path of .* 'my-images'>"):
+        episodes.record_result(compose("view", [f"result={result}"]))
+
+
+def test_of_a_dataset_the_viewed_episode_alone_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    read = []
+
+    def absent(_: object, episode: int) -> None:
+        read.append(episode)
+        raise DatasetError("no raw states")
+
+    info = SimpleNamespace(root="data", num_episodes=9, read_columns=lambda keys: dict.fromkeys(keys))
+    monkeypatch.setattr("roboverse_learn.data.dataset.info.DatasetInfo.open", lambda _: info)
+    monkeypatch.setattr("roboverse_learn.data.dataset.recording.read_raw", absent)
+    with pytest.raises(DatasetError, match="no raw states"):
+        episodes.record_dataset(compose("view", ["dataset=data", "episode=7"]))
+    assert read == [7]
 
 
 @pytest.mark.slow
