@@ -55,7 +55,9 @@ def result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         instruction=None, policy="act", success=True, switched_to=None,
     )  # fmt: skip
     found = SimpleNamespace(
-        env=EnvSpec(task="PickCube", image_size=32, materials="+my-images-1a2b3c4d"), records=[record], run="run"
+        env=EnvSpec(task="PickCube", image_size=32, materials="+my-images-1a2b3c4d"),
+        records=[record],
+        run="run",
     )
     (tmp_path / "run").mkdir()
     (tmp_path / "run/level2-test-3-success.mp4").touch()
@@ -92,7 +94,7 @@ def test_a_result_is_viewed_with_the_materials_that_are_given(
 
 
 def test_a_result_with_materials_says_to_add_them(result: Path) -> None:
-    with pytest.raises(ConfigError, match=r"'\+my-images-1a2b3c4d', .*add materials=\+<path of .* 'my-images'>"):
+    with pytest.raises(ConfigError, match=r"'\+my-images-1a2b3c4d', .*materials=\+<path .* 'my-images'>"):
         episodes.record_result(compose("view", [f"result={result}"]))
 
 
