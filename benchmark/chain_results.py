@@ -8,7 +8,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from envs.core.atomic import write_file
+from filelock import FileLock
+
+from envs.core.atomic import write_errors, write_file
 from envs.core.json_file import read_kept
 
 
@@ -25,26 +27,33 @@ class ChainResults:
     """
 
     def __init__(self, path: Path, label: str, run: dict[str, Any]) -> None:
-        self._path, self._runs = path, read_runs(path)
-        own = self._runs.setdefault(label, [])
-        self.done = _solved(own)
-        self._run = next((item for item in own if item == {**run, "solved": item["solved"]}), None)
-        if self._run is None:
-            self._run = {**run, "solved": {}}
-            own.append(self._run)
+        self._path, self._label, self._facts = path, label, run
+        self.done = _solved(read_runs(path).get(label, []))
 
     def add(self, index: int, count: int) -> None:
-        """Keeps how many tasks of a chain were solved in a row."""
+        """Keeps how many tasks of a chain were solved in a row; other processes may add at the same time.
+
+        Raises:
+            ConfigError: The file was damaged meanwhile.
+            WriteError: The disk is full or the folder cannot be written.
+        """
         self.done[index] = count
-        assert self._run is not None
-        solved = self._run["solved"] | {str(index): count}
-        self._run["solved"] = {key: solved[key] for key in sorted(solved, key=int)}
-        lines = [
-            f" {json.dumps(label)}: [\n  " + ",\n  ".join(json.dumps(run) for run in runs) + "\n ]"
-            for label, runs in sorted(self._runs.items())
-            if runs
-        ]
-        write_file(self._path, ("{\n" + ",\n".join(lines) + "\n}\n").encode())
+        with write_errors(self._path):
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            with FileLock(self._path.with_name(f".{self._path.name}.lock")):
+                runs = read_runs(self._path)
+                run = self._run_in(runs)
+                solved = run["solved"] | {str(index): count}
+                run["solved"] = {key: solved[key] for key in sorted(solved, key=int)}
+                _write(self._path, runs)
+
+    def _run_in(self, runs: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
+        """Returns the present run in those of a file, at their end where it has no result yet."""
+        own = runs.setdefault(self._label, [])
+        run = next((item for item in own if item == {**self._facts, "solved": item["solved"]}), None)
+        if run is None:
+            own.append(run := {**self._facts, "solved": {}})
+        return run
 
 
 def read_runs(path: Path) -> dict[str, list[dict[str, Any]]]:
@@ -63,6 +72,15 @@ def read_results(path: Path) -> dict[str, dict[int, int]]:
         ConfigError: The file is damaged.
     """
     return {label: _solved(runs) for label, runs in read_runs(path).items()}
+
+
+def _write(path: Path, runs: dict[str, list[dict[str, Any]]]) -> None:
+    lines = [
+        f" {json.dumps(label)}: [\n  " + ",\n  ".join(json.dumps(run) for run in own) + "\n ]"
+        for label, own in sorted(runs.items())
+        if own
+    ]
+    write_file(path, ("{\n" + ",\n".join(lines) + "\n}\n").encode())
 
 
 def _checked(runs: dict[str, list[dict[str, Any]]]) -> dict[str, list[dict[str, Any]]]:

@@ -1,6 +1,8 @@
 """CALVIN's long-horizon evaluation: scores, results that are kept, and chains of the expert."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -134,6 +136,39 @@ def test_results_are_kept_and_only_missing_chains_are_run(monkeypatch, tmp_path)
         "seed": 0,
         "solved": {"0": 0, "2": 2, "3": 3},
     }
+
+
+def test_results_that_two_processes_add_alternately_are_all_kept(tmp_path):
+    path = tmp_path / "results" / "chains.json"
+    facts = {"command": "first", "git_sha": None, "seed": 0}
+    first, same = (ChainResults(path, "expert", facts) for _ in range(2))
+    part = ChainResults(path, "expert", facts | {"command": "part"})
+    other = ChainResults(path, "mine", facts)
+    for index in (0, 10):
+        first.add(index, 1)
+        other.add(index, 2)
+        same.add(index + 1, 3)
+        part.add(index + 2, 4)
+    assert read_runs(path) == {
+        "expert": [
+            facts | {"solved": {"0": 1, "1": 3, "10": 1, "11": 3}},
+            facts | {"command": "part", "solved": {"2": 4, "12": 4}},
+        ],
+        "mine": [facts | {"solved": {"0": 2, "10": 2}}],
+    }
+    assert first.done == {0: 1, 10: 1}
+
+
+def test_processes_that_add_at_the_same_time_lose_nothing(tmp_path):
+    path = tmp_path / "chains.json"
+    code = (
+        "import sys; from pathlib import Path; from benchmark.chain_results import ChainResults\n"
+        "results = ChainResults(Path(sys.argv[1]), sys.argv[2], {'command': 'c', 'git_sha': None, 'seed': 0})\n"
+        "for index in range(40): results.add(index, 5)"
+    )
+    processes = [subprocess.Popen([sys.executable, "-c", code, path, label]) for label in ("a", "b")]
+    assert [process.wait() for process in processes] == [0, 0]
+    assert read_results(path) == {label: dict.fromkeys(range(40), 5) for label in ("a", "b")}
 
 
 @pytest.mark.parametrize(
