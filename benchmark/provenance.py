@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmark.records import Git, Machine
-from envs.core.git import git, is_tracked
+from envs.core.git import git_sha
 from envs.core.machine import num_cores
 
 PACKAGES = (
@@ -34,10 +34,6 @@ PACKAGES = (
     "metaworld",
 )
 """Packages whose version can change the outcome of an episode."""
-
-
-_NO_RESULTS = ":(top,exclude)results"
-"""Leaves out what runs write: two evaluations in a row are of the same code."""
 
 
 def now() -> str:
@@ -68,15 +64,8 @@ def git_state(folder: Path | None = None) -> Git | None:
     Args:
         folder: A folder of the checkout; the one of this file when None.
     """
-    here = folder or Path(__file__).parent
-    top = git(here, "rev-parse", "--show-toplevel")
-    sha = git(here, "rev-parse", "HEAD")
-    # An installed wheel can lie inside somebody else's checkout, whose commit says nothing of it.
-    is_ours = folder is not None or is_tracked(Path(__file__))
-    if not sha or top is None or not is_ours:
-        return None
-    changes = git(here, "status", "--porcelain", "--untracked-files=no", "--", top, _NO_RESULTS)
-    return Git(sha=sha, dirty=bool(changes))
+    sha = git_sha(folder)
+    return None if sha is None else Git(sha=sha.removesuffix("+"), dirty=sha.endswith("+"))
 
 
 def machine(device: str = "cpu") -> Machine:

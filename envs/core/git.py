@@ -23,12 +23,16 @@ def is_tracked(file: Path) -> bool:
 def git_sha(folder: Path | None = None) -> str | None:
     """Returns the commit of the checkout that holds ``folder`` (that of this code by default).
 
-    It ends in ``+`` if tracked files differ from the commit. Changes in ``results/`` do not count: runs write
-    these files, and no result depends on them. It is None outside a checkout.
+    It ends in ``+`` if tracked files differ from the commit, or if Git cannot say whether they do. Changes in
+    ``results/`` do not count: runs write these files, and no result depends on them. It is None outside a
+    checkout.
     """
+    # An installed package can lie inside somebody else's checkout, whose commit says nothing of it.
     if folder is None and not is_tracked(Path(__file__)):
         return None
     here = folder or Path(__file__).parent
-    sha = git(here, "rev-parse", "HEAD")
+    found = git(here, "rev-parse", "--show-toplevel", "HEAD")  # fails where there are no files of a commit
+    if found is None:
+        return None
     changed = git(here, "status", "--porcelain", "-uno", "--", ":/", ":(top,exclude)results")
-    return None if sha is None else sha + "+" * bool(changed)
+    return found.splitlines()[-1] + "+" * (changed != "")

@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -38,8 +39,18 @@ def test_git_state_of_a_checkout(checkout):
     assert dirty.dirty
 
 
+def test_a_checkout_whose_state_is_unknown_counts_as_dirty(checkout):
+    clean = provenance.git_state(checkout)
+    (checkout / ".git/index").write_text("damaged")
+    assert clean is not None
+    assert provenance.git_state(checkout) == replace(clean, dirty=True)
+
+
 def test_no_git_state_outside_a_checkout(tmp_path):
     assert provenance.git_state(tmp_path) is None
+    subprocess.run(["git", "init", tmp_path], check=True, capture_output=True)
+    assert provenance.git_state(tmp_path) is None, "it has no commit"
+    assert provenance.git_state(tmp_path / ".git") is None
 
 
 def test_commands_name_no_folder_of_the_machine(monkeypatch, tmp_path):
