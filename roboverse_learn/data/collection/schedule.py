@@ -43,7 +43,7 @@ class Schedule:
             candidates together will not be enough.
 
     Raises:
-        DatasetError: The dataset was started with other settings.
+        DatasetError: The dataset was started with other settings, or has episodes of no collection.
     """
 
     def __init__(
@@ -208,12 +208,18 @@ class Schedule:
 
     def _read_record(self) -> set[int]:
         """Reads which candidates failed in earlier runs, and checks that the settings are theirs."""
+        root = self._writer.root
         if not self._path.exists():
+            if self._writer.num_episodes:
+                raise DatasetError(
+                    f"The dataset '{root}' holds episodes that were not collected there. Choose another folder, "
+                    f"or train on it as it is: roboverse train dataset={root}."
+                )
             return set()
-        before, failed = read_record(self._writer.root)
+        before, failed = read_record(root)
         if before != self._settings and self._writer.is_empty:
             return set()  # nothing but failures of other settings
-        check_settings(self._writer.root, before, self._settings)
+        check_settings(root, before, self._settings)
         return failed
 
     def _write_record(self) -> None:

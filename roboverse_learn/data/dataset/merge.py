@@ -9,7 +9,14 @@ from envs.core.atomic import atomic_directory, link_file, write_errors
 from envs.core.errors import DatasetError
 from roboverse_learn.data.dataset.info import METADATA_COLUMN, DatasetInfo, episode_key, read_episodes
 from roboverse_learn.data.dataset.meta_tables import row_stats
-from roboverse_learn.data.dataset.schema import BOOKKEEPING, OPTIONAL_KEYS, Feature, same_layout, video_keys
+from roboverse_learn.data.dataset.schema import (
+    BOOKKEEPING,
+    COLLECTION_PATH,
+    OPTIONAL_KEYS,
+    Feature,
+    same_layout,
+    video_keys,
+)
 from roboverse_learn.data.dataset.staging import StagedEpisode
 from roboverse_learn.data.dataset.writer import DatasetWriter
 
@@ -21,7 +28,8 @@ def merge(sources: Sequence[str | Path], root: str | Path) -> DatasetInfo:
 
     Videos and raw states get a second name (a hard link, or a copy across file systems); numbers are
     rewritten with new indices. The result depends on the sources' episodes only, not on how they were
-    spread over the sources. A killed merge is completed by the same call.
+    spread over the sources. A killed merge is completed by the same call. A dataset that episodes are added to
+    is of no collection any more.
 
     Args:
         sources: Folders of datasets written by :class:`DatasetWriter`, with the same features. Of the columns
@@ -59,6 +67,8 @@ def merge(sources: Sequence[str | Path], root: str | Path) -> DatasetInfo:
             numbers = {k: v[part] for k, v in columns[source].items() if k in features}
             images = {key: row_stats(rows[source][index])[key] for key in video_keys(info.features)}
             metadata, task = info.episode_metadata[index], info.episodes[index]["tasks"][0]
+            with write_errors(writer.root):  # before the commit: no kill leaves the record beside other episodes
+                (writer.root / COLLECTION_PATH).unlink(missing_ok=True)
             writer.commit(
                 StagedEpisode(
                     directory=staged, columns=numbers, task=task, metadata=metadata, image_stats=images

@@ -4,7 +4,6 @@ import json
 import shutil
 import tempfile
 from pathlib import Path
-from types import SimpleNamespace
 from unittest import mock
 
 import numpy as np
@@ -12,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from envs.core.atomic import write_json
 from envs.core.errors import DatasetError
 from roboverse_learn.data.collection.schedule import COLLECTION_PATH, Schedule, TooFewSuccessesError
 from roboverse_learn.data.dataset.staging import STAGING_DIRECTORY, staged_directory
@@ -36,6 +36,10 @@ class Writer:
         return frozenset(json.dumps({"episode": index}) for index in self.committed)
 
     @property
+    def num_episodes(self):
+        return len(self.committed)
+
+    @property
     def is_empty(self):
         return not self.committed and not any(staged_directory(self.root, 0).parent.glob("pool_*"))
 
@@ -43,6 +47,12 @@ class Writer:
         for directory in directories:
             self.committed.append(int(directory.name.removeprefix("pool_")))
             shutil.rmtree(directory, ignore_errors=True)
+
+
+def begun(root, committed):
+    """The writer of a collection with empty settings that committed some episodes in an earlier run."""
+    write_json(root / COLLECTION_PATH, {"settings": {}, "failed": []})
+    return Writer(root, committed)
 
 
 def end(schedule, root, index, fails):
@@ -158,7 +168,7 @@ def test_successes_that_end_beside_the_failure_that_ends_a_collection_are_commit
 
 def test_episodes_of_another_candidate_list_count(tmp_path):
     """A dataset that was begun with other candidates needs only what is missing."""
-    writer = Writer(tmp_path, committed=[100, 101])
+    writer = begun(tmp_path, [100, 101])
     schedule = Schedule(writer, [1, 2, 3], 3, {})
     assert [schedule.next_index(), schedule.next_index()] == [1, None]
     end(schedule, tmp_path, 1, ())
@@ -167,7 +177,7 @@ def test_episodes_of_another_candidate_list_count(tmp_path):
 
 def test_a_staged_episode_that_was_committed_before_the_kill_is_removed(tmp_path):
     staged_directory(tmp_path, 4).mkdir(parents=True)
-    schedule = Schedule(Writer(tmp_path, committed=[4]), [4, 5], 2, {})
+    schedule = Schedule(begun(tmp_path, [4]), [4, 5], 2, {})
     assert not staged_directory(tmp_path, 4).exists()
     assert schedule.num_successes == 1 and schedule.next_index() == 5
 
@@ -202,6 +212,12 @@ def test_failures_are_remembered_over_runs_with_their_settings(tmp_path):
     ):
         Schedule(Writer(tmp_path, [7]), [6, 7], 1, {"task": "PickCube", "level": 2})
     assert Schedule(Writer(tmp_path), [6, 7], 1, {"task": "PickCube", "level": 2}).num_failures == 0
+
+
+def test_a_dataset_of_no_collection_is_not_collected_into(tmp_path):
+    with pytest.raises(DatasetError, match=r"episodes that were not collected there\. Choose another folder"):
+        Schedule(Writer(tmp_path, [7]), [6, 7], 2, {"level": 0})
+    assert not (tmp_path / COLLECTION_PATH).exists()
 
 
 def test_unrequested_episodes_are_refused(tmp_path):
@@ -245,7 +261,7 @@ def test_a_run_ends_once_all_the_candidates_will_not_be_enough(tmp_path, target,
 
 @pytest.mark.parametrize("committed", [[], [7]])
 def test_where_fewer_will_do_one_success_is_hope_enough(tmp_path, committed):
-    writer = Writer(tmp_path, committed)
+    writer = begun(tmp_path, committed)
     schedule = Schedule(writer, range(100, 110), 3, {}, fewer_ok=True, give_up_after=2)
     fails = set(range(101, 110)) | {100} if committed else set(range(101, 110))
     while (index := schedule.next_index()) is not None:
@@ -264,7 +280,7 @@ def test_too_few_successes_is_raised_after_the_last_candidate(tmp_path):
 
 def test_too_few_successes_wait_for_those_in_flight(tmp_path):
     """The error is raised when the last candidate has failed, not while one may still succeed."""
-    schedule = Schedule(SimpleNamespace(root=tmp_path, episode_keys=frozenset()), [1, 2], 2, {})
+    schedule = Schedule(Writer(tmp_path), [1, 2], 2, {})
     assert [schedule.next_index(), schedule.next_index()] == [1, 2]
     schedule.resolve((1, None))
     assert schedule.next_index() is None

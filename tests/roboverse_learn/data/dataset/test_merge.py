@@ -1,10 +1,16 @@
+from unittest import mock
+
 import numpy as np
 import pytest
 
+from envs.core.atomic import write_json
 from envs.core.errors import DatasetError
 from roboverse_learn import cli
 from roboverse_learn.data import DatasetInfo, DatasetWriter, dataset_hash
+from roboverse_learn.data.collection.schedule import Schedule
+from roboverse_learn.data.dataset.info import is_collected_here
 from roboverse_learn.data.dataset.merge import merge
+from roboverse_learn.data.dataset.schema import COLLECTION_PATH
 from tests.roboverse_learn.data.synthetic_episodes import FEATURES, FPS, make_episode
 
 
@@ -67,6 +73,36 @@ def test_a_killed_merge_is_completed(tmp_path, monkeypatch):
     merge(parts, tmp_path / "merged")
     whole = write(tmp_path / "whole", range(4))
     assert dataset_hash(tmp_path / "merged") == dataset_hash(whole)
+
+
+def collected(root, indices):
+    """Writes a dataset with the record of its collection, and a failed candidate."""
+    write(root, indices, level=0)
+    write_json(root / COLLECTION_PATH, {"settings": {"level": 0}, "failed": [9]})
+    return root
+
+
+def test_a_dataset_that_was_merged_into_is_of_no_collection(tmp_path):
+    root, other = collected(tmp_path / "collected", [0, 1]), write(tmp_path / "other", [0, 1], level=3)
+    merge([root], root)
+    assert is_collected_here(root), "nothing was added"
+    assert merge([other], root).num_episodes == 4
+    assert not is_collected_here(root)
+    with (
+        DatasetWriter(root, fps=FPS, features=FEATURES) as writer,
+        pytest.raises(DatasetError, match="not collected there"),
+    ):
+        Schedule(writer, [0, 1], 2, {"level": 0})
+    assert not is_collected_here(root)
+
+
+def test_a_merge_into_a_collection_that_is_killed_leaves_a_dataset_of_no_collection(tmp_path, monkeypatch):
+    root, other = collected(tmp_path / "collected", [0, 1]), write(tmp_path / "other", [2], level=3)
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(DatasetWriter, "commit", mock.Mock(side_effect=KeyboardInterrupt))
+        merge([other], root)
+    assert DatasetInfo.open(root).num_episodes == 2 and not is_collected_here(root)
+    assert merge([other], root).num_episodes == 3
 
 
 @pytest.mark.slow
