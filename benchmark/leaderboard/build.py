@@ -90,8 +90,9 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         if path in in_suites:
             continue
         groups.setdefault(_section_order(_section_key(result)), []).append((path, result))
-    sections = [_rounded(_section(results_dir, groups[key], kind_of)) for key in sorted(groups)]
-    _name_apart(sections)
+    keys = sorted(groups)
+    sections = [_rounded(_section(results_dir, groups[key], kind_of)) for key in keys]
+    _name_apart(sections, keys)
     reference = json.loads(files("benchmark").joinpath("reference/paper.json").read_text())
     shown = {row["entry"] for section in sections for row in section["rows"]}
     entries = shown_entries(entry for _, entry in kinds if entry and entry.id in shown)
@@ -264,13 +265,20 @@ def corrected(comparisons: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return [{**test, "p_holm": p} for test, p in zip(comparisons, p_values, strict=True)]
 
 
-def _name_apart(sections: Sequence[dict[str, Any]]) -> None:
-    """Adds the horizon to the ids of sections that differ in it alone, in place."""
+def _name_apart(sections: Sequence[dict[str, Any]], keys: Sequence[tuple[str, ...]]) -> None:
+    """Makes the ids of sections unique, in place: they name plots, and places on a page.
+
+    Sections of one id get their horizon, and those that have one id even so a digest of their key.
+    """
     number = Counter(section["id"] for section in sections)
     for section in sections:
         if number[section["id"]] > 1:
             horizon = f"{section['max_episode_steps']}-steps-{section['control_hz']:g}-hz"
             section["id"] += "-" + horizon.replace(".", "-")
+    number = Counter(section["id"] for section in sections)
+    for section, key in zip(sections, keys, strict=True):
+        if number[section["id"]] > 1:  # ids leave out what differs, such as the sign of -0.02
+            section["id"] += "-" + digest(key)[:6]
 
 
 def _asks(row: Mapping[str, Any]) -> tuple[Any, ...]:

@@ -111,6 +111,18 @@ def test_a_changed_scene_is_in_the_title_and_in_the_name_of_the_section(publish,
     assert re.fullmatch(r"v2-pickcube-mujoco-warp-scenario-[0-9a-f]{8}", section["id"])
 
 
+def test_sections_that_differ_in_a_sign_alone_have_names_of_their_own(publish, tmp_path):
+    for run, offset in (("right", [0.01, 0.02]), ("left", [0.01, -0.02]), ("other", [0.03, 0.02])):
+        publish(run=run, task_kwargs={"hole_offset_m": offset})
+    sections = leaderboard.build(tmp_path)["sections"]
+    ids = {str(section["task_kwargs"]["hole_offset_m"]): section["id"] for section in sections}
+    name = "v2-pickcube-hole-offset-m-0-0{}-0-02-mujoco-warp"
+    assert ids.pop("[0.03, 0.02]") == name.format(3), "it is unique without more"
+    assert len(set(ids.values())) == 2
+    for each in ids.values():
+        assert re.fullmatch(name.format(1) + "-250-steps-20-hz-[0-9a-f]{6}", each)
+
+
 def test_another_robot_is_in_the_title_and_in_the_name_of_the_section(publish, tmp_path):
     for name in ("robots.json", "tasks.json"):
         (tmp_path / name).write_text('{"cells": []}')  # tables that lie beside the results
