@@ -212,8 +212,8 @@ class Schedule:
         if not self._path.exists():
             if self._writer.num_episodes:
                 raise DatasetError(
-                    f"The dataset '{root}' holds episodes that were not collected there. Choose another folder, "
-                    f"or train on it as it is: roboverse train dataset={root}."
+                    f"The dataset '{root}' holds episodes that were not collected there. Choose another "
+                    f"folder, or train on it as it is: roboverse train dataset={root}."
                 )
             return set()
         before, failed = read_record(root)

@@ -67,7 +67,9 @@ def merge(sources: Sequence[str | Path], root: str | Path) -> DatasetInfo:
             numbers = {k: v[part] for k, v in columns[source].items() if k in features}
             images = {key: row_stats(rows[source][index])[key] for key in video_keys(info.features)}
             metadata, task = info.episode_metadata[index], info.episodes[index]["tasks"][0]
-            with write_errors(writer.root):  # before the commit: no kill leaves the record beside other episodes
+            with write_errors(
+                writer.root
+            ):  # before the commit: no kill leaves the record beside other episodes
                 (writer.root / COLLECTION_PATH).unlink(missing_ok=True)
             writer.commit(
                 StagedEpisode(
