@@ -22,7 +22,6 @@ from roboverse_learn.commands.tested_checkpoint import (
     TestedCheckpoint,
     checkpoints_to_test,
     protocol_of,
-    step_of,
 )
 from roboverse_learn.commands.tested_policy import load_policy, view_of
 from roboverse_learn.config.preflight import check_materials, check_scenario_files
@@ -176,6 +175,7 @@ def _recorded(checkpoint: Path | None) -> "Checkpoint":
     from benchmark.records import Checkpoint
     from envs.core.fingerprint import file_hash
     from policies.checkpoint import weights_path
+    from roboverse_learn.commands.run_folder import step_of
 
     if checkpoint is None:
         return Checkpoint()

@@ -22,7 +22,7 @@ import policies
 from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, LockedError, RoboVerseError
 from envs.core.fingerprint import digest, file_hash
-from policies.checkpoint import resolve, weights_path
+from policies.checkpoint import HASHES, resolve, weights_path
 from roboverse_learn.config.command_line_keys import at, flat_keys
 from roboverse_learn.config.schema import TrainRunConfig
 from roboverse_learn.config.serialize import from_values, to_values
@@ -250,6 +250,16 @@ class RunFolder:
         self._manifest |= {"status": status, "config": to_values(self.config)}
         content = json.dumps(self._manifest, indent=1, default=str)
         write_file(self.folder / MANIFEST_FILE, content.encode())
+
+
+def step_of(checkpoint: Path) -> int | None:
+    """Returns the training step of a checkpoint, from the name of its folder; None where no name says it."""
+    checkpoint = checkpoint.resolve()
+    folders, hashes = [checkpoint.parent], checkpoint / HASHES
+    if checkpoint.parent.name == "last" and hashes.is_file():  # copied as a folder, beside the one it was
+        twins = checkpoint.parent.parent.glob(f"[0-9]*/{checkpoint.name}/{HASHES}")
+        folders = [twin.parent.parent for twin in twins if twin.read_bytes() == hashes.read_bytes()]
+    return max((int(each.name) for each in folders if each.name.isdecimal()), default=None)
 
 
 def default_folder(config: TrainRunConfig) -> Path:

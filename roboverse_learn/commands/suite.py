@@ -15,7 +15,6 @@ from roboverse_learn.commands.tested_checkpoint import (
     checkpoint_name,
     checkpoints_to_test,
     protocol_of,
-    step_of,
 )
 from roboverse_learn.config.schema import CollectConfig, EvaluateConfig
 from roboverse_learn.config.serialize import from_values, to_values
@@ -161,6 +160,7 @@ def _run_name(config: EvaluateConfig) -> str:
     from envs.core.fingerprint import digest, file_hash
     from policies.checkpoint import weights_path
     from roboverse_learn.commands.foreign_checkpoint import open_checkpoint
+    from roboverse_learn.commands.run_folder import step_of
 
     decides: dict[str, Any] = {
         "protocol": protocol_of(config.evaluate).to_json(),

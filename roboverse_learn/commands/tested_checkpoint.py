@@ -117,7 +117,7 @@ def checkpoint_to_test(config: EvaluateConfig) -> TestedCheckpoint:
     """
     from policies.checkpoint import resolve
     from roboverse_learn.commands.foreign_checkpoint import open_checkpoint
-    from roboverse_learn.commands.run_folder import read_config, run_of
+    from roboverse_learn.commands.run_folder import read_config, run_of, step_of
     from roboverse_learn.config.serialize import to_values
 
     checkpoint = open_checkpoint(config.checkpoint)
@@ -350,18 +350,6 @@ def _check_whole(checkpoint: Path, expected: str) -> None:
             f"policy={name}. "
             "Leave policy out; a checkpoint names its policy."
         )
-
-
-def step_of(checkpoint: Path) -> int | None:
-    """Returns the training step of a checkpoint, from the name of its folder; None where no name says it."""
-    from policies.checkpoint import HASHES
-
-    checkpoint = checkpoint.resolve()
-    folders, hashes = [checkpoint.parent], checkpoint / HASHES
-    if checkpoint.parent.name == "last" and hashes.is_file():  # copied as a folder, beside the one it was
-        twins = checkpoint.parent.parent.glob(f"[0-9]*/{checkpoint.name}/{HASHES}")
-        folders = [twin.parent.parent for twin in twins if twin.read_bytes() == hashes.read_bytes()]
-    return max((int(each.name) for each in folders if each.name.isdecimal()), default=None)
 
 
 def _warn_of_control_rate(trained: TrainRunConfig, env: EnvSpec) -> None:

@@ -12,12 +12,11 @@ from PIL import Image
 
 from envs.core.errors import ConfigError, PolicyError, UnknownNameError
 from policies.checkpoint import CONFIG, WEIGHTS, write_hashes
-from roboverse_learn.commands.run_folder import RunFolder
+from roboverse_learn.commands.run_folder import RunFolder, step_of
 from roboverse_learn.commands.tested_checkpoint import (
     TestedCheckpoint,
     checkpoint_to_test,
     protocol_of,
-    step_of,
 )
 from roboverse_learn.config.compose import compose
 
