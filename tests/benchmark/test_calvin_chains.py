@@ -163,7 +163,8 @@ def test_processes_that_add_at_the_same_time_lose_nothing(tmp_path):
     path = tmp_path / "chains.json"
     code = (
         "import sys; from pathlib import Path; from benchmark.chain_results import ChainResults\n"
-        "results = ChainResults(Path(sys.argv[1]), sys.argv[2], {'command': 'c', 'git_sha': None, 'seed': 0})\n"
+        "run = {'command': 'c', 'git_sha': None, 'seed': 0}\n"
+        "results = ChainResults(Path(sys.argv[1]), sys.argv[2], run)\n"
         "for index in range(40): results.add(index, 5)"
     )
     processes = [subprocess.Popen([sys.executable, "-c", code, path, label]) for label in ("a", "b")]

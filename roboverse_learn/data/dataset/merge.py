@@ -28,8 +28,8 @@ def merge(sources: Sequence[str | Path], root: str | Path) -> DatasetInfo:
 
     Videos and raw states get a second name (a hard link, or a copy across file systems); numbers are
     rewritten with new indices. The result depends on the sources' episodes only, not on how they were
-    spread over the sources. A killed merge is completed by the same call. A dataset that episodes are added to
-    is of no collection any more.
+    spread over the sources. A killed merge is completed by the same call. A dataset that episodes are added
+    to is of no collection any more.
 
     Args:
         sources: Folders of datasets written by :class:`DatasetWriter`, with the same features. Of the columns
@@ -67,9 +67,8 @@ def merge(sources: Sequence[str | Path], root: str | Path) -> DatasetInfo:
             numbers = {k: v[part] for k, v in columns[source].items() if k in features}
             images = {key: row_stats(rows[source][index])[key] for key in video_keys(info.features)}
             metadata, task = info.episode_metadata[index], info.episodes[index]["tasks"][0]
-            with write_errors(
-                writer.root
-            ):  # before the commit: no kill leaves the record beside other episodes
+            # Before the commit: no kill leaves a collection's record beside episodes of others.
+            with write_errors(writer.root):
                 (writer.root / COLLECTION_PATH).unlink(missing_ok=True)
             writer.commit(
                 StagedEpisode(
