@@ -146,8 +146,10 @@ def series_label(series: Mapping[str, Any], entries: Mapping[str, Any]) -> str:
         for each in entries.values()
         if (entry_name(each), origin(each)) == (entry_name(entry), origin(entry))
     ]
-    length = f", {entry['steps']:,} steps" if entry["steps"] else f", {entry['time_s'] or 0:.0f} s"
-    return f"{entry_name(entry)}, {origin(entry)}" + (length if len(same) > 1 else "") + moved
+    length = ""
+    if len(same) > 1 and (entry["steps"] or entry["time_s"]):
+        length = f", {entry['steps']:,} steps" if entry["steps"] else f", {entry['time_s']:.0f} s"
+    return f"{entry_name(entry)}, {origin(entry)}{length}{moved}"
 
 
 def _board_place(
