@@ -104,11 +104,18 @@ def _survey_all(settings: SurveySettings, command: str) -> int:
 
 
 def _write_row(results: Path, name: str, row: dict[str, Any]) -> None:
-    """Writes the row of one task; surveys of other tasks may write theirs at the same time."""
+    """Writes the row of one task; surveys of other tasks may write theirs at the same time.
+
+    An earlier error is over. Earlier counts stay where there are no new ones, with the command and commit
+    that counted them.
+    """
     results.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(results.with_name(f".{results.name}.lock")):
         rows = read_rows(results)
-        rows[name] = {**rows.get(name, {}), **row}
+        old = {key: value for key, value in rows.get(name, {}).items() if key != "error"}
+        if "expert" in old and "expert" not in row:
+            row = {key: value for key, value in row.items() if key not in ("command", "git_sha")}
+        rows[name] = {**old, **row}
         text = json.dumps({key: rows[key] for key in sorted(rows)}, indent=1) + "\n"
         write_file(results, text.encode())
 

@@ -108,8 +108,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _print_reports(config: Any, count: int, own: Mapping[str, str]) -> None:
-    expert = own["expert"].lower() == "true"
-    for name, report in check_augmentation(config, count, expert=expert).items():
+    if own["expert"] not in ("true", "false"):
+        raise ConfigError(f"expert={own['expert']}: give true or false.")
+    for name, report in check_augmentation(config, count, expert=own["expert"] == "true").items():
         logger.info("%s, %s: %s", config.env.task, name, report)
 
 

@@ -168,6 +168,36 @@ def test_a_task_that_failed_is_tried_again_when_the_survey_goes_on(tmp_path, mon
     assert tried == ["Door", "Lift", "Stack", "Door", "Stack"]
 
 
+def half_solved(name, settings):
+    return {"expert": 0.5, "episodes": settings.episodes}
+
+
+def test_an_error_is_over_once_a_task_is_counted(tmp_path, monkeypatch):
+    results = tmp_path / "tasks.json"
+    words = ["tasks=[PickCube,StackCube]", f"results={results}"]
+    monkeypatch.setattr(survey, "survey", without_a_cube(ConfigError("no cube.")))
+    assert survey.main(words) == 1
+    monkeypatch.setattr(
+        survey, "survey", lambda name, settings: {"expert": 0.5, "episodes": settings.episodes}
+    )
+    assert survey.main(words) == 0
+    row = json.loads(results.read_text())["PickCube"]
+    assert row["expert"] == 0.5 and "error" not in row
+
+
+def test_counts_keep_the_command_that_counted_them(tmp_path, monkeypatch):
+    results = tmp_path / "tasks.json"
+    words = ["tasks=[Door]", f"results={results}"]
+    monkeypatch.setattr(
+        survey, "survey", lambda name, settings: {"expert": 0.5, "episodes": settings.episodes}
+    )
+    assert survey.main(words) == 0
+    counted = json.loads(results.read_text())["Door"]
+    monkeypatch.setattr(survey, "survey", lambda name, settings: {"rendered": True})
+    assert survey.main([*words, "episodes=0", f"images={tmp_path / 'shots'}"]) == 0
+    assert json.loads(results.read_text())["Door"] == counted | {"rendered": True}
+
+
 def test_surveys_side_by_side_keep_each_others_rows(tmp_path, monkeypatch):
     results = tmp_path / "tasks.json"
 

@@ -187,6 +187,7 @@ def test_check_counts_attempts_without_images(demos, caplog):
         "PickCube, expert: 2 of 2",
     ]
     assert check.main([f"from={demos}", "task=PickCube", "episodes=none"]) == 2
+    assert check.main([f"from={demos}", "task=PickCube", "expert=yes"]) == 2
     assert "episodes must be a number above 0, given none" in caplog.text
 
 
