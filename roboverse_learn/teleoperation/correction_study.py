@@ -4,26 +4,36 @@
 trains a policy on ``start`` demonstrations of the expert. In each round the policy acts in ``per_round`` more
 episodes, the expert takes over where it strays, and a policy is trained on the demonstrations and all
 corrections so far. Beside it, policies learn from as many demonstrations that the expert made alone. Every
-policy is evaluated where it was trained; the page of studies draws both lines.
+policy is evaluated where it was trained; the page of studies draws both lines. An episode that the policy
+solves alone is no correction, so a round may add fewer than ``per_round``, to both sides alike; a round
+without any keeps the policies of the round before.
 
-Keys that are none of the program's are those of ``roboverse train``, the same for every policy. The same
-command continues a study that was stopped.
+Keys that are none of the program's are those of ``roboverse train``, the same for every collection and
+policy. The same command continues a study that was stopped; another study takes another folder ``out``.
 """
 
 import logging
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 from envs.core.arguments import parse
-from envs.core.errors import RoboVerseError
+from envs.core.atomic import write_json
+from envs.core.errors import ConfigError, RoboVerseError
+from envs.core.fingerprint import digest
 from envs.core.ranges import check_ranges
 from roboverse_learn.collect import collect_dataset
 from roboverse_learn.commands.called_with import called_with
+from roboverse_learn.commands.run_folder import identity
 from roboverse_learn.config.compose import compose
+from roboverse_learn.config.schema import CollectConfig, TeleoperateConfig, TrainRunConfig
+from roboverse_learn.data.collection.schedule import check_settings
+from roboverse_learn.data.dataset.damage import read_json
 from roboverse_learn.data.dataset.merge import merge
 from roboverse_learn.teleoperate import teleoperate
+from roboverse_learn.teleoperation.recording import Mark, Recording, open_recordings
 from roboverse_learn.train import train_run
 
 logger = logging.getLogger(__name__)
@@ -32,6 +42,17 @@ _COMMAND = "python -m roboverse_learn.teleoperation.correction_study"
 
 CORRECTIONS, PLAIN = "corrections", "plain"
 """Names of the datasets, by which the results call them: every round's folder has both."""
+
+
+_OWN = {
+    "levels": "every policy is tested at the level that it is trained at; give level=<level>",
+    "splits": "every policy is tested on the test split; leave it out",
+    "dataset": "it makes its datasets itself; give out=<folder> for all of them",
+    "run": "every policy has a run of its own; give runs_dir=<folder> for all of them",
+    "num_demos": "give start=<number> and per_round=<number>",
+    "source": "the task's expert demonstrates and corrects; leave it out",
+}
+"""Keys of ``roboverse train`` that the study sets itself, with what to give instead."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +65,7 @@ class StudySettings:
         policy: Registered policy that learns from demonstrations.
         preset: Preset of the training.
         start: Demonstrations that the first policy learns from.
-        per_round: Corrections, and plain demonstrations, of each round.
+        per_round: Episodes of each round; as many plain demonstrations are added as were corrected.
         rounds: Rounds.
         out: Folder of datasets and recordings.
     """
@@ -68,74 +89,127 @@ class CorrectionStudy:
     Args:
         settings: See :class:`StudySettings`.
         more: Further words of ``roboverse train``.
+
+    Raises:
+        ConfigError: A word is wrong, or sets what the study sets itself.
     """
 
     def __init__(self, settings: StudySettings, more: Sequence[str] = ()) -> None:
-        self._settings, self._more = settings, tuple(more)
-        compose("train", [*self._words(), *more])  # a wrong word fails before the first collection
+        _refuse_own(more)
+        self._settings = settings
+        names = ("task", "level", "preset", "policy")
+        self._words = [*(f"{name}={getattr(settings, name)}" for name in names), *more]
+        self._config: TrainRunConfig = compose("train", [*self._words, f"num_demos={settings.start}"])
+        # Too many demonstrations fail before the first collection, like a wrong word.
+        self._collect_config(self._folder(0, PLAIN), settings.start + settings.rounds * settings.per_round)
 
     def run(self) -> list[tuple[int, float, float]]:
-        """Does what is missing; returns per round its demonstrations, and successes in % of both policies."""
-        settings, rows = self._settings, []
-        first = self._expert(0, CORRECTIONS)
+        """Does what is missing; returns per round its demonstrations, and successes in % of both policies.
+
+        Raises:
+            DatasetError: The folder ``out`` holds another study.
+        """
+        self._refuse_other_study()
+        count, num_corrections = self._settings.start, 0
+        first = self._expert(0, CORRECTIONS, count)
         checkpoint, corrected = self._trained(0, first)
-        rows.append((settings.start, corrected, corrected))
-        for number in range(1, settings.rounds + 1):
-            made = self._corrections(number, checkpoint)
-            checkpoint, corrected = self._trained(number, self._merged(number, CORRECTIONS, [first, made]))
-            _, plain = self._trained(number, self._expert(number, PLAIN))
-            rows.append((settings.start + number * settings.per_round, corrected, plain))
+        plain = corrected
+        rows = [(count, corrected, plain)]
+        for number in range(1, self._settings.rounds + 1):
+            before, num_corrections = num_corrections, self._corrected(number, checkpoint)
+            if num_corrections == before:
+                logger.info("Round %d: the policy needed no correction; its demonstrations stay.", number)
+            else:
+                merged = self._folder(number, CORRECTIONS)
+                count = merge([first, self._corrections(number, num_corrections)], merged).num_episodes
+                checkpoint, corrected = self._trained(number, merged)
+                _, plain = self._trained(number, self._expert(number, PLAIN, count))
+            rows.append((count, corrected, plain))
         return rows
 
-    def _words(self) -> list[str]:
-        settings = self._settings
-        return [f"{key}={getattr(settings, key)}" for key in ("task", "level", "preset", "policy")]
+    @property
+    def _recordings(self) -> Path:
+        return self._settings.out / "recordings"
 
     def _folder(self, number: int, name: str) -> Path:
         return self._settings.out / f"round{number}" / name
 
-    def _expert(self, number: int, name: str) -> Path:
+    def _identity(self) -> dict[str, Any]:
+        """Returns what decides the demonstrations and policies of a round, as JSON values."""
+        return identity(self._config) | {"per_round": self._settings.per_round}
+
+    def _refuse_other_study(self) -> None:
+        """Writes once what the study is: another one in its folder would mix with its datasets."""
+        path = self._settings.out / "study.json"
+        if path.exists():
+            check_settings(self._settings.out, read_json(path), self._identity())
+        else:
+            write_json(path, self._identity())
+
+    def _collect_config(self, folder: Path, count: int, **source: Any) -> CollectConfig:
+        """Returns the configuration of a collection, in the environment of training."""
+        collect = replace(self._config.collect, num_demos=count)
+        return CollectConfig(env=self._config.env, collect=collect, dataset=str(folder), **source)
+
+    def _expert(self, number: int, name: str, count: int) -> Path:
         """Collects the plain demonstrations of a round, those of earlier rounds among them."""
-        count = self._settings.start + number * self._settings.per_round
-        config = compose("train", [*self._words(), *self._more, f"num_demos={count}"])
-        words = [f"task={config.env.task}", f"level={config.env.level}", f"num_demos={count}"]
-        words += [f"image_size={config.env.image_size}", f"cameras=[{','.join(config.env.cameras)}]"]
-        words += [f"simulator={config.env.simulator}", f"num_workers={config.collect.num_workers}"]
         folder = self._folder(number, name)
-        collect_dataset(compose("collect", [*words, f"dataset={folder}"]))
+        collect_dataset(self._collect_config(folder, count))
         return folder
 
-    def _corrections(self, number: int, checkpoint: Path) -> Path:
-        """Lets the policy act and the expert correct it; returns the dataset of all corrections so far."""
-        settings, recordings = self._settings, self._settings.out / "recordings"
-        count = number * settings.per_round
-        words = [f"task={settings.task}", f"level={settings.level}", f"checkpoint={checkpoint}"]
-        words += ["actor=expert", f"num_demos={count}", f"recordings={recordings}", "render=false"]
-        teleoperate(compose("teleoperate", words))
-        env = compose("train", [*self._words(), *self._more]).env
-        words = [f"task={settings.task}", f"level={settings.level}", "source=teleop", f"path={recordings}"]
-        words += [f"image_size={env.image_size}", f"cameras=[{','.join(env.cameras)}]", f"num_demos={count}"]
+    def _corrected(self, number: int, checkpoint: Path) -> int:
+        """Lets the policy act and the expert correct it; returns the number of corrections so far.
+
+        Rounds share a folder of recordings, so that each has other episodes. Where a study is continued,
+        those of later rounds do not count.
+        """
+        count = number * self._settings.per_round
+        teleoperate(
+            TeleoperateConfig(
+                env=self._config.env,
+                checkpoint=str(checkpoint),
+                device=self._config.device,
+                actor="expert",
+                num_demos=count,
+                recordings=str(self._recordings),
+                render=False,
+            )
+        )
+        facts = open_recordings(self._recordings)
+        solved = [path for path in facts if facts[path]["mark"] == Mark.SUCCESS]
+        return sum(Recording.read(path).taken_over is not None for path in solved[:count])
+
+    def _corrections(self, number: int, count: int) -> Path:
+        """Renders the first ``count`` corrections; returns their dataset."""
         folder = self._folder(number, "corrections-alone")
-        collect_dataset(compose("collect", [*words, "only_corrections=true", f"dataset={folder}"]))
-        return folder
-
-    def _merged(self, number: int, name: str, parts: Sequence[Path]) -> Path:
-        folder = self._folder(number, name)
-        merge(parts, folder)
+        source: dict[str, Any] = {"source": "teleop", "path": str(self._recordings), "only_corrections": True}
+        collect_dataset(self._collect_config(folder, count, **source))
         return folder
 
     def _trained(self, number: int, dataset: Path) -> tuple[Path, float]:
         """Trains and evaluates a policy; returns its run, and its successes at the level of training in %."""
-        words = [*self._words(), f"dataset={dataset}", f"evaluate.levels=[{self._settings.level}]"]
-        words += ["evaluate.splits=[test]", *self._more]
-        config = compose("train", words)
+        config = self._config
+        words = [*self._words, f"dataset={dataset}", f"evaluate.levels=[{config.env.level}]"]
         name = f"study-level{config.env.level}-seed{config.seed}-{dataset.name}-round{number}"
-        words.append(f"run={Path(config.runs_dir) / config.env.task / config.policy_name / name}")
+        folder = Path(config.runs_dir) / config.env.task / config.policy_name
+        words += ["evaluate.splits=[test]", f"run={folder / f'{name}-{digest(self._identity())}'}"]
         with called_with(words):
             run = train_run(compose("train", words))
         assert run is not None, "one process alone runs a study"
-        (cell,) = run.evaluations[0].result.cells()
-        return run.folder, 100.0 * cell.success_rate
+        at_level, *_ = run.evaluations[0].result.cells()  # channels alone and instructions follow it
+        return run.folder, 100.0 * at_level.success_rate
+
+
+def _refuse_own(words: Sequence[str]) -> None:
+    """Refuses words that set what the study sets itself.
+
+    Raises:
+        ConfigError: There is one.
+    """
+    for word in words:
+        key = word.partition("=")[0]
+        if advice := _OWN.get(key.removeprefix("evaluate.").removeprefix("collect.")):
+            raise ConfigError(f"{word} is not for a study: {advice}.")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
