@@ -134,7 +134,7 @@ def test_every_collection_and_policy_has_the_same_environment(world, tmp_path):
         ("run=runs/mine", "give runs_dir=<folder>"),
         ("num_demos=50", "give start=<number> and per_round=<number>"),
         ("collect.num_demos=50", "give start=<number> and per_round=<number>"),
-        ("source=random", "leave it out"),
+        ("source=augment", "leave it out"),
     ],
 )
 def test_words_that_the_study_sets_itself_are_refused(word, advice, world, tmp_path, caplog):
