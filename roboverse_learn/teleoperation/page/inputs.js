@@ -9,6 +9,7 @@ const MOVES = {
   KeyI: [3, 1], KeyK: [3, -1], KeyL: [4, -1], KeyJ: [4, 1], KeyQ: [5, 1], KeyE: [5, -1],
 };
 const BUTTONS = { Enter: "start", KeyP: "pause", KeyY: "reset", Delete: "discard", KeyU: "undo", Space: "takeover" };
+const MODIFIERS = /^(Control|Alt|Meta)(Left|Right)$/;
 const PADS = { "pad-move": [0, 1, 1, 1], "pad-lift": [5, -1, 2, 1], "pad-tilt": [4, -1, 3, 1] };
 const DRAG_M_PER_PX = 0.0006, WHEEL_RAD_PER_PX = 0.002;
 const MAX_SHIFT = [0.1, 0.1, 0.1, 0.5, 0.5, 0.5];
@@ -105,12 +106,13 @@ export class Inputs {
   // -- keyboard ------------------------------------------------------------------------------------
 
   key(event, down) {
-    if (event.target.matches?.("input:not([type=range]):not([type=checkbox])") || event.ctrlKey || event.metaKey || event.altKey) return;
     const { code } = event;
-    if (!down) {
+    if (!down) { // wherever it is let go: what stays held moves the arm
       this.keys.delete(code);
       return;
     }
+    if (MODIFIERS.test(code)) this.keys.clear(); // macOS tells of no key that is let go beside Command
+    if (event.target.matches?.("input:not([type=range]):not([type=checkbox])") || event.ctrlKey || event.metaKey || event.altKey) return;
     if (code in MOVES || code in BUTTONS || code === "KeyG") event.preventDefault();
     if (code in MOVES) this.device = "keyboard";
     if (event.repeat) return;

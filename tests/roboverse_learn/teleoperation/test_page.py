@@ -126,6 +126,60 @@ def test_keys_steer_and_a_gamepad_plays_a_whole_pick_cube(folder, book, pick_cub
     assert marks == [(Mark.DISCARDED, "keyboard"), (Mark.SUCCESS, "gamepad")]
 
 
+SENT = """
+window.sent = [];
+const send = WebSocket.prototype.send;
+WebSocket.prototype.send = function (text) { window.sent.push(JSON.parse(text)); send.call(this, text); };
+"""
+
+
+@contextlib.asynccontextmanager
+async def opened(book):
+    """Yields the session and the page, ready, whose messages ``window.sent`` lists from now on."""
+    async with served(book) as (session, url), chromium.browser() as page:
+        await page.open(url)
+        await page.until("document.body.dataset.phase === 'ready'")
+        await page.value(SENT)
+        yield session, page
+        assert not page.problems, page.problems
+
+
+async def rests(page):
+    """Returns whether the next motion that is sent is none."""
+    await page.value("window.sent.length = 0")
+    await page.until("window.sent.some(({type}) => type === 'move')")
+    return await page.value("window.sent.findLast(({type}) => type === 'move').rate.every((value) => !value)")
+
+
+async def click(page, selector):
+    x, y = await page.middle(selector)
+    await page.mouse("mousePressed", x, y, buttons=1)
+    await page.mouse("mouseReleased", x, y, buttons=1)
+
+
+def test_a_key_that_is_let_go_beside_a_modifier_or_in_a_text_field_moves_nothing_more(book):
+    async def body():
+        async with opened(book) as (_, page):
+
+            async def hold():
+                await page.key("KeyW", down=True)
+                assert not await rests(page)
+
+            for modifier, bit in (("ControlLeft", 2), ("AltRight", 1), ("MetaLeft", 4)):
+                await hold()
+                await page.key(modifier, down=True, modifiers=bit)
+                assert await rests(page), "macOS does not tell when a key is let go beside Command"
+                await page.key("KeyW", down=False, modifiers=bit)
+                await page.key(modifier, down=False)
+                assert await rests(page)
+            await hold()
+            await click(page, "#operator")
+            await page.key("KeyW", down=False)
+            assert await rests(page)
+
+    asyncio.run(asyncio.wait_for(body(), 60))
+
+
 ORIENTATION = "dispatchEvent(new DeviceOrientationEvent('deviceorientation', {alpha: %d, beta: 0, gamma: 0}))"
 
 
