@@ -10,6 +10,8 @@ const MOVES = {
 };
 const BUTTONS = { Enter: "start", KeyP: "pause", KeyY: "reset", Delete: "discard", KeyU: "undo", Space: "takeover" };
 const MODIFIERS = /^(Control|Alt|Meta)(Left|Right)$/;
+const OPERATED = ["button", "summary", "input", "select"].map((kind) => `${kind}:focus-visible`).join();
+const OPERATING = /^(Enter|Space|Arrow(Up|Down|Left|Right))$/;
 const PADS = { "pad-move": [0, 1, 1, 1], "pad-lift": [5, -1, 2, 1], "pad-tilt": [4, -1, 3, 1] };
 const DRAG_M_PER_PX = 0.0006, WHEEL_RAD_PER_PX = 0.002;
 const MAX_SHIFT = [0.1, 0.1, 0.1, 0.5, 0.5, 0.5];
@@ -25,12 +27,17 @@ export class Inputs {
     this.shift = still();
     this.sticks = still();
     this.held = [];
+    this.operated = null;
     this.device = "keyboard";
     this.closed = false;
     this.phoneOn = false;
     addEventListener("keydown", (event) => this.key(event, true));
     addEventListener("keyup", (event) => this.key(event, false));
     addEventListener("blur", () => this.release());
+    // A control reached by keyboard has the keys that operate it. Asked as it gets the focus: the first key after a
+    // click makes it :focus-visible too.
+    addEventListener("focusin", ({ target }) => { this.operated = target.matches(OPERATED) ? target : null; });
+    addEventListener("pointerdown", () => { this.operated = null; });
     at("gripper").addEventListener("click", (event) => { this.toggleGripper(); event.currentTarget.blur(); });
     at("speed").addEventListener("input", () => this.describeSpeed());
     for (const id of Object.keys(PADS)) this.watchPad(at(id), PADS[id]);
@@ -113,6 +120,7 @@ export class Inputs {
     }
     if (MODIFIERS.test(code)) this.keys.clear(); // macOS tells of no key that is let go beside Command
     if (event.target.matches?.("input:not([type=range]):not([type=checkbox])") || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.target === this.operated && OPERATING.test(code)) return;
     if (code in MOVES || code in BUTTONS || code === "KeyG") event.preventDefault();
     if (code in MOVES) this.device = "keyboard";
     if (event.repeat) return;

@@ -22,7 +22,8 @@ const headset = new Headset({
 });
 
 at("operator").value = localStorage.operator ?? "";
-at("operator").addEventListener("change", () => {
+at("operator").addEventListener("change", (event) => {
+  event.currentTarget.blur();
   localStorage.operator = at("operator").value.trim();
   socket?.close(1000, "new name");
 });

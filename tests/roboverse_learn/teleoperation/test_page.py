@@ -180,6 +180,88 @@ def test_a_key_that_is_let_go_beside_a_modifier_or_in_a_text_field_moves_nothing
     asyncio.run(asyncio.wait_for(body(), 60))
 
 
+async def presses(page):
+    """Returns the buttons whose presses were sent since the last call."""
+    return await page.value(
+        "window.sent.splice(0).filter(({type}) => type === 'press').map(({button}) => button)"
+    )
+
+
+async def tab_to(page, name):
+    for _ in range(40):
+        await tap(page, "Tab")
+        if await page.value("document.activeElement.id") == name:
+            return
+    raise AssertionError(f"Tab never comes to {name}")
+
+
+def test_a_control_reached_by_tab_has_enter_space_and_the_arrows(book):
+    async def body():
+        async with opened(book) as (_, page):
+            speed = "Number(document.getElementById('speed').value)"
+            await tab_to(page, "discard")
+            await tap(page, "Enter")
+            assert await presses(page) == ["discard"]
+            await tab_to(page, "undo")
+            await tap(page, "Space")
+            assert await presses(page) == ["undo"]
+            await tab_to(page, "speed")
+            before = await page.value(speed)
+            await page.key("ArrowUp", down=True)
+            assert await rests(page) and await page.value(speed) > before
+            await page.key("ArrowUp", down=False)
+            await page.key("KeyW", down=True)
+            assert not await rests(page), "a letter is no key of the control"
+            await page.key("KeyW", down=False)
+            await tap(page, "Tab")  # the Name field
+            await tap(page, "Tab")
+            assert await page.value("document.activeElement.type") == "checkbox"
+            await page.value("document.activeElement.onchange = () => { window.toggled = true; }")
+            await tap(page, "Space")
+            assert await page.value("window.toggled") and await presses(page) == []
+
+    asyncio.run(asyncio.wait_for(body(), 60))
+
+
+def test_a_control_that_was_clicked_leaves_the_keys_to_the_arm(book):
+    async def body():
+        async with opened(book) as (_, page):
+            speed = "document.getElementById('speed').value"
+            for control in ("#speed", "#help summary", "#reset", "#gripper"):
+                await click(page, control)
+                await page.value("window.sent.length = 0")
+                await tap(page, "KeyW")  # makes what has the focus :focus-visible
+                before = await page.value(speed)
+                await page.key("ArrowUp", down=True)
+                assert not await rests(page), control
+                await page.key("ArrowUp", down=False)
+                assert await page.value(speed) == before
+                await tap(page, "Space")
+                assert await presses(page) == ["takeover"], control
+            await tab_to(page, "speed")
+            await click(page, "#speed")
+            await page.key("ArrowUp", down=True)
+            assert not await rests(page), "what was reached by Tab, and then clicked"
+
+    asyncio.run(asyncio.wait_for(body(), 60))
+
+
+def test_the_keys_are_the_arms_once_a_name_is_entered(book):
+    async def body():
+        async with opened(book) as (session, page):
+            await click(page, "#operator")
+            await page.call("Input.insertText", text="Ada")
+            await tap(page, "Enter")
+            assert await page.value("document.activeElement === document.body")
+            await eventually(lambda: session.operator == "Ada")
+            await click(page, "#operator")
+            await page.call("Input.insertText", text=" L")
+            await tap(page, "Tab")
+            assert await page.value("document.activeElement.type") == "checkbox", "Tab goes on as ever"
+
+    asyncio.run(asyncio.wait_for(body(), 60))
+
+
 ORIENTATION = "dispatchEvent(new DeviceOrientationEvent('deviceorientation', {alpha: %d, beta: 0, gamma: 0}))"
 
 
