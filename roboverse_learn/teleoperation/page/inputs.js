@@ -26,7 +26,7 @@ export class Inputs {
     this.pads = new Map();
     this.shift = still();
     this.sticks = still();
-    this.held = [];
+    this.held = null;
     this.operated = null;
     this.device = "keyboard";
     this.closed = false;
@@ -189,7 +189,10 @@ export class Inputs {
     at("device-gamepad").classList.toggle("on", Boolean(pad));
     at("device-gamepad").textContent = pad ? "Gamepad connected" : "Gamepad: press a button";
     this.sticks = still();
-    if (!pad) return;
+    if (!pad) {
+      this.held = null;
+      return;
+    }
     const axis = (index) => {
       const value = pad.axes[index] ?? 0;
       return Math.abs(value) < DEAD_ZONE ? 0 : Math.sign(value) * (Math.abs(value) - DEAD_ZONE) / (1 - DEAD_ZONE);
@@ -198,6 +201,7 @@ export class Inputs {
     this.sticks = [axis(0), -axis(1), -axis(3), down(12) - down(13), down(14) - down(15), -axis(2)];
     if (this.sticks.some(Boolean)) this.device = "gamepad";
     const pressed = pad.buttons.map((button) => button.pressed);
+    this.held ??= pressed; // browsers show a gamepad at the press of a button, which is meant for nothing else
     const fresh = (index) => pressed[index] && !this.held[index];
     if (fresh(0)) this.toggleGripper();
     if (fresh(1)) this.press("discard");

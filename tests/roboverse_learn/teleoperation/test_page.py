@@ -30,6 +30,8 @@ Object.defineProperty(navigator, "getGamepads", {value: () => [window.pad]});
 document.getElementById("speed").value = 1;
 """
 
+CONNECTED = "document.getElementById('device-gamepad').textContent === 'Gamepad connected'"
+
 
 @contextlib.asynccontextmanager
 async def served(book):
@@ -116,6 +118,7 @@ def test_keys_steer_and_a_gamepad_plays_a_whole_pick_cube(folder, book, pick_cub
             await page.until("document.getElementById('gripper-text').textContent === 'Close gripper'")
 
             await page.value(GAMEPAD)
+            await page.until(CONNECTED)
             await steer(page, session, Follower(pick_cube))
             await page.until("document.getElementById('progress').textContent.startsWith('1 of 2')")
             assert not page.problems, page.problems
@@ -258,6 +261,27 @@ def test_the_keys_are_the_arms_once_a_name_is_entered(book):
             await page.call("Input.insertText", text=" L")
             await tap(page, "Tab")
             assert await page.value("document.activeElement.type") == "checkbox", "Tab goes on as ever"
+
+    asyncio.run(asyncio.wait_for(body(), 60))
+
+
+def test_the_press_that_wakes_a_gamepad_does_nothing(book):
+    async def body():
+        async with opened(book) as (_, page):
+            await page.value(GAMEPAD)
+            for _ in range(2):  # when it comes first, and when it comes back
+                await page.value("window.pad.connected = false")
+                await page.until(f"!({CONNECTED})")
+                await page.value("window.pad.buttons[1].pressed = window.pad.connected = true")
+                await page.until(CONNECTED)
+                await page.value("window.pad.buttons[1].pressed = false")
+                await asyncio.sleep(0.2)
+                assert await presses(page) == []
+                await page.value("window.pad.buttons[1].pressed = true")
+                await page.until("window.sent.some(({type}) => type === 'press')")
+                await page.value("window.pad.buttons[1].pressed = false")
+                await asyncio.sleep(0.2)
+                assert await presses(page) == ["discard"]
 
     asyncio.run(asyncio.wait_for(body(), 60))
 
