@@ -50,6 +50,9 @@ JOIN_S = 5.0
 HEARTBEAT_S = 5.0
 """Seconds between pings; a browser that does not answer in half of it is gone."""
 
+OPENED_AGAIN = 4001
+"""Code with which a page's websocket is closed where the same client joins again: that page stays away."""
+
 SPARE_SOCKETS = 4
 """Websockets beside those of the operators: pages that are about to join, or are loaded again."""
 
@@ -239,7 +242,7 @@ class TeleoperationServer:
             await _close(socket, WSCloseCode.TRY_AGAIN_LATER, "All environments are taken.")
             return None
         if seat.socket is not None:
-            await _close(seat.socket, WSCloseCode.GOING_AWAY, "The page was opened again.")
+            await _close(seat.socket, OPENED_AGAIN, "The page was opened again.")
         seat.client, seat.socket, seat.seen, seat.sent = join.client, socket, 0, 0
         seat.session.operator = join.operator
         return seat

@@ -5,6 +5,7 @@ import { Inputs } from "./inputs.js";
 const SEND_MS = 33;
 const HEARTBEAT_MS = 250;
 const RETRY_MS = [500, 1000, 2000, 4000];
+const OPENED_AGAIN = 4001; // the server's code for a page that another one with the same client displaces
 
 const at = (id) => document.getElementById(id);
 const client = sessionStorage.client ??= [...crypto.getRandomValues(new Uint8Array(12))]
@@ -44,12 +45,15 @@ function connect() {
   socket = new WebSocket(address);
   socket.binaryType = "arraybuffer";
   socket.onopen = () => {
-    retries = 0;
     seenFrame = 0;
     send({ type: "join", client, operator: at("operator").value.trim() });
   };
   socket.onmessage = ({ data }) => typeof data === "string" ? received(JSON.parse(data)) : shown(data);
   socket.onclose = ({ code, reason }) => {
+    if (code === OPENED_AGAIN) { // a copy of this tab: connecting again would displace that one, which would come back
+      show("connecting", "This page was opened again elsewhere.");
+      return;
+    }
     const over = status.phase === "over" && code === 1001;
     show("connecting", over ? "Finished. The dataset is being rendered; this page can be closed." : `Not connected${reason ? `: ${reason}` : ""}`);
     if (!over) setTimeout(connect, RETRY_MS[Math.min(retries++, RETRY_MS.length - 1)]);
@@ -58,6 +62,7 @@ function connect() {
 
 function received(message) {
   if (message.type === "hello") {
+    retries = 0;
     facts = message;
     at("task").textContent = message.task;
     document.title = `${message.task} · teleoperation`;

@@ -66,7 +66,7 @@ class Client:
     """One websocket, with what it was sent."""
 
     def __init__(self, socket: aiohttp.ClientWebSocketResponse) -> None:
-        self._socket = socket
+        self.socket = socket
         self.hello: dict[str, Any] = {}
         self.status: dict[str, Any] = {}
         self.rows: list[dict[str, Any]] = []
@@ -77,7 +77,7 @@ class Client:
         self._seq = 0
 
     async def say(self, **message: Any) -> None:
-        await self._socket.send_str(json.dumps(message))
+        await self.socket.send_str(json.dumps(message))
 
     async def join(self, client: str = "client", operator: str = "") -> None:
         await self.say(type="join", client=client, operator=operator)
@@ -90,7 +90,7 @@ class Client:
 
     async def read(self, seconds: float = 20.0) -> str:
         """Reads one message; returns its type."""
-        message = await self._socket.receive(seconds)
+        message = await self.socket.receive(seconds)
         if message.type is aiohttp.WSMsgType.BINARY:
             (size,) = struct.unpack_from("<I", message.data)
             header = json.loads(message.data[4 : 4 + size])

@@ -5,6 +5,7 @@ import contextlib
 import math
 import threading
 
+import aiohttp
 import numpy as np
 import pytest
 
@@ -16,7 +17,7 @@ from roboverse_learn.teleoperation.server import TeleoperationServer
 from roboverse_learn.teleoperation.session import Phase, Session
 from roboverse_learn.teleoperation.station import Station
 from tests.roboverse_learn.teleoperation import chromium
-from tests.roboverse_learn.teleoperation.scripted_client import Follower
+from tests.roboverse_learn.teleoperation.scripted_client import Client, Follower
 
 pytestmark = [
     pytest.mark.slow,
@@ -282,6 +283,50 @@ def test_the_press_that_wakes_a_gamepad_does_nothing(book):
                 await page.value("window.pad.buttons[1].pressed = false")
                 await asyncio.sleep(0.2)
                 assert await presses(page) == ["discard"]
+
+    asyncio.run(asyncio.wait_for(body(), 60))
+
+
+@pytest.mark.parametrize("phase", [Phase.READY, Phase.OVER])
+def test_a_page_that_is_displaced_by_its_copy_says_so_and_stays_away(book, phase):
+    async def body():
+        async with (
+            served(book) as (session, url),
+            chromium.browser() as page,
+            aiohttp.ClientSession() as http,
+        ):
+            await page.open(url)
+            await page.until("document.body.dataset.phase === 'ready'")
+            session.phase, session.version = phase, session.version + 1
+            await page.until(f"document.body.dataset.phase === '{phase}'")
+            async with http.ws_connect(f"{url}ws") as copy:
+                client = Client(copy)
+                await client.join(await page.value("sessionStorage.client"))
+                await page.until("document.body.dataset.phase === 'connecting'")
+                note = await page.value("document.getElementById('note').textContent")
+                assert note == "This page was opened again elsewhere."
+                with pytest.raises(TimeoutError):
+                    async with asyncio.timeout(2.0):
+                        async for _ in copy:
+                            pass
+
+    asyncio.run(asyncio.wait_for(body(), 60))
+
+
+def test_a_page_that_finds_no_place_asks_ever_more_seldom(book):
+    async def body():
+        async with (
+            served(book) as (_, url),
+            aiohttp.ClientSession() as http,
+            http.ws_connect(f"{url}ws") as other,
+            chromium.browser() as page,
+        ):
+            await Client(other).join("other")
+            await page.open(url)
+            await page.value(SENT)
+            await asyncio.sleep(4.0)
+            asked = await page.value("window.sent.filter(({type}) => type === 'join').length")
+            assert 1 <= asked <= 3, "after 0.5 s, 1 s and 2 s"
 
     asyncio.run(asyncio.wait_for(body(), 60))
 

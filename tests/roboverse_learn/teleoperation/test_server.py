@@ -16,7 +16,7 @@ from envs.core.errors import ConfigError
 from envs.spec import EnvSpec
 from roboverse_learn.teleoperation.conductor import Conductor
 from roboverse_learn.teleoperation.recording import Mark
-from roboverse_learn.teleoperation.server import FRAMES_ON_THE_WAY, TeleoperationServer
+from roboverse_learn.teleoperation.server import FRAMES_ON_THE_WAY, OPENED_AGAIN, TeleoperationServer
 from roboverse_learn.teleoperation.session import Phase
 from tests.roboverse_learn.teleoperation.scripted_client import Client, Follower, play
 
@@ -133,6 +133,7 @@ def test_each_operator_has_an_environment_and_one_too_many_is_reported(make_sess
             async with site.client("a") as again:
                 await again.until("hello")
                 assert again.hello["operator"] == one.hello["operator"]
+                assert await closed_by_server(one.socket) == OPENED_AGAIN == 4001
 
     run(body)
 
