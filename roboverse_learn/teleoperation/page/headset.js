@@ -49,9 +49,9 @@ export class Headset {
       this.space.addEventListener("reset", () => this.clutch.drop());
       this.wall = new Wall(gl, mode === "immersive-ar");
       this.then = performance.now();
+      session.requestAnimationFrame(this.frame);
       this.session = session;
       this.describe("Headset steers while the grip button is held", true);
-      session.requestAnimationFrame(this.frame);
     } catch (error) {
       await session?.end().catch(() => {});
       this.describe(`Headset: ${error.message}`, false);
@@ -59,7 +59,8 @@ export class Headset {
   }
 
   left() {
-    if (this.session) this.rest();
+    if (!this.session) return; // it never began: enter() says why
+    this.rest();
     this.session = null;
     this.held.clear();
     this.offer();

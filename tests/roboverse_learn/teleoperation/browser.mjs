@@ -103,7 +103,7 @@ const outside = {
   sessionStorage: {}, localStorage: {},
   navigator: { xr: Object.assign(new Target(), {
     isSessionSupported: async (mode) => xr.modes.includes(mode),
-    requestSession: async () => xr.session = new Session(),
+    requestSession: async () => xr.session = Object.assign(new Session(), xr.broken),
   }) },
   window: {}, isSecureContext: address.startsWith("https:"),
   matchMedia: () => ({ matches: false }),

@@ -261,3 +261,33 @@ def test_a_headset_taken_off_pauses_and_a_refused_session_is_reported(book, tmp_
             assert await page.value("at('device-headset').textContent") == "Headset: not now"
 
     asyncio.run(asyncio.wait_for(body(), 60))
+
+
+SLOW = (  # a browser asks the system which sessions there are
+    "navigator.xr.isSessionSupported = (mode) => "
+    "new Promise((done) => setTimeout(done, 10, mode === 'immersive-vr')), null"
+)
+
+BROKEN = {
+    "Headset: no WebGL here": "Object.defineProperty(globalThis, 'XRWebGLLayer', {value: class { constructor() "
+    "{ throw new Error('no WebGL here'); } }}), null",
+    "Headset: no floor here": "Object.assign(xr, {broken: {requestReferenceSpace: async () => "
+    "{ throw new Error('no floor here'); }}}), null",
+    "Headset: it has ended": "Object.assign(xr, {broken: {requestAnimationFrame() "
+    "{ throw new Error('it has ended'); }}}), null",
+}
+
+
+@pytest.mark.parametrize("reason", BROKEN)
+def test_a_session_that_cannot_begin_leaves_its_reason_and_may_be_tried_again(book, tmp_path, reason):
+    async def body():
+        async with served(book, tmp_path) as (_, url, file), node.opened(url, tmp_path, file) as page:
+            await page.until("!at('enter-vr').hidden")
+            await page.value(SLOW)
+            await page.value(BROKEN[reason])
+            for _ in range(2):
+                await page.value("at('device-headset').textContent = '', at('enter-vr').fire('click')")
+                await asyncio.sleep(0.1)
+                assert await page.value("at('device-headset').textContent") == reason
+
+    asyncio.run(asyncio.wait_for(body(), 60))
