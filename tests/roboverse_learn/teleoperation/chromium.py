@@ -30,13 +30,13 @@ FLAGS = (
 )
 
 NATIVE = {
-    "Tab": ("Tab", 9),
+    "Tab": ("Tab", 9, ""),
     "Enter": ("Enter", 13, "\r"),
     "Space": (" ", 32, " "),
-    "ArrowLeft": ("ArrowLeft", 37),
-    "ArrowUp": ("ArrowUp", 38),
-    "ArrowRight": ("ArrowRight", 39),
-    "ArrowDown": ("ArrowDown", 40),
+    "ArrowLeft": ("ArrowLeft", 37, ""),
+    "ArrowUp": ("ArrowUp", 38, ""),
+    "ArrowRight": ("ArrowRight", 39, ""),
+    "ArrowDown": ("ArrowDown", 40, ""),
 }
 """Name, number and text of the keys with which a browser operates its controls."""
 
@@ -95,12 +95,17 @@ class Page:
                 await asyncio.sleep(0.05)
 
     async def key(self, code: str, *, down: bool, modifiers: int = 0) -> None:
-        """Presses or releases a key, with the bits of ``modifiers`` held: 1 Alt, 2 Control, 4 Meta, 8 Shift."""
-        more = dict(zip(("key", "windowsVirtualKeyCode", "text"), NATIVE.get(code, (code,)), strict=False))
-        if not down:
-            more.pop("text", None)
-        kind = "keyDown" if down else "keyUp"
-        await self.call("Input.dispatchKeyEvent", type=kind, code=code, modifiers=modifiers, **more)
+        """Presses or releases a key, while ``modifiers`` are held: the sum of 1 Alt, 2 Control, 4 Meta."""
+        key, number, text = NATIVE.get(code, (code, 0, ""))
+        await self.call(
+            "Input.dispatchKeyEvent",
+            type="keyDown" if down else "keyUp",
+            code=code,
+            key=key,
+            windowsVirtualKeyCode=number,
+            text=text if down else "",
+            modifiers=modifiers,
+        )
 
     async def mouse(self, kind: str, x: float, y: float, *, buttons: int = 0, wheel: float = 0.0) -> None:
         """Moves the mouse, or presses or releases what ``buttons`` says: 1 left, 2 right; turns its wheel."""

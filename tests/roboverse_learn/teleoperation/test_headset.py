@@ -268,13 +268,14 @@ SLOW = (  # a browser asks the system which sessions there are
     "new Promise((done) => setTimeout(done, 10, mode === 'immersive-vr')), null"
 )
 
+THROWS = "{ throw new Error('%s'); }"
+GRAPHICS = "Object.defineProperty(globalThis, 'XRWebGLLayer', {value: class { constructor() %s }}), null"
+SESSION = "(xr.broken = {%s() %s}), null"
+
 BROKEN = {
-    "Headset: no WebGL here": "Object.defineProperty(globalThis, 'XRWebGLLayer', {value: class { constructor() "
-    "{ throw new Error('no WebGL here'); } }}), null",
-    "Headset: no floor here": "Object.assign(xr, {broken: {requestReferenceSpace: async () => "
-    "{ throw new Error('no floor here'); }}}), null",
-    "Headset: it has ended": "Object.assign(xr, {broken: {requestAnimationFrame() "
-    "{ throw new Error('it has ended'); }}}), null",
+    "Headset: no WebGL here": GRAPHICS % THROWS % "no WebGL here",
+    "Headset: no floor here": SESSION % ("async requestReferenceSpace", THROWS % "no floor here"),
+    "Headset: it has ended": SESSION % ("requestAnimationFrame", THROWS % "it has ended"),
 }
 
 
