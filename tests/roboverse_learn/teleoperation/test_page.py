@@ -133,7 +133,8 @@ def test_keys_steer_and_a_gamepad_plays_a_whole_pick_cube(folder, book, pick_cub
 SENT = """
 window.sent = [];
 const send = WebSocket.prototype.send;
-WebSocket.prototype.send = function (text) { window.sent.push(JSON.parse(text)); send.call(this, text); };
+WebSocket.prototype.send = function (text) {
+  window.sent.push({ms: performance.now(), ...JSON.parse(text)}); send.call(this, text); };
 """
 
 
@@ -324,9 +325,10 @@ def test_a_page_that_finds_no_place_asks_ever_more_seldom(book):
             await Client(other).join("other")
             await page.open(url)
             await page.value(SENT)
-            await asyncio.sleep(4.0)
-            asked = await page.value("window.sent.filter(({type}) => type === 'join').length")
-            assert 1 <= asked <= 3, "after 0.5 s, 1 s and 2 s"
+            joins = "window.sent.filter(({type}) => type === 'join')"
+            await page.until(f"{joins}.length === 3")
+            _, second, third = await page.value(f"{joins}.map(({{ms}}) => ms)")
+            assert third - second > 950.0, "the waits are 500, 1,000 and 2,000 ms"
 
     asyncio.run(asyncio.wait_for(body(), 60))
 
