@@ -301,8 +301,9 @@ def _evaluation_in_name(config: EvaluateConfig, env: EnvSpec, seen: EnvSpec | No
     named = ("task_kwargs", "robot", "simulator", "simulator_settings", "renderer")
     parts = [protocol_of(config.evaluate).hash[:6]]
     parts += [_in_name(key, config.env[key]) for key in named if key in config.env]
-    for key in ("cameras", "image_size") if seen is not None else ():
-        parts += [_in_name(key, getattr(env, key))] if getattr(env, key) != getattr(seen, key) else []
+    if seen is not None:
+        images = {key: getattr(env, key) for key in ("cameras", "image_size")}
+        parts += [_in_name(key, value) for key, value in images.items() if value != getattr(seen, key)]
     if env.scenario:
         parts.append(_in_name("scenario", env.scenario))
     if config.evaluate.materials:

@@ -197,7 +197,7 @@ async def tab_to(page, name):
         await tap(page, "Tab")
         if await page.value("document.activeElement.id") == name:
             return
-    raise AssertionError(f"Tab never comes to {name}")
+    raise AssertionError(f"Tab never reaches {name}")
 
 
 def test_a_control_reached_by_tab_has_enter_space_and_the_arrows(book):

@@ -36,7 +36,8 @@ def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("teleoperation")
     words = [*SMALL, "actor=expert", "num_demos=2", f"datasets_dir={folder}", f"dataset={folder / 'level0'}"]
     report = teleoperate(compose("teleoperate", words))
-    assert "with other looks: roboverse collect " in str(report.renderables[-1])
+    again = str(report.renderables[-1])
+    assert "with other looks: roboverse collect " in again and " source=teleop path=" in again
     return folder
 
 

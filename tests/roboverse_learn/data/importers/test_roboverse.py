@@ -113,15 +113,15 @@ def test_a_sawyer_is_followed_by_its_tool(tmp_path, content):
 @pytest.mark.parametrize(
     ("damage", "says"),
     [
-        (lambda e: e.pop("init_state"), "is incomplete or damaged"),
-        (lambda e: e.update(init_state=None), "is incomplete or damaged"),
-        (lambda e: e["actions"][3].pop("dof_pos_target"), "is incomplete or damaged"),
+        (lambda e: e.pop("init_state"), r"'franka_0' of '.*' is incomplete or damaged \("),
+        (lambda e: e.update(init_state=None), r"'franka_0' of '.*' is incomplete or damaged \("),
+        (lambda e: e["actions"][3].pop("dof_pos_target"), r"'franka_0' of '.*' is incomplete or damaged \("),
         (lambda e: e["actions"].clear(), "The robot's joints has the shape"),
         (lambda e: e["states"][3]["cube"].update(pos=[0.0, 1.0]), "Positions of 'cube' is not an array"),
         (lambda e: e["states"][3]["cube"].update(pos=["x", 0, 0]), "Positions of 'cube' is not an array"),
         (lambda e: e["states"][3]["cube"].update(pos=[float("nan"), 0, 0]), "'cube' is not finite at 4"),
         (lambda e: e["states"][3]["franka"]["dof_pos"].pop("panda_joint3"), "incomplete.*panda_joint3"),
-        (lambda e: e.update(states=7), "is incomplete or damaged"),
+        (lambda e: e.update(states=7), r"'franka_0' of '.*' is incomplete or damaged \("),
         (lambda e: e["init_state"]["cube"].update(rot=[0, 0, 0, 0]), "not a unit quaternion"),
     ],
 )
