@@ -15,6 +15,7 @@ import numpy as np
 
 from envs.core.errors import DatasetError
 from policies.learned_tasks import TASK_INDEX, Instructions, LearnedTask
+from roboverse_learn.data.dataset.frame_table import FrameTable
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.reader import ResidentDataset
 from roboverse_learn.data.dataset.schema import ACTION_KEY, STATE_KEY, Feature
@@ -60,11 +61,9 @@ class Mixture:
     """
 
     def __init__(self, parts: Sequence[ResidentDataset], names: Sequence[str]) -> None:
-        self._parts = list(parts)
         infos = [part.info for part in parts]
         _check_cameras(infos)
-        self._starts = np.cumsum([0, *(info.num_frames for info in infos)])
-        self._first_text = np.cumsum([0, *(len(info.tasks) for info in infos)])
+        starts = np.cumsum([0, *(info.num_frames for info in infos)])
         first_episode = np.cumsum([0, *(info.num_episodes for info in infos)])
         groups = [group for k, info in enumerate(infos) for group in _groups(info, k, names[k])]
         tasks = sorted({group.name for group in groups}, key=[group.name for group in groups].index)
@@ -72,9 +71,17 @@ class Mixture:
             np.concatenate([g.episodes + first_episode[g.part] for g in groups if g.name == name])
             for name in tasks
         ]
-        self._sizes = {key: max(info.shapes[key][0] for info in infos) for key in _PADDED}
-        self.info = _joined_info(infos, self._starts, groups, self._sizes)
+        sizes = {key: max(info.shapes[key][0] for info in infos) for key in _PADDED}
+        self.info = _joined_info(infos, starts, groups, sizes)
         self.instructions = _instructions(infos, groups, tasks)
+        self._table = FrameTable(
+            _joined_columns(parts, sizes),
+            {key: [part.frames[key] for part in parts] for key in infos[0].camera_keys},
+            starts=np.repeat(self.info.episode_starts, self.info.episode_lengths),
+            ends=np.repeat(self.info.episode_ends, self.info.episode_lengths),
+            firsts=starts,
+            device=parts[0].device,
+        )
 
     @classmethod
     def open(cls, folders: Mapping[str, str | Path], device: "str | torch.device") -> "Mixture":
@@ -88,7 +95,7 @@ class Mixture:
 
     def __len__(self) -> int:
         """Number of frames."""
-        return int(self._starts[-1])
+        return self.info.num_frames
 
     def sample(
         self,
@@ -98,27 +105,7 @@ class Mixture:
         keys: Sequence[str],
     ) -> "dict[str, torch.Tensor]":
         """Gathers a batch; see :meth:`ResidentDataset.sample`."""
-        import torch
-
-        index = np.asarray(indices)
-        part_of = np.searchsorted(self._starts, index, side="right") - 1
-        order = np.argsort(part_of, kind="stable")
-        pieces: list[dict[str, torch.Tensor]] = []
-        for k in np.unique(part_of).tolist():
-            own = index[part_of == k] - self._starts[k]
-            piece = self._parts[k].sample(own, delta_indices, keys=keys)
-            for key in _PADDED:
-                if key in piece:
-                    missing = self._sizes[key] - piece[key].shape[-1]
-                    piece[key] = torch.nn.functional.pad(piece[key], (0, missing))
-            if TASK_INDEX in piece:
-                piece[TASK_INDEX] = piece[TASK_INDEX] + int(self._first_text[k])
-            pieces.append(piece)
-        batch = {key: torch.cat([piece[key] for piece in pieces]) for key in pieces[0]}
-        if np.array_equal(order, np.arange(len(order))):  # as a balanced sampler gives them
-            return batch
-        back = torch.from_numpy(np.argsort(order, kind="stable"))
-        return {key: values[back.to(values.device)] for key, values in batch.items()}
+        return self._table.sample(indices, delta_indices, keys=keys)
 
 
 def mixed_features(all_features: Sequence[Mapping[str, Feature]]) -> dict[str, Feature]:
@@ -129,6 +116,28 @@ def mixed_features(all_features: Sequence[Mapping[str, Feature]]) -> dict[str, F
         if each:
             features[key] = max(each, key=lambda feature: feature["shape"][0])
     return features
+
+
+def _joined_columns(parts: Sequence[ResidentDataset], sizes: Mapping[str, int]) -> "dict[str, torch.Tensor]":
+    """Returns the numbers that all frames have, padded to one size.
+
+    Instructions are counted over all datasets.
+    """
+    import torch
+
+    first_text = np.cumsum([0, *(len(part.info.tasks) for part in parts)]).tolist()
+    columns: dict[str, torch.Tensor] = {}
+    for key in parts[0].frames:
+        if key in parts[0].info.camera_keys or any(key not in part.frames for part in parts):
+            continue
+        each = [part.frames[key] for part in parts]
+        if key in sizes:
+            each = [torch.nn.functional.pad(x, (0, sizes[key] - x.shape[-1])) for x in each]
+        elif key == TASK_INDEX:
+            each = [x + first for x, first in zip(each, first_text, strict=False)]
+        if len({x.shape[1:] for x in each}) == 1:
+            columns[key] = torch.cat(each)
+    return columns
 
 
 def _groups(info: DatasetInfo, part: int, name: str) -> Iterator[_Group]:

@@ -15,14 +15,20 @@ import numpy as np
 
 from envs.core.errors import DatasetError
 from envs.core.machine import num_cores
+from roboverse_learn.data.dataset.frame_table import FrameTable
 from roboverse_learn.data.dataset.images import load_images
 from roboverse_learn.data.dataset.info import DatasetInfo
-from roboverse_learn.data.dataset.on_device import constant, sent
 
 if TYPE_CHECKING:
     import torch
 
 _LOG = logging.getLogger(__name__)
+
+TRAINING_BYTES = 20_000_000_000
+"""Of a GPU, what images leave to training at least if they take more than their share of it.
+
+Policies of the recipes take 3 to 10 GB.
+"""
 
 
 class ResidentDataset:
@@ -34,8 +40,8 @@ class ResidentDataset:
     Args:
         root: The dataset's folder.
         keys: Features to hold; all by default.
-        device: Where batches are wanted. Frames are moved there for good if they fit into
-            ``memory_fraction`` of its free memory; else each batch is.
+        device: Where batches are wanted. Images are moved there for good if they fit into
+            ``memory_fraction`` of its free memory or leave :data:`TRAINING_BYTES` of it; else each batch is.
         memory_fraction: Share of free memory that images may take, in (0, 1].
         num_threads: Decoding threads; one per core by default.
 
@@ -64,23 +70,24 @@ class ResidentDataset:
         cameras = [key for key in chosen if key in self.info.camera_keys]
         columns = self.info.read_columns([key for key in chosen if key not in cameras])
         images = load_images(self.info, cameras, memory_fraction, num_threads or num_cores())
-        self.frames: dict[str, torch.Tensor] = {
-            key: torch.from_numpy(array) for key, array in {**columns, **images}.items()
-        }
+        held = {key: torch.from_numpy(array) for key, array in images.items()}
+        if self.device.type == "cpu" or self._fit_on_device(held, memory_fraction):
+            held = {key: frames.to(self.device) for key, frames in held.items()}
+        numbers = {key: torch.from_numpy(array).to(self.device) for key, array in columns.items()}
+        self.frames: dict[str, torch.Tensor] = {**numbers, **held}
         lengths = self.info.episode_lengths
-        self._starts = torch.from_numpy(np.repeat(self.info.episode_starts, lengths))
-        self._ends = torch.from_numpy(np.repeat(self.info.episode_ends, lengths))
-        if self.device.type != "cpu":
-            self._move(memory_fraction)
+        self._table = FrameTable(
+            numbers,
+            {key: [frames] for key, frames in held.items()},
+            starts=np.repeat(self.info.episode_starts, lengths),
+            ends=np.repeat(self.info.episode_ends, lengths),
+            firsts=np.array([0, self.info.num_frames]),
+            device=self.device,
+        )
 
     def __len__(self) -> int:
         """Number of frames."""
         return self.info.num_frames
-
-    @property
-    def num_bytes(self) -> int:
-        """Memory that the frames take."""
-        return sum(frames.nbytes for frames in self.frames.values())
 
     def sample(
         self,
@@ -107,82 +114,25 @@ class ResidentDataset:
         Raises:
             DatasetError: A key is unknown or an index is outside the dataset.
         """
+        return self._table.sample(indices, delta_indices, keys=keys, channels_last=channels_last)
+
+    def _fit_on_device(self, images: "Mapping[str, torch.Tensor]", memory_fraction: float) -> bool:
+        """Whether the device has room for images, for good."""
         import torch
 
-        deltas = {key: list(window) for key, window in (delta_indices or {}).items()}
-        wanted = list(self.frames) if keys is None else list(keys)
-        unknown = sorted({*wanted, *deltas} - set(self.frames))
-        if unknown:
-            raise DatasetError(f"Unknown features {unknown}. Held are {sorted(self.frames)}.")
-        index = torch.as_tensor(indices, dtype=torch.int64).reshape(-1)
-        if len(index) and (int(index.min()) < 0 or int(index.max()) >= len(self)):
-            raise DatasetError(f"Frame indices go from 0 to {len(self) - 1}; given {indices}.")
-        index = sent(index, self._starts.device)
-        batch: dict[str, torch.Tensor] = {}
-        windows: dict[tuple[int, ...], tuple[torch.Tensor, torch.Tensor]] = {}
-        for key in wanted:
-            if key not in deltas:
-                batch[key] = self._gather(key, index, channels_last)
-                continue
-            window = tuple(deltas[key])
-            if window not in windows:
-                windows[window] = clamp_window(index, window, self._starts[index], self._ends[index])
-            rows, is_pad = windows[window]
-            batch[key] = self._gather(key, rows, channels_last)
-            batch[f"{key}_is_pad"] = is_pad.to(self.device, non_blocking=True)
-        return batch
-
-    def _gather(self, key: str, rows: "torch.Tensor", channels_last: bool) -> "torch.Tensor":
-        """Gathers rows (B,) or (B, T) of one feature."""
-        import torch
-
-        frames = self.frames[key]
-        if frames.device.type == "cpu":
-            # By one thread, as fast as torch's by two: those wait for each other where cores are busy.
-            flat = torch.from_numpy(frames.numpy().take(rows.reshape(-1).cpu().numpy(), axis=0))
-        else:
-            flat = frames.index_select(0, rows.reshape(-1).to(frames.device))
-        values = flat.reshape(*rows.shape, *frames.shape[1:])
-        if channels_last and key in self.info.camera_keys:
-            values = values.movedim(-3, -1)
-        return values.to(self.device, non_blocking=True)
-
-    def _move(self, memory_fraction: float) -> None:
-        """Moves the frames to the device for good, if they fit."""
-        import torch
-
-        free = torch.cuda.mem_get_info(self.device)[0] if self.device.type == "cuda" else None
-        if free is not None and self.num_bytes > memory_fraction * free:
+        if self.device.type != "cuda":
+            return True
+        num_bytes = sum(frames.nbytes for frames in images.values())
+        free = torch.cuda.mem_get_info(self.device)[0]
+        fit = num_bytes <= max(memory_fraction * free, free - TRAINING_BYTES)
+        if not fit:
             _LOG.warning(
-                "The frames (%.1f GB) stay in main memory: %s has %.1f GB free.",
-                self.num_bytes / 1e9,
+                "The images (%.1f GB) stay in main memory: %s has %.1f GB free.",
+                num_bytes / 1e9,
                 self.device,
                 free / 1e9,
             )
-            return
-        self.frames = {key: frames.to(self.device) for key, frames in self.frames.items()}
-        self._starts, self._ends = self._starts.to(self.device), self._ends.to(self.device)
-
-
-def clamp_window(
-    index: "torch.Tensor", window: Sequence[int], starts: "torch.Tensor", ends: "torch.Tensor"
-) -> "tuple[torch.Tensor, torch.Tensor]":
-    """Returns the frames of a window around each index, kept inside the index's episode.
-
-    Args:
-        index: (B,) frames.
-        window: T offsets.
-        starts: (B,) first frame of each index's episode.
-        ends: (B,) one past its last frame.
-
-    Returns:
-        Frames (B, T) and whether each is outside the episode (B, T).
-    """
-    import torch
-
-    rows = index[:, None] + constant(tuple(window), torch.int64, index.device)[None, :]
-    is_pad = (rows < starts[:, None]) | (rows >= ends[:, None])
-    return torch.minimum(torch.maximum(rows, starts[:, None]), ends[:, None] - 1), is_pad
+        return fit
 
 
 def _chosen_features(info: DatasetInfo, keys: Sequence[str] | None) -> list[str]:

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import torch
 
-from roboverse_learn.data.dataset.reader import clamp_window
+from roboverse_learn.data.dataset.frame_table import clamp_window
 from tests.policies.examples import FEATURES, IMAGE, SIZE
 
 EPISODE_LENGTH = 10
@@ -33,7 +33,7 @@ class SquareFrames:
         self.info = SimpleNamespace(
             num_episodes=num_episodes, episode_starts=starts, episode_ends=starts + EPISODE_LENGTH
         )
-        self._starts = torch.from_numpy(np.repeat(starts, EPISODE_LENGTH))
+        self._starts = np.repeat(starts, EPISODE_LENGTH)
 
     @property
     def stats(self) -> dict:
@@ -46,13 +46,13 @@ class SquareFrames:
         return vectors | {IMAGE: image}
 
     def sample(self, indices, delta_indices, *, keys) -> dict[str, torch.Tensor]:
-        index = torch.as_tensor(indices)
+        index = np.asarray(indices)
         starts = self._starts[index]
         batch = {}
         for key in keys:
             if key in delta_indices:
                 rows, is_pad = clamp_window(index, delta_indices[key], starts, starts + EPISODE_LENGTH)
-                batch |= {key: self.frames[key][rows], f"{key}_is_pad": is_pad}
+                batch |= {key: self.frames[key][rows], f"{key}_is_pad": torch.from_numpy(is_pad)}
             else:
                 batch[key] = self.frames[key][index]
         return batch

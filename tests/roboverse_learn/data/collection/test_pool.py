@@ -87,4 +87,5 @@ def test_a_script_that_registers_and_has_no_guard_ends_with_what_to_do(tmp_path)
 def test_workers_have_what_a_script_with_a_guard_registers(tmp_path):
     done = run_script(tmp_path, REGISTERS, "__name__ == '__main__'")
     assert done.returncode == 0, done.stderr
-    assert sorted(done.stdout.split()) == sorted(["4", "episodes", "runs", "runs", "runs"])
+    # Two processes may write within each other's line.
+    assert done.stdout.count("runs") == 3 and "4 episodes" in done.stdout

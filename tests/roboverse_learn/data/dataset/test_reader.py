@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from envs.core.errors import DatasetError
 from roboverse_learn.data import DatasetInfo, EpisodeAwareSampler, ResidentDataset, consolidate
-from roboverse_learn.data.dataset.reader import clamp_window
+from roboverse_learn.data.dataset.frame_table import clamp_window
 from tests.roboverse_learn.data.synthetic_episodes import FPS, SIZE
 
 DELTAS = {"action": [0, 1, 2, 3, 4, 5], "observation.state": [-1, 0], "observation.images.front": [-2, 0]}
@@ -163,7 +163,7 @@ def test_windows_stay_inside_the_episode(lengths, window, data):
     episode = data.draw(st.integers(0, len(lengths) - 1))
     start, end = int(ends[episode] - lengths[episode]), int(ends[episode])
     frame = data.draw(st.integers(start, end - 1))
-    rows, is_pad = clamp_window(torch.tensor([frame]), window, torch.tensor([start]), torch.tensor([end]))
+    rows, is_pad = clamp_window(np.array([frame]), window, np.array([start]), np.array([end]))
     # LeRobot's DatasetReader._get_query_indices, in its own words.
     assert rows[0].tolist() == [max(start, min(end - 1, frame + delta)) for delta in window]
     assert is_pad[0].tolist() == [(frame + delta < start) | (frame + delta >= end) for delta in window]
