@@ -7,6 +7,7 @@ from sapien import Pose, physx
 from envs.mjcf.link_tree import JointSpec, LinkSpec, TreeSpec
 from envs.simulators.sapien.articulation import Articulation
 from envs.simulators.sapien.bodies import FreeBody, KinematicBody, Part
+from envs.simulators.sapien.collision_groups import root_is_apart
 from envs.simulators.sapien.settings import SapienSettings
 from envs.simulators.sapien.shapes import ShapeFactory, pose_of
 
@@ -25,20 +26,20 @@ class TreeBuilder:
         self._scene, self._shapes = scene, shapes
         self._iterations = settings.position_iterations, settings.velocity_iterations
 
-    def parts(self, tree: TreeSpec, number: int) -> list[Part]:
+    def parts(self, tree: TreeSpec) -> list[Part]:
         """Makes what a tree consists of."""
         root = tree.links[0]
         if len(tree.links) == 1:
-            return [self._body(tree, root, number)]
+            return [self._body(tree, root)]
         parts: list[Part] = []
-        apart = tree.touches_own_root and tree.root == "mocap"
+        apart = root_is_apart(tree)
         if apart:  # PhysX keeps a link from touching its parent, so the root's shapes are a body of its own
-            parts.append(self._body(tree, root, number))
-        return [*parts, self._articulation(tree, number, bare_root=apart)]
+            parts.append(self._body(tree, root))
+        return [*parts, self._articulation(tree, bare_root=apart)]
 
-    def _body(self, tree: TreeSpec, link: LinkSpec, number: int) -> Part:
+    def _body(self, tree: TreeSpec, link: LinkSpec) -> Part:
         component = physx.PhysxRigidDynamicComponent()
-        self._furnish(component, link, number)
+        self._furnish(component, link)
         component.kinematic = tree.root != "free"
         entity = add_entity(self._scene, component, link.name, pose_of(tree.pose))
         if tree.root != "free":
@@ -47,13 +48,13 @@ class TreeBuilder:
         component.sleep_threshold = 0.0
         return FreeBody(component, tree)
 
-    def _articulation(self, tree: TreeSpec, number: int, *, bare_root: bool) -> Part:
+    def _articulation(self, tree: TreeSpec, *, bare_root: bool) -> Part:
         components: list[physx.PhysxArticulationLinkComponent] = []
         entities: list[sapien.Entity] = []  # a component does not keep its entity alive
         for link in tree.links:
             parent = components[link.parent] if link.parent >= 0 else None
             component = physx.PhysxArticulationLinkComponent(parent)
-            self._furnish(component, link, number, bare=bare_root and parent is None)
+            self._furnish(component, link, bare=bare_root and parent is None)
             entity = sapien.Entity()
             entity.add_component(component)
             entity.name = component.name = link.name
@@ -70,9 +71,9 @@ class TreeBuilder:
         articulation.sleep_threshold = 0.0
         return Articulation(articulation, tree)
 
-    def _furnish(self, component, link: LinkSpec, number: int, *, bare: bool = False) -> None:
+    def _furnish(self, component, link: LinkSpec, *, bare: bool = False) -> None:
         for geom, frame in () if bare else link.geoms:
-            component.attach(self._shapes.make(geom, frame, number))
+            component.attach(self._shapes.make(geom, frame))
         if link.inertia is None:  # a root that never moves; PhysX needs a number
             component.mass, component.inertia = 1.0, np.ones(3, np.float32)
             component.cmass_local_pose = Pose()

@@ -6,6 +6,7 @@ from typing import override
 import mujoco
 
 from envs.mjcf.link_tree import describe
+from envs.simulators.sapien.collision_groups import collision_groups
 from envs.simulators.sapien.settings import SIMULATOR, SapienSettings
 from envs.simulators.sapien.world import SapienWorld
 from envs.simulators.translated_handler import TranslatedHandler
@@ -27,4 +28,5 @@ class SapienHandler(TranslatedHandler[SapienSettings]):
     @override
     def make_worlds(self, model: mujoco.MjModel) -> Sequence[SapienWorld]:
         spec = describe(model, SIMULATOR)
-        return [SapienWorld(model, spec, self.settings) for _ in range(self.num_envs)]
+        groups = collision_groups(model, spec)
+        return [SapienWorld(model, spec, groups, self.settings) for _ in range(self.num_envs)]

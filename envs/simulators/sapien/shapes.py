@@ -26,20 +26,22 @@ class ShapeFactory:
     """Makes the collision shapes of one model.
 
     Friction of two things that touch is the mean of both (PhysX's rule), where MuJoCo takes the larger.
+
+    Args:
+        model: The compiled model.
+        groups: Words of each geom, (ngeom, 4), which say what touches what.
     """
 
-    def __init__(self, model: mujoco.MjModel) -> None:
-        self._model = model
+    def __init__(self, model: mujoco.MjModel, groups: np.ndarray) -> None:
+        self._model, self._groups = model, groups
         self._materials: dict[float, physx.PhysxMaterial] = {}
-        self._excluded = _excluded(model)
 
-    def make(self, geom: int, frame: Frame, group: int) -> physx.PhysxCollisionShape:
+    def make(self, geom: int, frame: Frame) -> physx.PhysxCollisionShape:
         """Makes a geom's shape.
 
         Args:
             geom: Its id.
             frame: Where it is in its link.
-            group: Number of the tree; it keeps the pairs apart that the model excludes.
 
         Raises:
             SimulatorError: if PhysX has no such shape.
@@ -51,11 +53,7 @@ class ShapeFactory:
             material = self._materials[slide] = physx.PhysxMaterial(slide, slide, 0.0)
         shape, turned = self._shape(geom, material)
         shape.local_pose = pose_of(compose(frame, (np.zeros(3), Z_FROM_X)) if turned else frame)
-        # A geom that touches only as half of a pair has no bits of its own.
-        kind, with_kind = int(model.geom_contype[geom]), int(model.geom_conaffinity[geom])
-        if not kind and not with_kind:
-            kind = with_kind = 1
-        shape.set_collision_groups([kind, with_kind, self._excluded[model.geom_bodyid[geom]], group])
+        shape.set_collision_groups(self._groups[geom].tolist())
         if slide > 0.0:  # torsional friction, as that of a patch of this radius
             shape.min_patch_radius = shape.patch_radius = spin / slide
         return shape
@@ -87,15 +85,6 @@ class ShapeFactory:
             f"SAPIEN has no collision shape for the geom '{name}' ({_SHAPES(kind).name}). "
             "Take simulator=mujoco."
         )
-
-
-def _excluded(model: mujoco.MjModel) -> np.ndarray:
-    """Returns one bit per excluded pair of bodies, set in both, (nbody,)."""
-    bits = np.zeros(model.nbody, np.int64)
-    for index, signature in enumerate(model.exclude_signature[:31]):
-        for body in (int(signature) >> 16, int(signature) & 0xFFFF):
-            bits[body] |= 1 << index
-    return bits
 
 
 def sphere_points(count: int) -> np.ndarray:

@@ -28,11 +28,14 @@ class SapienWorld(World):
     Args:
         model: The compiled model.
         spec: What was read of it.
+        groups: Words of each geom's shape, (ngeom, 4), which say what touches what.
         settings: Options of PhysX.
     """
 
-    def __init__(self, model: mujoco.MjModel, spec: SceneSpec, settings: SapienSettings) -> None:
-        self._model, self._spec, self._settings = model, spec, settings
+    def __init__(
+        self, model: mujoco.MjModel, spec: SceneSpec, groups: np.ndarray, settings: SapienSettings
+    ) -> None:
+        self._model, self._spec, self._groups, self._settings = model, spec, groups, settings
         self._mocap: tuple[np.ndarray, np.ndarray] | None = None
         self._put: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._build()
@@ -52,17 +55,17 @@ class SapienWorld(World):
         self._scene = sapien.Scene([physx.PhysxCpuSystem()])
         self._system = self._scene.physx_system
         self._system.timestep = self._model.opt.timestep
-        shapes = ShapeFactory(self._model)
+        shapes = ShapeFactory(self._model, self._groups)
         if self._spec.still:
             component = physx.PhysxRigidStaticComponent()
             for geom, frame in self._spec.still:
-                component.attach(shapes.make(geom, frame, 0))
+                component.attach(shapes.make(geom, frame))
             add_entity(self._scene, component, "world", Pose())
         build = TreeBuilder(self._scene, shapes, self._settings)
         self._parts: list[Part] = []
-        for number, tree in enumerate(self._spec.trees, start=1):
+        for tree in self._spec.trees:
             if any(link.geoms for link in tree.links) or tree.root != "mocap" or len(tree.links) > 1:
-                self._parts += build.parts(tree, number)
+                self._parts += build.parts(tree)
         self._pushing = [part for part in self._parts if part.has_own_force]
 
     @override

@@ -7,6 +7,7 @@ import pytest
 pytest.importorskip("sapien", reason="SAPIEN is not installed: pip install 'roboverse-learn[sapien]'")
 
 from envs.mjcf.link_tree import describe
+from envs.simulators.sapien.collision_groups import collision_groups
 from envs.simulators.sapien.settings import SapienSettings
 from envs.simulators.sapien.world import SapienWorld
 
@@ -30,7 +31,9 @@ class Bench:
 
     def __init__(self, xml):
         self.model = mujoco.MjModel.from_xml_string(xml)
-        self.world = SapienWorld(self.model, describe(self.model, "sapien"), SapienSettings())
+        spec = describe(self.model, "sapien")
+        groups = collision_groups(self.model, spec)
+        self.world = SapienWorld(self.model, spec, groups, SapienSettings())
         self.qpos, self.qvel = self.model.qpos0.astype(np.float32), np.zeros(self.model.nv, np.float32)
         self.ctrl = np.zeros(self.model.nu, np.float32)
 
