@@ -27,8 +27,8 @@ HANDLERS.add(
     extra="sapien",
     summary="SAPIEN 3: PhysX on CPU, environments stepped by threads; its own Vulkan renderer",
     info={
-        "cannot": "no welds, tendons, coupled or ball joints; friction of two things is the mean of theirs; "
-        "float32"
+        "cannot": "no welds, tendons, coupled or ball joints; at most 32 sets of bodies excluded from "
+        "contact; friction of two things is the mean of theirs; float32"
     },
 )
 HANDLERS.add(

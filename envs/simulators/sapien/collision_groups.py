@@ -85,7 +85,7 @@ def _connected(apart: np.ndarray) -> Iterator[np.ndarray]:
     """Yields the indices of each set that a chain of pairs connects."""
     left = apart.any(axis=1)
     while left.any():
-        members, grown = np.zeros_like(left), np.arange(len(left)) == left.argmax()
+        members, grown = np.zeros_like(left), np.arange(len(apart)) == left.argmax()
         while not np.array_equal(members, grown):
             members, grown = grown, grown | apart[grown].any(axis=0)
         yield np.flatnonzero(members)
