@@ -116,10 +116,24 @@ def words_of_test(test: str) -> str:
     }.get(test, test.replace("_", " "))
 
 
+def difference(score: Mapping[str, Any]) -> str:
+    """Returns a difference in points of percent: ``+12``."""
+    return _signed(f"{round(100 * score['difference']):+d}")
+
+
+def difference_interval(score: Mapping[str, Any]) -> str:
+    """Returns the interval of a difference in points of percent: ``5 to 19``."""
+    low, high = (round(100 * score[name]) for name in ("ci_low", "ci_high"))
+    return _signed(f"{low} to {high}")
+
+
 def points(score: Mapping[str, Any]) -> str:
     """Returns a difference in points of percent and its interval: ``+12, 5 to 19``."""
-    difference, low, high = (round(100 * score[name]) for name in ("difference", "ci_low", "ci_high"))
-    return f"{difference:+d}, {low} to {high}".replace("-", "−")
+    return f"{difference(score)}, {difference_interval(score)}"
+
+
+def _signed(numbers: str) -> str:
+    return numbers.replace("-", "−")
 
 
 def trained_on(row: Mapping[str, Any]) -> str:
@@ -141,6 +155,8 @@ def markdown(value: Any) -> Any:
 FILTERS = {
     "budget": budget,
     "date": date,
+    "difference": difference,
+    "difference_interval": difference_interval,
     "entry_name": entry_name,
     "interval": interval,
     "name_of": name_of,

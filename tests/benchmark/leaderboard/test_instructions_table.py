@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from benchmark.leaderboard import build as leaderboard
-from benchmark.leaderboard.labels import points
+from benchmark.leaderboard.labels import difference, difference_interval, points
 from benchmark.protocol import Protocol
 from benchmark.results import result_path, write_result
 
@@ -48,10 +48,10 @@ def test_held_out_wordings_are_compared_with_known_ones(tested, make_result, tmp
     assert (row["gaps"]["new_words"]["known_rate"], row["gaps"]["new_words"]["held_out_rate"]) == (1.0, 0.5)
     written = leaderboard.write(tmp_path)
     text, page = (written[f"instructions {kind}"].read_text() for kind in ("markdown", "html"))
-    gap = points(row["gaps"]["new_words"])
-    assert f"| **50** ({gap}) | {gap} |" in text and "| known − new words |" in text
-    number, interval = gap.split(", ")
-    assert f"<b>{number}</b><small>{interval}</small></td>" in page and "known − new frame" not in page
+    gap = row["gaps"]["new_words"]
+    assert f"| **50** ({points(gap)}) | {points(gap)} |" in text and "| known − new words |" in text
+    shown = f"<b>{difference(gap)}</b><small>{difference_interval(gap)}</small></td>"
+    assert shown in page and "known − new frame" not in page
 
 
 def test_other_tables_are_those_without_instruction_tests(make_result, publish, tmp_path):
@@ -71,4 +71,6 @@ def test_a_row_of_the_table(tested, tmp_path):
 
 
 def test_points_have_a_sign_and_no_negative_zero():
-    assert points({"difference": -0.004, "ci_low": -0.121, "ci_high": 0.1}) == "+0, −12 to 10"
+    score = {"difference": -0.004, "ci_low": -0.121, "ci_high": 0.1}
+    assert (difference(score), difference_interval(score)) == ("+0", "−12 to 10")
+    assert points(score) == "+0, −12 to 10"
