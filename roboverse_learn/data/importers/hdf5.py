@@ -7,9 +7,6 @@ import h5py
 
 from envs.core.errors import DatasetError
 
-READ_ERRORS = (KeyError, OSError, RuntimeError, TypeError)
-"""Errors that h5py raises for a group that is absent, of another kind, or damaged."""
-
 
 def open_hdf5(path: Path) -> Any:
     """Opens a file for reading.

@@ -30,7 +30,7 @@ from roboverse_learn.data.importers.demonstration import (
     servo_targets,
     velocities,
 )
-from roboverse_learn.data.importers.hdf5 import READ_ERRORS, open_hdf5
+from roboverse_learn.data.importers.hdf5 import open_hdf5
 from roboverse_learn.data.importers.remembered import remember
 from roboverse_learn.data.importers.retarget import Poses, Retargeter, robot_of_scene, set_fingers
 from roboverse_learn.data.importers.robosuite_motion import Fixture, Motion, compile_motion
@@ -119,7 +119,7 @@ class RobosuiteFile(DemonstrationFile):
             group = self._file["data"]
             self.names = tuple(sorted(group, key=_number))
             attributes = {key: str(value) for key, value in group.attrs.items()}
-        except READ_ERRORS as error:
+        except (KeyError, OSError, RuntimeError, TypeError) as error:  # absent, of another kind, or damaged
             raise DatasetError(f"'{path}' holds no demonstrations of robosuite ({error}).") from error
         environment, self._sources = _described(path, attributes)
         self._task, self._scene = task, check_scene(path, environment, SCENES, task)
