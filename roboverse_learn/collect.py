@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from envs.core.errors import ConfigError
 from roboverse_learn.commands.dataset_layout import task_layout
-from roboverse_learn.commands.scene_labels import folder_name, scenario_name
+from roboverse_learn.commands.scene_labels import folder_name, scenario_name, varied_part
 from roboverse_learn.config.preflight import check_installed, check_materials, check_scenario_files
 from roboverse_learn.config.schema import CollectConfig
 from roboverse_learn.data.sources import SOURCES
@@ -56,9 +56,8 @@ def dataset_folder(config: CollectConfig) -> Path:
     """Returns the folder of the dataset of a configuration."""
     if config.dataset:
         return Path(config.dataset)
-    varied = f"{config.env.only}-alone" if config.env.only else f"level{config.env.level}"
     source = SOURCES.get(config.source)(config)
-    scene = [varied, config.env.simulator, config.env.renderer, *config.env.cameras]
+    scene = [varied_part(config.env), config.env.simulator, config.env.renderer, *config.env.cameras]
     parts = [f"{config.env.image_size}px", source.count_part(), source.name_part()]
     # Of a folder, its name alone: its path differs between machines.
     changed = [*sorted(config.env.task_kwargs.items()), *sorted(config.env.simulator_settings.items())]

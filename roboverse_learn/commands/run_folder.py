@@ -23,6 +23,7 @@ from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, LockedError, RoboVerseError
 from envs.core.fingerprint import digest, file_hash
 from policies.checkpoint import HASHES, resolve, weights_path
+from roboverse_learn.commands.scene_labels import varied_part
 from roboverse_learn.config.command_line_keys import at, flat_keys
 from roboverse_learn.config.schema import TrainRunConfig
 from roboverse_learn.config.serialize import from_values, to_values
@@ -85,7 +86,7 @@ def run_name(config: TrainRunConfig) -> str:
     if _is_of_others(config):  # what is learned follows from its content alone, whose level is unknown
         decides = {**identity(config), "dataset_hash": dataset_hash(config.dataset)}
         return f"{config.preset}-seed{config.seed}-{digest(decides)}"
-    varied = f"{config.env.only}-alone" if config.env.only else f"level{config.env.level}"
+    varied = varied_part(config.env)
     return f"{config.recipe or config.preset}-{varied}-seed{config.seed}-{digest(identity(config))}"
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from envs.core.fingerprint import digest
+from envs.spec import EnvSpec
 
 
 def scenario_name(changes: Mapping[str, Any]) -> str:
@@ -28,3 +29,8 @@ def recorded_materials(materials: str) -> str:
     if not materials:
         return ""
     return f"{folder_name(materials)}-{MaterialLibrary.chosen(materials).digest()[:8]}"
+
+
+def varied_part(env: EnvSpec) -> str:
+    """Returns the part of a name that says what varies: ``level0``, ``camera-alone``."""
+    return f"{env.only}-alone" if env.only else f"level{env.level}"

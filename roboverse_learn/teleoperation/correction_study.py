@@ -4,9 +4,10 @@
 trains a policy on ``start`` demonstrations of the expert. In each round the policy acts in ``per_round`` more
 episodes, the expert takes over where it strays, and a policy is trained on the demonstrations and all
 corrections so far. Beside it, policies learn from as many demonstrations that the expert made alone. Every
-policy is evaluated where it was trained; the page of studies draws both lines. An episode that the policy
-solves alone is no correction, so a round may add fewer than ``per_round``, to both sides alike; a round
-without any keeps the policies of the round before.
+policy is evaluated where it was trained: at its level, or with ``level=0 only=<channel>`` where that channel
+varies alone. Of a level the page of studies draws both lines. An episode that the policy solves alone is no
+correction, so a round may add fewer than ``per_round``, to both sides alike; a round without any keeps the
+policies of the round before.
 
 Keys that are none of the program's are those of ``roboverse train``, the same for every collection and
 policy. The same command continues a study that was stopped; another study takes another folder ``out``.
@@ -19,16 +20,20 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from benchmark.protocol import Cell
 from envs.core.arguments import parse
 from envs.core.atomic import write_json
 from envs.core.errors import ConfigError, RoboVerseError
 from envs.core.fingerprint import digest
 from envs.core.ranges import check_ranges
+from envs.randomization.levels import channels_of
+from envs.spec import EnvSpec
 from roboverse_learn.collect import collect_dataset
 from roboverse_learn.commands.called_with import called_with
 from roboverse_learn.commands.run_folder import identity
+from roboverse_learn.commands.scene_labels import varied_part
 from roboverse_learn.config.compose import compose
-from roboverse_learn.config.schema import CollectConfig, TeleoperateConfig, TrainRunConfig
+from roboverse_learn.config.schema import CollectConfig, EvaluationConfig, TeleoperateConfig, TrainRunConfig
 from roboverse_learn.data.collection.schedule import check_settings
 from roboverse_learn.data.dataset.damage import read_json
 from roboverse_learn.data.dataset.merge import merge
@@ -98,8 +103,12 @@ class CorrectionStudy:
         _refuse_own(more)
         self._settings = settings
         names = ("task", "level", "preset", "policy")
-        self._words = [*(f"{name}={getattr(settings, name)}" for name in names), *more]
-        self._config: TrainRunConfig = compose("train", [*self._words, f"num_demos={settings.start}"])
+        words = [*(f"{name}={getattr(settings, name)}" for name in names), *more]
+        start = f"num_demos={settings.start}"
+        given: TrainRunConfig = compose("train", [*words, start])
+        self._cell = _cell_of(given.env)
+        self._words = [*words, *_evaluation_words(self._cell, given.evaluate)]
+        self._config: TrainRunConfig = compose("train", [*self._words, start])
         # Too many demonstrations fail before the first collection, like a wrong word.
         self._collect_config(self._folder(0, PLAIN), settings.start + settings.rounds * settings.per_round)
 
@@ -187,17 +196,34 @@ class CorrectionStudy:
         return folder
 
     def _trained(self, number: int, dataset: Path) -> tuple[Path, float]:
-        """Trains and evaluates a policy; returns its run, and its successes at the level of training in %."""
+        """Trains and evaluates a policy; returns its run, and its successes where it was trained in %."""
         config = self._config
-        words = [*self._words, f"dataset={dataset}", f"evaluate.levels=[{config.env.level}]"]
-        name = f"study-level{config.env.level}-seed{config.seed}-{dataset.name}-round{number}"
+        name = f"study-{varied_part(config.env)}-seed{config.seed}-{dataset.name}-round{number}"
         folder = Path(config.runs_dir) / config.env.task / config.policy_name
-        words += ["evaluate.splits=[test]", f"run={folder / f'{name}-{digest(self._identity())}'}"]
+        run_folder = folder / f"{name}-{digest(self._identity())}"
+        words = [*self._words, f"dataset={dataset}", f"run={run_folder}"]
         with called_with(words):
             run = train_run(compose("train", words))
         assert run is not None, "one process alone runs a study"
-        at_level, *_ = run.evaluations[0].result.cells()  # channels alone and instructions follow it
-        return run.folder, 100.0 * at_level.success_rate
+        (tested,) = (each for each in run.evaluations[0].result.cells() if each.cell == self._cell)
+        return run.folder, 100.0 * tested.success_rate
+
+
+def _cell_of(env: EnvSpec) -> Cell:
+    """Returns the cell of the test split in which varies what varied in training."""
+    if env.only is None or env.channels == channels_of(0):  # the task alone is level 0
+        return Cell(level=env.level, split="test")
+    return Cell(only=env.only, split="test")
+
+
+def _evaluation_words(cell: Cell, given: EvaluationConfig) -> list[str]:
+    """Returns the words of an evaluation of one cell, beside the channels and instructions that are given."""
+    levels = [] if cell.level is None else [cell.level]
+    if given.instructions and 0 not in levels:
+        levels = [0, *levels]  # with which instructions are compared
+    alone = [*dict.fromkeys(filter(None, [cell.only, *given.alone]))]
+    words = {"levels": levels, "alone": alone, "splits": [cell.split]}
+    return [f"evaluate.{key}=[{','.join(map(str, value))}]" for key, value in words.items()]
 
 
 def _refuse_own(words: Sequence[str]) -> None:

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from roboverse_learn.commands.tested_checkpoint import protocol_of
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.teleoperation import correction_study
 from roboverse_learn.teleoperation.correction_study import CorrectionStudy, StudySettings, main
@@ -59,8 +60,10 @@ class World:
     def train_run(self, config):
         self.trainings.append(config)
         size = self.sizes[Path(config.dataset)]
-        rates = [size / 100, *[1.0 for _ in config.evaluate.alone]]
-        cells = [SimpleNamespace(success_rate=rate) for rate in rates]
+        where = config.env.only or config.env.level
+        tested = [cell for cell in protocol_of(config.evaluate).cells() if cell.instruction_test is None]
+        rates = [size / 100 if where in (cell.only, cell.level) else 1.0 for cell in tested]
+        cells = [SimpleNamespace(cell=c, success_rate=rate) for c, rate in zip(tested, rates, strict=True)]
         evaluation = SimpleNamespace(result=SimpleNamespace(cells=lambda: cells))
         return SimpleNamespace(folder=Path(config.run), evaluations=[evaluation])
 
@@ -151,6 +154,30 @@ def test_more_demonstrations_than_there_are_end_before_the_first_collection(worl
 def test_the_level_is_read_where_channels_are_tested_alone_too(world, tmp_path):
     world.corrected = [True] * 5
     assert study(tmp_path, "evaluate.alone=[camera]").run() == [(10, 10.0, 10.0), (15, 15.0, 15.0)]
+
+
+@pytest.mark.parametrize(
+    ("words", "evaluated"),
+    [
+        (["only=camera"], ((), ("camera",))),
+        (["only=camera+lighting", "evaluate.alone=[camera]"], ((), ("camera+lighting", "camera"))),
+        (["only=camera", "evaluate.alone=[lighting,camera]"], ((), ("camera", "lighting"))),
+        (["only=camera", "evaluate.instructions=[wrong]"], ((0,), ("camera",))),
+    ],
+)
+def test_a_channel_that_varies_alone_is_tested_alone(words, evaluated, world, tmp_path):
+    world.corrected = [True] * 5
+    assert study(tmp_path, *words, level=0).run() == [(10, 10.0, 10.0), (15, 15.0, 15.0)]
+    for config in world.trainings:
+        assert (config.evaluate.levels, config.evaluate.alone) == evaluated
+        assert config.evaluate.splits == ("test",)
+        assert Path(config.run).name.startswith(f"study-{config.env.only}-alone-seed0-")
+
+
+def test_the_task_alone_is_tested_at_level_0(world, tmp_path):
+    world.corrected = [True] * 5
+    study(tmp_path, "only=task", level=0).run()
+    assert {(each.evaluate.levels, each.evaluate.alone) for each in world.trainings} == {((0,), ())}
 
 
 def test_studies_of_other_settings_have_other_runs_in_one_folder(world, tmp_path):
