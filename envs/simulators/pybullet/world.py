@@ -7,6 +7,7 @@ import numpy as np
 import pybullet
 
 from envs.core.errors import SimulatorError
+from envs.mjcf.collision import touching
 from envs.rotations import conjugate, multiply, rotate
 from envs.simulators.pybullet.drives import Drives
 from envs.simulators.pybullet.settings import PybulletSettings
@@ -268,41 +269,17 @@ def _add_still(client: int, model: mujoco.MjModel, geom: int) -> tuple[int, int]
 
 def _filter(client: int, model: mujoco.MjModel, still: list[tuple[int, int]], parts: list[_Part]) -> None:
     """Disables contact pairs that MuJoCo does not have; Bullet enables all by default."""
-    solids = [(unique, -1, 0, [geom]) for unique, geom in still]
+    solids = [(unique, -1, [geom]) for unique, geom in still]
     for part in parts:
         for link, index in part.links.items():
             geoms = [geom for geom in geoms_of(model, link.body) if touches(model, geom)]
             if geoms:
-                solids.append((part.unique, index, int(link.body or 0), geoms))
-    pairs = {
-        frozenset((int(one), int(other)))
-        for one, other in zip(model.pair_geom1, model.pair_geom2, strict=True)
-    }
-    for number, (unique, index, body, geoms) in enumerate(solids):
-        for other, at, other_body, others in solids[:number]:
-            if not _meet(model, body, other_body, geoms, others, pairs):
-                pybullet.setCollisionFilterPair(unique, other, index, at, 0, physicsClientId=client)
-
-
-def _meet(
-    model: mujoco.MjModel,
-    body: int,
-    other: int,
-    geoms: list[int],
-    others: list[int],
-    pairs: set[frozenset[int]],
-) -> bool:
-    """Whether any geom of one body touches any of the other, as MuJoCo decides it."""
-    if pairs and any(frozenset((a, b)) in pairs for a in geoms for b in others):
-        return True
-    one, two = int(model.body_weldid[body]), int(model.body_weldid[other])
-    of_one, of_two = (int(model.body_weldid[model.body_parentid[weld]]) for weld in (one, two))
-    same_tree = body and other and model.body_rootid[body] == model.body_rootid[other]
-    are_parent_and_child = same_tree and (of_one == two or of_two == one)
-    if one == two or are_parent_and_child:
-        return False
-    first, second = sorted((body, other))
-    if (first << 16) + second in model.exclude_signature or (second << 16) + first in model.exclude_signature:
-        return False
-    kind, wants = model.geom_contype, model.geom_conaffinity
-    return any(kind[a] & wants[b] or kind[b] & wants[a] for a in geoms for b in others)
+                solids.append((part.unique, index, geoms))
+    if not solids:
+        return
+    starts = np.cumsum([0, *(len(geoms) for *_, geoms in solids[:-1])])
+    touch = touching(model, np.concatenate([geoms for *_, geoms in solids]))
+    meet = np.logical_or.reduceat(np.logical_or.reduceat(touch, starts, axis=0), starts, axis=1)
+    for number, other in np.argwhere(np.tril(~meet, -1)).tolist():
+        (one, index, _), (two, at, _) = solids[number], solids[other]
+        pybullet.setCollisionFilterPair(one, two, index, at, 0, physicsClientId=client)

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import mujoco
 import numpy as np
 import pytest
 import torch
@@ -16,6 +17,7 @@ from envs.simulators.pybullet.meshes import triangles_of
 from envs.simulators.pybullet.render import _one_light
 from envs.simulators.pybullet.settings import PybulletSettings
 from envs.simulators.pybullet.trees import trees_of
+from envs.simulators.pybullet.world import PybulletWorld
 from envs.tasks.pick_cube import PickCube
 
 
@@ -137,8 +139,6 @@ TWO = (
     ],
 )
 def test_what_bullet_has_not_is_refused_by_name(mjcf, said):
-    import mujoco
-
     with pytest.raises(SimulatorError, match=said):
         trees_of(mujoco.MjModel.from_xml_string(mjcf))
 
@@ -178,7 +178,6 @@ SHAPES = {
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_shapes_are_closed_face_outwards_and_have_their_volume(shape):
-    import mujoco
     import trimesh
 
     size, volume = SHAPES[shape]
@@ -259,3 +258,29 @@ def test_a_box_off_its_centre_of_mass_keeps_its_pose_and_turns_about_the_centre(
     np.testing.assert_allclose(after.pos[0], [2.2, 0.0, 3.0], atol=2e-3)
     np.testing.assert_allclose(after.rot[0].abs(), [0.0, 0.0, 0.0, 1.0], atol=5e-3)
     np.testing.assert_allclose(after.ang_vel[0], [0.0, 0.0, np.pi], atol=1e-3)
+
+
+TOWER = """
+<mujoco><option timestep=".002"/><worldbody>
+  <body name="base" pos="0 0 1"><geom name="floor" type="box" size=".2 .2 .05"/>
+    <body name="lift" pos="0 0 .3"><joint name="up" type="slide" axis="0 0 1"/>
+      <geom type="box" size=".1 .1 .1"/>
+      <body name="tip" pos="0 0 .3"><joint name="out" type="slide" axis="0 0 1" range="-.1 .1"/>
+        <geom name="ball" size=".02"/></body>
+    </body>
+  </body>
+</worldbody><contact><pair geom1="ball" geom2="floor"/></contact></mujoco>
+"""
+
+
+def test_a_link_rests_on_its_fixed_root_as_in_mujoco():
+    model = mujoco.MjModel.from_xml_string(TOWER)
+    data = mujoco.MjData(model)
+    world = PybulletWorld(model, trees_of(model), PybulletSettings())
+    qpos, qvel = data.qpos.copy(), data.qvel.copy()
+    world.put(qpos, qvel, np.zeros(0))
+    world.step(500)
+    world.read(qpos, qvel)
+    world.close()
+    mujoco.mj_step(model, data, 500)
+    assert qpos[0] == pytest.approx(data.qpos[0], abs=5e-3) == pytest.approx(-0.15, abs=5e-3)
