@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 
 from envs.core.errors import SimulatorError
+from envs.simulators.plane import plane_mesh
 
 _GEOM = mujoco.mjtGeom
 _RINGS, _SEGMENTS = 12, 24
-_ENDLESS_M = 50.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +40,7 @@ def triangles_of(model: mujoco.MjModel, geom: int) -> Triangles:
     if kind == _GEOM.mjGEOM_MESH:
         return _mesh(model, int(model.geom_dataid[geom]))
     if kind == _GEOM.mjGEOM_PLANE:
-        return _plane(np.where(size[:2] > 0.0, size[:2], _ENDLESS_M))
+        return Triangles(*plane_mesh(size))
     if kind == _GEOM.mjGEOM_BOX:
         return _box(size)
     profiles = {
@@ -77,14 +77,6 @@ def _mesh(model: mujoco.MjModel, mesh: int) -> Triangles:
         uvs = model.mesh_texcoord[int(model.mesh_texcoordadr[mesh]) + unique[:, 2]].astype(np.float64)
         uvs[:, 1] = 1.0 - uvs[:, 1]
     return Triangles(vertices, index.reshape(-1, 3), normals, uvs)
-
-
-def _plane(half: np.ndarray) -> Triangles:
-    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * half
-    vertices = np.concatenate([corners, np.zeros((4, 1))], axis=1)
-    return Triangles(
-        vertices, np.array([(0, 1, 2), (0, 2, 3)]), np.tile([0.0, 0.0, 1.0], (4, 1)), corners + half
-    )
 
 
 def _box(half: np.ndarray) -> Triangles:

@@ -12,6 +12,7 @@ from envs.mjcf.geom_colors import image_of, rgba_of, texture_id
 from envs.mjcf.model import OBJECT_MATERIAL
 from envs.rotations import multiply
 from envs.scenario import SURFACES
+from envs.simulators.plane import plane_mesh
 from envs.simulators.sapien.shapes import Z_FROM_X, sphere_points
 
 _SHAPES = mujoco.mjtGeom
@@ -69,7 +70,7 @@ class VisualFactory:
         elif kind == _SHAPES.mjGEOM_BOX:
             shape = sapien.render.RenderShapeBox(size.astype(np.float32), self._material(geom, fresh))
         elif kind == _SHAPES.mjGEOM_PLANE:
-            shape = _mesh(*_plane(_extent(size)), self._material(geom, fresh))
+            shape = _mesh(*plane_mesh(size), self._material(geom, fresh))
         elif kind == _SHAPES.mjGEOM_MESH:
             shape = _mesh(*self._mesh_of(geom), self._material(geom, fresh))
         elif kind == _SHAPES.mjGEOM_ELLIPSOID:
@@ -123,9 +124,7 @@ class VisualFactory:
 
 
 def _surface(kind: int, size: np.ndarray, copies_per_metre: float, material):
-    vertices, triangles, normals, metres = (
-        _plane(_extent(size)) if kind == _SHAPES.mjGEOM_PLANE else _box(size)
-    )
+    vertices, triangles, normals, metres = plane_mesh(size) if kind == _SHAPES.mjGEOM_PLANE else _box(size)
     return _mesh(vertices, triangles, normals, copies_per_metre * metres, material)
 
 
@@ -137,17 +136,6 @@ def _mesh(vertices, triangles, normals, uvs, material):
         np.ascontiguousarray(uvs, np.float32),
         material,
     )
-
-
-def _extent(size: np.ndarray) -> np.ndarray:
-    """Returns half the sides of a plane; MuJoCo's 0 is without end."""
-    return np.where(size[:2] > 0.0, size[:2], 50.0)
-
-
-def _plane(half: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * half
-    vertices = np.concatenate([corners, np.zeros((4, 1))], axis=1)
-    return vertices, np.array([(0, 1, 2), (0, 2, 3)]), np.tile([0.0, 0.0, 1.0], (4, 1)), corners + half
 
 
 def _box(half: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
