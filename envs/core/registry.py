@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from envs.core.errors import ConfigError, MissingExtraError, unknown_name
+from envs.core.errors import ConfigError, MissingExtraError, RoboVerseError, unknown_name
 from envs.core.extras import install_command
 
 PLUGINS_VARIABLE = "ROBOVERSE_PLUGINS"
@@ -130,6 +130,15 @@ class Registry[T]:
                 f"The {self.kind} '{name}' needs the package '{error.name}', which is not installed. "
                 f"Install it with: {install_command(entry.extra)}"
             ) from error
+        except RoboVerseError:  # it says by itself what is wrong
+            raise
+        except (Exception, SystemExit) as error:
+            if not entry.distribution:
+                raise
+            raise ConfigError(
+                f"The {self.kind} '{name}' of the package '{entry.distribution}' cannot be imported: "
+                f"{type(error).__name__}: {error}. Mend {module}; python -c 'import {module}' shows where."
+            ) from error
 
     def names(self, tag: str | None = None) -> list[str]:
         """Returns the registered names, sorted; with ``tag``, only those that carry it."""
@@ -228,7 +237,9 @@ def load_plugins() -> None:
                 f"The plugin '{name}' cannot be imported: {error}. Install it, run the command in its "
                 "folder, or put its folder on PYTHONPATH."
             ) from error
-        except (SyntaxError, NameError, AttributeError, TypeError) as error:
+        except RoboVerseError:  # it says by itself what is wrong
+            raise
+        except (Exception, SystemExit) as error:
             raise ConfigError(
                 f"The plugin '{name}' cannot be imported: {type(error).__name__}: {error}. Mend it; "
                 f"python -c 'import {name}' shows where."

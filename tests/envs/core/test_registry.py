@@ -52,6 +52,17 @@ def test_an_entry_point_that_cannot_be_imported_names_its_package(tmp_path, monk
         Registry("thing", GROUP).get("Theirs")
 
 
+@pytest.mark.parametrize(
+    "body", ["raise ValueError('bad gain')", "open('no_such_file')", "raise SystemExit(0)"]
+)
+def test_an_entry_point_that_fails_at_import_names_its_package_and_the_error(tmp_path, monkeypatch, body):
+    install(tmp_path, monkeypatch, "theirs", {"Theirs": "failing_things:THING"}, {"failing_things": body})
+    with pytest.raises(
+        ConfigError, match=r"'Theirs' of the package 'theirs'.*python -c 'import failing_things'"
+    ):
+        Registry("thing", GROUP).get("Theirs")
+
+
 def test_plugins_register_by_being_imported(tmp_path, monkeypatch):
     tmp_path.joinpath("my_plugin.py").write_text("import builtins\nbuiltins.registry.add('Mine', 7)\n")
     monkeypatch.syspath_prepend(tmp_path)
@@ -64,6 +75,26 @@ def test_plugins_register_by_being_imported(tmp_path, monkeypatch):
 def test_a_plugin_that_is_not_installed_is_named(monkeypatch):
     monkeypatch.setenv(PLUGINS_VARIABLE, "no_such_plugin")
     with pytest.raises(ConfigError, match=r"The plugin 'no_such_plugin' cannot be imported.*PYTHONPATH"):
+        Registry("thing", GROUP).names()
+
+
+@pytest.mark.parametrize(
+    "body", ["raise ValueError('bad gain')", "open('no_such_file')", "raise SystemExit(0)"]
+)
+def test_a_plugin_that_fails_at_import_is_named_with_its_error(tmp_path, monkeypatch, body):
+    tmp_path.joinpath("failing_plugin.py").write_text(body)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv(PLUGINS_VARIABLE, "failing_plugin")
+    with pytest.raises(ConfigError, match=r"The plugin 'failing_plugin'.*python -c 'import failing_plugin'"):
+        Registry("thing", GROUP).names()
+
+
+def test_a_plugin_that_raises_an_error_of_ours_shows_its_words(tmp_path, monkeypatch):
+    body = "from envs.core.errors import ConfigError\nraise ConfigError('Set MY_FILES first.')\n"
+    tmp_path.joinpath("speaking_plugin.py").write_text(body)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv(PLUGINS_VARIABLE, "speaking_plugin")
+    with pytest.raises(ConfigError, match=r"^Set MY_FILES first\.$"):
         Registry("thing", GROUP).names()
 
 
