@@ -12,6 +12,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from importlib.metadata import version
 from io import TextIOWrapper
 from pathlib import Path
@@ -60,7 +61,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with called_with(words):
-            return _dispatch(words)
+            code = _dispatch(words)
+        _flush_output()
+        return code
     except RoboVerseError as error:
         return _fail(str(error))
     except KeyboardInterrupt as interrupt:
@@ -69,9 +72,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (MemoryError, RuntimeError) as error:
         return _fail(_not_enough_memory(error))
     except BrokenPipeError:  # the reader of our output went away, as in `roboverse list | head -1`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_output()
         return 0
     except OSError as error:
+        with suppress(OSError):  # else Python tries again as it ends, with a message and a code of its own
+            _flush_output()
         if error.errno in _IN_THE_WAY and isinstance(error.filename, str | os.PathLike):
             file = file_in_place_of_folder(Path(error.filename))
             if file is not None:
@@ -82,6 +87,25 @@ def main(argv: Sequence[str] | None = None) -> int:
             f"{error.strerror}: {error.filename or 'a file could not be written'}. "
             "Free some space or choose another folder, and run the same command again: it continues."
         )
+
+
+def _flush_output() -> None:
+    """Writes what is still buffered; what cannot be written is discarded.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    if sys.stdout is None:
+        return
+    try:
+        sys.stdout.flush()
+    except OSError:
+        _discard_output()
+        raise
+
+
+def _discard_output() -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _not_enough_memory(error: MemoryError | RuntimeError) -> str:

@@ -63,6 +63,19 @@ def test_streams_that_are_closed_or_full_leave_no_traceback(closed: str, tmp_pat
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize(
+    ("closed", "code", "message"), [("| true", 0, ""), (">/dev/full", 2, "error: No space")]
+)
+def test_short_output_that_cannot_be_written_ends_like_long_output(
+    closed: str, code: int, message: str, tmp_path: Path
+) -> None:
+    done = in_shell(
+        f"env -u PYTHONUNBUFFERED $R --version {closed}; exit ${{PIPESTATUS[0]}}", tmp_path
+    )  # buffered, as at a user's, it is written as the program ends
+    assert done.returncode == code
+    assert done.stderr.startswith(message) and "Exception ignored" not in done.stderr
+
+
 @pytest.mark.parametrize("value", ["1", "2"])
 def test_optimized_python_refuses_the_same_words(value: str, tmp_path: Path) -> None:
     script = "$R train policy=atc; $R train train.lr=nan; $R collect num_demos=0; $R check robot=x"
