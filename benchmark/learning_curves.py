@@ -73,6 +73,8 @@ def read_curve(result: Path) -> np.ndarray | None:
         raise _broken(path, str(error)) from None
     if tuple(head) != COLUMNS or values.ndim != 2 or not np.isfinite(values).all():
         raise _broken(path, f"its head is {','.join(head)}")
+    if values.shape[1] != len(COLUMNS):
+        raise _broken(path, f"its rows have {values.shape[1]} numbers")
     if (np.diff(values[:, 0]) <= 0).any():
         raise _broken(path, "its steps do not increase")
     return values

@@ -60,6 +60,7 @@ def test_nothing_is_written_of_a_run_without_episodes(tmp_path):
         (",".join(COLUMNS) + "\n1,2,3,x\n", "could not convert string to float: 'x'"),
         (",".join(COLUMNS) + "\n2,1,0,0\n2,2,0,0\n", "its steps do not increase"),
         (",".join(COLUMNS) + "\n", "its head is"),
+        (",".join(COLUMNS) + "\n1,2\n3,4\n", "its rows have 2 numbers"),
     ],
 )
 def test_what_is_no_curve_is_refused(text, reason, tmp_path):
