@@ -78,7 +78,9 @@ class SuiteCell:
     def to_json(self) -> dict[str, Any]:
         """Returns plain JSON values."""
         values = {name: getattr(self, name) for name in self.__slots__ if name != "cell"}
-        return {"level": self.cell.level, "only": self.cell.only, "split": self.cell.split} | values
+        own = {"level": self.cell.level, "only": self.cell.only, "split": self.cell.split}
+        test = self.cell.instruction_test
+        return own | ({} if test is None else {"instruction_test": test}) | values
 
 
 def mean_over_tasks(

@@ -89,6 +89,13 @@ def test_the_file_names_why_a_task_has_no_result(tmp_path):
     assert document["failed"] == {"B": "its mesh is missing"}
 
 
+def test_the_file_tells_an_instruction_test_from_level_0(tmp_path, make_result):
+    protocol = Protocol(levels=(0,), splits=("test",), episodes=4, instructions=("wrong",))
+    results = {"A": make_result(task="A", protocol=protocol)}
+    document = json.loads(write_suite(tmp_path, SUITE, results).read_text())
+    assert [cell.get("instruction_test") for cell in document["cells"]] == [None, "wrong"]
+
+
 def test_a_summary_has_the_cells_that_every_task_has(make_result):
     protocol = Protocol(levels=(0, 3), splits=("test",), episodes=4)
     only_level_0 = Protocol(levels=(0,), splits=("test",), episodes=4)
