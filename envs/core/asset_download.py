@@ -87,8 +87,7 @@ def _record(name: str, folder: AssetFolder) -> dict[str, str]:
 
 def _fetch(name: str, folder: AssetFolder, work: Path) -> None:
     """Fetches the commit without its files, then each path's files; done paths are skipped."""
-    if not (work / ".git" / "HEAD").is_file():
-        _git(name, work, "init", "--quiet")
+    _git(name, work, "init", "--quiet")  # also where a kill left half of .git, which is mended so
     _git(name, work, "config", "core.autocrlf", "false")
     _git(name, work, "config", "remote.origin.url", folder.repository)
     _git(name, work, "config", "remote.origin.promisor", "true")

@@ -1,6 +1,7 @@
 """Where asset folders are looked for, and their download from a git repository of this machine."""
 
 import json
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -77,6 +78,21 @@ def test_an_interrupted_download_keeps_what_arrived_and_fetches_the_rest(toys, m
     place = get_asset("toys")
     assert sum(call[0] == "fetch" for call in calls) == 1
     assert folder_digest(place, toys.paths) == toys.sha256
+
+
+@pytest.mark.parametrize("removed", ["objects", "refs", "HEAD"])
+def test_a_download_that_was_killed_while_it_removed_git_is_finished(toys, monkeypatch, removed):
+    def killed(folder):
+        part = folder / removed
+        remove(part) if part.is_dir() else part.unlink()
+        raise KeyboardInterrupt
+
+    remove = shutil.rmtree
+    with monkeypatch.context() as kill:
+        kill.setattr(asset_download.shutil, "rmtree", killed)
+        with pytest.raises(KeyboardInterrupt):
+            get_asset("toys")
+    assert folder_digest(get_asset("toys"), toys.paths) == toys.sha256
 
 
 def test_files_of_another_hash_are_refused_and_deleted(toys, monkeypatch):
