@@ -7,7 +7,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
 from envs.core.assets import resolve
 from envs.core.errors import ConfigError, unknown_name
@@ -141,8 +141,11 @@ def _add_image(spec, name: str, reference: str) -> None:
         with Image.open(path) as image:
             image.thumbnail((MAX_TEXTURE_SIZE, MAX_TEXTURE_SIZE))
             pixels = np.asarray(image.convert("RGB"))
-    except UnidentifiedImageError:
-        raise ConfigError(f"The texture '{reference}' is not an image that can be read.") from None
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise ConfigError(
+            f"The texture '{reference}' is not an image that can be read: {error}. Replace the file, or name "
+            "another one."
+        ) from error
     texture = spec.add_texture(name=name, type=mujoco.mjtTexture.mjTEXTURE_2D)
     texture.height, texture.width, texture.nchannel = pixels.shape
     texture.data = pixels.tobytes()

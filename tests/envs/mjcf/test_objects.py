@@ -180,9 +180,14 @@ def test_a_large_texture_is_reduced(tmp_path):
         assert handler.model.tex_data[first : first + 3].tolist() == [200, 30, 10]
 
 
-def test_texture_that_is_no_image_is_an_error(tmp_path):
+@pytest.mark.parametrize("kind", ["words", "half an image"])
+def test_texture_that_is_no_image_is_an_error(tmp_path, kind):
     (tmp_path / "part.obj").write_text(TRIANGLE)
-    (tmp_path / "words.png").write_text("no image")
+    path = tmp_path / "words.png"
+    path.write_text("no image")
+    if kind == "half an image":
+        Image.effect_noise((64, 64), 80.0).save(path)
+        path.write_bytes(path.read_bytes()[:2000])
     seen = GeomCfg(
         shape="mesh",
         size=(0.1, 0.1, 0.1),
