@@ -23,7 +23,7 @@ class PairedTest:
         only_b: Episodes where only the second succeeds.
         neither: Episodes where both fail.
         difference: Success rate of the first minus that of the second.
-        ci_low: Lower end of the bootstrap interval of the difference.
+        ci_low: Lower end of the interval of the difference; see :func:`paired_difference`.
         ci_high: Upper end.
         p_value: Exact McNemar test, two-sided; valid when the number of episodes was fixed beforehand.
         p_sequential: Anytime-valid p-value, which may be looked at after every episode.
@@ -361,15 +361,12 @@ def e_process(a_wins: Sequence[bool] | np.ndarray) -> np.ndarray:
     return np.exp(n * np.log(2.0) + betaln(wins + 1, n - wins + 1))
 
 
-def compare(
-    a: Sequence[bool], b: Sequence[bool], *, seed: int = 0, confidence: float = CONFIDENCE
-) -> PairedTest:
+def compare(a: Sequence[bool], b: Sequence[bool], *, confidence: float = CONFIDENCE) -> PairedTest:
     """Compares two policies on the same episodes, given in the same order.
 
     Args:
         a: Whether the first policy succeeded, (n,).
         b: Whether the second did, (n,).
-        seed: Seed of the bootstrap of the difference.
         confidence: Coverage of the interval, and one minus the level of the sequential test.
 
     Raises:
@@ -382,16 +379,16 @@ def compare(
     capital = e_process(first[discordant])
     # 1 / (largest capital so far) is a p-value at every time at once.
     crossed = np.flatnonzero(capital >= 1.0 / (1.0 - confidence))
-    difference = first.astype(float) - second
-    low, high = stratified_bootstrap([difference], seed=seed, confidence=confidence)
+    both, neither = int((first & second).sum()), int((~first & ~second).sum())
     only_a, only_b = int((first & ~second).sum()), int((second & ~first).sum())
+    difference, low, high = paired_difference(both, only_a, only_b, neither, confidence)
     return PairedTest(
         num_episodes=len(first),
-        both=int((first & second).sum()),
+        both=both,
         only_a=only_a,
         only_b=only_b,
-        neither=int((~first & ~second).sum()),
-        difference=float(difference.mean()),
+        neither=neither,
+        difference=difference,
         ci_low=low,
         ci_high=high,
         p_value=mcnemar(only_a, only_b),

@@ -223,6 +223,14 @@ def test_compare_of_equal_policies_decides_nothing():
     assert (test.p_value, test.p_sequential, test.decided_after) == (1.0, 1.0, None)
 
 
+def test_compare_calls_no_difference_certain_where_every_episode_has_the_same_outcome():
+    """A bootstrap of 20 equal differences has no width."""
+    better, equal = (statistics.compare([True] * 20, [other] * 20) for other in (False, True))
+    assert (better.ci_low, better.ci_high) == pytest.approx(statistics.paired_difference(0, 20, 0, 0)[1:])
+    assert better.ci_low < 0.9 and better.ci_high == 1.0
+    assert equal.ci_low < -0.1 and equal.ci_high > 0.1
+
+
 def test_compare_needs_the_same_episodes():
     with pytest.raises(ValueError, match="given 2 and 3"):
         statistics.compare([True, False], [True, False, True])
