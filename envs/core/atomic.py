@@ -1,7 +1,8 @@
 """Files and folders that are either complete or absent, even if the process that writes them is killed.
 
 Each is written under a temporary name beside its place, flushed to the disk, and renamed. Nothing reads a
-temporary name; :func:`remove_partial_files` deletes what killed processes left.
+temporary name; :func:`remove_partial_files` deletes what killed processes left, and puts back a folder that one
+of them had set aside for its successor.
 """
 
 import contextlib
@@ -19,6 +20,9 @@ from envs.core.errors import RoboVerseError, WriteError
 
 PARTIAL = ".partial"
 
+_SET_ASIDE = ".old"
+"""Before :data:`PARTIAL`, the suffix of a folder that makes room for its successor."""
+
 
 def partial_path(path: Path, *, keep_suffix: bool = False) -> Path:
     """Returns a new temporary name beside ``path``.
@@ -32,7 +36,14 @@ def partial_path(path: Path, *, keep_suffix: bool = False) -> Path:
 
 
 def remove_partial_files(root: Path) -> None:
-    """Deletes what killed processes left under a temporary name, anywhere below ``root``."""
+    """Deletes what killed processes left under a temporary name, anywhere below ``root``.
+
+    A folder whose successor did not take its place is put back.
+    """
+    for path in list(root.rglob(f".*{_SET_ASIDE}{PARTIAL}")):
+        place = path.with_name(re.sub(rf"^\.(.+)\.[0-9a-f]{{8}}{_SET_ASIDE}{PARTIAL}$", r"\1", path.name))
+        if not place.exists():
+            path.rename(place)
     for path in list(root.rglob(f".*{PARTIAL}*")):
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)
@@ -142,6 +153,7 @@ def atomic_directory(directory: str | Path) -> Iterator[Path]:
             for path in (*sorted(staging.rglob("*"), reverse=True), staging):
                 fsync(path)
             old = partial_path(directory)
+            old = old.with_name(f"{old.name.removesuffix(PARTIAL)}{_SET_ASIDE}{PARTIAL}")
             if directory.exists():
                 os.rename(directory, old)
             try:

@@ -1,8 +1,11 @@
-"""Folders of caches: whole or absent, whichever process makes them first."""
+"""Folders are whole or absent, whichever process makes them first and wherever a kill comes."""
+
+import subprocess
+import sys
 
 import pytest
 
-from envs.core.atomic import cached_directory
+from envs.core.atomic import atomic_directory, cached_directory, remove_partial_files
 
 
 def test_a_cached_folder_appears_when_it_is_whole(tmp_path):
@@ -35,3 +38,35 @@ def test_a_file_in_place_of_a_cached_folder_is_an_error(tmp_path):
     with pytest.raises(OSError, match="meshes"), cached_directory(tmp_path / "meshes"):
         pass
     assert (tmp_path / "meshes").read_text() == "a file"
+
+
+KILLED = """
+import os, sys
+from pathlib import Path
+from envs.core.atomic import atomic_directory
+
+rename, left = os.rename, [int(sys.argv[2])]
+
+def counted(source, target):
+    left[0] -= 1
+    if left[0] < 0:
+        os._exit(9)
+    rename(source, target)
+
+os.rename = counted
+with atomic_directory(Path(sys.argv[1])) as staging:
+    (staging / "content").write_text("new")
+"""
+
+
+@pytest.mark.parametrize(("num_renames", "expected"), [(0, "old"), (1, "old"), (2, "new")])
+def test_a_replaced_folder_is_the_old_or_the_new_one_wherever_a_kill_comes(tmp_path, num_renames, expected):
+    folder = tmp_path / "model.v1"
+    with atomic_directory(folder) as staging:
+        (staging / "content").write_text("old")
+    words = [sys.executable, "-c", KILLED, str(folder), str(num_renames)]
+    done = subprocess.run(words, check=False, timeout=120)
+    assert done.returncode == (9 if expected == "old" else 0)
+    remove_partial_files(tmp_path)
+    assert (folder / "content").read_text() == expected
+    assert list(tmp_path.iterdir()) == [folder]
