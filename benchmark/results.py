@@ -48,7 +48,7 @@ _LOOSE_KEYS = (
 )
 """Fields of the environment that a file of schema 1 has at its top level."""
 
-_AGAIN = "Evaluate the checkpoint again, or remove the file."
+_AGAIN = "Remove the file and evaluate the checkpoint again."
 
 
 def result_path(results_dir: Path, result: Result) -> Path:
@@ -186,7 +186,7 @@ def _check_schema(path: Path, document: Any) -> None:
         raise ResultError(
             f"Results file '{path}' has schema version {version!r}; this release reads "
             f"{' and '.join(map(str, _READABLE_VERSIONS))}. "
-            "Evaluate the checkpoint again, or install the release that wrote the file."
+            f"Install the release that wrote the file, or else: {_AGAIN[0].lower()}{_AGAIN[1:]}"
         )
     try:
         error = next(_validator(version).iter_errors(document), None)

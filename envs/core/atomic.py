@@ -1,8 +1,8 @@
 """Files and folders that are either complete or absent, even if the process that writes them is killed.
 
 Each is written under a temporary name beside its place, flushed to the disk, and renamed. Nothing reads a
-temporary name; :func:`remove_partial_files` deletes what killed processes left, and puts back a folder that one
-of them had set aside for its successor.
+temporary name; :func:`remove_partial_files` deletes what killed processes left, and puts back a folder that
+one of them had set aside for its successor.
 """
 
 import contextlib

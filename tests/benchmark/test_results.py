@@ -162,7 +162,7 @@ def test_a_truncated_file_is_an_error(written, cut):
     short = path.parent / "short.json"
     short.write_bytes(whole[: int(cut * len(whole))])
     with pytest.raises(
-        ResultError, match=r"short.json' is not a whole JSON file.*Evaluate the checkpoint again"
+        ResultError, match=r"short.json' is not a whole JSON file.*Remove the file and evaluate"
     ):
         read_result(short)
 
@@ -218,7 +218,7 @@ def test_what_is_wrong_is_named(written, change, message):
 def test_half_a_surrogate_pair_is_no_text(written):
     path, _ = written
     edit(path, lambda d: d.update(task="\ud800"))
-    with pytest.raises(ResultError, match=r"holds invalid text.*Evaluate the checkpoint again"):
+    with pytest.raises(ResultError, match=r"holds invalid text.*Remove the file and evaluate the checkpoint"):
         read_result(path)
 
 
