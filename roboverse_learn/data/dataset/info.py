@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.core.errors import DatasetError
+from envs.core.errors import DatasetError, suggest
 from roboverse_learn.data.dataset import stats as statistics
 from roboverse_learn.data.dataset.damage import broken_file, read_json
 from roboverse_learn.data.dataset.schema import (
@@ -169,9 +169,7 @@ def read_info(root: Path) -> dict[str, Any]:
         DatasetError: There is no dataset here, or it has another version.
     """
     if not (root / INFO_PATH).exists():
-        raise DatasetError(
-            f"There is no dataset in '{root}' ({INFO_PATH} is missing). Collect one there first."
-        )
+        raise DatasetError(_no_dataset(root))
     info = read_json(root / INFO_PATH)
     if not isinstance(info, dict) or not {"fps", "features", "total_episodes", "total_frames"} <= set(info):
         raise broken_file(root / INFO_PATH, "it does not describe a dataset")
@@ -182,6 +180,17 @@ def read_info(root: Path) -> dict[str, Any]:
             "LeRobot's convert_dataset_v21_to_v30."
         )
     return info
+
+
+def _no_dataset(root: Path) -> str:
+    """Returns the message for a path at which there is no dataset."""
+    if root.is_file():
+        return f"'{root}' is a file, and a dataset is a folder that holds {INFO_PATH}. Name that folder."
+    near = [str(path.parents[1]) for base in (root, root.parent) for path in base.glob(f"*/{INFO_PATH}")]
+    return (
+        f"There is no dataset in '{root}' ({INFO_PATH} is missing).{suggest(str(root), near)} "
+        "Collect one there first, or name another folder."
+    )
 
 
 def read_tasks(root: Path) -> list[str]:

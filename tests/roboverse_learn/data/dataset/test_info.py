@@ -36,6 +36,17 @@ def refused(root, message):
         ResidentDataset(root)
 
 
+def test_a_path_without_a_dataset_says_what_is_there_and_what_may_be_meant(damaged):
+    file = damaged / "meta/info.json"
+    with pytest.raises(DatasetError, match=r"info.json' is a file, and a dataset is a folder"):
+        DatasetInfo.open(file)
+    near, far = damaged.with_name("dd"), damaged.parent / "dd/e"
+    with pytest.raises(DatasetError, match=f"There is no dataset.*Did you mean '{damaged}'.*Collect one"):
+        DatasetInfo.open(near)
+    with pytest.raises(DatasetError, match=r"is missing\). Collect one there first"):
+        DatasetInfo.open(far)
+
+
 def test_what_a_dataset_says_of_itself(written):
     info, episodes = DatasetInfo.open(written), [make_episode(index) for index in range(6)]
     assert (info.num_episodes, info.fps, info.robot_type) == (6, 20, "franka")
