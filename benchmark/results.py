@@ -186,7 +186,7 @@ def _check_schema(path: Path, document: Any) -> None:
         raise ResultError(
             f"Results file '{path}' has schema version {version!r}; this release reads "
             f"{' and '.join(map(str, _READABLE_VERSIONS))}. "
-            f"Install the release that wrote the file, or else: {_AGAIN[0].lower()}{_AGAIN[1:]}"
+            f"{_AGAIN} Or install the release that wrote the file."
         )
     try:
         error = next(_validator(version).iter_errors(document), None)
