@@ -15,17 +15,8 @@ from tests.understood import understand
 ROOT = Path(__file__).parents[1]
 STEPS = (
     *("processes", "collection", "vla", "table", "shifts", "nuts", "ppo_rgb", "h1hand", "generated"),
-    *(
-        "corrections",
-        "multi_task",
-        "multi_task_long",
-        "wording",
-        "grasp",
-        "grasp_vla",
-        "libero",
-        "calvin",
-        "axes",
-    ),
+    *("corrections", "multi_task", "multi_task_long", "wording", "grasp", "grasp_vla", "libero", "calvin"),
+    "axes",
 )
 PYTHON = """#!{python}
 import json, sys

@@ -20,8 +20,8 @@ from envs.core.errors import RoboVerseError, WriteError
 
 PARTIAL = ".partial"
 
-_SET_ASIDE = ".old"
-"""Before :data:`PARTIAL`, the suffix of a folder that makes room for its successor."""
+_SET_ASIDE = f".old{PARTIAL}"
+"""The suffix of a folder that makes room for its successor."""
 
 
 def partial_path(path: Path, *, keep_suffix: bool = False) -> Path:
@@ -40,12 +40,11 @@ def remove_partial_files(root: Path) -> None:
 
     A folder whose successor did not take its place is put back.
     """
-    for path in list(root.rglob(f".*{_SET_ASIDE}{PARTIAL}")):
-        place = path.with_name(re.sub(rf"^\.(.+)\.[0-9a-f]{{8}}{_SET_ASIDE}{PARTIAL}$", r"\1", path.name))
-        if not place.exists():
-            path.rename(place)
     for path in list(root.rglob(f".*{PARTIAL}*")):
-        if path.is_dir() and not path.is_symlink():
+        set_aside = re.fullmatch(rf"\.(.+)\.[0-9a-f]{{8}}{re.escape(_SET_ASIDE)}", path.name)
+        if set_aside and not (place := path.with_name(set_aside[1])).exists():
+            path.rename(place)
+        elif path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)
         else:
             path.unlink(missing_ok=True)
@@ -152,8 +151,7 @@ def atomic_directory(directory: str | Path) -> Iterator[Path]:
             yield staging
             for path in (*sorted(staging.rglob("*"), reverse=True), staging):
                 fsync(path)
-            old = partial_path(directory)
-            old = old.with_name(f"{old.name.removesuffix(PARTIAL)}{_SET_ASIDE}{PARTIAL}")
+            old = staging.with_name(f"{staging.name.removesuffix(PARTIAL)}{_SET_ASIDE}")
             if directory.exists():
                 os.rename(directory, old)
             try:

@@ -10,6 +10,7 @@ import policies
 from envs.core.errors import ConfigError, RoboVerseError, suggest
 from envs.spec import EnvSpec
 from roboverse_learn.config.schema import CollectConfig, TrainRunConfig
+from roboverse_learn.data.dataset.info import datasets_in
 from roboverse_learn.data.dataset.recovery import refuse_other_files
 from roboverse_learn.data.dataset.schema import INFO_PATH
 
@@ -63,9 +64,7 @@ def _check_there(folder: Path, datasets_dir: Path) -> None:
     """Checks that there is a dataset to train on."""
     if (folder / INFO_PATH).is_file():
         return
-    inside = (path for base in (folder, folder.parent, datasets_dir) for path in base.glob(f"*/{INFO_PATH}"))
-    deeper = datasets_dir.glob(f"*/*/{INFO_PATH}")
-    known = [str(path.parents[1]) for path in (*inside, *deeper)]
+    known = datasets_in(folder, folder.parent, datasets_dir, *datasets_dir.glob("*"))
     raise ConfigError(
         f"dataset={folder}: there is no dataset ({INFO_PATH} is missing).{suggest(str(folder), known)} Check "
         "the path, collect it with roboverse collect, or leave out dataset= to collect one now."

@@ -182,13 +182,18 @@ def read_info(root: Path) -> dict[str, Any]:
     return info
 
 
+def datasets_in(*folders: Path) -> list[str]:
+    """Returns the datasets that lie in folders, not deeper."""
+    return [str(path.parents[1]) for folder in folders for path in folder.glob(f"*/{INFO_PATH}")]
+
+
 def _no_dataset(root: Path) -> str:
     """Returns the message for a path at which there is no dataset."""
     if root.is_file():
         return f"'{root}' is a file, and a dataset is a folder that holds {INFO_PATH}. Name that folder."
-    near = [str(path.parents[1]) for base in (root, root.parent) for path in base.glob(f"*/{INFO_PATH}")]
+    near = suggest(str(root), datasets_in(root, root.parent))
     return (
-        f"There is no dataset in '{root}' ({INFO_PATH} is missing).{suggest(str(root), near)} "
+        f"There is no dataset in '{root}' ({INFO_PATH} is missing).{near} "
         "Collect one there first, or name another folder."
     )
 
