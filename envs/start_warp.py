@@ -7,7 +7,8 @@ import tempfile
 from collections.abc import Iterator
 from typing import Any
 
-_NO_GPU = b"Could not find or load the NVIDIA CUDA driver"
+_NO_GPU = (b"Could not find or load the NVIDIA CUDA driver", b"Warp CUDA error 100:")
+"""What Warp prints without the driver, and with one that shows no device (CUDA_ERROR_NO_DEVICE)."""
 
 
 @functools.cache
@@ -16,14 +17,14 @@ def start_warp() -> Any:
     import warp as wp
 
     wp.config.log_level = wp.LOG_WARNING
-    with _stderr_without(_NO_GPU):  # the library itself prints it, whatever its level of logging
+    with _stderr_without(*_NO_GPU):  # the library itself prints it, whatever its level of logging
         wp.init()
     return wp
 
 
 @contextlib.contextmanager
-def _stderr_without(words: bytes) -> Iterator[None]:
-    """Leaves lines with these words out of what is printed to the standard error, by libraries too."""
+def _stderr_without(*words: bytes) -> Iterator[None]:
+    """Leaves lines with any of these words out of what is printed to the standard error, by libraries too."""
     try:
         kept = os.dup(2)
     except OSError:  # it is closed
@@ -38,5 +39,5 @@ def _stderr_without(words: bytes) -> Iterator[None]:
             os.close(kept)
             file.seek(0)
             for line in file:
-                if words not in line:
+                if not any(word in line for word in words):
                     os.write(2, line)

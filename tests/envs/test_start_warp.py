@@ -28,3 +28,12 @@ def test_other_lines_of_the_standard_error_stay(capfd):
         os.write(2, b"Warp CUDA warning: none\nan error\n")
     os.write(2, b"CUDA after it\n")
     assert capfd.readouterr().err == "an error\nCUDA after it\n"
+
+
+def test_a_driver_without_a_device_is_no_error_and_others_are(monkeypatch, capfd):
+    none = (
+        b"Warp CUDA error 100: no CUDA-capable device is detected (in function init_cuda_driver, util:333)\n"
+    )
+    monkeypatch.setattr("warp.init", lambda: os.write(2, none + b"Warp CUDA error 999: unknown error\n"))
+    start_warp.start_warp.__wrapped__()
+    assert capfd.readouterr().err == "Warp CUDA error 999: unknown error\n"
