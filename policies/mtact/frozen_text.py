@@ -16,6 +16,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from envs.core.errors import MissingExtraError, PolicyError
+from envs.core.extras import install_command
 from policies.mtact.config import MtActConfig
 
 _CONFIG, _TOKENIZER, _WEIGHTS = "config", "tokenizer", "weights."
@@ -166,7 +167,7 @@ def _transformers() -> Any:
         import transformers
     except ImportError as error:
         raise MissingExtraError(
-            "policy.text_encoder=<folder> needs transformers: pip install 'roboverse-learn[language]'. "
+            f"policy.text_encoder=<folder> needs transformers: {install_command('language')}. "
             "policy.text_encoder=scratch needs nothing."
         ) from error
     return transformers

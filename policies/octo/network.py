@@ -13,6 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from envs.core.errors import MissingExtraError
+from envs.core.extras import install_command
 from policies.octo.diffusion import DiffusionHead
 from policies.octo.sizes import PATCH_PX, OctoSizes
 from policies.octo.stem import Stem
@@ -95,7 +96,5 @@ def _text_encoder(config: Mapping[str, Any]) -> Any:
     try:
         from transformers import T5Config, T5EncoderModel
     except ImportError as error:
-        raise MissingExtraError(
-            "Octo needs the package transformers: pip install 'roboverse-learn[vla]'."
-        ) from error
+        raise MissingExtraError(f"Octo needs the package transformers: {install_command('vla')}.") from error
     return T5EncoderModel(T5Config(**config)).requires_grad_(False).eval()

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from envs.core.errors import MissingExtraError, PolicyError
+from envs.core.extras import install_command
 from policies.normalization import HALF, IMAGENET
 
 _SCALE, _GAMMA = ".scale_factor", ".gamma"
@@ -95,7 +96,7 @@ class OpenVla(nn.Module):
             from transformers import LlamaConfig, LlamaForCausalLM
         except ImportError as error:
             raise MissingExtraError(
-                f"OpenVLA needs the package {error.name}: pip install 'roboverse-learn[vla]'."
+                f"OpenVLA needs the package {error.name}: {install_command('vla')}."
             ) from error
         self.settings = dict(config)
         missing = [key for key in ("timm_model_ids", "image_sizes", "text_config") if key not in config]

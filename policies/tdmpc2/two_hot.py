@@ -5,6 +5,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from envs.core.errors import PolicyError
+from envs.core.extras import install_command
 
 try:
     from torchrl.modules.functional import symexp, symlog
@@ -12,7 +13,7 @@ try:
 except ModuleNotFoundError as error:
     raise PolicyError(
         "policy=tdmpc2 needs the package 'torchrl', which is not installed. Install it with: "
-        "pip install 'roboverse-learn[torchrl]'."
+        f"{install_command('torchrl')}."
     ) from error
 
 

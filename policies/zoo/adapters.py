@@ -9,6 +9,7 @@ from typing import Any
 from torch import Tensor, nn
 
 from envs.core.errors import MissingExtraError, PolicyError
+from envs.core.extras import install_command
 from policies import checkpoint
 from policies.zoo.config import PeftConfig
 from policies.zoo.source import is_hub_name
@@ -31,9 +32,7 @@ def wrap(model: Any, config: PeftConfig, base: str) -> Any:
     try:
         from peft import PeftType
     except ImportError as error:
-        raise MissingExtraError(
-            "peft.* needs the package peft: pip install 'roboverse-learn[vla]'."
-        ) from error
+        raise MissingExtraError(f"peft.* needs the package peft: {install_command('vla')}.") from error
     if config.method_type.upper() not in (names := [each.name for each in PeftType]):
         raise PolicyError(
             f"peft.method_type={config.method_type} is no method of peft. Valid: {', '.join(names)}."
@@ -194,7 +193,7 @@ def wrap_from(model: Any, directory: Path) -> Any:
         from peft import get_peft_model
     except ImportError as error:
         raise MissingExtraError(
-            f"'{directory}' has adapters, which need the package peft: pip install 'roboverse-learn[vla]'."
+            f"'{directory}' has adapters, which need the package peft: {install_command('vla')}."
         ) from error
     config = Configuration.from_pretrained(str(directory))
     config.inference_mode = False

@@ -18,6 +18,7 @@ from lerobot.utils.constants import ACTION
 from torch import Tensor, nn
 
 from envs.core.errors import MissingExtraError, PolicyError
+from envs.core.extras import install_command
 from policies import checkpoint
 from policies.lerobot_policy import Processors
 from policies.zoo import adapters
@@ -151,7 +152,7 @@ def _readable(what: str) -> Any:
     try:
         yield
     except ImportError as error:
-        raise MissingExtraError(f"{what}: {error} Install pip install 'roboverse-learn[{EXTRA}]'.") from error
+        raise MissingExtraError(f"{what}: {error} Install it by: {install_command(EXTRA)}.") from error
     except PolicyError:
         raise
     except Exception as error:  # each library raises its own

@@ -5,6 +5,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from envs.core.errors import MissingExtraError, PolicyError
+from envs.core.extras import install_command
 from policies import checkpoint
 from policies.zoo.cameras import check_state_size, missing_cameras
 from policies.zoo.config import IMAGE_PREFIX, LeRobotConfig, full_rename_map
@@ -40,7 +41,7 @@ def check_packages(what: str, *packages: str) -> None:
     """
     if missing := [name for name in packages if find_spec(name) is None]:
         raise MissingExtraError(
-            f"{what} needs {' and '.join(missing)}: pip install 'roboverse-learn[{EXTRA}]', or in a checkout "
+            f"{what} needs {' and '.join(missing)}: {install_command(EXTRA)}, or in a checkout "
             f"uv pip install -c constraints.txt --override overrides.txt -e '.[{EXTRA}]'."
         )
 
