@@ -90,7 +90,7 @@ def test_no_key_changes_a_recipe(word):
 
 def test_other_mistakes_are_reported_before_anything_runs():
     with pytest.raises(UnknownNameError, match="Did you mean 'act_v1'"):
-        plan(["recipe=act_v2"])
+        plan(["recipe=act_1"])
     with pytest.raises(ConfigError, match="add recipe="):
         plan(["tasks=[PickCube]"])
     with pytest.raises(ConfigError, match="trains policy=act"):
