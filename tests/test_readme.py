@@ -73,9 +73,10 @@ def test_every_command_is_in_the_readme() -> None:
     assert {text.split()[1] for text in shown_commands()} >= set(SUMMARIES)
 
 
-def recipe_cell(policy: str, task: str, trained: int, tested: int) -> str:
-    """Returns the success in % of a run of recipe v1 with seed 0; nothing where there is none."""
-    runs = list((ROOT / "results/v2" / task / policy).glob(f"{policy}_v1-level{trained}-seed0-*.json"))
+def recipe_cell(recipe: str, task: str, trained: int, tested: int) -> str:
+    """Returns the success in % of a recipe's run with seed 0; nothing where there is none."""
+    policy = recipe.partition("_")[0]
+    runs = list((ROOT / "results/v2" / task / policy).glob(f"{recipe}-level{trained}-seed0-*.json"))
     if not runs:
         return ""
     (run,) = runs
@@ -90,12 +91,13 @@ def test_the_table_of_results_is_that_of_the_recipes_runs() -> None:
         (row["policy"], row["task"]): 100 * row["success_rate"]["0"] for row in board["reference"]["rows"]
     }
     table = [[cell.strip() for cell in line.split("|")[1:-1]] for line in README.splitlines()]
-    rows = [cells for cells in table if len(cells) == 9 and ("act", cells[0]) in reported]
+    rows = [cells for cells in table if len(cells) == 10 and ("act", cells[0]) in reported]
     assert len(rows) == 6
     runs = [(0, 0), (3, 3), (0, 3)]
-    columns = [(policy, *levels) for policy in ("act", "diffusion") for levels in runs]
+    columns = [(recipe, *levels) for recipe in ("act_v1", "diffusion_v1") for levels in runs]
+    columns.insert(0, ("act_v2", 0, 0))
     for task, *cells in rows:
-        found = [recipe_cell(policy, task, trained, tested) for policy, trained, tested in columns]
+        found = [recipe_cell(recipe, task, trained, tested) for recipe, trained, tested in columns]
         assert cells == [*found, *(f"{reported[policy, task]:.1f}" for policy in ("act", "diffusion"))]
 
 
