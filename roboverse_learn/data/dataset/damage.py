@@ -18,11 +18,11 @@ def read_json(path: Path) -> Any:
     """Reads a JSON file of a dataset.
 
     Raises:
-        DatasetError: The file is absent or is not JSON.
+        DatasetError: The file is absent, a folder, or not JSON.
     """
     try:
         return json.loads(path.read_bytes())
     except FileNotFoundError as error:
         raise DatasetError(f"'{path}' does not exist. {_RESTORE}") from error
-    except (ValueError, UnicodeDecodeError) as error:
+    except (IsADirectoryError, ValueError) as error:
         raise broken_file(path, str(error)) from error

@@ -73,7 +73,9 @@ class DatasetInfo:
             raise broken_file(
                 root / "meta" / "episodes", f"{len(episodes)} of {info['total_episodes']} episodes are listed"
             )
-        stats = read_json(root / STATS_PATH) if (root / STATS_PATH).exists() else {}
+        if (needed := episodes[-1]["dataset_to_index"]) > info["total_frames"]:
+            reason = f"total_frames is {info['total_frames']}, and the episodes have {needed} frames"
+            raise broken_file(root / INFO_PATH, reason)
         return cls(
             root=root,
             fps=info["fps"],
@@ -81,7 +83,7 @@ class DatasetInfo:
             features=info["features"],
             num_episodes=info["total_episodes"],
             num_frames=info["total_frames"],
-            stats=statistics.from_json(stats),
+            stats=_read_stats(root / STATS_PATH),
             tasks=tuple(read_tasks(root)),
             episodes=tuple(episodes),
         )
@@ -175,11 +177,52 @@ def read_info(root: Path) -> dict[str, Any]:
         raise broken_file(root / INFO_PATH, "it does not describe a dataset")
     version = str(info.get("codebase_version"))
     if not version.startswith("v3."):
-        raise DatasetError(
-            f"The dataset '{root}' has the version {version}; valid is {CODEBASE_VERSION}. Convert it with "
-            "LeRobot's convert_dataset_v21_to_v30."
+        way_out = (
+            "Convert it with LeRobot's convert_dataset_v21_to_v30."
+            if version.startswith("v2.")
+            else f"Name a dataset of {CODEBASE_VERSION}, or write this one again with a LeRobot of it."
         )
+        raise DatasetError(
+            f"The dataset '{root}' has the version {version}; valid is {CODEBASE_VERSION}. {way_out}"
+        )
+    if wrong := _wrong_value(info):
+        raise broken_file(root / INFO_PATH, wrong)
     return info
+
+
+def _wrong_value(info: dict[str, Any]) -> str:
+    """Says which value of ``meta/info.json`` no dataset has; empty where each is possible."""
+    if not _is_number(info["fps"]) or info["fps"] <= 0:
+        return f"fps must be a number above 0, given {info['fps']!r}"
+    for key in ("total_episodes", "total_frames"):
+        if not isinstance(info[key], int) or info[key] < 0:
+            return f"{key} must be a whole number, 0 or more, given {info[key]!r}"
+    features = info["features"]
+    if not isinstance(features, dict) or not features:
+        return "features must name at least one feature"
+    for key, feature in features.items():
+        if not isinstance(feature, dict) or not {"dtype", "shape"} <= set(feature):
+            return f"the feature {key} has no dtype or no shape"
+    return ""
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _read_stats(path: Path) -> statistics.Stats:
+    """Reads ``meta/stats.json``; a dataset may have none.
+
+    Raises:
+        DatasetError: It does not hold statistics.
+    """
+    if not path.exists():
+        return {}
+    value = read_json(path)
+    try:
+        return statistics.from_json(value)
+    except (AttributeError, TypeError, ValueError) as error:
+        raise broken_file(path, "it does not hold statistics by feature") from error
 
 
 def datasets_in(*folders: Path) -> list[str]:

@@ -75,6 +75,39 @@ class TestDamage:
         edit(damaged / "meta/info.json", codebase_version="v2.1")
         refused(damaged, r"has the version v2.1; valid is v3.0. Convert it with LeRobot's convert_dataset")
 
+    @pytest.mark.parametrize("version", ["v4.0", None])
+    def test_info_of_a_version_that_lerobot_cannot_convert(self, damaged, version):
+        edit(damaged / "meta/info.json", codebase_version=version)
+        refused(damaged, rf"has the version {version}; valid is v3.0. Name a dataset of v3.0, or write")
+
+    @pytest.mark.parametrize(
+        ("key", "value", "said"),
+        [
+            ("fps", "20", "fps must be a number above 0, given '20'"),
+            ("fps", 0, "fps must be a number above 0, given 0"),
+            ("total_frames", "x", "total_frames must be a whole number, 0 or more, given 'x'"),
+            ("total_episodes", -1, "total_episodes must be a whole number, 0 or more, given -1"),
+            ("total_frames", 1, r"total_frames is 1, and the episodes have \d+ frames"),
+            ("features", [], "features must name at least one feature"),
+            ("features", {}, "features must name at least one feature"),
+            ("features", {"action": 3}, "the feature action has no dtype or no shape"),
+        ],
+    )
+    def test_info_with_a_value_that_no_dataset_has(self, damaged, key, value, said):
+        edit(damaged / "meta/info.json", **{key: value})
+        refused(damaged, rf"info.json' is truncated or damaged \({said}\)")
+
+    @pytest.mark.parametrize("name", ["info", "stats"])
+    def test_a_folder_in_place_of_a_file(self, damaged, name):
+        (damaged / f"meta/{name}.json").unlink()
+        (damaged / f"meta/{name}.json").mkdir()
+        refused(damaged, rf"meta/{name}.json' is truncated or damaged \(.*Is a directory")
+
+    @pytest.mark.parametrize("value", [[], {"action": 3}])
+    def test_statistics_of_another_form(self, damaged, value):
+        (damaged / "meta/stats.json").write_text(json.dumps(value))
+        refused(damaged, r"stats.json' is truncated or damaged \(it does not hold statistics by feature\)")
+
     def test_no_episode_yet(self, damaged):
         edit(damaged / "meta/info.json", total_episodes=0)
         refused(damaged, r"has no episode yet. Collect some first")
