@@ -9,6 +9,7 @@ from envs.core.atomic import atomic_directory, link_file, write_errors
 from envs.core.errors import DatasetError
 from roboverse_learn.data.dataset.info import METADATA_COLUMN, DatasetInfo, episode_key, read_episodes
 from roboverse_learn.data.dataset.meta_tables import row_stats
+from roboverse_learn.data.dataset.raw import read_raw
 from roboverse_learn.data.dataset.schema import (
     BOOKKEEPING,
     COLLECTION_PATH,
@@ -18,6 +19,7 @@ from roboverse_learn.data.dataset.schema import (
     video_keys,
 )
 from roboverse_learn.data.dataset.staging import StagedEpisode
+from roboverse_learn.data.dataset.video import check_video
 from roboverse_learn.data.dataset.writer import DatasetWriter
 
 _LOG = logging.getLogger(__name__)
@@ -47,6 +49,8 @@ def merge(sources: Sequence[str | Path], root: str | Path) -> DatasetInfo:
         raise DatasetError("Nothing to merge. Give at least one dataset.")
     for info in infos:
         _check_source(info, infos[0])
+    for info in infos:
+        _check_files(info)
     order = sorted(
         (
             (_order(info, index), source, index)
@@ -115,6 +119,14 @@ def _check_source(info: DatasetInfo, first: DatasetInfo) -> None:
             f"The datasets '{first.root}' and '{info.root}' differ in features or fps. Merge only datasets "
             "of the same robot, cameras and image size."
         )
+
+
+def _check_files(info: DatasetInfo) -> None:
+    """Checks that the videos and raw states of a source are whole, before any of them gets a second name."""
+    for index, length in enumerate(info.episode_lengths):
+        read_raw(info.root, index)
+        for key in video_keys(info.features):
+            check_video(info.video_file(index, key), int(length))
 
 
 def _stage_links(directory: Path, info: DatasetInfo, index: int) -> Path:

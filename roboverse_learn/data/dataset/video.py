@@ -116,6 +116,28 @@ def _packet_times(source: Path | io.BytesIO) -> np.ndarray:
     return np.sort(times)
 
 
+def check_video(path: Path, num_frames: int) -> None:
+    """Checks that a video of one episode has all of its frames, without decoding any.
+
+    Raises:
+        DatasetError: The file is absent or damaged, or holds another number of frames.
+    """
+    from av.error import FFmpegError
+
+    _check_there(path)
+    try:
+        stored = len(_packet_times(path))
+    except (FFmpegError, IndexError) as error:
+        raise broken_file(path, str(error)) from error
+    if stored != num_frames:
+        raise broken_file(path, f"it holds {stored} frames, and its episode has {num_frames}")
+
+
+def _check_there(path: Path) -> None:
+    if not path.exists():
+        raise DatasetError(f"The video '{path}' is missing. Restore it from a copy, or collect again.")
+
+
 def decode_video(path: Path, times: np.ndarray, rows: np.ndarray, out: np.ndarray, threads: int = 1) -> None:
     """Decodes frames of a video into rows of a resident array; pixels are exactly PyAV's ``rgb24``.
 
@@ -132,8 +154,7 @@ def decode_video(path: Path, times: np.ndarray, rows: np.ndarray, out: np.ndarra
     import av
     from av.error import FFmpegError
 
-    if not path.exists():
-        raise DatasetError(f"The video '{path}' is missing. Restore it from a copy, or collect again.")
+    _check_there(path)
     try:
         row_of_frame = _match_frames(path, times, rows)
         remaining = int((row_of_frame >= 0).sum())

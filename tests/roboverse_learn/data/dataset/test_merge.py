@@ -75,6 +75,26 @@ def test_a_killed_merge_is_completed(tmp_path, monkeypatch):
     assert dataset_hash(tmp_path / "merged") == dataset_hash(whole)
 
 
+@pytest.mark.parametrize("kept", [None, 0, 0.5])
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("raw/episode_000001.safetensors", "no raw states of episode 1"),
+        ("videos/observation.images.front/chunk-000/file-001.mp4", "is missing"),
+    ],
+)
+def test_a_part_whose_file_is_missing_or_cut_is_named_before_anything_is_written(tmp_path, name, said, kept):
+    whole, part = write(tmp_path / "whole", [0]), write(tmp_path / "part", [1, 2])
+    content = (part / name).read_bytes()
+    (part / name).unlink()
+    if kept is not None:
+        (part / name).write_bytes(content[: int(kept * len(content))])
+        said = f"'{part / name}' is truncated or damaged"
+    with pytest.raises(DatasetError, match=said):
+        merge([whole, part], tmp_path / "merged")
+    assert not (tmp_path / "merged").exists()
+
+
 def collected(root, indices):
     """Writes a dataset with the record of its collection, and a failed candidate."""
     write(root, indices, level=0)
