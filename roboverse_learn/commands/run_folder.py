@@ -20,7 +20,7 @@ from filelock import BaseFileLock
 
 import policies
 from envs.core.atomic import write_file
-from envs.core.errors import ConfigError, LockedError, RoboVerseError
+from envs.core.errors import ConfigError, LockedError, MissingAssetError, RoboVerseError
 from envs.core.fingerprint import digest, file_hash
 from policies.checkpoint import HASHES, resolve, weights_path
 from roboverse_learn.commands.scene_labels import varied_part
@@ -116,9 +116,20 @@ def read_config(folder: Path) -> TrainRunConfig:
         raise ConfigError(f"'{folder}' is not the folder of a run: it has no {CONFIG_FILE}.") from error
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ConfigError(f"'{path}' cannot be read: {' '.join(str(error).split())}.") from error
-    if not isinstance(values, dict):
-        raise ConfigError(f"'{path}' is not a configuration: it holds no keys.")
-    return from_values("train", values)
+    if not isinstance(values, dict) or "policy_name" not in values:
+        raise ConfigError(
+            f"'{path}' is not the configuration of a run: it does not name a policy. Restore it from a copy, "
+            "or begin another run."
+        )
+    try:
+        return from_values("train", values)
+    except MissingAssetError:
+        raise
+    except ConfigError as error:
+        raise ConfigError(
+            f"'{path}' does not fit this version, or is damaged: {error} Restore it from a copy, or begin "
+            "another run."
+        ) from error
 
 
 def run_of(checkpoint: Path) -> Path | None:

@@ -187,6 +187,19 @@ def test_a_broken_configuration_is_a_clear_error(content: str) -> None:
         read_config(run.folder)
 
 
+def test_a_configuration_that_was_cut_names_its_file_beside_the_value() -> None:
+    with RunFolder.open(config(), COMMAND) as run:
+        pass
+    path = run.folder / CONFIG_FILE
+    whole = path.read_text()
+    path.write_text(whole.replace("n_heads: ", "n_heads: 1"))
+    with pytest.raises(ConfigError, match=rf"'{path}' does not fit .*n_heads=1\d+.* Restore it from a copy"):
+        read_config(run.folder)
+    path.write_text("{}")
+    with pytest.raises(ConfigError, match=rf"'{path}' is not the configuration of a run"):
+        read_config(run.folder)
+
+
 def test_a_folder_that_is_no_run_is_a_clear_error(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"is not the folder of a run: it has no config\.yaml"):
         read_config(tmp_path)
