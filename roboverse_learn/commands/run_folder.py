@@ -9,6 +9,7 @@ of another program takes the place of the task.
 import contextlib
 import json
 import logging
+import re
 import shlex
 import time
 from collections.abc import Iterator, Mapping
@@ -48,6 +49,9 @@ _FREE_KEYS = {
     *("train.num_threads", "train.save_every", "train.log_every", "train.wandb", "train.cuda_graphs"),
 }
 _EXTENDABLE = ("train.steps", "train.time_limit_s")
+
+_LONGEST_NAME = 80
+"""Of a run's name in its results, in characters; the parts that an evaluation adds have the rest of 120."""
 
 _STREAMS = ("training", "collection")
 
@@ -135,6 +139,16 @@ def read_config(folder: Path) -> TrainRunConfig:
 def run_of(checkpoint: Path) -> Path | None:
     """Returns the folder of the run that a checkpoint lies in, or None."""
     return next((path for path in checkpoint.absolute().parents if (path / CONFIG_FILE).is_file()), None)
+
+
+def result_name(folder: Path) -> str:
+    """Returns the name of a run in its results: its folder's, or one made of it that is fit for a file.
+
+    A name that was changed ends in a hash of the folder's, so that no two folders share a results file.
+    """
+    name = folder.absolute().name
+    fit = re.sub(r"[^A-Za-z0-9._+=-]+", "-", name).lstrip("._+=-")[:_LONGEST_NAME]
+    return name if fit == name else f"{fit or 'run'}-{digest(name)}"
 
 
 def read_facts(folder: Path, stage: str) -> dict[str, Any]:

@@ -155,14 +155,14 @@ def checkpoint_of_run(folder: Path, config: TrainRunConfig, checkpoint: Path) ->
         config: Its configuration.
         checkpoint: The pretrained folder inside it.
     """
-    from roboverse_learn.commands.run_folder import read_facts
+    from roboverse_learn.commands.run_folder import read_facts, result_name
     from roboverse_learn.config.serialize import to_values
     from roboverse_learn.training.device import resolve_device
 
     facts = read_facts(folder, "collect")
     return TestedCheckpoint(
         checkpoint=checkpoint,
-        run=folder.name,
+        run=result_name(folder),
         env=_without_variation(config.env),
         device=resolve_device(config.device),
         training=Training(
@@ -250,10 +250,10 @@ def _checkpoint_without_run(checkpoint: Path, config: EvaluateConfig) -> TestedC
 
 def checkpoint_name(given: str, checkpoint: Path) -> str:
     """Returns a short name of a checkpoint: of its run, or as :func:`name_without_run` has it."""
-    from roboverse_learn.commands.run_folder import run_of
+    from roboverse_learn.commands.run_folder import result_name, run_of
 
     folder = run_of(checkpoint)
-    return name_without_run(given, checkpoint) if folder is None else folder.name
+    return name_without_run(given, checkpoint) if folder is None else result_name(folder)
 
 
 def name_without_run(given: str, checkpoint: Path) -> str:
@@ -264,7 +264,7 @@ def name_without_run(given: str, checkpoint: Path) -> str:
         checkpoint: The pretrained folder.
     """
     name = checkpoint.absolute().parent.name if Path(given).exists() else given
-    return re.sub(r"[^A-Za-z0-9._+=-]+", "-", name).strip("-.") or "checkpoint"
+    return re.sub(r"[^A-Za-z0-9._+=-]+", "-", name).strip("-.").lstrip("_+=-.") or "checkpoint"
 
 
 def _baseline(config: EvaluateConfig) -> TestedCheckpoint:

@@ -10,6 +10,7 @@ import pytest
 import yaml
 from PIL import Image
 
+from benchmark import results
 from envs.core.errors import ConfigError, PolicyError, UnknownNameError
 from policies.checkpoint import CONFIG, WEIGHTS, write_hashes
 from roboverse_learn.commands.run_folder import RunFolder, step_of
@@ -79,6 +80,35 @@ def test_checkpoint_is_identified_by_its_run(run: Path) -> None:
     assert (found.training.dataset_hash, found.training.demonstrations) == ("0" * 64, 400)
     assert step_of(found.checkpoint) == 200
     assert found.config["run"]["level"] == 2
+
+
+FOLDERS = ["my run", "r[1]", "läuft", "名前", "-lead", "_best", ".hidden", "x" * 200]
+
+
+def fits_a_result(name: str) -> bool:
+    """Whether the schema of results takes a name."""
+    schema = json.loads((Path(results.__file__).parent / "schema/result.v2.json").read_text())["$defs"][
+        "name"
+    ]
+    return bool(re.search(schema["pattern"], name)) and len(name) <= schema["maxLength"]
+
+
+def test_a_run_in_a_folder_of_any_name_has_a_result_of_a_name_that_is_valid(run: Path) -> None:
+    names = []
+    for folder in (*FOLDERS, "my-run", "my  run"):
+        run = run.rename(run.with_name(folder))
+        names.append(to_test(run).run)
+    assert [name for name in names if not fits_a_result(name)] == []
+    assert len(set(names)) == len(names), "two runs share a results file"
+    assert names[FOLDERS.index("my run")].startswith("my-run-") and "my-run" in names
+
+
+@pytest.mark.parametrize("folder", FOLDERS[:-1])
+def test_a_checkpoint_without_a_run_in_a_folder_of_any_name_has_a_valid_name(
+    tmp_path: Path, folder: str
+) -> None:
+    checkpoint = write_checkpoint(tmp_path / folder / "pretrained_model")
+    assert fits_a_result(to_test(checkpoint, "task=PickCube").run)
 
 
 def test_a_run_of_a_gpu_is_evaluated_where_there_is_none(run: Path) -> None:
