@@ -15,6 +15,7 @@ from envs.convert.description import Description
 from envs.convert.read import read_model
 from envs.convert.source import Loaded, Source, load
 from envs.core.assets import cache_dir
+from envs.core.atomic import write_errors
 from envs.core.errors import ConfigError, unknown_name
 
 logger = logging.getLogger(__name__)
@@ -56,6 +57,7 @@ def convert(
         UnknownNameError: if there is no such format, robot or body.
         ConfigError: if the source is not one robot, or the format does not support one of its joints.
         MissingExtraError: if ``to="usd"`` and usd-core is not installed.
+        WriteError: if the disk is full or the folder cannot be written.
     """
     if to not in FORMATS:
         raise unknown_name("format", to, FORMATS)
@@ -84,7 +86,16 @@ def describe_loaded(loaded: Loaded) -> Description:
 
 
 def _write_whole(loaded: Loaded, to: str, folder: Path) -> None:
-    """Writes into a temporary folder and renames it when it is complete."""
+    """Writes into a temporary folder and renames it when it is complete.
+
+    Raises:
+        WriteError: The disk is full or the folder cannot be written.
+    """
+    with write_errors(folder):
+        _write_and_rename(loaded, to, folder)
+
+
+def _write_and_rename(loaded: Loaded, to: str, folder: Path) -> None:
     folder.parent.mkdir(parents=True, exist_ok=True)
     working = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     try:

@@ -1,5 +1,6 @@
 """``roboverse convert``: what it prints, writes and refuses."""
 
+import errno
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,19 @@ def test_a_folder_can_be_chosen_and_is_not_written_over(tmp_path, capsys):
     assert (out / "franka.urdf").is_file()
     assert main(words) == 2
     assert "exists already and is not an empty folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("to", ["urdf", "mjcf"])
+def test_a_full_disk_names_the_folder_to_write_and_leaves_nothing(to, tmp_path, capsys, monkeypatch):
+    def full(source, *_args, **_kwargs):
+        raise OSError(errno.ENOSPC, "No space left on device", str(source))
+
+    monkeypatch.setattr("shutil.copyfile", full)
+    monkeypatch.setattr("envs.convert.urdf.write_urdf", full)
+    out = tmp_path / "deep/out"
+    assert main(["convert", "robot=franka", "simplify=true", f"to={to}", f"out={out}"]) == 2
+    assert f"error: '{out}' could not be written: the disk is full" in capsys.readouterr().err
+    assert not list(out.parent.iterdir())
 
 
 URDF = """<robot name="arm">
