@@ -130,7 +130,30 @@ def script(command: str) -> None:
     sys.exit(main([command, *sys.argv[1:]]))
 
 
+def _check_text(words: Sequence[str]) -> None:
+    """Checks that every word is text, as libraries that take a path require.
+
+    Raises:
+        ConfigError: One holds bytes that the encoding of this process does not have.
+    """
+    for word in words:
+        try:
+            word.encode()
+        except UnicodeEncodeError as error:
+            encoding = sys.getfilesystemencoding()
+            way_out = (
+                "Rename it in UTF-8."
+                if encoding == "utf-8"
+                else "Set LC_ALL=C.UTF-8 and PYTHONUTF8=1, or choose a name in plain letters."
+            )
+            raise ConfigError(
+                f"'{word.encode(errors='replace').decode()}' is no text in this terminal's encoding, "
+                f"{encoding}. {way_out}"
+            ) from error
+
+
 def _dispatch(words: list[str]) -> int:
+    _check_text(words)
     if len(words) > 1 and words[0] in HELP:  # as in `roboverse help train`
         words = [*words[1:], HELP[0]]
     if not words or words[0] in HELP:

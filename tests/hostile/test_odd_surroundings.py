@@ -50,6 +50,30 @@ def test_lists_and_help_need_no_working_folder(tmp_path: Path) -> None:
     assert done.returncode == 0 and "Policies:" in done.stdout
 
 
+@pytest.mark.parametrize(
+    ("script", "environment", "said"),
+    [
+        (
+            "$R collect num_demos=1 dataset=ü",
+            {"LC_ALL": "C", "PYTHONUTF8": "0"},
+            "'dataset=??' is no text in this terminal's encoding, ascii. Set LC_ALL=C.UTF-8",
+        ),
+        (
+            "$R collect num_demos=1 dataset=$'\\xfc'",
+            {"PYTHONUTF8": "1"},
+            "'dataset=?' is no text in this terminal's encoding, utf-8. Rename it in UTF-8.",
+        ),
+    ],
+    ids=["plain-locale", "bytes-of-latin-1"],
+)
+def test_a_path_that_is_no_text_here_is_named(
+    script: str, environment: dict[str, str], said: str, tmp_path: Path
+) -> None:
+    done = in_shell(script, tmp_path, **environment)
+    assert done.returncode == 2 and f"error: {said}" in done.stderr and done.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("words", ["train --help", "list", "--help", "speed --help"])
 def test_a_terminal_without_unicode_shows_the_rest(words: str, tmp_path: Path) -> None:
     done = in_shell(f"$R {words}", tmp_path, PYTHONIOENCODING="ascii")
