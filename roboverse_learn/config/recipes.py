@@ -65,11 +65,19 @@ def recipe_names(folder: Path) -> list[str]:
 
 
 def find_recipes(text: str, folder: Path) -> list[str]:
-    """Returns the recipes of ``act_v1,diffusion_v1``, of a path, or of a version such as ``v1``."""
+    """Returns the recipes of ``act_v1,diffusion_v1``, of a path, or of a version such as ``v1``.
+
+    Raises:
+        UnknownNameError: There is no recipe of a name or version.
+    """
+    names = recipe_names(folder)
+    versions = {version for name in names if (version := name.rpartition("_")[2]).startswith("v")}
     chosen: list[str] = []
-    for part in text.strip("[]").split(","):
-        of_version = [name for name in recipe_names(folder) if name.rpartition("_")[2] == part.strip()]
-        chosen += of_version or [part.strip()]
+    for part in map(str.strip, text.strip("[]").split(",")):
+        of_version = [name for name in names if name.rpartition("_")[2] == part]
+        if not of_version and part not in names and not part.endswith(".yaml"):
+            raise unknown_name("recipe", part, [*versions, *names])
+        chosen += of_version or [part]
     return list(dict.fromkeys(chosen))
 
 

@@ -95,3 +95,8 @@ def test_other_mistakes_are_reported_before_anything_runs():
         plan(["tasks=[PickCube]"])
     with pytest.raises(ConfigError, match="trains policy=act"):
         compose("train", ["recipe=act_v1", "policy=diffusion"])
+
+
+def test_an_unknown_version_of_recipes_lists_the_versions_beside_the_names():
+    with pytest.raises(UnknownNameError, match=r"Unknown recipe 'v9'\..* Valid: act_v1,.* v1, v1a"):
+        plan(["recipe=v9"])
