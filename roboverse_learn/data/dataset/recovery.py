@@ -70,12 +70,19 @@ def refuse_other_files(root: Path) -> None:
     """Checks that a folder is a dataset, what a killed writer left of one, empty, or absent.
 
     Raises:
-        DatasetError: It holds other files.
+        DatasetError: It holds other files, or episodes of a dataset whose description was lost.
     """
-    if not (root / INFO_PATH).is_file() and (other := other_file(root)):
+    if (root / INFO_PATH).is_file():
+        return
+    if other := other_file(root):
         raise DatasetError(
             f"The folder '{root}' is no dataset and holds other files, such as '{other}'. Name an empty or a "
             "new folder."
+        )
+    if episode := _episode_file(root):  # no kill leaves this: the description is written first
+        raise DatasetError(
+            f"The dataset '{root}' holds '{episode}' and has lost {INFO_PATH}. Restore its folder meta from "
+            "a copy, or delete the dataset."
         )
 
 
@@ -100,6 +107,13 @@ def repair(root: Path) -> int:
     if removed:
         _LOG.info("Removed %d files of an uncommitted episode from %s.", removed, root)
     return total
+
+
+def _episode_file(root: Path) -> str | None:
+    """Returns the path, below a folder, of a file with frames of an episode; None if there is none."""
+    found = (path for part in ("data", "videos", "raw") for path in sorted((root / part).rglob("*.*")))
+    paths = (path.relative_to(root).as_posix() for path in found)
+    return next((path for path in paths if _OWN.fullmatch(path)), None)
 
 
 def _foreign(root: Path) -> DatasetError:

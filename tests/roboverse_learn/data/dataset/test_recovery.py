@@ -234,3 +234,12 @@ class TestFiles:
         monkeypatch.setattr(os, "replace", forbidden)
         with pytest.raises(WriteError, match=r"a.json' could not be written: Permission denied"):
             write_json(tmp_path / "a.json", {})
+
+
+def test_episodes_that_lost_their_description_are_refused_and_kept(tmp_path):
+    root = write(tmp_path / "d", range(2))
+    shutil.rmtree(root / "meta")
+    before = sorted(root.rglob("*.*"))
+    with pytest.raises(DatasetError, match=r"holds 'data/.*parquet' and has lost meta/info\.json\. Restore"):
+        write(root, range(1))
+    assert sorted(root.rglob("*.*")) == before
