@@ -3,8 +3,9 @@
 The last of these that sets a value wins:
 
 1. the defaults of the dataclasses (:mod:`roboverse_learn.config.schema`),
-2. ``configs/policy/<policy>.yaml``, ``configs/preset/<preset>.yaml`` and
-   ``configs/policy_preset/<preset>_<policy>.yaml``, composed by Hydra,
+2. ``configs/policy/<policy>.yaml``, ``configs/preset/<preset>.yaml``,
+   ``configs/policy_preset/<preset>_<policy>.yaml`` and
+   ``configs/task_preset/<task>/<preset>_<policy>.yaml``, composed by Hydra,
 3. for ``train``, ``configs/recipe/<recipe>.yaml``, with the preset ``full``; for ``evaluate``, the
    values of the protocol that ``protocol=`` names,
 4. the saved configuration of the run that ``run=`` names, in place of 1 to 3,
@@ -100,7 +101,8 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
     known = flat_keys(defaults)
     keys = [full_key(command, own_key(policy, key), known) for _, key, _ in settings]
     check_beside(recipe or str(saved.get("recipe", "")), chosen, policy, keys)
-    values = merged(copy.deepcopy(_composed(command, policy, preset)), of_recipe)
+    task_preset = _task_preset(typed.get("task", defaults.get("task", "")), preset, policy)
+    values = merged(copy.deepcopy(_composed(command, policy, preset, task_preset)), of_recipe)
     if saved.get("policy_name") == policy:
         values = saved | ({"preset": preset} if "preset" in typed else {})
     if command == "evaluate":
@@ -242,8 +244,14 @@ def _saved_values(run: str) -> dict[str, Any]:
     return to_values(read_config(folder)) if run and (folder / CONFIG_FILE).exists() else {}
 
 
+def _task_preset(task: str, preset: str, policy: str) -> str:
+    """Returns the file of what one task needs of its own in a preset; nothing where there is none."""
+    name = f"{task.strip('[] ')}/{preset}_{policy}"
+    return name if (configs_folder() / "task_preset" / f"{name}.yaml").is_file() else ""
+
+
 @cache
-def _composed(command: str, policy: str, preset: str) -> dict[str, Any]:
+def _composed(command: str, policy: str, preset: str, task_preset: str) -> dict[str, Any]:
     """Returns the defaults of a command with the YAML files over them, merged by Hydra."""
     defaults = default_values(command, policy)
     if "preset" not in defaults:
@@ -254,7 +262,8 @@ def _composed(command: str, policy: str, preset: str) -> dict[str, Any]:
 
     ConfigStore.instance().store(name="defaults_of_dataclasses", node=defaults)
     with hydra.initialize_config_dir(str(configs_folder()), version_base="1.3"):
-        composed = hydra.compose("run", [f"policy={policy or 'none'}", f"preset={preset}"])
+        own = [f"+task_preset={task_preset}"] if task_preset else []
+        composed = hydra.compose("run", [f"policy={policy or 'none'}", f"preset={preset}", *own])
     values: Any = OmegaConf.to_container(composed, resolve=True)
     return {key: values[key] for key in defaults}  # the files also have keys of other commands
 

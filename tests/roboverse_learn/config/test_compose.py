@@ -1,6 +1,7 @@
 """Configurations: precedence, shorthand, round trips, and what no word may do."""
 
 import dataclasses
+import itertools
 import json
 import re
 from pathlib import Path
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 
 import policies
 from envs.core.errors import ConfigError, RoboVerseError, UnknownNameError
+from envs.tasks import TASKS
 from envs.tasks.suites import suite_tasks
 from roboverse_learn import cli
 from roboverse_learn.config.command_line_keys import at, flat_keys
@@ -278,12 +280,25 @@ def test_every_command_composes(command: str) -> None:
 def test_every_yaml_is_reachable() -> None:
     known = {f"preset/{name}" for name in preset_names()} | {f"policy/{name}" for name in policies.names()}
     known |= {f"policy_preset/{preset}_{policy}" for preset in preset_names() for policy in policies.names()}
+    of_tasks = itertools.product(TASKS.names(), preset_names(), policies.names())
+    known |= {f"task_preset/{task}/{preset}_{policy}" for task, preset, policy in of_tasks}
     known |= {f"recipe/{name}" for name in recipe_names(configs_folder() / "recipe")}
     found = {
         path.relative_to(configs_folder()).with_suffix("").as_posix()
         for path in configs_folder().rglob("*.y*ml")
     }
     assert found - {"run"} <= known
+
+
+@pytest.mark.parametrize("task", ["NutAssembly", "[NutAssembly]"])
+def test_a_task_has_what_it_needs_of_its_own_in_a_preset(task: str) -> None:
+    words = ["preset=quick", f"task={task}"]
+    longer, plain = compose("train", words), compose("train", ["preset=quick"])
+    assert longer.policy.chunk_size == 80 > plain.policy.chunk_size
+    assert longer.policy.dim_model == plain.policy.dim_model
+    assert compose("train", [*words, "policy.chunk_size=40"]).policy.chunk_size == 40
+    diffusion = compose("train", [*words, "policy=diffusion"])
+    assert diffusion.train == compose("train", ["preset=quick", "policy=diffusion"]).train
 
 
 def test_preset_does_not_change_the_evaluated_scene() -> None:
