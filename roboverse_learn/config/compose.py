@@ -101,7 +101,7 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
     known = flat_keys(defaults)
     keys = [full_key(command, own_key(policy, key), known) for _, key, _ in settings]
     check_beside(recipe or str(saved.get("recipe", "")), chosen, policy, keys)
-    task_preset = _task_preset(typed.get("task", defaults.get("task", "")), preset, policy)
+    task_preset = _task_preset(str(typed.get("task") or defaults.get("task", "")), preset, policy)
     values = merged(copy.deepcopy(_composed(command, policy, preset, task_preset)), of_recipe)
     if saved.get("policy_name") == policy:
         values = saved | ({"preset": preset} if "preset" in typed else {})
