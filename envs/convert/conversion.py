@@ -69,7 +69,8 @@ def convert(
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise ConfigError(f"out={folder} exists already and is not an empty folder. Choose another one.")
     if out is not None or not (folder / _LOSSES_FILE).is_file():
-        _write_whole(loaded, to, folder)
+        with write_errors(folder):
+            _write_whole(loaded, to, folder)
     for loss in json.loads((folder / _LOSSES_FILE).read_text(encoding="utf-8")):
         logger.warning("%s to %s: %s", loaded.name, to, loss)
     return folder / f"{loaded.name}.{'xml' if to == 'mjcf' else to}"
@@ -86,16 +87,7 @@ def describe_loaded(loaded: Loaded) -> Description:
 
 
 def _write_whole(loaded: Loaded, to: str, folder: Path) -> None:
-    """Writes into a temporary folder and renames it when it is complete.
-
-    Raises:
-        WriteError: The disk is full or the folder cannot be written.
-    """
-    with write_errors(folder):
-        _write_and_rename(loaded, to, folder)
-
-
-def _write_and_rename(loaded: Loaded, to: str, folder: Path) -> None:
+    """Writes into a temporary folder and renames it when it is complete."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     working = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     try:

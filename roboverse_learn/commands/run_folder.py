@@ -9,7 +9,6 @@ of another program takes the place of the task.
 import contextlib
 import json
 import logging
-import re
 import shlex
 import time
 from collections.abc import Iterator, Mapping
@@ -24,7 +23,7 @@ from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, LockedError, MissingAssetError, RoboVerseError
 from envs.core.fingerprint import digest, file_hash
 from policies.checkpoint import HASHES, resolve, weights_path
-from roboverse_learn.commands.scene_labels import varied_part
+from roboverse_learn.commands.scene_labels import fit_for_a_file, varied_part
 from roboverse_learn.config.command_line_keys import at, flat_keys
 from roboverse_learn.config.schema import TrainRunConfig
 from roboverse_learn.config.serialize import from_values, to_values
@@ -147,7 +146,7 @@ def result_name(folder: Path) -> str:
     A name that was changed ends in a hash of the folder's, so that no two folders share a results file.
     """
     name = folder.absolute().name
-    fit = re.sub(r"[^A-Za-z0-9._+=-]+", "-", name).lstrip("._+=-")[:_LONGEST_NAME]
+    fit = fit_for_a_file(name).lstrip("._+=-")[:_LONGEST_NAME]
     return name if fit == name else f"{fit or 'run'}-{digest(name)}"
 
 

@@ -1,5 +1,6 @@
 """Labels of a changed scene and of its materials, in names of folders and files and in results."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,11 @@ from envs.spec import EnvSpec
 def scenario_name(changes: Mapping[str, Any]) -> str:
     """Returns the label of changes of a scene in the name of a folder or a file."""
     return f"scenario-{digest(changes)}"
+
+
+def fit_for_a_file(text: str) -> str:
+    """Returns a text as a part of a file name: hyphens take the place of signs that a result refuses."""
+    return re.sub(r"[^A-Za-z0-9._+=-]+", "-", text)
 
 
 def folder_name(materials: str) -> str:

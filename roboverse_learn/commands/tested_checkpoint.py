@@ -1,7 +1,6 @@
 """The checkpoint that is evaluated, the environment it is evaluated in, and how it was trained."""
 
 import logging
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from envs.core.errors import ConfigError
 from envs.core.machine import check_device_name
 from envs.simulators.settings import check_settings
 from envs.spec import EnvSpec
-from roboverse_learn.commands.scene_labels import recorded_materials, scenario_name
+from roboverse_learn.commands.scene_labels import fit_for_a_file, recorded_materials, scenario_name
 from roboverse_learn.config.scenario_overrides import checked_scenario
 from roboverse_learn.config.schema import (
     EVALUATE_ENV_KEYS,
@@ -264,7 +263,7 @@ def name_without_run(given: str, checkpoint: Path) -> str:
         checkpoint: The pretrained folder.
     """
     name = checkpoint.absolute().parent.name if Path(given).exists() else given
-    return re.sub(r"[^A-Za-z0-9._+=-]+", "-", name).strip("-.").lstrip("_+=-.") or "checkpoint"
+    return fit_for_a_file(name).rstrip("-.").lstrip("._+=-") or "checkpoint"
 
 
 def _baseline(config: EvaluateConfig) -> TestedCheckpoint:
@@ -391,4 +390,4 @@ def _in_name(key: str, value: Any) -> str:
     if key == "scenario":
         return scenario_name(value)
     text = "-".join(f"{key}={item}" for key, item in value.items()) if isinstance(value, dict) else str(value)
-    return re.sub(r"[^A-Za-z0-9._+=-]+", "-", text)
+    return fit_for_a_file(text)

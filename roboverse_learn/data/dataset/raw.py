@@ -11,6 +11,7 @@ from envs.core.errors import DatasetError
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.schema import RAW_PATH, video_keys
 from roboverse_learn.data.dataset.staging import read_tensors
+from roboverse_learn.data.dataset.video import check_there
 
 # When and how fast something was collected is no part of what was collected.
 VOLATILE_METADATA = frozenset({"created", "timestamp", "wall_time_s", "hostname", "worker"})
@@ -72,10 +73,7 @@ def dataset_hash(root: str | Path) -> str:
     for key in video_keys(info.features):
         files = dict.fromkeys(info.video_file(index, key) for index in range(info.num_episodes))
         for path in files:
-            if not path.exists():
-                raise DatasetError(
-                    f"The video '{path}' is missing. Restore it from a copy, or collect again."
-                )
+            check_there(path)
             digest.update(path.read_bytes())
     return digest.hexdigest()
 

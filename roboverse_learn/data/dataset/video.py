@@ -124,7 +124,7 @@ def check_video(path: Path, num_frames: int) -> None:
     """
     from av.error import FFmpegError
 
-    _check_there(path)
+    check_there(path)
     try:
         stored = len(_packet_times(path))
     except (FFmpegError, IndexError) as error:
@@ -133,7 +133,12 @@ def check_video(path: Path, num_frames: int) -> None:
         raise broken_file(path, f"it holds {stored} frames, and its episode has {num_frames}")
 
 
-def _check_there(path: Path) -> None:
+def check_there(path: Path) -> None:
+    """Checks that a video exists.
+
+    Raises:
+        DatasetError: It does not.
+    """
     if not path.exists():
         raise DatasetError(f"The video '{path}' is missing. Restore it from a copy, or collect again.")
 
@@ -154,7 +159,7 @@ def decode_video(path: Path, times: np.ndarray, rows: np.ndarray, out: np.ndarra
     import av
     from av.error import FFmpegError
 
-    _check_there(path)
+    check_there(path)
     try:
         row_of_frame = _match_frames(path, times, rows)
         remaining = int((row_of_frame >= 0).sum())
