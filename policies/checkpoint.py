@@ -41,7 +41,8 @@ def resolve(directory: str | Path) -> Path:
     """Returns the pretrained folder that ``directory`` is or holds.
 
     Args:
-        directory: A pretrained folder, a checkpoint of a run, or a run, whose last checkpoint counts.
+        directory: A pretrained folder, a checkpoint of a run, or a run, whose last checkpoint counts: the
+            newest where the link to it is gone, as in a copy without links.
 
     Raises:
         PolicyError: if there is no such folder, or no checkpoint in it.
@@ -50,7 +51,10 @@ def resolve(directory: str | Path) -> Path:
     if not directory.is_dir():
         what = "is a file" if directory.exists() else "does not exist"
         raise PolicyError(f"Checkpoint '{directory}' {what}. {_ADVICE}")
-    for inner in ("", "pretrained_model", "checkpoints/last/pretrained_model"):
+    steps = [path.name for path in directory.glob("checkpoints/[0-9]*") if path.name.isdigit()]
+    numbered = [f"checkpoints/{step}" for step in sorted(steps, key=int, reverse=True)]
+    inside = [f"{checkpoint}/pretrained_model" for checkpoint in (".", "checkpoints/last", *numbered)]
+    for inner in ("", *inside):
         if (directory / inner / CONFIG).is_file():
             return directory / inner
     raise PolicyError(f"Checkpoint '{directory}' has no {CONFIG}. {_ADVICE}")

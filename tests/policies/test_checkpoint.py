@@ -9,7 +9,7 @@ import torch
 import policies
 from envs.core.atomic import atomic_directory
 from envs.core.errors import PolicyError, UnknownNameError
-from policies.checkpoint import check_learned
+from policies.checkpoint import check_learned, resolve
 from tests.policies.examples import FEATURES, IMAGE, make, observation, stats
 
 ADVICE = "Name another checkpoint, or train again."
@@ -39,6 +39,16 @@ def message(folder) -> str:
 
 def test_a_folder_that_is_not_there(tmp_path):
     assert f"Checkpoint '{tmp_path / 'nothing'}' does not exist" in message(tmp_path / "nothing")
+
+
+def test_a_run_without_its_link_has_its_newest_checkpoint(tmp_path):
+    for step in ("950000", "1000000", "1000000.old"):
+        folder = tmp_path / "checkpoints" / step / "pretrained_model"
+        folder.mkdir(parents=True)
+        (folder / "config.json").write_text("{}")
+    assert resolve(tmp_path) == tmp_path / "checkpoints/1000000/pretrained_model"
+    (tmp_path / "checkpoints/last").symlink_to("950000")
+    assert resolve(tmp_path) == tmp_path / "checkpoints/last/pretrained_model"
 
 
 def test_a_file_in_place_of_a_folder(tmp_path):
