@@ -261,7 +261,11 @@ def _load_config(
     if "pretrained_backbone_weights" in content:  # torchvision's would be downloaded
         content["pretrained_backbone_weights"] = None
     try:
-        return draccus.decode(model_classes[given].config_class, content)
+        config = draccus.decode(model_classes[given].config_class, content)
+        config.validate_features()
+        if config.action_feature is None:
+            raise ValueError("its outputs have no action")
+        return config
     except Exception as error:  # draccus raises several unrelated types
         reason = error.__cause__ or error  # draccus hides what the dataclass said
         raise PolicyError(f"'{path}' is not a configuration of policy '{name}': {reason}") from error
@@ -282,6 +286,6 @@ def _load_processors(directory: Path, device: str, allowed: frozenset[str]) -> P
             to_transition=policy_action_to_transition,
             to_output=transition_to_policy_action,
         )
-    except (ValueError, KeyError, TypeError, ImportError) as error:
+    except (OSError, ValueError, KeyError, TypeError, ImportError) as error:
         raise PolicyError(f"The processors of checkpoint '{directory}' cannot be read: {error}") from error
     return preprocessor, postprocessor

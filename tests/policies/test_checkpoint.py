@@ -141,6 +141,15 @@ def test_json_of_another_kind(broken):
     assert "must hold a JSON object, not a list" in message(broken)
 
 
+@pytest.mark.parametrize("key", ["input_features", "output_features"])
+@pytest.mark.parametrize("value", [None, {}])
+def test_a_config_without_features(broken, key, value):
+    content = json.loads((broken / "config.json").read_text())
+    (broken / "config.json").write_text(json.dumps(content | {key: value}))
+    with pytest.raises(PolicyError, match=r"config\.json' is not a configuration of policy 'act'"):
+        policies.load(broken)
+
+
 def test_a_config_without_a_type(broken):
     (broken / "config.json").write_text("{}")
     assert "does not say which policy it is" in message(broken)
