@@ -1,8 +1,8 @@
 """The command line: ``roboverse <command> key=value ...``.
 
 It parses arguments, calls a command, prints its result, and turns errors into one message and an exit
-code: 0 done, 1 a bug (with its traceback) or a contract that ``check`` found broken, 2 a mistake that the
-user can fix, 130 interrupted (143 where training was, by SIGTERM).
+code: 0 done, 1 a bug (with its traceback), a contract that ``check`` found broken or a video that ``dataset
+info`` found damaged, 2 a mistake that the user can fix, 130 interrupted (143 where training was, by SIGTERM).
 """
 
 import errno
@@ -180,8 +180,9 @@ def _dispatch(words: list[str]) -> int:
     check_working_folder()
     if command in _OF_WORDS:
         _start_logging()
-        print(_function(command)(rest))
-        return 0
+        report = _function(command)(rest)
+        print(report)
+        return _code(report)
     config = _read(command, rest)
     _start_logging()
     return _run(command, config) or 0
@@ -241,13 +242,14 @@ def _read(command: str, words: list[str]) -> Any:
 
 
 def _run(command: str, config: Any) -> int:
-    """Calls a command and prints what it returns.
-
-    Returns:
-        The exit code: 1 where what it returns says that not all is ``ok``.
-    """
+    """Calls a command and prints what it returns; returns the exit code."""
     report = _function(command)(config)
     _show(report)
+    return _code(report)
+
+
+def _code(report: Any) -> int:
+    """Returns the exit code: 1 where what a command returned says that not all is ``ok``."""
     return 0 if getattr(report, "ok", True) else 1
 
 

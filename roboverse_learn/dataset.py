@@ -3,9 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from envs.core.arguments import parse
 from envs.core.errors import ConfigError, unknown_name
+
+if TYPE_CHECKING:
+    from roboverse_learn.data import DatasetInfo
 
 ACTIONS = ("merge", "info")
 
@@ -25,7 +29,7 @@ class MergeConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class InfoConfig:
-    """Says what a dataset holds.
+    """Says what a dataset holds, and which of its videos are damaged.
 
     Attributes:
         dataset: Folder of the dataset.
@@ -34,14 +38,30 @@ class InfoConfig:
     dataset: str = ""
 
 
-def dataset(words: Sequence[str]) -> str:
+@dataclass(frozen=True, slots=True)
+class DatasetReport:
+    """What a dataset holds.
+
+    Attributes:
+        text: What to print.
+        ok: Whether each of its videos has all of its frames.
+    """
+
+    text: str
+    ok: bool = True
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def dataset(words: Sequence[str]) -> DatasetReport:
     """Runs one action on datasets; returns what to print.
 
     Raises:
         ConfigError: A key is missing.
-        DatasetError: A dataset is absent, damaged, or does not fit the others.
+        DatasetError: A dataset is absent, damaged in another file than a video, or does not fit the others.
     """
-    from roboverse_learn.data import DatasetInfo, dataset_hash, merge
+    from roboverse_learn.data import DatasetInfo, merge
 
     action, *rest = words or [""]
     note = ""
@@ -59,12 +79,27 @@ def dataset(words: Sequence[str]) -> str:
         if not folder:
             raise ConfigError("dataset info needs dataset=<folder>.")
         info = DatasetInfo.open(folder)
-    return (
+    return _report(info, note)
+
+
+def _report(info: "DatasetInfo", note: str) -> DatasetReport:
+    """Describes a dataset; one whose videos are damaged has no hash."""
+    from roboverse_learn.data import dataset_hash
+    from roboverse_learn.data.dataset.images import damaged_videos
+
+    damaged = damaged_videos(info)
+    lines = [
         f"{info.root}: {info.num_episodes} episodes, {info.num_frames} frames at {info.fps} Hz, "
-        f"hash {dataset_hash(info.root)[:16]}\n"
-        f"tasks: {', '.join(info.tasks)}\n"
-        f"features: {', '.join(info.features)}{note}"
-    )
+        + (_count(damaged) if damaged else f"hash {dataset_hash(info.root)[:16]}"),
+        f"tasks: {', '.join(info.tasks)}",
+        f"features: {', '.join(info.features)}{note}",
+        *(f"damaged: {error}" for error in damaged),
+    ]
+    return DatasetReport("\n".join(lines), ok=not damaged)
+
+
+def _count(damaged: Sequence[Exception]) -> str:
+    return f"{len(damaged)} of its videos {'are' if len(damaged) > 1 else 'is'} damaged"
 
 
 def _is_folder(word: str) -> bool:

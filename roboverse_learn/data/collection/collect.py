@@ -13,9 +13,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from envs.core.errors import DatasetError
 from roboverse_learn.data.collection.config import CollectionConfig
 from roboverse_learn.data.collection.pool import attempts, check_not_in_a_worker
 from roboverse_learn.data.collection.schedule import Schedule
+from roboverse_learn.data.dataset.images import damaged_videos
+from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.raw import dataset_hash
 from roboverse_learn.data.dataset.writer import DatasetWriter
 
@@ -97,7 +100,8 @@ def collect(
 
     Raises:
         TooFewSuccessesError: The candidates do not give enough successes, or will not.
-        DatasetError: The disk is full, a worker died, or the dataset was started with other settings.
+        DatasetError: The disk is full, a worker died, or the dataset was started with other settings, or has
+            a damaged video.
     """
     check_not_in_a_worker()
     start = time.monotonic()
@@ -110,6 +114,8 @@ def collect(
         encoder=config.encoder,
         wait=True,
     ) as writer:
+        if writer.num_episodes:
+            _check_videos(DatasetInfo.open(config.root))
         schedule = Schedule(
             writer,
             config.candidates,
@@ -138,6 +144,17 @@ def collect(
         wall_time_s=time.monotonic() - start,
         dataset_hash=dataset_hash(config.root),
     )
+
+
+def _check_videos(info: DatasetInfo) -> None:
+    """Checks that what earlier runs collected can be trained on.
+
+    Raises:
+        DatasetError: A video is absent or damaged, or lacks frames.
+    """
+    if damaged := damaged_videos(info):
+        every = f" {len(damaged)} videos are damaged: roboverse dataset info dataset={info.root} names each."
+        raise DatasetError(f"{damaged[0]}{every * (len(damaged) > 1)}")
 
 
 def _run(config: CollectionConfig, schedule: Schedule, report: "_Reporter") -> None:

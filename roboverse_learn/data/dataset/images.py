@@ -14,10 +14,12 @@ import numpy as np
 
 from envs.core.atomic import atomic_path
 from envs.core.errors import DatasetError
+from envs.core.machine import num_cores
 from roboverse_learn.data.dataset.damage import broken_file
 from roboverse_learn.data.dataset.info import DatasetInfo
+from roboverse_learn.data.dataset.schema import video_keys
 from roboverse_learn.data.dataset.tables import read_parquet
-from roboverse_learn.data.dataset.video import decode_video
+from roboverse_learn.data.dataset.video import check_frames, decode_video
 from roboverse_learn.data.free_memory import free_memory_bytes
 from roboverse_learn.data.processes import end_with_parent, script_of_processes
 from roboverse_learn.data.shared_images import Place, can_share, to_fill
@@ -58,6 +60,25 @@ def load_images(
         images[key] = np.empty(shapes[key], dtype=np.uint8)
         _decode(info, key, images[key], num_threads)
     return {key: images[key] for key in keys}
+
+
+def damaged_videos(info: DatasetInfo) -> list[DatasetError]:
+    """Looks at every video of a dataset, without decoding any: about two milliseconds each.
+
+    Returns:
+        An error for each that is absent or damaged, or lacks frames of its episodes; it names the file.
+    """
+    jobs = [job for key in video_keys(info.features) for job in _video_jobs(info, key)]
+
+    def damage(job: tuple[Path, np.ndarray, np.ndarray]) -> DatasetError | None:
+        try:
+            check_frames(job[0], job[1])
+        except DatasetError as error:
+            return error
+        return None
+
+    with ThreadPoolExecutor(num_cores()) as pool:
+        return [error for error in pool.map(damage, jobs) if error is not None]
 
 
 def _resident_shape(info: DatasetInfo, key: str) -> tuple[int, int, int, int]:

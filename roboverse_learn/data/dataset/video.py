@@ -116,6 +116,11 @@ def _packet_times(source: Path | io.BytesIO) -> np.ndarray:
     return np.sort(times)
 
 
+def _reason(error: Exception) -> str:
+    """Returns FFmpeg's words for an error, without a number and the path."""
+    return getattr(error, "strerror", None) or str(error)
+
+
 def check_video(path: Path, num_frames: int) -> None:
     """Checks that a video of one episode has all of its frames, without decoding any.
 
@@ -128,9 +133,22 @@ def check_video(path: Path, num_frames: int) -> None:
     try:
         stored = len(_packet_times(path))
     except (FFmpegError, IndexError) as error:
-        raise broken_file(path, str(error)) from error
+        raise broken_file(path, _reason(error)) from error
     if stored != num_frames:
         raise broken_file(path, f"it holds {stored} frames, and its episode has {num_frames}")
+
+
+def check_frames(path: Path, times: np.ndarray) -> None:
+    """Checks that a video has the frames wanted of it, without decoding any.
+
+    Args:
+        path: The video file; it may hold several episodes.
+        times: Presentation times wanted, in seconds (K,).
+
+    Raises:
+        DatasetError: The file is absent or damaged, or lacks a wanted frame.
+    """
+    _match_frames(path, times, np.arange(len(times)))
 
 
 def check_there(path: Path) -> None:
@@ -159,10 +177,9 @@ def decode_video(path: Path, times: np.ndarray, rows: np.ndarray, out: np.ndarra
     import av
     from av.error import FFmpegError
 
-    check_there(path)
+    row_of_frame = _match_frames(path, times, rows)
+    remaining = int((row_of_frame >= 0).sum())
     try:
-        row_of_frame = _match_frames(path, times, rows)
-        remaining = int((row_of_frame >= 0).sum())
         with av.open(str(path), "r") as container:
             stream = container.streams.video[0]
             stream.codec_context.thread_count = threads
@@ -177,14 +194,20 @@ def decode_video(path: Path, times: np.ndarray, rows: np.ndarray, out: np.ndarra
                 if remaining == 0:
                     break
     except (FFmpegError, IndexError) as error:
-        raise broken_file(path, str(error)) from error
+        raise broken_file(path, _reason(error)) from error
     if remaining:
         raise broken_file(path, f"{remaining} of {len(times)} frames cannot be decoded")
 
 
 def _match_frames(path: Path, times: np.ndarray, rows: np.ndarray, tolerance_s: float = 1e-4) -> np.ndarray:
     """Returns the output row of each frame of the file in order of presentation, -1 where unwanted."""
-    stored = _packet_times(path)
+    from av.error import FFmpegError
+
+    check_there(path)
+    try:
+        stored = _packet_times(path)
+    except (FFmpegError, IndexError) as error:
+        raise broken_file(path, _reason(error)) from error
     if not len(stored):
         raise broken_file(path, "it holds no frame")
     right = np.searchsorted(stored, times).clip(1, max(len(stored) - 1, 1))

@@ -103,6 +103,21 @@ def test_a_finished_dataset_grows(undisturbed, tmp_path):
     assert collect(config(tmp_path / "d")).dataset_hash == undisturbed.dataset_hash
 
 
+@pytest.mark.parametrize("num_episodes", [3, 4])
+def test_a_damaged_video_is_refused_before_anything_is_collected(tmp_path, num_episodes):
+    collect(config(tmp_path / "d", num_episodes=3))
+    info = DatasetInfo.open(tmp_path / "d")
+    first, second = (info.video_file(index, "observation.images.front") for index in (0, 1))
+    second.write_bytes(second.read_bytes()[:200])
+    named = rf"{second.name}' is truncated or damaged \(Invalid.*Restore it from a copy, or delete.* again\.$"
+    with pytest.raises(DatasetError, match=named):
+        collect(config(tmp_path / "d", num_episodes=num_episodes))
+    first.write_bytes(b"")
+    with pytest.raises(DatasetError, match=rf"{first.name}'.*2 videos are damaged: roboverse dataset info"):
+        collect(config(tmp_path / "d", num_episodes=num_episodes))
+    assert DatasetInfo.open(tmp_path / "d").num_episodes == 3
+
+
 def test_other_settings_are_refused(tmp_path):
     collect(config(tmp_path / "d", num_episodes=1))
     with pytest.raises(DatasetError, match="was begun with task='PickCube'; now given: task='StackCube'"):

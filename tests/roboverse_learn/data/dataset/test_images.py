@@ -1,3 +1,4 @@
+import re
 import shutil
 import sys
 import threading
@@ -8,7 +9,7 @@ import pytest
 from envs.core.errors import DatasetError
 from roboverse_learn.data import DatasetInfo
 from roboverse_learn.data.dataset import images
-from roboverse_learn.data.dataset.images import load_images
+from roboverse_learn.data.dataset.images import damaged_videos, load_images
 
 pytestmark = pytest.mark.slow
 
@@ -58,3 +59,30 @@ def test_a_damaged_video_that_a_process_decodes_is_named(written, by_processes, 
         load_images(info, info.camera_keys, 0.5, num_threads=3)
     assert by_processes == [3]
     assert threading.active_count() == before
+
+
+def test_every_damaged_video_is_named_without_decoding_one(written, tmp_path, monkeypatch):
+    monkeypatch.setattr(images, "decode_video", None)
+    assert damaged_videos(DatasetInfo.open(written)) == []
+    info = DatasetInfo.open(shutil.copytree(written, tmp_path / "copy"))
+    files = [info.video_file(episode, info.camera_keys[0]) for episode in range(info.num_episodes)]
+    lengths = list(info.episode_lengths)
+    short, long = lengths.index(min(lengths)), lengths.index(max(lengths))
+    missing, empty, cut, folder = (index for index in range(6) if index not in (short, long))
+    said = {
+        long: rf"it holds {lengths[short]} frames and lacks some of the {lengths[long]} wanted\). Restore",
+        missing: r"is missing\. Restore it",
+        empty: r"truncated or damaged \(Invalid data found when processing input\)\. Restore it",
+        cut: r"truncated or damaged \(End of file\)\. Restore it",
+        folder: r"truncated or damaged \(Is a directory\)\. Restore it",
+    }
+    files[long].write_bytes(files[short].read_bytes())
+    files[missing].unlink()
+    files[empty].write_bytes(b"")
+    files[cut].write_bytes(files[cut].read_bytes()[:-200])
+    files[folder].unlink()
+    files[folder].mkdir()
+    found = damaged_videos(info)
+    assert len(found) == len(said)
+    for (index, words), error in zip(sorted(said.items()), found, strict=True):
+        assert f"{files[index]}'" in str(error) and re.search(words, str(error)), error

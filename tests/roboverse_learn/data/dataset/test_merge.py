@@ -174,3 +174,15 @@ def test_the_command_says_how_many_episodes_were_left_out(tmp_path, capsys):
     assert cli.main(["dataset", "merge", f"out={tmp_path}/merged", f"from=[{parts[0]},{parts[1]}]"]) == 0
     said = capsys.readouterr().out
     assert "4 episodes" in said and "left out: 1 of the 5 episodes given" in said
+
+
+@pytest.mark.parametrize("kept", [0, 200])
+def test_a_damaged_video_is_named_and_ends_the_command_with_code_1(tmp_path, capsys, kept):
+    root = write(tmp_path / "d", range(3))
+    video = DatasetInfo.open(root).video_file(1, "observation.images.front")
+    video.write_bytes(video.read_bytes()[:kept])
+    assert cli.main(["dataset", "info", f"dataset={root}"]) == 1
+    said = capsys.readouterr().out
+    assert "3 episodes" in said and "1 of its videos is damaged" in said and "hash" not in said
+    assert f"damaged: '{video}' is truncated or damaged (Invalid data found" in said
+    assert "Restore it from a copy, or delete the dataset's folder and collect it again." in said
