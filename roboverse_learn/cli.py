@@ -18,6 +18,7 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
 
+from envs.core.atomic import folder_for_file
 from envs.core.errors import ConfigError, RoboVerseError, unknown_name
 from envs.core.registry import PLUGINS_VARIABLE, load_plugins
 from roboverse_learn.commands.called_with import called_with
@@ -81,6 +82,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             file = file_in_place_of_folder(Path(error.filename))
             if file is not None:
                 return _fail(not_a_folder(file))
+        if folder := folder_for_file(error):
+            return _fail(folder)
         if error.errno not in _MENDABLE:
             raise
         return _fail(

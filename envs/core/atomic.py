@@ -70,12 +70,25 @@ def write_errors(path: Path) -> Iterator[None]:
         if not isinstance(code, int) or not (foreign or isinstance(error, OSError)):
             raise
         why = "the disk is full" if code in (errno.ENOSPC, errno.EDQUOT) else os.strerror(code)
+        if isinstance(error, OSError) and (folder := folder_for_file(error)):
+            raise WriteError(folder) from error
         # The message names the final path, also of what is written into a temporary folder.
         final = re.sub(rf"\.([^/]+)\.[0-9a-f]{{8}}{re.escape(PARTIAL)}", r"\1", str(path))
         raise WriteError(
             f"'{final}' could not be written: {why}. What was complete before is unchanged. Free some space "
             "or choose a folder that you may write to, and run the same command again."
         ) from error
+
+
+def folder_for_file(error: OSError) -> str:
+    """Returns what to say of a system error where a folder is in the place of a file; empty for any other."""
+    path = error.filename2 or error.filename
+    if error.errno != errno.EISDIR or not isinstance(path, str | os.PathLike):
+        return ""
+    return (
+        f"'{os.fspath(path)}' is a folder, where a file belongs. If you named it, name a file; else move it away, "
+        "or restore the file from a copy, and run the same command again."
+    )
 
 
 @contextlib.contextmanager

@@ -152,11 +152,13 @@ def check_frames(path: Path, times: np.ndarray) -> None:
 
 
 def check_there(path: Path) -> None:
-    """Checks that a video exists.
+    """Checks that a video exists and is a file.
 
     Raises:
-        DatasetError: It does not.
+        DatasetError: It does not, or is a folder.
     """
+    if path.is_dir():
+        raise broken_file(path, "it is a folder")
     if not path.exists():
         raise DatasetError(f"The video '{path}' is missing. Restore it from a copy, or collect again.")
 

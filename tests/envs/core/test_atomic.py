@@ -5,7 +5,8 @@ import sys
 
 import pytest
 
-from envs.core.atomic import atomic_directory, cached_directory, remove_partial_files
+from envs.core.atomic import atomic_directory, cached_directory, remove_partial_files, write_file
+from envs.core.errors import WriteError
 
 
 def test_a_cached_folder_appears_when_it_is_whole(tmp_path):
@@ -38,6 +39,13 @@ def test_a_file_in_place_of_a_cached_folder_is_an_error(tmp_path):
     with pytest.raises(OSError, match="meshes"), cached_directory(tmp_path / "meshes"):
         pass
     assert (tmp_path / "meshes").read_text() == "a file"
+
+
+def test_a_folder_in_place_of_a_file_is_named_and_stays(tmp_path):
+    (tmp_path / "info.json").mkdir()
+    with pytest.raises(WriteError, match=r"info\.json' is a folder, where a file belongs\. .* move it away"):
+        write_file(tmp_path / "info.json", b"{}")
+    assert [path.name for path in tmp_path.iterdir()] == ["info.json"], "no temporary file is left"
 
 
 KILLED = """

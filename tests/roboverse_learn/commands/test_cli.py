@@ -1,5 +1,6 @@
 """The command line: what it says, where it says it, and with which exit code."""
 
+import logging
 import signal
 import subprocess
 import sys
@@ -228,6 +229,17 @@ def test_full_disk_is_reported_and_the_same_command_resumes(
     monkeypatch.setattr(cli, "_run", fail)
     said = failure(["leaderboard"], capsys)
     assert "No space left on device: runs/x/metrics.jsonl. Free some space" in said
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "collection.json", "run.log", "file-000.mp4"])
+def test_a_folder_in_place_of_a_file_is_named(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / name).mkdir()
+    said = f"error: '{tmp_path / name}' is a folder, where a file belongs. If you named it, name a file; "
+    for use in (Path.read_bytes, logging.FileHandler):
+        monkeypatch.setattr(cli, "_run", lambda *_, use=use: use(tmp_path / name))
+        assert failure(["leaderboard"], capsys).startswith(said)
 
 
 def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:

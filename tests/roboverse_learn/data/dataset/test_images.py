@@ -74,7 +74,7 @@ def test_every_damaged_video_is_named_without_decoding_one(written, tmp_path, mo
         missing: r"is missing\. Restore it",
         empty: r"truncated or damaged \(Invalid data found when processing input\)\. Restore it",
         cut: r"truncated or damaged \(End of file\)\. Restore it",
-        folder: r"truncated or damaged \(Is a directory\)\. Restore it",
+        folder: r"truncated or damaged \(it is a folder\)\. Restore it",
     }
     files[long].write_bytes(files[short].read_bytes())
     files[missing].unlink()

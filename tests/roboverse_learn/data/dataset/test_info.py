@@ -142,6 +142,13 @@ class TestDamage:
         with pytest.raises(DatasetError, match=r"The video '.*file-001.mp4' is missing. Restore it"):
             dataset_hash(damaged)
 
+    def test_a_folder_in_place_of_a_video_has_no_hash(self, damaged):
+        path = damaged / f"videos/{CAMERA}/chunk-000/file-001.mp4"
+        path.unlink()
+        path.mkdir()
+        with pytest.raises(DatasetError, match=r"file-001.mp4' is truncated or damaged \(it is a folder\)"):
+            dataset_hash(damaged)
+
     @pytest.mark.parametrize("kept", [0, 7, 60])
     def test_raw_states_that_are_cut_off(self, damaged, kept):
         path = damaged / "raw/episode_000002.safetensors"
