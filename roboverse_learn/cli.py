@@ -2,7 +2,7 @@
 
 It parses arguments, calls a command, prints its result, and turns errors into one message and an exit
 code: 0 done, 1 a bug (with its traceback), a contract that ``check`` found broken or a video that ``dataset
-info`` found damaged, 2 a mistake that the user can fix, 130 interrupted (143 where training was, by SIGTERM).
+info`` found damaged, 2 a mistake that the user can fix, 130 interrupted by Ctrl-C, 143 by SIGTERM.
 """
 
 import errno
@@ -23,6 +23,7 @@ from envs.core.errors import ConfigError, RoboVerseError, unknown_name
 from envs.core.registry import PLUGINS_VARIABLE, load_plugins
 from roboverse_learn.commands.called_with import called_with
 from roboverse_learn.commands.child_process import end_with_parent
+from roboverse_learn.commands.sigterm import sigterm_interrupts
 from roboverse_learn.config import help as help_texts
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.preflight import (
@@ -61,7 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # all of this is imported
         signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        with called_with(words):
+        with sigterm_interrupts(), called_with(words):
             code = _dispatch(words)
         _flush_output()
         return code

@@ -12,6 +12,7 @@ import time
 
 from roboverse_learn.config.other_commands import ViewConfig
 from roboverse_learn.config.preflight import check_installed, check_materials
+from roboverse_learn.training.interruption import Interrupted
 
 log = logging.getLogger(__name__)
 
@@ -55,10 +56,16 @@ def has_display() -> bool:
 
 
 def _wait() -> None:
-    """Returns when the user interrupts."""
+    """Returns when the user interrupts by Ctrl-C.
+
+    Raises:
+        Interrupted: SIGTERM arrived.
+    """
     try:
         while True:
             time.sleep(1.0)
+    except Interrupted:
+        raise
     except KeyboardInterrupt:
         return
 

@@ -13,22 +13,50 @@ from typing import BinaryIO
 _WATCHES = "ROBOVERSE_ENDS_WITH_PARENT"
 
 
-def run(words: Sequence[str], output: BinaryIO, environment: Mapping[str, str]) -> int:
-    """Runs a program that calls :func:`end_with_parent`; returns its exit code.
+class Children:
+    """Processes that threads of this one wait for, and that another thread can end."""
 
-    Args:
-        words: The program and its arguments.
-        output: File that gets what it prints, errors too.
-        environment: All of its environment variables.
-    """
-    with subprocess.Popen(
-        words,
-        stdin=subprocess.PIPE,
-        stdout=output,
-        stderr=subprocess.STDOUT,
-        env={**environment, _WATCHES: "1"},
-    ) as process:
-        return process.wait()
+    def __init__(self) -> None:
+        self._running: set[subprocess.Popen[bytes]] = set()
+        self._lock = threading.Lock()
+        self._ended = False
+
+    def run(self, words: Sequence[str], output: BinaryIO, environment: Mapping[str, str]) -> int:
+        """Runs a program that calls :func:`end_with_parent`; returns its exit code.
+
+        Args:
+            words: The program and its arguments.
+            output: File that gets what it prints, errors too.
+            environment: All of its environment variables.
+        """
+        with self._lock:
+            if self._ended:
+                return -signal.SIGTERM
+            process = subprocess.Popen(
+                words,
+                stdin=subprocess.PIPE,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env={**environment, _WATCHES: "1"},
+            )
+            self._running.add(process)
+        with process:
+            code = process.wait()
+        with self._lock:
+            self._running.remove(process)
+        return code
+
+    def end(self) -> None:
+        """Sends SIGTERM to those that run, and lets no other start."""
+        with self._lock:
+            self._ended = True
+            for process in self._running:
+                process.terminate()
+
+
+def run(words: Sequence[str], output: BinaryIO, environment: Mapping[str, str]) -> int:
+    """Runs one program; see :meth:`Children.run`."""
+    return Children().run(words, output, environment)
 
 
 def end_with_parent() -> None:

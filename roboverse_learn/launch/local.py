@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import override
 
 from envs.core.machine import num_cores
-from roboverse_learn.commands import child_process
+from roboverse_learn.commands.child_process import Children
 from roboverse_learn.launch.base import Job, Launcher, OnEnd
+from roboverse_learn.training.interruption import Interrupted
 
 log = logging.getLogger(__name__)
 
@@ -20,13 +21,13 @@ class LocalLauncher(Launcher):
 
     @override
     def run(self, jobs: Sequence[Job], logs: Path, on_end: OnEnd) -> dict[str, int | None]:
-        slots = gpu_slots(self.jobs_per_gpu)
+        slots, children = gpu_slots(self.jobs_per_gpu), Children()
         log.info("%d at a time on this machine.", len(slots))
 
         def start(job: Job, slot: Mapping[str, str]) -> int:
-            return _start(job, slot, logs / f"{job.name}.log", len(slots))
+            return _start(children, job, slot, logs / f"{job.name}.log", len(slots))
 
-        return run_jobs(jobs, slots, start, on_end)
+        return run_jobs(jobs, slots, start, on_end, children.end)
 
 
 def run_jobs(
@@ -34,6 +35,7 @@ def run_jobs(
     slots: Sequence[Mapping[str, str]],
     start: Callable[[Job, Mapping[str, str]], int],
     on_end: OnEnd,
+    end: Callable[[], None] = lambda: None,
 ) -> dict[str, int | None]:
     """Runs jobs, as many at once as there are slots, each after the one that it waits for.
 
@@ -42,6 +44,7 @@ def run_jobs(
         slots: Environment variables that give a process its place.
         start: Runs one job in one slot and returns its exit code.
         on_end: Hears of every job and its code.
+        end: Ends the jobs that run. It is called on SIGTERM; Ctrl-C reaches them as well.
 
     Returns:
         Exit code by name; None of those whose predecessor failed.
@@ -76,8 +79,10 @@ def run_jobs(
                     job = running.pop(future)
                     codes[job.name] = future.result()
                     on_end(job, codes[job.name])
-        except BaseException:  # an interruption reaches the processes as well; no other is to start
+        except BaseException as error:
             pool.shutdown(wait=False, cancel_futures=True)
+            if isinstance(error, Interrupted):
+                end()
             raise
     return codes
 
@@ -92,9 +97,9 @@ def gpu_slots(jobs_per_gpu: int) -> list[dict[str, str]]:
     return [slot for _ in range(jobs_per_gpu) for slot in gpus]
 
 
-def _start(job: Job, slot: Mapping[str, str], log_file: Path, at_once: int) -> int:
+def _start(children: Children, job: Job, slot: Mapping[str, str], log_file: Path, at_once: int) -> int:
     """Runs one job as a process that writes to a log and ends with this one."""
     threads = max(1, num_cores() // at_once)
     environment = {"OMP_NUM_THREADS": str(threads)} | dict(os.environ) | dict(slot)
     with log_file.open("ab") as output:
-        return child_process.run(job.program, output, environment)
+        return children.run(job.program, output, environment)

@@ -1,12 +1,18 @@
 """Processes on this machine: their order, their places, and what becomes of failures."""
 
+import os
+import signal
+import sys
 import threading
 import time
 
 import pytest
 
+from roboverse_learn.commands.child_process import Children
+from roboverse_learn.commands.sigterm import sigterm_interrupts
 from roboverse_learn.launch.base import Job
 from roboverse_learn.launch.local import gpu_slots, run_jobs
+from roboverse_learn.training.interruption import Interrupted
 
 
 def test_jobs_respect_slots_and_order():
@@ -67,6 +73,32 @@ def test_a_bug_in_a_job_stops_the_sweep():
 
     with pytest.raises(RuntimeError, match="broken"):
         run_jobs([Job("a", ()), Job("b", ())], [{}], start, lambda *_: None)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="sends SIGTERM to itself")
+def test_sigterm_ends_the_jobs_that_run_and_lets_no_other_start(tmp_path):
+    children, started = Children(), []
+    program = [sys.executable, "-c", "import time; print(1, flush=True); time.sleep(600)"]
+
+    def start(job, _slot):
+        started.append(job.name)
+        with (tmp_path / f"{job.name}.log").open("wb") as output:
+            return children.run(program, output, dict(os.environ))
+
+    def interrupt():
+        while not all((tmp_path / f"{name}.log").exists() for name in "ab"):
+            time.sleep(0.01)
+        while not all((tmp_path / f"{name}.log").read_text() for name in "ab"):
+            time.sleep(0.01)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=interrupt).start()
+    jobs = [Job(name, ()) for name in "abcd"]
+    with pytest.raises(Interrupted, match="SIGTERM"), sigterm_interrupts():
+        run_jobs(jobs, [{}, {}], start, lambda *_: None, children.end)
+    assert sorted(started) == ["a", "b"]
+    with (tmp_path / "late.log").open("wb") as output:
+        assert children.run(program, output, {}) == -signal.SIGTERM
 
 
 def test_gpus_are_those_that_may_be_seen(monkeypatch):
