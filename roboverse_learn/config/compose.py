@@ -42,6 +42,7 @@ from roboverse_learn.config.command_line_keys import (
     own_key,
     split_word,
 )
+from roboverse_learn.config.demonstration_keys import check_demonstration_keys
 from roboverse_learn.config.recipes import check_beside, read_recipe
 from roboverse_learn.config.schema import DEFAULT_PRESETS, NAMES_A_POLICY
 from roboverse_learn.config.serialize import default_values, env_keys, from_values, to_values
@@ -100,6 +101,7 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
     defaults = default_values(command, policy)
     known = flat_keys(defaults)
     keys = [full_key(command, own_key(policy, key), known) for _, key, _ in settings]
+    check_demonstration_keys(command, policy, keys)
     check_beside(recipe or str(saved.get("recipe", "")), chosen, policy, keys)
     task_preset = _task_preset(str(typed.get("task") or defaults.get("task", "")), preset, policy)
     values = merged(copy.deepcopy(_composed(command, policy, preset, task_preset)), of_recipe)

@@ -339,3 +339,23 @@ def test_a_suite_is_learned_as_its_tasks_by_a_policy_of_several():
 def test_a_suite_that_cannot_be_learned_is_refused(words, said):
     with pytest.raises(RoboVerseError, match=re.escape(said)):
         compose("train", words)
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ("policy=ppo dataset=d num_demos=3", "dataset= and num_demos= choose demonstrations, and policy=ppo"),
+        ("policy=tdmpc2 collect.num_demos=3", "num_demos= chooses demonstrations, and policy=tdmpc2"),
+        ("policy=fasttd3 source=augment from=d", "source= and from= choose demonstrations, and policy=fasttd3"),
+        ("policy=ppo augment.retries=3", "augment.retries= chooses demonstrations, and policy=ppo"),
+    ],
+)
+def test_demonstrations_for_a_policy_that_reads_none_are_refused(words: str, named: str) -> None:
+    with pytest.raises(ConfigError, match=rf"^{re.escape(named)} learns from its environment.*: act, diff"):
+        compose("train", words.split())
+
+
+def test_settings_of_a_machine_are_accepted_beside_every_policy() -> None:
+    for words in (["datasets_dir=d", "num_workers=2"], ["preset=quick"], ["policy.expert_starts=0.5"]):
+        assert compose("train", ["policy=ppo", *words]).policy_name == "ppo"
+    assert compose("train", ["policy=act", "num_demos=3", "dataset=d"]).collect.num_demos == 3
