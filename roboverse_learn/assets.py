@@ -13,6 +13,7 @@ from envs.core.assets import ASSETS, DATA_VARIABLE, asset_folder
 from envs.core.errors import ConfigError, unknown_name
 from envs.core.extras import install_command
 from envs.tasks import TASKS
+from roboverse_learn.config.path_keys import check_path
 from roboverse_learn.extras import is_installed
 
 ACTIONS = ("list", "get")
@@ -62,6 +63,7 @@ def assets(words: Sequence[str]) -> str:
     for key in settings:
         if key != "assets_dir":
             raise unknown_name("key of assets get", key, ("assets_dir",))
+        check_path(key, key, settings[key])
     if not names:
         raise ConfigError(f"assets get needs a name. Valid: {', '.join(ASSETS.names())}.")
     return "\n".join(_get(name, settings.get("assets_dir")) for name in names)

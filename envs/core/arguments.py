@@ -5,6 +5,7 @@ import logging
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
@@ -97,6 +98,8 @@ def _value(key: str, text: str, kind: Any) -> Any:
     if get_origin(kind) is tuple:
         return tuple(_value(key, item, get_args(kind)[0]) for item in read_list(key, text))
     text = text.strip("'\"")
+    if kind is Path and not text.strip():
+        raise ConfigError(f"{key}= is empty, and names a file or folder: give one, or leave {key}= out.")
     if kind is bool:
         if text.lower() not in _BOOLEANS:
             raise ConfigError(f"{key}: given '{text}'. It is true or false.")

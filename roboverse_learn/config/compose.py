@@ -43,6 +43,7 @@ from roboverse_learn.config.command_line_keys import (
     split_word,
 )
 from roboverse_learn.config.demonstration_keys import check_demonstration_keys
+from roboverse_learn.config.path_keys import check_path
 from roboverse_learn.config.recipes import check_beside, read_recipe
 from roboverse_learn.config.schema import DEFAULT_PRESETS, NAMES_A_POLICY
 from roboverse_learn.config.serialize import default_values, env_keys, from_values, to_values
@@ -101,6 +102,9 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
     defaults = default_values(command, policy)
     known = flat_keys(defaults)
     keys = [full_key(command, own_key(policy, key), known) for _, key, _ in settings]
+    for key, (word, typed_key, value) in zip(keys, settings, strict=True):
+        if word or at(defaults, key):  # a program may pass on an empty default
+            check_path(key, typed_key, value)
     check_demonstration_keys(command, policy, keys)
     check_beside(recipe or str(saved.get("recipe", "")), chosen, policy, keys)
     task_preset = _task_preset(str(typed.get("task") or defaults.get("task", "")), preset, policy)

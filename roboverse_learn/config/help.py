@@ -16,6 +16,7 @@ from envs.tasks import TASKS
 from envs.tasks.suites import PAPER, SUITES, suite_tasks
 from roboverse_learn.config.command_line_keys import at, flat_keys, typed_key
 from roboverse_learn.config.compose import preset_names
+from roboverse_learn.config.path_keys import check_path
 from roboverse_learn.config.scenario_overrides import SECTION, scenario_keys
 from roboverse_learn.config.schema import COMMANDS, baselines
 from roboverse_learn.config.serialize import default_values
@@ -166,7 +167,7 @@ def list_command(words: Sequence[str]) -> str:
 
     Raises:
         UnknownNameError: if another kind or key is given.
-        ConfigError: if no task has the words.
+        ConfigError: if no task has the words, or the folder's name is empty.
     """
     folder, kinds, chosen = "datasets", [], []
     for word in words:
@@ -174,7 +175,8 @@ def list_command(words: Sequence[str]) -> str:
         if is_setting and key != "datasets_dir":
             raise unknown_name("key of list", key, ("datasets_dir",))
         if is_setting:
-            folder = value or folder
+            check_path(key, key, value)
+            folder = value
         elif word in KINDS:
             kinds.append(word)
         elif kinds == ["tasks"]:

@@ -57,6 +57,16 @@ def test_a_value_of_another_kind_says_which():
         read("record=perhaps")
 
 
+def test_a_path_is_not_empty():
+    @dataclass
+    class Page:
+        out: Path = Path("docs/a.md")
+
+    for word in ("out=", "out=' '"):
+        with pytest.raises(ConfigError, match=r"^out= is empty, and names a file or folder: give one, or leave"):
+            parse("python -m a.b", Page, [word])
+
+
 def test_a_mistake_ends_a_program_with_one_line(capsys):
     assert run_program("python -m a.b", Settings, lambda given: given.draws, ["draws=5"]) == 5
     assert run_program("python -m a.b", Settings, lambda given: given.draws, ["drows=5"]) == 2

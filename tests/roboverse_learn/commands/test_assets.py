@@ -71,6 +71,7 @@ def test_a_copy_is_checked_where_it_is_and_nothing_is_downloaded(toys, capsys):
         (["fetch"], "Unknown action on assets 'fetch'"),
         (["list", "nothing_has_this"], "No assets have the words nothing_has_this"),
         (["get", "toys", "assets_dir=nowhere"], "not on this machine in assets_dir=nowhere"),
+        (["get", "toys", "assets_dir="], "assets_dir= is empty, and names a file or folder"),
     ],
 )
 def test_a_mistake_is_one_line_and_exit_code_2(toys, capsys, words, message):

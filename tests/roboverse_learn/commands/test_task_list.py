@@ -118,6 +118,7 @@ def test_words_that_no_task_has_are_named(capsys):
     ("word", "message"),
     [
         ("dataset_dir=x", "Unknown key of list 'dataset_dir'. Did you mean 'datasets_dir'?"),
+        ("datasets_dir=", "datasets_dir= is empty, and names a file or folder: give one, or leave"),
         ("task", "Unknown kind of thing to list 'task'. Did you mean 'tasks'?"),
         ("verbose", "Valid: channels, launchers, levels, policies, presets, protocols, "),
     ],

@@ -15,8 +15,9 @@ import policies
 from envs.core.errors import ConfigError, RoboVerseError, UnknownNameError
 from envs.tasks.suites import suite_tasks
 from roboverse_learn import cli
-from roboverse_learn.config.command_line_keys import at, flat_keys
+from roboverse_learn.config.command_line_keys import at, flat_keys, typed_key
 from roboverse_learn.config.compose import compose, preset_names
+from roboverse_learn.config.path_keys import PATH_KEYS
 from roboverse_learn.config.schema import COMMANDS
 from roboverse_learn.config.serialize import default_values, from_values, to_values
 
@@ -359,3 +360,21 @@ def test_settings_of_a_machine_are_accepted_beside_every_policy() -> None:
     for words in (["datasets_dir=d", "num_workers=2"], ["preset=quick"], ["policy.expert_starts=0.5"]):
         assert compose("train", ["policy=ppo", *words]).policy_name == "ppo"
     assert compose("train", ["policy=act", "num_demos=3", "dataset=d"]).collect.num_demos == 3
+
+
+def test_a_key_of_a_file_or_folder_is_not_empty() -> None:
+    found = set()
+    for command in COMMANDS:
+        for key in [key for key in flat_keys(default_values(command, "lerobot")) if key in PATH_KEYS]:
+            for value in ("", " "):
+                with pytest.raises(ConfigError, match=rf"^{typed_key(key)}= is empty, and names a file or f"):
+                    own = ["policy=lerobot"] if command == "train" else []
+                    compose(command, [*own, f"{typed_key(key)}={value}"])
+            found.add(key)
+    assert found == PATH_KEYS - {"assets_dir"}
+
+
+def test_a_program_may_pass_on_an_empty_default_and_no_other_empty_folder() -> None:
+    assert compose("collect", (), {"dataset": "", "materials": ""}).dataset == ""
+    with pytest.raises(ConfigError, match=r"^results_dir= is empty"):
+        compose("leaderboard", (), {"results_dir": ""})
