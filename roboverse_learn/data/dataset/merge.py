@@ -9,7 +9,7 @@ from envs.core.atomic import atomic_directory, link_file, write_errors
 from envs.core.errors import DatasetError
 from roboverse_learn.data.dataset.info import METADATA_COLUMN, DatasetInfo, episode_key, read_episodes
 from roboverse_learn.data.dataset.meta_tables import row_stats
-from roboverse_learn.data.dataset.raw import read_raw
+from roboverse_learn.data.dataset.raw import check_raw
 from roboverse_learn.data.dataset.schema import (
     BOOKKEEPING,
     COLLECTION_PATH,
@@ -124,7 +124,7 @@ def _check_source(info: DatasetInfo, first: DatasetInfo) -> None:
 def _check_files(info: DatasetInfo) -> None:
     """Checks that the videos and raw states of a source are whole, before any of them gets a second name."""
     for index, length in enumerate(info.episode_lengths):
-        read_raw(info.root, index)
+        check_raw(info.root, index)
         for key in video_keys(info.features):
             check_video(info.video_file(index, key), int(length))
 

@@ -10,7 +10,7 @@ import numpy as np
 from envs.core.errors import DatasetError
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.schema import RAW_PATH, video_keys
-from roboverse_learn.data.dataset.staging import read_tensors
+from roboverse_learn.data.dataset.staging import check_tensors, read_tensors
 from roboverse_learn.data.dataset.video import check_there
 
 # When and how fast something was collected is no part of what was collected.
@@ -30,6 +30,19 @@ def read_raw(root: str | Path, episode: int) -> tuple[dict[str, np.ndarray], dic
     Raises:
         DatasetError: The dataset has no such episode or no raw states, or the file is damaged.
     """
+    return read_tensors(_raw_file(root, episode))
+
+
+def check_raw(root: str | Path, episode: int) -> None:
+    """Checks that an episode's raw states are there and whole, without reading them.
+
+    Raises:
+        DatasetError: as :func:`read_raw`.
+    """
+    check_tensors(_raw_file(root, episode))
+
+
+def _raw_file(root: str | Path, episode: int) -> Path:
     path = Path(root) / RAW_PATH.format(episode_index=episode)
     if not path.exists():
         count = DatasetInfo.open(root).num_episodes
@@ -37,7 +50,7 @@ def read_raw(root: str | Path, episode: int) -> tuple[dict[str, np.ndarray], dic
             f"The dataset '{root}' has no raw states of episode {episode} ('{path.name}' is missing). It has "
             f"{count} episodes, 0 to {count - 1}; datasets of other programs hold no raw states."
         )
-    return read_tensors(path)
+    return path
 
 
 def dataset_hash(root: str | Path) -> str:

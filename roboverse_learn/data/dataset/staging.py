@@ -5,9 +5,11 @@ place, so a staged episode is whole or absent. Committing it only adds names and
 process can do that, at any later time.
 """
 
+import contextlib
 import json
 import os
 import shutil
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -153,13 +155,32 @@ def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     Raises:
         DatasetError: The file is absent or damaged.
     """
+    with _opened(path) as file:
+        return {name: file.get_tensor(name) for name in file.keys()}, _header(file)  # noqa: SIM118
+
+
+def check_tensors(path: Path) -> None:
+    """Checks the header of what :func:`write_tensors` wrote, and that the file is as long as it says.
+
+    Raises:
+        DatasetError: The file is absent or damaged.
+    """
+    with _opened(path) as file:
+        _header(file)
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[Any]:
     from safetensors import SafetensorError, safe_open
 
     if not path.exists():
         raise DatasetError(f"'{path}' is missing. Restore it from a copy, or collect again.")
     try:
         with safe_open(path, framework="numpy") as file:
-            header = json.loads((file.metadata() or {}).get(_HEADER_KEY, "{}"))
-            return {name: file.get_tensor(name) for name in file.keys()}, header  # noqa: SIM118
+            yield file
     except (SafetensorError, OSError, ValueError) as error:
         raise broken_file(path, str(error)) from error
+
+
+def _header(file: Any) -> dict[str, Any]:
+    return json.loads((file.metadata() or {}).get(_HEADER_KEY, "{}"))

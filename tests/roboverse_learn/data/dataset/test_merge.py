@@ -8,6 +8,7 @@ from envs.core.errors import DatasetError
 from roboverse_learn import cli
 from roboverse_learn.data import DatasetInfo, DatasetWriter, dataset_hash
 from roboverse_learn.data.collection.schedule import Schedule
+from roboverse_learn.data.dataset import raw
 from roboverse_learn.data.dataset.info import is_collected_here
 from roboverse_learn.data.dataset.merge import merge
 from roboverse_learn.data.dataset.schema import COLLECTION_PATH
@@ -93,6 +94,16 @@ def test_a_part_whose_file_is_missing_or_cut_is_named_before_anything_is_written
     with pytest.raises(DatasetError, match=said):
         merge([whole, part], tmp_path / "merged")
     assert not (tmp_path / "merged").exists()
+
+
+def test_raw_states_are_checked_without_reading_them(tmp_path, monkeypatch):
+    part = write(tmp_path / "part", [1, 2])
+    monkeypatch.setattr(raw, "read_tensors", None)
+    assert merge([part], tmp_path / "merged").num_episodes == 2
+    path = part / "raw/episode_000001.safetensors"
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(DatasetError, match=f"'{path}' is truncated or damaged"):
+        merge([part], tmp_path / "other")
 
 
 def collected(root, indices):
