@@ -79,18 +79,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         with suppress(OSError):  # else Python tries again as it ends, with a message and a code of its own
             _flush_output()
-        if error.errno in _IN_THE_WAY and isinstance(error.filename, str | os.PathLike):
-            file = file_in_place_of_folder(Path(error.filename))
-            if file is not None:
-                return _fail(not_a_folder(file))
-        if folder := folder_for_file(error):
-            return _fail(folder)
-        if error.errno not in _MENDABLE:
-            raise
-        return _fail(
-            f"{error.strerror}: {error.filename or 'a file could not be written'}. "
-            "Free some space or choose another folder, and run the same command again: it continues."
-        )
+        return _fail(_system_error(error))
+
+
+def _system_error(error: OSError) -> str:
+    """Returns the message of a system error that the user can mend; raises any other."""
+    if error.errno in _IN_THE_WAY and isinstance(error.filename, str | os.PathLike):
+        file = file_in_place_of_folder(Path(error.filename))
+        if file is not None:
+            return not_a_folder(file)
+    if folder := folder_for_file(error):
+        return folder
+    if error.errno not in _MENDABLE:
+        raise error
+    return (
+        f"{error.strerror}: {error.filename or 'a file could not be written'}. "
+        "Free some space or choose another folder, and run the same command again: it continues."
+    )
 
 
 def _flush_output() -> None:

@@ -86,8 +86,8 @@ def folder_for_file(error: OSError) -> str:
     if error.errno != errno.EISDIR or not isinstance(path, str | os.PathLike):
         return ""
     return (
-        f"'{os.fspath(path)}' is a folder, where a file belongs. If you named it, name a file; else move it away, "
-        "or restore the file from a copy, and run the same command again."
+        f"'{os.fspath(path)}' is a folder, where a file belongs. If you named it, name a file; else move it "
+        "away, or restore the file from a copy, and run the same command again."
     )
 
 

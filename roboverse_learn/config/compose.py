@@ -102,9 +102,7 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
     defaults = default_values(command, policy)
     known = flat_keys(defaults)
     keys = [full_key(command, own_key(policy, key), known) for _, key, _ in settings]
-    for key, (word, typed_key, value) in zip(keys, settings, strict=True):
-        if word or at(defaults, key):  # a program may pass on an empty default
-            check_path(key, typed_key, value)
+    _check_paths(keys, settings, defaults)
     check_demonstration_keys(command, policy, keys)
     check_beside(recipe or str(saved.get("recipe", "")), chosen, policy, keys)
     task_preset = _task_preset(str(typed.get("task") or defaults.get("task", "")), preset, policy)
@@ -128,6 +126,15 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
     _split_tasks(command, values, names_others="policy.tasks" in keys)
     _name_task_and_cameras(command, values, typed)
     return from_values(command, values)
+
+
+def _check_paths(
+    keys: Sequence[str], settings: Sequence[tuple[str, str, Any]], defaults: Mapping[str, Any]
+) -> None:
+    """Checks that no file or folder is named by an empty text; a program may pass on an empty default."""
+    for key, (word, typed, value) in zip(keys, settings, strict=True):
+        if word or at(defaults, key):
+            check_path(key, typed, value)
 
 
 def _policy(command: str, typed: Mapping[str, Any], chosen: Any) -> str:

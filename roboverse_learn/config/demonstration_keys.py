@@ -29,10 +29,12 @@ def check_demonstration_keys(command: str, policy: str, keys: Iterable[str]) -> 
     if command != "train" or policies.learns_from(policy) != "env":
         return
     given = [key for key in keys if key in OF_DEMONSTRATIONS or key.startswith("augment.")]
-    if given:
-        words = [f"{typed_key(key.removeprefix('collect.'))}=" for key in dict.fromkeys(given)]
-        raise ConfigError(
-            f"{' and '.join(words)} choose{'s' * (len(words) == 1)} demonstrations, and policy={policy} learns "
-            f"from its environment and reads none. Leave {'it' if len(words) == 1 else 'them'} out, or take a "
-            f"policy that learns from demonstrations: {', '.join(policies.names('dataset'))}."
-        )
+    if not given:
+        return
+    words = [f"{typed_key(key.removeprefix('collect.'))}=" for key in dict.fromkeys(given)]
+    one = len(words) == 1
+    raise ConfigError(
+        f"{' and '.join(words)} {'chooses' if one else 'choose'} demonstrations, and policy={policy} learns "
+        f"from its environment and reads none. Leave {'it' if one else 'them'} out, or take a policy that "
+        f"learns from demonstrations: {', '.join(policies.names('dataset'))}."
+    )

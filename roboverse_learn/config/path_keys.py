@@ -5,8 +5,8 @@ from envs.core.errors import ConfigError
 PATH_KEYS = frozenset(
     (
         *("dataset", "datasets_dir", "from_dataset", "recordings", "path", "run", "runs_dir", "results_dir"),
-        *("checkpoint", "result", "file", "out", "packages", "cert", "key", "materials", "evaluate.materials"),
-        *("policy.path", "assets_dir"),
+        *("checkpoint", "result", "file", "out", "packages", "cert", "key", "materials"),
+        *("evaluate.materials", "policy.path", "assets_dir"),
     )
 )
 """Full names of these keys, of every command."""
@@ -25,6 +25,6 @@ def check_path(key: str, typed: str, value: object) -> None:
     """
     if key in PATH_KEYS and isinstance(value, str) and not value.strip():
         raise ConfigError(
-            f"{typed}= is empty, and names a file or folder: give one, or leave {typed}= out. A variable of the "
-            "shell that is not set is empty, too."
+            f"{typed}= is empty, and names a file or folder: give one, or leave {typed}= out. A variable of "
+            "the shell that is not set is empty, too."
         )

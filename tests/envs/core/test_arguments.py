@@ -63,7 +63,7 @@ def test_a_path_is_not_empty():
         out: Path = Path("docs/a.md")
 
     for word in ("out=", "out=' '"):
-        with pytest.raises(ConfigError, match=r"^out= is empty, and names a file or folder: give one, or leave"):
+        with pytest.raises(ConfigError, match=r"^out= is empty, and names a file or folder: give one"):
             parse("python -m a.b", Page, [word])
 
 

@@ -1,4 +1,4 @@
-"""SIGTERM ends a command as Ctrl-C does: one line, its own exit code, no process left, nothing half-written."""
+"""SIGTERM ends a command as Ctrl-C does: one line, its own exit code, no process left, whole datasets."""
 
 import json
 import os
