@@ -101,6 +101,22 @@ def test_the_table_of_results_is_that_of_the_recipes_runs() -> None:
         assert cells == [*found, *(f"{reported[policy, task]:.1f}" for policy in ("act", "diffusion"))]
 
 
+def test_the_mean_over_seeds_is_that_of_the_recipes_runs() -> None:
+    tasks: dict[str, list[int]] = {}
+    for run in (ROOT / "results/v2").glob("*/act/act_v2-level0-seed?-*.json"):
+        result = json.loads(run.read_text())
+        (cell,) = (each for each in result["cells"] if (each["level"], each["split"]) == (0, "test"))
+        assert cell["episodes"] == 100
+        tasks.setdefault(run.parts[-3], []).append(cell["successes"])
+    assert {len(seeds) for seeds in tasks.values()} == {3}
+    means = [sum(seeds) / 3 for seeds in tasks.values()]
+    assert len(means) == 6
+    assert (
+        f"Over three seeds, ACT v2 solves {sum(means) / 6:.1f} % of the six tasks' test episodes at level 0, "
+        f"and {min(means):.0f} % of its worst task's." in README
+    )
+
+
 def test_every_level_has_a_row() -> None:
     assert all(re.search(rf"^\| {level} \|", README, re.MULTILINE) for level in LEVELS)
 
