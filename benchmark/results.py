@@ -15,30 +15,15 @@ from typing import Any, NoReturn
 
 from benchmark.instruction_scores import instruction_scores, wording_gaps
 from benchmark.protocol import Protocol
+from benchmark.record_columns import to_columns, to_rows
 from benchmark.records import Checkpoint, EpisodeRecord, Git, Machine, Result
 from envs.core.atomic import write_file
 from envs.core.errors import ResultError, RoboVerseError
 from envs.core.fingerprint import fingerprint
 from envs.spec import EnvSpec
 
-SCHEMA_VERSION = 2
-_READABLE_VERSIONS = (1, SCHEMA_VERSION)
-
-_RECORD_KEYS = (
-    "level",
-    "only",
-    "split",
-    "episode",
-    "initial_state_hash",
-    "success",
-    "length",
-    "episode_return",
-    "wall_time_s",
-)
-"""Fields that differ between the episodes of a cell; the rest is written once per file."""
-
-_INSTRUCTION_KEYS = ("instruction_test", "instruction", "switched_at", "switched_to")
-"""Further fields of a record, written only where there are some."""
+SCHEMA_VERSION = 3
+_READABLE_VERSIONS = (1, 2, SCHEMA_VERSION)
 
 _SHARED_ENV_KEYS = ("task", "simulator", "renderer")
 
@@ -153,7 +138,9 @@ def _to_document(result: Result) -> dict[str, Any]:
         document["instruction_scores"] = [score.to_json() for score in instruction_scores(records)]
         if gaps := wording_gaps(records):
             document["wording_gaps"] = [gap.to_json() for gap in gaps]
-    document["records"] = [_row(record) for record in records]
+    document["records"], wordings = to_columns(records)
+    if wordings:
+        document["wordings"] = wordings
     try:
         return document | {"digest": _digest(document)}
     except (TypeError, ValueError) as error:
@@ -161,13 +148,6 @@ def _to_document(result: Result) -> dict[str, Any]:
             f"The result of run '{result.run}' holds a value that JSON cannot: {error}. The configuration "
             "must be resolved to numbers, strings, lists and dictionaries."
         ) from error
-
-
-def _row(record: EpisodeRecord) -> dict[str, Any]:
-    """Returns what a file holds of one episode."""
-    words = {key: getattr(record, key) for key in _INSTRUCTION_KEYS}
-    given = {key: value for key, value in words.items() if value is not None}
-    return {key: getattr(record, key) for key in _RECORD_KEYS} | given
 
 
 @cache
@@ -185,7 +165,7 @@ def _check_schema(path: Path, document: Any) -> None:
     if version not in _READABLE_VERSIONS or isinstance(version, bool):
         raise ResultError(
             f"Results file '{path}' has schema version {version!r}; this release reads "
-            f"{' and '.join(map(str, _READABLE_VERSIONS))}. "
+            f"{', '.join(map(str, _READABLE_VERSIONS[:-1]))} and {SCHEMA_VERSION}. "
             f"{_AGAIN} Or install the release that wrote the file."
         )
     try:
@@ -223,8 +203,11 @@ def _from_document(path: Path, document: dict[str, Any]) -> Result:
 
 
 def _upgraded(document: dict[str, Any]) -> dict[str, Any]:
-    """Returns a document of any readable schema as one of the present schema."""
-    if document["schema_version"] == SCHEMA_VERSION:
+    """Returns a document of any readable schema with the keys of schema 2: a dictionary per record."""
+    version = document["schema_version"]
+    if version == SCHEMA_VERSION:
+        return document | {"records": to_rows(document["records"], document.get("wordings", ()))}
+    if version == 2:
         return document
     rest = {key: value for key, value in document.items() if key not in _LOOSE_KEYS}
     env = {key: document[key] for key in _LOOSE_KEYS if document.get(key) is not None}

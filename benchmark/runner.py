@@ -243,7 +243,7 @@ def evaluate_cell(
             success=episode.success,
             length=episode.length,
             episode_return=episode.episode_return,
-            wall_time_s=episode.wall_time_s,
+            wall_time_s=round(episode.wall_time_s, 6),
             instruction=episode.instruction,
             **({} if prompter is None else prompter.facts(episode)),
         )

@@ -54,6 +54,34 @@ def test_round_trip(written):
     assert read_result(path) == result
 
 
+def _as_schema_2(document):
+    """Turns a document into what schema 2 was: a dictionary per record, with its words."""
+    wordings, rows = document.pop("wordings", []), []
+    for cell in document["records"]:
+        for entry in range(len(cell["episode"])):
+            row = {key: value[entry] if isinstance(value, list) else value for key, value in cell.items()}
+            rows.append(
+                row | {key: wordings[row[key]] for key in ("instruction", "switched_to") if key in row}
+            )
+    document |= {"records": rows, "schema_version": 2}
+    _sign(document)
+
+
+def _sign(document):
+    document["digest"] = fingerprint({key: value for key, value in document.items() if key != "digest"})
+
+
+def test_file_of_schema_2_reads_as_the_same_result(make_result, tmp_path):
+    result = worded(make_result(protocol=INSTRUCTED))
+    path = result_path(tmp_path, result)
+    write_result(path, result)
+    edit(path, _as_schema_2)
+    assert read_result(path) == result
+    edit(path, lambda document: document["records"][0].update(wall_time_s=1.0))
+    with pytest.raises(ResultError, match="was changed after it was written"):
+        read_result(path)
+
+
 def test_file_of_schema_1_reads_as_the_same_result(make_result, tmp_path):
     changed = {
         "scenario": {"physics": {"decimation": 50}},
@@ -72,6 +100,7 @@ def test_file_of_schema_1_reads_as_the_same_result(make_result, tmp_path):
 
 def _as_schema_1(document):
     """Turns a document into what schema 1 was: loose fields, the empty ones left out."""
+    _as_schema_2(document)
     env = document.pop("env")
     if not document.pop("sees_images"):
         env["image_size"] = None
@@ -79,7 +108,7 @@ def _as_schema_1(document):
     document |= {key: value for key, value in env.items() if value or key not in optional}
     del document["level"], document["only"]
     document["schema_version"] = 1
-    document["digest"] = fingerprint({key: value for key, value in document.items() if key != "digest"})
+    _sign(document)
 
 
 def test_result_lists_tasks_learned_together(make_result, tmp_path, written):
@@ -99,10 +128,16 @@ def test_a_task_of_a_suite_in_a_family_has_its_place(publish, tmp_path):
     assert read_result(path).env.task == "libero/goal/turn_on_the_stove"
 
 
-def test_one_record_per_line(written):
-    lines = written[0].read_text().splitlines()
-    assert sum('"initial_state_hash"' in line for line in lines) == 12
-    assert json.loads(written[0].read_text())["cells"][0]["episodes"] == 3
+def test_the_records_of_a_cell_are_one_line_of_lists(written):
+    path, result = written
+    lines = path.read_text().splitlines()
+    assert sum('"initial_state_hash"' in line for line in lines) == 4
+    document = json.loads(path.read_text())
+    assert document["cells"][0]["episodes"] == 3
+    first = document["records"][0]
+    assert (first["level"], first["only"], first["split"]) == (0, None, "train")
+    for name in ("episode", "initial_state_hash", "success", "length", "episode_return", "wall_time_s"):
+        assert first[name] == [getattr(record, name) for record in result.records[:3]]
 
 
 @pytest.mark.slow
@@ -169,26 +204,34 @@ def test_a_truncated_file_is_an_error(written, cut):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d.update(schema_version=7), "has schema version 7; this release reads 1 and 2"),
+        (lambda d: d.update(schema_version=7), "has schema version 7; this release reads 1, 2 and 3"),
         (lambda d: d.pop("schema_version"), "is not a results file: it has no schema_version"),
         (lambda d: d.pop("records"), 'at the top: "records" is a required property'),
         (lambda d: d.update(hostname="box"), "'hostname' was unexpected"),
         (lambda d: d["protocol"].update(episodes=0), "at protocol/episodes: 0 is less than the minimum of 1"),
         (
-            lambda d: d["records"][0].update(success="yes"),
-            'at records/0/success: "yes" is not of type "boolean"',
+            lambda d: d["records"][0]["success"].__setitem__(1, "yes"),
+            'at records/0/success/1: "yes" is not of type "boolean"',
         ),
         (lambda d: d["env"].update(task="../../etc"), 'at env/task: "../../etc" does not match'),
         (lambda d: d["env"].update(task="a//b"), 'at env/task: "a//b" does not match'),
         (lambda d: d["checkpoint"].update(choice="best"), 'at checkpoint/choice: "last" was expected'),
         (lambda d: d["protocol"].update(seed=1), "its protocol hashes to"),
         (
-            lambda d: d["records"].pop(),
+            lambda d: [each.pop() for each in d["records"][-1].values() if isinstance(each, list)],
             "Level 1, test split has 2 records of 2 episodes; the protocol needs 3",
         ),
         (
-            lambda d: d["records"].__delitem__(slice(-3, None)),
+            lambda d: d["records"].pop(),
             "missing level 1, test split, unexpected none",
+        ),
+        (lambda d: d["records"][1]["success"].pop(), "the lists of records/1 have 2 and 3 values"),
+        (
+            lambda d: (
+                d["records"][2].update(instruction=[0, 1, 0], episode=[0, 1, 2])
+                or d.update(wordings=["lift"])
+            ),
+            "records/2 names wording 1, and the file has 1",
         ),
         (lambda d: d["cells"].pop(), "belongs to no cell of the file"),
         (lambda d: d["cells"].append(d["cells"][0]), "it has 5 cells, and its records make 4"),
@@ -200,8 +243,11 @@ def test_a_truncated_file_is_an_error(written, cut):
             lambda d: d["cells"][0].update(ci_low=0.99),
             "ci_low of level 0, train split is 0.99; its records give",
         ),
-        (lambda d: d["records"][0].update(episode=2), "3 records of 2 episodes"),
-        (lambda d: d["records"][0].update(wall_time_s=1.0), "was changed after it was written"),
+        (
+            lambda d: d["records"][0]["episode"].__setitem__(0, d["records"][0]["episode"][1]),
+            "3 records of 2 episodes",
+        ),
+        (lambda d: d["records"][0]["wall_time_s"].__setitem__(0, 1.0), "was changed after it was written"),
         (lambda d: d.update(command="rm -rf /"), "was changed after it was written"),
     ],
 )
@@ -298,13 +344,21 @@ def test_instruction_tests_and_their_scores_round_trip(make_result, tmp_path):
     document = json.loads(path.read_text())
     tests = [(score["instruction_test"], score["split"]) for score in document["instruction_scores"]]
     assert tests == [(test, split) for test in ("new_frame", "switched") for split in ("train", "test")]
-    assert document["records"][0]["instruction"] == "lift the cube"
+    assert document["wordings"] == ["lift the cube", "dance"]
+    assert document["records"][0]["instruction"] == [0, 0, 0]
+    (switched,) = (
+        each["switched_to"]
+        for each in document["records"]
+        if "switched_to" in each and each["split"] == "test"
+    )
+    assert switched == [1, 1, 1]
     assert "instruction_test" not in document["cells"][0] and "switched_at" not in document["records"][0]
 
 
 def test_a_file_without_instructions_has_none_of_their_keys(written):
     document = json.loads(written[0].read_text())
     assert "instruction_scores" not in document and "instructions" not in document["protocol"]
+    assert "wordings" not in document
     assert not any(key.startswith(("instruction", "switched")) for row in document["records"] for key in row)
 
 

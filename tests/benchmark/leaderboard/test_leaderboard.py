@@ -273,7 +273,7 @@ def test_names_of_cells_are_checked(publish, tmp_path, key):
     document = json.loads(path.read_text())
     document["cells"][0][key] = ["<script>"]
     path.write_text(json.dumps(document))
-    with pytest.raises(ResultError, match=f"does not follow schema 2: at cells/0/{key}/0: .*<script>"):
+    with pytest.raises(ResultError, match=f"does not follow schema 3: at cells/0/{key}/0: .*<script>"):
         leaderboard.write(tmp_path)
 
 

@@ -240,7 +240,7 @@ def test_a_policy_of_lerobot_with_liberos_features_runs_by_the_protocol(env, tmp
     (path,) = (tmp_path / "results").glob(f"v2/{TASK}/act/*.json")
     result = json.loads(path.read_text())
     assert result["env"]["cameras"] == ["image", "image2"] and result["env"]["image_size"] == 32
-    assert [record["length"] for record in result["records"]] == [6]
+    assert [cell["length"] for cell in result["records"]] == [[6]]
 
 
 def test_lerobots_command_takes_a_suite_and_a_protocol():

@@ -68,18 +68,18 @@ def test_every_backend_leaves_a_result_that_names_it(finished):
         )
         assert not result["sees_images"]
         assert result["dataset_hash"] is None and result["demonstrations"] is None
-        assert [(r["level"], r["split"]) for r in result["records"]] == [(0, "test")] * 2 + [(1, "test")] * 2
-        assert all(record["length"] == 3 for record in result["records"])
-        assert all(np.isfinite(record["episode_return"]) for record in result["records"])
+        assert [(r["level"], r["split"]) for r in result["records"]] == [(0, "test"), (1, "test")]
+        assert all(cell["length"] == [3, 3] for cell in result["records"])
+        assert all(np.isfinite(cell["episode_return"]).all() for cell in result["records"])
 
 
 @pytest.mark.slow
 def test_what_it_does_depends_on_no_looks(finished):
     for result in results_of(finished):
-        by_level = {level: [r for r in result["records"] if r["level"] == level] for level in (0, 1)}
-        for plain, dressed in zip(by_level[0], by_level[1], strict=True):
-            assert plain["episode"] == dressed["episode"]
-            assert plain["episode_return"] == dressed["episode_return"]
+        plain, dressed = result["records"]
+        assert (plain["level"], dressed["level"]) == (0, 1)
+        assert plain["episode"] == dressed["episode"]
+        assert plain["episode_return"] == dressed["episode_return"]
 
 
 @pytest.mark.slow

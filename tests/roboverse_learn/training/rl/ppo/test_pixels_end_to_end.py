@@ -47,7 +47,7 @@ def test_result_names_cameras_and_pixels(trained):
     result = json.loads(path.read_text())
     assert result["sees_images"] and (result["policy"], result["checkpoint"]["step"]) == ("ppo", 48)
     assert (result["env"]["cameras"], result["env"]["image_size"]) == (["front", "rail"], 40)
-    assert [(each["level"], each["length"]) for each in result["records"]] == [(0, 3)] * 2 + [(1, 3)] * 2
+    assert [(each["level"], each["length"]) for each in result["records"]] == [(0, [3, 3]), (1, [3, 3])]
     policy = policies.load(trained / "run")
     assert (policy.sizes, policy.n_obs_steps, policy.task) == (SIZES, 2, "control/cartpole")
     assert [row["step"] for row in read_metrics(trained / "run")] == [16, 32, 48]
