@@ -166,7 +166,7 @@ def test_a_broken_checkpoint_is_named(
     [
         ({"schema_version": 99}, "schema version 99; this release reads 1"),
         ({"schema_version": "1"}, "schema version '1'"),
-        ({"cells": []}, "does not follow schema 2: at cells"),
+        ({"cells": []}, "does not follow schema 3: at cells"),
         ({"seed": 7}, "digest"),
         ({"protocol_hash": "0" * 16}, "hashes to"),
         ({"surprise": 1}, "surprise"),
