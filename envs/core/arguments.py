@@ -9,7 +9,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
-from envs.core.errors import ConfigError, RoboVerseError, unknown_name
+from envs.core.errors import ConfigError, RoboVerseError, empty_path, unknown_name
 
 _BOOLEANS = {"true": True, "yes": True, "false": False, "no": False}
 
@@ -99,7 +99,7 @@ def _value(key: str, text: str, kind: Any) -> Any:
         return tuple(_value(key, item, get_args(kind)[0]) for item in read_list(key, text))
     text = text.strip("'\"")
     if kind is Path and not text.strip():
-        raise ConfigError(f"{key}= is empty, and names a file or folder: give one, or leave {key}= out.")
+        raise empty_path(key)
     if kind is bool:
         if text.lower() not in _BOOLEANS:
             raise ConfigError(f"{key}: given '{text}'. It is true or false.")

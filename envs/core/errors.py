@@ -105,6 +105,14 @@ def _listed(kind: str, given: str, names: list[str]) -> str:
     return f"Nearest of {len(names)}: {', '.join(near)}.{every}"
 
 
+def empty_path(key: str) -> ConfigError:
+    """Builds the error for a key of a file or folder whose value is empty: it would be the current folder."""
+    return ConfigError(
+        f"{key}= is empty, and names a file or folder: give one, or leave {key}= out. A variable of the "
+        "shell that is not set is empty, too."
+    )
+
+
 def unknown_option(what: str, given: str, valid: Iterable[str]) -> UnknownOptionError:
     """Builds the error for an option that ``what`` does not have, in the words that libraries look for."""
     names = sorted(valid)

@@ -1,6 +1,6 @@
 """Keys whose value is a file or a folder."""
 
-from envs.core.errors import ConfigError
+from envs.core.errors import empty_path
 
 PATH_KEYS = frozenset(
     (
@@ -13,7 +13,7 @@ PATH_KEYS = frozenset(
 
 
 def check_path(key: str, typed: str, value: object) -> None:
-    """Checks that a key of a file or folder has a value: an empty one would be the current folder.
+    """Checks that a key of a file or folder has a value.
 
     Args:
         key: Full name of the key.
@@ -24,7 +24,4 @@ def check_path(key: str, typed: str, value: object) -> None:
         ConfigError: It is of a file or folder, and was given none.
     """
     if key in PATH_KEYS and isinstance(value, str) and not value.strip():
-        raise ConfigError(
-            f"{typed}= is empty, and names a file or folder: give one, or leave {typed}= out. A variable of "
-            "the shell that is not set is empty, too."
-        )
+        raise empty_path(typed)
