@@ -1,4 +1,4 @@
-"""``roboverse dataset merge out=<folder> from=[a,b]`` and ``roboverse dataset info dataset=<folder>``."""
+"""``roboverse dataset info``, ``roboverse dataset merge`` and ``roboverse dataset get``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from envs.core.errors import ConfigError, unknown_name
 if TYPE_CHECKING:
     from roboverse_learn.data import DatasetInfo
 
-ACTIONS = ("merge", "info")
+ACTIONS = ("merge", "info", "get")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +38,21 @@ class InfoConfig:
     dataset: str = ""
 
 
+@dataclass(frozen=True, kw_only=True)
+class GetConfig:
+    """Downloads a LeRobotDataset of the Hugging Face hub; a download that was interrupted continues.
+
+    Attributes:
+        name: Name on the hub, owner/name; typed as ``from=owner/name``.
+        out: Folder that it goes to; empty for datasets/owner/name.
+        revision: Branch, tag or commit; empty for that of LeRobot's present format.
+    """
+
+    name: str = ""
+    out: str = ""
+    revision: str = ""
+
+
 @dataclass(frozen=True, slots=True)
 class DatasetReport:
     """What a dataset holds.
@@ -58,10 +73,11 @@ def dataset(words: Sequence[str]) -> DatasetReport:
     """Runs one action on datasets; returns what to print.
 
     Raises:
-        ConfigError: A key is missing.
+        ConfigError: A key is missing, or the hub does not give a dataset.
         DatasetError: A dataset is absent, damaged in another file than a video, or does not fit the others.
     """
     from roboverse_learn.data import DatasetInfo, merge
+    from roboverse_learn.hub.download import get_dataset
 
     action, *rest = words or [""]
     note = ""
@@ -73,6 +89,11 @@ def dataset(words: Sequence[str]) -> DatasetReport:
         if not merged.parts or not merged.out:
             raise ConfigError("dataset merge needs from=[<folder>,<folder>] and out=<folder>.")
         info, note = merge(merged.parts, merged.out), _left_out(merged.parts)
+    elif action == "get":
+        rest = [f"name={word.removeprefix('from=')}" if word.startswith("from=") else word for word in rest]
+        wanted = parse("roboverse dataset get", GetConfig, rest)
+        folder = Path(wanted.out or Path("datasets") / wanted.name)
+        info = DatasetInfo.open(get_dataset(wanted.name, folder, wanted.revision))
     else:
         rest = [f"dataset={word}" if _is_folder(word) else word for word in rest]
         folder = parse("roboverse dataset info", InfoConfig, rest).dataset

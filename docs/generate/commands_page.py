@@ -20,7 +20,7 @@ from roboverse_learn.checks.tasks import TASK_CONTRACTS
 from roboverse_learn.config import help as help_texts
 from roboverse_learn.config.scenario_overrides import SECTION
 from roboverse_learn.config.schema import COMMANDS
-from roboverse_learn.dataset import InfoConfig, MergeConfig
+from roboverse_learn.dataset import GetConfig, InfoConfig, MergeConfig
 from roboverse_learn.speed import PROGRAMS
 
 PAGE = """\
@@ -123,10 +123,10 @@ def _contract_table(contracts: Iterable[Contract[Any]]) -> str:
 
 
 def _dataset_rows() -> Iterable[tuple[str, str, str]]:
-    for action, cls in (("merge", MergeConfig), ("info", InfoConfig)):
+    for action, cls in (("merge", MergeConfig), ("info", InfoConfig), ("get", GetConfig)):
         about = dict(help_texts.documented(cls))
         for item in fields(cls):
-            key = "from" if item.name == "parts" else item.name
+            key = "from" if item.name in ("parts", "name") else item.name
             yield f"`{action} {key}=`", "", about[item.name]
 
 

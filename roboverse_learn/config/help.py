@@ -36,7 +36,8 @@ SUMMARIES = {
     "new": "write a package with a working task, policy or robot to start from",
     "convert": "write a robot as URDF or USD, its meshes beside it",
     "export": "write a checkpoint as a folder that lerobot-rollout runs on a real robot",
-    "dataset": "merge datasets, or say what one holds",
+    "publish": "upload a checkpoint or a dataset to the Hugging Face hub, with a page about it",
+    "dataset": "merge datasets, say what one holds, or get one of the Hugging Face hub",
     "assets": "say what tasks need that is not part of this, of what licence; download it",
     "speed": "measure the speed of the parts, each against its reference",
     "doctor": "print what this machine has and what works on it, for a bug report",
@@ -96,6 +97,11 @@ EXAMPLES = {
         "roboverse convert robot=robot.xml to=urdf",
     ),
     "export": ("roboverse export checkpoint=runs/so101/pick_cube/act/<run> to=so101_follower",),
+    "publish": (
+        "roboverse publish checkpoint=runs/PickCube/act/<run> to=<owner>/<name>",
+        "roboverse publish dataset=datasets/PickCube/<name> to=<owner>/<name> private=true",
+        "roboverse publish checkpoint=runs/PickCube/act/<run> to=<owner>/<name> dry_run=true",
+    ),
     "assets": (
         "roboverse assets list   (or: roboverse assets list libero)",
         "roboverse assets get calvin",
@@ -104,6 +110,7 @@ EXAMPLES = {
     "dataset": (
         "roboverse dataset info dataset=datasets/PickCube/<name>",
         "roboverse dataset merge from=[datasets/<a>,datasets/<b>] out=datasets/all",
+        "roboverse dataset get from=lerobot/pusht",
     ),
     "doctor": ("roboverse doctor", "roboverse doctor json=true   (or --json)"),
     "list": (
@@ -143,7 +150,7 @@ def command_help(command: str, policy: str = "act") -> str:
     if command not in COMMANDS:  # it takes words
         return f"{about}\n\nUsage:\n{examples}"
     parts = [about, f"Usage: roboverse {command} [key=value ...]\n{examples}"]
-    if command not in ("leaderboard", "convert", "export", "doctor", "new"):
+    if command not in ("leaderboard", "convert", "export", "publish", "doctor", "new"):
         parts.append(listing())
     parts.append(f"Keys, with their defaults:\n{_rows(key_rows(command, policy=policy))}")
     return "\n\n".join(parts)

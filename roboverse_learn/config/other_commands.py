@@ -138,6 +138,29 @@ class ExportConfig:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class PublishConfig:
+    """``roboverse publish``: a checkpoint or a dataset on the Hugging Face hub, with a page about it.
+
+    Attributes:
+        checkpoint: Run, or a checkpoint of it.
+        dataset: Folder of a dataset.
+        to: Name on the hub, owner/name; it may exist.
+        private: Make a new repository that only its owner sees.
+        license: Licence on its page, in the hub's words, as apache-2.0 or cc-by-4.0; empty for none.
+        results_dir: Folder of the checkpoint's results, which its page shows.
+        dry_run: Show the page alone; nothing is uploaded.
+    """
+
+    checkpoint: str = ""
+    dataset: str = ""
+    to: str = ""
+    private: bool = False
+    license: str = ""
+    results_dir: str = "results"
+    dry_run: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class ReplayConfig:
     """``roboverse replay``: replays recorded episodes in another simulator, by states and by controls.
 

@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -49,20 +49,6 @@ def snapshot(folder: Path) -> dict[str, bytes]:
         for path in folder.rglob("*")
         if path.is_file() and path.name != ".lock"
     }
-
-
-@pytest.fixture
-def error(capsys: pytest.CaptureFixture[str]) -> Iterator[Callable[[list[str]], str]]:
-    """Returns a function that runs a command which must fail, and gives its message."""
-
-    def run(words: list[str]) -> str:
-        capsys.readouterr()
-        assert cli.main(words) == 2
-        said = capsys.readouterr()
-        assert "Traceback" not in said.err and said.err.count("error: ") == 1, said.err
-        return said.err[said.err.index("error: ") :]
-
-    yield run
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,1 @@
+"""The Hugging Face hub: names of repositories, datasets from there, and pages of what is published."""
