@@ -24,13 +24,13 @@ def conservation(config: ConservationConfig) -> Any:
         WriteError: A file cannot be written.
     """
     from roboverse_learn.commands.report import conservation_report
-    from roboverse_learn.sim2sim.conservation.conservation_page import render, write_page, write_result
+    from roboverse_learn.sim2sim.conservation.conservation_page import table, write_page, write_result
 
     folder = Path(config.out)
     results = [run_on(simulator, config.timestep_s) for simulator in _chosen(config)]
     for result in results:
         write_result(folder, result)
-    return conservation_report(render(results), write_page(folder))
+    return conservation_report(table(results), write_page(folder))
 
 
 def run_on(simulator: str, timestep_s: float) -> dict[str, Any]:

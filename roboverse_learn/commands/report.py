@@ -88,12 +88,12 @@ def replay_report(summary: Mapping[str, Any], path: Path, page: Mapping[str, Pat
     )
 
 
-def conservation_report(page: str, written: Mapping[str, Path]) -> Group:
-    """The table of what each simulator keeps, and where everything is."""
-    lines = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| ")]
-    table = Table(*lines[0])
-    for line in lines[1:]:
-        table.add_row(*line)
+def conservation_report(cells: Sequence[Sequence[str]], written: Mapping[str, Path]) -> Group:
+    """The table of what each simulator keeps, its head first, and where everything is."""
+    head, *rows = cells
+    table = Table(*head)
+    for row in rows:
+        table.add_row(*row)
     plots = [path for name, path in written.items() if name.startswith("plot")]
     return Group(table, path_table({"table": written["table"], "plots": plots}))
 

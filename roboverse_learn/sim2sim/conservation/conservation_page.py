@@ -53,7 +53,7 @@ def write_page(folder: Path) -> dict[str, Path]:
 
 def render(results: Sequence[Mapping[str, Any]]) -> str:
     """Returns the page in Markdown."""
-    head = ["experiment", "simulator", "time step", *QUANTITIES.values()]
+    head, *rows = ("| " + " | ".join(cells) + " |" for cells in table(results))
     lines = [
         "# Conservation laws",
         "",
@@ -64,9 +64,9 @@ def render(results: Sequence[Mapping[str, Any]]) -> str:
         "from the states and the description of the objects. Numbers are the largest deviation from the "
         "start, relative to it. A collision may lose kinetic energy; its share at the end is shown.",
         "",
-        "| " + " | ".join(head) + " |",
-        "|" + "---|" * len(head),
-        *(_row(each, result) for each in EXPERIMENTS for result in results),
+        head,
+        "|" + "---|" * (head.count("|") - 1),
+        *rows,
     ]
     for result in results:
         failed = {name: value["error"] for name, value in result["experiments"].items() if "error" in value}
@@ -76,7 +76,13 @@ def render(results: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _row(experiment: Experiment, result: Mapping[str, Any]) -> str:
+def table(results: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """Returns the head of the table, and a row of cells for each experiment on each simulator."""
+    head = ["experiment", "simulator", "time step", *QUANTITIES.values()]
+    return [head, *(_row(each, result) for each in EXPERIMENTS for result in results)]
+
+
+def _row(experiment: Experiment, result: Mapping[str, Any]) -> list[str]:
     cells = [experiment.name, result["simulator"], f"{1000 * result['timestep_s']:g} ms"]
     found = result["experiments"].get(experiment.name, {})
     for name in QUANTITIES:
@@ -86,7 +92,7 @@ def _row(experiment: Experiment, result: Mapping[str, Any]) -> str:
             cells.append(f"{100 * (1 + found[name][-1]):.1f} % left")
         else:
             cells.append(f"{np.abs(found[name]).max():.1e}")
-    return "| " + " | ".join(cells) + " |"
+    return cells
 
 
 def plot(results: Sequence[Mapping[str, Any]], name: str, path: Path) -> None:
