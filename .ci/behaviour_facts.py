@@ -70,9 +70,10 @@ def of_run(path: Path) -> Facts:
 def of_result(path: Path) -> Facts:
     """Yields the episodes of an evaluation."""
     result = json.loads(path.read_text())
-    for record in result["records"]:
-        name = f"level {record['level']} alone {record['only']} {record['split']} {record['episode']}"
-        yield name, [record[key] for key in ("initial_state_hash", "success", "length", "episode_return")]
+    for cell in result["records"]:
+        columns = (cell[key] for key in ("initial_state_hash", "success", "length", "episode_return"))
+        for episode, *facts in zip(cell["episode"], *columns, strict=True):
+            yield f"level {cell['level']} alone {cell['only']} {cell['split']} {episode}", facts
     yield "cells", digest(result["cells"])
 
 

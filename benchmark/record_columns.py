@@ -68,4 +68,4 @@ def _cell(record: EpisodeRecord) -> tuple[Any, ...]:
 def _wording(wordings: Sequence[str], number: int, index: int) -> str:
     if number >= len(wordings):
         raise ResultError(f"records/{index} names wording {number}, and the file has {len(wordings)}.")
-    return wordings[number]
+    return wordings[int(number)]  # a schema takes 0.0 for an integer

@@ -162,7 +162,7 @@ def _check_schema(path: Path, document: Any) -> None:
     if not isinstance(document, dict) or "schema_version" not in document:
         raise ResultError(f"'{path}' is not a results file: it has no schema_version. {_AGAIN}")
     version = document["schema_version"]
-    if version not in _READABLE_VERSIONS or isinstance(version, bool):
+    if type(version) is not int or version not in _READABLE_VERSIONS:
         raise ResultError(
             f"Results file '{path}' has schema version {version!r}; this release reads "
             f"{', '.join(map(str, _READABLE_VERSIONS[:-1]))} and {SCHEMA_VERSION}. "

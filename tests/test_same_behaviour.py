@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from benchmark.results import read_result
+
 FILE = Path(__file__).parents[1] / ".ci/same_behaviour"
 
 
@@ -40,6 +42,16 @@ def found(called="a1", **data):
 )
 def test_a_verdict_names_what_changed_and_what_is_gone(tool, now, verdict):
     assert tool.verdict(found(loss=1.0, keys=["a=1", "b=2"]), now) == verdict
+
+
+def test_every_episode_of_a_result_is_a_fact(tool):
+    path = next(FILE.parents[1].glob("results/v2/*/act/act_v2-*.json"))
+    found = list(sys.modules["behaviour_facts"].of_result(path))
+    result = read_result(path)
+    assert len(found) == len(result.records) + 1
+    record = result.records[-1]
+    known = [record.initial_state_hash, record.success, record.length, record.episode_return]
+    assert (f"level {record.level} alone {record.only} {record.split} {record.episode}", known) in found
 
 
 def test_what_could_not_run_before_and_cannot_now_is_no_difference(tool):
