@@ -14,7 +14,11 @@ _WATCHES = "ROBOVERSE_ENDS_WITH_PARENT"
 
 
 class Children:
-    """Processes that threads of this one wait for, and that another thread can end."""
+    """Processes that threads of this one wait for, and that another thread can end.
+
+    Each has a process group of its own. A signal to this one's group, as Slurm and a terminal send it, reaches
+    them by :meth:`end` alone: a second SIGTERM would end training without a checkpoint.
+    """
 
     def __init__(self) -> None:
         self._running: set[subprocess.Popen[bytes]] = set()
@@ -38,6 +42,7 @@ class Children:
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 env={**environment, _WATCHES: "1"},
+                process_group=0,
             )
             self._running.add(process)
         with process:
@@ -47,20 +52,18 @@ class Children:
         return code
 
     def end(self) -> None:
-        """Sends SIGTERM to those that run, and lets no other start."""
+        """Sends SIGTERM to those that run, and lets no other start.
+
+        Windows has no such groups and no SIGTERM of another process: there Ctrl-C reaches them by itself.
+        """
         with self._lock:
             self._ended = True
-            for process in self._running:
+            for process in self._running if os.name != "nt" else ():
                 process.terminate()
 
 
-def run(words: Sequence[str], output: BinaryIO, environment: Mapping[str, str]) -> int:
-    """Runs one program; see :meth:`Children.run`."""
-    return Children().run(words, output, environment)
-
-
 def end_with_parent() -> None:
-    """Ends this process, as SIGTERM does, when the one that started it by :func:`run` is gone."""
+    """Ends this process, as SIGTERM does, when the one that started it by :class:`Children` is gone."""
     if os.environ.pop(_WATCHES, ""):  # not for the processes that this one starts
         threading.Thread(target=_watch, daemon=True).start()
 

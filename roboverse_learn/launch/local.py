@@ -3,7 +3,7 @@
 import logging
 import os
 import queue
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import override
@@ -11,7 +11,6 @@ from typing import override
 from envs.core.machine import num_cores
 from roboverse_learn.commands.child_process import Children
 from roboverse_learn.launch.base import Job, Launcher, OnEnd
-from roboverse_learn.training.interruption import Interrupted
 
 log = logging.getLogger(__name__)
 
@@ -44,7 +43,7 @@ def run_jobs(
         slots: Environment variables that give a process its place.
         start: Runs one job in one slot and returns its exit code.
         on_end: Hears of every job and its code.
-        end: Ends the jobs that run. It is called on SIGTERM; Ctrl-C reaches them as well.
+        end: Ends the jobs that run. It is called on Ctrl-C and on SIGTERM, and again on the second of them.
 
     Returns:
         Exit code by name; None of those whose predecessor failed.
@@ -81,10 +80,19 @@ def run_jobs(
                     on_end(job, codes[job.name])
         except BaseException as error:
             pool.shutdown(wait=False, cancel_futures=True)
-            if isinstance(error, Interrupted):
-                end()
+            if isinstance(error, KeyboardInterrupt):
+                _end_twice(end, running)
             raise
     return codes
+
+
+def _end_twice(end: Callable[[], None], running: Collection[Future[int]]) -> None:
+    """Ends jobs, and ends them again, which they obey at once, if this process is interrupted again."""
+    end()
+    try:
+        wait([future for future in running if not future.cancelled()])
+    except KeyboardInterrupt:
+        end()
 
 
 def gpu_slots(jobs_per_gpu: int) -> list[dict[str, str]]:

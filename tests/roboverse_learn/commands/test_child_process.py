@@ -19,9 +19,9 @@ sys.exit(3)
 """
 PARENT = """
 import os, sys
-from roboverse_learn.commands.child_process import run
+from roboverse_learn.commands.child_process import Children
 with open(sys.argv[1], "wb") as output:
-    sys.exit(run([sys.executable, "-c", sys.argv[2]], output, dict(os.environ)))
+    sys.exit(Children().run([sys.executable, "-c", sys.argv[2]], output, dict(os.environ)))
 """
 
 

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -99,6 +100,59 @@ def test_sigterm_ends_the_jobs_that_run_and_lets_no_other_start(tmp_path):
     assert sorted(started) == ["a", "b"]
     with (tmp_path / "late.log").open("wb") as output:
         assert children.run(program, output, {}) == -signal.SIGTERM
+
+
+SWEEP = """
+import os, sys
+from roboverse_learn.commands.child_process import Children
+from roboverse_learn.commands.sigterm import sigterm_interrupts
+from roboverse_learn.launch.base import Job
+from roboverse_learn.launch.local import run_jobs
+children = Children()
+def start(job, slot):
+    with open(sys.argv[1], "ab") as output:
+        return children.run([sys.executable, "-c", sys.argv[2]], output, dict(os.environ))
+with sigterm_interrupts():
+    run_jobs([Job("a", ()), Job("b", ())], [{}], start, lambda *_: None, children.end)
+"""
+HEARS = """
+import signal, time
+heard = []
+for number in (signal.SIGINT, signal.SIGTERM):
+    signal.signal(number, lambda number, _: heard.append(number))
+print("ready", flush=True)
+while len(heard) < {signals}:
+    time.sleep(0.01)
+time.sleep(0.5)
+print(*heard)
+"""
+
+
+def interrupt_sweep(log, signals, *sent):
+    """Sends signals to a sweep's process group; returns what its one job heard."""
+    words = [sys.executable, "-c", SWEEP, str(log), HEARS.format(signals=signals)]
+    sweep = subprocess.Popen(words, start_new_session=True, stderr=subprocess.DEVNULL)
+    while not (log.exists() and "ready" in log.read_text()):
+        assert sweep.poll() is None
+        time.sleep(0.02)
+    for number in sent:
+        os.killpg(sweep.pid, number)
+        time.sleep(0.3)
+    assert sweep.wait(60)
+    return log.read_text().split()[1:]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no process groups")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_to_the_group_of_a_sweep_reaches_a_job_once(tmp_path, number):
+    assert interrupt_sweep(tmp_path / "log", 1, number) == ["15"]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no process groups")
+def test_a_second_interruption_of_a_sweep_reaches_a_job_as_well(tmp_path):
+    assert interrupt_sweep(tmp_path / "log", 2, signal.SIGINT, signal.SIGINT) == ["15", "15"]
 
 
 def test_gpus_are_those_that_may_be_seen(monkeypatch):
