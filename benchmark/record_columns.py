@@ -1,6 +1,6 @@
 """Records in a results file: the episodes of a cell side by side, each of their fields a list.
 
-A line for every episode would repeat its keys, its cell and its words: three to four times as many bytes.
+A line for every episode would repeat its keys, its cell and its words: about three times as many bytes.
 """
 
 from collections.abc import Mapping, Sequence
