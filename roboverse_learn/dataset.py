@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from envs.core.arguments import parse
 from envs.core.errors import ConfigError, unknown_name
+from roboverse_learn.config.path_keys import check_path
 
 if TYPE_CHECKING:
     from roboverse_learn.data import DatasetInfo
@@ -19,11 +20,11 @@ class MergeConfig:
     """Appends every episode of several datasets that another does not hold yet; videos are not encoded again.
 
     Attributes:
-        parts: Folders of datasets of the same robot, cameras and image size; typed as ``from=[a,b]``.
+        from_: Folders of datasets of the same robot, cameras and image size; typed as ``from=[a,b]``.
         out: Folder of the merged dataset; it may exist.
     """
 
-    parts: tuple[str, ...] = ()
+    from_: tuple[str, ...] = ()
     out: str = ""
 
 
@@ -43,12 +44,12 @@ class GetConfig:
     """Downloads a LeRobotDataset of the Hugging Face hub; a download that was interrupted continues.
 
     Attributes:
-        name: Name on the hub, owner/name; typed as ``from=owner/name``.
+        from_: Name on the hub, owner/name; typed as ``from=owner/name``.
         out: Folder that it goes to; empty for datasets/owner/name.
         revision: Branch, tag or commit; empty for that of LeRobot's present format.
     """
 
-    name: str = ""
+    from_: str = ""
     out: str = ""
     revision: str = ""
 
@@ -83,17 +84,18 @@ def dataset(words: Sequence[str]) -> DatasetReport:
     note = ""
     if action not in ACTIONS:
         raise unknown_name("action on datasets", action, ACTIONS, "As in: roboverse dataset merge --help")
+    for key, given, value in (word.partition("=") for word in rest):
+        if given:
+            check_path(key, key, value)
     if action == "merge":
-        rest = [f"parts={word.removeprefix('from=')}" if word.startswith("from=") else word for word in rest]
         merged = parse("roboverse dataset merge", MergeConfig, rest)
-        if not merged.parts or not merged.out:
+        if not merged.from_ or not merged.out:
             raise ConfigError("dataset merge needs from=[<folder>,<folder>] and out=<folder>.")
-        info, note = merge(merged.parts, merged.out), _left_out(merged.parts)
+        info, note = merge(merged.from_, merged.out), _left_out(merged.from_)
     elif action == "get":
-        rest = [f"name={word.removeprefix('from=')}" if word.startswith("from=") else word for word in rest]
         wanted = parse("roboverse dataset get", GetConfig, rest)
-        folder = Path(wanted.out or Path("datasets") / wanted.name)
-        info = DatasetInfo.open(get_dataset(wanted.name, folder, wanted.revision))
+        folder = Path(wanted.out or f"datasets/{wanted.from_}")
+        info = DatasetInfo.open(get_dataset(wanted.from_, folder, wanted.revision))
     else:
         rest = [f"dataset={word}" if _is_folder(word) else word for word in rest]
         folder = parse("roboverse dataset info", InfoConfig, rest).dataset

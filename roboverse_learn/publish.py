@@ -17,6 +17,9 @@ CARD = "README.md"
 _CHECKPOINT_FILES = ["*.json", "*.safetensors", "*.txt", "*.model", "*.jinja"]
 """What a checkpoint is read from; no code, and no pickle."""
 
+_DATASET_FOLDERS = ["data/*", "meta/*", "videos/*", "raw/*"]
+"""Where LeRobot reads all that is there, also what an earlier dataset of the name left."""
+
 
 def publish(config: PublishConfig) -> str:
     """Uploads a checkpoint or a dataset; returns what to print: where it is, and how it is used.
@@ -33,10 +36,9 @@ def publish(config: PublishConfig) -> str:
         )
     check_name("to", config.to)
     folder, card, kind = _checkpoint(config) if config.checkpoint else _dataset(config)
-    patterns = _CHECKPOINT_FILES if kind == "model" else None
     if config.dry_run:
         return f"'{folder}' would go to '{config.to}', with this page:\n\n{card}"
-    return _upload(config, folder, card, kind, patterns)
+    return _upload(config, folder, card, kind)
 
 
 def _checkpoint(config: PublishConfig) -> tuple[Path, str, str]:
@@ -88,7 +90,7 @@ def _dataset(config: PublishConfig) -> tuple[Path, str, str]:
     return info.root, dataset_card(config.to, info, config.license), "dataset"
 
 
-def _upload(config: PublishConfig, folder: Path, card: str, kind: str, patterns: Sequence[str] | None) -> str:
+def _upload(config: PublishConfig, folder: Path, card: str, kind: str) -> str:
     from huggingface_hub import HfApi
     from huggingface_hub.errors import RevisionNotFoundError
 
@@ -97,11 +99,17 @@ def _upload(config: PublishConfig, folder: Path, card: str, kind: str, patterns:
     api, name = HfApi(), config.to
     with hub_errors(f"publish to '{name}'"):
         url = api.create_repo(name, repo_type=kind, private=config.private, exist_ok=True)
+        if config.private and not api.repo_info(name, repo_type=kind).private:
+            raise ConfigError(
+                f"'{name}' exists and is public, and private=true makes only a new one private. Name another "
+                f"or change it in its settings: {url}/settings. Nothing was uploaded."
+            )
         api.upload_folder(
             repo_id=name,
             repo_type=kind,
             folder_path=folder,
-            allow_patterns=list(patterns) if patterns else None,
+            allow_patterns=_CHECKPOINT_FILES if kind == "model" else None,
+            delete_patterns=_CHECKPOINT_FILES if kind == "model" else _DATASET_FOLDERS,
             ignore_patterns=[CARD, ".cache/**", "staging/**", "*.lock"],
             commit_message="RoboVerse Learn",
         )

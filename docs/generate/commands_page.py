@@ -126,8 +126,7 @@ def _dataset_rows() -> Iterable[tuple[str, str, str]]:
     for action, cls in (("merge", MergeConfig), ("info", InfoConfig), ("get", GetConfig)):
         about = dict(help_texts.documented(cls))
         for item in fields(cls):
-            key = "from" if item.name in ("parts", "name") else item.name
-            yield f"`{action} {key}=`", "", about[item.name]
+            yield f"`{action} {item.name.removesuffix('_')}=`", "", about[item.name]
 
 
 def _key_table(rows: Iterable[tuple[str, str]]) -> str:

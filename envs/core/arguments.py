@@ -46,7 +46,7 @@ def parse[T](command: str, settings: type[T], words: Sequence[str] | None = None
     Args:
         command: What is run, such as ``"python -m envs.experts.check"``.
         settings: A dataclass whose fields have defaults, and are texts, numbers, booleans, paths, or tuples
-            of one of these.
+            of one of these. One named ``from_`` is typed ``from=``, a word of Python.
         words: The words; the program's own by default.
 
     Raises:
@@ -58,7 +58,9 @@ def parse[T](command: str, settings: type[T], words: Sequence[str] | None = None
         about = [inspect.cleandoc(cls.__doc__ or "") for cls in settings.__mro__ if is_dataclass(cls)]
         sys.stdout.write("\n\n".join([f"{command} key=value …", *about]) + "\n")
         raise SystemExit(0)
-    kinds = {name: kind for name, kind in get_type_hints(settings).items() if name in _names(settings)}
+    hints = get_type_hints(settings)
+    field_of = {field.name.removesuffix("_"): field.name for field in fields(settings)}  # pyright: ignore[reportArgumentType]
+    kinds = {key: hints[name] for key, name in field_of.items()}
     values: dict[str, Any] = {}
     for word in words:
         if not kinds:
@@ -68,7 +70,7 @@ def parse[T](command: str, settings: type[T], words: Sequence[str] | None = None
             raise ConfigError(f"'{word}' is no key=value. Keys of {command}: {', '.join(kinds)}.")
         if key not in kinds:
             raise unknown_name(f"key of {command}", key, kinds)
-        values[key] = _value(key, text, kinds[key])
+        values[field_of[key]] = _value(key, text, kinds[key])
     return settings(**values)
 
 
@@ -83,10 +85,6 @@ def read_list(key: str, text: str) -> tuple[str, ...]:
         raise ConfigError(f"The value of '{key}={text}' cannot be read: a list is [A,B].")
     items = [item.strip() for item in (text[1:-1] if listed else text).split(",")]
     return tuple(item for item in items if item)
-
-
-def _names(settings: type) -> set[str]:
-    return {field.name for field in fields(settings)}
 
 
 def _value(key: str, text: str, kind: Any) -> Any:

@@ -16,8 +16,8 @@ _WATCHES = "ROBOVERSE_ENDS_WITH_PARENT"
 class Children:
     """Processes that threads of this one wait for, and that another thread can end.
 
-    Each has a process group of its own. A signal to this one's group, as Slurm and a terminal send it, reaches
-    them by :meth:`end` alone: a second SIGTERM would end training without a checkpoint.
+    Each has a process group of its own. A signal to this one's group, as Slurm and a terminal send it,
+    reaches them by :meth:`end` alone: a second SIGTERM would end training without a checkpoint.
     """
 
     def __init__(self) -> None:

@@ -145,7 +145,7 @@ class PublishConfig:
         checkpoint: Run, or a checkpoint of it.
         dataset: Folder of a dataset.
         to: Name on the hub, owner/name; it may exist.
-        private: Make a new repository that only its owner sees.
+        private: Make a new repository that only its owner sees; a public one of this name is refused.
         license: Licence on its page, in the hub's words, as apache-2.0 or cc-by-4.0; empty for none.
         results_dir: Folder of the checkpoint's results, which its page shows.
         dry_run: Show the page alone; nothing is uploaded.

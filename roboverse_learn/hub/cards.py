@@ -1,10 +1,13 @@
 """Pages of what is published, in the hub's form: facts for its search, then text."""
 
+import json
 import shlex
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from benchmark.records import Result
+from envs.core.json_values import flat, to_json_values
+from envs.spec import EnvSpec
 
 if TYPE_CHECKING:
     from huggingface_hub import EvalResult
@@ -56,11 +59,8 @@ def checkpoint_card(
     use = f"roboverse evaluate policy.path={name} {_words(own)}"
     lines += ["", "## Use", "", "```bash", use]
     if lerobot:
-        cameras = f"[{','.join(env.cameras)}]"
-        lines.append(
-            f"lerobot-eval --policy.path={name} --env.type=roboverse --env.task={shlex.quote(env.task)} "
-            f"--env.cameras={cameras} --env.image_size={env.image_size}"
-        )
+        seen_too = _lerobot_words(own | {"cameras": list(env.cameras), "image_size": env.image_size})
+        lines.append(f"lerobot-eval --policy.path={name} --env.type=roboverse {seen_too}")
     lines += ["```", ""]
     return f"---\n{facts.to_yaml()}\n---\n\n" + "\n".join(lines)
 
@@ -122,16 +122,28 @@ def _training_words(info: "DatasetInfo") -> str:
 
 def _words(settings: Mapping[str, Any]) -> str:
     """Returns the settings of an environment that differ from the usual ones as words of a command."""
-    from envs.spec import EnvSpec
-    from roboverse_learn.config.command_line_keys import at, flat_keys
     from roboverse_learn.config.value_text import as_text
 
-    usual = EnvSpec().to_json()
-    known = {key: value for key, value in settings.items() if key in usual and value is not None}
-    changed = (key for key in flat_keys(known) if at(known, key) not in (at(usual, key), {}))
-    return " ".join(
-        f"{key}={shlex.quote(as_text(at(known, key)))}" for key in dict.fromkeys(["task", *changed])
-    )
+    changed = flat(_changed(settings)).items()
+    known = EnvSpec.__dataclass_fields__  # a text of theirs is taken as it is
+    texts = {
+        key: value if key in known and isinstance(value, str) else as_text(value) for key, value in changed
+    }
+    return " ".join(f"{key}={shlex.quote(text)}" for key, text in texts.items())
+
+
+def _lerobot_words(settings: Mapping[str, Any]) -> str:
+    """Returns them as words of LeRobot's commands, which take lists and maps as JSON."""
+    changed = _changed(settings).items()
+    texts = {key: value if isinstance(value, str) else json.dumps(value) for key, value in changed}
+    return " ".join(f"--env.{key}={shlex.quote(text)}" for key, text in texts.items())
+
+
+def _changed(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the task, and what differs from the usual environment."""
+    usual = to_json_values(EnvSpec())
+    differ = {key: settings[key] for key in usual if settings.get(key) not in (None, usual[key])}
+    return {"task": settings["task"]} | differ
 
 
 def _metrics(result: Result) -> "list[EvalResult]":

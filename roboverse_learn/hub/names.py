@@ -15,9 +15,16 @@ def check_name(key: str, name: str) -> None:
     Raises:
         ConfigError: It is not.
     """
+    from huggingface_hub.errors import HFValidationError
+    from huggingface_hub.utils import validate_repo_id
+
+    given = f"given '{name}'" if name else "nothing is given"
     if not _NAME.fullmatch(name):
-        given = f"given '{name}'" if name else "nothing is given"
         raise ConfigError(f"{key}= is a name on the Hugging Face hub, as owner/name; {given}.")
+    try:
+        validate_repo_id(name)
+    except HFValidationError as error:
+        raise ConfigError(f"{key}= is a name that the Hugging Face hub refuses; {given}. {error}") from error
 
 
 @contextlib.contextmanager
@@ -31,11 +38,17 @@ def hub_errors(what: str) -> Iterator[None]:
         ConfigError: The hub refused, or was not reached.
     """
     from httpx import HTTPError
-    from huggingface_hub.errors import HfHubHTTPError, LocalTokenNotFoundError, OfflineModeIsEnabled
+    from huggingface_hub.errors import (
+        HfHubHTTPError,
+        LocalEntryNotFoundError,
+        LocalTokenNotFoundError,
+        OfflineModeIsEnabled,
+    )
 
+    refusals = (HfHubHTTPError, HTTPError, LocalTokenNotFoundError, LocalEntryNotFoundError)
     try:
         yield
-    except (HfHubHTTPError, HTTPError, LocalTokenNotFoundError, OfflineModeIsEnabled) as error:
+    except (*refusals, OfflineModeIsEnabled) as error:
         response = getattr(error, "response", None)
         status = getattr(response, "status_code", None)
         if isinstance(error, LocalTokenNotFoundError) or status in (401, 403):

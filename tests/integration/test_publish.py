@@ -10,12 +10,23 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import draccus
 import httpx
 import pytest
 from huggingface_hub import DatasetCard, HfApi, ModelCard
-from huggingface_hub.errors import HfHubHTTPError, RepositoryNotFoundError, RevisionNotFoundError
+from huggingface_hub.errors import (
+    HfHubHTTPError,
+    LocalEntryNotFoundError,
+    RepositoryNotFoundError,
+    RevisionNotFoundError,
+)
+from lerobot.envs.configs import EnvConfig
 
+from envs.lerobot.spec_options import spec_of
+from envs.spec import EnvSpec
 from roboverse_learn import cli
+from roboverse_learn.config.compose import compose
+from roboverse_learn.hub.cards import checkpoint_card
 from tests.integration.main_run import TINY, MainRun
 
 NAME = "somebody/something"
@@ -27,7 +38,7 @@ def refusal(kind: type[HfHubHTTPError], status: int, text: str) -> HfHubHTTPErro
 
 CALLS = (
     *("create_repo", "upload_folder", "upload_file", "delete_tag", "create_tag", "list_repo_refs"),
-    *("model_info", "snapshot_download"),
+    *("model_info", "repo_info", "list_repo_files", "snapshot_download"),
 )
 
 
@@ -54,7 +65,8 @@ class Hub:
 
     def create_repo(self, name: str, *, repo_type: str, private: bool, exist_ok: bool) -> str:
         assert exist_ok
-        self.private = private
+        if not self.folder(name, repo_type).is_dir():
+            self.private = private
         self.folder(name, repo_type).mkdir(parents=True, exist_ok=True)
         return f"https://hub/{name}"
 
@@ -65,10 +77,15 @@ class Hub:
         repo_type: str,
         folder_path: Path,
         allow_patterns: list[str] | None,
+        delete_patterns: list[str],
         ignore_patterns: list[str],
         commit_message: str,
     ) -> None:
         assert commit_message
+        published = self.folder(repo_id, repo_type)
+        for inner in files(published):
+            if any(fnmatch(inner, each) for each in delete_patterns):
+                (published / inner).unlink()
         for path in Path(folder_path).rglob("*"):
             inner = path.relative_to(folder_path).as_posix()
             allowed = allow_patterns is None or any(fnmatch(inner, each) for each in allow_patterns)
@@ -97,6 +114,13 @@ class Hub:
         if not self.folder(name, repo_type).is_dir():
             raise refusal(RepositoryNotFoundError, 404, "Repository Not Found")
         return SimpleNamespace(tags=[SimpleNamespace(name=tag) for tag in self.tags])
+
+    def repo_info(self, name: str, *, repo_type: str) -> Any:
+        return SimpleNamespace(private=self.private)
+
+    def list_repo_files(self, name: str, *, repo_type: str, revision: str) -> list[str]:
+        assert revision in ("main", *self.tags)
+        return sorted(files(self.folder(name, repo_type)))
 
     def model_info(self, name: str, **_: Any) -> Any:
         files = self.folder(name, "model").rglob("*")
@@ -188,9 +212,13 @@ def test_results_of_another_checkpoint_are_not_on_the_page(
 def test_a_published_dataset_is_fetched_and_trained_on_by_the_words_of_its_page(
     hub: Hub, main_run: MainRun
 ) -> None:
+    published = hub.folder(NAME, "dataset")
+    earlier = published / "data/chunk-000/file-999.parquet"
     for _ in range(2):  # a second time it is replaced, and so is its tag
         assert cli.main(["publish", f"dataset={main_run.dataset}", f"to={NAME}", "private=true"]) == 0
-    published = hub.folder(NAME, "dataset")
+        assert not earlier.exists()
+        earlier.write_bytes(b"of an earlier dataset, as the hub would have it")
+    earlier.unlink()
     assert files(published) == (files(main_run.dataset) | {"README.md"}) - {".lock"}
     assert hub.private is True and hub.tags == ["v3.0"]
     page = DatasetCard((published / "README.md").read_text())
@@ -219,6 +247,13 @@ def test_a_published_dataset_is_fetched_and_trained_on_by_the_words_of_its_page(
         (["publish", "checkpoint=b", f"to={NAME}"], "Checkpoint 'b' does not exist"),
         (["dataset", "get"], "from= is a name on the Hugging Face hub, as owner/name; nothing is given"),
         (["dataset", "get", "from=a/b/c"], "given 'a/b/c'"),
+        (["dataset", "get", "from=a/b--c"], "hub refuses; given 'a/b--c'. Cannot have -- or .. in repo_id"),
+        (
+            ["publish", "dataset=b", "to=a/b."],
+            "to= is a name that the Hugging Face hub refuses; given 'a/b.'",
+        ),
+        (["dataset", "get", f"from={NAME}", "out="], "out= is empty, and names a file or folder"),
+        (["dataset", "get", "form=a/b"], "Did you mean 'from'?"),
         (
             ["dataset", "get", "from=nobody/nothing"],
             "Could not get the dataset 'nobody/nothing': Repository Not",
@@ -247,8 +282,9 @@ def test_a_mistake_is_one_sentence(
             "Log in with a token that may do this: hf auth login.",
         ),
         (httpx.ConnectError("no route to host"), "It needs a network"),
+        (LocalEntryNotFoundError("no copy here"), "It needs a network"),
     ],
-    ids=["not logged in", "no network"],
+    ids=["not logged in", "no network", "no copy"],
 )
 def test_what_the_hub_refuses_is_one_sentence(
     fault: Exception,
@@ -271,7 +307,53 @@ def test_a_download_that_is_no_dataset_is_named(hub: Hub, error: Callable[[list[
     folder.mkdir(parents=True)
     (folder / "data.csv").touch()
     said = error(["dataset", "get", f"from={NAME}"])
-    assert f"'{NAME}' is no LeRobotDataset: it has no meta/info.json" in said
+    assert f"'{NAME}' is no LeRobotDataset: it has no meta/info.json. Nothing was downloaded." in said
+    assert not Path("datasets").exists()
+
+
+def test_a_folder_of_another_dataset_is_refused(hub: Hub, error: Callable[[list[str]], str]) -> None:
+    for name in ("a/one", "a/two"):
+        (hub.folder(name, "dataset") / "meta").mkdir(parents=True)
+        (hub.folder(name, "dataset") / "meta/info.json").write_text("{}")
+    assert "out/meta/info.json" in error(["dataset", "get", "from=a/one", "out=out"])
+    before = files(Path("out"))
+    said = error(["dataset", "get", "from=a/two", "out=out"])
+    assert "out=out holds the dataset 'a/one', not 'a/two'. Name a new folder." in said
+    assert files(Path("out")) == before
+
+
+@pytest.mark.slow
+def test_what_is_to_be_private_is_not_uploaded_to_a_public_name(
+    hub: Hub, main_run: MainRun, error: Callable[[list[str]], str]
+) -> None:
+    hub.create_repo(NAME, repo_type="dataset", private=False, exist_ok=True)
+    said = error(["publish", f"dataset={main_run.dataset}", f"to={NAME}", "private=true"])
+    assert f"'{NAME}' exists and is public, and private=true makes only a new one private" in said
+    assert not files(hub.folder(NAME, "dataset"))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *("task=PickCube robot=ur5e_2f85", "task=PickCube only=lighting simulator=mujoco_warp"),
+        "task=PickCube task_kwargs.lift_height_m=0.2 task_kwargs.variant=lift materials=+x",
+        "task=PickCube scenario.physics.decimation=50 simulator_settings.iterations=40 cameras=[wrist]",
+    ],
+)
+def test_the_commands_of_a_page_give_the_environment_of_the_run(words: str) -> None:
+    config = compose("train", ["policy=act", "preset=quick", *words.split()])
+    page = checkpoint_card(NAME, "act", config, [], "", True)
+    ours, lerobots = (
+        shlex.split(line) for line in page.splitlines() if line.startswith(("robov", "lerobot-"))
+    )
+    asked = compose("evaluate", ours[2:])
+    env, materials = config.env.replace(level=0, only=None), config.env.materials
+    of_checkpoint = {"cameras": env.cameras, "image_size": env.image_size, "materials": materials}
+    assert EnvSpec.from_json(asked.env | of_checkpoint) == env
+    assert asked.evaluate.materials == materials
+    options = [word.replace("--env.", "--") for word in lerobots if word.startswith("--env.")]
+    made = draccus.parse(EnvConfig.get_choice_class("roboverse"), args=options[1:])
+    assert spec_of(made) == env
 
 
 @pytest.mark.slow
