@@ -82,23 +82,6 @@ def test_file_of_schema_2_reads_as_the_same_result(make_result, tmp_path):
         read_result(path)
 
 
-def test_a_wording_by_a_whole_number_of_another_kind_reads_as_the_same_result(make_result, tmp_path):
-    result = worded(make_result(protocol=INSTRUCTED))
-    path = result_path(tmp_path, result)
-    write_result(path, result)
-    edit(path, lambda d: d["records"][0].update(instruction=[0.0, 0.0, 0.0]) or _sign(d))
-    assert read_result(path) == result
-
-
-def test_a_cell_in_several_pieces_reads_as_the_same_episodes(make_result, tmp_path):
-    result = worded(make_result(protocol=INSTRUCTED))
-    pieces = replace(result, records=(*result.records[1:], result.records[0]))
-    path = result_path(tmp_path, pieces)
-    write_result(path, pieces)
-    assert read_result(path) == pieces
-    assert [len(cell["episode"]) for cell in json.loads(path.read_text())["records"]] == [2, *[3] * 7, 1]
-
-
 def test_file_of_schema_1_reads_as_the_same_result(make_result, tmp_path):
     changed = {
         "scenario": {"physics": {"decimation": 50}},
