@@ -95,6 +95,7 @@ def _upload(config: PublishConfig, folder: Path, card: str, kind: str) -> str:
     from huggingface_hub.errors import RevisionNotFoundError
 
     from roboverse_learn.data.dataset.schema import CODEBASE_VERSION
+    from roboverse_learn.data.dataset.staging import STAGING_DIRECTORY
 
     api, name = HfApi(), config.to
     with hub_errors(f"publish to '{name}'"):
@@ -110,7 +111,7 @@ def _upload(config: PublishConfig, folder: Path, card: str, kind: str) -> str:
             folder_path=folder,
             allow_patterns=_CHECKPOINT_FILES if kind == "model" else None,
             delete_patterns=_CHECKPOINT_FILES if kind == "model" else _DATASET_FOLDERS,
-            ignore_patterns=[CARD, ".cache/**", "staging/**", "*.lock"],
+            ignore_patterns=[CARD, ".cache/**", f"{STAGING_DIRECTORY}/**", "*.lock"],
             commit_message="RoboVerse Learn",
         )
         api.upload_file(

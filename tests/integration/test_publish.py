@@ -210,12 +210,15 @@ def test_results_of_another_checkpoint_are_not_on_the_page(
 
 @pytest.mark.slow
 def test_a_published_dataset_is_fetched_and_trained_on_by_the_words_of_its_page(
-    hub: Hub, main_run: MainRun
+    hub: Hub, main_run: MainRun, tmp_path: Path
 ) -> None:
-    published = hub.folder(NAME, "dataset")
+    published, dataset = hub.folder(NAME, "dataset"), tmp_path / "dataset"
+    shutil.copytree(main_run.dataset, dataset)
+    (dataset / ".staging/pool_000009").mkdir(parents=True)
+    (dataset / ".staging/pool_000009/not_committed").touch()
     earlier = published / "data/chunk-000/file-999.parquet"
     for _ in range(2):  # a second time it is replaced, and so is its tag
-        assert cli.main(["publish", f"dataset={main_run.dataset}", f"to={NAME}", "private=true"]) == 0
+        assert cli.main(["publish", f"dataset={dataset}", f"to={NAME}", "private=true"]) == 0
         assert not earlier.exists()
         earlier.write_bytes(b"of an earlier dataset, as the hub would have it")
     earlier.unlink()
