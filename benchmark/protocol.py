@@ -93,6 +93,11 @@ class Cell:
         """Returns the cell of another instruction test, whose episodes begin as this one's."""
         return replace(self, instruction_test=instruction_test)
 
+    def to_json(self) -> dict[str, Any]:
+        """Returns plain JSON values; without the instruction test where there is none."""
+        own = {"level": self.level, "only": self.only, "split": self.split}
+        return own if self.instruction_test is None else own | {"instruction_test": self.instruction_test}
+
     def __str__(self) -> str:
         return f"{self.condition}, {self.split} split"
 

@@ -10,7 +10,6 @@ from typing import Any
 from benchmark.records import EpisodeRecord
 from envs.core.errors import ResultError
 
-_CELL_KEYS = ("level", "only", "split")
 _COLUMNS = ("episode", "initial_state_hash", "success", "length", "episode_return", "wall_time_s")
 _INSTRUCTION_COLUMNS = ("instruction", "switched_at", "switched_to")
 """Columns that are there only where the records have such values."""
@@ -23,17 +22,14 @@ def to_columns(records: Sequence[EpisodeRecord]) -> tuple[list[dict[str, Any]], 
     """Returns the records of each cell as lists, in order, and the wordings that these name by index."""
     wordings: dict[str, int] = {}
     cells = []
-    for (level, only, split, test, given), group in groupby(records, _cell):
-        cell: dict[str, Any] = dict(zip(_CELL_KEYS, (level, only, split), strict=True))
-        if test is not None:
-            cell["instruction_test"] = test
-        same_cell = list(group)
+    for (cell, given), group in groupby(records, lambda record: (record.cell, _given(record))):
+        entry, of_cell = cell.to_json(), list(group)
         for name in (*_COLUMNS, *given):
-            values = [getattr(record, name) for record in same_cell]
+            values = [getattr(record, name) for record in of_cell]
             if name in _WORDED:
                 values = [wordings.setdefault(words, len(wordings)) for words in values]
-            cell[name] = values
-        cells.append(cell)
+            entry[name] = values
+        cells.append(entry)
     return cells, list(wordings)
 
 
@@ -59,10 +55,9 @@ def to_rows(cells: Sequence[Mapping[str, Any]], wordings: Sequence[str]) -> list
     return rows
 
 
-def _cell(record: EpisodeRecord) -> tuple[Any, ...]:
-    """Returns what the records of one entry share: their cell, and which columns they have."""
-    given = tuple(name for name in _INSTRUCTION_COLUMNS if getattr(record, name) is not None)
-    return record.level, record.only, record.split, record.instruction_test, given
+def _given(record: EpisodeRecord) -> tuple[str, ...]:
+    """Returns the columns of instructions that a record has values for."""
+    return tuple(name for name in _INSTRUCTION_COLUMNS if getattr(record, name) is not None)
 
 
 def _wording(wordings: Sequence[str], number: int, index: int) -> str:

@@ -115,9 +115,7 @@ class CellSummary:
         """Returns plain JSON values."""
         values = {name: getattr(self, name) for name in self.__slots__ if name != "cell"}
         values |= {"channels": list(self.channels), "not_shown": list(self.not_shown)}
-        own = {"level": self.cell.level, "only": self.cell.only, "split": self.cell.split}
-        test = self.cell.instruction_test
-        return own | ({} if test is None else {"instruction_test": test}) | values
+        return self.cell.to_json() | values
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -83,7 +83,7 @@ def given_dataset(config: TrainRunConfig) -> GivenDataset:
 
 def _check_tasks(info: DatasetInfo, config: TrainRunConfig) -> None:
     """Checks that episodes that name their task name one of the run."""
-    named = sorted({str(each["task"]) for each in info.episode_metadata if "task" in each})
+    named = info.named_tasks
     if named and not set(named) & set(config.tasks):
         raise ConfigError(
             f"dataset={info.root} is of {', '.join(named)}, and the run is of {', '.join(config.tasks)}. Add "

@@ -81,9 +81,8 @@ def dataset_card(name: str, info: "DatasetInfo", licence: str) -> str:
         tags=["LeRobot", *_TAGS],
         configs=[{"config_name": "default", "data_files": "data/*/*.parquet"}],
     )
-    of = info.episode_metadata
-    named = sorted({str(each["task"]) for each in of if "task" in each})
-    levels = sorted({each["level"] for each in of if each.get("level") is not None})
+    named = info.named_tasks
+    levels = sorted({each["level"] for each in info.episode_metadata if each.get("level") is not None})
     lines = [
         f"# {name.split('/')[1]}",
         "",
@@ -115,8 +114,7 @@ def _training_words(info: "DatasetInfo") -> str:
     from roboverse_learn.data.dataset.info import is_collected_here
 
     if not is_collected_here(info.root):
-        named = sorted({str(each["task"]) for each in info.episode_metadata if "task" in each})
-        return f"task={named[0] if named else '<task>'}"
+        return f"task={next(iter(info.named_tasks), '<task>')}"
     return _words(read_record(info.root)[0])
 
 

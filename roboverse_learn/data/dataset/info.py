@@ -118,6 +118,11 @@ class DatasetInfo:
         """:attr:`EpisodeData.metadata` of each episode; empty where another tool wrote it."""
         return tuple(json.loads(episode.get(METADATA_COLUMN) or "{}") for episode in self.episodes)
 
+    @property
+    def named_tasks(self) -> list[str]:
+        """Names of the tasks that the episodes are of; empty where another tool wrote them."""
+        return sorted({str(each["task"]) for each in self.episode_metadata if "task" in each})
+
     def data_files(self) -> list[Path]:
         """Returns the files of the numeric columns, in the order of the frames."""
         numbers = dict.fromkeys((e["data/chunk_index"], e["data/file_index"]) for e in self.episodes)
