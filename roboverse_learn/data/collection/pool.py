@@ -1,6 +1,7 @@
 """The processes of a collection."""
 
 import contextlib
+import itertools
 import os
 import signal
 import sys
@@ -19,7 +20,7 @@ from envs.core.errors import DatasetError
 from envs.core.machine import num_cores
 from envs.core.registry import registered_by_hand
 from roboverse_learn.data.collection.config import CollectionConfig
-from roboverse_learn.data.collection.worker import Attempt, Stage, encoded_by, run_batch, start, work
+from roboverse_learn.data.collection.worker import Attempt, Stage, encoded_by, run_batches, start, work
 from roboverse_learn.data.dataset.staging import STAGING_DIRECTORY
 from roboverse_learn.data.processes import script_of_processes
 
@@ -39,8 +40,9 @@ def attempts(config: CollectionConfig, next_batch: Callable[[], list[int]]) -> G
     if config.num_workers == 1:
         with _encoders(config) as stage, contextlib.closing(config.make_source()) as source:
             threads = config.num_encoders or num_cores()
-            while batch := next_batch():
-                yield from together(run_batch(config, source, batch, threads, stage))
+            while batch := next_batch():  # asked again at the end: it learns of failures as they are yielded
+                batches = itertools.chain([batch], iter(next_batch, []))
+                yield from together(run_batches(config, source, batches, threads, stage))
         return
     yield from _attempts_of_workers(config, next_batch)
 

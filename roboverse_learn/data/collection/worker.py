@@ -6,7 +6,7 @@ Where one process simulates, as on a GPU, others may encode for it: threads woul
 import os
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -48,7 +48,7 @@ def work(indices: Sequence[int]) -> list[Attempt]:
     try:
         if "source" not in _process:
             _process["source"] = _process["config"].make_source()
-        return list(run_batch(_process["config"], _process["source"], indices, threads=1))
+        return list(run_batches(_process["config"], _process["source"], [indices], threads=1))
     except RoboVerseError as error:
         raise DatasetError(f"{error} ({name})") from None
     except Exception as error:
@@ -85,19 +85,21 @@ def encoded_by(submit: Callable[..., Future[Path]]) -> Stage:
     return stage
 
 
-def run_batch(
+def run_batches(
     config: CollectionConfig,
     source: EpisodeSource,
-    indices: Sequence[int],
+    batches: Iterable[Sequence[int]],
     threads: int,
     stage: Stage | None = None,
 ) -> Iterator[Attempt]:
     """Runs pool episodes and stages the successful ones, in threads beside the simulation.
 
+    A batch starts as soon as the one before is simulated, while the last of its episodes are staged.
+
     Args:
         config: What to collect.
         source: Runs the episodes.
-        indices: Which.
+        batches: Which.
         threads: How many.
         stage: What each thread does with an episode; encodes it by default.
 
@@ -114,20 +116,32 @@ def run_batch(
             return index, stage(directory, episode)
         return index, stage_episode(directory, episode, config.fps, config.encoder).directory
 
-    missing, pending = set(indices), deque[Future[Attempt]]()
+    pending = deque[Future[Attempt]]()
     with ThreadPoolExecutor(threads) as pool:
-        for index, episode in source.attempts(indices):
-            found = index if episode is None else episode.metadata.get("episode")
-            if index not in missing or found != index:
-                raise DatasetError(
-                    f"The source was to yield the pool episodes {list(indices)} and yielded "
-                    f"{index} with metadata['episode'] = {found!r}. They must be the same, and each once."
-                )
-            missing.discard(index)
-            pending.append(pool.submit(attempt, index, episode))
-            while pending and (pending[0].done() or len(pending) > 2 * threads):
-                yield pending.popleft().result()
+        for batch in batches:
+            for index, episode in _checked(source, batch):
+                pending.append(pool.submit(attempt, index, episode))
+                while pending and (pending[0].done() or len(pending) > 2 * threads):
+                    yield pending.popleft().result()
         while pending:
             yield pending.popleft().result()
+
+
+def _checked(source: EpisodeSource, indices: Sequence[int]) -> Iterator[tuple[int, EpisodeData | None]]:
+    """Yields a source's attempts at pool episodes.
+
+    Raises:
+        DatasetError: They are not those that were asked for.
+    """
+    missing = set(indices)
+    for index, episode in source.attempts(indices):
+        found = index if episode is None else episode.metadata.get("episode")
+        if index not in missing or found != index:
+            raise DatasetError(
+                f"The source was to yield the pool episodes {list(indices)} and yielded "
+                f"{index} with metadata['episode'] = {found!r}. They must be the same, and each once."
+            )
+        missing.discard(index)
+        yield index, episode
     if missing:
         raise DatasetError(f"The source took the pool episodes {sorted(missing)} and never yielded them.")

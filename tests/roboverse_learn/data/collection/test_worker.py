@@ -1,0 +1,24 @@
+import threading
+
+from roboverse_learn.data.collection.worker import run_batches
+from tests.roboverse_learn.data.collection.test_collect import config
+from tests.roboverse_learn.data.synthetic_episodes import SyntheticSource
+
+
+def test_a_batch_starts_while_the_last_episodes_of_the_one_before_are_staged(tmp_path):
+    begun, second = [], threading.Event()
+
+    class Source(SyntheticSource):
+        def attempts(self, indices):
+            begun.append(list(indices))
+            if len(begun) == 2:
+                second.set()
+            return super().attempts(indices)
+
+    def stage(directory, episode):
+        assert second.wait(60), "The second batch waits for the first one's episodes."
+        return directory
+
+    ended = list(run_batches(config(tmp_path), Source(), [[1, 2], [3, 5]], threads=4, stage=stage))
+    assert begun == [[1, 2], [3, 5]]
+    assert [index for index, _ in ended] == [2, 1, 5, 3]
