@@ -24,7 +24,7 @@ class PairedComparison:
     """Two success rates of the same episodes, run twice: how far the second is below the first.
 
     Attributes:
-        split: ``"train"`` or ``"test"``.
+        split: One of :data:`~envs.randomization.splits.SPLIT_NAMES`.
         episodes: Number of episodes, each run twice.
         difference: The first rate less the second.
         ci_low: Lower end of its 95 % interval; see :func:`~benchmark.statistics.paired_difference`.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from envs.core.errors import ConfigError, unknown_name
 from envs.core.fingerprint import fingerprint
 from envs.randomization.levels import LEVELS, channels_of
-from envs.randomization.splits import SPLITS
+from envs.randomization.splits import SPLIT_NAMES, SPLITS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -45,7 +45,7 @@ class Cell:
     Attributes:
         level: The level, 0 to 3, or None when one channel varies alone.
         only: The channel that varies alone, or several joined by ``+``; None when ``level`` is given.
-        split: ``"train"`` or ``"test"``.
+        split: One of :data:`~envs.randomization.splits.SPLIT_NAMES`.
         instruction_test: One of :data:`INSTRUCTION_TESTS`, at level 0; None leaves the instruction.
     """
 
@@ -63,8 +63,8 @@ class Cell:
             raise ConfigError(f"Unknown level {self.level}. Valid: {', '.join(map(str, LEVELS))}.")
         if self.only is not None and channels_of(only=self.only) == ("task",):
             raise ConfigError("The task varies in every cell: name another channel that varies with it.")
-        if self.split not in SPLITS:
-            raise unknown_name("split", self.split, SPLITS)
+        if self.split not in SPLIT_NAMES:
+            raise unknown_name("split", self.split, SPLIT_NAMES)
         if self.instruction_test is not None:
             check_instruction_test(self.instruction_test)
             if self.level != 0:

@@ -21,7 +21,7 @@ class EpisodeRecord:
         level: Level, or None when one channel varied alone.
         only: The channel that varied alone, or None.
         channels: Every channel that varied.
-        split: ``"train"`` or ``"test"``.
+        split: One of :data:`~envs.randomization.splits.SPLIT_NAMES`.
         episode: Index in the task's pool of episodes.
         seed: The protocol's seed, from which the episode follows.
         initial_state_hash: Hash of the initial state and appearance: equal for the same episode.

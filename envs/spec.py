@@ -139,7 +139,7 @@ class EnvSpec:
 
         Args:
             num_envs: Number of environments.
-            split: ``"train"`` or ``"test"``: which episodes.
+            split: ``"train"``, ``"validation"`` or ``"test"``: which episodes.
             observation: What is observed; see :class:`~envs.vector_env.RoboVerseVectorEnv`.
             actions: ``"task"`` for the task's controller, ``"rl"`` for that of reinforcement learning.
             protocol_seed: Seeds every random number.

@@ -14,7 +14,7 @@ from tests.understood import understand
 
 ROOT = Path(__file__).parents[1]
 STEPS = (
-    *("processes", "collection", "vla", "table", "shifts", "nuts", "nuts_quick", "nuts_level3"),
+    *("processes", "collection", "vla", "table", "shifts", "nuts", "nuts_quick", "level3"),
     *("nuts_diffusion", "ppo_rgb", "h1hand"),
     *("generated", "corrections", "multi_task", "multi_task_long", "wording", "grasp", "grasp_vla"),
     *("libero", "calvin", "axes"),

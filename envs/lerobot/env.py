@@ -27,7 +27,7 @@ class RoboVerseEnvConfig(_SpecOptions):
     Attributes:
         task: A task, or a suite, of which every task is evaluated.
         protocol: Another benchmark's own protocol, such as ``libero``; what is given beside it wins.
-        split: ``"train"`` or ``"test"``: which episodes.
+        split: ``"train"``, ``"validation"`` or ``"test"``: which episodes.
         fps: Control steps per second; follows from the task.
     """
 

@@ -35,7 +35,7 @@ class RoboVerseRobotConfig(_SpecOptions):
     """Options of ``--robot.type=roboverse``: the fields of :class:`~envs.spec.EnvSpec`, and these.
 
     Attributes:
-        split: ``"train"`` or ``"test"``: which episodes.
+        split: ``"train"``, ``"validation"`` or ``"test"``: which episodes.
         episodes: Episodes of the split, one after the other; none takes all, in the split's order.
         outcomes: File that gets a line of JSON for each episode: its index, steps, and whether and when the
             task was solved. Empty writes none.

@@ -89,7 +89,7 @@ class Scene:
     """What a channel draws for.
 
     Attributes:
-        split: The split, with its materials, furniture and cameras.
+        split: The side of the frozen split that is drawn from, with its materials, furniture and cameras.
         seed: The protocol's seed.
         episode: The episode's index.
         library: Materials.

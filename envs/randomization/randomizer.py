@@ -21,7 +21,8 @@ class Randomizer:
         base: Appearance at level 0; what no channel changes keeps it.
         cameras: The scenario's cameras; the camera channel moves each that is fixed in the world.
         channels: Channels that vary; see :func:`~envs.randomization.levels.channels_of`.
-        split: ``"train"`` or ``"test"``, or a split that was loaded with the same library.
+        split: One of :data:`~envs.randomization.splits.SPLIT_NAMES`, or a split that was loaded with the same
+            library.
         seed: The protocol's seed.
         library: Materials; the procedural ones by default.
         lighting: Ranges of the lighting channel; by default those of ``scenario``.
@@ -53,6 +54,7 @@ class Randomizer:
         self.channels = tuple(channels)
         self.library = library or MaterialLibrary.built_in()
         self.split = split if isinstance(split, Split) else load_split(split, library)
+        self._drawn_from = self.split.drawn
         self.seed = seed
         self.lighting = lighting or (scenario.lighting if scenario is not None else LightingCfg())
         self.scenario, self.task, self.workspace = scenario, task, workspace
@@ -121,7 +123,7 @@ class Randomizer:
                 f"split."
             )
         return Scene(
-            split=self.split,
+            split=self._drawn_from,
             seed=self.seed,
             episode=episode,
             library=self.library,

@@ -4,6 +4,10 @@ A split file never changes once results name it: ``splits/v2.json`` holds the li
 SHA-256 over them, checked on every load. Another pool, library or grid is another file, ``v3.json``.
 ``python -m envs.randomization.splits`` samples the lists again and compares them with the file.
 
+The last 1,000 episodes of the train split are also the **validation** split: a recipe is chosen by them,
+without a look at the test split. Demonstrations are of the first episodes, so these starts and draws are new
+to what learned from them; the materials, camera poses and words that they draw are those of training.
+
 Light and reflection are sampled from continuous ranges by the episode's index. As no episode is in both
 splits, 90 % of the samples are for training, and no sample of the test split occurs in training.
 """
@@ -14,7 +18,7 @@ import json
 import logging
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -34,6 +38,14 @@ from envs.scenario import SURFACES
 logger = logging.getLogger(__name__)
 
 SPLITS = ("train", "test")
+"""The two sides of the frozen split."""
+
+VALIDATION = "validation"
+NUM_VALIDATION = 1_000
+"""Episodes of the validation split: as many as the test split has."""
+
+SPLIT_NAMES = ("train", VALIDATION, "test")
+
 POOL_SIZE = 10_000
 _FIRST_VERSION = "v1"
 """Seeds the lists of every version, so that what both have stays on its side."""
@@ -44,10 +56,10 @@ FOLDER = Path(__file__).parent / "splits"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Split:
-    """One side of a frozen split.
+    """One side of a frozen split, or the part of one that is for validation.
 
     Attributes:
-        name: ``"train"`` or ``"test"``.
+        name: One of :data:`SPLIT_NAMES`.
         version: Version of the split file.
         digest: SHA-256 of the split file's content.
         episodes: Indices in the pool of episodes, sorted, read-only (num_episodes,) int64.
@@ -70,12 +82,17 @@ class Split:
         at = int(np.searchsorted(self.episodes, episode))
         return at < len(self.episodes) and int(self.episodes[at]) == episode
 
+    @property
+    def drawn(self) -> "Split":
+        """What its episodes draw from: itself, or the train split for validation."""
+        return replace(self, name="train") if self.name == VALIDATION else self
+
 
 def load_split(name: str, library: MaterialLibrary | None = None, *, version: str = VERSION) -> Split:
     """Loads one side of a frozen split.
 
     Args:
-        name: ``"train"`` or ``"test"``; there is no way to have both.
+        name: One of :data:`SPLIT_NAMES`; there is no way to have both sides.
         library: Materials. A folder's images are not in the file and go to one side by a hash of
             their names.
         version: Version of the split file.
@@ -84,8 +101,11 @@ def load_split(name: str, library: MaterialLibrary | None = None, *, version: st
         UnknownNameError: if there is no such split or version.
         ConfigError: if the file is damaged, or a folder has too few images to be split.
     """
-    if name not in SPLITS:
-        raise unknown_name("split", str(name), SPLITS, "Name the split that is meant.")
+    if name not in SPLIT_NAMES:
+        raise unknown_name("split", str(name), SPLIT_NAMES, "Name the split that is meant.")
+    if name == VALIDATION:
+        train = load_split("train", library, version=version)
+        return replace(train, name=VALIDATION, episodes=train.episodes[-NUM_VALIDATION:])
     content = _load_content(version)
     test = np.array(content["test_episodes"], dtype=np.int64)
     episodes = test if name == "test" else np.setdiff1d(np.arange(content["pool"], dtype=np.int64), test)

@@ -112,7 +112,7 @@ def success_table(evaluation: "Evaluation") -> Table:
         title=title,
         title_justify="left",
     )
-    splits = sorted(result.protocol.splits, key=("test", "train").index)
+    splits = sorted(result.protocol.splits, key=("test", "validation", "train").index)
     for title in ("evaluated on", *(f"{split} split" for split in splits), "varied", "not shown"):
         table.add_column(title, justify="right" if title.endswith("split") else "left")
     by_condition: dict[str, list[CellSummary]] = {}

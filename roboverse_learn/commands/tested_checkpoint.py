@@ -19,6 +19,7 @@ from roboverse_learn.config.schema import (
     EvaluationConfig,
     TrainRunConfig,
 )
+from roboverse_learn.config.validation_split import check_validation
 
 log = logging.getLogger(__name__)
 
@@ -125,6 +126,7 @@ def checkpoint_to_test(config: EvaluateConfig) -> TestedCheckpoint:
     if folder is None:
         return _checkpoint_without_run(checkpoint, config)
     trained = read_config(folder)
+    check_validation(config.evaluate.splits, trained.policy_name, trained.collect.num_demos)
     env = _changed_env(trained.env, config.env)
     _warn_of_control_rate(trained, env)
     _warn_of_joints(trained, env)

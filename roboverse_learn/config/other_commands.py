@@ -9,7 +9,7 @@ from envs.core.errors import ConfigError, unknown_name
 from envs.core.ranges import check_ranges
 from envs.spec import MAX_IMAGE_SIZE, MIN_IMAGE_SIZE, EnvSpec
 
-Split = Literal["train", "test"]
+Split = Literal["train", "validation", "test"]
 Replay = Literal["states", "controls"]
 
 NEW_KINDS = ("task", "policy", "robot")

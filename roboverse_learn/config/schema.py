@@ -32,6 +32,7 @@ from roboverse_learn.config.other_commands import (
     ViewConfig,
 )
 from roboverse_learn.config.suite_check import check_chains, check_suite, refuse_suite_of_training
+from roboverse_learn.config.validation_split import check_validation
 from roboverse_learn.data.augmentation.config import AugmentConfig
 from roboverse_learn.data.sources import SOURCES
 from roboverse_learn.launch import make_launcher
@@ -84,7 +85,7 @@ class EvaluationConfig:
     Attributes:
         levels: Levels to evaluate.
         alone: Channels that are also varied alone, or together, as in camera+lighting.
-        splits: Splits to evaluate; the test split is the headline.
+        splits: Splits to evaluate: train, test, which is the headline, or validation, to choose by.
         episodes: Episodes of each cell, that is of each level and split.
         width: A cell ends once the 95 % interval of its success rate is this narrow, as in 0.1, and
             ``episodes`` is the most; null evaluates all of them.
@@ -218,6 +219,7 @@ class TrainRunConfig(CollectConfig):
                 f"{' and '.join(f'{key}.*' for key in changed)} change one task, and {len(self.tasks)} are "
                 "learned together, each as it is. Leave them out, or leave out policy.tasks."
             )
+        check_validation(self.evaluate.splits, self.policy_name, self.collect.num_demos)
 
     @property
     def tasks(self) -> tuple[str, ...]:

@@ -168,10 +168,15 @@ class DemonstrationSource:
         return {"env": self.config.env.to_json(), "num_envs": self.config.collect.num_envs}
 
     def candidates(self) -> list[int]:
-        """Returns the episodes of the train split that are tried, in this order."""
-        from envs.randomization.splits import load_split
+        """Returns the episodes of the train split that are tried, in this order.
 
-        return [int(index) for index in load_split("train").episodes]
+        Those of the validation split are among them only where the others cannot be enough.
+        """
+        from envs.randomization.splits import NUM_VALIDATION, load_split
+
+        every = load_split("train").episodes.tolist()
+        others = every[:-NUM_VALIDATION]
+        return others if self.config.collect.num_demos <= len(others) else every
 
     def advice(self) -> str:
         """Says what to change where too few episodes succeed."""

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from envs.core.errors import ConfigError, UnknownNameError
 from envs.randomization import (
+    CHANNELS,
     LEVEL_CHANNELS,
     LEVELS,
     LightingCfg,
@@ -282,3 +283,15 @@ def test_every_draw_of_every_seed_is_within_its_range(seed, position):
 def test_an_episode_is_of_one_split_or_of_none(index):
     sides = [index in load_split(split) for split in ("train", "test")]
     assert sum(sides) == (0 <= index < 10_000)
+
+
+@pytest.mark.parametrize("name", CHANNELS.names())
+def test_episodes_for_validation_are_those_of_training(name):
+    task = TASKS.get("PickCube")()
+    given = {"channels": ["task", name], "scenario": task.scenario, "task": task, "workspace": None}
+    train, validation = (make(split=split, **given) for split in ("train", "validation"))
+    episodes = validation.split.episodes[:20].tolist()
+    assert [train.draws(episode) for episode in episodes] == [validation.draws(e) for e in episodes]
+    assert [train.appearance(e) for e in episodes] == [validation.appearance(e) for e in episodes]
+    with pytest.raises(ConfigError, match="is not in the split 'validation'"):
+        validation.draws(int(train.split.episodes[0]))

@@ -71,10 +71,25 @@ def test_episodes_cannot_be_changed(sides):
         sides[0].episodes[0] = 5
 
 
-@pytest.mark.parametrize("name", ["all", "Test", "validation"])
+def test_validation_is_the_last_episodes_of_training_with_what_training_draws(sides):
+    train, test = sides
+    validation = splits.load_split("validation")
+    assert validation.name == "validation"
+    assert validation.episodes.tolist() == train.episodes[8000:].tolist()
+    assert not np.intersect1d(validation.episodes, test.episodes).size
+    assert int(train.episodes[0]) not in validation and int(train.episodes[-1]) in validation
+    for part in ("materials", "cameras", "furniture", "layouts", "digest", "version"):
+        assert getattr(validation, part) == getattr(train, part)
+    assert validation.drawn.name == "train"
+    assert (train.drawn, test.drawn) == (train, test)
+    with pytest.raises(ValueError, match="read-only"):
+        validation.episodes[0] = 5
+
+
+@pytest.mark.parametrize("name", ["all", "Test", "val"])
 def test_a_split_must_be_named(name):
     with pytest.raises(
-        UnknownNameError, match=rf"Unknown split '{name}'.*Valid: test, train. Name the split"
+        UnknownNameError, match=rf"Unknown split '{name}'.*Valid: test, train, validation. Name the split"
     ):
         splits.load_split(name)
 

@@ -1,10 +1,13 @@
 """``evaluate policy=…``: results of what needs no checkpoint."""
 
+import json
+
 import pytest
 
 from benchmark.instruction_scores import wording_gaps
 from benchmark.results import read_result
 from envs.core.errors import ConfigError, RoboVerseError, UnknownNameError
+from envs.randomization.splits import SPLIT_NAMES, load_split
 from envs.tasks.pick_cube import PickCube
 from envs.tasks.wrong_instructions import wrong_instructions
 from roboverse_learn import cli
@@ -46,6 +49,19 @@ def test_the_expert_solves_what_a_policy_would_be_tested_on(tmp_path):
     assert hashes[0] == hashes[1]
     assert all(record.length < expert.max_episode_steps for record in expert.records), "it ends at success"
     assert len(list(tmp_path.glob("*/PickCube/expert/*/*.mp4"))) == 1
+
+
+def test_the_validation_split_is_evaluated_beside_the_others_and_ranked_by_nobody(tmp_path, capsys):
+    every = result_of("random", tmp_path, "splits=[train,validation,test]")
+    episodes = {split: [r.episode for r in every.records if r.split == split] for split in SPLIT_NAMES}
+    assert episodes == {split: load_split(split).episodes[:2].tolist() for split in SPLIT_NAMES}
+    table = capsys.readouterr().out.partition("evaluated on")[2]
+    assert table.index("test split") < table.index("validation split") < table.index("train split")
+    result_of("zero", tmp_path, "splits=[validation]")
+    (section,) = json.loads((tmp_path / "leaderboard.json").read_text())["sections"]
+    shown = {row["policy"]: [cell["split"] for cell in row["cells"]] for row in section["rows"]}
+    assert shown == {"random": list(SPLIT_NAMES), "zero": ["validation"]}
+    assert "validation" not in (tmp_path / "leaderboard.md").read_text()
 
 
 @pytest.mark.slow

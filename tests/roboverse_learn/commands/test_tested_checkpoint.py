@@ -369,3 +369,15 @@ def test_the_protocol_follows_from_the_words() -> None:
     )
     cells = [str(cell) for cell in protocol_of(config.evaluate).cells()]
     assert cells == ["level 0, test split", "level 3, test split", "camera alone, test split"]
+
+
+def test_a_run_of_reinforcement_learning_has_no_validation_split(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with RunFolder.open(compose("train", ["policy=ppo", "device=cpu"]), ["roboverse", "train"]) as opened:
+        write_checkpoint(opened.folder / "checkpoints/000100/pretrained_model")
+        (opened.folder / "checkpoints/last").symlink_to("000100")
+    to_test(opened.folder, "splits=[train]")
+    with pytest.raises(ConfigError, match="policy=ppo learns from every episode of the train split"):
+        to_test(opened.folder, "splits=[validation]")

@@ -4,6 +4,7 @@ from typing import ClassVar
 import pytest
 
 from envs.core.errors import ConfigError
+from envs.randomization.splits import load_split
 from roboverse_learn.collect import collect_dataset, dataset_folder
 from roboverse_learn.config.compose import compose
 from roboverse_learn.data import DatasetInfo
@@ -47,6 +48,14 @@ def test_source_of_another_package_collects(tmp_path):
     info = DatasetInfo.open(dataset_folder(config))
     assert info.num_episodes == 2
     assert all(metadata["episode"] % 2 == 0 for metadata in info.episode_metadata)
+
+
+def test_demonstrations_leave_the_validation_split_out_while_they_can():
+    train, validation = (load_split(name).episodes.tolist() for name in ("train", "validation"))
+    for num_demos, expected in ((8000, train[:8000]), (8001, train)):
+        config = compose("collect", ["task=PickCube", f"num_demos={num_demos}"])
+        assert SOURCES.get("expert")(config).candidates() == expected
+    assert not set(train[:8000]) & set(validation)
 
 
 def test_workers_and_environments_are_bounded_by_the_machine(monkeypatch, caplog):
