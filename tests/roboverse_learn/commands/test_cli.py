@@ -65,7 +65,7 @@ def failure(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         (["train", "stpes=3"], "Unknown key 'stpes' of train. Did you mean 'train.steps'?"),
         (["train", "level=4"], "Unknown level '4'. Valid levels: 0: task; 1: "),
         (["train", "levels=[0,9]"], "Unknown level 9. Valid: 0, 1, 2, 3."),
-        (["train", "splits=[validation]"], "evaluate.splits.0: input should be 'train' or 'test'"),
+        (["train", "splits=[val]"], "evaluate.splits.0: input should be 'train', 'validation' or 'test'"),
         (["train", "only=colour"], "Unknown channel 'colour'."),
         (["train", "num_envs=3"], "'num_envs' could be collect.num_envs or evaluate.num_envs"),
         (["train", "train.lr=fast"], "train.lr: input should be a valid number"),
