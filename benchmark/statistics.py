@@ -151,17 +151,37 @@ def mean_of_rates(cells: Sequence[tuple[float, float, float]]) -> tuple[float, f
     return mean, max(0.0, mean - below), min(1.0, mean + above)
 
 
-def rate_of_runs(
-    runs: Sequence[np.ndarray], *, seed: int = 0, stopped_early: bool = False
-) -> tuple[float, float, float]:
+def mean_of_few(values: Sequence[float], confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """Returns Student's t interval of the mean of a few values, such as the success rates of training runs.
+
+    Of three values a bootstrap sees ten samples, and no value beyond them: with seeds whose own rates spread
+    by 10 points its 95 % interval holds the true rate in 84 % of cases, this one in 95 %.
+
+    Args:
+        values: Two or more.
+        confidence: Coverage of the interval.
+
+    Raises:
+        ValueError: There are fewer than two.
+    """
+    from scipy.special import stdtrit
+
+    if len(values) < 2:
+        raise ValueError(f"The spread of a mean needs at least two values, given {len(values)}.")
+    error = float(np.std(values, ddof=1)) / len(values) ** 0.5
+    half = float(stdtrit(len(values) - 1, 0.5 + confidence / 2.0)) * error
+    mean = float(np.mean(values))
+    return mean - half, mean + half
+
+
+def rate_of_runs(runs: Sequence[np.ndarray], *, stopped_early: bool = False) -> tuple[float, float, float]:
     """Returns the success rate of a method over its training runs, and its 95 % interval.
 
     One run: Wilson's interval. Several: whichever end is further out of Wilson's on all episodes (which
-    handles 20 of 20) and the two-stage bootstrap's (which includes the variation between runs).
+    handles 20 of 20) and Student's t over the runs' rates (which includes the variation between runs).
 
     Args:
         runs: Successes of every run's episodes, each (episodes,).
-        seed: Seed of the bootstrap.
         stopped_early: Whether the outcomes decided how many episodes there are; the interval of a run is
             then that of :func:`confidence_sequence`, and every run weighs the same.
 
@@ -176,8 +196,8 @@ def rate_of_runs(
     else:
         rate, (low, high) = float(pooled.mean()), wilson(int(pooled.sum()), len(pooled))
     if len(runs) > 1:
-        between = two_stage_bootstrap(runs, seed=seed)
-        low, high = min(low, between[0]), max(high, between[1])
+        between = mean_of_few([float(run.mean()) for run in runs])
+        low, high = max(0.0, min(low, between[0])), min(1.0, max(high, between[1]))
     return rate, low, high
 
 
@@ -223,36 +243,6 @@ def stratified_bootstrap(
     ]
     tail = (1.0 - confidence) / 2.0
     low, high = np.quantile(statistic(resampled), [tail, 1.0 - tail])
-    return float(low), float(high)
-
-
-def two_stage_bootstrap(
-    runs: Sequence[np.ndarray], *, seed: int, confidence: float = CONFIDENCE, num_resamples: int = 2000
-) -> tuple[float, float]:
-    """Returns the interval of the mean over runs, resampling runs and then the episodes of each.
-
-    Episodes of one trained policy are not independent samples of the method: pooling them would call
-    three seeds of 100 episodes as certain as 300 seeds (Davison & Hinkley 1997, §3.8).
-
-    Args:
-        runs: Successes of every run's episodes, each (episodes,).
-        seed: Seed of the resampling.
-        confidence: Coverage of the interval.
-        num_resamples: Bootstrap samples.
-
-    Raises:
-        ValueError: There are no runs, or one is empty.
-    """
-    if not runs or any(len(values) == 0 for values in runs):
-        raise ValueError("A bootstrap needs at least one run, and none may be empty.")
-    rng = np.random.default_rng(np.random.SeedSequence(seed))
-    rates = np.array([np.mean(values) for values in runs])
-    sizes = np.array([len(values) for values in runs])
-    chosen = rng.integers(len(runs), size=(num_resamples, len(runs)))
-    # The sum of resampled 0/1 outcomes is binomial: no need to resample them one by one.
-    draws = rng.binomial(sizes[chosen], rates[chosen]) / sizes[chosen]
-    tail = (1.0 - confidence) / 2.0
-    low, high = np.quantile(draws.mean(axis=1), [tail, 1.0 - tail])
     return float(low), float(high)
 
 

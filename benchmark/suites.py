@@ -10,11 +10,9 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from benchmark.protocol import Cell, Protocol
-from benchmark.records import Result
-from benchmark.statistics import mean_of_rates, two_stage_bootstrap
+from benchmark.records import CellSummary, Result
+from benchmark.statistics import mean_of_few, mean_of_rates
 from envs.core.atomic import write_file
 from envs.core.errors import ResultError, RoboVerseError
 
@@ -83,21 +81,16 @@ class SuiteCell:
         return own | ({} if test is None else {"instruction_test": test}) | values
 
 
-def mean_over_tasks(
-    rates: Sequence[tuple[float, float, float]], outcomes: Sequence[np.ndarray], *, seed: int = 0
-) -> tuple[float, float, float]:
+def mean_over_tasks(rates: Sequence[tuple[float, float, float]]) -> tuple[float, float, float]:
     """Returns the mean success rate over tasks, every task weighing the same, and its 95 % interval.
 
     The interval has both sources of variation: which episodes a task has, and which tasks the suite has.
     Each end is whichever is further out of two: that of the mean of these very tasks
-    (:func:`~benchmark.statistics.mean_of_rates`, which does not call 20 of 20 certain), and that of a
-    bootstrap over tasks and then over the episodes of each
-    (:func:`~benchmark.statistics.two_stage_bootstrap`).
+    (:func:`~benchmark.statistics.mean_of_rates`, which does not call 20 of 20 certain), and that of Student's
+    t over the tasks' rates (:func:`~benchmark.statistics.mean_of_few`).
 
     Args:
         rates: Success rate of every task with both ends of its own interval.
-        outcomes: Whether each episode of every task succeeded, each (episodes,).
-        seed: Seed of the bootstrap.
 
     Returns:
         Mean, lower end, upper end.
@@ -107,8 +100,8 @@ def mean_over_tasks(
     """
     mean, low, high = mean_of_rates(rates)
     if len(rates) > 1:
-        between = two_stage_bootstrap(outcomes, seed=seed)
-        low, high = min(low, between[0]), max(high, between[1])
+        between = mean_of_few([rate for rate, _, _ in rates])
+        low, high = max(0.0, min(low, between[0])), min(1.0, max(high, between[1]))
     return mean, low, high
 
 
@@ -120,22 +113,20 @@ def summarize_suite(results: Mapping[str, Result]) -> tuple[SuiteCell, ...]:
     """
     if not results:
         return ()
-    by_cell: dict[Cell, list[tuple[Any, np.ndarray]]] = {}
+    by_cell: dict[Cell, list[CellSummary]] = {}
     for result in results.values():
         for summary in result.cells():
-            own = [record.success for record in result.records if record.cell == summary.cell]
-            by_cell.setdefault(summary.cell, []).append((summary, np.array(own)))
+            by_cell.setdefault(summary.cell, []).append(summary)
     return tuple(_summary(cell, of) for cell, of in by_cell.items() if len(of) == len(results))
 
 
-def _summary(cell: Cell, of_tasks: Sequence[tuple[Any, np.ndarray]]) -> SuiteCell:
-    rates = [(each.success_rate, each.ci_low, each.ci_high) for each, _ in of_tasks]
-    mean, low, high = mean_over_tasks(rates, [outcomes for _, outcomes in of_tasks])
+def _summary(cell: Cell, of_tasks: Sequence[CellSummary]) -> SuiteCell:
+    mean, low, high = mean_over_tasks([(each.success_rate, each.ci_low, each.ci_high) for each in of_tasks])
     return SuiteCell(
         cell=cell,
         tasks=len(of_tasks),
-        episodes=sum(each.episodes for each, _ in of_tasks),
-        successes=sum(each.successes for each, _ in of_tasks),
+        episodes=sum(each.episodes for each in of_tasks),
+        successes=sum(each.successes for each in of_tasks),
         success_rate=mean,
         ci_low=low,
         ci_high=high,

@@ -116,27 +116,39 @@ def test_runs_that_always_succeed_are_not_certain():
     assert low == pytest.approx(statistics.wilson(20, 20)[0])
 
 
-def test_two_stages_are_resampled_one_by_one():
-    """A reference that resamples runs, and then every single episode of each, as the definition says."""
+def test_the_mean_of_few_by_hand():
+    """0.8, 0.9 and 1: a standard deviation of 0.1, and 4.3027 is the t of two degrees of freedom."""
+    half = 4.302653 * 0.1 / math.sqrt(3)
+    assert statistics.mean_of_few([0.8, 0.9, 1.0]) == pytest.approx((0.9 - half, 0.9 + half))
+    assert statistics.rate_of_runs([np.repeat([1.0, 0.0], [k, 100 - k]) for k in (80, 90, 100)]) == (
+        *(pytest.approx(0.9), pytest.approx(0.9 - half), 1.0),
+    )
+
+
+@pytest.mark.parametrize(
+    "rates", [[0.2, 0.4], [0.7, 0.75, 0.9], [0.5, 0.5, 0.5, 0.6], list(np.linspace(0, 1, 20))]
+)
+def test_the_mean_of_few_is_scipys(rates):
+    from scipy.stats import sem, t
+
+    theirs = t.interval(0.95, len(rates) - 1, loc=np.mean(rates), scale=sem(rates))
+    assert statistics.mean_of_few(rates) == pytest.approx(theirs)
+
+
+@pytest.mark.parametrize(
+    ("rate", "spread", "least"), [(0.75, 0.0, 0.97), (0.75, 0.05, 0.95), (0.75, 0.1, 0.93)]
+)
+def test_three_seeds_hold_the_true_rate_as_often_as_they_say(rate, spread, least):
+    """Of seeds of 100 episodes, whose own rates have a beta distribution around the true one."""
     rng = np.random.default_rng(0)
-    runs = [(rng.random(100) < rate).astype(float) for rate in (0.6, 0.75, 0.9, 0.7, 0.8)]
-    drawn = np.random.default_rng(1)
-    means = [
-        np.mean([drawn.choice(runs[i], 100).mean() for i in drawn.integers(len(runs), size=len(runs))])
-        for _ in range(3000)
-    ]
-    low, high = statistics.two_stage_bootstrap(runs, seed=2)
-    assert (low, high) == pytest.approx(tuple(np.quantile(means, [0.025, 0.975])), abs=0.012)
-
-
-def test_runs_without_noise_have_scipys_bootstrap_over_runs():
-    """Where every episode of a run ends alike only the runs vary: the first stage alone."""
-    from scipy.stats import bootstrap
-
-    outcomes = np.array([1.0] * 7 + [0.0] * 5)
-    theirs = bootstrap((outcomes,), np.mean, method="percentile", rng=np.random.default_rng(0))
-    ours = statistics.two_stage_bootstrap([np.full(20, each) for each in outcomes], seed=0)
-    assert ours == pytest.approx(tuple(theirs.confidence_interval), abs=0.09), "both count in twelfths"
+    sum_of_both = rate * (1 - rate) / spread**2 - 1 if spread else math.inf
+    held = 0
+    for _ in range(2000):
+        own = rng.beta(rate * sum_of_both, (1 - rate) * sum_of_both, 3) if spread else np.full(3, rate)
+        runs = [np.repeat([1.0, 0.0], [k, 100 - k]) for k in rng.binomial(100, own)]
+        _, low, high = statistics.rate_of_runs(runs)
+        held += low <= rate <= high
+    assert held / 2000 >= least
 
 
 def test_mcnemar_by_hand():
@@ -239,7 +251,7 @@ def test_compare_needs_the_same_episodes():
 def test_empty_strata_are_refused():
     with pytest.raises(ValueError, match="at least one stratum"):
         statistics.stratified_bootstrap([], seed=0)
-    with pytest.raises(ValueError, match="at least one run"):
-        statistics.two_stage_bootstrap([np.array([])], seed=0)
+    with pytest.raises(ValueError, match="at least two values, given 1"):
+        statistics.mean_of_few([0.5])
     with pytest.raises(ValueError, match="at least one cell"):
         statistics.mean_of_rates([])
