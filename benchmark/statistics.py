@@ -174,6 +174,20 @@ def mean_of_few(values: Sequence[float], confidence: float = CONFIDENCE) -> tupl
     return mean - half, mean + half
 
 
+def out_to_spread(low: float, high: float, rates: Sequence[float]) -> tuple[float, float]:
+    """Returns an interval of the mean of rates, each end as far out as that of :func:`mean_of_few`.
+
+    Args:
+        low: Lower end of the interval that does not know of the spread between the rates.
+        high: Its upper end.
+        rates: From 0 to 1; a single one has no spread.
+    """
+    if len(rates) < 2:
+        return low, high
+    between = mean_of_few(rates)
+    return max(0.0, min(low, between[0])), min(1.0, max(high, between[1]))
+
+
 def rate_of_runs(runs: Sequence[np.ndarray], *, stopped_early: bool = False) -> tuple[float, float, float]:
     """Returns the success rate of a method over its training runs, and its 95 % interval.
 
@@ -195,10 +209,7 @@ def rate_of_runs(runs: Sequence[np.ndarray], *, stopped_early: bool = False) -> 
         )
     else:
         rate, (low, high) = float(pooled.mean()), wilson(int(pooled.sum()), len(pooled))
-    if len(runs) > 1:
-        between = mean_of_few([float(run.mean()) for run in runs])
-        low, high = max(0.0, min(low, between[0])), min(1.0, max(high, between[1]))
-    return rate, low, high
+    return rate, *out_to_spread(low, high, [float(run.mean()) for run in runs])
 
 
 def mean_of_strata(strata: Sequence[np.ndarray]) -> np.ndarray:

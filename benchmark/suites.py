@@ -12,7 +12,7 @@ from typing import Any
 
 from benchmark.protocol import Cell, Protocol
 from benchmark.records import CellSummary, Result
-from benchmark.statistics import mean_of_few, mean_of_rates
+from benchmark.statistics import mean_of_rates, out_to_spread
 from envs.core.atomic import write_file
 from envs.core.errors import ResultError, RoboVerseError
 
@@ -76,9 +76,7 @@ class SuiteCell:
     def to_json(self) -> dict[str, Any]:
         """Returns plain JSON values."""
         values = {name: getattr(self, name) for name in self.__slots__ if name != "cell"}
-        own = {"level": self.cell.level, "only": self.cell.only, "split": self.cell.split}
-        test = self.cell.instruction_test
-        return own | ({} if test is None else {"instruction_test": test}) | values
+        return self.cell.to_json() | values
 
 
 def mean_over_tasks(rates: Sequence[tuple[float, float, float]]) -> tuple[float, float, float]:
@@ -99,10 +97,7 @@ def mean_over_tasks(rates: Sequence[tuple[float, float, float]]) -> tuple[float,
         ValueError: There are no tasks.
     """
     mean, low, high = mean_of_rates(rates)
-    if len(rates) > 1:
-        between = mean_of_few([rate for rate, _, _ in rates])
-        low, high = max(0.0, min(low, between[0])), min(1.0, max(high, between[1]))
-    return mean, low, high
+    return mean, *out_to_spread(low, high, [rate for rate, _, _ in rates])
 
 
 def summarize_suite(results: Mapping[str, Result]) -> tuple[SuiteCell, ...]:

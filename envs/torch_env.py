@@ -111,7 +111,7 @@ class TorchVectorEnv(BatchedEnv):
     Args:
         task: The task.
         handler: Its simulator, not yet launched.
-        split: ``"train"``, ``"validation"`` or ``"test"``: which episodes.
+        split: ``"train"`` or ``"test"``: which episodes.
         device: Device of returned tensors; the simulator's by default.
         seed: Seeds the initial states.
         max_episode_steps: Time limit, control steps; the task's by default.

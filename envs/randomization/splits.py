@@ -125,6 +125,11 @@ def load_split(name: str, library: MaterialLibrary | None = None, *, version: st
     )
 
 
+def episodes_before_validation() -> np.ndarray:
+    """Returns the episodes of the train split that are not of the validation split, (num_episodes,) int64."""
+    return load_split("train").episodes[:-NUM_VALIDATION]
+
+
 def _of_library(
     library: MaterialLibrary, surface: str, frozen: tuple[str, ...], split: str
 ) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from envs.randomization.splits import SPLIT_NAMES
 from roboverse_learn.progress import clock
 
 if TYPE_CHECKING:
@@ -112,7 +113,7 @@ def success_table(evaluation: "Evaluation") -> Table:
         title=title,
         title_justify="left",
     )
-    splits = sorted(result.protocol.splits, key=("test", "validation", "train").index)
+    splits = sorted(result.protocol.splits, key=SPLIT_NAMES.index, reverse=True)
     for title in ("evaluated on", *(f"{split} split" for split in splits), "varied", "not shown"):
         table.add_column(title, justify="right" if title.endswith("split") else "left")
     by_condition: dict[str, list[CellSummary]] = {}

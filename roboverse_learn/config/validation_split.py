@@ -4,7 +4,7 @@ from collections.abc import Collection
 
 import policies
 from envs.core.errors import ConfigError
-from envs.randomization.splits import NUM_VALIDATION, VALIDATION, load_split
+from envs.randomization.splits import VALIDATION, episodes_before_validation
 
 
 def check_validation(splits: Collection[str], policy: str, num_demos: int) -> None:
@@ -20,7 +20,7 @@ def check_validation(splits: Collection[str], policy: str, num_demos: int) -> No
     """
     if VALIDATION not in splits:
         return
-    most = len(load_split("train").episodes) - NUM_VALIDATION
+    most = len(episodes_before_validation())
     if policies.learns_from(policy) == "env":
         why = f"policy={policy} learns from every episode of the train split"
     elif num_demos > most:

@@ -172,11 +172,11 @@ class DemonstrationSource:
 
         Those of the validation split are among them only where the others cannot be enough.
         """
-        from envs.randomization.splits import NUM_VALIDATION, load_split
+        from envs.randomization.splits import episodes_before_validation, load_split
 
-        every = load_split("train").episodes.tolist()
-        others = every[:-NUM_VALIDATION]
-        return others if self.config.collect.num_demos <= len(others) else every
+        others = episodes_before_validation()
+        enough = self.config.collect.num_demos <= len(others)
+        return (others if enough else load_split("train").episodes).tolist()
 
     def advice(self) -> str:
         """Says what to change where too few episodes succeed."""
