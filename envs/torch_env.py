@@ -111,7 +111,7 @@ class TorchVectorEnv(BatchedEnv):
     Args:
         task: The task.
         handler: Its simulator, not yet launched.
-        split: ``"train"`` or ``"test"``: which episodes.
+        split: Which episodes, one of :data:`~envs.randomization.splits.SPLIT_NAMES`.
         device: Device of returned tensors; the simulator's by default.
         seed: Seeds the initial states.
         max_episode_steps: Time limit, control steps; the task's by default.

@@ -2,6 +2,7 @@
 
 import contextlib
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any, Literal, override
 
 import gymnasium
@@ -101,17 +102,19 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
             limit = np.inf if self.observation == "full" else STATE_LIMIT  # speeds have no bound
             spaces["environment_state"] = box(-limit, limit, (size,), np.float32)
         self.single_observation_space = gymnasium.spaces.Dict(spaces)
-        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self.metadata = {
-            "render_modes": ["rgb_array"],
-            "render_fps": round(self.control_hz),
-            "autoreset_mode": autoreset_mode,
-        }
+        fps = round(self.control_hz)
+        self.metadata = {"render_modes": ["rgb_array"], "render_fps": fps, "autoreset_mode": autoreset_mode}
         self.render_mode = "rgb_array"
         self._autoreset = autoreset_mode
 
     # -- properties ---------------------------------------------------------------------------------
+
+    @cached_property
+    @override
+    def observation_space(self) -> gymnasium.Space:
+        """Of all environments; made when it is asked for, since the bounds of 500 images take a second."""
+        return batch_space(self.single_observation_space, self.num_envs)
 
     @property
     def simulator(self) -> str:

@@ -14,9 +14,6 @@ log = logging.getLogger(__name__)
 
 CARD = "README.md"
 
-_CHECKPOINT_FILES = ["*.json", "*.safetensors", "*.txt", "*.model", "*.jinja"]
-"""What a checkpoint is read from; no code, and no pickle."""
-
 _DATASET_FOLDERS = ["data/*", "meta/*", "videos/*", "raw/*"]
 """Where LeRobot reads all that is there, also what an earlier dataset of the name left."""
 
@@ -94,10 +91,12 @@ def _upload(config: PublishConfig, folder: Path, card: str, kind: str) -> str:
     from huggingface_hub import HfApi
     from huggingface_hub.errors import RevisionNotFoundError
 
+    from policies.zoo.source import CHECKPOINT_FILES
     from roboverse_learn.data.dataset.schema import CODEBASE_VERSION
     from roboverse_learn.data.dataset.staging import STAGING_DIRECTORY
 
     api, name = HfApi(), config.to
+    files = list(CHECKPOINT_FILES)
     with hub_errors(f"publish to '{name}'"):
         url = api.create_repo(name, repo_type=kind, private=config.private, exist_ok=True)
         if config.private and not api.repo_info(name, repo_type=kind).private:
@@ -109,8 +108,8 @@ def _upload(config: PublishConfig, folder: Path, card: str, kind: str) -> str:
             repo_id=name,
             repo_type=kind,
             folder_path=folder,
-            allow_patterns=_CHECKPOINT_FILES if kind == "model" else None,
-            delete_patterns=_CHECKPOINT_FILES if kind == "model" else _DATASET_FOLDERS,
+            allow_patterns=files if kind == "model" else None,
+            delete_patterns=files if kind == "model" else _DATASET_FOLDERS,
             ignore_patterns=[CARD, ".cache/**", f"{STAGING_DIRECTORY}/**", "*.lock"],
             commit_message="RoboVerse Learn",
         )

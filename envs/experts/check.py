@@ -16,7 +16,7 @@ from envs.core.arguments import parse
 from envs.core.errors import ConfigError, RoboVerseError, unknown_name
 from envs.experts.actor import expert_episodes
 from envs.joint_readings import target_readings
-from envs.randomization.splits import SPLITS
+from envs.randomization.splits import SPLIT_NAMES, SPLITS
 from envs.rollout import Episode
 from envs.spec import EnvSpec
 
@@ -90,7 +90,7 @@ def check_expert(
 
     Args:
         task: Name of a task.
-        split: ``"train"`` or ``"test"``.
+        split: One of :data:`~envs.randomization.splits.SPLIT_NAMES`.
         num_episodes: Number of episodes; all of a split that has fewer.
         num_envs: Environments stepped at once; the result does not depend on it.
         num_threads: Threads of the simulator; 0 means one per core.
@@ -125,7 +125,7 @@ class CheckSettings:
     Attributes:
         task: Name of a task.
         episodes: Episodes of each split.
-        split: ``train`` or ``test`` alone; both by default.
+        split: ``train``, ``validation`` or ``test`` alone; the first and the last by default.
         num_envs: Environments stepped at once.
         simulator: Name of a simulator.
     """
@@ -138,13 +138,13 @@ class CheckSettings:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Checks the expert on both splits, or on one; returns the exit code."""
+    """Checks the expert on the train and the test split, or on one; returns the exit code."""
     words = sys.argv[1:] if argv is None else argv
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stdout)
     try:
         settings = parse(_COMMAND, CheckSettings, words)
-        if settings.split is not None and settings.split not in SPLITS:
-            raise unknown_name("split", settings.split, SPLITS)
+        if settings.split is not None and settings.split not in SPLIT_NAMES:
+            raise unknown_name("split", settings.split, SPLIT_NAMES)
         for split in SPLITS if settings.split is None else (settings.split,):
             _check(settings, split)
     except RoboVerseError as error:

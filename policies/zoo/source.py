@@ -7,7 +7,7 @@ from pathlib import Path
 from envs.core.errors import PolicyError
 
 _HUB_NAME = re.compile(r"[\w.-]+/[\w.-]+(@[\w.-]+)?")
-_WANTED = ("*.json", "*.safetensors", "*.txt", "*.model", "*.jinja")
+CHECKPOINT_FILES = ("*.json", "*.safetensors", "*.txt", "*.model", "*.jinja")
 """Files of a checkpoint that are read: no code, and no pickle."""
 
 _DISK, _MEMORY = 1.1, 2.1
@@ -43,7 +43,7 @@ def local_folder(path: str) -> Path:
     try:
         cached = Path(
             snapshot_download(
-                name, revision=revision or None, allow_patterns=list(_WANTED), local_files_only=True
+                name, revision=revision or None, allow_patterns=list(CHECKPOINT_FILES), local_files_only=True
             )
         )
         if weights_path(cached).is_file():  # another program may have fetched the configuration alone
@@ -52,7 +52,7 @@ def local_folder(path: str) -> Path:
         pass
     try:
         check_room(_hub_bytes(name, revision or None), Path(constants.HF_HUB_CACHE), path)
-        return Path(snapshot_download(name, revision=revision or None, allow_patterns=list(_WANTED)))
+        return Path(snapshot_download(name, revision=revision or None, allow_patterns=list(CHECKPOINT_FILES)))
     except (HfHubHTTPError, HTTPError, OSError, ValueError) as error:
         reason = " ".join(str(error).split())[:200]
         raise PolicyError(
@@ -94,7 +94,7 @@ def _hub_bytes(name: str, revision: str | None) -> int:
     from huggingface_hub import HfApi
 
     files = HfApi().model_info(name, revision=revision, files_metadata=True).siblings or []
-    return sum(each.size or 0 for each in files if any(fnmatch(each.rfilename, p) for p in _WANTED))
+    return sum(each.size or 0 for each in files if any(fnmatch(each.rfilename, p) for p in CHECKPOINT_FILES))
 
 
 def base_name(path: str) -> str:

@@ -63,8 +63,8 @@ def num_encoders(config: CollectConfig) -> int:
 
 
 def _bytes_of_env(config: CollectConfig) -> int:
-    """Memory of one environment with the images of half of the longest episode."""
+    """Memory of one environment, half the images of its longest episode, and half of those being encoded."""
     task = config.env.make_task()
     scenario = task.scenario.seen_by(config.env.cameras, config.env.image_size)
     pixels = sum(camera.height * camera.width for camera in scenario.cameras)
-    return _STATE_BYTES + 3 * pixels * task.max_episode_steps // 2
+    return _STATE_BYTES + 3 * pixels * task.max_episode_steps

@@ -94,7 +94,7 @@ def run_batches(
 ) -> Iterator[Attempt]:
     """Runs pool episodes and stages the successful ones, in threads beside the simulation.
 
-    A batch starts as soon as the one before is simulated, while the last of its episodes are staged.
+    The simulation goes on while up to half a batch of episodes is staged, also from one batch to the next.
 
     Args:
         config: What to collect.
@@ -116,12 +116,12 @@ def run_batches(
             return index, stage(directory, episode)
         return index, stage_episode(directory, episode, config.fps, config.encoder).directory
 
-    pending = deque[Future[Attempt]]()
+    pending, most = deque[Future[Attempt]](), max(2 * threads, config.batch_size // 2)
     with ThreadPoolExecutor(threads) as pool:
         for batch in batches:
             for index, episode in _checked(source, batch):
                 pending.append(pool.submit(attempt, index, episode))
-                while pending and (pending[0].done() or len(pending) > 2 * threads):
+                while pending and (pending[0].done() or len(pending) > most):
                     yield pending.popleft().result()
         while pending:
             yield pending.popleft().result()

@@ -118,8 +118,7 @@ class ImitationLearner(Learner):
         """Checks that a given dataset names all tasks of the run."""
         from roboverse_learn.data.dataset.info import DatasetInfo
 
-        metadata = DatasetInfo.open(self.config.dataset).episode_metadata
-        named = sorted({str(each["task"]) for each in metadata if "task" in each})
+        named = DatasetInfo.open(self.config.dataset).named_tasks
         missing = [task for task in self.config.tasks if task not in named]
         if missing:
             there = f"demonstrations of {', '.join(named)} alone" if named else "episodes that name no task"

@@ -22,3 +22,20 @@ def test_a_batch_starts_while_the_last_episodes_of_the_one_before_are_staged(tmp
     ended = list(run_batches(config(tmp_path), Source(), [[1, 2], [3, 5]], threads=4, stage=stage))
     assert begun == [[1, 2], [3, 5]]
     assert [index for index, _ in ended] == [2, 1, 5, 3]
+
+
+def test_the_simulation_goes_on_while_half_a_batch_is_staged(tmp_path):
+    simulated = threading.Event()
+
+    class Source(SyntheticSource):
+        def attempts(self, indices):
+            yield from super().attempts(indices)
+            simulated.set()
+
+    def stage(directory, episode):
+        assert simulated.wait(60), "The batch waits for its own episodes."
+        return directory
+
+    batch = [1, 2, 3, 5, 6, 7]
+    ended = list(run_batches(config(tmp_path, batch_size=12), Source(), [batch], threads=1, stage=stage))
+    assert [index for index, _ in ended] == batch[::-1]
