@@ -260,7 +260,7 @@ def _run_cells(
             make_env,
             protocol,
             policy_name=name,
-            on_episode=lambda _: progress.update(next(done), len(cells) * protocol.episodes),
+            on_episode=lambda _: progress.update(next(done), len(cells) * protocol.episodes, unit="episodes"),
             on_cell=end_cell,
             known=known,
         )

@@ -52,6 +52,7 @@ class StageProgress:
         text: str = "",
         left_s: float | None = None,
         fraction: float | None = None,
+        unit: str = "",
     ) -> None:
         """Takes how far the stage is.
 
@@ -62,14 +63,17 @@ class StageProgress:
             left_s: Seconds left; estimated if None.
             fraction: Share of the stage that is done, where ``done`` is not all that ends it, as with a time
                 limit.
+            unit: What is counted, such as ``episodes``: shows how many a second.
         """
         fraction = done / max(total, 1) if fraction is None else fraction
         now = time.monotonic()
         self._first = self._first or (done, now)
         already, since = self._first
         parts = [f"{done:,.0f}/{total:,.0f} ({100 * fraction:.0f} %)", text]
-        if left_s is None and done > already:
-            left_s = (now - since) / (done - already) * max(total - done, 0)
+        if done > already:
+            each_s = (now - since) / (done - already)
+            left_s = each_s * max(total - done, 0) if left_s is None else left_s
+            parts.append(f"{1 / max(each_s, 1e-9):.3g} {unit}/s" if unit else "")
         if left_s is not None:
             parts.append(f"{clock(left_s)} left")
         self._description = ", ".join(filter(None, parts))

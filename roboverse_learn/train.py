@@ -132,10 +132,24 @@ def refuse_long_run(learner: "Learner") -> None:
     if seconds > LONG_RUN_S and config.preset != "quick":
         raise ConfigError(
             f"Training alone will take about {_duration(seconds)} on this machine's CPU. Take a GPU that "
-            "torch can use, preset=quick for the whole loop in about ten minutes, or add "
+            "torch can use, preset=quick for the whole loop in minutes, or add "
             "slow_ok=true to start all the same."
         )
-    log.info("Training will take about %s.", _duration(seconds))
+    log.info("%s", _forecast(config, seconds))
+
+
+def _forecast(config: TrainRunConfig, training_s: float) -> str:
+    """Says how long the run will take; of one whose other stages are not known, the training alone."""
+    from roboverse_learn.commands.run_estimate import beside_training
+
+    others = beside_training(config) if policies.learns_from(config.policy_name) == "dataset" else None
+    if others is None:
+        return f"Training will take about {_duration(training_s)}."
+    in_all = others.collect_s + training_s + others.evaluate_s
+    return (
+        f"This run will take about {_duration(in_all)}: {_duration(others.collect_s)} to collect, "
+        f"{_duration(training_s)} to train, {_duration(others.evaluate_s)} to evaluate."
+    )
 
 
 def _collect(config: TrainRunConfig, run: "RunFolder") -> "tuple[Demonstrations, CollectionSummary | str]":

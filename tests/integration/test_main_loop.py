@@ -1,6 +1,7 @@
 """The whole loop on real physics and real pixels, as small as it gets, through the command line."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -42,6 +43,14 @@ def test_the_loop_leaves_behind_all_that_it_promises(run: Path) -> None:
     assert [
         facts["status"] for facts in json.loads((run / "manifest.json").read_text())["stages"].values()
     ] == ["done"] * 4
+
+
+@pytest.mark.parametrize("stage", ["collecting", "training", "evaluating"])
+def test_the_log_has_lines_of_each_stage_with_count_rate_and_time_left(run: Path, stage: str) -> None:
+    line = re.compile(
+        stage + r" [\d,]+/[\d,]+ \(\d+ %\), .*/s, \d+:\d\d left, \d+:\d\d elapsed$", re.MULTILINE
+    )
+    assert line.search((run / "run.log").read_text())
 
 
 def test_the_same_command_again_repeats_nothing(run: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,6 +1,7 @@
 """What a long stage shows: a bar in a terminal, lines elsewhere."""
 
 import logging
+import re
 import time
 from io import StringIO
 
@@ -50,6 +51,18 @@ def test_the_time_left_of_the_caller_is_shown(caplog: pytest.LogCaptureFixture) 
         progress.update(1, 10, left_s=3671.0)
         time.sleep(0.1)
     assert "1:01:11 left" in caplog.messages[-1]
+
+
+def test_what_is_counted_has_a_rate(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "roboverse_learn.progress")
+    with StageProgress("evaluating", Console(file=StringIO()), interval_s=0.02) as progress:
+        progress.update(3, 43, unit="episodes")
+        time.sleep(0.2)
+        progress.update(13, 43, unit="episodes")
+        time.sleep(0.1)
+    found = re.match(r"evaluating 13/43 \(30 %\), ([\d.]+) episodes/s, 0:\d\d left", caplog.messages[-1])
+    assert found
+    assert 0 < float(found[1]) <= 50  # ten in a fifth of a second, or longer on a busy machine
 
 
 @pytest.mark.parametrize(("num_attempts", "shown"), [(0, "71 frames/s"), (8, "75.0 % succeed, 71 frames/s")])

@@ -1,0 +1,90 @@
+"""How long a run takes beside its training: one demonstration is timed on this machine."""
+
+import contextlib
+import time
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from envs.core.machine import num_cores
+from envs.spec import EnvSpec
+from roboverse_learn.config.schema import TrainRunConfig
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DemonstrationTime:
+    """What one demonstration takes one core.
+
+    Attributes:
+        seconds: All in: physics, the expert and the images of every step.
+        without_images_s: The same without images.
+        steps: Its control steps.
+    """
+
+    seconds: float
+    without_images_s: float
+    steps: int
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class BesideTraining:
+    """Estimated seconds of the other stages of a run."""
+
+    collect_s: float
+    evaluate_s: float
+
+
+def beside_training(config: TrainRunConfig) -> BesideTraining | None:
+    """Estimates the time to collect the demonstrations that are missing, and to evaluate.
+
+    Returns:
+        None where one demonstration says too little: a run of several tasks, without an expert's
+        demonstrations, or in a simulator that steps all environments together.
+    """
+    from envs.simulators import HANDLERS
+
+    one = len(config.tasks) == 1 and config.source == "expert" and not config.dataset
+    if not one or HANDLERS.get(config.env.simulator).steps_together:
+        return None
+    timed = time_demonstration(config.env)
+    return BesideTraining(
+        collect_s=_missing(config) * timed.seconds / num_cores(), evaluate_s=_evaluation_s(config, timed)
+    )
+
+
+def time_demonstration(spec: EnvSpec) -> DemonstrationTime:
+    """Times the expert's first training episode on one core, with its images and without."""
+    from envs.experts.actor import expert_episodes
+
+    with contextlib.closing(spec.make(1, num_threads=1)) as env:
+        first = env.split_indices[:1].tolist()
+        env.reset(options={"episode": first[0]})[0]["pixels"].copy()  # compiles what is not compiled yet
+
+        def timed(record: Collection[str]) -> tuple[float, int]:
+            start = time.perf_counter()
+            (episode,) = expert_episodes(env, first, record=record)
+            return time.perf_counter() - start, episode.length
+
+        seconds, steps = timed(("images", "states"))
+        return DemonstrationTime(
+            seconds=seconds, without_images_s=min(timed(("states",))[0], seconds), steps=steps
+        )
+
+
+def _missing(config: TrainRunConfig) -> int:
+    from roboverse_learn.collect import dataset_folder
+    from roboverse_learn.data.dataset.info import DatasetInfo
+
+    folder = dataset_folder(config)
+    there = DatasetInfo.open(folder).num_episodes if (folder / "meta" / "info.json").exists() else 0
+    return max(config.collect.num_demos - there, 0)
+
+
+def _evaluation_s(config: TrainRunConfig, timed: DemonstrationTime) -> float:
+    """At levels that training knows, episodes last as long as a demonstration; elsewhere the whole limit."""
+    chunk = getattr(config.policy, "n_action_steps", 1)  # an image is read before each chunk
+    step_s = timed.without_images_s + (timed.seconds - timed.without_images_s) / chunk
+    step_s /= max(timed.steps, 1)
+    limit, settings = config.env.make_task().max_episode_steps, config.evaluate
+    trained = config.env.level if config.env.only is None else -1
+    steps = sum(timed.steps if level <= trained else limit for level in settings.levels)
+    return settings.episodes * len(settings.splits) * steps * step_s / num_cores()
