@@ -55,7 +55,9 @@ def write_sidecar(
         "actuators": actuators,
     }
     sidecar_path(urdf).write_text(json.dumps(content, indent=1), encoding="utf-8")
-    return tuple(losses)
+    # Without them the robot moves as before, but what reads them, such as an observation, does not find them.
+    counts = {"Sites": model.nsite, "Sensors": model.nsensor, "Keyframes": model.nkey}
+    return (*losses, *(f"{what} ({count}) are left out." for what, count in counts.items() if count))
 
 
 def read_sidecar(spec: mujoco.MjSpec, urdf: Path) -> None:

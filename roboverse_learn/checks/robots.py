@@ -1,6 +1,8 @@
 """Contracts of a robot, alone on the ground or at its place."""
 
+from dataclasses import fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import torch
@@ -12,6 +14,7 @@ from envs.robots import ROBOTS
 from envs.scenario import PhysicsCfg, RobotCfg, ScenarioCfg
 from envs.simulators import HANDLERS
 from envs.simulators.base import Handler
+from envs.simulators.model_handler import ModelHandler
 from envs.state import EntityState, State
 from roboverse_learn.checks.contract import Contract, NotApplicableError, contract, counted, require
 
@@ -28,6 +31,11 @@ _MOST_RAD = 0.3
 """Most that a joint of the arm is moved: one that may turn by a whole turn would reach the ground."""
 
 _WAY_M, _OFF_M = 0.05, 0.01
+
+_SPEED = 0.2
+"""Speed at which joints start that are set and set again, rad/s (m/s)."""
+
+_STEPS, _DISTURBED_S = 10, 0.5
 
 
 class CheckedRobot:
@@ -187,6 +195,74 @@ def follows(checked: CheckedRobot) -> str:
     return f"{counted(len(checked.positions), 'joint')}, off by at most {worst:.3f} rad"
 
 
+@contract("rests")
+def resets(checked: CheckedRobot) -> str:
+    """A state that is set again leads to the same motion, bit by bit, whatever happened in between."""
+    handler, robot = checked.handler, checked.robot
+    if isinstance(handler, ModelHandler):
+        require(
+            handler.model.na == 0,
+            "Its actuators have activations, which no state holds, so no reset would restore them. Let its "
+            "joints be driven by position or torque.",
+        )
+    state = _moving(checked)
+    first = _motion(checked, state)
+    # In between, every joint has another speed and then goes to another target.
+    _put(checked, replace(state, joint_vel=-2.0 * state.joint_vel, lin_vel=state.lin_vel + _SPEED))
+    checked.hold(checked.rest, _DISTURBED_S)
+    for step, (before, after) in enumerate(zip(first, _motion(checked, state), strict=True)):
+        for name, value in before.items():
+            different = (after[name] != value)[0].nonzero().flatten().tolist()
+            which = robot.joint_names if name in ("joint_pos", "joint_vel") else ("x", "y", "z", "w")
+            where = f" of '{which[different[0]]}'" if different and len(which) > different[0] else ""
+            require(
+                not different,
+                f"{name}{where} is another after {counted(step, 'step')} from the same state, which was set "
+                "a second time after the robot had moved. What the simulator keeps beside the state must be "
+                "set with it.",
+            )
+    passive = len(robot.joints) - len(robot.driven)
+    return f"{counted(len(robot.joints), 'joint')}, {passive} passive, {_STEPS} control steps"
+
+
+def _moving(checked: CheckedRobot) -> EntityState:
+    """Returns a state on the way to other targets, in which joints have speeds; passive ones too."""
+    checked.start()
+    state = checked.hold(_elsewhere(checked), _DISTURBED_S)
+    signs = torch.tensor([1.0, -1.0], dtype=state.joint_vel.dtype).repeat(len(checked.robot.joints))
+    # What a simulator returns may read its arrays only when it is asked.
+    values: dict[str, Any] = {field.name: getattr(state, field.name) for field in fields(EntityState)}
+    values["joint_vel"] = state.joint_vel + _SPEED * signs[: len(checked.robot.joints)]
+    return EntityState(**values)
+
+
+def _elsewhere(checked: CheckedRobot) -> np.ndarray:
+    """Returns targets of the driven joints within their ranges that are not those of rest, (D,)."""
+    joints, target = checked.robot.joints, checked.rest.copy()
+    for column, index in enumerate(checked.robot.driven):
+        low, high = joints[index].target_range or joints[index].range
+        size = min(_SHARE * (high - low), _MOST_RAD)
+        target[column] += size if target[column] <= 0.5 * (low + high) else -size
+    return target
+
+
+def _put(checked: CheckedRobot, state: EntityState) -> None:
+    checked.handler.set_states(State({checked.robot.name: state}, {}))
+
+
+def _motion(checked: CheckedRobot, state: EntityState) -> list[dict[str, torch.Tensor]]:
+    """Sets a state and steps; returns copies of all that moves, before the first step and after each."""
+    _put(checked, state)
+    seen = []
+    for step in range(_STEPS + 1):
+        if step:
+            checked.handler.step(_PHYSICS.decimation)
+        now = checked.handler.get_states().to("cpu").robots[checked.robot.name]
+        names = ("pos", "rot", "lin_vel", "ang_vel", "joint_pos", "joint_vel")
+        seen.append({name: getattr(now, name).clone() for name in names})
+    return seen
+
+
 def _missed(checked: CheckedRobot, column: int, index: int, way: float) -> float:
     """Returns how far a joint is from a target that is ``way`` from its rest, rad (m)."""
     target = checked.rest.copy()
@@ -227,4 +303,4 @@ def _hand(checked: CheckedRobot) -> np.ndarray:
     return pos[0].numpy()
 
 
-ROBOT_CONTRACTS: tuple[Contract[CheckedRobot], ...] = (joints, scene, rests, follows, reaches)
+ROBOT_CONTRACTS: tuple[Contract[CheckedRobot], ...] = (joints, scene, rests, resets, follows, reaches)
