@@ -18,6 +18,11 @@ RENDER_TURNS = 5
 OVERHEAD, SPEEDUP = Goal(1.10, at_least=False), Goal(10.0)
 
 
+def with_shadows(looks: Any, *, cast: bool = True) -> Any:
+    """Returns an appearance whose first light casts shadows, or does not."""
+    return replace(looks, lights=(replace(looks.lights[0], cast_shadow=cast), *looks.lights[1:]))
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Throughput(Program):
     """Compares env.step to a bare mj_step loop, and an image to MuJoCo's GL.
@@ -91,7 +96,7 @@ class Throughput(Program):
 
         They are of an episode in which the arm moves the cube, in order, as a collection renders them. The
         baseline renders the robot's own meshes; ours are simplified. One core, whose time is counted, with
-        shadows.
+        shadows. How alike the images are is tested by ``tests/contracts/test_image_quality.py``.
 
         Raises:
             SimulatorError: OSMesa is not installed, or another GL was chosen.
@@ -114,9 +119,7 @@ class Throughput(Program):
         expert = ExpertActor(env)
         for _ in rollout(env, expert, env.split_indices[:1], on_step=lambda _: jobs.extend(ours.snapshot())):
             pass
-        looks = jobs[0].appearance
-        lights = (replace(looks.lights[0], cast_shadow=True), *looks.lights[1:])
-        looks = replace(looks, lights=lights)
+        looks = with_shadows(jobs[0].appearance)
         jobs = [replace(job, appearance=looks) for job in jobs]
         own = {"renderer": "gl", "num_threads": 1, "textures": env.randomizer.library.texture}
         with contextlib.closing(env), type(ours)(env.scenario, 1, **own, simplify_meshes=False) as baseline:
