@@ -1,9 +1,11 @@
 """LeRobot's own tools on a dataset of ours: its commands, its readers, without noise."""
 
 import json
+import os
 import re
 import shlex
 import shutil
+import subprocess
 from collections import Counter
 from importlib.util import find_spec
 from pathlib import Path
@@ -132,6 +134,42 @@ def test_the_edit_command_encodes_the_videos_again(written, tmp_path, open_with_
         images = [each[index]["observation.images.front"].float() for each in (before, after)]
         assert (images[0] - images[1]).abs().mean() < 8  # of 255
     assert _is_whole(tmp_path / "small")
+
+
+def test_the_edit_command_leaves_videos_as_they_are_where_it_would_make_some(written, tmp_path):
+    words = ["--repo_id=local/test", f"--root={written}", f"--new_root={tmp_path / 'new'}"]
+    program = imported_process.installed("lerobot-edit-dataset")
+    done = imported_process.run(program, *words, "--operation.type=convert_image_to_video")
+    assert done.returncode == 1 and "This operation is for image datasets only" in done.stdout + done.stderr
+    assert not (tmp_path / "new").exists() and _is_whole(written)
+
+
+def test_the_edit_command_has_no_other_operation():
+    from lerobot.scripts.lerobot_edit_dataset import OperationConfig
+
+    tested = {
+        "info",
+        "delete_episodes",
+        "split",
+        "merge",
+        "remove_feature",
+        "modify_tasks",
+        "recompute_stats",
+    }
+    tested |= {"reencode_videos", "convert_image_to_video"}
+    assert set(OperationConfig.get_known_choices()) == tested
+
+
+def test_the_transform_viewer_shows_the_first_image_of_a_dataset_in_lerobots_folder(written, tmp_path):
+    """This command takes no ``--root``; LeRobot reads its folder from the environment as it is imported."""
+    (tmp_path / "home/local").mkdir(parents=True)
+    (tmp_path / "home/local/test").symlink_to(written)
+    command = [imported_process.installed("lerobot-imgtransform-viz"), "--repo_id=local/test"]
+    environment = os.environ | {"HF_LEROBOT_HOME": str(tmp_path / "home")}
+    environment["HF_DATASETS_CACHE"] = str(tmp_path / "cache")
+    subprocess.run([*command, "--image_transforms.enable=true"], cwd=tmp_path, env=environment, check=True)
+    shown = tmp_path / "outputs/image_transforms/test"
+    assert (shown / "original_frame.png").is_file() and (shown / "brightness/max.png").is_file()
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")  # LeRobot ends without closing it
