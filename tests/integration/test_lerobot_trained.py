@@ -15,8 +15,9 @@ import pytest
 import torch
 
 import policies
-from benchmark.results import Result, read_result
-from policies.checkpoint import ADAPTERS, WEIGHTS
+from benchmark.records import Result
+from benchmark.results import read_result
+from policies.checkpoint import ADAPTERS, WEIGHTS, policy_label
 from roboverse_learn import cli
 from tests import imported_process
 from tests.integration.main_run import MainRun
@@ -35,6 +36,8 @@ SETTINGS: dict[str, dict[str, Any]] = {
         "use_group_norm": True, "down_dims": [32, 64], "num_inference_steps": 2,
     },
     "vqbet": NOTHING_FETCHED | {"use_group_norm": True, "crop_shape": None},
+    "keypoint_act": {"dim_model": 32, "n_heads": 2, "dim_feedforward": 32},
+    "multitask_act": {},
 }  # fmt: skip
 """Settings of types that need no backbone of others; the rest is LeRobot's default."""
 
@@ -42,6 +45,10 @@ TYPES = (
     *("act", "diffusion", "vqbet", "multi_task_dit", "smolvla", "xvla", "eo1", "evo1", "vla_jepa"),
     "molmoact2",
 )
+OURS = ("keypoint_act", "multitask_act")
+"""Types that our plugin brings to LeRobot."""
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def settings(name: str, folder: Path) -> dict[str, Any]:
@@ -59,48 +66,48 @@ def train(folder: Path, dataset: Path, *words: str) -> Path:
         *(f"--dataset.root={dataset}", "--output_dir=trained", "--steps=2", "--save_freq=2"),
         *("--batch_size=2", "--num_workers=0", "--wandb.enable=false"),
     ]
-    environment = os.environ | {"HF_HUB_OFFLINE": "1"}
+    path = filter(None, [os.environ.get("PYTHONPATH")])
+    environment = os.environ | {"HF_HUB_OFFLINE": "1", "PYTHONPATH": os.pathsep.join([str(ROOT), *path])}
     program = imported_process.installed("lerobot-train")
     done = imported_process.run(program, *words, *given, folder=folder, env=environment)
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
     return folder / "trained/checkpoints/last/pretrained_model"
 
 
-def evaluate(checkpoint: Path, results: Path, name: str) -> Result:
+def evaluate(checkpoint: Path, results: Path) -> Result:
     """Evaluates one episode by our command; returns the result."""
     words = ["task=PickCube", "levels=[0]", "splits=[test]", "episodes=1", "videos=0", "device=cpu"]
     assert cli.main(["evaluate", f"checkpoint={checkpoint}", f"results_dir={results}", *words]) == 0
-    (path,) = (results / "v2/PickCube" / name).glob("*.json")
+    (path,) = (results / "v2/PickCube" / policy_label(checkpoint)).glob("*.json")
     return read_result(path)
 
 
-@pytest.fixture(scope="module", params=of_types(*TYPES))
+@pytest.fixture(scope="module", params=[*of_types(*TYPES), *OURS])
 def trained(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, main_run: MainRun
 ) -> SimpleNamespace:
     """A policy type and its checkpoint after two steps of ``lerobot-train``."""
     name, folder = request.param, tmp_path_factory.mktemp(request.param)
-    words = [f"--policy.type={name}"]
+    words = [f"--policy.type={name}", "--policy.discover_packages_path=envs.lerobot"]
     for key, value in settings(name, folder / "backbone").items():
         words.append(f"--policy.{key}={value if isinstance(value, str) else json.dumps(value)}")
     return SimpleNamespace(name=name, checkpoint=train(folder, main_run.dataset, *words))
 
 
 def test_the_checkpoint_normalizes_as_lerobot_does_by_default(trained: SimpleNamespace) -> None:
-    import lerobot.policies  # registers its types
-    from lerobot.configs import PreTrainedConfig
-
     saved = json.loads((trained.checkpoint / "config.json").read_text())
-    assert saved["type"] == trained.name and lerobot.policies
-    # A configuration itself cannot be made of EO-1, which would fetch its backbone's.
-    field = fields(PreTrainedConfig.get_choice_class(trained.name))
-    (default,) = (each.default_factory() for each in field if each.name == "normalization_mapping")
-    assert saved["normalization_mapping"] == {key: mode.value for key, mode in default.items()}
+    assert saved["type"] == trained.name
+    kind = type(policies.load(trained.checkpoint).model.config)
+    # Of EO-1, a configuration itself cannot be made: it would fetch its backbone's.
+    field: Any = next(each for each in fields(kind) if each.name == "normalization_mapping")
+    default = {key: mode.value for key, mode in field.default_factory().items()}
+    assert saved["normalization_mapping"] == default
 
 
 def test_our_command_evaluates_it(trained: SimpleNamespace, tmp_path: Path) -> None:
-    result = evaluate(trained.checkpoint, tmp_path, trained.name)
-    assert (result.policy, len(result.records), result.env.image_size) == (trained.name, 1, 32)
+    result = evaluate(trained.checkpoint, tmp_path)
+    assert (len(result.records), result.env.image_size) == (1, 32)
+    assert result.policy == policy_label(trained.checkpoint)
     assert result.train_level is None  # nothing says what it was trained on
 
 
@@ -116,7 +123,7 @@ def test_our_command_evaluates_the_adapters_that_lerobot_trains_on_it(
         "--peft.target_modules=.*qkv_proj",
     )
     assert (checkpoint / ADAPTERS).is_file() and not (checkpoint / WEIGHTS).exists()
-    assert len(evaluate(checkpoint, tmp_path, trained.name).records) == 1
+    assert len(evaluate(checkpoint, tmp_path / "results").records) == 1
 
 
 def test_it_acts_here_as_in_lerobot(trained: SimpleNamespace) -> None:
