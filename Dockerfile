@@ -20,6 +20,7 @@ COPY --chown=roboverse configs configs
 COPY --chown=roboverse envs envs
 COPY --chown=roboverse policies policies
 COPY --chown=roboverse benchmark benchmark
+COPY --chown=roboverse results/tasks.json results/tasks.json
 COPY --chown=roboverse roboverse_learn roboverse_learn
 
 # The README's installation as it stands there.
