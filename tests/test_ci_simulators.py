@@ -53,7 +53,7 @@ def install(tmp_path):
 
 def test_without_a_network_everything_is_named_and_nothing_fails(install):
     said = install("echo no route to host >&2; exit 1")
-    for name in ("sapien", "usd", "pybullet"):
+    for name in ("sapien", "usd", "viewer", "pybullet"):
         assert f"{name:10} not installed: no route to host" in said
     assert "Vulkan     not looked for: SAPIEN is not installed" in said
     assert said.endswith("none\n")

@@ -1,9 +1,12 @@
 """Writes one episode to a Rerun recording: a scene, its cameras, and a text of the draws."""
 
 import importlib
+import socket
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import mujoco
 import numpy as np
@@ -19,6 +22,7 @@ from roboverse_learn.viewer.geometry import visible_meshes
 
 TIMELINE = "time"
 _JPEG_QUALITY = 90
+_GRPC_PORT, _WEB_PORT = 9876, 9090  # those of Rerun
 
 
 def load_rerun() -> Any:
@@ -158,14 +162,27 @@ class EpisodeRecording:
             self._stream.disconnect()
 
     def serve(self) -> str:
-        """Opens the recording in the browser; returns its address. It is served until this process ends."""
-        address = self._stream.serve_grpc(default_blueprint=self._views())
-        self._rr.serve_web_viewer(connect_to=address)
-        return address
+        """Opens the recording in the browser; returns the page's address. It is served until this process ends."""
+        blueprint = self._views()
+        address = self._stream.serve_grpc(grpc_port=_free_port(_GRPC_PORT), default_blueprint=blueprint)
+        port = _free_port(_WEB_PORT)
+        self._rr.serve_web_viewer(web_port=port, connect_to=address)
+        return f"http://127.0.0.1:{port}/?url={quote(address, safe='')}"
 
     def close(self) -> None:
         """Frees the model."""
         self._posing.close()
+
+
+def _free_port(usual: int) -> int:
+    """Returns a usual port, or any free one where another program has it: a second viewer, for example."""
+    for port in (usual, 0):
+        with socket.socket() as listening, suppress(OSError):
+            # As the viewer binds it: a connection that was closed a moment ago does not hold the port.
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listening.bind(("0.0.0.0", port))
+            return listening.getsockname()[1]
+    return usual
 
 
 def _entity(name: str) -> str:
