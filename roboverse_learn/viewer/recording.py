@@ -162,7 +162,7 @@ class EpisodeRecording:
             self._stream.disconnect()
 
     def serve(self) -> str:
-        """Opens the recording in the browser; returns the page's address. It is served until this process ends."""
+        """Opens the recording in the browser until this process ends; returns the page's address."""
         blueprint = self._views()
         address = self._stream.serve_grpc(grpc_port=_free_port(_GRPC_PORT), default_blueprint=blueprint)
         port = _free_port(_WEB_PORT)

@@ -207,6 +207,11 @@ def test_a_truncated_file_is_an_error(written, cut):
         (lambda d: d.update(schema_version=7), "has schema version 7; this release reads 1, 2 and 3"),
         (lambda d: d.pop("schema_version"), "is not a results file: it has no schema_version"),
         (lambda d: d.pop("records"), 'at the top: "records" is a required property'),
+        *(  # a name ends up in a page
+            (lambda d, key=key: d.update({key: "<script>"}), f'at {key}: "<script>" does not match')
+            for key in ("run", "policy")
+        ),
+        (lambda d: d["env"].update(task="<script>"), 'at env/task: "<script>" does not match'),
         (lambda d: d.update(hostname="box"), "'hostname' was unexpected"),
         (lambda d: d["protocol"].update(episodes=0), "at protocol/episodes: 0 is less than the minimum of 1"),
         (

@@ -43,6 +43,13 @@ def merged(main_run: MainRun, root: Path) -> None:
     merge_datasets(parts, output_repo_id="local/given", output_dir=root)
 
 
+def split(main_run: MainRun, root: Path) -> None:
+    from lerobot.datasets.dataset_tools import split_dataset
+
+    parts = split_dataset(opened(main_run.dataset), {"rest": [0], root.name: [1, 2, 3]}, root.parent)
+    assert Path(parts[root.name].root) == root
+
+
 def of_another_robot(root: Path, use_videos: bool = True) -> Path:
     """A dataset of LeRobot's recorder: six named motors and two cameras, which are not square."""
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -75,7 +82,7 @@ def folders(tmp_path: Path) -> list[str]:
     return [f"{key}={tmp_path / key}" for key in ("runs_dir", "results_dir", "datasets_dir")]
 
 
-@pytest.mark.parametrize(("edited", "episodes"), [(cleaned, 3), (merged, 7)])
+@pytest.mark.parametrize(("edited", "episodes"), [(cleaned, 3), (merged, 7), (split, 3)])
 def test_a_dataset_that_lerobot_edited_is_trained_on_and_its_policy_evaluated(
     main_run: MainRun, tmp_path: Path, edited: Callable[[MainRun, Path], None], episodes: int
 ) -> None:

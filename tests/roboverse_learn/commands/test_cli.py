@@ -1,6 +1,7 @@
 """The command line: what it says, where it says it, and with which exit code."""
 
 import logging
+import re
 import signal
 import subprocess
 import sys
@@ -45,6 +46,16 @@ def failure(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     assert captured.err.startswith("error: ") and captured.err.count("\n") == 1, captured.err
     assert "Traceback" not in captured.err
     return captured.err
+
+
+@pytest.mark.slow
+def test_of_many_names_the_five_nearest_are_listed_and_where_all_are(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    said = failure(["train", "task=PickCub"], capsys)
+    found = re.search(r"Nearest of \d+: ([^.]*)\. roboverse list tasks shows all\.", said)
+    assert found, said
+    assert len(set(found[1].split(", "))) == 5 and found[1].startswith("PickCube, ")
 
 
 @pytest.mark.slow

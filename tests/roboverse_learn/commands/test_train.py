@@ -181,13 +181,16 @@ def test_report_has_the_expert_rate_and_times(evaluation: Evaluation) -> None:
     stages = {"collect": {"seconds": 5.0}, "train": {"seconds": 61.0}}
     run = TrainedRun(
         folder=Path("runs/x"), dataset=SUMMARY, trained=trained, evaluations=(evaluation,), board=BOARD,
-        stages=stages, seconds=3671,
+        stages=stages, seconds=3671, gif=Path("runs/x/policy.gif"),
     )  # fmt: skip
     said = printed(train_report(run))
     assert "Collected 9 demonstrations; the expert succeeded in 90.0 % of 10 episodes." in said
     assert "Trained 1,234 steps (stopped by time limit), loss 0.5000." in said
     assert "Done in 1:01:11: collect 0:05, train 1:01." in said
     assert "runs/x/losses.png" in said
+    policy, page = [line.split() for line in said.splitlines() if line.strip()][-2:]
+    assert policy == ["See", "the", "policy", "runs/x/policy.gif"]
+    assert page == ["Open", "in", "a", "browser", "results/leaderboard.html"]
 
 
 def test_the_report_of_a_collection() -> None:

@@ -12,6 +12,12 @@ from tests.policies.examples import LEARNED, generators, observation, stats
 PAIRS = [(preset, policy) for preset in preset_names() for policy in LEARNED]
 
 
+def task_presets():
+    """Returns the tasks that a preset has something of its own for."""
+    folder = configs_folder() / "task_preset"
+    return sorted({str(path.parent.relative_to(folder)) for path in folder.rglob("*.yaml")})
+
+
 def features(size):
     image = {"dtype": "video", "shape": (size, size, 3), "names": ["height", "width", "channels"]}
     vector = {"dtype": "float32", "shape": (9,), "names": None}
@@ -40,6 +46,13 @@ def test_the_network_of_every_preset_builds(preset, name):
     assert trained == sum(parameter.requires_grad for parameter in model.parameters())
     assert config.train.warmup_steps < config.train.steps
     assert config.train.save_every <= config.train.steps
+
+
+@pytest.mark.parametrize("task", ["PickCube", *task_presets()])
+@pytest.mark.parametrize("name", LEARNED)
+def test_quick_training_ends_by_steps_and_never_by_the_clock(name, task):
+    """A slow machine learns the same as a fast one."""
+    assert compose("train", [f"policy={name}", "preset=quick", f"task={task}"]).train.time_limit_s is None
 
 
 @pytest.mark.parametrize("name", LEARNED)

@@ -216,13 +216,13 @@ def test_killed_at_any_moment_and_resumed(tmp_path, undisturbed, open_with_lerob
         "settings": {"task": "PickCube"},
     }
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), *sys.path])}
-    episodes = 0
+    episodes, ends = 0, []
     for _ in range(3):
         process = subprocess.Popen([sys.executable, "-c", COLLECT, json.dumps(given)], env=environment)
         wait_for_more(root, episodes, process)
         time.sleep(rng.uniform(0, 0.15))
         process.send_signal(signal.SIGKILL)
-        process.wait()
+        ends.append(process.wait())
         if not (root / "meta/info.json").exists():
             continue
         listed = json.loads((root / "meta/info.json").read_text())["total_episodes"]
@@ -233,6 +233,7 @@ def test_killed_at_any_moment_and_resumed(tmp_path, undisturbed, open_with_lerob
             assert dataset.num_episodes == episodes
             assert dataset[len(dataset) - 1]["observation.images.front"].shape == (3, 32, 32)
     assert episodes > 0
+    assert -signal.SIGKILL in ends  # and not only after the last episode
     assert collect(config(root)).dataset_hash == undisturbed.dataset_hash
 
 
